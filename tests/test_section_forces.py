@@ -10,6 +10,7 @@ import pytest
 from fem import (
     CoulombFriction,
     Frames,
+    LinearPenalty,
     Material,
     Problem,
     StaticOptions,
@@ -209,3 +210,32 @@ def test_what_has_no_section_forces_says_so(tmp_path) -> None:
     write(answer, tmp_path)
     with pytest.raises(SectionError, match="solve the problem again"):
         section(read_answer(tmp_path), [0.0, 0.0, 50.0], [0.0, 0.0, 1.0])
+
+
+def test_a_box_between_two_rigid_ones_hangs_by_friction() -> None:
+    """Its weight goes to both alike; a plane along the column passes through rigid blocks."""
+    found = box_column([ColumnBox((100.0, 80.0, h), (2, 2, 2)) for h in (40.0, 60.0, 40.0)])
+    load = LoadCase(found, "held", (), np.array([True, False, True]))
+    material = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
+    squeezed = Problem(
+        found,
+        load,
+        material,
+        law=LinearPenalty(200.0),
+        clearance=-1e-3,
+        friction=0.5,
+        gravity=(0.0, -9810.0, 0.0),
+    )
+    answer = solve_static(squeezed, mesh="scene", error_bars=False)
+    cut = section(answer, [[0, 0, 40], [0, 0, 70], [0, 0, 100]], [0, 0, 1])
+    weight = 2.4e-9 * 9810.0 * AREA * 60.0
+    # The part ahead pushes the part behind: below, the box hangs on the lower block.
+    expected = weight * np.array([-0.5, 0.0, 0.5])
+    squeeze = np.abs(cut.normal_force).max()
+    np.testing.assert_allclose(cut.shear_forces[:, 1], expected, atol=NEAR * squeeze)
+    with pytest.raises(SectionError, match="passes through block 0, which is rigid"):
+        section(answer, [0, 0, 70], [1, 0, 0])
+    # Of the box alone: it is squeezed along the column, hardly across it.
+    across = section(answer, [0, 0, 70], [1, 0, 0], blocks=[1])
+    assert across.areas[0] == pytest.approx(80.0 * 60.0, rel=1e-9)
+    assert abs(across.normal_force[0]) < 0.2 * squeeze

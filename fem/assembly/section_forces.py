@@ -176,17 +176,18 @@ def section_forces(state: SolvedState, cut: Planes) -> SectionForces:
     SectionError
         A plane that cuts nothing, a periodic cell, or friction that equilibrium does not determine.
     """
-    check_planes(state.deformable.assembly, cut)
+    check_planes(state.deformable.assembly, cut, state.deformable.group_of < 0)
     return section_rows(cut, [_Section(state, cut, k).row() for k in range(len(cut.points))])
 
 
-def check_planes(assembly: Assembly, cut: Planes) -> None:
-    """Reject planes that have no block behind them, or none ahead of them, before any solution.
+def check_planes(assembly: Assembly, cut: Planes, rigid: BoolArray) -> None:
+    """Reject planes before any solution.
 
     Raises
     ------
     SectionError
-        Saying so.
+        A plane without blocks behind it or ahead of it, or through a block that is ``rigid``,
+        (n_blocks,).
     """
     if assembly.image_of is not None:
         raise SectionError("section: a periodic cell is a part of a section; cut the tube")
@@ -198,10 +199,18 @@ def check_planes(assembly: Assembly, cut: Planes) -> None:
             raise SectionError(
                 f"section {cut.names[k]}: got blocks {among.tolist()}; expected 0 to {n_blocks - 1}"
             )
-        away = np.concatenate([(assembly.nodes(b) - point) @ normal for b in among.tolist()])
         tolerance = _ON_PLANE * assembly.characteristic_length
-        if not (away.min() < -tolerance and away.max() > -tolerance):
+        away = [(assembly.nodes(b) - point) @ normal for b in among.tolist()]
+        least, most = np.array([a.min() for a in away]), np.array([a.max() for a in away])
+        if not (least.min() < -tolerance and most.max() > -tolerance):
             raise nothing_cut(cut, k, "blocks lie behind it, against its normal, and ahead of it")
+        through = among[rigid[among] & (least < -tolerance) & (most > tolerance)]
+        if len(through):
+            raise SectionError(
+                f"section {cut.names[k]}: the plane passes through block {through[0]}, which is "
+                "rigid and has no forces inside; expected a plane through blocks that deform or "
+                "through joints, or such blocks alone"
+            )
 
 
 class _Section:
@@ -248,12 +257,6 @@ class _Section:
         """Count what elements across the plane do to their nodes."""
         whole, nodes = self.state.deformable, self.state.nodes(block)
         if whole.group_of[block] < 0:
-            if np.ptp(self.behind[nodes]) > 0.0:
-                raise SectionError(
-                    f"section {self.name}: the plane passes through block {block}, which is rigid "
-                    "and has no forces inside; expected a plane through blocks that deform or "
-                    "through joints"
-                )
             return
         members = whole.group(block).mesh.connectivity
         some = np.flatnonzero(np.ptp(self.behind[nodes][members], axis=1) > 0.0)

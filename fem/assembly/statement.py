@@ -244,7 +244,7 @@ class Problem:
                 check_mesh(shape.mesh, shape.name)
         least = _LEAST_OVERLAP * blocks.characteristic_length
         check_overlaps(blocks, max(self.contact_law.largest_initial_overclosure, least))
-        deforms = self._deforming()
+        deforms = self.deforming
         if self.finite_sliding:
             return
         if blocks.interfaces.n_contacts:
@@ -252,7 +252,8 @@ class Problem:
         if self.clearance < 0.0 or self.spacing:
             self._surfaces(blocks, deforms)
 
-    def _deforming(self) -> BoolArray:
+    @property
+    def deforming(self) -> BoolArray:
         """Whether each block deforms, (n_blocks,)."""
         load, n = self.load_case, self.blocks.n_blocks
         deforms = ~load.fixed if self.frames is Frames.RIGID else np.ones(n, dtype=np.bool_)
@@ -400,7 +401,7 @@ class Problem:
         assembly, load, sliding = self.blocks, self.load_case, self.finite_sliding
         if self.degree > 1:
             assembly = curved(assembly, self.degree)
-        deforms = self._deforming()
+        deforms = self.deforming
         if sliding:
             assembly = replace(assembly, unmatched_allowed=True)
         elif assembly.interfaces.n_contacts:

@@ -231,7 +231,7 @@ def scene_problem(scene: DeformableScene, name: str) -> Problem:
         with unrecorded():
             cut = scene_planes(scene, problem.blocks)
         if cut is not None:
-            check_planes(problem.blocks, cut)
+            check_planes(problem.blocks, cut, ~problem.deforming)
         return problem
 
 

@@ -15,7 +15,7 @@ from fem.element.lagrange_mesh import LagrangeMesh
 from fem.solution import Solution
 from geometry.answer import Answer
 from geometry.assembly import Assembly
-from geometry.measures import SectionForces
+from geometry.measures import SectionError, SectionForces
 from geometry.mesh import FloatArray
 from validation.build.doubts import doubts
 from validation.build.materials import count_materials
@@ -86,12 +86,20 @@ class DeformableRun:
             beside=self._beside,
         )
 
-    @cached_property
+    @property
     def sections(self) -> SectionForces | None:
-        """Forces through the planes of the scene; None where it has none."""
+        """Forces through the planes of the scene; None where it has none, or none are known."""
+        return self._sections[0]
+
+    @cached_property
+    def _sections(self) -> tuple[SectionForces | None, str]:
+        """The same, and why they are not known: the state that was solved is an answer without."""
         with named(self.name):
             cut = scene_planes(self.scene, self.solution.deformable.assembly)
-            return None if cut is None else self.solution.sections(cut)
+        try:
+            return None if cut is None else self.solution.sections(cut), ""
+        except SectionError as error:
+            return None, f"none: {error}"
 
     def _beside(self) -> dict[str, Any]:
         """What the report says of the scene, and of the process that solved it."""
@@ -146,7 +154,8 @@ class DeformableRun:
     def notes(self) -> dict[str, str]:
         """What no key of the scene says of its elements, by the name of the row."""
         assembly = self.solution.deformable.assembly
-        notes: dict[str, str] = {}
+        why_none = self._sections[1]
+        notes: dict[str, str] = {"sections": why_none} if why_none else {}
         if isinstance(self.scene, PolyhedralScene):
             notes |= doubts(self.scene, assembly, Path())
         groups = self.solution.deformable.model.groups
