@@ -111,6 +111,8 @@ def plane_problem(
         motions = motions[:, keep][:, :, keep]
     tangents = frictional.tangents[kept]
     reduced = replace(frictional, matrix=matrix, tangents=tangents, motions=motions)
+    if not isinstance(frictional.friction, float):
+        reduced = replace(reduced, friction=frictional.friction[kept])
     behind = np.eye(3)[axis] * (height[~front].mean() - height[front].mean())
     return PlaneProblem(reduced, rows, kept, behind)
 
@@ -253,8 +255,14 @@ def _columns(
     if frictional is None:
         return contacts.jacobian.to_matrix(), joint
     mu = frictional.friction
-    edges = np.array([[1.0, 1.0, 1.0, 1.0], [mu, -mu, 0.0, 0.0], [0.0, 0.0, mu, -mu]])
-    generators = sp.kron(sp.eye_array(len(joint)), edges)
+    if isinstance(mu, float):
+        edges = np.array([[1.0, 1.0, 1.0, 1.0], [mu, -mu, 0.0, 0.0], [0.0, 0.0, mu, -mu]])
+        generators = sp.kron(sp.eye_array(len(joint)), edges)
+    else:
+        normal = np.array([[1.0, 1.0, 1.0, 1.0], [0.0] * 4, [0.0] * 4])
+        shear = np.array([[0.0] * 4, [1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]])
+        generators = sp.kron(sp.eye_array(len(joint)), normal)
+        generators = generators + sp.kron(sp.diags_array(mu), shear)
     return sp.csc_array(frictional.matrix @ generators), np.repeat(joint, 4)
 
 

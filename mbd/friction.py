@@ -39,6 +39,10 @@ CERTIFICATE_TOLERANCE = 1e-6
 MOST_FRICTION = 10.0
 
 
+#: Sides of the pyramid |λ_1| + |λ_2| <= μ λ_n.
+TANGENTS = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]], dtype=np.float64)
+
+
 class FrictionError(RefusedError):
     """A friction coefficient that means nothing."""
 
@@ -51,8 +55,8 @@ class FrictionalContacts:
     """(6 n_free, 3 n_contacts), columns (normal, first, second tangent) contact by contact."""
     tangents: FloatArray
     """Unit tangents, (n_contacts, 2, 3)."""
-    friction: float
-    """μ"""
+    friction: float | FloatArray
+    """μ of all contacts, or of each one, (n_contacts,)."""
     law: FrictionLaw
     motions: FloatArray | None = None
     """Projectors on the motions that supports leave, (n_free, m, m) for m rows each; None: all."""
@@ -87,6 +91,23 @@ class FrictionalContacts:
             np.linalg.norm(tangential, axis=1)
             if self.law is FrictionLaw.CONE
             else np.abs(tangential).sum(axis=1)
+        )
+
+    def dissipated(self, normal: FloatArray, slip: FloatArray, factor: float = 1.0) -> float:
+        """Sum of μ λ_n ‖δ_t‖ times a factor, from λ_n and ‖δ_t‖ of the contacts, (n,) each."""
+        if isinstance(self.friction, float):
+            return factor * self.friction * float(normal @ slip)
+        return factor * float((self.friction * normal) @ slip)
+
+    def sides(self, of_normal: FloatArray, of_shear: FloatArray) -> sp.sparray:
+        """Rows μ λ_n · a + (λ_1, λ_2) · b of each contact, for rows a (n,) and b (n, 2)."""
+        if isinstance(self.friction, float):
+            one = np.column_stack([self.friction * of_normal, of_shear])
+            return sp.kron(sp.eye_array(self.n_contacts), one)
+        shear = np.column_stack([np.zeros(len(of_normal)), of_shear])
+        normal = np.column_stack([of_normal, np.zeros((len(of_normal), 2))])
+        return sp.kron(sp.eye_array(self.n_contacts), shear) + sp.kron(
+            sp.diags_array(self.friction), normal
         )
 
     def smallest_work(self, displacement: FloatArray) -> FloatArray:
@@ -127,21 +148,26 @@ def _directed(
 def frictional_contacts(
     assembly: AnyBlocks,
     contacts: Contacts,
-    friction: float,
+    friction: float | FloatArray,
     law: FrictionLaw = FrictionLaw.CONE,
 ) -> FrictionalContacts:
     """Assemble the wrenches of normal and tangential contact forces.
+
+    Friction is that of all contacts, or of each one, (n_contacts,).
 
     Raises
     ------
     FrictionError
         For a coefficient that is negative, not finite, or above `MOST_FRICTION`.
     """
-    if not (np.isfinite(friction) and friction >= 0):
-        raise FrictionError(f"rigid.friction: got {friction}, expected 0 or a positive number")
-    if friction > MOST_FRICTION:
+    every = np.atleast_1d(friction)
+    wrong = every[~(np.isfinite(every) & (every >= 0.0))]
+    if wrong.size:
+        raise FrictionError(f"rigid.friction: got {wrong[0]}, expected 0 or a positive number")
+    most = float(every.max(initial=0.0))
+    if most > MOST_FRICTION:
         raise FrictionError(
-            f"rigid.friction: got {friction:g}, expected a coefficient up to {MOST_FRICTION:g}; an "
+            f"rigid.friction: got {most:g}, expected a coefficient up to {MOST_FRICTION:g}; an "
             "angle of friction φ is given as its tangent: 30° is 0.577"
         )
     normals = assembly.interfaces.normals[contacts.index]
@@ -174,7 +200,9 @@ def frictional_contacts(
         matrix = sp.csc_array(sp.block_diag(motions, format="csc") @ matrix)
         matrix.eliminate_zeros()
     tangents = np.stack([first, second], axis=1)
-    return FrictionalContacts(matrix, tangents, friction, law, motions)
+    same = bool((every == every[:1]).all())
+    mu = float(every[0]) if same and every.size else np.asarray(friction, dtype=np.float64)
+    return FrictionalContacts(matrix, tangents, mu, law, motions)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,20 +229,32 @@ def _cones(contacts: FrictionalContacts) -> tuple[sp.csc_array, list[Any]]:
     """Rows R and cones K such that R x in K says that the forces x are admissible."""
     import clarabel
 
-    n, mu = contacts.n_contacts, contacts.friction
-    if mu == 0.0:
+    mu = np.broadcast_to(contacts.friction, contacts.n_contacts)
+    smooth, rough = np.flatnonzero(mu == 0.0), np.flatnonzero(mu > 0.0)
+    rows: list[Any] = []
+    cones: list[Any] = []
+    if len(smooth):
         # A second-order cone of zero width has no interior: say λ_1 = λ_2 = 0, λ_n >= 0 instead.
-        tangential = np.sort(np.concatenate([3 * np.arange(n) + 1, 3 * np.arange(n) + 2]))
-        order = np.concatenate([tangential, 3 * np.arange(n)])
-        return sp.eye_array(3 * n, format="csr")[order].tocsc(), [
-            clarabel.ZeroConeT(2 * n),
-            clarabel.NonnegativeConeT(n),
-        ]
-    if contacts.law is FrictionLaw.CONE:
-        scale = np.tile([mu, 1.0, 1.0], n)
-        return sp.diags_array(scale).tocsc(), [clarabel.SecondOrderConeT(3)] * n
-    sides = np.array([[mu, 1, 1], [mu, 1, -1], [mu, -1, 1], [mu, -1, -1]], dtype=np.float64)
-    return sp.kron(sp.eye_array(n), sides).tocsc(), [clarabel.NonnegativeConeT(4 * n)]
+        tangential = np.sort(np.concatenate([3 * smooth + 1, 3 * smooth + 2]))
+        order = np.concatenate([tangential, 3 * smooth])
+        rows.append(sp.eye_array(3 * len(mu), format="csr")[order])
+        cones += [clarabel.ZeroConeT(2 * len(smooth)), clarabel.NonnegativeConeT(len(smooth))]
+    if len(rough) and contacts.law is FrictionLaw.CONE:
+        scale = np.column_stack([mu, np.ones((len(mu), 2))]).ravel()
+        rows.append(_some(sp.diags_array(scale), rough, 3))
+        cones += [clarabel.SecondOrderConeT(3)] * len(rough)
+    elif len(rough):
+        sides = contacts.sides(np.ones(4), TANGENTS)
+        rows.append(_some(sides, rough, 4))
+        cones.append(clarabel.NonnegativeConeT(4 * len(rough)))
+    return sp.vstack(rows).tocsc() if rows else sp.csc_array((0, 0)), cones
+
+
+def _some(rows: Any, contacts: IntArray, each: int) -> Any:
+    """Rows of some contacts, ``each`` of every one."""
+    if len(contacts) * each == rows.shape[0]:
+        return rows
+    return rows.tocsr()[(each * contacts[:, None] + np.arange(each)).ravel()]
 
 
 def solve_conic(

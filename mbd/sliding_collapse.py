@@ -39,6 +39,7 @@ import scipy.sparse as sp
 from geometry.mesh import FloatArray
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
 from mbd.friction import (
+    TANGENTS,
     CollapseLoad,
     FrictionalContacts,
     collapse_load,
@@ -175,7 +176,7 @@ class _Programs:
     def state(self, forces: FloatArray, factor: float, motion: FloatArray) -> _State:
         """Evaluate forces (n, 3), a factor and a motion (n_rows,)."""
         slip = self.contacts.slip_size(self.contacts.slip(motion)[:, 1:])
-        dissipated = self.contacts.friction * float(forces[:, 0] @ slip)
+        dissipated = self.contacts.dissipated(forces[:, 0], slip)
         defect = dissipated - float(self.dead @ motion) - factor
         return _State(forces, motion, factor, slip, defect)
 
@@ -217,7 +218,7 @@ class _Programs:
         )
         if solution.x is None or solution.fun is None:
             return None
-        product = penalty * mu * float(state.forces[:, 0] @ state.slip)
+        product = self.contacts.dissipated(state.forces[:, 0], state.slip, penalty)
         predicted = state.merit(penalty) - (solution.fun - product)
         forces = self.contacts.projected(solution.x[: 3 * n].reshape(-1, 3))
         return self.state(forces, float(solution.x[load]), solution.x[motion]), predicted
@@ -250,13 +251,16 @@ class _Programs:
 
 
 def _programs(contacts: FrictionalContacts, dead: FloatArray, live: FloatArray) -> _Programs:
-    n, rows, mu = contacts.n_contacts, len(dead), contacts.friction
-    sides = np.array([[-mu, 1, 1], [-mu, 1, -1], [-mu, -1, 1], [-mu, -1, -1]], dtype=np.float64)
+    n, rows = contacts.n_contacts, len(dead)
     slips = contacts.matrix.T.tocsr()
     normal, tangential = slips[0::3], [slips[1::3], slips[2::3]]
     one = sp.eye_array(n)
     above: list[list[Any]] = [
-        [sp.kron(one, sides), sp.csr_array((4 * n, 1 + rows)), sp.csr_array((4 * n, n))],
+        [
+            contacts.sides(-np.ones(4), TANGENTS),
+            sp.csr_array((4 * n, 1 + rows)),
+            sp.csr_array((4 * n, n)),
+        ],
         [None, sp.hstack([sp.csr_array((n, 1)), -normal]), None],
     ]
     for part in tangential:

@@ -93,7 +93,7 @@ def squeeze(
         Column scaling of `mbd.equilibrium.column_weights`, (n_contacts,): w is its square.
     """
     size, mu = float(np.linalg.norm(load)), frictional.friction
-    if size == 0.0 or mu == 0.0:
+    if size == 0.0 or not np.any(mu):
         return Squeeze(needed=False, programs=0)
     if len(forces) > MOST_CONTACTS:
         return Squeeze(needed=None, programs=0)
@@ -107,13 +107,14 @@ def squeeze(
         if found is None:
             step *= 0.5
             if step < _LEAST_STEP:
-                joint = _most_missing(contacts, frictional, load, last / mu - normal)
+                pressed = np.divide(last, mu, out=np.zeros_like(last), where=np.asarray(mu) > 0.0)
+                joint = _most_missing(contacts, frictional, load, pressed - normal)
                 return Squeeze(needed=True, blocks=joint[0], least=joint[1], programs=programs)
             limits = last + step * (mu * normal - last)
             continue
         normal, last = found[:, 0], limits
         change = mu * normal - limits
-        if np.abs(change).max() <= _SETTLED * max(limits.max(), mu * normal.max()):
+        if np.abs(change).max() <= _SETTLED * max(limits.max(), (mu * normal).max()):
             return Squeeze(needed=False, programs=programs)
         limits = limits + step * change
     return Squeeze(needed=None, programs=programs)

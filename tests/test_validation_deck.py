@@ -290,7 +290,7 @@ def test_import_reads_plain_meshes(tubelock) -> None:
             ["export", "tsb1-pipe", "-o", "a.inp", "--flavour", "nastran"],
             "general, pairs, calculix",
         ),
-        (["export", "voxel-puzzle", "-o", "a.inp"], "loads on faces"),
+        (["export", "wall", "-o", "a.inp"], "loads on faces"),
         (["export", "tsb1-pipe", "-o", "a.inp", "--set", "fem.element=full"], "fem.element"),
         (
             [

@@ -41,6 +41,7 @@ from geometry.assembly import Assembly, spacing_offsets
 from geometry.errors import RefusedError
 from geometry.loads import Load, LoadCase, with_body_wrenches
 from geometry.mesh import BoolArray, FloatArray, check_mesh
+from geometry.pairs import check_pairs
 
 #: Depth that is no overlap, in block lengths ∛V: meshes of curved faces that do not match.
 _LEAST_OVERLAP = 1e-3
@@ -124,7 +125,8 @@ class Problem:
         Model of the fixed blocks: `Frames.RIGID` (default), or `Frames.DEFORMABLE` and fixed at
         their outer faces.
     friction
-        Friction of all joints: `CoulombFriction`, or its coefficient [-]. Default: frictionless.
+        Friction of all joints: its coefficient [-], or `CoulombFriction`, in which pairs of blocks
+        may have others. Default: frictionless.
     finite_sliding
         Finite sliding with a contact search; else small sliding of fixed pairs of matching facets.
         Default False.
@@ -186,6 +188,8 @@ class Problem:
                 )
         self._check_units()
         _ = self.contact_law, self.coulomb  # what is no law is rejected here
+        if self.coulomb is not None:
+            check_pairs("friction", self.coulomb.of_pairs, self.blocks.n_blocks)
         self._check_options()
         for name in ("clearance", "spacing"):
             value = getattr(self, name)
@@ -408,6 +412,9 @@ class Problem:
             check_held(assembly, load)
         offsets = spacing_offsets(assembly, self.spacing)
         surfaces = self._surfaces(assembly, deforms)
+        if self.coulomb is not None and self.coulomb.of_pairs and not sliding:
+            joints = surfaces.block_m, surfaces.block_s
+            check_pairs("friction", self.coulomb.of_pairs, assembly.n_blocks, joints)
         groups, group_of, copy_of = block_groups(
             assembly, deforms, offsets, self.materials, self.element, held=load.held
         )

@@ -111,6 +111,11 @@ def cyclic_orbits(deformable: DeformableAssembly, order: int) -> Orbits:
         return no_symmetry(deformable)
     image = _images(deformable, order)
     _check_loads(deformable, image, order)
+    if not _same_friction(deformable, image):
+        raise SymmetryError(
+            f"symmetry: a turn by 1/{order} does not map pairs of blocks onto others of the same "
+            "friction; expected friction that repeats, or symmetry off"
+        )
     none = np.empty(0, dtype=np.int64)
     orbits = Orbits(order, _smallest(deformable, image, order), none, none)
     return _with_facets(deformable, orbits)
@@ -198,6 +203,14 @@ def _check_loads(deformable: DeformableAssembly, image: IntArray, order: int) ->
                 f"symmetry: blocks {int(block)} and {other} have different supports, so a rotation "
                 f"by 1/{order} is no symmetry; expected supports that repeat, or symmetry off"
             )
+
+
+def _same_friction(deformable: DeformableAssembly, image: IntArray) -> bool:
+    """Whether joints of some friction are mapped onto joints of the same."""
+    friction = deformable.contact.friction
+    of_pairs = () if friction is None else friction.of_pairs
+    here = {(frozenset((a, b)), value) for a, b, value in of_pairs}
+    return here == {(frozenset(image[[a, b]].tolist()), value) for a, b, value in of_pairs}
 
 
 def local_forces(deformable: DeformableAssembly) -> list[FloatArray]:
@@ -298,7 +311,7 @@ def _turned_over(
         return None
     over = TurnedOver(before[image] < before, tuple(rotations), tuple(nodes), tuple(facets))
     half = replace(orbits, representative=np.minimum(before, before[image]), over=over)
-    if not _loads_turn(deformable, half, image):
+    if not (_loads_turn(deformable, half, image) and _same_friction(deformable, image)):
         return None
     found_facets = _with_facets(deformable, half)
     return found_facets if _same_facets(deformable, found_facets) else None

@@ -24,7 +24,8 @@ import numpy as np
 
 from geometry.compilation import njit
 from geometry.errors import RefusedError
-from geometry.mesh import FloatArray
+from geometry.mesh import FloatArray, IntArray
+from geometry.pairs import OfPairs, pair_values
 
 #: Coefficients of dry materials stay below 2; beyond this a number is something else.
 MOST_FRICTION = 10.0
@@ -42,6 +43,7 @@ class CoulombFriction:
     ------
     FrictionError
         For a constant that is not positive and finite, or a coefficient above `MOST_FRICTION`.
+        Beside pairs that have friction, other joints may have none.
     """
 
     coefficient: float
@@ -50,20 +52,29 @@ class CoulombFriction:
     """Slope of the traction while sticking [MPa/mm]. The default lets a point slip elastically by
     mu p / 100: 0.05 µm at mu = 0.01 and 0.5 MPa, a hundredth of the slips in the paper's tubes,
     and is softer than the contact law where it matters, so it costs no time step."""
+    of_pairs: OfPairs = ()
+    """Coefficients between some pairs of blocks, such as ``((0, 1, 0.6),)``; 0: frictionless."""
 
     def __post_init__(self) -> None:
         for name in ("coefficient", "stick_stiffness"):
             value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
+            some = name == "coefficient" and any(pair[2] > 0.0 for pair in self.of_pairs)
+            if not (math.isfinite(value) and (value > 0.0 or (some and value == 0.0))):
                 raise FrictionError(
                     f"effects.friction.{name}: got {value}, expected a finite positive number "
                     "(leave friction out for none)"
                 )
-        if self.coefficient > MOST_FRICTION:
-            raise FrictionError(
-                f"effects.friction.coefficient: got {self.coefficient:g}, expected up to "
-                f"{MOST_FRICTION:g}; an angle of friction φ is given as its tangent: 30° is 0.577"
-            )
+        for value in (self.coefficient, *(pair[2] for pair in self.of_pairs)):
+            if not 0.0 <= value <= MOST_FRICTION:
+                raise FrictionError(
+                    f"effects.friction.coefficient: got {value:g}, expected up to "
+                    f"{MOST_FRICTION:g}; an angle of friction φ is given as its tangent: 30° is "
+                    "0.577"
+                )
+
+    def on(self, block_m: IntArray, block_s: IntArray) -> float | FloatArray:
+        """Coefficient of each of some joints, blocks (n,) each; one number where all have it."""
+        return pair_values(self.coefficient, self.of_pairs, block_m, block_s)
 
 
 @njit(cache=True)
@@ -123,17 +134,23 @@ def _each(
 
 
 def friction_tractions(
-    friction: CoulombFriction, slip: FloatArray, anchor: FloatArray, pressure: FloatArray
+    friction: CoulombFriction,
+    slip: FloatArray,
+    anchor: FloatArray,
+    pressure: FloatArray,
+    coefficient: float | FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Tractions [MPa] and new anchors [mm] of many points, (..., 2) each.
 
-    Slips and anchors are (..., 2) [mm], pressures (...,) [MPa].
+    Slips and anchors are (..., 2) [mm], pressures (...,) [MPa]. The coefficient is that of the law,
+    or another of each point, (...,).
     """
+    coefficient = friction.coefficient if coefficient is None else coefficient
     traction, moved = np.empty(slip.shape), np.empty(slip.shape)
     _each(
         np.ascontiguousarray(slip).reshape(-1, 2),
         np.ascontiguousarray(anchor).reshape(-1, 2),
-        np.ascontiguousarray(friction.coefficient * pressure).reshape(-1),
+        np.ascontiguousarray(coefficient * pressure).reshape(-1),
         friction.stick_stiffness,
         traction.reshape(-1, 2),
         moved.reshape(-1, 2),

@@ -76,6 +76,11 @@ def check_abaqus(deck: Deck) -> None:
     """
     check_deck(deck)
     static = deck.step.procedure is Procedure.STATIC
+    if deck.joint is not None and deck.joint.of_pairs and deck.flavour is Flavour.GENERAL:
+        raise DeckError(
+            "contact.pairs: general contact has one friction here; remove them, or choose "
+            "--flavour pairs or calculix"
+        )
     small = deck.joint is not None and not (deck.joint.finite_sliding or deck.searched)
     if deck.clearance != 0.0 and deck.flavour is Flavour.PAIRS and not (static and small):
         raise DeckError(
@@ -288,14 +293,15 @@ def material_lines(deck: Deck) -> Iterator[str]:
 def _interaction(deck: Deck) -> Iterator[str]:
     joint = deck.joint
     assert joint is not None
-    yield keyword("Surface Interaction", name=JOINT)
-    yield from law_lines(joint.law, explicit=deck.step.procedure is Procedure.EXPLICIT)
-    if joint.friction is not None:
-        slope = {}
-        if joint.stick_stiffness is not None:
-            slope = {"shear_traction_slope": real(joint.stick_stiffness)}
-        yield keyword("Friction", **slope)
-        yield f"{real(joint.friction)},"
+    slope = {}
+    if joint.stick_stiffness is not None:
+        slope = {"shear_traction_slope": real(joint.stick_stiffness)}
+    for friction, name in joint.frictions.items():
+        yield keyword("Surface Interaction", name=name)
+        yield from law_lines(joint.law, explicit=deck.step.procedure is Procedure.EXPLICIT)
+        if friction is not None:
+            yield keyword("Friction", **slope)
+            yield f"{real(friction)},"
 
 
 def _initial_motion(deck: Deck) -> Iterator[str]:
@@ -384,7 +390,7 @@ def _explicit(deck: Deck) -> Iterator[str]:
 def _contact_pairs(deck: Deck, patches: Patches) -> Iterator[str]:
     """Contact pairs: slave, then master. Typed in a static step; Abaqus/Explicit has no types."""
     for pair in patches.pairs:
-        yield pair_keyword(deck)
+        yield pair_keyword(deck, pair)
         yield ", ".join(_sides(deck, pair))
     if deck.clearance == 0.0:
         return
@@ -394,16 +400,17 @@ def _contact_pairs(deck: Deck, patches: Patches) -> Iterator[str]:
         yield f"*Clearance, master={master}, slave={slave}, value={real(deck.clearance)}"
 
 
-def pair_keyword(deck: Deck) -> str:
+def pair_keyword(deck: Deck, pair: PatchPair) -> str:
     """Keyword line of a contact pair."""
+    assert deck.joint is not None
+    name = deck.joint.interaction(pair.block_m, pair.block_s)
     if deck.step.procedure is Procedure.EXPLICIT:
-        return f"*Contact Pair, interaction={JOINT}, mechanical constraint=PENALTY"
+        return f"*Contact Pair, interaction={name}, mechanical constraint=PENALTY"
     if deck.searched and deck.flavour is Flavour.PAIRS:
         # Nodes on facets of another mesh pass no uniform pressure; surface on surface does.
-        return f"*Contact Pair, interaction={JOINT}, type=SURFACE TO SURFACE"
-    line = f"*Contact Pair, interaction={JOINT}, type=NODE TO SURFACE"
-    finite = deck.joint is not None and deck.joint.finite_sliding
-    return line if finite else f"{line}, small sliding"
+        return f"*Contact Pair, interaction={name}, type=SURFACE TO SURFACE"
+    line = f"*Contact Pair, interaction={name}, type=NODE TO SURFACE"
+    return line if deck.joint.finite_sliding else f"{line}, small sliding"
 
 
 def amplitude_parameter(deck: Deck) -> dict[str, str | None]:

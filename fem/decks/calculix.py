@@ -38,7 +38,6 @@ from fem.decks.keywords import (
 from fem.decks.laws import law_table
 from fem.decks.model import block_nodes, nodal_forces
 from fem.decks.statement import (
-    JOINT,
     LOADING,
     MATERIAL,
     Deck,
@@ -138,16 +137,17 @@ def _material(deck: Deck) -> Iterator[str]:
 def _contact(deck: Deck, patches: Patches) -> Iterator[str]:
     joint = deck.joint
     assert joint is not None
-    yield keyword("Surface Interaction", name=JOINT)
-    yield "*Surface Behavior, pressure-overclosure=TABULAR"
-    for row in law_table(joint.law, deck.clearance).tolist():
-        yield reals(row)
-    if joint.friction is not None:
-        assert joint.stick_stiffness is not None
-        yield keyword("Friction")
-        yield reals([joint.friction, joint.stick_stiffness])
+    for friction, name in joint.frictions.items():
+        yield keyword("Surface Interaction", name=name)
+        yield "*Surface Behavior, pressure-overclosure=TABULAR"
+        for row in law_table(joint.law, deck.clearance).tolist():
+            yield reals(row)
+        if friction is not None:
+            assert joint.stick_stiffness is not None
+            yield keyword("Friction")
+            yield reals([friction, joint.stick_stiffness])
     for pair in patches.pairs:
-        yield pair_keyword(deck)
+        yield pair_keyword(deck, pair)
         yield (
             f"{block_label(deck, pair.block_s)}_{pair.patch_s}, "
             f"{block_label(deck, pair.block_m)}_{pair.patch_m}"

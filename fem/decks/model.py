@@ -164,5 +164,5 @@ def _friction(joint: Joint) -> CoulombFriction | None:
     if joint.friction is None:
         return None
     if joint.stick_stiffness is None:
-        return CoulombFriction(joint.friction)
-    return CoulombFriction(joint.friction, joint.stick_stiffness)
+        return CoulombFriction(joint.friction, of_pairs=joint.of_pairs)
+    return CoulombFriction(joint.friction, joint.stick_stiffness, joint.of_pairs)

@@ -213,6 +213,7 @@ def joint_of(problem: Problem) -> Joint:
         None if friction is None else friction.coefficient,
         given.stick_stiffness if isinstance(given, CoulombFriction) else None,
         problem.finite_sliding,
+        () if friction is None else friction.of_pairs,
     )
 
 

@@ -25,6 +25,7 @@ from fem.problem.effects import Effects
 from geometry.assembly import Assembly, spacing_offsets
 from geometry.loads import FaceLoad, LoadCase
 from geometry.mesh import FloatArray, IntArray
+from geometry.pairs import OfPairs
 from geometry.regions import Where
 
 
@@ -110,6 +111,21 @@ class Joint:
     """Tangential slope while sticking [MPa/mm]; None: the program's default."""
     finite_sliding: bool = False
     """Whether contact pairs follow blocks that slide by more than a facet."""
+    of_pairs: OfPairs = ()
+    """Coefficients between some pairs of blocks; 0: frictionless."""
+
+    @property
+    def frictions(self) -> dict[float | None, str]:
+        """Distinct coefficients and what the deck calls their surface interactions."""
+        values = dict.fromkeys(
+            [self.friction or None, *(pair[2] or None for pair in self.of_pairs)]
+        )
+        return {value: f"{JOINT}-{k}" if k else JOINT for k, value in enumerate(values)}
+
+    def interaction(self, block_m: int, block_s: int) -> str:
+        """Name of the surface interaction of two blocks."""
+        own = {frozenset(pair[:2]): pair[2] for pair in self.of_pairs}
+        return self.frictions[own.get(frozenset((block_m, block_s)), self.friction) or None]
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,14 @@ class FrictionRows:
     """Orthonormal reference tangents, (n_facets, n_points, 2, 3), world axes."""
     gradient: FloatArray
     """∂(slip)/∂u in block frames, (n_facets, 2 n_points, nodes of both facets, 3)."""
+    coefficient: float | FloatArray
+    """μ of all points, or of those of each facet, (n_facets, 1) [-]."""
+
+    def tractions(
+        self, slip: FloatArray, anchor: FloatArray, pressure: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Tractions [MPa] and new anchors [mm] at slips and pressures: `friction_tractions`."""
+        return friction_tractions(self.friction, slip, anchor, pressure, self.coefficient)
 
     def slip(self, displacement: FloatArray) -> FloatArray:
         """Slip along the tangents, (n_facets, n_points, 2) [mm]."""
@@ -54,7 +62,7 @@ class FrictionRows:
         """
         pressure, stick = normal.pressure, self.friction.stick_stiffness
         slip = self.slip(displacement)
-        traction, moved = friction_tractions(self.friction, slip, anchor, pressure)
+        traction, moved = self.tractions(slip, anchor, pressure)
         size = np.linalg.norm(slip - anchor, axis=2)
         length = np.maximum(size, np.finfo(np.float64).tiny)
         along = np.where((size > 0.0)[:, :, None], (slip - anchor) / length[:, :, None], [1.0, 0.0])
@@ -65,7 +73,7 @@ class FrictionRows:
         stiff_across = np.where(slides, secant, stick) * pressed
         turn = np.stack([along, across], axis=2)
         gradient = np.einsum("fpki,fpiax->fpkax", turn, self._by_tangent())
-        leans = np.where(slides & pressed, self.friction.coefficient, 0.0)
+        leans = np.where(slides & pressed, self.coefficient, 0.0)
         push = normal.gradient + leans[:, :, None, None] * gradient[:, :, 0]
         rows = self.gradient.shape[:2]
         gradient = gradient.reshape(self.gradient.shape)
@@ -92,7 +100,7 @@ class FrictionRows:
         self, displacement: FloatArray, anchor: FloatArray, pressure: FloatArray
     ) -> FloatArray:
         """Nodal forces of the friction, (n_nodes, 3) [N]."""
-        traction, _ = friction_tractions(self.friction, self.slip(displacement), anchor, pressure)
+        traction, _ = self.tractions(self.slip(displacement), anchor, pressure)
         weighted = self.system.surfaces.weights[:, :, None] * traction
         return self.system.scatter(self.gradient, weighted.reshape(self.gradient.shape[:2]))
 
@@ -105,7 +113,9 @@ def friction_rows(system: LocalSystem, friction: CoulombFriction) -> FrictionRow
     tangents = np.stack([first, np.cross(surfaces.normals, first)], axis=2)
     world = np.einsum("fpa,fpki->fpkai", surfaces.difference, tangents)
     world = world.reshape(len(tangents), -1, *world.shape[3:])
-    return FrictionRows(system, friction, tangents, system.local_gradient(world))
+    found = friction.on(surfaces.block_m, surfaces.block_s)
+    coefficient = found if isinstance(found, float | int) else found[:, None]
+    return FrictionRows(system, friction, tangents, system.local_gradient(world), coefficient)
 
 
 def _joined(normal: Linearisation, tangential: Linearisation) -> Linearisation:

@@ -13,7 +13,6 @@ from enum import StrEnum
 
 import numpy as np
 
-from fem.contact.friction import friction_tractions
 from fem.contact.search import FacingPoints, SearchedSurfaces
 from fem.problem.loads import TabularAmplitude
 from fem.static.linear_step.linearisation import SparseSolver
@@ -310,8 +309,8 @@ def _advance_friction(problem: StaticProblem, state: StaticState, begin: FloatAr
     before = law.pressure(problem.kinematics(begin).overclosure)
     anchor = anchor_of(state)
     slip = rows.slip(state.displacement)
-    first, _ = friction_tractions(rows.friction, rows.slip(begin), anchor, before)
-    traction, moved = friction_tractions(rows.friction, slip, anchor, pressure)
+    first, _ = rows.tractions(rows.slip(begin), anchor, before)
+    traction, moved = rows.tractions(slip, anchor, pressure)
     touching = pressure > 0.0
     mean = 0.5 + 0.5 * np.divide(before, pressure, out=np.zeros_like(pressure), where=touching)
     resisting = np.where(touching[:, :, None], mean[:, :, None] * traction, 0.5 * first)

@@ -28,7 +28,6 @@ from functools import partial
 import numpy as np
 
 from fem.assembly.local_system import FreeMotions, LocalSystem
-from fem.contact.friction import friction_tractions
 from fem.contact.surfaces import ContactNormals, PointKinematics
 from fem.static.energy_descent import minimise_energy
 from fem.static.friction import FrictionRows
@@ -342,7 +341,7 @@ def _sliding_slope(
     weighted = problem.system.surfaces.weights[:, :, None] * change
 
     def slope(share: float, pressure: FloatArray) -> float:
-        traction, _ = friction_tractions(rows.friction, before + share * change, anchor, pressure)
+        traction, _ = rows.tractions(before + share * change, anchor, pressure)
         return float(np.vdot(weighted, traction))
 
     return slope

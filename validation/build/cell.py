@@ -42,11 +42,12 @@ def check_cell(scene: DeformableScene, name: str) -> RoundScene:
             f"cell stands for two layers or more; {remedy}"
         )
     effects = scene.effects
-    if scene.materials:
-        raise InputError(
-            f"{head} with [materials]: its blocks are those of a long tube, all of one material; "
-            "remove one of the two"
-        )
+    for key, blocks in (("[materials]", scene.materials), ("contact.pairs", scene.contact.pairs)):
+        if blocks:
+            raise InputError(
+                f"{head} with {key}: its blocks are those of a long tube, all alike; remove one of "
+                "the two"
+            )
     for given, key, why in (
         (effects.gravity, "gravity", "the weight adds up from layer to layer"),
         (effects.elastic_frame, "elastic_frame", "the cell has no frame"),

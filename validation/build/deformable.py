@@ -14,11 +14,12 @@ from fem.contact.friction import CoulombFriction
 from fem.contact.surfaces import ContactNormals
 from fem.decks.problem import PAPER_RAYLEIGH
 from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
-from geometry.assembly import Assembly
+from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase
 from validation.build.blocks import HexahedralBlocks, build_blocks
 from validation.build.cell import build_cell
 from validation.build.materials import build_materials, count_materials
+from validation.build.pairs import friction_of_pairs, stated_pairs
 from validation.build.sections import scene_planes
 from validation.build.supports import stated_load
 from validation.errors import InputError, named
@@ -78,16 +79,34 @@ def refuse_linear_keys(fem: FemSection, name: str) -> None:
             )
 
 
-def build_friction(effects: EffectsSection) -> CoulombFriction | None:
+def build_friction(
+    scene: DeformableScene, assembly: AnyBlocks, *, sliding: bool
+) -> CoulombFriction | None:
     """Friction of a scene; None where it names none.
+
+    Joints that ``[[contact.pairs]]`` names have theirs; with sliding, any two blocks may meet.
 
     Raises
     ------
     FrictionError
         For a coefficient that cannot be used.
+    InputError
+        Friction of some joints without that of the others.
+    PairError
+        Joints that are none.
     """
-    given = effects.friction
-    return None if given is None else CoulombFriction(**given.model_dump(exclude_none=True))
+    given = scene.effects.friction
+    if given is None:
+        if stated_pairs(scene):
+            raise InputError(
+                "contact.pairs: got friction of some joints without that of the others; expected "
+                "[effects.friction] coefficient too, or no pairs"
+            )
+        return None
+    constants = given.model_dump(exclude_none=True)
+    return CoulombFriction(
+        **constants, of_pairs=friction_of_pairs(scene, assembly, anywhere=sliding)
+    )
 
 
 def build_effects(section: EffectsSection, fem: FemSection) -> Effects:
@@ -170,7 +189,7 @@ def element_degree(scene: DeformableScene, assembly: Assembly) -> int:
     stated = scene.fem.model_fields_set & {"degree", "element"}
     if not split or stated or scene.fem.method is not Method.STATIC:
         return scene.fem.degree
-    friction = build_friction(scene.effects) is not None
+    friction = scene.effects.friction is not None
     need = searched_work(searched_points(assembly, 2), friction=friction)
     return 2 if need <= FAR_BEYOND * MOST_WORK else scene.fem.degree
 
@@ -198,6 +217,7 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
         }
     if scene.effects.gravity is not None:
         count_materials(scene, "density")
+    sliding = bool(blocks.unmatched) or scene.effects.finite_sliding
     return Problem(
         blocks.assembly,
         blocks.load,
@@ -206,8 +226,8 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
         **joints,
         normals=ContactNormals.CURRENT,
         frames=Frames.DEFORMABLE if held_at_faces(scene) else Frames.RIGID,
-        friction=build_friction(scene.effects),
-        finite_sliding=bool(blocks.unmatched) or scene.effects.finite_sliding,
+        friction=build_friction(scene, blocks.assembly, sliding=sliding),
+        finite_sliding=sliding,
         finite_rotation=scene.effects.finite_rotation,
         gravity=scene.effects.gravity,
         motion=scene.motion,

@@ -69,6 +69,13 @@ def densities(scene: DeformableScene, assembly: AnyBlocks) -> float | FloatArray
     return np.array([section.density for section in sections])
 
 
+def material_names(scene: DeformableScene, assembly: AnyBlocks) -> list[str]:
+    """Name of the material of each block, empty of the default without a name, (n_blocks,)."""
+    count_materials(scene, "name")
+    chosen, default = dict(_choices(scene, assembly)), scene.material.name or ""
+    return [chosen.get(k, default) for k in range(assembly.n_blocks)]
+
+
 def count_materials(scene: DeformableScene, key: str) -> None:
     """Count a key of all materials of a scene as read."""
     for section in (scene.material, *scene.materials.values()):

@@ -98,12 +98,16 @@ def _contact(problem: Problem) -> dict[str, Any]:
     kind = LAWS[name]
     given = {kind.keys.get(c.name, c.name): getattr(law, c.name) for c in fields(kind)}
     kept = {key: value for key, value in given.items() if isfinite(value)}
-    return {"law": name, **kept, "clearance": problem.clearance, "spacing": problem.spacing}
+    of_pairs = () if problem.coulomb is None else problem.coulomb.of_pairs
+    pairs = [{"between": [a, b], "friction": value} for a, b, value in of_pairs]
+    gaps = {"clearance": problem.clearance, "spacing": problem.spacing}
+    return {"law": name, **kept, **gaps, **({"pairs": pairs} if pairs else {})}
 
 
 def _effects(problem: Problem) -> Iterator[tuple[str, Any]]:
     if problem.coulomb is not None:
-        yield "friction", asdict(problem.coulomb)
+        constants = asdict(problem.coulomb)
+        yield "friction", {key: constants[key] for key in ("coefficient", "stick_stiffness")}
     if problem.acceleration is not None:
         yield "gravity", problem.acceleration.tolist()
     for name in ("finite_sliding", "finite_rotation"):

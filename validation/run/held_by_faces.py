@@ -17,11 +17,13 @@ from dataclasses import dataclass
 from geometry.assembly import Assembly
 from geometry.loads import with_body_wrenches
 from geometry.mesh import FloatArray
+from geometry.pairs import pair_values
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from mbd import Contacts, contact_jacobian, generalized_force, newton_equilibrium
-from mbd.friction import frictional_contacts, frictional_equilibrium
+from mbd.friction import FrictionalContacts, frictional_contacts, frictional_equilibrium
 from mbd.squeeze import squeeze
 from validation.build.blocks import build_weight
+from validation.build.pairs import friction_of_pairs
 from validation.build.polyhedra import detection_options
 from validation.errors import InputError
 from validation.run.held_by_friction import MOST_POINTS, motion_words
@@ -65,6 +67,15 @@ def _faces(scene: DeformableScene, assembly: Assembly) -> _Faces | None:
     )
 
 
+def _frictional(scene: DeformableScene, faces: _Faces) -> FrictionalContacts:
+    """The contacts with the friction of the scene, which may be none."""
+    given, contacts = scene.effects.friction, faces.contacts
+    of_pairs = () if given is None else friction_of_pairs(scene, faces.assembly)
+    default = 0.0 if given is None else given.coefficient
+    friction = pair_values(default, of_pairs, contacts.block_m, contacts.block_s)
+    return frictional_contacts(faces.assembly, contacts, friction)
+
+
 def faces_words(scene: DeformableScene, assembly: Assembly) -> str | None:
     """Name the motion of own blocks that the load drives and their faces alone do not stop.
 
@@ -80,8 +91,7 @@ def faces_words(scene: DeformableScene, assembly: Assembly) -> str | None:
     friction = scene.effects.friction
     if motion is None or found.holds:
         return None
-    mu = friction.coefficient if friction else 0.0
-    frictional = frictional_contacts(faces.assembly, faces.contacts, mu)
+    frictional = _frictional(scene, faces)
     if friction is not None:
         motion = frictional_equilibrium(frictional, faces.force).mechanism
         if motion is None:
@@ -95,7 +105,7 @@ def squeeze_words(scene: DeformableScene, assembly: Assembly) -> str | None:
     faces, friction = _faces(scene, assembly), scene.effects.friction
     if faces is None or friction is None or not faces.touches:
         return None
-    frictional = frictional_contacts(faces.assembly, faces.contacts, friction.coefficient)
+    frictional = _frictional(scene, faces)
     answer = frictional_equilibrium(frictional, faces.force)
     if not answer.holds:
         return None

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fem.contact.friction import CoulombFriction
 from geometry.assembly import Assembly
 from geometry.interface import Interfaces
 from geometry.loads import LoadCase, with_body_wrenches
@@ -19,7 +20,7 @@ from geometry.mesh import FloatArray
 from mbd import Contacts, contact_jacobian, generalized_force, newton_equilibrium
 from mbd.friction import FrictionalContacts, frictional_contacts, frictional_equilibrium
 from validation.build.blocks import build_weight
-from validation.build.deformable import build_hexahedra
+from validation.build.deformable import build_friction, build_hexahedra
 from validation.errors import InputError
 from validation.scene.read import DeformableScene
 
@@ -60,7 +61,7 @@ def _at_corners(assembly: Assembly) -> _AtCorners:
     return _AtCorners(facets=assembly.interfaces, **same)
 
 
-def require_held_by_friction(name: str, scene: DeformableScene, friction: float) -> None:
+def require_held_by_friction(name: str, scene: DeformableScene) -> None:
     """Refuse a static run of blocks that slide or tip with a coefficient of friction.
 
     Costs one rigid equilibrium where contact alone holds the load.
@@ -75,19 +76,24 @@ def require_held_by_friction(name: str, scene: DeformableScene, friction: float)
         return
     weight = build_weight(scene, blocks.assembly)
     load = blocks.load if weight is None else with_body_wrenches(blocks.load, weight)
+    friction = build_friction(scene, blocks.assembly, sliding=False)
+    if friction is None:
+        return
     words = sliding_words(blocks.assembly, load, friction)
     if words is not None:
+        least = min([friction.coefficient, *(pair[2] for pair in friction.of_pairs)])
+        given = f"{friction.coefficient:g}" if least == friction.coefficient else "the joints"
         raise InputError(
-            f"{name}: no static state: {words}, and friction of {friction:g} does not "
+            f"{name}: no static state: {words}, and friction of {given} does not "
             "stop it; expected a load that is carried: raise effects.friction.coefficient, turn "
             'the load, hold more blocks, or follow the motion with fem.method = "explicit"'
         )
 
 
-def sliding_words(assembly: Assembly, load: LoadCase, friction: float) -> str | None:
+def sliding_words(assembly: Assembly, load: LoadCase, friction: CoulombFriction) -> str | None:
     """Name the block that slides or tips, and on which; None where nothing certainly does.
 
-    Facets of the blocks match; the load is tractions, weights and supports, friction is μ.
+    Facets of the blocks match; the load is tractions, weights and supports.
     """
     if not 0 < 4 * assembly.interfaces.n_contacts <= MOST_POINTS:
         return None
@@ -96,7 +102,9 @@ def sliding_words(assembly: Assembly, load: LoadCase, friction: float) -> str | 
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
     if newton_equilibrium(contacts.jacobian, force).holds:
         return None
-    frictional = frictional_contacts(points, contacts, friction)
+    frictional = frictional_contacts(
+        points, contacts, friction.on(contacts.block_m, contacts.block_s)
+    )
     answer = frictional_equilibrium(frictional, force)
     if answer.mechanism is None:
         return None

@@ -157,7 +157,7 @@ def run_static(
     with stages() as watch:
         fem = fem_section(scene, name)
         if scene.effects.friction is not None and not scene.is_cell:
-            require_held_by_friction(name, scene, scene.effects.friction.coefficient)
+            require_held_by_friction(name, scene)
         problem = scene_problem(scene, name) if problem is None else problem
         with named(name):
             deformable = problem.deformable
@@ -197,7 +197,7 @@ def run_converged(
     with stages() as watch:
         fem = fem_section(scene, name)
         if scene.effects.friction is not None:
-            require_held_by_friction(name, scene, scene.effects.friction.coefficient)
+            require_held_by_friction(name, scene)
         options = static_options(scene, fem)
         problem = scene_problem(scene, name)
         require_held_by_faces(name, scene, problem.blocks)

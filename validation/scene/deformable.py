@@ -154,8 +154,23 @@ def _law_keys() -> dict[str, Any]:
 _LawKeys: Any = create_model("_LawKeys", __base__=Section, **_law_keys())
 
 
+class ContactPairSection(Section):
+    """``[[contact.pairs]]``: joints between some blocks whose friction is another one.
+
+    Other joints have that of ``[effects.friction]``, of rigid blocks ``rigid.friction``.
+    """
+
+    between: tuple[Annotated[int, Field(ge=0)] | str, Annotated[int, Field(ge=0)] | str]
+    """Two blocks, by number or name, or materials: of all joints between their blocks."""
+    friction: Annotated[NonNegative, NoAngle, FRICTION]
+    """Coefficient of friction μ [-]; 0: frictionless."""
+
+
 class ContactSection(_LawKeys):  # type: ignore[misc]
     """``[contact]``: soft contact between blocks."""
+
+    pairs: tuple[ContactPairSection, ...] = ()
+    """Friction of some joints; methods and answers without friction ignore it."""
 
     clearance: Annotated[Finite, CLEARANCE] = 0.0
     """Gap along the normal of every facet before the load acts [mm]: blocks made too small by

@@ -185,6 +185,8 @@ class Study:
         scene = check_scene(self._data(self.design(0)), self.name).model_dump(mode="json")
         if self.quantity == "rigid":
             weight = _weight(scene)
+            pairs = (scene.get("contact") or {}).get("pairs")
+            weight |= {"pairs": pairs} if pairs else {}
             scene = {key: value for key, value in scene.items() if key not in _DEFORMABLE}
             scene |= weight
         content: dict[str, Any] = {

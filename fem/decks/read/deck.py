@@ -117,7 +117,7 @@ def _build(cards: list[Card], heading: Heading) -> Deck:
     if len(elements) != 1:
         raise DeckError(f"line {sections.parts[-1][0].line}: parts have different elements")
     assembly, blocks = read_assembly(sections.assembly, shapes, heading)
-    behavior = sections.maybe("SURFACE BEHAVIOR")
+    behavior = next(iter(sections.all("SURFACE BEHAVIOR")), None)  # of all joints the same
     return Deck(
         name=heading.name,
         flavour=Flavour(heading.values["flavour"]),
@@ -127,7 +127,7 @@ def _build(cards: list[Card], heading: Heading) -> Deck:
         step=read_step(sections),
         holds=tuple(read_holds(sections, blocks)),
         loads=tuple(read_loads(sections, blocks)),
-        joint=None if behavior is None else read_joint(sections, behavior, heading),
+        joint=None if behavior is None else read_joint(sections, behavior, heading, blocks),
         effects=read_effects(sections),
         motion=read_motion(sections),
         clearance=float(heading_value(heading, "clearance along every normal", 1)[0]),

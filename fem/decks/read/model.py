@@ -49,8 +49,13 @@ def read_materials(sections: Sections) -> dict[str, Material]:
     return found
 
 
-def read_joint(sections: Sections, behavior: Card, heading: Heading) -> Joint:
-    """Read the contact law and friction; ``behavior`` is the card *Surface Behavior."""
+def read_joint(
+    sections: Sections, behavior: Card, heading: Heading, blocks: dict[str, int]
+) -> Joint:
+    """Read the contact law and friction; ``behavior`` is the card *Surface Behavior.
+
+    Interactions but the first are of pairs of blocks; ``blocks`` numbers the instances by name.
+    """
     kind = behavior.parameter("PRESSURE-OVERCLOSURE").upper()
     values = behavior.numbers().tolist()
     law = read_law(
@@ -62,12 +67,28 @@ def read_joint(sections: Sections, behavior: Card, heading: Heading) -> Joint:
         and "SMALL SLIDING" not in p.parameters
         for p in pairs
     )
-    friction = sections.maybe("FRICTION")
-    if friction is None:
+    frictions, name = dict[str, Card | None](), ""
+    for card in sections.model:
+        if card.keyword == "SURFACE INTERACTION":
+            name = card.parameter("NAME").upper()
+            frictions[name] = None
+        elif card.keyword == "FRICTION":
+            frictions[name] = card
+    values = {k: 0.0 if c is None else float(c.numbers()[0]) for k, c in frictions.items()}
+    given = next((card for card in frictions.values() if card is not None), None)
+    if given is None:
         return Joint(law, finite_sliding=finite)
-    slope = friction.parameters.get("SHEAR TRACTION SLOPE")
-    stick = None if slope is None else floats(friction.line, [slope])[0]
-    return Joint(law, float(friction.numbers()[0]), stick, finite)
+    slope = given.parameters.get("SHEAR TRACTION SLOPE")
+    stick = None if slope is None else floats(given.line, [slope])[0]
+    first, *others = values
+    of_pairs = {}
+    for card in pairs:
+        name = card.parameter("INTERACTION").upper()
+        for line, row in card.rows():
+            if name in others:
+                ends = tuple(sorted(block_entry(line, entry, blocks)[0] for entry in row[:2]))
+                of_pairs[ends] = values[name]
+    return Joint(law, values[first], stick, finite, tuple((*k, v) for k, v in of_pairs.items()))
 
 
 def _maximum_stiffness(heading: Heading) -> float:

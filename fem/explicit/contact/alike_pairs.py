@@ -81,11 +81,20 @@ class _Pair:
     quads_m: IntArray
     quads_s: IntArray
 
-    def key(self, deformable: DeformableAssembly) -> tuple[int | bytes, ...]:
-        """Shapes, groups and connectivity."""
+    def key(self, deformable: DeformableAssembly) -> tuple[int | float | bytes, ...]:
+        """Shapes, groups, friction and connectivity."""
         shapes = [int(deformable.assembly.shape_of[b]) for b in self.blocks]
         groups = [int(deformable.group_of[b]) for b in self.blocks]
-        return (*shapes, *groups, self.quads_m.tobytes(), self.quads_s.tobytes())
+        rubs = friction_of(deformable, *self.blocks)
+        return (*shapes, *groups, rubs, self.quads_m.tobytes(), self.quads_s.tobytes())
+
+
+def friction_of(deformable: DeformableAssembly, m: int, s: int) -> float:
+    """Coefficient of friction between two blocks; 0 without friction."""
+    friction = deformable.contact.friction
+    if friction is None or not friction.of_pairs:
+        return 0.0 if friction is None else friction.coefficient
+    return float(np.asarray(friction.on(np.array([m]), np.array([s])))[0])
 
 
 def _ordered(m: int, s: int, quads_m: IntArray, quads_s: IntArray) -> _Pair:
@@ -126,7 +135,7 @@ def alike_pairs(
         Copy that carries the unknowns of each block, its representative's; (n_blocks,).
     """
     surfaces = deformable.surfaces.subset(orbits.facets)
-    found: dict[tuple[int | bytes, ...], list[list[_Pair]]] = {}
+    found: dict[tuple[int | float | bytes, ...], list[list[_Pair]]] = {}
     for k in range(len(surfaces.pair_start) - 1):
         facets = slice(int(surfaces.pair_start[k]), int(surfaces.pair_start[k + 1]))
         m, s = int(surfaces.block_m[facets.start]), int(surfaces.block_s[facets.start])

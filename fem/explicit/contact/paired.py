@@ -162,9 +162,7 @@ class _BoundContact:
         self._slip: FloatArray | None = None
         self._sliding: tuple[FloatArray, FloatArray] | None = None
         if statement.friction is not None:
-            friction = np.array(
-                [statement.friction.coefficient, statement.friction.stick_stiffness]
-            )
+            friction = _constants(statement, self._data)
             self._slip = _no_slip(self._data, self._work)
             self._sliding = friction, aligned_zeros((8 * len(self._data.units),), np.float64)
         self._collections = _collections(self._data, len(self._work.force) // 2, bodies)
@@ -270,6 +268,17 @@ class _BoundContact:
         square = (slip[:, :, :2, :real] ** 2).sum(axis=(2, 3))
         weights = self._data.weights[first:last]
         return 0.5 * self._friction.stick_stiffness * float((weights * square).sum())
+
+
+def _constants(statement: FaceContact, data: UnitArrays) -> FloatArray:
+    """Friction coefficient and stick stiffness, (2,); (n_units, 2) where pairs have others."""
+    friction = statement.friction
+    assert friction is not None
+    if not friction.of_pairs:
+        return np.array([friction.coefficient, friction.stick_stiffness])
+    first = np.array([pairs.blocks[0] for pairs in statement.pairs])
+    found = np.broadcast_to(friction.on(first[:, 0], first[:, 1]), len(first))[data.units[:, 0]]
+    return np.column_stack([found, np.full(len(found), friction.stick_stiffness)])
 
 
 def _no_slip(data: UnitArrays, work: UnitWork) -> FloatArray:

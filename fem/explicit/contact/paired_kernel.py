@@ -43,6 +43,7 @@ from fem.explicit.kernels.lanes import (
     with_entry,
 )
 from fem.explicit.kernels.options import OPTIONS
+from fem.explicit.kernels.rubbing import rubs_of
 from fem.explicit.kernels.triples import (
     INLINED,
     cross,
@@ -323,7 +324,8 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
     @njit(**INLINED)
     def rub(unit, force, pressing, weight, d, normal, tangent, slip, at, point, sliding):
         """Add the friction of one point to its force; updates slip and dissipation."""
-        friction, dissipated = sliding
+        every, dissipated = sliding
+        friction = rubs_of(every, unit)
         stiffness = weight * friction[1]
         first = 4 * (at + point * width)
         none = zero(slip)
@@ -501,8 +503,8 @@ def contact_forces(data, displacements, work, law, normals, slip, sliding):
         None without friction, or flat [facet][point][4][lane]: elastic slip along and across
         dx/dr, last position along and across (`NEVER` where it did not touch) [mm].
     sliding
-        None, or friction coefficient and stick stiffness (2,), and the energy dissipated so
-        far, flat (n_units, 8) [N mm].
+        None, or friction coefficient and stick stiffness, (2,) or (n_units, 2), and the energy
+        dissipated so far, flat (n_units, 8) [N mm].
     """
     threads = len(work.scratch)
     for thread in prange(threads):

@@ -133,6 +133,9 @@ class BoundSlidingContact:
         self._known = 0
         self._searched, self._cut = points.position.copy(), points.position.copy()
         self._friction: FloatArray | None = None
+        # Of each point, and when it was found, where pairs of blocks have others.
+        self._of_points: FloatArray | None = None
+        self._rubs_at = -1
         self._dissipated: FloatArray | None = None
         if statement.friction is not None:
             friction = statement.friction
@@ -178,7 +181,7 @@ class BoundSlidingContact:
             points.now.facet,
             points.now.xi,
             self._law,
-            self._friction,
+            self._rubs(),
             None if self._slip is None else self._slip[:n],
             self._dissipated,
             self._gap[:n],
@@ -196,6 +199,20 @@ class BoundSlidingContact:
                 group.turn_of,
                 now.applied_force.ravel(),
             )
+
+    def _rubs(self) -> FloatArray | None:
+        """Friction of all points, (2,), or of each, (n, 2), where pairs of blocks have others."""
+        friction = self._statement.friction
+        if friction is None or not friction.of_pairs:
+            return self._friction
+        if self._rubs_at != self._known or self._of_points is None:
+            block, now = self.points.facet_block, self.points.now
+            found = friction.on(block[now.facet], block[now.slave])
+            self._of_points = np.column_stack(
+                [found, np.full(len(now.facet), friction.stick_stiffness)]
+            )
+            self._rubs_at = self._known
+        return self._of_points
 
     def _follow(self, state: State) -> None:
         """Search or cut at the last positions, if two blocks together have moved since by a skin.

@@ -21,6 +21,7 @@ from fem.contact.law import law_pressure
 from fem.explicit.kernels.forms import over_lanes
 from fem.explicit.kernels.lanes import REGISTER_DOUBLES, lane_operations, larger, store
 from fem.explicit.kernels.options import OPTIONS
+from fem.explicit.kernels.rubbing import rubs_of
 from fem.explicit.kernels.triples import dot, triple_of, triple_operations
 from geometry.compilation import njit
 
@@ -131,8 +132,8 @@ def sliding_forces(
     law
         Constants of the contact law, in terms of -d · n.
     friction, slip, dissipated
-        None without friction; or coefficient and stick stiffness (2,), elastic slip (n, 3) [mm]
-        and the energy lost so far (1,) [N mm], updated.
+        None without friction; or coefficient and stick stiffness, (2,) or (n, 2), elastic slip
+        (n, 3) [mm] and the energy lost so far (1,) [N mm], updated.
     gap
         Out: d · n of each point, (n,) [mm].
     force
@@ -171,7 +172,8 @@ def sliding_forces(
         push = weights[p] * pressure
         pull = push * normal[0], push * normal[1], push * normal[2]
         if friction is not None:
-            rub = _rub(p, friction, pressure, weights[p], before[2], normal, slip, dissipated)
+            rubs = rubs_of(friction, p)
+            rub = _rub(p, rubs, pressure, weights[p], before[2], normal, slip, dissipated)
             pull = _plus(pull, -1.0, rub)
         for k in range(4):
             _add(force, own[k], shapes[p, k], pull)

@@ -19,6 +19,7 @@ from mbd import RigidResult, block_wrenches, rigid_result
 from mbd.answer import Carried, answer_of, block_motion, joints_of, without_friction
 from mbd.margin import held_against
 from validation.build.blocks import BuiltScene, build_scene, build_weight
+from validation.build.pairs import friction_of_pairs, stated_pairs
 from validation.build.sections import scene_planes
 from validation.build.supports import stated_load
 from validation.errors import named
@@ -60,7 +61,10 @@ class RigidAnswer:
         """
         scene, assembly, load = (stated[name] for name in ("scene", "assembly", "load"))
         result = rigid_result(assembly, load, norm=scene.rigid.norm, solver=scene.rigid.solver)
-        further = further_answers(assembly, load, wrenches, scene.rigid)
+        with named(stated["name"]):
+            rubbing = scene.rigid.friction is not None
+            of_pairs = friction_of_pairs(scene, assembly) if rubbing else ()
+        further = further_answers(assembly, load, wrenches, scene.rigid, of_pairs)
         seconds = {"build": 0.0} | result.cpu_seconds | built
         seconds["total"] += result.cpu_seconds["total"]
         if further is not None:
@@ -84,7 +88,8 @@ class RigidAnswer:
         verdict = "carried" if asked.holds else "not carried"
         if not asked.holds and asked.mechanism is None:
             verdict = "undecided"
-        words = f"{verdict} with friction μ = {coefficient:g}"
+        others = ", others between pairs" if stated_pairs(self.scene) else ""
+        words = f"{verdict} with friction μ = {coefficient:g}{others}"
         measured = None
         if asked.holds:
             words += f" (without: {result.mechanism})"

@@ -11,6 +11,7 @@ import numpy as np
 from geometry.assembly import AnyBlocks
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
+from geometry.pairs import OfPairs, pair_values
 from mbd import contact_jacobian
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import column_weights, equilibrium
@@ -57,11 +58,12 @@ def further_answers(
     load: LoadCase,
     wrenches: tuple[FloatArray, FloatArray],
     section: RigidSection,
+    of_pairs: OfPairs = (),
 ) -> Further | None:
     """Compute what ``[rigid]`` asks for; None where it asks for nothing more.
 
     The load case says what is held; wrenches are dead and live load of each block, (n_blocks, 6)
-    each [N, N mm].
+    each [N, N mm]. Some pairs of blocks have their own friction.
 
     Raises
     ------
@@ -77,9 +79,8 @@ def further_answers(
     friction = collapse = sliding = margin = forces = state = pressed = None
     weights = column_weights(section.norm, contacts.areas)
     with named("rigid"):
-        frictional = frictional_contacts(
-            assembly, contacts, section.friction or 0.0, section.friction_law
-        )
+        given = pair_values(section.friction or 0.0, of_pairs, contacts.block_m, contacts.block_s)
+        frictional = frictional_contacts(assembly, contacts, given, section.friction_law)
         if section.friction is not None:
             friction = frictional_equilibrium(frictional, dead + live, weights=weights)
             if friction.holds:

@@ -127,6 +127,8 @@ def without_effect(scene: DeformableScene, effect: EffectName) -> DeformableScen
     """Scene without an effect."""
     if effect in _GAPS:
         return scene.changed({f"contact.{effect}": 0.0})
+    if effect is EffectName.FRICTION:
+        return scene.changed({"effects.friction": None, "contact.pairs": ()})
     return scene.changed({f"effects.{effect}": False if effect in _SWITCHES else None})
 
 
@@ -341,7 +343,10 @@ class _Probe:
             return with_effect(self.scene, effect)
         section = "contact" if effect in _GAPS else "effects"
         value = getattr(getattr(self._full, section), effect)
-        return self.scene.changed({f"{section}.{effect}": value})
+        found = self.scene.changed({f"{section}.{effect}": value})
+        if effect is EffectName.FRICTION:
+            found = found.changed({"contact.pairs": self._full.contact.pairs})
+        return found
 
     def _damping(self, effect: EffectName, setting: str) -> Decision:
         """Decide about a viscous force: it is zero at rest, so no static state has it."""

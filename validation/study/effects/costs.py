@@ -54,7 +54,7 @@ _PERIODS = 20.0
 def bare(scene: DeformableScene) -> DeformableScene:
     """Return the scene without any effect, to be run explicitly to its static state."""
     still = {"method": Method.EXPLICIT, "damping": Damping.STATIC, "frames": 0}
-    closed = {"clearance": 0.0, "spacing": 0.0}
+    closed = {"clearance": 0.0, "spacing": 0.0, "pairs": ()}
     return scene.changed({"fem": still, "contact": closed, "effects": EffectsSection()})
 
 
@@ -75,7 +75,12 @@ def effects_of(scene: DeformableScene, mass_damping: float) -> tuple[tuple[Any, 
     by_rate = RayleighSection(stiffness_proportional=beta)
     critical = "critical for the lowest excited mode; in place of adaptive damping"
     return (
-        ("friction", f"μ = {friction.coefficient:g}", {"effects.friction": friction}, ""),
+        (
+            "friction",
+            f"μ = {friction.coefficient:g}",
+            {"effects.friction": friction, "contact.pairs": scene.contact.pairs},
+            "",
+        ),
         (
             "Rayleigh mass",
             f"α = {mass_damping:.3g} /s",

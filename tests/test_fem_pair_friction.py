@@ -1,0 +1,264 @@
+"""Friction of pairs of blocks: each joint slides at its own limit, whichever solver is asked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fem import CoulombFriction, Material, Problem, concrete, write_deck
+from fem.assembly.symmetry import largest_cyclic_orbits
+from fem.contact.friction import FrictionError
+from fem.contact.law import LinearPenalty
+from fem.decks.keywords import DeckError
+from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.solve import solve as solve_explicit
+from fem.problem.effects import Effects
+from fem.static.solve import solve_static as solve_blocks
+from geometry import SineBlock, shaft, tube
+from geometry.assembly import Assembly
+from geometry.block import box_block
+from geometry.errors import RefusedError
+from geometry.loads import LoadCase, PressureLoad
+from geometry.pairs import PairError, pair_values
+from geometry.supports import HeldFace
+from mbd import contact_jacobian
+from mbd.force_range import force_ranges
+from mbd.friction import collapse_load, frictional_contacts
+from mbd.options import FrictionLaw
+from mbd.sliding_collapse import sliding_collapse
+from tests.test_fem_notebook import SHAPE
+from validation.build.deformable import scene_problem
+from validation.output.decks import import_deck
+from validation.run.rigid.answer import run_rigid
+from validation.scene.deformable import EffectName
+from validation.scene.read import load_scene
+from validation.study.effects.auto import without_effect
+
+STONE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.0)
+#: Two dice of 20 mm on a plate, and between them and the plate the coefficients and the pressure.
+EDGE, ROUGH, SMOOTH, PRESSURE = 20.0, 0.3, 0.1, 0.5
+FRICTION = CoulombFriction(0.2, of_pairs=((0, 1, ROUGH), (2, 0, SMOOTH)))
+
+
+def dice(gap: float = 30.0) -> Assembly:
+    plate = box_block((100.0, EDGE, 10.0), (10, 2, 1), name="plate", contact_faces=("z+",))
+    die = box_block((EDGE,) * 3, (2, 2, 2), name="die", contact_faces=("z-",))
+    places = [[0.0, 0.0, 0.0], [10.0, 0.0, 10.0], [30.0 + gap, 0.0, 10.0]]
+    return Assembly(
+        name="dice",
+        shapes=(plate, die),
+        shape_of=np.array([0, 1, 1]),
+        rotations=np.tile(np.eye(3), (3, 1, 1)),
+        translations=np.array(places),
+        layer=np.array([0, 1, 1]),
+        fixed=np.array([True, False, False]),
+        unmatched_allowed=True,
+    )
+
+
+def pushed(friction: CoulombFriction | float, *, sliding: bool = False) -> Problem:
+    """Dice under a pressure on the plate that is held, pushed along x by 0.05 mm."""
+    blocks, both = dice(), np.array([1, 2])
+    along = np.array([[1.0, 0.0, 0.0]])
+    held = tuple(HeldFace(b, "x-", along, np.array([0.05, 0.0, 0.0])) for b in (1, 2))
+    load = LoadCase(
+        blocks, "pressed", (PressureLoad(both, "z+", PRESSURE),), blocks.fixed.copy(), held=held
+    )
+    law = LinearPenalty(500.0)
+    return Problem(blocks, load, STONE, law=law, friction=friction, finite_sliding=sliding)
+
+
+@pytest.mark.parametrize("sliding", [False, True])
+def test_each_joint_of_a_static_state_slides_at_its_own_limit(sliding: bool) -> None:
+    """All points slide, whatever their pressure: the push is μ N, but for normals that turn with
+    the dice by less than 1e-4; dice that all have the middle coefficient need that."""
+    weight = PRESSURE * EDGE**2
+    for friction, expected in ((FRICTION, (ROUGH, SMOOTH)), (CoulombFriction(0.2), (0.2, 0.2))):
+        found = solve_blocks(pushed(friction, sliding=sliding).deformable)
+        (forces,) = found.support_forces
+        push = forces[:, :, 0].sum(axis=1)
+        assert push == pytest.approx(np.array(expected) * weight, rel=1e-4)
+
+
+@pytest.mark.parametrize("sliding", [False, True])
+def test_each_block_of_an_explicit_run_slides_at_its_own_limit(sliding: bool) -> None:
+    """Under gravity that leans by more than both limits, blocks of mass m move by ½ (a - μ g) t².
+
+    The joint rings with a period of 2π √(ρ h / k) = 6e-5 s about the weight, without opening: the
+    limit is μ m g in the mean of each of the 65 periods, and blocks tip a little at first.
+    """
+    lean, duration = 0.6, 4e-3
+    blocks = dice()
+    load = LoadCase(blocks, "none", (), blocks.fixed.copy())
+    problem = Problem(
+        blocks,
+        load,
+        STONE,
+        law=LinearPenalty(500.0),
+        friction=FRICTION,
+        finite_sliding=sliding,
+        gravity=(lean * 9810.0, 0.0, -9810.0),
+    )
+    stated = explicit_statement(
+        problem.deformable, effects=Effects(), ramp_time=0.0, end_time=duration
+    )
+    run = solve_explicit(stated.assembly.model, end_time=duration)
+    moved = run.displacements[0][:, :, 0].mean(axis=1)
+    expected = 0.5 * 9810.0 * (lean - np.array([ROUGH, SMOOTH])) * run.time**2
+    assert moved == pytest.approx(expected, rel=0.02)
+
+
+def test_a_sector_needs_the_same_friction_round_the_axis() -> None:
+    blocks = tube(SineBlock(**SHAPE), layers=2, mesh=(12, 1, 2))
+    m, s = blocks.interfaces.block_m, blocks.interfaces.block_s
+    lower = {(int(a), int(b)) for a, b in zip(m, s, strict=True) if blocks.layer[[a, b]].max() == 1}
+    for pairs, order in ((sorted(lower), 4), (sorted(lower)[:1], 1)):
+        rough = CoulombFriction(0.1, of_pairs=tuple((a, b, 0.5) for a, b in pairs))
+        stated = Problem(blocks, shaft(0.01), concrete, friction=rough).deformable
+        assert largest_cyclic_orbits(stated).order == order
+
+
+@pytest.mark.parametrize(
+    ("of_pairs", "error", "words"),
+    [
+        (((0, 7, 0.6),), PairError, "got blocks 0 and 7; expected two different ones of 0 to 2"),
+        (((1, 1, 0.6),), PairError, "got blocks 1 and 1"),
+        (((0, 1, 0.6), (1, 0, 0.3)), PairError, "blocks 1 and 0 are named twice"),
+        (((1, 2, 0.6),), PairError, "blocks 1 and 2 do not touch"),
+        (((0, 1, -0.6),), FrictionError, "got -0.6"),
+        (((0, 1, 30.0),), FrictionError, "got 30, expected up to 10"),
+    ],
+)
+def test_wrong_pairs_are_told_in_one_line(of_pairs, error: type, words: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(error, match=words):
+        _ = pushed(CoulombFriction(0.3, of_pairs=of_pairs)).deformable
+
+
+# ---------------------------------------------------------------------------------------------
+# Rigid blocks
+
+
+@pytest.mark.parametrize("law", list(FrictionLaw))
+@pytest.mark.parametrize("rough", [0.3, 0.0])
+def test_rigid_dice_are_pushed_by_their_own_friction(law: FrictionLaw, rough: float) -> None:
+    """A push grows on one die until it slides: at μ of its joint times its weight, exactly; μ = 0
+    leaves none. The ranges of the joints' shear-free forces stay those of the weight."""
+    blocks = dice()
+    contacts = contact_jacobian(blocks, blocks.fixed)
+    of_pairs = ((0, 1, rough), (0, 2, SMOOTH))
+    friction = pair_values(0.2, of_pairs, contacts.block_m, contacts.block_s)
+    frictional = frictional_contacts(blocks, contacts, friction, law)
+    dead, live = np.zeros((2, 12))
+    dead[[2, 8]] = -1.0
+    for die, mu in ((0, rough), (1, SMOOTH)):
+        live[:] = 0.0
+        live[6 * die] = 1.0
+        live[6 * die + 4] = -0.5 * EDGE / contacts.length  # at the height of the joint
+        found = collapse_load(frictional, dead, live)
+        assert found.factor == pytest.approx(mu, abs=1e-6)
+        slid = sliding_collapse(frictional, dead, live)
+        assert slid.factor == pytest.approx(mu, abs=1e-6)
+    ranges = force_ranges(contacts, dead, np.full(len(contacts.index), 0.1), frictional=frictional)
+    assert ranges.least == pytest.approx([1.0, 1.0], abs=1e-6)
+
+
+def test_one_friction_for_all_is_a_number() -> None:
+    """No array where all contacts have the same."""
+    blocks = dice()
+    contacts = contact_jacobian(blocks, blocks.fixed)
+    alike = frictional_contacts(blocks, contacts, np.full(len(contacts.index), 0.3))
+    assert alike.friction == 0.3
+    assert pair_values(0.3, (), contacts.block_m, contacts.block_s) == 0.3
+
+
+# ---------------------------------------------------------------------------------------------
+# Decks and scenes
+
+
+def test_decks_have_an_interaction_for_each_friction(tmp_path: Path) -> None:
+    """Read back, the same pairs; general contact has one friction and says so."""
+    problem = pushed(FRICTION)
+    problem = replace(problem, load=replace(problem.load_case, held=()))
+    write_deck(problem, tmp_path / "dice.inp")
+    read = import_deck(tmp_path / "dice.inp").joint
+    assert read is not None
+    assert set(read.of_pairs) == {(0, 1, ROUGH), (0, 2, SMOOTH)}
+    with pytest.raises(DeckError, match=r"contact.pairs: general contact has one friction"):
+        write_deck(problem, tmp_path / "general.inp", program="abaqus-explicit")
+
+
+SCENE = """
+[block]
+type = "boxes"
+boxes = [
+    {size = [100.0, 80.0, 50.0], divisions = [2, 2, 1]},
+    {size = [100.0, 80.0, 50.0], divisions = [2, 2, 1]},
+    {size = [100.0, 80.0, 50.0], divisions = [2, 2, 1]},
+]
+[load]
+pressure = 0.5
+[materials.steel]
+blocks = [2]
+[effects.friction]
+coefficient = 0.4
+[rigid]
+friction = 0.5
+[[contact.pairs]]
+between = [0, 1]
+friction = 0.2
+[[contact.pairs]]
+between = ["steel", "concrete"]
+friction = 0.1
+"""
+
+
+def test_a_scene_names_pairs_by_block_and_by_material(tmp_path: Path) -> None:
+    (tmp_path / "pairs.toml").write_text(SCENE, "utf-8")
+    file = load_scene(str(tmp_path / "pairs.toml"))
+    friction = scene_problem(file.scene, file.name).coulomb
+    assert friction is not None
+    assert (friction.coefficient, friction.of_pairs) == (0.4, ((0, 1, 0.2), (1, 2, 0.1)))
+    assert "others between pairs" in run_rigid(file).carried.words
+
+
+def test_friction_of_some_joints_needs_that_of_the_others(tmp_path: Path) -> None:
+    """Frictionless others would be a trap; what decides effects leaves out both."""
+    (tmp_path / "pairs.toml").write_text(SCENE, "utf-8")
+    scene = load_scene(str(tmp_path / "pairs.toml")).scene
+    bare = scene.changed({"effects.friction": None})
+    with pytest.raises(RefusedError, match=r"without that of the others; expected \[effects.fric"):
+        scene_problem(bare, "pairs")
+    assert scene_problem(without_effect(scene, EffectName.FRICTION), "pairs").coulomb is None
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("[{between=[0, 2], friction=0.1}]", "block 0 and block 2 do not touch"),
+        ("[{between=[0, 5], friction=0.1}]", "got block 5, but there are 3 blocks"),
+        ("[{between=[0, 'oak'], friction=0.1}]", "got 'oak'; expected .* 'concrete', 'steel'"),
+        ("[{between=['steel', 'steel'], friction=0.1}]", "'steel' and 'steel' do not touch"),
+        (
+            "[{between=[0, 1], friction=0.1}, {between=[1, 0], friction=0.3}]",
+            "joint of blocks 0 and 1 is named twice",
+        ),
+        ("[{between=[0, 1], friction=30.0}]", "an angle in degrees"),
+        ("[{between=[0, 1], friction=-0.1}]", "greater than or equal to 0"),
+        ("[{between=[0, 1], law='linear'}]", "friction is missing|unknown key"),
+    ],
+)
+def test_wrong_pairs_of_a_scene_are_told_in_one_line(
+    setting: str, words: str, tmp_path: Path
+) -> None:
+    (tmp_path / "pairs.toml").write_text(SCENE, "utf-8")
+
+    def stated() -> Problem:
+        file = load_scene(str(tmp_path / "pairs.toml"), [f"contact.pairs={setting}"])
+        return scene_problem(file.scene, file.name)
+
+    with pytest.raises(RefusedError, match=words) as refused:
+        stated()
+    assert "\n" not in str(refused.value)

@@ -1,0 +1,93 @@
+"""Friction of some joints of a scene: ``[[contact.pairs]]``, blocks by number, name or material."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from geometry.assembly import AnyBlocks
+from geometry.mesh import BoolArray
+from geometry.pairs import OfPairs, PairError
+from validation.build.chosen import numbers_of
+from validation.build.materials import material_names
+from validation.scene.deformable import ContactPairSection, ContactSection
+from validation.scene.read import DeformableScene
+from validation.scene.usage import count, uncounted
+
+_KEY = "contact.pairs.between"
+
+
+def stated_pairs(scene: DeformableScene) -> tuple[ContactPairSection, ...]:
+    """Pairs of a scene, which count as read where there are any."""
+    with uncounted((ContactSection, "pairs")):
+        pairs = scene.contact.pairs
+    if pairs:
+        count(scene.contact, "pairs")
+    return pairs
+
+
+def friction_of_pairs(
+    scene: DeformableScene, assembly: AnyBlocks, *, anywhere: bool = False
+) -> OfPairs:
+    """Blocks of the joints that a scene names, and their coefficients.
+
+    ``anywhere``: any two blocks may come to touch; else those that touch are meant. Blocks that are
+    named go before materials.
+
+    Raises
+    ------
+    PairError
+        Blocks or materials that do not touch, and pairs named twice with different friction.
+    AssemblyError
+        Blocks that do not exist.
+    """
+    pairs = stated_pairs(scene)
+    if not pairs:
+        return ()
+    if anywhere:
+        joints = np.column_stack(np.triu_indices(assembly.n_blocks, 1))
+    else:
+        found = assembly.interfaces
+        ends = np.sort(np.column_stack([found.block_m, found.block_s]), axis=1)
+        joints = np.unique(ends, axis=0)
+    materials = np.array(material_names(scene, assembly))
+    result: dict[tuple[int, int], tuple[float, int]] = {}
+    for pair in pairs:
+        one, other = (_blocks(end, materials, assembly) for end in pair.between)
+        m, s = joints.T
+        here = (one[m] & other[s]) | (one[s] & other[m])
+        if not here.any():
+            raise PairError(
+                f"{_KEY}: {_words(pair.between[0])} and {_words(pair.between[1])} do not touch; "
+                "expected two that do"
+            )
+        exact = sum(isinstance(end, int) or end not in materials for end in pair.between)
+        for a, b in joints[here].tolist():
+            known = result.get((a, b))
+            if known is not None and known[1] == exact:
+                raise PairError(
+                    f"{_KEY}: the joint of blocks {a} and {b} is named twice; expected once"
+                )
+            if known is None or known[1] < exact:
+                result[a, b] = pair.friction, exact
+    return tuple((a, b, value) for (a, b), (value, _) in sorted(result.items()))
+
+
+def _blocks(end: int | str, materials: NDArray[np.str_], assembly: AnyBlocks) -> BoolArray:
+    """Whether each block is meant, (n_blocks,)."""
+    if isinstance(end, str) and end in materials:
+        return np.asarray(materials == end)
+    meant = np.zeros(assembly.n_blocks, dtype=np.bool_)
+    if isinstance(end, str) and end not in assembly.names:
+        known = ", ".join(
+            repr(name) for name in dict.fromkeys([*materials.tolist(), *assembly.names]) if name
+        )
+        raise PairError(
+            f"{_KEY}: got {end!r}; expected the number of a block, or a name of {known}"
+        )
+    meant[numbers_of(_KEY, end, assembly.names or ("",) * assembly.n_blocks)] = True
+    return meant
+
+
+def _words(end: int | str) -> str:
+    return f"block {end}" if isinstance(end, int) else repr(end)
