@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,23 +10,6 @@ from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Relative differences of pressures below this are round-off of the solvers (residual 1e-8).
 _UNIFORM = 1e-6
-
-
-@dataclass(frozen=True)
-class PressureAgreement:
-    """How alike two pressure fields are on one set of facets."""
-
-    faces: str
-    """``all``, in a tube also ``top`` and ``bottom`` (of the middle layer)."""
-    correlation: float
-    """Area-weighted Pearson correlation of the pressures; two uniform fields: 1, one: 0."""
-    overlap: float
-    """Shared area of the effective contact regions over their union."""
-    peaks_found: float
-    """Mean over blocks of the reference's largest pressure within two facets of the other's peak,
-    over its largest of all: one where the peaks coincide, several equal peaks counting as one."""
-    force_ratio: float
-    """Total contact force of the other over that of the reference."""
 
 
 def effective_region(pressure: FloatArray) -> BoolArray:
@@ -61,11 +44,21 @@ def agreement(
     centroids: FloatArray,
     areas: FloatArray,
     block: IntArray,
-) -> PressureAgreement:
+) -> dict[str, Any]:
     """Compare two pressure fields, (n,) [MPa], on the same facets.
 
     Their centroids are (n, 3) [mm], their areas (n,) [mm²]; ``block`` is the block whose peak is
-    looked for on each, (n,).
+    looked for on each, (n,). ``faces`` are ``all``, in a tube also ``top`` and ``bottom`` of the
+    middle layer.
+
+    Returns
+    -------
+    dict[str, Any]
+        ``correlation``: area-weighted Pearson correlation of the pressures; two uniform fields: 1,
+        one: 0. ``overlap``: shared area of the effective contact regions over their union.
+        ``peaks_found``: mean over blocks of the reference's largest pressure within two facets of
+        the other's peak, over its largest of all: one where the peaks coincide, several equal peaks
+        counting as one. ``force_ratio``: total contact force of the other over the reference's.
     """
     union = shared = 0.0
     hits = []
@@ -80,10 +73,10 @@ def agreement(
             near = away <= 2 * np.sqrt(areas[mine].max())
             hits.append(float(reference[mine][near].max()) / highest)
     total = float(areas @ reference)
-    return PressureAgreement(
-        faces=faces,
-        correlation=_correlation(reference, other, areas),
-        overlap=shared / union if union > 0 else 1.0,
-        peaks_found=float(np.mean(hits)) if hits else 1.0,
-        force_ratio=float(areas @ other) / total if total > 0 else 1.0,
-    )
+    return {
+        "faces": faces,
+        "correlation": _correlation(reference, other, areas),
+        "overlap": shared / union if union > 0 else 1.0,
+        "peaks_found": float(np.mean(hits)) if hits else 1.0,
+        "force_ratio": float(areas @ other) / total if total > 0 else 1.0,
+    }

@@ -8,7 +8,7 @@ whole tube; p_eff, p_max; force resultants per interface; time of each.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -18,8 +18,8 @@ from geometry.answer import TITLES, Answer, Array
 from geometry.measures import facets_between
 from geometry.mesh import FloatArray, IntArray
 from validation.errors import InputError
-from validation.study.comparison.agreement import PressureAgreement, agreement
-from validation.study.comparison.decomposition import Step, decompose, is_refined
+from validation.study.comparison.agreement import agreement
+from validation.study.comparison.decomposition import decompose, is_refined
 
 #: What each answer is.
 _WORDS = {
@@ -126,7 +126,7 @@ class ComparedAnswers:
         return found
 
     @cached_property
-    def agreement(self) -> dict[str, tuple[PressureAgreement, ...]]:
+    def agreement(self) -> dict[str, tuple[dict[str, Any], ...]]:
         """Of the pressures of each other answer with those of the reference, by faces."""
         found = self.contacts
         m, s = found["blocks"].T
@@ -169,7 +169,7 @@ class ComparedAnswers:
         return float(np.sqrt(np.mean((ours - static) ** 2))) / scale if scale > 0 else 0.0
 
     @cached_property
-    def steps(self) -> tuple[Step, ...]:
+    def steps(self) -> tuple[dict[str, Any], ...]:
         """From rigid blocks to the static answer, one assumption at a time; solved when read.
 
         Nothing without a rigid and a static answer, or where the problem was left behind.
@@ -236,7 +236,7 @@ class ComparedAnswers:
         whole = self.agreement[name][0]
         return (
             f"{name} against {self.names[self.reference]}: correlation of the pressures "
-            f"{whole.correlation:.3f}, contact force {100 * (whole.force_ratio - 1):+.1f} %"
+            f"{whole['correlation']:.3f}, contact force {100 * (whole['force_ratio'] - 1):+.1f} %"
         )
 
     @property
@@ -255,7 +255,7 @@ class ComparedAnswers:
     def _of_rigid(self) -> list[str]:
         assert self.rigid is not None
         name, lines, before = self.names[self.rigid], [], self.answers[self.rigid].report["contact"]
-        for step in map(asdict, self.steps):
+        for step in self.steps:
             changes = [
                 f"{key} {before[key]:.3g} → {step[key]:.3g} MPa "
                 f"({100 * (step[key] / before[key] - 1):+.0f} %)"
@@ -271,7 +271,7 @@ class ComparedAnswers:
             differ = "the tube is statically indeterminate, so resultants differ too"
         lines.append(
             f"{differ}: force per interface by {100 * self.interface_force_error(name):.0f} % "
-            f"(rms), total contact force by {100 * (whole.force_ratio - 1):+.0f} %"
+            f"(rms), total contact force by {100 * (whole['force_ratio'] - 1):+.0f} %"
         )
         peaks = [float(self.pressures[k].max(initial=0.0)) for k in (self.reference, self.rigid)]
         if peaks[0] > _PEAK * peaks[1]:
@@ -297,10 +297,10 @@ class ComparedAnswers:
             "answers": answers,
             "reference": self.names[self.reference],
             "n_contacts": len(self.places[0]),
-            "agreement": {n: [asdict(a) for a in found] for n, found in self.agreement.items()},
+            "agreement": {n: list(found) for n, found in self.agreement.items()},
             "interface_force_error": {n: self.interface_force_error(n) for n in self.agreement},
             "explicit_errors": self.explicit_errors,
-            "steps": [asdict(step) for step in self.steps],
+            "steps": list(self.steps),
             "explanations": self.explanations,
             "conclusion": self.conclusion,
         }

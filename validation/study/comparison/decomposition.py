@@ -8,7 +8,7 @@ elements are right; each later row shows what its own step does.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,27 +33,16 @@ _STIFF_RUNG = LADDER.rungs[1]
 _ELASTICITY = "with the scene's elasticity"
 
 
-@dataclass(frozen=True)
-class Step:
-    """One assumption and what it leads to."""
-
-    words: str
-    """What was changed."""
-    p_eff: float
-    """[MPa]"""
-    p_max: float
-    """Mean of the block maxima [MPa]."""
-    effective_count_percent: float
-    """[%]"""
-
-
 def is_refined(answer: Answer) -> bool:
     """Whether a static answer was solved on finer and finer meshes."""
     return "accuracy" in answer.report
 
 
-def decompose(static: Answer) -> list[Step]:
+def decompose(static: Answer) -> list[dict[str, Any]]:
     """Steps from rigid blocks to a static answer, over the facets of the mesh of its problem.
+
+    Of each in words what was changed, p_eff and p_max, the mean of the block maxima [MPa], and the
+    effective elements [%].
 
     Where the answer was refined, stiff blocks are solved with few elements of high degree. Steps
     that find no solution are left out (a clearance without elasticity may leave blocks that nothing
@@ -96,5 +85,5 @@ def _solved(task: Problem, store: FlexibilityStore, *, refined: bool) -> Mapping
     return vars(contact_on(found, (task.blocks, pressures)))
 
 
-def _step(words: str, found: Mapping[str, Any]) -> Step:
-    return Step(words, found["p_eff"], found["p_max"], found["effective_count_percent"])
+def _step(words: str, found: Mapping[str, Any]) -> dict[str, Any]:
+    return {"words": words} | {n: found[n] for n in ("p_eff", "p_max", "effective_count_percent")}

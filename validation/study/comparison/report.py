@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console, RenderableType
@@ -13,7 +14,7 @@ from rich.console import Console, RenderableType
 from geometry.answer import Answer, Measure
 from geometry.mesh import FloatArray, IntArray
 from validation.errors import InputError
-from validation.output.console import listing, plain_console, tabled
+from validation.output.console import plain_console, tabled
 from validation.output.pictures.assemblies import ring_panel, unrolled_panel
 from validation.output.pictures.bodies import PressedFacets, above_and_below, eye
 from validation.output.pictures.canvas import Part
@@ -98,19 +99,18 @@ def _parts(found: ComparedAnswers) -> Iterator[RenderableType]:
         yield f"• {name}: {words}"
     yield _COLUMNS
     title = f"Contact pressures relative to the {found.names[found.reference]} analysis"
-    numbers = ("correlation", "overlap of effective areas", "peaks located", "force")
-    table = listing(title, "answer", "faces", numbers=numbers)
-    for method, rows in found.agreement.items():
-        for row in rows:
-            table.add_row(
-                method,
-                _faces_words(found, row.faces),
-                f"{row.correlation:.3f}",
-                f"{100 * row.overlap:.0f} %",
-                f"{100 * row.peaks_found:.0f} %",
-                f"{100 * (row.force_ratio - 1):+.1f} %",
-            )
-    yield table
+    rows = [
+        {"answer": name, **row} for name, found_on in found.agreement.items() for row in found_on
+    ]
+    agreements: dict[str, str | Callable[[dict[str, Any]], str]] = {
+        "answer": "{answer}",
+        "faces": lambda row: _faces_words(found, row["faces"]),
+        "correlation": "{correlation:.3f}",
+        "overlap of effective areas": lambda row: f"{100 * row['overlap']:.0f} %",
+        "peaks located": lambda row: f"{100 * row['peaks_found']:.0f} %",
+        "force": lambda row: f"{100 * (row['force_ratio'] - 1):+.1f} %",
+    }
+    yield tabled(title, rows, agreements, words=2)
     yield _AGREEMENT
     if found.explanations:
         yield "Influence of each modelling assumption, from rigid to deformable blocks:"
@@ -208,7 +208,7 @@ def _tube_columns(found: ComparedAnswers, others: Sequence[int]) -> list[list[Pa
         column = [replace(flat, scale=scale)]
         for other in others:
             change, colours = _difference(found, other, others, shown)
-            agreed = found.agreement[found.names[other]][1 + number].correlation
+            agreed = found.agreement[found.names[other]][1 + number]["correlation"]
             words = f"{side} faces: {found.names[other]} − {name}, r = {agreed:.3f}"
             pressed = _pressed(found, shown, change)
             panel = unrolled_panel(pressed, lower, side, colours, title=words)
