@@ -38,12 +38,21 @@ from fem.decks.statement import (
     DeckLoad,
     DeckStep,
     Flavour,
+    Hold,
     NodalForceLoad,
     Procedure,
     block_label,
     check_deck,
     element_name,
     named_face,
+)
+from fem.decks.supports import (
+    held_lines,
+    moved_lines,
+    node_entries,
+    path_lines,
+    region_sets,
+    spring_lines,
 )
 from fem.element.hexahedron import ElementType
 from geometry.block import Block
@@ -161,7 +170,7 @@ def _part(deck: Deck, number: int, shape: Block, patches: Patches | None) -> Ite
             yield from surface_lines(patch.label, faces[patch.face].select(patch.positions))
     for name in _held_faces(deck, number):
         yield keyword("Nset", nset=f"{label(name)}-NODES")
-        yield from entry_lines(np.unique(mesh.facet_nodes(shape.faces[name])) + 1)
+        yield from node_entries(np.unique(mesh.facet_nodes(shape.faces[name])))
     yield from _section(deck, number)
     yield keyword("End Part")
 
@@ -212,6 +221,12 @@ def _assembly(deck: Deck) -> Iterator[str]:
     if assembly.fixed.any():
         yield keyword("Elset", elset="FRAME")
         yield from _members(deck, np.flatnonzero(assembly.fixed))
+    for name, hold in region_sets(deck).items():
+        yield keyword("Nset", nset=name, instance=block_label(deck, hold.block))
+        yield from node_entries(hold.nodes or ())
+    yield from spring_lines(
+        deck.springs, 1, lambda block, node: f"{block_label(deck, block)}.{node + 1}"
+    )
     if any(isinstance(load, CircumferentialLoad) for load in deck.loads):
         yield keyword("Orientation", name=CYLINDRICAL, system="CYLINDRICAL")
         yield reals([*assembly.origin, *(assembly.origin + assembly.axis)])
@@ -240,6 +255,7 @@ def model_lines(deck: Deck) -> Iterator[str]:
     if deck.step.ramp_time > 0.0:
         yield keyword("Amplitude", name=LOADING, definition="SMOOTH STEP")
         yield reals([0.0, 0.0, deck.step.ramp_time, 1.0])
+    yield from path_lines(deck)
     if deck.motion is not None:
         yield from _initial_motion(deck)
 
@@ -323,14 +339,15 @@ def _initial_motion(deck: Deck) -> Iterator[str]:
 
 
 def boundary_lines(deck: Deck) -> Iterator[str]:
-    """Supports."""
-    if not deck.holds:
-        return
-    yield keyword("Boundary")
-    for hold in deck.holds:
-        nodes = ALL if hold.face is None else f"{label(hold.face)}-NODES"
-        first, last = hold.components[0] + 1, hold.components[-1] + 1
-        yield f"{block_label(deck, hold.block)}.{nodes}, {first}, {last}"
+    """Supports that stay."""
+    yield from held_lines(deck, lambda hold: _held_set(deck, hold))
+
+
+def _held_set(deck: Deck, hold: Hold) -> str:
+    if hold.nodes is not None:
+        return hold.region
+    nodes = ALL if hold.face is None else f"{label(hold.face)}-NODES"
+    return f"{block_label(deck, hold.block)}.{nodes}"
 
 
 ENERGIES = ("ALLAE", "ALLFD", "ALLIE", "ALLKE", "ALLSE", "ALLVD", "ALLWK", "ETOTAL")
@@ -350,6 +367,7 @@ def step_lines(deck: Deck, patches: Patches | None) -> Iterator[str]:
         yield from _explicit(deck)
     if patches is not None and not static:
         yield from _contact_pairs(deck, patches)
+    yield from moved_lines(deck, lambda hold: _held_set(deck, hold))
     for load in deck.loads:
         yield from _load(deck, load)
     if deck.effects.gravity is not None:

@@ -49,6 +49,7 @@ from fem.decks.statement import (
     element_name,
     named_face,
 )
+from fem.decks.supports import held_lines, moved_lines, node_entries, path_lines, spring_lines
 from fem.element.hexahedron import ELEMENTS, ElementType
 from fem.problem.loads import SmoothStepAmplitude
 from geometry.loads import PressureLoad
@@ -158,16 +159,17 @@ def _model_data(deck: Deck, starts: Starts) -> Iterator[str]:
     if deck.step.ramp_time > 0.0:
         yield keyword("Amplitude", name=LOADING)
         yield from _sampled_amplitude(deck.step.ramp_time)
+    yield from path_lines(deck)
+    yield from spring_lines(
+        deck.springs, starts.element[-1] + 1, lambda block, k: f"{starts.node[block] + k + 1}"
+    )
     if deck.motion is not None:
         yield keyword("Initial Conditions", type="VELOCITY")
         for block in range(deck.assembly.n_blocks):
             nodes = block_nodes(deck, block)
             spin = np.cross(deck.motion.angular_velocity, nodes - nodes.mean(axis=0))
             yield from _nodal_lines(deck.motion.velocity + spin, starts.node[block])
-    if deck.holds:
-        yield keyword("Boundary")
-        for hold in deck.holds:
-            yield f"{held_name(deck, hold)}, {hold.components[0] + 1}, {hold.components[-1] + 1}"
+    yield from held_lines(deck, lambda hold: held_name(deck, hold))
 
 
 def _sampled_amplitude(duration: float) -> Iterator[str]:
@@ -202,6 +204,7 @@ def _step(deck: Deck, starts: Starts) -> Iterator[str]:
         # Without the last two numbers CalculiX takes steps of zero and never ends.
         yield "*Dynamic, direct, explicit, alpha=0.0"
         yield reals([step.time_step, step.end_time, step.time_step, step.time_step])
+    yield from moved_lines(deck, lambda hold: held_name(deck, hold))
     for load in deck.loads:
         yield from _load(deck, load, starts)
     if deck.effects.gravity is not None:
@@ -293,6 +296,8 @@ def _block_set(deck: Deck, name: str, chosen: BoolArray, starts: Starts) -> Iter
 def held_name(deck: Deck, hold: Hold) -> str:
     """Name of the set of nodes that a support holds."""
     nodes = "ALL" if hold.face is None else f"{label(hold.face)}-NODES"
+    if hold.nodes is not None:
+        nodes = hold.region
     return f"{block_label(deck, hold.block)}_{nodes}"
 
 
@@ -300,7 +305,10 @@ def held_set_lines(deck: Deck, starts: Starts) -> Iterator[str]:
     """Sets of held nodes."""
     for name, hold in {held_name(deck, hold): hold for hold in deck.holds}.items():
         first, end = starts.node[hold.block], starts.node[hold.block + 1]
-        if hold.face is None:
+        if hold.nodes is not None:
+            yield keyword("Nset", nset=name)
+            yield from node_entries(np.array(hold.nodes) + first)
+        elif hold.face is None:
             yield keyword("Nset", nset=name, generate=None)
             yield f"{first + 1}, {end}, 1"
         else:

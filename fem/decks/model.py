@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from fem.assembly.deformable import (
+    ALL_THE_WAY,
     Contact,
     DeformableAssembly,
     DeformableAssemblyError,
@@ -15,6 +16,7 @@ from fem.assembly.deformable import (
 )
 from fem.contact.friction import CoulombFriction
 from fem.contact.surfaces import ContactNormals
+from fem.decks.keywords import DeckError
 from fem.decks.statement import (
     BodyForceLoad,
     Deck,
@@ -25,7 +27,12 @@ from fem.decks.statement import (
     named_face,
 )
 from fem.element.hexahedron import block_lumped_mass
-from fem.problem.loads import SmoothStepAmplitude, pressure_forces, traction_forces
+from fem.problem.loads import (
+    SmoothStepAmplitude,
+    TabularAmplitude,
+    pressure_forces,
+    traction_forces,
+)
 from fem.problem.model import Model, NodalLoad, Support, fixed_nodes, nodal_load
 from geometry.loads import CircumferentialLoad, PressureLoad
 from geometry.mesh import FloatArray, IntArray
@@ -80,6 +87,8 @@ def deck_model(deck: Deck) -> tuple[Model, IntArray, IntArray]:
     tuple[Model, IntArray, IntArray]
         The model; group and copy of each block, -1 for held ones, (n_blocks,).
     """
+    if deck.springs:
+        raise DeckError("deck: got springs to the ground, which are written and not read")
     assembly = deck.assembly
     moving = np.ones(assembly.n_blocks, dtype=np.bool_)
     moving[deck.held_blocks] = False
@@ -105,8 +114,21 @@ def _supports(deck: Deck, group_of: IntArray, copy_of: IntArray) -> tuple[Suppor
         shape = deck.assembly.shape(hold.block)
         every = np.arange(shape.mesh.n_nodes)
         nodes = every if hold.face is None else np.unique(shape.faces[hold.face])
+        if hold.nodes is not None:
+            nodes = np.array(hold.nodes)
         copies = [int(copy_of[hold.block])]
-        supports.append(fixed_nodes(group, nodes, copies=copies, components=hold.components))
+        moved = np.full(3, hold.displacement) if hold.displacement else None
+        share = TabularAmplitude(*zip(*hold.path, strict=True)) if hold.path else ALL_THE_WAY
+        supports.append(
+            fixed_nodes(
+                group,
+                nodes,
+                copies=copies,
+                components=hold.components,
+                displacement=moved,
+                amplitude=None if moved is None else share,
+            )
+        )
     return tuple(supports)
 
 

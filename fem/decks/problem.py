@@ -26,8 +26,8 @@ from fem.decks.statement import (
     Joint,
     Procedure,
     loads_of_case,
-    named_face,
 )
+from fem.decks.supports import holds_on, springs_on_ground
 from fem.decks.write import write_deck as write_statement
 from fem.element.lagrange_mesh import serendipity_block
 from fem.element.material import Material
@@ -36,7 +36,6 @@ from fem.problem.time_step import characteristic_time_step
 from geometry.assembly import Assembly
 from geometry.files.whole import write_whole
 from geometry.loads import CircumferentialLoad
-from geometry.supports import HeldFace
 
 #: Explicit run to a static state where nobody names times [s]: with the paper's damping of 2 /s,
 #: amplitudes have fallen to e⁻⁶ = 0.25 % six seconds after the ramp.
@@ -113,7 +112,7 @@ def problem_deck(problem: Problem, flavour: Flavour) -> Deck:
         step = DeckStep(Procedure.EXPLICIT, QUASI_STATIC_END, QUASI_STATIC_RAMP, safety_factor=0.9)
         effects = Effects(rayleigh=PAPER_RAYLEIGH, bulk_viscosity=BulkViscosity())
     deck = deck_of(stated, flavour, step, effects, meets=problem.deformable.meets)
-    notes = contact_notes(deck, static=static)
+    notes = contact_notes(deck, static=static) + support_notes(deck)
     if not static:
         notes.append("step: damped explicit dynamics approaches the static state")
     deck, more = around_as_forces(deck)
@@ -139,6 +138,7 @@ def deck_of(
         element=problem.element,
         step=step,
         holds=holds_of(problem),
+        springs=springs_on_ground(problem.blocks, problem.load_case.held, flavour),
         loads=loads_of_case(problem.load_case),
         joint=joint_of(problem) if meets else None,
         effects=replace(effects, gravity=problem.acceleration),
@@ -179,30 +179,19 @@ def holds_of(problem: Problem) -> tuple[Hold, ...]:
     """Held blocks: all nodes, or the outer faces of frame blocks that deform; and held faces."""
     blocks, load = problem.blocks, problem.load_case
     if problem.frames is Frames.DEFORMABLE:
-        return tuple(map(_hold, held_faces(blocks, load)))
+        return holds_on(blocks, held_faces(blocks, load))
     whole = [Hold(block) for block in np.flatnonzero(load.fixed).tolist()]
-    return (*whole, *map(_hold, load.held))
+    return (*whole, *holds_on(blocks, load.held))
 
 
-def _hold(held: HeldFace) -> Hold:
-    """Support of a deck.
-
-    Raises
-    ------
-    DeckError
-        What decks do not have.
-    """
-    for what, there in (
-        ("springs", held.spring is not None),
-        ("a motion", held.moves),
-        ("single directions", held.directions is not None),
-    ):
-        if there:
-            raise DeckError(
-                f"support {held.title}: got {what}, which decks do not have yet; expected a face "
-                "that is held in all directions"
-            )
-    return Hold(held.block, named_face(held.face))
+def support_notes(deck: Deck) -> list[str]:
+    """Where supports and loads of the deck differ from those stated."""
+    notes = []
+    if deck.springs:
+        notes.append("supports: beds of springs are springs at nodes, the integral of k N dA each")
+    if any(hold.displacement for hold in deck.holds) and deck.loads:
+        notes.append("supports: those that move do so while the loads grow; tubelock loads first")
+    return notes
 
 
 def joint_of(problem: Problem) -> Joint:
@@ -275,7 +264,11 @@ def around_as_forces(deck: Deck) -> tuple[Deck, list[str]]:
     if deck.flavour is not Flavour.PAIRS or not around:
         return deck, []
     note = "loads: the traction around the axis as nodal forces, which converters take"
-    return replace(deck, loads=(as_nodal_forces(deck, around[0]),)), [note]
+    loads = [
+        as_nodal_forces(deck, load) if any(load is other for other in around) else load
+        for load in deck.loads
+    ]
+    return replace(deck, loads=tuple(loads)), [note]
 
 
 #: Increments above which Abaqus recommends to keep all numbers in double precision.

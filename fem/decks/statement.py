@@ -8,13 +8,14 @@ reads it back, `fem.decks.model` makes a model for the solvers of this package o
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import TypeAlias
+from typing import TypeAlias, cast
 
 import numpy as np
 
+from fem.assembly.deformable import block_load_forces
 from fem.assembly.statement import Motion
 from fem.contact.law import ContactLaw
 from fem.decks.keywords import DeckError
@@ -23,7 +24,7 @@ from fem.element.lagrange_mesh import SerendipityMesh
 from fem.element.material import Material, each_material
 from fem.problem.effects import Effects
 from geometry.assembly import Assembly, spacing_offsets
-from geometry.loads import FaceLoad, LoadCase
+from geometry.loads import FaceLoad, LoadCase, PressureLoad
 from geometry.mesh import FloatArray, IntArray
 from geometry.pairs import OfPairs
 from geometry.regions import Where
@@ -97,6 +98,28 @@ class Hold:
     """Face whose nodes are held; None: all nodes."""
     components: tuple[int, ...] = (0, 1, 2)
     """Held world components, consecutive."""
+    nodes: tuple[int, ...] | None = None
+    """Nodes in the block's mesh, where a region without a name is held; None: those of the face."""
+    region: str = ""
+    """Name of their set."""
+    displacement: float = 0.0
+    """By which they move, one component alone [mm]; 0: they stay."""
+    path: tuple[tuple[float, float], ...] = ()
+    """Times [s] and shares of it; (): with the loads."""
+
+
+@dataclass(frozen=True)
+class GroundSpring:
+    """Spring between a node and the ground along one world component."""
+
+    block: int
+    """Its block."""
+    node: int
+    """Node in the block's mesh."""
+    component: int
+    """World component."""
+    stiffness: float
+    """[N/mm]"""
 
 
 @dataclass(frozen=True)
@@ -172,6 +195,8 @@ class Deck:
     """Supports."""
     loads: tuple[DeckLoad, ...] = ()
     """Loads, all with the amplitude of the step."""
+    springs: tuple[GroundSpring, ...] = ()
+    """Between nodes and the ground."""
     joint: Joint | None = None
     """Contact; None where blocks do not meet."""
     effects: Effects = field(default_factory=Effects)
@@ -208,7 +233,11 @@ class Deck:
     @property
     def held_blocks(self) -> IntArray:
         """Blocks of which every node is held in all directions, (n,)."""
-        held = {h.block for h in self.holds if h.face is None and h.components == (0, 1, 2)}
+        held = {
+            h.block
+            for h in self.holds
+            if h.face is None and h.nodes is None and h.components == (0, 1, 2)
+        }
         return np.array(sorted(held), dtype=np.int64)
 
 
@@ -225,14 +254,32 @@ def loads_of_case(case: LoadCase) -> tuple[DeckLoad, ...]:
             f"load {case.name!r}: got forces and moments on whole blocks; expected loads on faces "
             "(a deck has gravity and body forces, no moment on a solid block)"
         )
-    if case.lines:
+    if case.without_couple:
+        return (_surface_node_forces(case),)
+    named = tuple(load for load in case.faces if isinstance(load.face, str))
+    regions = tuple(load for load in case.faces if not isinstance(load.face, str))
+    if any(isinstance(load, PressureLoad) and load.follows_block for load in regions):
         raise DeckError(
-            f"load {case.name!r}: got forces along edges, which decks do not have; expected loads "
-            "on faces"
+            f"load {case.name!r}: got a pressure that turns with its block on a region without a "
+            "name; expected a named face, or a dead load"
         )
-    for load in case.faces:
-        named_face(load.face)
-    return (_surface_node_forces(case),) if case.without_couple else case.faces
+    if not (regions or case.lines):
+        return named
+    return (*named, _consistent_forces(replace(case, faces=regions)))
+
+
+def _consistent_forces(case: LoadCase) -> NodalForceLoad:
+    """Loads as consistent forces on nodes."""
+    assembly = cast("Assembly", case.assembly)
+    blocks, nodes, forces = [], [], []
+    for block in np.unique(case.block).tolist():
+        local = block_load_forces(assembly, case, block)
+        assert local is not None
+        where = np.flatnonzero(local.any(axis=1))
+        blocks.append(np.full(len(where), block))
+        nodes.append(where)
+        forces.append(local[where] @ assembly.rotations[block].T)
+    return NodalForceLoad(np.concatenate(blocks), np.concatenate(nodes), np.concatenate(forces))
 
 
 def _surface_node_forces(case: LoadCase) -> NodalForceLoad:
