@@ -188,7 +188,10 @@ def support_notes(deck: Deck) -> list[str]:
     """Where supports and loads of the deck differ from those stated."""
     notes = []
     if deck.springs:
-        notes.append("supports: beds of springs are springs at nodes, the integral of k N dA each")
+        notes.append(
+            "supports: beds of springs are springs at nodes, the integral of k N dA each; over n "
+            "facets they resist turning by 1 + 2/n^2 times as much as the bed"
+        )
     if any(hold.displacement for hold in deck.holds) and deck.loads:
         notes.append("supports: those that move do so while the loads grow; tubelock loads first")
     return notes
