@@ -239,3 +239,37 @@ def test_a_box_between_two_rigid_ones_hangs_by_friction() -> None:
     across = section(answer, [0, 0, 70], [1, 0, 0], blocks=[1])
     assert across.areas[0] == pytest.approx(80.0 * 60.0, rel=1e-9)
     assert abs(across.normal_force[0]) < 0.2 * squeeze
+
+
+def test_springs_to_the_ground_are_reactions(tmp_path, tubelock) -> None:  # noqa: F811
+    """A bar on springs at one end, pulled at the other: a plane through the elements on springs
+    carries the pull and no part of what the springs do."""
+    text = """
+    [block]
+    type = "box"
+    size = [400, 40, 60]
+    [mesh]
+    divisions = [8, 2, 2]
+    [material]
+    density = 2.4e-9
+    young_modulus = 33000
+    poisson_ratio = 0.2
+    [load]
+    "x+" = { traction = [0.3, 0, 0] }
+    [fem]
+    method = "static"
+    degree = 1
+    [[supports]]
+    face = "x-"
+    spring = 50.0
+    [[sections]]
+    point = [5, 0, 0]
+    normal = [1, 0, 0]
+    """
+    (tmp_path / "bar.toml").write_text(text, "utf-8")
+    data = tmp_path / "bar.json"
+    status, _, said = tubelock("fem", str(tmp_path / "bar.toml"), "--json", str(data))
+    assert status == 0, said
+    row = json.loads(data.read_text("utf-8"))["sections"][0]
+    assert row["normal_force"] == pytest.approx(0.3 * 2400.0, rel=1e-7)
+    assert np.abs(row["bending_moments"]).max() < 1e-7 * 0.3 * 2400.0 * 400.0

@@ -18,7 +18,7 @@ where the nodes of such a set that are held or rigid, on which reactions act too
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -93,11 +93,14 @@ class SolvedState:
         return int(self.deformable.group_of[block]), int(self.deformable.copy_of[block])
 
     def element_forces(self, block: int, some: IntArray) -> FloatArray:
-        """K u of some elements of a block, world axes, (m, nodes of an element, 3) [N]."""
+        """K u of some elements of a block, world axes, (m, nodes of an element, 3) [N].
+
+        Springs to the ground are no part of the block.
+        """
         group, copy = self._of(block)
         (local, frames), model = self.local[group], self.deformable.model.groups[group]
         moved = local[copy][model.mesh.connectivity[some]]
-        stiffness = model.reference.of_elements(some)
+        stiffness = replace(model.reference, springs=None).of_elements(some)
         found = np.einsum("eij,ej->ei", stiffness, moved.reshape(len(some), -1))
         return found.reshape(moved.shape) @ frames[copy].T
 
@@ -117,7 +120,10 @@ class SolvedState:
 
     @cached_property
     def unbalanced(self) -> FloatArray:
-        """K u less loads and normal contact forces, (n_nodes, 3) [N]; zero of rigid blocks."""
+        """K u, springs included, less loads and normal contact forces; zero of rigid blocks.
+
+        (n_nodes, 3) [N]
+        """
         found = np.zeros_like(self.positions)
         for block in self.deformable.deformable_blocks.tolist():
             group, copy = self._of(block)
