@@ -164,8 +164,7 @@ def effect_costs(
     """
     fem_section(scene, name)
     refuse_cell(scene, name, "effects")
-    base = bare(scene)
-    say = told or (lambda _: None)
+    base, say = bare(scene), told or (lambda _: None)
     say("no effect")
     first_bits = _bits(base, name)
     system, state = ready(base, name)
