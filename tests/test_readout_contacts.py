@@ -91,7 +91,8 @@ def test_slip_without_friction_is_that_of_bulging(search) -> None:
     found = slip - area @ slip / AREA
     # Centroids are those of the deformed state in a search: strains of 3e-6.
     np.testing.assert_allclose(found[:, :2], expected[:, :2], rtol=1e-4, atol=1e-9)
-    assert answer.contacts["gap"] == pytest.approx(-PRESSURE / STIFF, rel=1e-5)
+    # A search leaves out what hangs over the edge: 1.5e-4 of the 33 mm of a facet, twentyfold.
+    assert answer.contacts["gap"] == pytest.approx(-PRESSURE / STIFF, rel=1e-4)
 
 
 @pytest.mark.parametrize("search", [False, True])
