@@ -247,7 +247,7 @@ def test_friction_of_some_joints_needs_that_of_the_others(tmp_path: Path) -> Non
         ),
         ("[{between=[0, 1], friction=30.0}]", "an angle in degrees"),
         ("[{between=[0, 1], friction=-0.1}]", "greater than or equal to 0"),
-        ("[{between=[0, 1], law='linear'}]", "friction is missing|unknown key"),
+        ("[{between=[0, 1], friction=0.1, law='linear'}]", "law: all joints have one contact law"),
     ],
 )
 def test_wrong_pairs_of_a_scene_are_told_in_one_line(

@@ -110,6 +110,7 @@ _REMOVED = {
     "load.temperature": _NO_HEAT,
     "effects.temperature": _NO_HEAT,
     "material.expansion": _NO_HEAT,
+    "contact.pairs.law": "all joints have one contact law, contact.law; pairs have friction alone",
     "fem.formulation": "the rate form of C3D8R was removed, every explicit run has the shared "
     "stiffness of a block; remove the key",
 }
@@ -156,7 +157,8 @@ def places_of(key: str, model: type[BaseModel], above: str = "") -> Iterator[str
 def _unknown_key(path: tuple[int | str, ...], model: type[BaseModel]) -> str:
     """Name a key that is not known, and the one that was meant."""
     place, key = ".".join(str(k) for k in path), str(path[-1])
-    removed = _REMOVED.get(re.sub(r"^materials\.[^.]+", "material", place))
+    bare = re.sub(r"\.\d+(?=\.|$)", "", re.sub(r"^materials\.[^.]+", "material", place))
+    removed = _REMOVED.get(bare)
     if removed is not None:
         return f"unknown key {place}: {removed}"
     if len(path) > 1 and key in model.model_fields:
