@@ -11,12 +11,16 @@ from numba.extending import overload
 
 
 def rubs_of(friction: Any, which: int) -> Any:
-    """Coefficient and stick stiffness (2,), from those of all, (2,), or of each, (n, 2)."""
-    return friction if friction.ndim == 1 else friction[which]
+    """Coefficient and stick stiffness, from those of all, (2,), or of each, (n, 2).
+
+    Two numbers: an array would count references in the loops.
+    """
+    own = friction if friction.ndim == 1 else friction[which]
+    return own[0], own[1]
 
 
 @overload(rubs_of, inline="always")
 def _rubs_of(friction, which) -> Callable[..., Any]:  # noqa: ARG001 - types, not values
     if friction.ndim == 1:
-        return lambda friction, which: friction  # noqa: ARG005
-    return lambda friction, which: friction[which]
+        return lambda friction, which: (friction[0], friction[1])  # noqa: ARG005
+    return lambda friction, which: (friction[which, 0], friction[which, 1])
