@@ -145,6 +145,21 @@ def test_points_reach_every_corner_of_what_two_plates_share(cells, turn):
         assert (found.weights > 0.0).all()
 
 
+@pytest.mark.parametrize("shift", [0.0, 0.37])
+def test_boxes_round_pieces_are_the_pieces_where_edges_are_parallel(shift):
+    """Their area in natural coordinates, four for the whole facet, is that of their points."""
+    plates = (plate(0, 4, up=True), plate(1, 5, (shift, 0.2), up=False))
+    points = FacingPoints(plates, reach=0.1)
+    found = points.now
+    pieces, which = np.unique(
+        np.column_stack([found.slave, found.facet]), axis=0, return_inverse=True
+    )
+    area = np.bincount(which.ravel(), found.weights) / points.facet_area[pieces[:, 0]]
+    box = np.prod(found.cells[:, 1] - found.cells[:, 0], axis=1) / 4.0
+    assert box == pytest.approx(area[which.ravel()], abs=1e-9)
+    assert (np.abs(found.cells) <= 1.0).all()
+
+
 def test_no_facet_that_matches_has_no_tangents():
     """Blocks whose meshes do not match anywhere are a case of their own for arrays of no length."""
     basis = lagrange_basis(1)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from geometry.measures import Resultants
+from geometry.polyhedra.facet_contact import ContactPoints
 from mbd import block_measures, measures
 
 pytestmark = pytest.mark.quick
@@ -93,3 +97,39 @@ def test_measures_grow_with_the_pressure_however_large_or_small(size: float) -> 
     # Halves and quarters are exact; the mean of a scaled sum rounds once more.
     np.testing.assert_allclose(other.p_eff / size, one.p_eff, rtol=1e-15)
     np.testing.assert_allclose(other.p_max / size, one.p_max, rtol=1e-15)
+
+
+def test_the_normal_force_acts_where_it_has_the_moment() -> None:
+    """In compression and tension e × N n is the moment in the plane, e lies in the plane, and the
+    points of the thrust line are e beside the centroids; without N there is no place."""
+    rng = np.random.default_rng(5)
+    normals = rng.normal(size=(6, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    forces, moments = rng.normal(size=(6, 3)), rng.normal(size=(6, 3))
+    forces[0] = 3.0 * normals[0]
+    forces[1] = -3.0 * normals[1]
+    forces[2] = np.cross(normals[2], [1.0, 2.0, 3.0])
+    found = Resultants(
+        areas=np.ones(6),
+        centroids=rng.normal(size=(6, 3)),
+        normals=normals,
+        forces=forces,
+        moments=moments,
+    )
+    e, normal = found.eccentricity, found.normal_force[:, None] * normals
+    in_plane = moments - found.twisting_moment[:, None] * normals
+    acts = np.arange(6) != 2
+    assert np.cross(e, normal)[acts] == pytest.approx(in_plane[acts], abs=1e-12)
+    assert np.einsum("ji,ji->j", e, normals) == pytest.approx(np.zeros(6), abs=1e-12)
+    assert (e[2] == 0.0).all()
+    assert found.points == pytest.approx(found.centroids + e)
+    assert found.shear_force**2 + found.normal_force**2 == pytest.approx((forces**2).sum(axis=1))
+
+
+def test_contacts_without_a_patch_add_to_none() -> None:
+    contacts = SimpleNamespace(
+        patches=SimpleNamespace(areas=np.ones(3)), patch=np.array([0, -1, 2, -2, 0])
+    )
+    values = np.array([[1.0], [7.0], [2.0], [9.0], [4.0]])
+    found = ContactPoints.of_patches(contacts, np.arange(5), values)  # type: ignore[arg-type]
+    assert found.ravel().tolist() == [5.0, 0.0, 2.0]

@@ -21,6 +21,7 @@ from geometry.mesh import (
     corner_jacobians,
     gauss_points,
     jacobians,
+    read_only,
     shape_values,
     structured_quads,
     volume_and_centroid,
@@ -146,3 +147,14 @@ def test_a_grid_of_quadrilaterals_covers_its_square_once(n: int) -> None:
     surface = QuadSurface(np.column_stack([u, v, 0 * u]).astype(float), structured_quads(n))
     np.testing.assert_array_equal(surface.areas, np.ones(n * n))
     assert len(np.unique(surface.centroids.round(6), axis=0)) == n * n
+
+
+def test_arrays_of_answers_cannot_be_changed_but_their_origin_can() -> None:
+    """Whether they stand alone, in a tuple or in a dictionary."""
+    origin = np.zeros(3)
+    for view in (read_only(origin), read_only((origin, 1))[0], read_only({"a": origin})["a"]):
+        with pytest.raises(ValueError, match="read-only"):
+            view[0] = 1.0
+    origin[0] = 2.0
+    assert read_only(origin)[0] == 2.0
+    assert read_only("text") == "text"
