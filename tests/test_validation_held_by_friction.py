@@ -8,6 +8,7 @@ import pytest
 from validation.build.deformable import scene_problem
 from validation.errors import InputError
 from validation.run import solve
+from validation.run.held_by_friction import inside_words, require_held_by_friction
 from validation.run.solve import run_static
 from validation.scene.read import DeformableScene, check_scene
 
@@ -83,3 +84,19 @@ def test_a_tall_plate_tips_before_it_slides(monkeypatch: pytest.MonkeyPatch) -> 
         run_static("pile", _pile(1.02 * limit, 2.0, 200.0))
     with pytest.raises(_Started):
         run_static("pile", _pile(0.98 * limit, 2.0, 200.0))
+
+
+def test_points_inside_the_edges_are_named_where_they_decide() -> None:
+    # The same plate: its facets of 25 mm press at points 25 (1 - 1/√3) / 2 inside their edges.
+    weight = 200.0 * 50.0**2 * 2.4e-9 * 9810.0
+    half = 25.0 - 12.5 * (1.0 - 1.0 / np.sqrt(3.0))
+    limit = half * (1.05 * weight + 2.5) / (110.25 * weight)
+    for share, moves in ((0.98, False), (1.02, True)):
+        scene = _pile(share * limit, 2.0, 200.0)
+        require_held_by_friction("pile", scene)
+        words = inside_words("pile", scene)
+        assert (words is not None) == moves
+        if words is not None:
+            assert "block 1 tips on block 0" in words
+            assert "finer mesh" in words
+    assert inside_words("pile", _pile(1.0, None)) is None

@@ -7,12 +7,14 @@ near the shape as built; Newton's method would look for it in vain.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
 
 from fem.contact.friction import CoulombFriction
+from fem.element.facet import FACET_CORNERS, bilinear
 from geometry.assembly import Assembly
 from geometry.interface import Interfaces
 from geometry.loads import LoadCase, with_body_wrenches
@@ -24,15 +26,19 @@ from validation.build.deformable import build_friction, build_hexahedra
 from validation.errors import InputError
 from validation.scene.read import DeformableScene
 
+#: Natural coordinate of the points of facets that match.
+GAUSS = 1.0 / math.sqrt(3.0)
 #: More contact points than this are left to the static solver: the cone program takes minutes.
 MOST_POINTS = 20_000
 
 
 @dataclass(frozen=True, kw_only=True)
 class _AtCorners(Assembly):
-    """An assembly whose contacts are the corners of its facets."""
+    """An assembly whose contacts are the corners of its facets, or points inside them."""
 
     facets: Interfaces
+    natural: float
+    """Natural coordinate of the points, 1 at the corners."""
 
     @cached_property
     def interfaces(self) -> Interfaces:
@@ -41,6 +47,7 @@ class _AtCorners(Assembly):
         for block in np.unique(found.block_m):
             here = found.block_m == block
             corners[here] = self.nodes(int(block))[found.quads_m[here]]
+        corners = bilinear(self.natural * FACET_CORNERS)[0] @ corners
         return replace(
             found,
             block_m=np.repeat(found.block_m, 4),
@@ -56,9 +63,9 @@ class _AtCorners(Assembly):
         )
 
 
-def _at_corners(assembly: Assembly) -> _AtCorners:
+def _at_corners(assembly: Assembly, natural: float) -> _AtCorners:
     same = {part.name: getattr(assembly, part.name) for part in fields(assembly)}
-    return _AtCorners(facets=assembly.interfaces, **same)
+    return _AtCorners(facets=assembly.interfaces, natural=natural, **same)
 
 
 def require_held_by_friction(name: str, scene: DeformableScene) -> None:
@@ -71,16 +78,10 @@ def require_held_by_friction(name: str, scene: DeformableScene) -> None:
     InputError
         With the motion, where one is certified.
     """
-    blocks = build_hexahedra(scene, name)
-    if blocks.unmatched or not blocks.load.fixed.any():
-        return
-    weight = build_weight(scene, blocks.assembly)
-    load = blocks.load if weight is None else with_body_wrenches(blocks.load, weight)
-    friction = build_friction(scene, blocks.assembly, sliding=False)
-    if friction is None:
-        return
-    words = sliding_words(blocks.assembly, load, friction)
+    words = _moving_words(name, scene, 1.0)
     if words is not None:
+        friction = build_friction(scene, build_hexahedra(scene, name).assembly, sliding=False)
+        assert friction is not None
         least = min([friction.coefficient, *(pair[2] for pair in friction.of_pairs)])
         given = f"{friction.coefficient:g}" if least == friction.coefficient else "the joints"
         raise InputError(
@@ -90,14 +91,42 @@ def require_held_by_friction(name: str, scene: DeformableScene) -> None:
         )
 
 
-def sliding_words(assembly: Assembly, load: LoadCase, friction: CoulombFriction) -> str | None:
+def _moving_words(name: str, scene: DeformableScene, natural: float) -> str | None:
+    """`sliding_words` of the blocks of a scene; None where facets do not match."""
+    blocks = build_hexahedra(scene, name)
+    if blocks.unmatched or not blocks.load.fixed.any():
+        return None
+    friction = build_friction(scene, blocks.assembly, sliding=False)
+    if friction is None:
+        return None
+    weight = build_weight(scene, blocks.assembly)
+    load = blocks.load if weight is None else with_body_wrenches(blocks.load, weight)
+    return sliding_words(blocks.assembly, load, friction, natural)
+
+
+def inside_words(name: str, scene: DeformableScene) -> str | None:
+    """Words where blocks stand on their faces, and not on the Gauss points of facets that match."""
+    words = _moving_words(name, scene, GAUSS)
+    if words is None:
+        return None
+    return (
+        "facets that match press at Gauss points, 0.21 of a facet inside their edges, and over "
+        f"those {words}; expected a finer mesh, or meshes that do not match, whose contact "
+        "reaches the edges"
+    )
+
+
+def sliding_words(
+    assembly: Assembly, load: LoadCase, friction: CoulombFriction, natural: float = 1.0
+) -> str | None:
     """Name the block that slides or tips, and on which; None where nothing certainly does.
 
-    Facets of the blocks match; the load is tractions, weights and supports.
+    Facets of the blocks match; the load is tractions, weights and supports. Contact acts at the
+    corners of facets, or nearer to their middle by a natural coordinate.
     """
     if not 0 < 4 * assembly.interfaces.n_contacts <= MOST_POINTS:
         return None
-    points = _at_corners(assembly)
+    points = _at_corners(assembly, natural)
     contacts = contact_jacobian(points, load.fixed, load.held)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
     if newton_equilibrium(contacts.jacobian, force).holds:

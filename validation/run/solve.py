@@ -34,7 +34,7 @@ from validation.run.held_by_faces import (
     require_held_by_faces,
     squeeze_words,
 )
-from validation.run.held_by_friction import require_held_by_friction
+from validation.run.held_by_friction import inside_words, require_held_by_friction
 from validation.run.measures import FrictionSet
 from validation.run.stages import stages
 from validation.scene.deformable import Damping, FemSection, Method
@@ -258,7 +258,7 @@ def _floating_named(
     except RefusedError as error:
         why = floating_words(scene, problem.deformable, options) or str(error)
         stated = scene, problem.deformable.assembly
-        faces = faces_words(*stated) or squeeze_words(*stated)
+        faces = faces_words(*stated) or squeeze_words(*stated) or inside_words(name, scene)
         if faces:  # then the solver's own remedies do not help
             why = f"{why.partition('; ')[0]}: {faces}"
         raise InputError(f"{name}: {why}") from None
