@@ -26,6 +26,8 @@ from mbd import (
     rigid_result,
     solve_linear_programs,
 )
+from mbd.answer import placed_motion
+from mbd.margin import FirstOrderExplosion
 from tests.conftest import random_rotation, tsb
 
 pytestmark = pytest.mark.quick
@@ -199,3 +201,24 @@ def test_pressures_scale_with_the_load_from_tiny_to_huge(small_tube: Assembly) -
         found = numbers(rigid_result(small_tube, load_case(small_tube, "pipe", factor)))
         np.testing.assert_allclose(found[:3], base[:3], rtol=1e-12)
         np.testing.assert_allclose(found[3:], factor * base[3:], rtol=1e-12)
+
+
+def test_motions_of_placed_blocks_are_in_mm_and_in_radians(small_tube: Assembly) -> None:
+    """Rows of a Jacobian have rotations times the length of the assembly; fixed blocks rest."""
+    free = ~small_tube.fixed
+    rows = np.arange(6.0 * free.sum()) + 1.0
+    found, given = placed_motion(small_tube, rows, free), rows.reshape(-1, 6)
+    length = small_tube.characteristic_length
+    assert found[free] == pytest.approx(given / np.repeat([1.0, length], 3))
+    assert (found[small_tube.fixed] == 0.0).all()
+
+
+@pytest.mark.parametrize("rate", [-0.5, -1e-3, 0.0, 0.5])
+def test_an_explosion_is_admissible_where_no_contact_closes(rate: float) -> None:
+    explosion = FirstOrderExplosion(
+        smallest_gap_rate=rate,
+        closing_area_percent=0.0,
+        opening_area_percent=0.0,
+        push=None,  # type: ignore[arg-type]
+    )
+    assert explosion.admissible == (rate >= 0.0)
