@@ -16,7 +16,9 @@ from geometry.regions import Box, Plane
 from geometry.supports import HeldFace, SupportError
 from validation.build.deformable import scene_problem
 from validation.errors import InputError
-from validation.scene.read import check_scene
+from validation.scene.combinations import combined
+from validation.scene.read import SceneFile, check_scene
+from validation.study.combinations import combination_answers, envelope
 
 SIZE = np.array([100.0, 50.0, 40.0])
 E, NU = 1000.0, 0.3
@@ -223,3 +225,47 @@ def test_a_scene_states_the_same_as_python() -> None:
     assert answer.measures["sigma_1_max"].value == pytest.approx(2.0, rel=1e-9)
     force = answer.as_dict()["reactions"]["end"]["force"]
     np.testing.assert_allclose(force, [-4000.0, 0.0, 0.0], atol=1e-6)
+
+
+COMBINED = BOX | {
+    "material": "concrete",
+    "effects": {"gravity": [0.0, 0.0, -9810.0]},
+    "support": {"x-": "fixed"},
+    "load": {"x+": {"traction": [0.0, 0.0, -0.01]}},
+    "loads": [{"name": "wind", "face": "y-", "pressure": 0.02}],
+    "combinations": {"all": {"weight": 1.35, "load": 1.5, "wind": -0.6}, "weight": {"weight": 2.0}},
+}
+
+
+def test_a_combination_is_the_sum_of_its_loads_times_their_factors() -> None:
+    """Blocks without contact are linear: displacements add up, exactly to rounding."""
+
+    def moved(scene) -> np.ndarray:
+        problem = scene_problem(scene, "box")
+        return solve_static(problem, mesh="scene", error_bars=False).fields["displacement"]
+
+    scene = check_scene(COMBINED)
+    none = {"load": {}, "loads": (), "effects.gravity": None, "combinations": {}}
+    weight = moved(scene.changed(none | {"effects.gravity": scene.effects.gravity}))
+    load = moved(scene.changed(none | {"load": scene.load}))
+    wind = moved(scene.changed(none | {"loads": scene.loads}))
+    found = moved(combined(scene, "all"))
+    np.testing.assert_allclose(found, 1.35 * weight + 1.5 * load - 0.6 * wind, atol=1e-12)
+    np.testing.assert_allclose(moved(combined(scene, "weight")), 2.0 * weight, atol=1e-12)
+
+
+def test_the_envelope_names_the_combination_that_governs() -> None:
+    file = SceneFile(name="box", scene=check_scene(COMBINED))
+    answers = dict(combination_answers(file, "fem"))
+    assert list(answers) == ["all", "weight"]
+    for measure, (name, largest) in envelope(answers).items():
+        values = {n: abs(a.measures[measure].value) for n, a in answers.items()}
+        assert values[name] == max(values.values()) == abs(largest.value)
+
+
+def test_a_factor_of_no_load_is_rejected() -> None:
+    scene = check_scene(COMBINED | {"combinations": {"all": {"snow": 1.0}}})
+    with pytest.raises(InputError, match=r"combinations.all.snow: .* weight, load, wind"):
+        combined(scene, "all")
+    with pytest.raises(InputError, match="combinations: got none"):
+        next(combination_answers(SceneFile(name="box", scene=check_scene(BOX)), "fem"))

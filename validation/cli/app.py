@@ -66,6 +66,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "studies": study.studies,
         "sweep": study.sweep,
         "rescue": study.rescue,
+        "combinations": study.combinations,
         "clearance": compare.clearance,
         "effects": trust.effects,
         "cost": cost.cost,

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from validation.cli.completion import complete_studies
-from validation.cli.options import JsonOption, SetOption, print_builtin
+from validation.cli.options import (
+    JsonOption,
+    SceneArgument,
+    SetOption,
+    folder_option,
+    print_builtin,
+    scene_outputs,
+)
 from validation.errors import InputError
 
 
@@ -133,6 +140,42 @@ def sweep(
                     f"{stated.name}: every design failed; the first: {first}. All rows are in "
                     f"{path}; mend the study or the scene, and give -o another file"
                 )
+
+
+def combinations(
+    scene: SceneArgument,
+    *,
+    method: Annotated[
+        Literal["rigid", "fem"],
+        typer.Option(help="rigid: as `mbd`; fem: deformable blocks, as `fem`."),
+    ] = "fem",
+    settings: SetOption = None,
+    json: JsonOption = None,
+    output: Annotated[Path | None, folder_option("the table", "out/SCENE-combinations")] = None,
+) -> None:
+    """Answers under the load combinations of a scene, and their envelope.
+
+    Sections [combinations.NAME] give factors of named loads: weight, load and those of [[loads]].
+    """
+    from validation.output.console import status, told_of_compilation
+    from validation.scene.read import load_scene
+    from validation.scene.usage import recording
+    from validation.study import combinations as study
+
+    file = load_scene(scene, settings or ())
+    ending, name = "-combinations", "combinations.csv"
+    with scene_outputs(file, json, output, (name,), ending=ending) as outputs:
+        with (
+            status(outputs.console, f"{file.name}: combinations") as tell,
+            told_of_compilation(),
+            recording(file.scene) as use,
+        ):
+            answers = dict(study.combination_answers(file, method, tell))
+            data = study.combinations_json(answers)
+        study.print_combinations(file.name, answers, outputs.console)
+        outputs.tell_unused(use)
+        outputs.write("table", name, lambda path: study.write_combinations(answers, path))
+        outputs.write_json({"scene": file.name, **data})
 
 
 def _picture(store: Path, *, asked: bool) -> Path | None:

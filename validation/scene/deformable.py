@@ -467,6 +467,8 @@ class DeformableSections(WholeScene):
     """``[[supports]]``: parts of the surfaces that are held, moved or on springs."""
     loads: tuple[SurfaceLoadSection, ...] = ()
     """``[[loads]]``: on parts of the surfaces, along edges, on single blocks."""
+    combinations: dict[str, dict[str, Finite]] = Field(default_factory=dict)
+    """``[combinations.NAME]``: factors of loads by name; see `tubelock combinations`."""
 
     @field_validator("materials", mode="before")
     @classmethod

@@ -1,0 +1,84 @@
+"""Load combinations: a scene whose named loads have factors.
+
+``[combinations.NAME]`` gives factors by the names of loads: ``weight`` is `effects.gravity`,
+``load`` the section ``[load]`` with those of ``[[loads]]`` that have no name, other names are
+those of ``[[loads]]``. What is not named does not act.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+from validation.errors import InputError
+from validation.scene.deformable import DeformableSections
+from validation.scene.sections import Section
+
+AnyScene = TypeVar("AnyScene", bound=DeformableSections)
+
+#: Names of the weight and of ``[load]``.
+WEIGHT, LOAD = "weight", "load"
+#: Keys of loads that factors apply to.
+_SCALED = ("pressure", "traction", "force", "per_length", "acceleration")
+
+
+def load_names(scene: DeformableSections) -> tuple[str, ...]:
+    """Names that factors of a scene can have."""
+    named = tuple(dict.fromkeys(one.name for one in scene.loads if one.name))
+    return ((WEIGHT,) if scene.effects.gravity is not None else ()) + (LOAD, *named)
+
+
+def combined(scene: AnyScene, name: str) -> AnyScene:
+    """Scene with the loads of one of its combinations.
+
+    Raises
+    ------
+    InputError
+        A combination that the scene does not have, or a name of no load in it.
+    """
+    if name not in scene.combinations:
+        known = ", ".join(scene.combinations) or "none"
+        raise InputError(f"combinations: got {name!r}, expected one of {known}")
+    factors = scene.combinations[name]
+    known_names = load_names(scene)
+    for load in factors:
+        if load not in known_names:
+            raise InputError(
+                f"combinations.{name}.{load}: no load has this name; expected one of "
+                f"{', '.join(known_names)} (give [[loads]] a name)"
+            )
+    values: dict[str, Any] = {"combinations": {}}
+    acting = [one for one in scene.loads if (one.name or LOAD) in factors]
+    values["loads"] = tuple(_scaled(one, factors[one.name or LOAD]) for one in acting)
+    if scene.effects.gravity is not None:
+        factor = factors.get(WEIGHT)
+        weight = None if factor is None else _times(factor, scene.effects.gravity)
+        values["effects.gravity"] = weight
+    given: Any = scene.load  # type: ignore[attr-defined]
+    factor = factors.get(LOAD, 0.0)
+    if isinstance(given, Mapping):
+        parts = given.items() if factor else ()
+        values["load"] = {key: _scaled(part, factor) for key, part in parts}
+    else:
+        values["load"] = _scaled(given, factor)
+    return scene.changed(values)
+
+
+def _scaled(section: Section, factor: float) -> Section:
+    """Load with all its sizes times a factor."""
+    changes: dict[str, Any] = {
+        key: _times(factor, value)
+        for key in _SCALED
+        if (value := section.__dict__.get(key)) is not None
+    }
+    forces = section.__dict__.get("forces")
+    if forces:
+        changes["forces"] = tuple(_scaled(force, factor) for force in forces)
+    return section.changed(changes)
+
+
+def _times(factor: float, value: Any) -> Any:
+    """A number or a vector times a factor."""
+    if isinstance(value, tuple):
+        return tuple(factor * part for part in value)
+    return factor * value

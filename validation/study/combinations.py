@@ -1,0 +1,113 @@
+"""`tubelock combinations`: answers under each combination of loads, and the envelope over them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
+
+from rich.console import Console
+
+from geometry.answer import FORCES, MOTIONS, TITLES, Answer, Measure
+from validation.errors import InputError
+from validation.output.console import listing
+from validation.output.files import write_csv
+from validation.scene.combinations import combined
+from validation.scene.polyhedra import PolyhedralScene
+from validation.scene.read import SceneFile
+
+#: What answers of blocks are asked for.
+Kind = Literal["rigid", "fem"]
+
+
+def combination_answers(
+    file: SceneFile, kind: Kind, tell: Callable[[str], None] | None = None
+) -> Iterator[tuple[str, Answer]]:
+    """Answer to each combination of a scene, as `tubelock mbd` or `fem` gives it.
+
+    ``tell`` is called with a line before each.
+
+    Raises
+    ------
+    InputError
+        A scene without combinations, or one that cannot be solved.
+    """
+    if not file.scene.combinations:
+        raise InputError(
+            f"{file.name}: combinations: got none; expected sections such as [combinations.NAME] "
+            "with factors: weight = 1.35, load = 1.5"
+        )
+    stated = {name: combined(file.scene, name) for name in file.scene.combinations}
+    for name, scene in stated.items():
+        if tell is not None:
+            tell(f"{file.name}: {name}")
+        one = replace(file, name=f"{file.name}, {name}", scene=scene)
+        yield name, _rigid(one) if kind == "rigid" else _deformable(one)
+
+
+def _rigid(file: SceneFile) -> Answer:
+    if isinstance(file.scene, PolyhedralScene):
+        from validation.run.rigid.polyhedra import run_polyhedra
+
+        return run_polyhedra(file, file.scene).answer
+    from validation.run.rigid.answer import run_rigid
+
+    return run_rigid(file).answer
+
+
+def _deformable(file: SceneFile) -> Answer:
+    from fem.accuracy.converge import MOST_WORK
+    from validation.run.accuracy import DEFAULT_TARGETS, refined
+    from validation.run.solve import run_converged, run_scene
+
+    if refined(file.name, file.scene, {}):
+        found = run_converged(file.name, file.scene, DEFAULT_TARGETS, most_work=MOST_WORK)
+        return found.answer
+    return run_scene(file.name, file.scene).answer
+
+
+def envelope(answers: Mapping[str, Answer]) -> dict[str, tuple[str, Measure]]:
+    """Combination and value with the largest size of each measure."""
+    names = dict.fromkeys(name for answer in answers.values() for name in answer.measures)
+    found = {}
+    for measure in names:
+        having = {name: a.measures[measure] for name, a in answers.items() if measure in a.measures}
+        governing = max(having, key=lambda name: abs(having[name].value))
+        found[measure] = governing, having[governing]
+    return found
+
+
+def combinations_json(answers: Mapping[str, Answer]) -> dict[str, Any]:
+    """Answers and envelope as plain data."""
+    return {
+        "combinations": {name: answer.as_dict() for name, answer in answers.items()},
+        "envelope": {
+            measure: {"combination": name, **found.as_json()}
+            for measure, (name, found) in envelope(answers).items()
+        },
+    }
+
+
+def print_combinations(name: str, answers: Mapping[str, Answer], console: Console) -> None:
+    """Print each measure under each combination, and which one governs."""
+    titles = TITLES | FORCES | MOTIONS
+    table = listing(f"{name}: load combinations", "", numbers=(*answers, "largest"))
+    for measure, (governing, _) in envelope(answers).items():
+        values = [
+            a.measures[measure].value_words if measure in a.measures else "–"
+            for a in answers.values()
+        ]
+        words = titles[measure].words if measure in titles else measure
+        table.add_row(words, *values, governing)
+    console.print(table)
+
+
+def write_combinations(answers: Mapping[str, Answer], path: Path) -> None:
+    """Write value and error bar of each measure under each combination as CSV."""
+    rows = [
+        (name, measure, found.value, found.error, found.unit)
+        for name, answer in answers.items()
+        for measure, found in answer.measures.items()
+    ]
+    write_csv(path, ("combination", "measure", "value", "error", "unit"), rows)
