@@ -145,7 +145,7 @@ def _leaves(table: dict[str, Any], before: tuple[str, ...] = ()) -> Iterator[tup
 
 
 def _without_own_names(path: tuple[str, ...]) -> tuple[str, ...]:
-    """A path without the names that a scene gives: of materials, of combinations and their loads."""
+    """A path without the names that a scene gives: of materials, combinations and their loads."""
     given = {"materials": slice(2, None), "combinations": slice(3, None)}
     return (*path[:1], *path[given[path[0]]]) if path[0] in given else path
 

@@ -94,6 +94,8 @@ def _section_of(annotation: Any) -> tuple[type | None, bool]:
     if origin in (tuple, list):
         found, _ = _section_of(inner[0]) if inner else (None, False)
         return found, found is not None
+    if origin is dict:
+        return _section_of(inner[1])[0], False
     if origin in (typing.Union, types.UnionType):
         sections = [_section_of(part) for part in inner]
         return next(((s, many) for s, many in sections if s), (None, False))
