@@ -21,6 +21,7 @@ import numpy as np
 
 from geometry.assembly import AnyBlocks
 from geometry.loads import LoadCase
+from geometry.measures import first_largest
 from geometry.mesh import FloatArray
 from mbd.contact_jacobian import ContactJacobian, contact_jacobian, generalized_force
 from mbd.equilibrium import Equilibrium, column_weights, newton_equilibrium
@@ -72,7 +73,7 @@ def interlocking_margin(jacobian: ContactJacobian, areas: FloatArray) -> Margin:
                 bearing[row, way] = 1.0 / float(np.sum(equilibrium.forces**2 / areas))
             elif mechanism is None:
                 mechanism = equilibrium.mechanism
-    worst = int(np.argmin(bearing))
+    worst = first_largest(-bearing)
     row, way = divmod(worst, 2)
     return Margin(
         bearing_area=float(bearing[row, way]),
