@@ -7,8 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fem import solve_static
+from fem import Problem, solve_static
+from fem.contact.friction import CoulombFriction
+from fem.contact.law import LinearPenalty
+from fem.element.material import Material
+from geometry.assembly import Assembly
+from geometry.block import Block, mapped_block
+from geometry.loads import LoadCase
+from geometry.supports import HeldFace
 from validation.build.deformable import scene_problem
+from validation.run.held_by_faces import faces_words
+from validation.run.held_by_friction import require_held_by_friction
 from validation.scene.read import check_scene, scene_data
 
 
@@ -73,3 +82,100 @@ def test_shifted_boxes_slide_at_the_coulomb_limit() -> None:
     less = (boxes * height / length + bending) / (boxes + stick)
     stiffness = answer.measures["push_stiffness"].value
     assert series * (1.0 - less) <= stiffness <= series
+
+
+A, B, C, LENGTH = 10.0, 20.0, 30.0, 4.0
+STEEL = Material(density=7.85e-9, young_modulus=210000.0, poisson_ratio=0.3)
+INTERFERENCE, JOINT, MU = 0.0025, 1e5, 0.1
+X, Y, Z = np.eye(3)
+
+
+def quarter_ring(inner: float, outer: float, around: int, contact: str) -> Block:
+    lines = (
+        np.linspace(inner, outer, around // 3 + 2),
+        np.linspace(0.0, np.pi / 2.0, around + 1),
+        np.array([0.0, LENGTH]),
+    )
+
+    def shape(at: np.ndarray) -> np.ndarray:
+        radius, angle, height = at.T
+        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
+
+    faces = {"u-": "inner", "u+": "outer", "v-": "start", "v+": "end", "w-": "bottom", "w+": "top"}
+    directions = ("radial", "around", "axial")
+    return mapped_block("ring", lines, shape, faces, (contact,), directions=directions)
+
+
+def press_fit(around: int, *, pressed_by: float | None = None) -> Any:
+    """Quarters of two rings, too large for each other, the inner one pressed out downwards."""
+    rings = (quarter_ring(A, B, around, "outer"), quarter_ring(B, C, around, "inner"))
+    blocks = Assembly(
+        name="rings",
+        shapes=rings,
+        shape_of=np.arange(2),
+        rotations=np.tile(np.eye(3), (2, 1, 1)),
+        translations=np.zeros((2, 3)),
+        layer=np.arange(2),
+        fixed=np.zeros(2, dtype=np.bool_),
+        unmatched_allowed=True,
+    )
+    held = [
+        HeldFace(b, face, axis[None]) for b in (0, 1) for face, axis in (("start", Y), ("end", X))
+    ]
+    held.append(HeldFace(1, "bottom", Z[None]))
+    stated: dict[str, Any] = {}
+    if pressed_by is None:
+        held.append(HeldFace(0, "bottom", Z[None]))
+    else:
+        held.append(HeldFace(0, "top", Z[None], displacement=-pressed_by * Z, name="punch"))
+        stated["friction"] = CoulombFriction(MU, 1e4)
+    load = LoadCase(blocks, "press fit", (), blocks.fixed, held=tuple(held))
+    law = LinearPenalty(JOINT)
+    problem = Problem(blocks, load, STEEL, law=law, clearance=-INTERFERENCE, **stated)
+    return solve_static(problem, mesh="scene", error_bars=False)
+
+
+def fit_pressure() -> float:
+    """Two thick rings under plane stress (Lamé), Ø 20 / 40.005 in Ø 40 / 60 mm, and the joint."""
+    inner, outer = (B**2 + A**2) / (B**2 - A**2), (C**2 + B**2) / (C**2 - B**2)
+    return INTERFERENCE / (B * (inner + outer) / STEEL.young_modulus + 1.0 / JOINT)
+
+
+def test_a_press_fit_has_the_pressure_of_lame() -> None:
+    """Error of the second order in the angle of a facet, which two meshes measure.
+
+    The interference is deeper than the contact law allows unless it is stated.
+    """
+    coarse, fine = (press_fit(n).measures["p_eff"].value for n in (6, 12))
+    error = (coarse - fine) / 3.0
+    assert abs(error) < 0.005 * fine
+    assert fine - error == pytest.approx(fit_pressure(), abs=abs(error))
+
+
+def test_a_press_fit_is_pressed_out_by_the_friction_of_its_pressure() -> None:
+    """π d l p μ, of which a quarter; to the error of p, and the stress along the axis.
+
+    The mean axial stress of the inner ring, F / A, widens it by ν F / A E: a share
+    ν (F / A) / (p (inner + outer)) of the interference.
+    """
+    hand = fit_pressure()
+    force = MU * hand * 0.5 * np.pi * B * LENGTH
+    coarse = press_fit(6)
+    (curve,) = press_fit(6, pressed_by=0.01).as_dict()["motions"]
+    wider = 0.3 * force / (np.pi / 4.0 * (B**2 - A**2)) / (hand * (5.0 / 3.0 + 2.6))
+    tolerance = abs(coarse.measures["p_eff"].value / hand - 1.0) + wider
+    assert tolerance < 0.02
+    np.testing.assert_allclose(curve["force"][5:], force, rtol=tolerance)
+
+
+def test_checks_of_rigid_blocks_in_place_leave_out_supports_that_move() -> None:
+    """Whether faces and friction carry the load is a question of rigid blocks in their place."""
+    require_held_by_friction("boxes", check_scene(scene_data("shifted-boxes")[1]))
+    data = scene_data("tetrahedra")[1]
+    data["assembly"] = {"columns": 1, "rows": 1}
+    del data["effects"], data["rigid"]
+    data["mesh"] = {"size": 100.0}
+    blocks = scene_problem(check_scene(data), "panel").blocks
+    free = int(np.flatnonzero(~blocks.fixed)[0])
+    pushed = check_scene(data | {"load": {"push": {"block": free, "distance": 0.1}}})
+    assert faces_words(pushed, blocks) is None

@@ -165,7 +165,7 @@ def touching_surfaces(
     surfaces = contact_surfaces(assembly, offsets, clearance=clearance)
     touching = deformable[surfaces.block_m] | deformable[surfaces.block_s]
     surfaces = surfaces.subset(np.flatnonzero(touching))
-    check_initial_overlap(surfaces, law)
+    check_initial_overlap(surfaces, law, clearance)
     return surfaces
 
 

@@ -192,15 +192,19 @@ def facet_corners(assembly: Assembly, blocks: IntArray, quads: IntArray) -> Floa
     return corners
 
 
-def check_initial_overlap(surfaces: ContactSurfaces, law: ContactLaw) -> None:
+def check_initial_overlap(
+    surfaces: ContactSurfaces, law: ContactLaw, clearance: float = 0.0
+) -> None:
     """Reject surfaces that lie deeper in each other than the law's curve reaches.
+
+    A negative clearance [mm] is an interference that is stated: it does not count.
 
     Raises
     ------
     ContactError
         Naming the deepest block pair, its depth and the law's range.
     """
-    deepest = (-surfaces.initial_gaps).max(axis=1, initial=-np.inf)
+    deepest = (min(clearance, 0.0) - surfaces.initial_gaps).max(axis=1, initial=-np.inf)
     refuse_overlap(surfaces.block_m, surfaces.block_s, deepest, law)
 
 

@@ -47,9 +47,9 @@ class _Faces:
 
 
 def _faces(scene: DeformableScene, assembly: Assembly) -> _Faces | None:
-    """None for other blocks, for curved faces, and for many contacts."""
+    """None for other blocks, for curved faces, for many contacts, and for moves and springs."""
     curved = any(shape.curve is not None for shape in assembly.shapes)
-    if curved or not isinstance(scene, PolyhedralScene):
+    if curved or not isinstance(scene, PolyhedralScene) or not scene.for_rigid_blocks:
         return None
     # Loaded here: it reads files, which other scenes have none of.
     from validation.build.own_blocks import own_load

@@ -92,7 +92,9 @@ def require_held_by_friction(name: str, scene: DeformableScene) -> None:
 
 
 def _moving_words(name: str, scene: DeformableScene, natural: float) -> str | None:
-    """`sliding_words` of the blocks of a scene; None where facets do not match."""
+    """`sliding_words` of a scene; None where facets do not match, for motions and springs."""
+    if not scene.for_rigid_blocks:
+        return None
     blocks = build_hexahedra(scene, name)
     if blocks.unmatched or not blocks.load.fixed.any():
         return None

@@ -533,6 +533,11 @@ class DeformableSections(WholeScene):
         return self.push is not None or any(s.move and any(s.move) for s in self.supports)
 
     @property
+    def for_rigid_blocks(self) -> bool:
+        """Whether rigid blocks in their place can have its supports: no motion, no springs."""
+        return not self.moves and all(s.spring is None for s in self.supports)
+
+    @property
     def is_cell(self) -> bool:
         """Whether a periodic cell is asked for."""
         with uncounted((FemSection, "symmetry")):
