@@ -22,7 +22,7 @@ from fem.assembly.contact_state import (
 )
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.peaks import StressPeaks, joint_forces, stress_peaks
-from fem.assembly.reactions import PushCurve, push_curves, reactions, spring_reaction
+from fem.assembly.reactions import PushCurve, push_curves, reactions, spring_reactions
 from fem.assembly.section_forces import SolvedState, section_forces
 from fem.contact.search import SearchedSurfaces, searched_surfaces
 from fem.contact.surfaces import ContactSurfaces
@@ -229,8 +229,7 @@ class Solution(ReadOnlyArrays):
         if static is None:
             return {}
         found = reactions(model, static.support_forces) if static.support_forces else {}
-        springs = spring_reaction(model, self.group_displacements)
-        return found if springs is None else found | {"springs": {"force": springs.tolist()}}
+        return found | spring_reactions(model, self.group_displacements)
 
     @cached_property
     def push_curves(self) -> tuple[PushCurve, ...]:

@@ -101,7 +101,7 @@ def test_springs_to_the_ground_are_stiffness_of_their_block(calls: Counter[str])
     """A step with springs calls what one without them calls: nothing more."""
     mesh = distorted_box((2, 2, 2))
     quads = boundary_quads(mesh)[:2]
-    springs = springs_on(mesh, [(quads, 5.0, np.eye(3))])
+    springs = springs_on(mesh, [("bed", quads, 5.0, np.eye(3))])
     model = Model((block_group(mesh, CONCRETE, springs=springs),))
     time_step = 0.5 * critical_time_step(model).critical_time_step
     solve.solve(model, time_step=time_step, end_time=20.5 * time_step, sample_interval=7)

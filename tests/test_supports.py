@@ -87,7 +87,7 @@ def test_a_block_sinks_evenly_into_a_bed_of_springs(degree: int) -> None:
     """Under a pressure p on a bed of k per area by p / k, and the springs carry all of it."""
     blocks = placed(box_block(tuple(SIZE), (3, 2, 2)))
     held = [
-        HeldFace(0, "z-", Z[None], spring=5.0),
+        HeldFace(0, "z-", Z[None], spring=5.0, name="bed"),
         HeldFace(0, "x-", X[None]),
         HeldFace(0, "y-", Y[None]),
     ]
@@ -95,7 +95,7 @@ def test_a_block_sinks_evenly_into_a_bed_of_springs(degree: int) -> None:
     below = answer.points[:, 2] == 0.0
     sunk = answer.fields["displacement"][below, 2]
     np.testing.assert_allclose(sunk, -1.0 / 5.0, rtol=1e-11)
-    springs = answer.as_dict()["reactions"]["springs"]["force"]
+    springs = answer.as_dict()["reactions"]["bed"]["force"]
     np.testing.assert_allclose(springs, [0.0, 0.0, 5000.0], atol=1e-7)
 
 

@@ -56,7 +56,7 @@ def test_a_beam_on_springs_is_that_of_winkler() -> None:
     assert -across == pytest.approx(winkler, rel=tolerance + timoshenko / winkler - 1.0)
     reactions = answer.as_dict()["reactions"]
     assert reactions["middle"]["moment"][1] == pytest.approx(moment, rel=tolerance)
-    assert reactions["springs"]["force"][2] == pytest.approx(0.5 * force, rel=1e-9)
+    assert reactions["bed"]["force"][2] == pytest.approx(0.5 * force, rel=1e-9)
 
 
 def test_shifted_boxes_slide_at_the_coulomb_limit() -> None:

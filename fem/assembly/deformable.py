@@ -263,12 +263,17 @@ def _springs(
     for block, faces in of_block.items():
         turn = assembly.rotations[block]
         beds = [
-            (region_quads(assembly, block, face.face), float(face.spring or 0.0), face.axes @ turn)
+            (
+                face.title,
+                region_quads(assembly, block, face.face),
+                float(face.spring or 0.0),
+                face.axes @ turn,
+            )
             for face in faces
         ]
         key = b"".join(
-            part.tobytes()
-            for quads, stiffness, axes in beds
+            name.encode() + part.tobytes()
+            for name, quads, stiffness, axes in beds
             for part in (quads, np.array(stiffness), np.round(axes.T @ axes, 9) + 0.0)
         )
         if key not in known:

@@ -21,8 +21,8 @@ def reactions(model: Model, forces: Forces) -> dict[str, dict[str, list[float]]]
     Returns
     -------
     dict
-        ``force`` [N] and ``moment`` about the origin [N mm], world axes, three numbers each. That
-        of springs is in `spring_reaction`.
+        ``force`` [N] and ``moment`` about the origin [N mm], world axes, three numbers each. Those
+        of springs are in `spring_reactions`.
     """
     found: dict[str, FloatArray] = {}
     places = [group.reference_positions() for group in model.groups]
@@ -37,18 +37,16 @@ def reactions(model: Model, forces: Forces) -> dict[str, dict[str, list[float]]]
     }
 
 
-def spring_reaction(model: Model, displacements: Forces) -> FloatArray | None:
-    """Resultant force of all springs on the blocks, world axes, (3,) [N]; None without springs."""
-    if all(group.springs is None for group in model.groups):
-        return None
-    total = np.zeros(3)
+def spring_reactions(model: Model, displacements: Forces) -> dict[str, dict[str, list[float]]]:
+    """Resultant force of each bed of springs on the blocks by its name, world axes [N]."""
+    found: dict[str, FloatArray] = {}
     for group, moved in zip(model.groups, displacements, strict=True):
         if group.springs is None:
             continue
         for turn, u in zip(group.rotations, moved, strict=True):
-            force = -(group.springs.stiffness @ (u @ turn).ravel()).reshape(-1, 3)
-            total += force.sum(axis=0) @ turn.T
-    return total
+            for name, force in group.springs.reactions(u @ turn).items():
+                found[name] = found.get(name, np.zeros(3)) + turn @ force
+    return {name: {"force": force.tolist()} for name, force in found.items()}
 
 
 def _along(support: Support, forces: Forces) -> FloatArray:

@@ -28,6 +28,8 @@ class Springs(ReadOnlyArrays):
     """Block frame, (n, 3 m, 3 m) [N/mm]."""
     n_nodes: int
     """Nodes of the block."""
+    names: tuple[str, ...] = ()
+    """Name of the bed of each facet, (n,)."""
 
     def added(self, some: IntArray, matrices: FloatArray) -> FloatArray:
         """Stiffness matrices of some elements (k,) with their springs, (k, 3 n, 3 n) [N/mm]."""
@@ -48,6 +50,15 @@ class Springs(ReadOnlyArrays):
         entries = (self.matrices.ravel(), (rows.ravel(), columns.ravel()))
         return bsr_array(coo_array(entries, (size, size)).tocsr(), blocksize=(3, 3))
 
+    def reactions(self, displacement: FloatArray) -> dict[str, FloatArray]:
+        """Force of each bed at displacements (n_nodes, 3) [mm]: (3,) [N], frame of the block."""
+        moved = displacement[self.nodes].reshape(len(self.nodes), -1)
+        forces = -np.einsum("fij,fj->fi", self.matrices, moved).reshape(*self.nodes.shape, 3)
+        found: dict[str, FloatArray] = {}
+        for name, force in zip(self.names, forces.sum(axis=1), strict=True):
+            found[name] = found.get(name, np.zeros(3)) + force
+        return found
+
     @property
     def nodal_stiffness(self) -> FloatArray:
         """Bound of the stiffness that each node feels, (n_nodes,) [N/mm]."""
@@ -56,7 +67,9 @@ class Springs(ReadOnlyArrays):
         return bound
 
 
-def springs_on(mesh: HexMesh, beds: Sequence[tuple[IntArray, float, FloatArray]]) -> Springs | None:
+def springs_on(
+    mesh: HexMesh, beds: Sequence[tuple[str, IntArray, float, FloatArray]]
+) -> Springs | None:
     """Consistent stiffness of beds of springs, ∫ k N_a N_b d dᵀ dA; None without any.
 
     Parameters
@@ -64,13 +77,15 @@ def springs_on(mesh: HexMesh, beds: Sequence[tuple[IntArray, float, FloatArray]]
     mesh
         Of the block.
     beds
-        Corners of facets (n, 4), stiffness per area [N/mm³] and unit directions in the block's
-        frame (k, 3) of each.
+        Name, corners of facets (n, 4), stiffness per area [N/mm³] and unit directions in the
+        block's frame (k, 3) of each.
     """
     if not beds:
         return None
     element, nodes, places, matrices = [], [], [], []
-    for corners, stiffness, directions in beds:
+    names: list[str] = []
+    for name, corners, stiffness, directions in beds:
+        names += [name] * len(corners)
         quads = mesh.facet_nodes(corners)
         area = np.linalg.norm(facet_area_vectors(mesh.nodes, quads), axis=-1)
         values = basis_of(quads).values
@@ -88,4 +103,5 @@ def springs_on(mesh: HexMesh, beds: Sequence[tuple[IntArray, float, FloatArray]]
         places=np.concatenate(places),
         matrices=np.concatenate(matrices),
         n_nodes=mesh.n_nodes,
+        names=tuple(names),
     )

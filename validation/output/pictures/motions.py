@@ -29,7 +29,7 @@ def draw_motions(curves: tuple[PushCurve, ...], path: Path, *, title: str) -> No
         force, way = curve.peak
         axes.plot([way], [unit * force], "o", ms=9, mfc="none", color=colour)
         axes.annotate(
-            f"{unit * force:.4g} {name}",
+            f"{unit * force:.5g} {name}",
             (way, unit * force),
             textcoords="offset points",
             xytext=(-8, 4),
