@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from fem import Frames, Material, Problem, concrete, solve_explicit, solve_static
+from fem.assembly.statement import ProblemError
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import LinearPenalty
 from fem.decks.model import deck_assembly
 from fem.decks.problem import problem_deck
 from fem.decks.statement import Flavour
 from fem.decks.write import write_deck
-from fem.element.material import MaterialError
 from fem.static.solve import StaticOptions
 from fem.static.solve import solve_static as solve_blocks
 from geometry import SineBlock, pipe, tube
@@ -147,7 +147,7 @@ def test_a_sector_needs_the_same_materials_round_the_axis() -> None:
     ],
 )
 def test_materials_are_one_or_one_for_each_block(material: object, words: str) -> None:
-    with pytest.raises(MaterialError, match=words):
+    with pytest.raises(ProblemError, match=words):
         replace(column(), material=material)
 
 

@@ -40,7 +40,7 @@ def test_the_scene_is_interlocked_by_its_faces_in_every_arrangement(arrangement:
     settings = (f"block.arrangement={arrangement}", "assembly.columns=2", "assembly.rows=2")
     file = load_scene("versatile", settings)
     panel = build_polyhedra(file.scene, file.folder).with_faces_alone()  # type: ignore[arg-type]
-    load = build_body_loads(file.scene.load, panel).load_case(panel)  # type: ignore[arg-type]
+    load = build_body_loads(file.scene, panel).load_case(panel)  # type: ignore[arg-type]
     contacts = contact_jacobian(panel, panel.fixed)
     force = generalized_force(panel, load, contacts.free_blocks, contacts.length)
     assert classify(contacts.jacobian, force).locked

@@ -133,7 +133,7 @@ def _scene(name: str) -> Subject:
     scene = load_scene(name).scene
     if isinstance(scene, PolyhedralScene):
         built = build_polyhedra(scene, Path())
-        loads = build_body_loads(scene.load, built)
+        loads = build_body_loads(scene, built)
         if not (loads.dead.any() or loads.live.any()):
             return _weighed(built, None)
         return built, loads.load_case(built), scene.rigid.friction
@@ -161,7 +161,7 @@ _RIGID: dict[str, Callable[[], Subject]] = {
     **{
         f"view-{name}": partial(_scene, name)
         for name in builtin_names()
-        if load_scene(name).scene.block.type != "box"
+        if (scene := load_scene(name).scene).block.type != "box" and scene.for_rigid_blocks
     },
     # layers-200: six CPU seconds for what two layers show.
     **{f"view-{k}": partial(_tube, b) for k, (_, b) in TUBES.items() if k != "layers-200"},

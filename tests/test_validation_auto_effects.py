@@ -18,6 +18,7 @@ from validation.run.solve import run_explicit, run_static
 from validation.scene.deformable import EffectName, EffectsSection
 from validation.scene.read import DeformableScene, load_scene, with_auto
 from validation.study.comparison.scene import compared_runs
+from validation.study.effects import limit
 from validation.study.effects.auto import EffectsDecision, decide_effects
 from validation.study.effects.probe import Answer, Change, answer_of, change
 
@@ -264,8 +265,9 @@ def test_command_line_prints_and_writes_the_decision(
     assert "finite rotation (" in left_out
 
 
-def test_a_scene_without_a_static_state_cannot_be_probed() -> None:
+def test_a_scene_without_a_static_state_cannot_be_probed(monkeypatch) -> None:
     # The load pushes the flat bricks out: a mechanism.
+    monkeypatch.setattr(limit, "SHARE", np.inf)  # however dear a probe is
     scene = scene_of("effects.auto=0.01", case="brick-stack")
     with pytest.raises(InputError, match=r"remove effects\.auto, and every effect acts as written"):
         decide_effects(scene, "stack")

@@ -133,7 +133,7 @@ def test_what_is_read_is_built_or_refused_in_one_line(
     def build() -> None:
         scene = load_scene(name, [*SMALL[name], f"{key}={value!r}"]).scene
         if isinstance(scene, PolyhedralScene):
-            build_body_loads(scene.load, build_polyhedra(scene, Path()))
+            build_body_loads(scene, build_polyhedra(scene, Path()))
         else:
             build_blocks(scene)  # type: ignore[arg-type]
 

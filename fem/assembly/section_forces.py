@@ -33,7 +33,7 @@ from fem.contact.surfaces import ContactSurfaces, corner_forces
 from fem.problem.recovery import block_displacements
 from geometry.assembly import Assembly
 from geometry.measures import Planes, SectionError, SectionForces, nothing_cut, section_rows
-from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays
 
 #: Nodes at this share of the size of a block from a plane lie on it.
 _ON_PLANE = 1e-7
@@ -42,7 +42,7 @@ _TETRAHEDRA = np.array([[0, a, b, 6] for a, b in pairwise((1, 2, 3, 7, 4, 5, 1))
 
 
 @dataclass(frozen=True)
-class SolvedState:
+class SolvedState(ReadOnlyArrays):
     """Displacements of an assembly and what touches there."""
 
     deformable: DeformableAssembly

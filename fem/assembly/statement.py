@@ -34,7 +34,13 @@ from fem.contact.law import ContactLaw, ExponentialLaw
 from fem.contact.own_law import PressureLaw, as_law
 from fem.contact.surfaces import ContactNormals, ContactSurfaces
 from fem.element.hexahedron import ElementType
-from fem.element.material import FASTEST_SOUND, SLOWEST_SOUND, Material, each_material
+from fem.element.material import (
+    FASTEST_SOUND,
+    SLOWEST_SOUND,
+    Material,
+    MaterialError,
+    each_material,
+)
 from fem.problem.effects import Effects
 from fem.problem.model import Model
 from geometry.assembly import Assembly, spacing_offsets
@@ -155,8 +161,6 @@ class Problem:
         Negative gaps deeper than the contact law.
     ContactLawError
         What is no contact law.
-    MaterialError
-        What is no material, or another number of them than of blocks.
     """
 
     blocks: Assembly
@@ -317,7 +321,10 @@ class Problem:
     @cached_property
     def materials(self) -> tuple[Material, ...]:
         """Of each block, (n_blocks,)."""
-        return each_material(self.material, self.blocks.n_blocks)
+        try:
+            return each_material(self.material, self.blocks.n_blocks)
+        except MaterialError as error:
+            raise ProblemError(str(error)) from None
 
     @property
     def densities(self) -> FloatArray:

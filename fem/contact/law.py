@@ -192,6 +192,15 @@ class ContactLaw:
         return max(min(self._curve_end, hard), 1e-3)
 
     @property
+    def largest_interference(self) -> float:
+        """Overclosure beyond which an interference that is stated is rejected [mm].
+
+        Where its exponential ends; a law without one has pressures for any.
+        """
+        end = self._curve_end
+        return max(end, self.largest_initial_overclosure) if end > 0.0 else math.inf
+
+    @property
     def _curve_end(self) -> float:
         """Overclosure at which the exponential ends [mm]."""
         return self.constants.linear_start

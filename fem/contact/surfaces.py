@@ -29,7 +29,7 @@ from fem.contact.law import ContactLaw
 from fem.element.facet import BILINEAR, FacetBasis, basis_of
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
-from geometry.mesh import FloatArray, IntArray, cross_matrix, run_starts
+from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, cross_matrix, run_starts
 
 
 class ContactError(RefusedError):
@@ -46,7 +46,7 @@ class ContactNormals(StrEnum):
 
 
 @dataclass(frozen=True)
-class ContactSurfaces:
+class ContactSurfaces(ReadOnlyArrays):
     """Matched facets of an assembly with their Gauss points, world axes.
 
     Sorted by block pair; both the static and the explicit solver read it.
@@ -197,28 +197,28 @@ def check_initial_overlap(
 ) -> None:
     """Reject surfaces that lie deeper in each other than the law's curve reaches.
 
-    A negative clearance [mm] is an interference that is stated: it does not count.
+    A negative clearance [mm] is an interference that is stated: placement is not to blame for it.
 
     Raises
     ------
     ContactError
         Naming the deepest block pair, its depth and the law's range.
     """
-    deepest = (min(clearance, 0.0) - surfaces.initial_gaps).max(axis=1, initial=-np.inf)
-    refuse_overlap(surfaces.block_m, surfaces.block_s, deepest, law)
+    deepest = (-surfaces.initial_gaps).max(axis=1, initial=-np.inf)
+    reach = law.largest_interference if clearance < 0.0 else law.largest_initial_overclosure
+    refuse_overlap(surfaces.block_m, surfaces.block_s, deepest, reach)
 
 
 def refuse_overlap(
-    block_m: IntArray, block_s: IntArray, deepest: FloatArray, law: ContactLaw
+    block_m: IntArray, block_s: IntArray, deepest: FloatArray, range_end: float
 ) -> None:
-    """Reject facets (n_facets,) whose largest overclosure [mm] is beyond the law's range.
+    """Reject facets (n_facets,) whose largest overclosure [mm] is beyond a law's range [mm].
 
     Raises
     ------
     ContactError
         Naming the deepest block pair, its depth and the law's range.
     """
-    range_end = law.largest_initial_overclosure
     if not len(deepest) or deepest.max() <= range_end:
         return
     worst = int(np.argmax(deepest))

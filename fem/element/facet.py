@@ -13,7 +13,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from fem.element.lagrange import gauss_line, line_basis, tensor_points
-from geometry.mesh import FloatArray, IntArray, grid_points
+from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, grid_points
 
 #: Natural coordinates of the four corners of a facet, (4, 2).
 FACET_CORNERS: FloatArray = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=np.float64)
@@ -52,7 +52,7 @@ FACET_VALUES, FACET_SLOPES = bilinear(FACET_POINTS)
 
 
 @dataclass(frozen=True)
-class FacetBasis:
+class FacetBasis(ReadOnlyArrays):
     """Functions of the nodes of a facet at its points of integration, and where else to look."""
 
     points: FloatArray

@@ -35,9 +35,9 @@ _HISTORY = 1e-2
 #: Share of the time of all motions below which a step is cut no more.
 _SHORTEST = 1e-3
 #: Searches for one load step at most, and the motion after the last one that no cut needs to
-#: follow: what it changes is its square [skins].
+#: follow [skins]: pressures at edges where surfaces end change in proportion to it, by a sixth.
 _MAX_SEARCHES = 12
-_FOLLOWED = 1e-4
+_FOLLOWED = 1e-6
 #: Searches on the way of blocks that nothing holds, for each joint that they find.
 _MAX_TRIES = 2
 

@@ -184,7 +184,9 @@ def _times(
     plain = explicit_assembly(deformable, orbits=orbits, effects=effects)
     if plain.sliding is not None:
         start = plain.sliding.at_start
-        refuse_overlap(start.block_m, start.block_s, start.deepest, deformable.contact.law)
+        law, stated = deformable.contact.law, deformable.surfaces.clearance < 0.0
+        reach = law.largest_interference if stated else law.largest_initial_overclosure
+        refuse_overlap(start.block_m, start.block_s, start.deepest, reach)
     closing = _apart(deformable, plain)
     damped = effects.adaptive_mass_damping is not None
     times = recommended_times(plain.model, damped=damped, closing=closing)
