@@ -197,9 +197,11 @@ def test_too_deep_a_start_is_refused_with_place_and_depth():
     with pytest.raises(ContactError, match=r"deepest 0\.0.* mm between blocks"):
         deformable_assembly(tube, load, CONCRETE, clearance=-0.05)
     with pytest.raises(ContactError, match="overlap"):
-        deformable_assembly(tube, load, CONCRETE, law=LinearPenalty(1e3), clearance=-0.05)
-    # A start within the law's range is an interference fit, not an error.
+        deformable_assembly(tube, load, CONCRETE, law=LinearPenalty(1e3), spacing=-0.05)
+    # A start within the law's range is an interference fit, not an error; a linear law has no end
+    # for one that is stated.
     deformable_assembly(tube, load, CONCRETE, clearance=-0.001)
+    deformable_assembly(tube, load, CONCRETE, law=LinearPenalty(1e3), clearance=-0.05)
 
 
 def test_blocks_nothing_holds_are_named():

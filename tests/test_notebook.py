@@ -183,7 +183,6 @@ def test_a_problem_is_swept_as_the_scene_that_states_it(problem) -> None:
     ("change", "named"),
     [
         ({"law": TabularLaw([(0.0, 0.0), (0.1, 1.0)])}, "law: got a TabularLaw"),
-        ({"clearance": -0.01}, "clearance"),
         ({"motion": Motion(np.ones(3), np.zeros(3))}, "motion: no scene states it"),
     ],
     ids=lambda value: str(value)[:12],

@@ -120,12 +120,13 @@ def test_nothing_read_is_everything_unused(name: str) -> None:
     given = KeyUse(scene).unused
     data = scene_data(name)[1]
     for key in given:
-        value: object = data
+        places: list[object] = [data]
         for part in key.split("."):
-            value = value[0] if isinstance(value, list) else value
-            assert isinstance(value, dict)
-            assert part in value, key
-            value = value[part]
+            entries = [
+                e for place in places for e in (place if isinstance(place, list) else [place])
+            ]
+            places = [entry[part] for entry in entries if isinstance(entry, dict) and part in entry]
+            assert places, key
     assert any(key.startswith("block.") for key in given)
 
 
