@@ -13,6 +13,7 @@ What most need::
 | `Problem` | blocks, load, material and what acts between blocks, stated once |
 | `Material`, `concrete` | isotropic elasticity and density; the paper's concrete |
 | `ExponentialLaw`, `LinearPenalty`, `TabularLaw` | contact pressure over overclosure |
+| `PairLaws` | contact laws of pairs of blocks |
 | `CoulombFriction` | friction of all joints |
 | `Frames`, `ElementType` | how fixed blocks are modelled; hexahedra of degree 1 |
 | `solve_static` | the static state by Newton's method |
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
     from fem.contact.friction import CoulombFriction
     from fem.contact.law import ExponentialLaw, LinearPenalty
     from fem.contact.own_law import TabularLaw
+    from fem.contact.pair_laws import PairLaws
     from fem.decks.problem import write_deck
     from fem.dynamics import solve_explicit
     from fem.element.hexahedron import ElementType
@@ -50,6 +52,7 @@ __all__ = [
     "Frames",
     "LinearPenalty",
     "Material",
+    "PairLaws",
     "Problem",
     "StaticOptions",
     "TabularLaw",
@@ -67,6 +70,7 @@ _PLACES = {
     "ExponentialLaw": ("fem.contact.law", "ExponentialLaw"),
     "Frames": ("fem.assembly.deformable", "Frames"),
     "LinearPenalty": ("fem.contact.law", "LinearPenalty"),
+    "PairLaws": ("fem.contact.pair_laws", "PairLaws"),
     "Material": ("fem.element.material", "Material"),
     "Problem": ("fem.assembly.statement", "Problem"),
     "TabularLaw": ("fem.contact.own_law", "TabularLaw"),

@@ -97,7 +97,7 @@ def report_of(
 ) -> dict[str, Any]:
     """Evidence and statistics of the solver, as plain data."""
     found = solution.deformable
-    principal = [r.principal for r in solution.recovered]
+    least, largest = solution.nodal_stress_range
     if found.meets:
         beside = contact_report(solution, facets)
     else:
@@ -107,10 +107,7 @@ def report_of(
         "n_elements": found.model.n_elements,
         "n_nodes": found.model.n_nodes,
         "max_displacement": solution.largest_displacement,
-        "principal_stress": {
-            "max": max(float(p[..., 0].max()) for p in principal),
-            "min": min(float(p[..., 2].min()) for p in principal),
-        },
+        "principal_stress": {"max": float(largest), "min": float(least)},
         **({"large_motion": solution.large_motion} if solution.large_motion else {}),
         **beside,
         **_support_report(solution),

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -21,12 +22,13 @@ from fem.assembly.contact_state import (
     facing_points,
 )
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.peaks import StressPeaks, joint_forces, stress_peaks
+from fem.assembly.peaks import StressPeaks, joint_forces, moved_blocks, stress_peaks
 from fem.assembly.reactions import PushCurve, push_curves, reactions, spring_reactions
 from fem.assembly.section_forces import SolvedState, section_forces
 from fem.contact.search import SearchedSurfaces, searched_surfaces
 from fem.contact.surfaces import ContactSurfaces
-from fem.problem.recovery import Recovered, recover
+from fem.element.stress import principal_stress
+from fem.problem.recovery import Recovered, recover, stress_at_nodes
 from fem.static.result import StaticResult, loose_blocks
 from geometry.errors import RefusedError
 from geometry.measures import JointResultants, Planes, SectionForces
@@ -162,6 +164,11 @@ class Solution(ReadOnlyArrays):
             )
         )
 
+    @property
+    def _representative(self) -> IntArray | None:
+        """Block that stands for each block, (n_blocks,), where a symmetry is known."""
+        return None if self.static is None else self.static.representative
+
     @cached_property
     def stress_peaks(self) -> StressPeaks:
         """Extremes of the stresses inside elements."""
@@ -169,8 +176,22 @@ class Solution(ReadOnlyArrays):
             self.deformable,
             self.group_displacements,
             finite_rotation=self.finite_rotation,
-            representative=None if self.static is None else self.static.representative,
+            representative=self._representative,
         )
+
+    @cached_property
+    def nodal_stress_range(self) -> tuple[float, float]:
+        """Least σ₃ and largest σ₁ at the nodes [MPa]."""
+        found = [
+            principal_stress(stress_at_nodes(self.deformable.group(int(blocks[0])), moved))
+            for blocks, moved in moved_blocks(
+                self.deformable,
+                self.group_displacements,
+                finite_rotation=self.finite_rotation,
+                representative=self._representative,
+            )
+        ]
+        return min(p[..., 2].min() for p in found), max(p[..., 0].max() for p in found)
 
     @property
     def largest_displacement(self) -> float:
@@ -223,20 +244,33 @@ class Solution(ReadOnlyArrays):
     def reactions(self) -> dict[str, dict[str, list[float]]]:
         """Resultant of each support on the blocks by its name: `fem.assembly.reactions`.
 
-        Empty where nothing but whole blocks is held, and in explicit answers.
+        Empty where nothing but whole blocks is held, and for a sector of an explicit run.
         """
         static, model = self.static, self.deformable.model
         if static is None:
-            return {}
+            moved = spring_reactions(model, self.group_displacements)
+            return {name: dict(of) for name, of in self._of_whole_run[0].items()} | moved
         found = reactions(model, static.support_forces) if static.support_forces else {}
         return found | spring_reactions(model, self.group_displacements)
 
     @cached_property
     def push_curves(self) -> tuple[PushCurve, ...]:
-        """Force over way of each support that moves step by step."""
-        if self.static is None or not self.static.pushed:
+        """Force against displacement of each support that moves step by step."""
+        if self.static is None:
+            return self._of_whole_run[1]
+        if not self.static.pushed:
             return ()
         return push_curves(self.deformable.model, self.static.pushed)
+
+    @property
+    def _of_whole_run(
+        self,
+    ) -> tuple[Mapping[str, Mapping[str, list[float]]], tuple[PushCurve, ...]]:
+        """Reactions and motions of an explicit run; none where it computed one sector."""
+        result, stated = self.explicit, self.statement
+        if result is None or (stated is not None and stated.assembly.orbits.order > 1):
+            return {}, ()
+        return result.reactions, result.pushed
 
     @property
     def slip(self) -> dict[str, float] | None:
@@ -266,10 +300,11 @@ class Solution(ReadOnlyArrays):
             return np.zeros(0, dtype=np.int64)
         corners = corner_displacements(model, self.group_displacements, model.surfaces)
         there = model.surfaces.kinematics(corners, model.contact.normals)
+        law = model.contact.law.on(model.surfaces.block_m, model.surfaces.block_s)
         return loose_blocks(
             model,
             self.group_displacements,
-            model.contact.law.pressure(there.overclosure),
+            law.pressure(there.overclosure),
             model.surfaces,
             np.arange(model.assembly.n_blocks),
         )

@@ -104,8 +104,8 @@ class Measure:
         where = self.place
         if where is None:
             return ""
-        if "way" in where:
-            return f"{where['support']}, after {where['way']:.4g} mm"
+        if "displacement" in where:
+            return f"{where['support']}, after {where['displacement']:.4g} mm"
         blocks = " and ".join(str(b) for b in where["blocks"])
         words = f"block{'s' if len(where['blocks']) > 1 else ''} {blocks}"
         if where["layer"] is not None:

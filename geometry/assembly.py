@@ -13,7 +13,7 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 
 from geometry.block import Block
-from geometry.errors import RefusedError
+from geometry.errors import RefusedError, is_number
 from geometry.interface import Interfaces, match_facets
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays
 
@@ -188,7 +188,7 @@ AnyBlocks = PlacedBlocks[Any]
 
 def require_length(name: str, value: float, error: type[RefusedError] = AssemblyError) -> None:
     """Reject a length of a block that is none [mm]."""
-    if not (np.isfinite(value) and value > 0):
+    if not (is_number(value) and value > 0):
         raise error(f"block.{name}: got {value}, expected a positive length in mm")
 
 

@@ -11,7 +11,6 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from geometry.charts import Charts, Lines, grid_charts, unit_lines
 from geometry.mesh import (
     FloatArray,
     HexMesh,
@@ -24,6 +23,7 @@ from geometry.mesh import (
     grid_points,
     structured_hexahedra,
 )
+from geometry.meshing.charts import Charts, Lines, grid_charts, unit_lines
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Block(ReadOnlyArrays):
     curve: Curve | None = None
     """The exact shape; None: the mesh is the shape."""
     charts: Charts | None = None
-    """How it is meshed anew; None: hexahedron by hexahedron (`geometry.charts.charts_of`)."""
+    """How it is meshed anew (`geometry.meshing.charts.charts_of`); None: by its hexahedra."""
     tetrahedra: float | None = None
     """Size of the tetrahedra that its hexahedra were split from [mm]; None: of no tetrahedra."""
 

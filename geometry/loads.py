@@ -4,8 +4,8 @@ A load stays what was stated, a pressure on a face of some blocks; facets, force
 words of decks are asked of it.
 
 Load cases with names are one record each in `CASES`: what it loads and what it is called.
-Every case exists twice: as physics says (default) and ``as_printed``, the reading that reproduces
-the paper's tables. They differ in one case, *shaft*.
+Every case exists twice: with the full load (default) and ``as_printed``, the load of the paper's
+tables. They differ in one case, *shaft*.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 
 from geometry.answer import is_round
 from geometry.assembly import AnyBlocks, Assembly
-from geometry.errors import RefusedError
+from geometry.errors import RefusedError, is_number
 from geometry.mesh import (
     BoolArray,
     FloatArray,
@@ -27,8 +27,15 @@ from geometry.mesh import (
     QuadSurface,
     ReadOnlyArrays,
 )
-from geometry.regions import Where, check_region, listed, local_nodes, region_edges, region_quads
-from geometry.supports import HeldFace
+from geometry.parts.regions import (
+    Where,
+    check_region,
+    listed,
+    local_nodes,
+    region_edges,
+    region_quads,
+)
+from geometry.parts.supports import HeldFace
 
 
 class LoadCaseError(RefusedError):
@@ -353,8 +360,7 @@ def check_finite(pressure: object) -> None:
     LoadCaseError
         Saying so.
     """
-    number = isinstance(pressure, float | int | np.number) and not isinstance(pressure, bool)
-    if not number or not np.isfinite(pressure):  # type: ignore[call-overload]
+    if not is_number(pressure):
         raise LoadCaseError(f"load.pressure: got {pressure!r}, expected a finite number of MPa")
 
 

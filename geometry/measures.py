@@ -15,6 +15,7 @@ Reference: Heyman, The Stone Skeleton, Int. J. Solids Structures 2 (1966), secti
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -328,7 +329,7 @@ def summed_by_joint(
     pairs = np.column_stack(np.divmod(numbers, many))
 
     def total(values: FloatArray) -> FloatArray:
-        columns = values.reshape(len(joint), -1).T
+        columns = values.reshape(len(joint), math.prod(values.shape[1:])).T
         summed = np.stack([np.bincount(joint, column, len(pairs)) for column in columns], axis=-1)
         return np.asarray(summed.reshape(-1, *values.shape[1:]), dtype=np.float64)
 
@@ -374,7 +375,7 @@ def planes(
     points: npt.ArrayLike,
     normals: npt.ArrayLike,
     *,
-    blocks: Sequence[int] | None = None,
+    blocks: npt.ArrayLike | None = None,
     names: Sequence[str] | None = None,
 ) -> Planes:
     """Check planes: one point (3,) or several (n, 3) [mm], with a normal of any length each.

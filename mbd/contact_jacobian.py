@@ -24,7 +24,7 @@ from geometry.assembly import AnyBlocks
 from geometry.interface import Interfaces
 from geometry.loads import LoadCase
 from geometry.mesh import BoolArray, FloatArray, IntArray, cross_matrix, run_starts
-from geometry.supports import HeldFace
+from geometry.parts.supports import HeldFace
 from mbd.pair_wrenches import CongruentWrenches, PairKind, PairWrenches, SeparateWrenches
 from mbd.supports import admissible, free_motions
 

@@ -168,7 +168,7 @@ def classify(jacobian: ContactJacobian, load: FloatArray) -> Classification:
         admissible = _some_motion(jacobian)
     else:
         self_load = jacobian.resultant(ones)
-        stress = newton_equilibrium(jacobian, self_load)
+        stress = _judged(jacobian, self_load)
         if not stress.holds and stress.mechanism is None:
             return Classification(MechanismClass.UNDECIDED, None)
         ratio, vector = smallest_singular_pair(jacobian)

@@ -13,8 +13,8 @@ from geometry.assembly import AnyBlocks
 from geometry.errors import RefusedError
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
-from geometry.regions import region_points
-from geometry.supports import HeldFace
+from geometry.parts.regions import region_points
+from geometry.parts.supports import HeldFace
 
 #: Singular values of the held motions below this fraction of the largest are round-off: points
 #: may lie off their plane by a millionth of a block.
@@ -25,6 +25,15 @@ _ROUND_OFF = 1e-12
 
 class RigidSupportError(RefusedError):
     """A support that rigid blocks do not have."""
+
+
+class Guide(HeldFace):
+    """A support that its block moves along the displacement by any amount, without force."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether its motion is prescribed: only the direction is."""
+        return False
 
 
 def check_supports(held: tuple[HeldFace, ...]) -> None:
@@ -82,7 +91,12 @@ def _unit_wrenches(assembly: AnyBlocks, support: HeldFace, length: float) -> Flo
         np.hstack([np.broadcast_to(axis, arm.shape), np.cross(arm, axis) / length])
         for axis in support.axes
     ]
-    return np.concatenate(parts)
+    found = np.concatenate(parts)
+    if isinstance(support, Guide):
+        assert support.displacement is not None
+        way = np.repeat(support.axes @ support.displacement, len(arm))
+        found -= np.outer(way, way @ found) / float(way @ way)
+    return found
 
 
 def admissible(motions: FloatArray | None, rows: FloatArray) -> FloatArray:

@@ -12,9 +12,11 @@ from fem.accuracy.converge import LEAST_MESHES, MOST_WORK, TARGETS, converge, gr
 from fem.accuracy.errors import ALTERNATING, SAFETY, Falls, falling_bar
 from fem.accuracy.ladder import LADDER, PRESSURES, coarser, on_mesh, split
 from fem.accuracy.statics import solve_static
+from fem.contact.law import LinearPenalty
 from geometry import SineBlock, pipe, tube
 from geometry.answer import WIDEST, Measure
 from tests.verification import error_bars
+from tests.verification.concentric import Shells
 from tests.verification.error_problems import Case, cases
 from validation import load_scene
 
@@ -169,3 +171,19 @@ def test_a_pressure_that_grows_at_an_edge_is_no_number() -> None:
     assert "use the largest mean pressure of a facet" in remark
     slowing = [{"p_max_point": Measure(v, "MPa")} for v in (1.0, 1.3, 1.45, 1.5)]
     assert not growing(slowing)
+
+
+@pytest.mark.parametrize("spherical", [False, True])
+def test_closed_forms_of_thin_shells_are_those_of_membranes(spherical: bool) -> None:
+    """q r / t around a ring, half of it in a sphere, to the wall over the radius; no joint moves.
+
+    The joint lies in the middle of the wall and carries half of the load.
+    """
+    wall = 1e-3
+    shells = Shells(
+        (1.0 - wall, 1.0, 1.0 + wall), concrete, LinearPenalty(1e12), 0.1, spherical, 2.0
+    )
+    exact = shells.exact()
+    membrane = 2.0 / (2.0 * wall) / (2.0 if spherical else 1.0)
+    assert exact["sigma_1_max"] == pytest.approx(membrane, rel=4.0 * wall)
+    assert exact["p_max_point"] == pytest.approx(0.5 * 2.0, rel=4.0 * wall)

@@ -18,7 +18,7 @@ from fem.static.linear_step.block_tridiagonal import (
     factor_chain,
 )
 from fem.static.linear_step.condensation import condense
-from fem.static.linear_step.condensed import block_motions
+from fem.static.linear_step.flexibility import block_motions
 from fem.static.linear_step.linearisation import SparseSolver, SparseSolverError, factorize
 from geometry.block import box_block
 from geometry.mesh import HexMesh

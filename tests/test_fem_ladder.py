@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fem import concrete
-from fem.accuracy.converge import TARGETS
+from fem.accuracy.converge import TARGETS, work
 from fem.accuracy.ladder import (
     DEGREES,
     LADDER,
@@ -21,10 +22,12 @@ from fem.accuracy.ladder import (
 from fem.assembly.statement import Problem
 from fem.contact.law import LinearPenalty
 from geometry.families.boxes import ColumnBox, box_column
+from geometry.families.hexagon_block import HexagonBlockParameters
 from geometry.families.planar_wall import WallBlock, osteomorphic_wall
+from geometry.families.tube import tube as tube_of
 from geometry.loads import face_pressure, pipe
 from geometry.mesh import FloatArray, volume_and_centroid
-from geometry.refinement import charts_of
+from geometry.meshing.refinement import charts_of
 from tests.test_validation_accuracy import stated
 
 pytestmark = pytest.mark.quick
@@ -123,3 +126,17 @@ def test_osteomorphic_blocks_are_refined_across_their_waves() -> None:
     coarse = coarser(problem, 0.5)
     assert coarse is not None
     np.testing.assert_allclose(volumes(coarse), volumes(problem), rtol=0.1)
+
+
+def test_work_of_a_hexagon_block_is_that_of_a_block_without_a_grid() -> None:
+    """Both are condensed as a whole; a default took 155 CPU s, of 20, while six grids counted.
+
+    A shape without charts has the same nodes; only what it costs is counted by its elements.
+    """
+    block = HexagonBlockParameters(blocks_per_layer=6, inner_radius=130.0, thickness=45.0)
+    blocks = tube_of(block, layers=1, mesh=(2, 1))
+    problem = on_rung(Problem(blocks, pipe(0.01), concrete), PRESSURES.rungs[0])
+    shapes = tuple(replace(shape, charts=None) for shape in problem.blocks.shapes)
+    without = replace(problem, blocks=replace(problem.blocks, shapes=shapes), load=pipe(0.01))
+    assert work(problem, 6) == work(without, 6)
+    assert work(problem, 6) > 600.0 * (3.0 * shapes[0].mesh.n_elements) ** 2

@@ -25,7 +25,7 @@ from geometry import SineBlock, pipe, tube
 from geometry.block import Block
 from geometry.families.sine_block import TSB1, SineBlockDivisions, sine_block
 from geometry.mesh import FloatArray, MeshError, boundary_quads
-from geometry.refinement import charts_of
+from geometry.meshing.refinement import charts_of
 from tests.test_validation_own_fem import deformable
 from validation.build.deformable import scene_problem
 from validation.run.solve import run_static

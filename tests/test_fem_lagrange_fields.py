@@ -11,19 +11,23 @@ from scipy.spatial import cKDTree
 
 from fem import StaticOptions, solve_static
 from fem.accuracy.transfer import interpolation
+from fem.element import lagrange_stress
 from fem.element.lagrange import LagrangeElement
 from fem.element.lagrange_mesh import LagrangeMesh, with_degree
 from fem.element.lagrange_stress import (
     MovedBodies,
+    _Cells,
+    _tension,
     averaged_tension,
     cells_of,
     grid_places,
     nodal_stress_of,
 )
 from fem.static.linear_step.grid_block import windows
-from geometry.charts import Places
 from geometry.files.mesh_io import write_lagrange_cells
-from geometry.refinement import charts_of
+from geometry.mesh import FloatArray
+from geometry.meshing.charts import Places
+from geometry.meshing.refinement import charts_of
 from tests.test_fem_lagrange import CONCRETE, block, curved
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 
@@ -119,6 +123,30 @@ def test_the_largest_averaged_tension_does_not_depend_on_the_numbering(seed: int
     for other in range(3):
         found = averaged_tension(renumbered(bodies, other), 15.0)[0].value
         assert found == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_bar_in_tension_is_looked_at_closely_at_some_places(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """All places have the largest average; closer looks at each of them filled any memory.
+
+    The first look, with cells of half a radius, is at the whole bar: no later one has more places.
+    """
+    looks = list[int]()
+
+    def counted(cells: _Cells, centres: FloatArray, radius: float, size: float) -> FloatArray:
+        looks.append(len(centres))
+        assert looks[-1] <= max(looks[:2])
+        return _tension(cells, centres, radius, size)
+
+    monkeypatch.setattr(lagrange_stress, "_tension", counted)
+    bodies = box((2, 2, 2), 60.0)
+    bodies.displacements[:] = 1e-4 * bodies.positions * [1.0, 0.0, 0.0]
+    found, largest = averaged_tension(bodies, 5.0)
+    strain = 1e-4 * np.diag([1.0, 0.0, 0.0])
+    stress = CONCRETE.lame_modulus * 1e-4 * np.eye(3) + 2.0 * CONCRETE.shear_modulus * strain
+    assert found.value == pytest.approx(stress[0, 0], rel=1e-9)
+    assert largest.value == pytest.approx(stress[0, 0], rel=1e-9)
 
 
 def test_the_upper_layer_is_the_lower_one_turned() -> None:

@@ -22,8 +22,8 @@ from geometry.assembly import Assembly
 from geometry.block import box_block
 from geometry.errors import RefusedError
 from geometry.loads import LoadCase, PressureLoad
-from geometry.pairs import PairError, pair_values
-from geometry.supports import HeldFace
+from geometry.parts.pairs import PairError, pair_values
+from geometry.parts.supports import HeldFace
 from mbd import contact_jacobian
 from mbd.force_range import force_ranges
 from mbd.friction import collapse_load, frictional_contacts
@@ -247,7 +247,13 @@ def test_friction_of_some_joints_needs_that_of_the_others(tmp_path: Path) -> Non
         ),
         ("[{between=[0, 1], friction=30.0}]", "an angle in degrees"),
         ("[{between=[0, 1], friction=-0.1}]", "greater than or equal to 0"),
-        ("[{between=[0, 1], friction=0.1, law='linear'}]", "law: all joints have one contact law"),
+        ("[{between=[0, 1], friction=0.1, law='linear'}]", "contact.pairs.stiffness is missing"),
+        (
+            "[{between=[0, 1], maximum_stiffness=5.0}]",
+            "got maximum_stiffness without law",
+        ),
+        ("[{between=[0, 1]}]", "a pair without friction and law; expected one"),
+        ("[{between=[0, 2], law='exponential'}]", "block 0 and block 2 do not touch"),
     ],
 )
 def test_wrong_pairs_of_a_scene_are_told_in_one_line(

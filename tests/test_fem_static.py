@@ -16,7 +16,7 @@ from fem.contact.surfaces import ContactNormals
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.static.linear_step import condensed as flexibility
-from fem.static.linear_step.condensed import FlexibilityStore
+from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import (
     StaticError,
     StaticMethod,

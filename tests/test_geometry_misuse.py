@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from fem import Problem, concrete, solve_explicit, solve_static
+import validation
+from fem import (
+    CoulombFriction,
+    ExponentialLaw,
+    LinearPenalty,
+    Material,
+    Problem,
+    StaticOptions,
+    concrete,
+    solve_explicit,
+    solve_static,
+    write_deck,
+)
 from geometry import SineBlock, pipe, tube
 from geometry.errors import RefusedError
 from mbd import analyse
@@ -108,3 +120,56 @@ def test_solvers(solve: Any) -> None:
     for wrong in (None, built(), "tsb1-pipe"):
         with pytest.raises(RefusedError, match=r"problem: got a .* expected Problem"):
             solve(wrong)
+
+
+@pytest.mark.parametrize("wrong", ["1", None, True, float("nan")])
+@pytest.mark.parametrize(
+    ("kind", "right", "name", "words"),
+    [
+        (Material, {"density": 2.4e-9, "young_modulus": 3e4, "poisson_ratio": 0.2}, None, ""),
+        (CoulombFriction, {"coefficient": 0.3, "stick_stiffness": 50.0}, None, "effects.friction."),
+        (LinearPenalty, {"stiffness_per_area": 1e3}, None, "contact.stiffness"),
+        (ExponentialLaw, {"clearance_at_zero_pressure": 1e-3}, None, "contact."),
+        (StaticOptions, {"tolerance": 1e-8}, None, "fem.tolerance"),
+        (SineBlock, asdict(SHAPE), "height", "block.height"),
+        (SineBlock, asdict(SHAPE), "amplitude", "block.amplitude"),
+        (SineBlock, asdict(SHAPE), "frequency", "block.frequency"),
+        (SineBlock, asdict(SHAPE), "shift", "block.shift"),
+    ],
+)
+def test_numbers(
+    kind: Any, right: dict[str, Any], name: str | None, words: str, wrong: Any
+) -> None:
+    for key in right if name is None else (name,):
+        with pytest.raises(RefusedError, match=f"{words}.*got.*{wrong}.*expected"):
+            kind(**right | {key: wrong})
+    kind(**right)
+
+
+def test_a_block_without_waves_is_answered_with_their_numbers() -> None:
+    with pytest.raises(RefusedError, match=r"block\.frequency: got 0, expected 0\.5, 1, 1\.5"):
+        replace(SHAPE, frequency=0)
+
+
+def test_what_is_no_answer_no_scene_and_no_problem() -> None:
+    blocks, plane = built(), ((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    for call in (
+        lambda: validation.write(blocks, "nowhere"),
+        lambda: validation.plot(blocks, "u"),
+        lambda: validation.section(blocks, *plane),
+        lambda: validation.compare(blocks, blocks),
+    ):
+        with pytest.raises(RefusedError, match="answer: got a Assembly; expected what solve"):
+            call()
+    for call in (lambda: validation.cost(blocks), lambda: validation.sweep(blocks, {})):
+        with pytest.raises(RefusedError, match="scene: got a Assembly; expected a name, a file"):
+            call()
+    with pytest.raises(RefusedError, match="problem: got a Assembly; expected Problem"):
+        write_deck(blocks, "nowhere.inp")
+
+
+@pytest.mark.parametrize("accuracy", [0.05, "p_max", {"p_max": "5%"}, {"p_max": True}, {"p": 0.1}])
+def test_accuracies(accuracy: Any) -> None:
+    problem = Problem(built(), pipe(0.01), concrete)
+    with pytest.raises(RefusedError, match=r"accuracy: got .*; expected "):
+        solve_static(problem, accuracy=accuracy)

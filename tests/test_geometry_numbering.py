@@ -111,6 +111,18 @@ def test_the_answer_does_not_depend_on_the_numbering(axis: int, size: float, see
     assert first.equilibrium.holds is second.equilibrium.holds
 
 
+def test_patches_of_one_size_each_have_their_own_pressure() -> None:
+    """However many there are in a joint: only what clipping left shares that of another."""
+    interfaces = own_blocks([wavy_block(cell, 2, 0.5, 1, 4) for cell in range(2)], (0,)).interfaces
+    areas = interfaces.patches.areas
+    assert len(areas) > 20
+    assert areas.min() > 0.5 * areas.mean()
+    forces = np.random.default_rng(1).uniform(1.0, 2.0, interfaces.n_contacts)
+    every = np.arange(interfaces.n_contacts)
+    pressures = interfaces.patch_pressures(every, forces)
+    np.testing.assert_allclose(pressures * areas, interfaces.of_patches(every, forces), rtol=1e-12)
+
+
 @pytest.mark.parametrize("axis", range(3))
 def test_a_moved_shared_corner_is_one_joint_in_every_direction(axis: int) -> None:
     """Cut along one diagonal, the joint across x overlapped, and those across y and z differed."""

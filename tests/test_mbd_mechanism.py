@@ -27,6 +27,7 @@ from mbd import (
     solve_linear_programs,
 )
 from mbd.answer import placed_motion
+from mbd.contact_jacobian import contact_wrenches
 from mbd.margin import FirstOrderExplosion
 from tests.conftest import random_rotation, tsb
 
@@ -72,6 +73,16 @@ def test_block_on_a_floor_between_walls(load: list[float], expected: MechanismCl
     # Plane, rows (x, z): floor pushes up, walls push left and right. Only rising is admissible.
     matrix = np.array([[0.0, 1.0, -1.0], [1.0, 0.0, 0.0]])
     assert classify(as_jacobian(matrix), np.array(load)).mechanism is expected
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
+def test_work_of_a_mechanism_is_over_the_load(size: float) -> None:
+    """A load (-4, 3) presses on a wall and lifts from the floor: it moves along the wall by 3/5."""
+    jacobian = as_jacobian(np.array([[0.0, 1.0], [1.0, 0.0]]))
+    found = classify(jacobian, size * np.array([-4.0, 3.0]))
+    assert found.mechanism is MechanismClass.ACTIVATED
+    assert isinstance(found.certificate, Mechanism)
+    assert found.certificate.work == pytest.approx(0.6, rel=1e-9)
 
 
 def test_strictly_positive_self_stress_without_full_rank_is_not_locked() -> None:
@@ -222,3 +233,14 @@ def test_an_explosion_is_admissible_where_no_contact_closes(rate: float) -> None
         push=None,  # type: ignore[arg-type]
     )
     assert explosion.admissible == (rate >= 0.0)
+
+
+def test_contacts_push_both_blocks_by_one_force(small_tube: Assembly) -> None:
+    """Any forces: action and reaction leave no force and no moment about the origin."""
+    index = np.arange(small_tube.interfaces.n_contacts)
+    forces = np.random.default_rng(4).standard_normal((len(index), 3))
+    wrench = contact_wrenches(small_tube, index, forces)
+    moment = wrench[:, 3:] + np.cross(small_tube.centroids, wrench[:, :3])
+    assert np.abs(wrench[:, :3]).max() > 1.0
+    assert np.abs(wrench[:, :3].sum(axis=0)).max() < 1e-12 * np.abs(forces).sum()
+    assert np.abs(moment.sum(axis=0)).max() < 1e-12 * np.abs(wrench).sum() * 500.0

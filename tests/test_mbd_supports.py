@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import LineLoad, LoadCase, PressureLoad, TractionLoad
+from geometry.parts.regions import Plane
+from geometry.parts.supports import HeldFace
 from geometry.polyhedra.assembly import as_polyhedral
-from geometry.regions import Plane
-from geometry.supports import HeldFace
 from mbd import MechanismClass, analyse, contact_jacobian, generalized_force, rigid_result
 from mbd.force_range import force_ranges
 from mbd.friction import collapse_load, frictional_contacts, frictional_equilibrium

@@ -26,11 +26,11 @@ from fem.static.linear_step.grid_block import PointFlexibility
 from fem.static.solve import StaticMethod
 from geometry import SineBlock, beam, pillar, pipe, shaft, tube, tunnel
 from geometry.block import Block, box_block
-from geometry.charts import unit_lines
 from geometry.families.hexagon_block import HexagonBlockDivisions, hexagon_block
 from geometry.families.planar_wall import WallBlock, osteomorphic_wall
 from geometry.mesh import FloatArray
-from geometry.refinement import charts_of, with_lines
+from geometry.meshing.charts import unit_lines
+from geometry.meshing.refinement import charts_of, with_lines
 from tests.test_fem_lagrange_mesh import HEXAGON, WALL, sine
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation import read_answer

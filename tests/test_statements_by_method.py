@@ -10,7 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fem import Problem, concrete, solve_explicit, solve_static, write_deck
+from fem import (
+    ExponentialLaw,
+    LinearPenalty,
+    PairLaws,
+    Problem,
+    concrete,
+    solve_explicit,
+    solve_static,
+    write_deck,
+)
 from fem.assembly.statement import Motion
 from fem.decks.keywords import DeckError
 from fem.decks.problem import problem_deck
@@ -18,7 +27,7 @@ from fem.decks.statement import Flavour
 from geometry.answer import Answer
 from geometry.errors import RefusedError
 from geometry.loads import LineLoad, LoadCase, PressureLoad, with_body_wrenches
-from geometry.supports import HeldFace
+from geometry.parts.supports import HeldFace
 from mbd import analyse
 from tests.test_fem_explicit_supports import ONE, TWO, A, X, Y, Z, case, pulled, roller, side
 from tests.verification.calculix import (
@@ -44,6 +53,7 @@ LINE = LineLoad(np.array([1]), TOP - A * Y, TOP, np.array([0.0, 0.0, -3.0]))
 MIDDLE = LineLoad(np.array([1]), TOP - [A / 2, A, 0], TOP - [A / 2, 0, 0], -3.0 * Z)
 OBLIQUE = HeldFace(1, side(TWO, 1, -X), np.array([[0.6, 0.8, 0.0]]))
 TABLE = ((0.0, 0.0), (0.002, 0.5), (0.004, 1.0))
+LAWS = PairLaws(ExponentialLaw(), ((0, 1, LinearPenalty(500.0)),))
 BED = roller(TWO, 1, X, spring=2.0)
 
 
@@ -63,6 +73,10 @@ STATEMENTS: dict[str, tuple[LoadCase, dict[str, Any]]] = {
     "support along an oblique direction": (case(TWO, [PRESSED], (OBLIQUE, GUIDES[1])), {}),
     "support that moves": (_loaded(_moved(), faces=()), {}),
     "support that moves by a table": (_loaded(_moved(path=TABLE), faces=()), {}),
+    "support that moves, blocks that turn by any angle": (
+        _loaded(_moved(), faces=()),
+        {"finite_rotation": True},
+    ),
     "springs below a face": (_loaded(BED), {}),
     "springs, blocks that turn by any angle": (_loaded(BED), {"finite_rotation": True}),
     "pressure on a region": (_loaded(faces=(PRESSURE,)), {}),
@@ -71,6 +85,7 @@ STATEMENTS: dict[str, tuple[LoadCase, dict[str, Any]]] = {
     "force and moment on a block": (with_body_wrenches(_loaded(faces=()), PUSH), {}),
     "gravity": (_loaded(faces=()), {"gravity": (0.0, 0.0, -9810.0)}),
     "friction": (_loaded(), {"friction": 0.3}),
+    "contact law of a pair": (_loaded(), {"law": LAWS}),
     "clearance": (_loaded(), {"clearance": 0.01}),
     "motion at time 0": (_loaded(), {"motion": Motion(-10.0 * Z, np.zeros(3))}),
 }

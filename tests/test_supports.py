@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,12 +11,13 @@ from fem import Problem, solve_static
 from fem.contact.law import LinearPenalty
 from fem.element.material import Material
 from fem.problem.model import ModelError
-from geometry.assembly import Assembly
+from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block, box_block
 from geometry.loads import LineLoad, LoadCase, LoadCaseError, PressureLoad, TractionLoad
-from geometry.regions import Box, Plane
-from geometry.supports import HeldFace, SupportError
+from geometry.parts.regions import Box, Plane
+from geometry.parts.supports import HeldFace, SupportError
 from validation.build.deformable import scene_problem
+from validation.build.supports import stated_load
 from validation.errors import InputError
 from validation.scene.combinations import combined
 from validation.scene.read import SceneFile, check_scene
@@ -204,6 +207,37 @@ BOX = {
 def test_a_scene_says_what_is_wrong_with_a_support_or_a_load(stated: dict, said: str) -> None:
     with pytest.raises(InputError, match=said):
         check_scene(BOX | stated)
+
+
+CUBE = box_block((100.0, 50.0, 40.0), (1, 1, 1))
+PANEL = {"block": {"type": "tetrahedra", "edge": 9.0}, "assembly": {"columns": 1, "rows": 1}}
+PUSHED = PANEL | {"load": {"push": {"block": 0, "distance": 1.0}}}
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        ({"supports": [{"face": "x-", "blocks": [0]}]}, r"supports\[0\].blocks: block 0 is fixed"),
+        ({"loads": [{"force": [0, 0, 1], "blocks": [0]}]}, r"loads\[0\].blocks: block 0 is fixed"),
+        (PUSHED, r"load.push.block: block 0 is fixed"),
+    ],
+)
+def test_what_holds_or_loads_a_fixed_block_is_rejected(stated: dict, said: str) -> None:
+    scene = check_scene(stated if "block" in stated else BOX | stated)
+    blocks = replace(placed(CUBE, CUBE), fixed=np.array([True, False]))
+    with pytest.raises(InputError, match=said):
+        stated_load(scene, blocks, LoadCase(blocks, "", (), blocks.fixed))
+
+
+def test_a_name_of_several_blocks_is_all_of_them_or_none() -> None:
+    """Supports and loads on faces act on every block of a name; a force needs one."""
+    blocks = replace(placed(CUBE, CUBE, CUBE), names=("a", "b", "a"))
+    empty = LoadCase(blocks, "", (), blocks.fixed)
+    scene = check_scene(BOX | {"supports": [{"face": "x-", "blocks": ["a"]}]})
+    assert [held.block for held in stated_load(scene, blocks, empty).held] == [0, 2]
+    scene = check_scene(BOX | {"loads": [{"force": [0, 0, 1], "blocks": ["a"]}]})
+    with pytest.raises(AssemblyError, match="the name of 2 blocks"):
+        stated_load(scene, blocks, empty)
 
 
 def test_a_scene_states_the_same_as_python() -> None:

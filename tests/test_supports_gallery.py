@@ -13,12 +13,16 @@ from fem.contact.law import LinearPenalty
 from fem.element.material import Material
 from geometry.assembly import Assembly
 from geometry.block import Block, mapped_block
+from geometry.errors import RefusedError
 from geometry.loads import LoadCase
-from geometry.supports import HeldFace
+from geometry.parts.supports import HeldFace
 from validation.build.deformable import scene_problem
-from validation.run.held_by_faces import faces_words
+from validation.run.held_by_faces import faces_words, require_held_by_faces
 from validation.run.held_by_friction import require_held_by_friction
-from validation.scene.read import check_scene, scene_data
+from validation.run.rigid.polyhedra import run_polyhedra
+from validation.run.solve import run_static
+from validation.scene.polyhedra import PolyhedralScene
+from validation.scene.read import check_scene, load_scene, scene_data
 
 
 def solved(name: str) -> Any:
@@ -57,6 +61,25 @@ def test_a_beam_on_springs_is_that_of_winkler() -> None:
     reactions = answer.as_dict()["reactions"]
     assert reactions["middle"]["moment"][1] == pytest.approx(moment, rel=tolerance)
     assert reactions["bed"]["force"][2] == pytest.approx(0.5 * force, rel=1e-9)
+
+
+def test_a_roller_takes_what_presses_the_top_row_of_a_wall() -> None:
+    """Joints have no friction: no row but the top one has a force along the wall.
+
+    Rigid blocks to round-off. Normals of the joints between rows lean by strains of the bricks,
+    p / E = 2e-5, under weights that add up to half of the force.
+    """
+    force = 0.1 * 115.0 * 71.0
+    file = load_scene("wall-with-roller")
+    assert isinstance(file.scene, PolyhedralScene)
+    rigid = run_polyhedra(file, file.scene).answer.as_dict()["reactions"]["roller"]
+    assert rigid["force"] == pytest.approx([-force, 0.0, 0.0], abs=1e-9 * force)
+    assert rigid["moment"][1] == pytest.approx(-force * 248.5, rel=1e-9)
+    run = run_static("wall", file.scene)
+    assert run.solution.reactions["roller"]["force"] == pytest.approx(
+        [-force, 0.0, 0.0], abs=2e-5 * force
+    )
+    require_held_by_faces("wall", run.scene, run.problem.blocks)
 
 
 def test_shifted_boxes_slide_at_the_coulomb_limit() -> None:
@@ -179,3 +202,31 @@ def test_checks_of_rigid_blocks_in_place_leave_out_supports_that_move() -> None:
     free = int(np.flatnonzero(~blocks.fixed)[0])
     pushed = check_scene(data | {"load": {"push": {"block": free, "distance": 0.1}}})
     assert faces_words(pushed, blocks) is None
+
+
+def pressed_boxes(*, held: str, load: str) -> Any:
+    """Boxes without friction, pressed from above; a support and a load on the upper one."""
+    data = scene_data("shifted-boxes")[1]
+    del data["effects"]
+    data["supports"] = [{"blocks": [1], "face": held, "hold": "normal", "name": "roller"}]
+    data["loads"] = [{"blocks": [1], "face": load, "traction": [0.0, 0.1, 0.0]}]
+    return check_scene(data, "boxes")
+
+
+def test_a_mechanism_that_supports_leave_is_named() -> None:
+    scene = pressed_boxes(held="x+", load="x-")
+    words = (
+        r"supports leave \(block 1 slides on block 0 along \(0.00, 1.00, 0.00\)\); `tubelock mbd`"
+    )
+    with pytest.raises(RefusedError, match=words) as error:
+        run_static("boxes", scene)
+    assert "\n" not in str(error.value)
+
+
+def test_a_load_that_a_support_takes_is_rejected() -> None:
+    scene = pressed_boxes(held="y+", load="y+")
+    with pytest.raises(
+        RefusedError, match="roller holds the face of block 1 that is loaded, in the"
+    ):
+        scene_problem(scene, "boxes")
+    assert scene_problem(pressed_boxes(held="y+", load="y-"), "boxes").load_case.held

@@ -80,7 +80,7 @@ from validation.run.rigid.answer import run_rigid
 from validation.run.solve import run_static
 from validation.scene.family import round_types
 from validation.scene.read import load_scene
-from validation.scene.schema import scene_schema
+from validation.scene.keys.schema import scene_schema
 file = load_scene("plain.toml")
 schema = scene_schema()["properties"]["block"]["properties"]["type"]["enum"]
 print(json.dumps({
@@ -139,6 +139,7 @@ def test_every_family_is_in_the_table_once() -> None:
     assert AssemblyScene.families.items() <= SCENE_TYPES.items()
     assert set(AssemblyScene.families) == {
         *("sine", "hexagon", "brick", "planar-sine", "osteomorphic", "boxes", "box"),
+        *("roller", "ball"),
     }
     assert round_types() == '"sine" or "hexagon"'
     for scene in AssemblyScene.families.values():

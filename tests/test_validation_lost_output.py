@@ -59,6 +59,19 @@ def test_characters_that_the_output_lacks_are_replaced(tmp_path: Path) -> None:
     assert {p.name for p in (tmp_path / "o").iterdir()} == FILES
 
 
+def test_a_file_name_that_the_locale_lacks_is_one_line(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text('[block]\ntype = "mesh"\n[[parts]]\nfile = "ä.stl"\n', "utf-8")
+    plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    (tmp_path / "ä.stl").touch()
+    command = ("mbd", str(scene), "--json", str(tmp_path / "a.json"))
+    done = finished(*command, env=os.environ | plain, capture_output=True)
+    assert done.returncode == 2
+    assert done.stderr.count(b"\n") == 1
+    assert b"\\xe4.stl" in done.stderr
+    assert b"set PYTHONUTF8=1" in done.stderr
+
+
 @pytest.mark.parametrize(
     ("module", "wait"),
     [
@@ -86,6 +99,27 @@ def test_an_interruption_is_told_whenever_it_comes(
         process.send_signal(signal.SIGINT)
         told = [line for line in process.stderr if not line.startswith(b"import time:")]
     assert (process.returncode, told) == (130, [b"interrupted\n"])
+
+
+#: Command that is interrupted inside a callback, whose exceptions Python ignores.
+INTERRUPTED_IN_A_CALLBACK = """
+import signal, sys, time, types, validation.cli, weakref
+class Anything: pass
+def run():
+    anything = Anything()
+    watch = weakref.ref(anything, lambda _: signal.raise_signal(signal.SIGINT))
+    del anything
+    time.sleep(30)
+signal.signal(signal.SIGINT, signal.default_int_handler)
+sys.modules["validation.cli.app"] = types.SimpleNamespace(main=run)
+validation.cli.main()
+"""
+
+
+def test_an_interruption_inside_a_callback_is_not_lost() -> None:
+    command = [sys.executable, "-c", INTERRUPTED_IN_A_CALLBACK]
+    done = subprocess.run(command, check=False, capture_output=True, timeout=20)
+    assert (done.returncode, done.stderr) == (130, b"interrupted\n")
 
 
 def test_calls_that_write_one_file_at_once_publish_whole_ones(tmp_path: Path) -> None:

@@ -276,6 +276,34 @@ def test_what_point_contacts_alone_lock_is_said_to_be(tmp_path: Path) -> None:
     assert "proof for the faces" in words
 
 
+@pytest.mark.parametrize(("degrees", "thickness"), [(25.0, 60.0), (35.0, 30.0)])
+def test_faces_are_decided_where_newton_stagnates(
+    tmp_path: Path, degrees: float, thickness: float
+) -> None:
+    """Whether they have a self-stress was "undecided" at a residual of 2e-6, expected 1e-6."""
+    half, lines, ring = 0.5 * thickness, list[str](), list[int]()
+    for number, (i, j) in enumerate(np.ndindex(5, 5)):
+        lean = (1.0 if (i + j) % 2 else -1.0) * np.tan(np.radians(degrees))
+        lines.append(f"o block{number}")
+        for z in (-half, half):
+            for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
+                place = 100 * i + x * (50 + z * lean), 100 * j + y * (50 - z * lean), z
+                lines.append("v " + " ".join(f"{value:.12g}" for value in place))
+        quads = ("4 3 2 1", "5 6 7 8", "1 2 6 5", "2 3 7 6", "3 4 8 7", "4 1 5 8")
+        for quad in quads:
+            lines.append("f " + " ".join(str(8 * number + int(v)) for v in quad.split()))
+        ring += [number] if {i, j} & {0, 4} else []
+    (tmp_path / "panel.obj").write_text("\n".join(lines) + "\n")
+    scene = tmp_path / "panel.toml"
+    scene.write_text(
+        f'[block]\ntype = "mesh"\nunits = "mm"\n[assembly]\nfixed = {ring}\n'
+        '[[parts]]\nfile = "panel.obj"\n[effects]\ngravity = [0, 0, -9810]\n'
+    )
+    answer = _answer(load_scene(str(scene)))
+    assert answer["mechanism"] == "locked"
+    assert answer["by_faces_alone"]["mechanism"] == "activated"
+
+
 @pytest.mark.parametrize("command", ["fem", "compare"])
 def test_deformable_blocks_name_the_mechanism_of_their_faces(tmp_path: Path, command: str) -> None:
     result = CliRunner().invoke(app, [command, str(_panel(tmp_path)), "--json", "-"])

@@ -13,8 +13,8 @@ import pytest
 
 from validation.errors import InputError
 from validation.scene.builtin import builtin_names, builtin_text
+from validation.scene.keys.schema import scene_schema
 from validation.scene.read import SCENE_TYPES, check_scene, load_scene
-from validation.scene.schema import scene_schema
 
 
 @pytest.fixture(scope="module")

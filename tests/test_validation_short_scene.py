@@ -13,8 +13,8 @@ import pytest
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation.errors import InputError
 from validation.scene.families.sine import TubeScene
+from validation.scene.keys.schema import scene_schema
 from validation.scene.read import check_scene, load_scene
-from validation.scene.schema import scene_schema
 
 README = (Path(__file__).parents[1] / "README.md").read_text("utf-8")
 SHORT = re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL)[0]

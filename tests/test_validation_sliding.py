@@ -428,3 +428,48 @@ def test_blocks_that_nothing_determines_and_large_motions_are_named(
     assert ("4, 5, 6, 7: no contact holds them in every direction" in text) == (clearance > 0.0)
     assert ("large motion" in text) == (clearance == 5.0)
     assert ("large_motion" in run.answer.as_dict()) == (clearance == 5.0)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_contact_forces_of_blocks_that_move_away_end() -> None:
+    """They grew until squares of displacements overflowed; energy descent has the answer."""
+    scene = load_scene("tsb1-pipe").scene
+    assert isinstance(scene, DeformableScene)
+    mesh = {"mesh.around": 12, "mesh.radial": 1, "mesh.axial": 4, "assembly.layers": 1}
+    scene = scene.changed(mesh | {"contact.clearance": 5.0, "fem.degree": 3})
+    static = run_static("ring", scene).solution.static
+    assert static is not None
+    assert static.converged
+
+
+def test_large_motions_are_not_refined(
+    tubelock,  # type: ignore[no-untyped-def]  # noqa: F811
+) -> None:
+    """A gap of 5 mm closes, blocks have 79 mm: finer meshes leave an error of that order."""
+    box = "{size = [100, 100, 50], divisions = [2, 2, 1]}"
+    Path("gap.toml").write_text(
+        f'[block]\ntype = "boxes"\nboxes = [{box}, {box}]\n[load]\npressure = 0.5\n'
+        "[contact]\nclearance = 5.0\n"
+    )
+    status, out, _ = tubelock("fem", "gap.toml", "--json", "answer.json")
+    assert status == 0
+    answer = json.loads(Path("answer.json").read_text())
+    assert answer["large_motion"] == pytest.approx(5.0 / 500000.0 ** (1.0 / 3.0), rel=0.01)
+    assert answer["accuracy"]["ended_by"].startswith("the large motion")
+    assert answer["accuracy"]["not_reached"]
+    assert "for tighter" not in out
+
+
+@pytest.mark.parametrize("sliding", [False, True])
+def test_a_joint_that_opens_altogether_has_an_answer(sliding: bool) -> None:
+    """A box on springs under tension moves by p / k; general contact finds no facet that faces it.
+
+    The residual of 1e-8 is of the load, which the springs carry.
+    """
+    scene = column(*[((100.0, 100.0, 50.0), (1, 1, 1))] * 2, pressure=-0.5)
+    spring = {"blocks": [1], "face": "z+", "spring": 0.005}
+    scene = scene.changed({"supports": [spring], "effects.finite_sliding": sliding})
+    answer = run_static("pulled", scene).answer
+    assert answer.measures["p_max"].value == 0.0
+    assert answer.measures["max_displacement"].value == pytest.approx(100.0, rel=1e-6)
+    assert answer.as_dict()["loose_blocks"] == []

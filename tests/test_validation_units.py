@@ -9,9 +9,9 @@ from geometry.errors import RefusedError
 from validation.build.polyhedra import build_polyhedra
 from validation.errors import InputError
 from validation.scene.builtin import builtin_text
-from validation.scene.quantities import parse_unit
+from validation.scene.keys.quantities import parse_unit
+from validation.scene.keys.schema import scene_schema
 from validation.scene.read import apply_overrides, check_scene, load_scene
-from validation.scene.schema import scene_schema
 
 pytestmark = pytest.mark.quick
 

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from validation.errors import InputError
+
 if TYPE_CHECKING:
     import numpy.typing as npt
 
@@ -88,7 +90,7 @@ def write(answer: Answer, folder: str | Path) -> tuple[Path, ...]:
     """
     from validation.output.answer_files import write_answer
 
-    return write_answer(answer, Path(folder))
+    return write_answer(_answer(answer), Path(folder))
 
 
 def read_answer(folder: str | Path) -> Answer:
@@ -114,7 +116,7 @@ def plot(answer: Answer, field: str, *, layer: int | None = None, unrolled: bool
     """
     from validation.output.plot import plot as draw
 
-    return draw(answer, field, layer=layer, unrolled=unrolled)
+    return draw(_answer(answer), field, layer=layer, unrolled=unrolled)
 
 
 def section(
@@ -131,7 +133,7 @@ def section(
     SectionError
         A plane that cuts nothing, or forces that the answer does not have.
     """
-    return answer.sections(point, normal, blocks=blocks)
+    return _answer(answer).sections(point, normal, blocks=blocks)
 
 
 def compare(*answers: Answer) -> Comparison:
@@ -146,7 +148,7 @@ def compare(*answers: Answer) -> Comparison:
     """
     from validation.study.comparison.report import compare_answers
 
-    return compare_answers(answers)
+    return compare_answers(tuple(map(_answer, answers)))
 
 
 def cost(
@@ -187,6 +189,18 @@ def cost(
             return run_cost(file.name, checked, plan, kept)
 
 
+def _answer(answer: object) -> Answer:
+    """Reject what is no answer."""
+    from geometry.answer import Answer
+
+    if not isinstance(answer, Answer):
+        raise InputError(
+            f"answer: got a {type(answer).__name__}; expected what solve_static, solve_explicit, "
+            "analyse or read_answer returns"
+        )
+    return answer
+
+
 def _scene(scene: str | Path | Scene | Problem, settings: Mapping[str, Any] | None) -> Scene:
     """Scene of a name, a file, a checked scene or a problem, with some settings changed."""
     if isinstance(scene, str | Path):
@@ -203,8 +217,14 @@ def _stated(scene: Scene | Problem) -> tuple[str, dict[str, Any]]:
     if isinstance(scene, Scene):
         keys = scene.file.scene.model_dump(mode="json", exclude_unset=True)
         return scene.file.name, keys
+    from fem.assembly.statement import Problem
     from validation.build.stated import stated_scene
 
+    if not isinstance(scene, Problem):
+        raise InputError(
+            f"scene: got a {type(scene).__name__}; expected a name, a file, a scene "
+            "of load_scene or a Problem"
+        )
     return scene.blocks.name, stated_scene(scene)
 
 

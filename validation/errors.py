@@ -110,7 +110,6 @@ _REMOVED = {
     "load.temperature": _NO_HEAT,
     "effects.temperature": _NO_HEAT,
     "material.expansion": _NO_HEAT,
-    "contact.pairs.law": "all joints have one contact law, contact.law; pairs have friction alone",
     "fem.formulation": "the rate form of C3D8R was removed, every explicit run has the shared "
     "stiffness of a block; remove the key",
 }

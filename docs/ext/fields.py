@@ -18,7 +18,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from validation.scene.docstrings import field_docstrings
+from validation.scene.keys.docstrings import field_docstrings
 
 _UNIT = re.compile(r"\s*\[([^\]\[]{1,12})\]")
 _BOUNDS = (("gt", ">"), ("ge", "≥"), ("lt", "<"), ("le", "≤"))

@@ -30,9 +30,9 @@ from fem.static.solve import StaticOptions
 from geometry.answer import ALIASES, TITLES, Measure
 from geometry.assembly import Assembly
 from geometry.block import Block
-from geometry.errors import RefusedError
+from geometry.errors import RefusedError, is_number
 from geometry.mesh import FloatArray
-from geometry.refinement import charts_of
+from geometry.meshing.refinement import charts_of
 
 #: Relative error bars that an answer has by default [-].
 TARGETS: Mapping[str, float] = {
@@ -142,9 +142,13 @@ def unmet(measures: Mapping[str, Measure], targets: Mapping[str, float]) -> list
 
 
 def is_negligible(measures: Mapping[str, Measure], name: str) -> bool:
-    """Whether a value with its bar is below `NEGLIGIBLE` of the largest one of the same unit."""
+    """Whether a value with its bar is below `NEGLIGIBLE` of the largest one of the same unit.
+
+    The largest one is at least its value without its bar.
+    """
     of, error = measures[name], measures[name].error
-    largest = max(abs(m.value) for m in measures.values() if m.unit == of.unit)
+    alike = [m for m in measures.values() if m.unit == of.unit]
+    largest = max(abs(m.value) - (m.error or 0.0) for m in alike)
     return error is not None and abs(of.value) + error <= NEGLIGIBLE * largest
 
 
@@ -321,13 +325,13 @@ def check_refinable(problem: Problem) -> None:
 
 def why_not_refined(problem: Problem) -> str | None:
     """What stands against refining the mesh of a problem; None where nothing does."""
-    if problem.deformable.contact.finite_sliding:
+    if problem.finite_sliding:
         second = on_rung(problem, ladder_for(TARGETS, problem).rungs[_FOR_BARS - 1])
         if work(second, 1) > FAR_BEYOND * MOST_WORK:
             return "general contact of so many facets that a second mesh takes minutes"
     if problem.blocks.image_of is not None:
         return "a periodic cell"
-    if problem.deformable.moves:
+    if any(held.moves for held in problem.load_case.held):
         return "supports that move step by step"
     if problem.load_case.without_couple:
         return "a load as printed, which acts at the mean of the nodes of a mesh"
@@ -343,9 +347,11 @@ def checked_targets(accuracy: Mapping[str, float]) -> dict[str, float]:
         For another name, or a share that is not between 0 and 1.
     """
     found = {}
+    if not isinstance(accuracy, Mapping):
+        raise AccuracyError(f'accuracy: got {accuracy!r}; expected names, as {{"p_max": 0.05}}')
     for given, share in accuracy.items():
         name = ALIASES.get(given, given)
-        if name not in TITLES or not 0.0 < share < 1.0:
+        if name not in TITLES or not (is_number(share) and 0.0 < share < 1.0):
             raise AccuracyError(
                 f"accuracy: got {given} = {share}; expected a share between 0 and 1 of one of "
                 f"{', '.join(TITLES)}"
@@ -451,7 +457,7 @@ def _condensed_shapes(stated: Problem) -> list[Block]:
         held = tuple(k for k, s in enumerate(supports) if s.group == group and copy in s.copies)
         ways.add((int(stated.blocks.shape_of[block]), group, held))
     shapes = [stated.blocks.shapes[number] for number, *_ in sorted(ways)]
-    return [shape for shape in shapes if supports or shape.charts is None]
+    return [s for s in shapes if supports or s.charts is None or len(s.charts.elements) > 1]
 
 
 def _beyond(
@@ -461,6 +467,8 @@ def _beyond(
     assert last is not None
     static = last.solution.static
     assert static is not None
+    if last.solution.large_motion is not None:
+        return "the large motion, which no mesh of small motions describes"
     points = _points(stated, static.symmetry)
     if most_work is not None and work(stated, static.symmetry) > most_work:
         return "the limit of work"

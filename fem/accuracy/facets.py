@@ -26,9 +26,9 @@ from fem.element.facet import (
 from fem.element.lagrange import lobatto_points
 from geometry.assembly import Assembly
 from geometry.block import Block
-from geometry.charts import Charts, facet_elements, places_in
 from geometry.mesh import BoolArray, FloatArray, IntArray, grid_points
-from geometry.refinement import charts_as, charts_of
+from geometry.meshing.charts import Charts, facet_elements, places_in
+from geometry.meshing.refinement import charts_as, charts_of
 
 
 def pressures_on_facets(
@@ -58,9 +58,7 @@ def pressures_on_facets(
         *(alike[found.block_m], unique_rows(found.quads_m)[1]),
         *(alike[found.block_s], unique_rows(found.quads_s)[1]),
     )
-    _, chosen, which = np.unique(
-        np.stack(kinds, axis=1), axis=0, return_index=True, return_inverse=True
-    )
+    chosen, which = unique_rows(np.stack(kinds, axis=1))
     degree = max(degree_of(shape.mesh) for shape in solved.assembly.shapes)
     basis = BILINEAR if degree == 1 else lagrange_basis(degree)
     at = _nodes_of_parts(_parts(facets, solved.assembly), degree)
@@ -77,11 +75,12 @@ def pressures_on_facets(
     surfaces = _surfaces(solved, basis, of_parts, (nodes_m, nodes_s))
     moved = np.concatenate([u_m, u_s], axis=1)
     overclosures = point_overclosures(surfaces, moved, solved.contact.normals)
-    parts = facet_pressures(surfaces, solved.contact.law.pressure(overclosures))
+    law = solved.contact.law.on(surfaces.block_m, surfaces.block_s)
+    parts = facet_pressures(surfaces, law.pressure(overclosures))
     pressures = np.average(
         parts.reshape(-1, n_parts), axis=1, weights=surfaces.areas.reshape(-1, n_parts)
     )
-    return pressures[np.asarray(which).ravel()]
+    return pressures[which]
 
 
 def _parts(facets: Assembly, solved: Assembly) -> int:
@@ -134,7 +133,8 @@ def _at_facets(
         rows = np.flatnonzero(facets.shape_of[blocks] == number)
         if not len(rows):
             continue
-        known, which = unique_rows(quads[rows])
+        first, which = unique_rows(quads[rows])
+        known = quads[rows[first]]
         element, corners = facet_elements(shape.mesh, known)
         natural = np.einsum("na,fai->fni", bilinear(at)[0], corners)
         charts = charts_as(shape, charts_of(assembly.shapes[number]))

@@ -11,7 +11,7 @@ a ladder of its own.
 
 An error bar follows the factor by which changes fall (`fem.accuracy.errors.falling_bar`). Its
 bounds were chosen on problems that ``python -m tests.verification error-bars`` solves; which ones
-judge them is stated in docs/theory/measures.md.
+judge them is stated in docs/theory/measures.md and docs/trust/error-bars.md.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from fem.assembly.statement import Problem
 from geometry.answer import Measure
 from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block
-from geometry.charts import ANY_DIRECTION, Charts, repeated
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray
-from geometry.refinement import charts_of, with_lines
+from geometry.meshing.charts import ANY_DIRECTION, Charts, repeated
+from geometry.meshing.refinement import charts_of, with_lines
 
 #: Measures that gain with the degree.
 INTEGRALS = frozenset({"max_displacement", "p_eff", "sigma_1_averaged"})

@@ -31,7 +31,7 @@ from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.statement import Problem
 from fem.measures import bracketed, load_step_change, measures_of
 from fem.solution import Solution
-from fem.static.linear_step.condensed import FlexibilityStore
+from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.result import StaticError, StaticResult
 from fem.static.solve import StaticOptions, solve_static
 from geometry.answer import Measure

@@ -1,7 +1,7 @@
 """Displacements of one mesh on another of the same blocks: a start to go on from, and facets.
 
-Points of a block keep their chart and parameters on every mesh (`geometry.charts`), so values
-there are those of the functions of the elements in which they lie.
+Points of a block keep their chart and parameters on every mesh (`geometry.meshing.charts`), so
+values there are those of the functions of the elements in which they lie.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from fem.assembly.deformable import DeformableAssembly
 from fem.element.lagrange import line_basis, lobatto_points
 from fem.element.lagrange_mesh import LagrangeMesh
 from geometry.block import Block
-from geometry.charts import Places, located, places_in
 from geometry.mesh import CORNERS, FloatArray, HexMesh, IntArray, grid_points, shape_values
-from geometry.refinement import charts_of
+from geometry.meshing.charts import Places, located, places_in, row_keys
+from geometry.meshing.refinement import charts_of
 
 
 def degree_of(mesh: HexMesh) -> int:
@@ -82,6 +82,6 @@ def _shape(deformable: DeformableAssembly, group: int) -> Block:
 
 
 def unique_rows(rows: IntArray) -> tuple[IntArray, IntArray]:
-    """Rows that differ, and which of them each row is."""
-    known, number = np.unique(rows, axis=0, return_inverse=True)
-    return known, np.asarray(number).ravel()
+    """Position of the first of the rows that differ, in their order, and which each row is."""
+    _, first, number = np.unique(row_keys(rows), return_index=True, return_inverse=True)
+    return first, np.asarray(number).ravel()

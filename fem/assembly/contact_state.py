@@ -291,7 +291,8 @@ def matched_pressures(
     """
     corners = corner_displacements(deformable, displacements)
     found = point_kinematics(deformable.surfaces, corners, deformable.contact.normals)
-    return deformable.contact.law.pressure(found.overclosure), found.overclosure
+    law = deformable.contact.law.on(deformable.surfaces.block_m, deformable.surfaces.block_s)
+    return law.pressure(found.overclosure), found.overclosure
 
 
 def matched_state(
@@ -377,7 +378,7 @@ def searched_state(points: FacingPoints, law: ContactLaw, clearance: float) -> C
         positions=position,
         normals=normal,
         point_areas=weights[near],
-        point_pressures=law.pressure(overclosure),
+        point_pressures=law.on(block[master], block[slave]).pressure(overclosure),
         point_overclosures=overclosure,
         point_slips=slips,
         position_s=points.facet_position[points.pieces * entries[:, 2]] // points.pieces,
@@ -414,7 +415,8 @@ def _faced_parts(
     xi = np.stack([low, np.stack([high[:, 0], low[:, 1]], 1), high], axis=1)
     xi = np.concatenate([xi, np.stack([low[:, 0], high[:, 1]], 1)[:, None]], axis=1)
     nodes = points.position[points.whole[facets]]
-    values = facet_functions(xi.reshape(-1, 2), nodes.shape[1])[0].reshape(len(nodes), 4, -1)
+    values = facet_functions(xi.reshape(-1, 2), nodes.shape[1])[0]
+    values = values.reshape(len(nodes), 4, nodes.shape[1])
     return np.einsum("fpa,fai->fpi", values, nodes)
 
 
@@ -489,7 +491,7 @@ class CapAction:
 def cap_action(law: ContactLaw, pressures: FloatArray, areas: FloatArray) -> CapAction | None:
     """Where the cap of a law acted on points of pressures [MPa] and areas [mm²], (n,) each.
 
-    None for a law without one.
+    None for a law without one, and where pairs of blocks have laws of their own.
     """
     if not (isinstance(law, ExponentialLaw) and np.isfinite(law.maximum_stiffness)):
         return None

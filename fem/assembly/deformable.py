@@ -48,8 +48,8 @@ from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.loads import FaceLoad, LoadCase, PressureLoad
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.regions import region_nodes, region_quads
-from geometry.supports import HeldFace
+from geometry.parts.regions import region_nodes, region_quads
+from geometry.parts.supports import HeldFace
 
 
 class DeformableAssemblyError(RefusedError):

@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import block_diag, csr_array, eye_array
+from scipy.sparse import block_diag, bsr_array, csr_array, eye_array
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import Orbits, local_forces
+from fem.contact.law import ContactLaw
 from fem.contact.search import SearchedSurfaces
 from fem.contact.surfaces import ContactNormals, ContactSurfaces, PointKinematics
 from fem.problem.model import Amplitude, BlockGroup, ModelError
@@ -80,6 +81,11 @@ class LocalSystem:
     held: HeldNodes
     """Supports."""
 
+    @cached_property
+    def law(self) -> ContactLaw:
+        """Contact law of `surfaces`."""
+        return self.deformable.contact.law.on(self.surfaces.block_m, self.surfaces.block_s)
+
     @property
     def n_nodes(self) -> int:
         """Nodes of all representatives."""
@@ -120,8 +126,9 @@ class LocalSystem:
         """World gradients (n, n_points, 2 m, 3) in block frames, zero at rigid blocks."""
         shape = gradient.shape
         split = gradient.reshape(*shape[:2], 2, shape[2] // 2, 3)
-        local = np.einsum("fbij,fpbai->fpbaj", self.rotations, split).reshape(shape)
-        return local * self.moves[:, None, :, None]
+        local: FloatArray = (split @ self.rotations[:, None]).reshape(shape)
+        local *= self.moves[:, None, :, None]
+        return local
 
     def kinematics(self, displacement: FloatArray, normals: ContactNormals) -> PointKinematics:
         """Overclosures at a displacement, gradients in block frames."""
@@ -307,24 +314,28 @@ def by_node(
     axes = np.zeros((len(unique), 3, 3))
     held = np.zeros((len(unique), 3))
     prescribed = np.zeros((len(unique), 3, values.shape[1]))
-    for i, (start, n) in enumerate(zip(first, count, strict=True)):
-        rows = order[start : start + n]
+    for n in np.unique(count).tolist():
+        mine = np.flatnonzero(count == n)
+        rows = order[first[mine, None] + np.arange(n)]
         given = directions[rows]
-        if n > 3 or np.abs(given @ given.T - np.eye(n)).max() > 1e-9:
+        product = given @ given.transpose(0, 2, 1)
+        wrong = np.abs(product - np.eye(n)).max(axis=(1, 2)) > 1e-9
+        if n > 3 or wrong.any():
+            node = mine[0] if n > 3 else mine[wrong][0]
             raise ModelError(
-                f"supports: node {int(unique[i])} is fixed in {n} directions that are not "
+                f"supports: node {int(unique[node])} is fixed in {n} directions that are not "
                 "orthonormal; expected each component to be prescribed once"
             )
+        held[mine, :n] = 1.0
         if n == 3:
             # All components are prescribed: along the axes of the block, to the bit.
-            axes[i], held[i] = np.eye(3), 1.0
-            prescribed[i] = given.T @ values[rows]
+            axes[mine] = np.eye(3)
+            prescribed[mine] = given.transpose(0, 2, 1) @ values[rows]
             continue
-        basis = np.linalg.qr(given.T, mode="complete")[0]
-        sign = np.sign(np.einsum("ij,ji->i", given, basis[:, :n]))
-        basis[:, :n] *= sign
-        axes[i], held[i, :n] = basis, 1.0
-        prescribed[i, :n] = values[rows]
+        basis = np.linalg.qr(given.transpose(0, 2, 1), mode="complete")[0]
+        basis[:, :, :n] *= np.sign(np.einsum("mij,mji->mi", given, basis[:, :, :n]))[:, None]
+        axes[mine] = basis
+        prescribed[mine, :n] = values[rows]
     return HeldNodes(unique, axes, held, prescribed.sum(axis=2)), prescribed
 
 
@@ -341,13 +352,14 @@ def constraint_transform(held: HeldNodes, n_nodes: int) -> tuple[csr_array, IntA
     value = prescribed_values(held, n_nodes)
     if not len(held.nodes):
         return csr_array(eye_array(size, format="csr")), np.arange(size), value
-    transform = eye_array(size, format="lil")
-    is_held = np.zeros(size, dtype=np.bool_)
-    for i, node in enumerate(held.nodes):
-        where = slice(3 * int(node), 3 * int(node) + 3)
-        transform[where, where] = held.axes[i]
-        is_held[where] = held.held[i] > 0.0
-    return csr_array(transform.tocsr()), np.flatnonzero(~is_held), value
+    turns = np.tile(np.eye(3), (n_nodes, 1, 1))
+    turns[held.nodes] = held.axes
+    is_held = np.zeros((n_nodes, 3), dtype=np.bool_)
+    is_held[held.nodes] = held.held > 0.0
+    node = np.arange(n_nodes + 1)
+    transform = csr_array(bsr_array((turns, node[:-1], node), (size, size)))
+    transform.eliminate_zeros()
+    return transform, np.flatnonzero(~is_held.ravel()), value
 
 
 def prescribed_values(held: HeldNodes, n_nodes: int, time: float | None = None) -> FloatArray:

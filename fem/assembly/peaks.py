@@ -15,6 +15,7 @@ that lies in the block, of the radius of a material length.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -93,6 +94,7 @@ def _matched_peaks(law: ContactLaw, state: ContactState) -> FacetPeaks | None:
     looks = state.corner_overclosures
     if looks is None:
         return None
+    law = law.on(state.block_m, state.block_s)
     return facet_peaks(law, looks, state.point_overclosures.reshape(len(looks), -1))
 
 
@@ -190,14 +192,12 @@ def stress_peaks(
     representative
         Block that stands for each block, (n_blocks,), where a symmetry is known.
     """
-    chosen = deformable.deformable_blocks
-    chosen = chosen if representative is None else np.unique(representative[chosen])
     found = []
-    for number, (group, u) in enumerate(zip(deformable.model.groups, displacements, strict=True)):
-        local, _ = block_displacements(group, u, finite_rotation=finite_rotation)
-        blocks = chosen[deformable.group_of[chosen] == number]
+    for blocks, moved in moved_blocks(
+        deformable, displacements, finite_rotation=finite_rotation, representative=representative
+    ):
+        group = deformable.group(int(blocks[0]))
         of_group = _lagrange_peaks if isinstance(group.mesh, LagrangeMesh) else _group_peaks
-        moved = local[deformable.copy_of[blocks]]
         radius = group.material.averaging_radius if averaging_radius is None else averaging_radius
         found.append(of_group(deformable, blocks, moved, radius))
     averaged = found[first_largest(np.array([f.sigma_1_averaged.value for f in found]))]
@@ -211,6 +211,25 @@ def stress_peaks(
         sigma_3_at_corners=min(f.sigma_3_at_corners for f in found),
         mises_at_corners=max(f.mises_at_corners for f in found),
     )
+
+
+def moved_blocks(
+    deformable: DeformableAssembly,
+    displacements: tuple[FloatArray, ...],
+    *,
+    finite_rotation: bool,
+    representative: IntArray | None,
+) -> Iterator[tuple[IntArray, FloatArray]]:
+    """Blocks of each group, (n,), and how they moved in their frames, (n, n_nodes, 3) [mm].
+
+    Parameters are those of `stress_peaks`.
+    """
+    chosen = deformable.deformable_blocks
+    chosen = chosen if representative is None else np.unique(representative[chosen])
+    for number, (group, u) in enumerate(zip(deformable.model.groups, displacements, strict=True)):
+        local, _ = block_displacements(group, u, finite_rotation=finite_rotation)
+        blocks = chosen[deformable.group_of[chosen] == number]
+        yield blocks, local[deformable.copy_of[blocks]]
 
 
 def _largest(peaks: list[Peak], sign: float = 1.0) -> Peak:

@@ -7,9 +7,11 @@ from functools import cached_property
 
 import numpy as np
 
-from fem.problem.loads import TabularAmplitude
 from fem.problem.model import Model, Support
 from geometry.mesh import FloatArray, ReadOnlyArrays
+
+#: Share of a way from which its stiffness is taken: a smooth step begins with none.
+_FIRST = 0.01
 
 #: Forces of supports on the nodes of each group, (n_copies, n_nodes, 3) [N].
 Forces = tuple[FloatArray, ...]
@@ -78,8 +80,10 @@ class PushCurve(ReadOnlyArrays):
 
     @cached_property
     def stiffness(self) -> float:
-        """Force over way of the first step [N/mm]."""
-        return float((self.forces[1] - self.forces[0]) / self.displacements[1])
+        """Force over displacement of the first step of a hundredth of the way or more [N/mm]."""
+        way = np.abs(self.displacements)
+        k = int(np.argmax(way >= _FIRST * way.max()))
+        return float((self.forces[k] - self.forces[0]) / self.displacements[k])
 
     @cached_property
     def work(self) -> float:
@@ -88,24 +92,50 @@ class PushCurve(ReadOnlyArrays):
         return float(means @ np.diff(self.displacements))
 
 
+@dataclass(frozen=True)
+class MovingSupport:
+    """A support that moves, all its parts together."""
+
+    parts: tuple[Support, ...]
+    """Supports of its name that move."""
+
+    @cached_property
+    def _largest(self) -> tuple[Support, int]:
+        """Part and component that move farthest."""
+        found = max(self.parts, key=lambda s: float(np.abs(s.displacement).max()))
+        return found, int(np.argmax(np.abs(found.displacement)))
+
+    def force(self, forces: Forces) -> float:
+        """Force on the blocks along its way, from those on all nodes [N]."""
+        part, k = self._largest
+        unit = part.directions[k] * np.sign(part.displacement[k])
+        return float(sum((_along(s, forces) @ unit).sum() for s in self.parts))
+
+    def curve(self, at: dict[float, float]) -> PushCurve:
+        """Curve from its forces [N] by time [s]."""
+        part, k = self._largest
+        times = np.array(list(at))
+        share = part.amplitude
+        shares = [1.0 if share is None else share(time) for time in times.tolist()]
+        ways = float(abs(part.displacement[k])) * np.array(shares)
+        return PushCurve(part.name, times, ways, np.array(list(at.values())))
+
+
+def moving_supports(model: Model) -> tuple[MovingSupport, ...]:
+    """Supports of a model that move, by name."""
+    found: dict[str, tuple[Support, ...]] = {}
+    for support in model.supports:
+        if support.displacement.any():
+            found[support.name] = (*found.get(support.name, ()), support)
+    return tuple(map(MovingSupport, found.values()))
+
+
 def push_curves(model: Model, steps: tuple[tuple[float, Forces], ...]) -> tuple[PushCurve, ...]:
     """Curve of each support that moves, from the forces of the supports after each step.
 
     Before the first step of a motion without loads nothing acts.
     """
-    found = []
-    for name in dict.fromkeys(s.name for s in model.supports if s.displacement.any()):
-        mine = [s for s in model.supports if s.name == name and s.displacement.any()]
-        largest = max(mine, key=lambda s: float(np.abs(s.displacement).max()))
-        k = int(np.argmax(np.abs(largest.displacement)))
-        way = float(abs(largest.displacement[k]))
-        unit = largest.directions[k] * np.sign(largest.displacement[k])
-        share = largest.amplitude
-        assert isinstance(share, TabularAmplitude)
-        at = {0.0: 0.0}
-        for time, forces in steps:
-            at[time] = float(sum((_along(s, forces) @ unit).sum() for s in mine))
-        times = np.array(list(at))
-        ways = way * np.array([share(time) for time in times.tolist()])
-        found.append(PushCurve(name, times, ways, np.array(list(at.values()))))
-    return tuple(found)
+    return tuple(
+        moving.curve({0.0: 0.0} | {time: moving.force(forces) for time, forces in steps})
+        for moving in moving_supports(model)
+    )

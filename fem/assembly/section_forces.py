@@ -116,7 +116,8 @@ class SolvedState(ReadOnlyArrays):
         contact, some = self.deformable.contact, self.surfaces.subset(rows)
         moved = corner_displacements(self.deformable, self.displacements, some)
         there = some.kinematics(moved, contact.normals)
-        return corner_forces(there, some.weights * contact.law.pressure(there.overclosure))
+        law = contact.law.on(some.block_m, some.block_s)
+        return corner_forces(there, some.weights * law.pressure(there.overclosure))
 
     @cached_property
     def unbalanced(self) -> FloatArray:

@@ -32,6 +32,7 @@ from fem.assembly.overlaps import check_overlaps
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw, ExponentialLaw
 from fem.contact.own_law import PressureLaw, as_law
+from fem.contact.pair_laws import PairLaws
 from fem.contact.surfaces import ContactNormals, ContactSurfaces
 from fem.element.hexahedron import ElementType
 from fem.element.material import (
@@ -47,7 +48,7 @@ from geometry.assembly import Assembly, spacing_offsets
 from geometry.errors import RefusedError
 from geometry.loads import Load, LoadCase, with_body_wrenches
 from geometry.mesh import BoolArray, FloatArray, check_mesh
-from geometry.pairs import check_pairs
+from geometry.parts.pairs import OfPairs, check_pairs
 
 #: Depth that is no overlap, in block lengths ∛V: meshes of curved faces that do not match.
 _LEAST_OVERLAP = 1e-3
@@ -117,7 +118,8 @@ class Problem:
     law
         Contact pressure [MPa] as a function of overclosure [mm]: `ExponentialLaw` (default, with
         the paper's constants), `LinearPenalty`, `TabularLaw`, or an object of one's own with the
-        methods ``pressure`` and ``stiffness`` (`fem.contact.own_law`).
+        methods ``pressure`` and ``stiffness`` (`fem.contact.own_law`). `PairLaws`: pairs of blocks
+        with their own.
     normals
         Normals along which gaps are measured. Default: those of the current surfaces.
     clearance
@@ -192,8 +194,8 @@ class Problem:
                 )
         self._check_units()
         _ = self.contact_law, self.coulomb  # what is no law is rejected here
-        if self.coulomb is not None:
-            check_pairs("friction", self.coulomb.of_pairs, self.blocks.n_blocks)
+        for key, of_pairs in self._of_pairs:
+            check_pairs(key, of_pairs, self.blocks.n_blocks)
         self._check_options()
         for name in ("clearance", "spacing"):
             value = getattr(self, name)
@@ -337,6 +339,14 @@ class Problem:
         return as_law(self.law)
 
     @property
+    def _of_pairs(self) -> list[tuple[str, OfPairs]]:
+        """What pairs of blocks have of their own, by its key, where any have."""
+        law, friction = self.contact_law, self.coulomb
+        found = [] if friction is None else [("friction", friction.of_pairs)]
+        found += [("law", law.numbers)] if isinstance(law, PairLaws) else []
+        return [(key, of_pairs) for key, of_pairs in found if of_pairs]
+
+    @property
     def coulomb(self) -> CoulombFriction | None:
         """Friction with its constants; None: absent."""
         friction = self.friction
@@ -419,9 +429,9 @@ class Problem:
             check_held(assembly, load)
         offsets = spacing_offsets(assembly, self.spacing)
         surfaces = self._surfaces(assembly, deforms)
-        if self.coulomb is not None and self.coulomb.of_pairs and not sliding:
+        for key, of_pairs in self._of_pairs if not sliding else ():
             joints = surfaces.block_m, surfaces.block_s
-            check_pairs("friction", self.coulomb.of_pairs, assembly.n_blocks, joints)
+            check_pairs(key, of_pairs, assembly.n_blocks, joints)
         groups, group_of, copy_of = block_groups(
             assembly, deforms, offsets, self.materials, self.element, held=load.held
         )

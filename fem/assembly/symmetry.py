@@ -17,6 +17,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fem.assembly.deformable import DeformableAssembly
+from fem.contact.pair_laws import PairLaws
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.mesh import BoolArray, FloatArray, IntArray, cross_matrix
@@ -111,7 +112,7 @@ def cyclic_orbits(deformable: DeformableAssembly, order: int) -> Orbits:
         return no_symmetry(deformable)
     image = _images(deformable, order)
     _check_loads(deformable, image, order)
-    if not _same_friction(deformable, image):
+    if not _same_joints(deformable, image):
         raise SymmetryError(
             f"symmetry: a turn by 1/{order} does not map pairs of blocks onto others of the same "
             "friction; expected friction that repeats, or symmetry off"
@@ -205,12 +206,17 @@ def _check_loads(deformable: DeformableAssembly, image: IntArray, order: int) ->
             )
 
 
-def _same_friction(deformable: DeformableAssembly, image: IntArray) -> bool:
-    """Whether joints of some friction are mapped onto joints of the same."""
-    friction = deformable.contact.friction
-    of_pairs = () if friction is None else friction.of_pairs
-    here = {(frozenset((a, b)), value) for a, b, value in of_pairs}
-    return here == {(frozenset(image[[a, b]].tolist()), value) for a, b, value in of_pairs}
+def _same_joints(deformable: DeformableAssembly, image: IntArray) -> bool:
+    """Whether joints of some friction and law are mapped onto joints of the same."""
+    friction, law = deformable.contact.friction, deformable.contact.law
+    return all(
+        {(frozenset((a, b)), value) for a, b, value in of_pairs}
+        == {(frozenset(image[[a, b]].tolist()), value) for a, b, value in of_pairs}
+        for of_pairs in (
+            () if friction is None else friction.of_pairs,
+            law.numbers if isinstance(law, PairLaws) else (),
+        )
+    )
 
 
 def local_forces(deformable: DeformableAssembly) -> list[FloatArray]:
@@ -311,7 +317,7 @@ def _turned_over(
         return None
     over = TurnedOver(before[image] < before, tuple(rotations), tuple(nodes), tuple(facets))
     half = replace(orbits, representative=np.minimum(before, before[image]), over=over)
-    if not (_loads_turn(deformable, half, image) and _same_friction(deformable, image)):
+    if not (_loads_turn(deformable, half, image) and _same_joints(deformable, image)):
         return None
     found_facets = _with_facets(deformable, half)
     return found_facets if _same_facets(deformable, found_facets) else None

@@ -23,9 +23,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from geometry.compilation import njit
-from geometry.errors import RefusedError
+from geometry.errors import RefusedError, is_number
 from geometry.mesh import FloatArray, IntArray
-from geometry.pairs import OfPairs, pair_values
+from geometry.parts.pairs import OfPairs, pair_values
 
 #: Coefficients of dry materials stay below 2; beyond this a number is something else.
 MOST_FRICTION = 10.0
@@ -59,7 +59,7 @@ class CoulombFriction:
         for name in ("coefficient", "stick_stiffness"):
             value = getattr(self, name)
             some = name == "coefficient" and any(pair[2] > 0.0 for pair in self.of_pairs)
-            if not (math.isfinite(value) and (value > 0.0 or (some and value == 0.0))):
+            if not (is_number(value) and (value > 0.0 or (some and value == 0.0))):
                 raise FrictionError(
                     f"effects.friction.{name}: got {value}, expected a finite positive number "
                     "(leave friction out for none)"

@@ -27,8 +27,8 @@ import numpy as np
 import numpy.typing as npt
 
 from geometry.compilation import njit
-from geometry.errors import RefusedError
-from geometry.mesh import FloatArray
+from geometry.errors import RefusedError, is_number
+from geometry.mesh import FloatArray, IntArray
 
 #: Overclosures are taken as at most this: its square times any stiffness is still a float [mm].
 LARGEST_OVERCLOSURE = 1e90
@@ -124,6 +124,23 @@ class ContactLaw:
         raise NotImplementedError
 
     @property
+    def members(self) -> tuple[ContactLaw, ...]:
+        """The law, or all those that pairs of blocks have (`fem.contact.pair_laws`)."""
+        return (self,)
+
+    def on(self, block_m: IntArray, block_s: IntArray) -> ContactLaw:  # noqa: ARG002
+        """Law of each of some joints, blocks (n,) each; one law where all have it."""
+        return self
+
+    def one(self, point: int) -> ContactLaw:  # noqa: ARG002
+        """Law of one facet or point of those of `on`."""
+        return self
+
+    def stiffest(self, overclosure: FloatArray) -> int:
+        """Place of the largest stiffness at overclosures (n,) [mm]: the deepest for one law."""
+        return int(np.argmax(overclosure))
+
+    @property
     def start(self) -> float:
         """Overclosure at which contact begins [mm]; negative: before the surfaces touch."""
         return self.constants.start
@@ -191,12 +208,14 @@ class ContactLaw:
         hard = float(self.overclosure(LARGEST_INITIAL_PRESSURE))
         return max(min(self._curve_end, hard), 1e-3)
 
-    @property
-    def largest_interference(self) -> float:
-        """Overclosure beyond which an interference that is stated is rejected [mm].
+    def allowed_overclosure(self, clearance: float) -> float:
+        """Overclosure beyond which facets are rejected at the start [mm].
 
-        Where its exponential ends; a law without one has pressures for any.
+        A negative clearance [mm] is an interference that is stated, and placement not to blame: it
+        may reach to the end of the exponential, and with a law that has none to any depth.
         """
+        if clearance >= 0.0:
+            return self.largest_initial_overclosure
         end = self._curve_end
         return max(end, self.largest_initial_overclosure) if end > 0.0 else math.inf
 
@@ -207,7 +226,7 @@ class ContactLaw:
 
 
 def _require_positive(law: str, name: str, value: float, *, finite: bool = True) -> None:
-    good = value > 0.0 and (math.isfinite(value) or (not finite and value == math.inf))
+    good = (is_number(value) and value > 0.0) or (not finite and value == math.inf)
     if not good:
         expected = "a finite positive number" if finite else "a positive number or infinity"
         raise ContactLawError(f"contact.{name}: got {value}, expected {expected} ({law} law)")

@@ -197,7 +197,7 @@ def check_initial_overlap(
 ) -> None:
     """Reject surfaces that lie deeper in each other than the law's curve reaches.
 
-    A negative clearance [mm] is an interference that is stated: placement is not to blame for it.
+    A negative clearance [mm] is an interference that is stated.
 
     Raises
     ------
@@ -205,7 +205,7 @@ def check_initial_overlap(
         Naming the deepest block pair, its depth and the law's range.
     """
     deepest = (-surfaces.initial_gaps).max(axis=1, initial=-np.inf)
-    reach = law.largest_interference if clearance < 0.0 else law.largest_initial_overclosure
+    reach = law.allowed_overclosure(clearance)
     refuse_overlap(surfaces.block_m, surfaces.block_s, deepest, reach)
 
 

@@ -85,10 +85,10 @@ def check_abaqus(deck: Deck) -> None:
     """
     check_deck(deck)
     static = deck.step.procedure is Procedure.STATIC
-    if deck.joint is not None and deck.joint.of_pairs and deck.flavour is Flavour.GENERAL:
+    if deck.joint is not None and deck.joint.has_pairs and deck.flavour is Flavour.GENERAL:
         raise DeckError(
-            "contact.pairs: general contact has one friction here; remove them, or choose "
-            "--flavour pairs or calculix"
+            "contact.pairs: general contact has one friction and one law here; remove them, or "
+            "choose --flavour pairs or calculix"
         )
     small = deck.joint is not None and not (deck.joint.finite_sliding or deck.searched)
     if deck.clearance != 0.0 and deck.flavour is Flavour.PAIRS and not (static and small):
@@ -312,9 +312,11 @@ def _interaction(deck: Deck) -> Iterator[str]:
     slope = {}
     if joint.stick_stiffness is not None:
         slope = {"shear_traction_slope": real(joint.stick_stiffness)}
-    for friction, name in joint.frictions.items():
+    for (law, friction), name in joint.interactions.items():
         yield keyword("Surface Interaction", name=name)
-        yield from law_lines(joint.law, explicit=deck.step.procedure is Procedure.EXPLICIT)
+        yield from law_lines(
+            joint.law.members[law], explicit=deck.step.procedure is Procedure.EXPLICIT
+        )
         if friction is not None:
             yield keyword("Friction", **slope)
             yield f"{real(friction)},"

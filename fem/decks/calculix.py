@@ -138,10 +138,10 @@ def _material(deck: Deck) -> Iterator[str]:
 def _contact(deck: Deck, patches: Patches) -> Iterator[str]:
     joint = deck.joint
     assert joint is not None
-    for friction, name in joint.frictions.items():
+    for (law, friction), name in joint.interactions.items():
         yield keyword("Surface Interaction", name=name)
         yield "*Surface Behavior, pressure-overclosure=TABULAR"
-        for row in law_table(joint.law, deck.clearance).tolist():
+        for row in law_table(joint.law.members[law], deck.clearance).tolist():
             yield reals(row)
         if friction is not None:
             assert joint.stick_stiffness is not None

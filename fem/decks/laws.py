@@ -48,17 +48,30 @@ def no_lines_for(law: ContactLaw) -> DeckError:
 
 def _require_lines(law: ContactLaw) -> None:
     """Reject a law that no program has lines for."""
-    if not isinstance(law, ExponentialLaw | LinearPenalty | TabularLaw):
-        raise no_lines_for(law)
+    for one in law.members:
+        if not isinstance(one, ExponentialLaw | LinearPenalty | TabularLaw):
+            raise no_lines_for(one)
 
 
 def law_heading(law: ContactLaw) -> str | None:
-    """What of a law no data line says in every step, for the heading; None where there is none."""
+    """What of a law no data line says in every step, for the heading; None where there is none.
+
+    Raises
+    ------
+    DeckError
+        Pairs with laws of several maximum stiffnesses: a heading has one.
+    """
     _require_lines(law)
-    if not isinstance(law, ExponentialLaw):
-        return None
-    cap = law.maximum_stiffness
-    return f"maximum contact stiffness: {real(cap) if isfinite(cap) else 'none'}"
+    caps = {one.maximum_stiffness for one in law.members if isinstance(one, ExponentialLaw)}
+    if len(caps) > 1:
+        raise DeckError(
+            "contact.pairs.maximum_stiffness: got "
+            f"{' and '.join(f'{cap:g}' for cap in sorted(caps))} MPa/mm (inf: none); the heading "
+            "of a deck has one for all exponential laws: expected the same"
+        )
+    for cap in caps:
+        return f"maximum contact stiffness: {real(cap) if isfinite(cap) else 'none'}"
+    return None
 
 
 def law_notes(law: ContactLaw, *, static: bool) -> list[str]:
@@ -67,7 +80,8 @@ def law_notes(law: ContactLaw, *, static: bool) -> list[str]:
     Abaqus/Explicit has a maximum stiffness where the law has none, Abaqus/Standard none.
     """
     _require_lines(law)
-    if not isinstance(law, ExponentialLaw) or isfinite(law.maximum_stiffness) is not static:
+    caps = (one.maximum_stiffness for one in law.members if isinstance(one, ExponentialLaw))
+    if not any(isfinite(cap) is static for cap in caps):
         return []
     if static:
         return ["contact: Abaqus/Standard has no maximum stiffness; it is in the heading only"]

@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from fem.assembly.deformable import Frames, held_faces
-from fem.assembly.statement import Problem
+from fem.assembly.statement import Problem, require_problem
 from fem.contact.friction import CoulombFriction
 from fem.decks.abaqus import check_abaqus
 from fem.decks.calculix import check_calculix
@@ -79,6 +79,7 @@ def write_deck(problem: Problem, path: str | Path, *, program: Program = "abaqus
     DeckError
         What the program has no words for, by name.
     """
+    require_problem(problem)
     path = Path(path)
     if program not in get_args(Program):
         raise DeckError(f"program: got {program!r}; expected {', '.join(get_args(Program))}")

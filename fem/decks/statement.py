@@ -18,6 +18,7 @@ import numpy as np
 from fem.assembly.deformable import block_load_forces
 from fem.assembly.statement import Motion
 from fem.contact.law import ContactLaw
+from fem.contact.pair_laws import PairLaws
 from fem.decks.keywords import DeckError
 from fem.element.hexahedron import ELEMENTS, ElementType
 from fem.element.lagrange_mesh import SerendipityMesh
@@ -26,8 +27,8 @@ from fem.problem.effects import Effects
 from geometry.assembly import Assembly, spacing_offsets
 from geometry.loads import FaceLoad, LoadCase, PressureLoad
 from geometry.mesh import FloatArray, IntArray
-from geometry.pairs import OfPairs
-from geometry.regions import Where
+from geometry.parts.pairs import OfPairs
+from geometry.parts.regions import Where
 
 
 class Flavour(StrEnum):
@@ -138,17 +139,31 @@ class Joint:
     """Coefficients between some pairs of blocks; 0: frictionless."""
 
     @property
-    def frictions(self) -> dict[float | None, str]:
-        """Distinct coefficients and what the deck calls their surface interactions."""
-        values = dict.fromkeys(
-            [self.friction or None, *(pair[2] or None for pair in self.of_pairs)]
-        )
+    def has_pairs(self) -> bool:
+        """Whether pairs of blocks have friction or a law of their own."""
+        return bool(self.of_pairs) or len(self.law.members) > 1
+
+    @cached_property
+    def interactions(self) -> dict[tuple[int, float | None], str]:
+        """Distinct laws and coefficients, and what the deck calls their surface interactions.
+
+        Laws by their place in `ContactLaw.members`.
+        """
+        named = [pair[:2] for pair in self.of_pairs]
+        named += [pair[:2] for pair in self.law.of_pairs] if isinstance(self.law, PairLaws) else []
+        values = dict.fromkeys([(0, self.friction or None), *(self._between(*p) for p in named)])
         return {value: f"{JOINT}-{k}" if k else JOINT for k, value in enumerate(values)}
+
+    def _between(self, block_m: int, block_s: int) -> tuple[int, float | None]:
+        """Place of the law in `ContactLaw.members` and coefficient of two blocks."""
+        own = {frozenset(pair[:2]): pair[2] for pair in self.of_pairs}
+        friction = own.get(frozenset((block_m, block_s)), self.friction) or None
+        law = self.law.on(np.array([block_m]), np.array([block_s]))
+        return self.law.members.index(law), friction
 
     def interaction(self, block_m: int, block_s: int) -> str:
         """Name of the surface interaction of two blocks."""
-        own = {frozenset(pair[:2]): pair[2] for pair in self.of_pairs}
-        return self.frictions[own.get(frozenset((block_m, block_s)), self.friction) or None]
+        return self.interactions[self._between(block_m, block_s)]
 
 
 @dataclass(frozen=True)

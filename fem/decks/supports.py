@@ -16,8 +16,8 @@ from fem.element.lagrange_mesh import SerendipityMesh
 from fem.problem.loads import traction_forces
 from geometry.assembly import Assembly
 from geometry.mesh import IntArray
-from geometry.regions import region_nodes, region_quads
-from geometry.supports import HeldFace
+from geometry.parts.regions import region_nodes, region_quads
+from geometry.parts.supports import HeldFace
 
 #: Directions that lean from a world axis by less lie along it [-].
 _ALONG = 1e-9

@@ -35,6 +35,8 @@ _ROUGH = 0.5
 _CENTRES = (0.5, 0.25, 0.12)
 #: … where averages before are these parts of the largest one.
 _FAIR, _GOOD, _BETTER, _BEST = 0.6, 0.9, 0.96, 0.995
+#: Centres that are looked at more closely, at most: in a bar in tension all have the largest one.
+_MOST = 500
 #: Places are first looked for this many times as far apart.
 _STEPS = 4
 
@@ -173,7 +175,7 @@ def averaged_tension(bodies: MovedBodies, radius: float) -> tuple[PointValue, Po
 
     rough = _cells(bodies, np.arange(len(nodes)), _ROUGH * radius)
     places = rough.positions[one_of_each_cube(rough.positions, radius)]
-    fair = _largest(places, _tension(rough, places, radius, _ROUGH), _FAIR)
+    fair = _largest(places, _tension(rough, places, radius, _ROUGH), _FAIR, len(places))
     places = between(fair, 1.0, _CENTRES[0])
     good = _largest(places, _tension(rough, places, radius, _ROUGH), _GOOD)
     coarse = cells(good, _CELL, sum(_CENTRES))
@@ -200,11 +202,18 @@ def _largest_at(values: FloatArray, positions: FloatArray) -> PointValue:
     return PointValue(float(values.max()), int(layer) + 1, positions[which], None)
 
 
-def _largest(places: FloatArray, tension: FloatArray, share: float) -> FloatArray:
-    """Places (n, 3) at which a body has this share of the largest tension (n_bodies, n) or more."""
+def _largest(
+    places: FloatArray, tension: FloatArray, share: float, at_most: int = _MOST
+) -> FloatArray:
+    """Places (n, 3) at which a body has this share of the largest tension (n_bodies, n) or more.
+
+    Of more than ``at_most`` the largest, of equal ones the first.
+    """
     of_all = tension.max(axis=0)
     most = float(of_all.max())
-    return places[of_all >= most - (1.0 - share) * abs(most)]
+    falls = (most - of_all) / (abs(most) or 1.0)
+    order = np.argsort(np.round(falls, 6), kind="stable")[:at_most]
+    return places[np.sort(order[falls[order] <= 1.0 - share])]
 
 
 def _points_between(

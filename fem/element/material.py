@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.errors import RefusedError
+from geometry.errors import RefusedError, is_number
 from geometry.mesh import FloatArray
 
 #: Speed of sound √(E/ρ), slower than in wood across its grain, faster than in diamond [mm/s]: of
@@ -48,11 +48,11 @@ class Material:
         units = {"density": "t/mm³", "young_modulus": "MPa", "averaging_radius": "mm"}
         for name, unit in units.items():
             value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
+            if not (is_number(value) and value > 0.0):
                 raise MaterialError(
                     f"material: got {name} = {value} {unit}; expected a finite positive number"
                 )
-        if not -1.0 < self.poisson_ratio < 0.5:
+        if not (is_number(self.poisson_ratio) and -1.0 < self.poisson_ratio < 0.5):
             raise MaterialError(
                 f"material: got poisson_ratio = {self.poisson_ratio}; expected -1 < nu < 0.5 "
                 "(for a nearly incompressible solid use 0.4999 and the element b-bar)"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
@@ -12,6 +12,7 @@ from pathlib import Path
 import numba
 import numpy as np
 
+from fem.assembly.reactions import MovingSupport, PushCurve, moving_supports, reactions
 from fem.explicit.body import Body, make_body
 from fem.explicit.damping import adapt, applied_forces, residual, round_off, settling
 from fem.explicit.kernels import PARALLEL, SERIAL
@@ -24,6 +25,7 @@ from fem.explicit.output.checkpoint import (
     write_checkpoint,
 )
 from fem.explicit.output.energy import Energies, History, copy_energies, energies
+from fem.explicit.output.support_forces import support_forces
 from fem.explicit.state import BodyState, State, initial_body_state, world_vectors
 from fem.explicit.step import (
     System,
@@ -144,6 +146,10 @@ class ExplicitResult:
     """Memory of the arrays that evolve."""
     constant_bytes: int
     """Memory of stiffness, mass and connectivity of the loop."""
+    reactions: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
+    """Resultant of each support at the last sample (`fem.assembly.reactions`)."""
+    pushed: tuple[PushCurve, ...] = ()
+    """Force against displacement of each support that moves, at the samples of this process."""
     compile_seconds: float = 0.0
     """CPU time in which loops were compiled on the way; zero where all were kept."""
 
@@ -389,6 +395,7 @@ def solve(
         end_time=end_time,
         n_steps=math.ceil(end_time / dt * (1.0 - 1e-12)),
         sample_interval=sample_interval,
+        moving=tuple((support, {}) for support in moving_supports(model)),
     )
     first = state.step
     started = clock.process_time()
@@ -417,6 +424,8 @@ class _Run:
     round_off: float | None = None
     still: int = 0
     least_residual: float = math.inf
+    moving: tuple[tuple[MovingSupport, dict[float, float]], ...] = ()
+    """Supports that move, and their forces [N] by time [s]."""
     last_checkpoint: float = field(default_factory=clock.monotonic)
 
     def loop(self, request: StopRequest) -> Status:
@@ -449,6 +458,10 @@ class _Run:
         number = state.step - 1
         time = number * system.time_step
         self.energies = energies(system, state)
+        if self.moving:
+            forces = support_forces(system, state, time)
+            for support, at in self.moving:
+                at[time] = support.force(forces)
         self.history.observe(self.energies)
         watch(system, state, self.history)
         if self.stop is not None:
@@ -529,6 +542,10 @@ def _result(
     system, state = run.system, run.state
     pairs = list(zip(system.bodies, state.bodies, strict=True))
     balance = run.history.column("energy_balance")
+    held = {}
+    if system.model.supports and state.step:
+        time = system.time(state) - system.time_step
+        held = reactions(system.model, support_forces(system, state, time))
     return ExplicitResult(
         model=system.model,
         status=status,
@@ -548,6 +565,8 @@ def _result(
         element_updates=system.model.n_elements * steps,
         state_bytes=sum(a.nbytes for a in state_arrays(system, state).values()),
         constant_bytes=sum(body.constant_bytes for body in system.bodies),
+        reactions=held,
+        pushed=tuple(support.curve(at) for support, at in run.moving if len(at) > 1),
     )
 
 

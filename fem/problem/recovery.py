@@ -8,6 +8,7 @@ rotation the displacement is taken in each block's best-fitting rigid frame, as 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -37,8 +38,14 @@ class Recovered(ReadOnlyArrays):
     """At nodes, Voigt order of `fem.element.material`, world axes, (n_copies, n_nodes, 6) [MPa]."""
     principal: FloatArray
     """σ₁ >= σ₂ >= σ₃ at nodes, (n_copies, n_nodes, 3) [MPa]."""
-    point_principal: FloatArray
-    """At integration points, (n_copies, n_points, 3) [MPa]."""
+    group: BlockGroup
+    local: FloatArray
+    """Displacements in block frames, (n_copies, n_nodes, 3) [mm]."""
+
+    @cached_property
+    def point_principal(self) -> FloatArray:
+        """At integration points, (n_copies, n_points, 3) [MPa]."""
+        return principal_stress(_stress_at_points(self.group, self.local))
 
 
 def best_turns(group: BlockGroup, displacement: FloatArray) -> FloatArray:
@@ -142,33 +149,35 @@ def recover(
     rotation of each block is removed first.
     """
     local, frames = block_displacements(group, displacement, finite_rotation=finite_rotation)
-    if isinstance(group.mesh, LagrangeMesh):
-        found = [
-            _of_bodies(group, local[k : k + _AT_ONCE], frames[k : k + _AT_ONCE])
-            for k in range(0, len(local), _AT_ONCE)
-        ]
-        return Recovered(
-            stress=np.concatenate([of.stress for of in found]),
-            principal=np.concatenate([of.principal for of in found]),
-            point_principal=np.concatenate([of.point_principal for of in found]),
-        )
-    operator = nodal_stress_operator(group.mesh, group.material, group.element)
-    at_nodes = nodal_stress(operator, local)
-    at_points = integration_point_stress(group.mesh, group.material, group.element, local)
-    return _recovered(at_nodes, at_points, frames)
-
-
-def _of_bodies(group: BlockGroup, local: FloatArray, frames: FloatArray) -> Recovered:
-    """Of some copies with elements of a higher degree."""
-    bodies = moved_bodies(group, local)
-    inside = everywhere(bodies).stress.reshape(len(local), -1, 6)
-    return _recovered(nodal_stress_of(bodies), inside, frames)
-
-
-def _recovered(at_nodes: FloatArray, at_points: FloatArray, frames: FloatArray) -> Recovered:
-    """Stresses from those in block frames, (n_copies, n, 6) [MPa]."""
+    at_nodes = stress_at_nodes(group, local)
     return Recovered(
         stress=rotate_stress(at_nodes, frames),
         principal=principal_stress(at_nodes),
-        point_principal=principal_stress(at_points),
+        group=group,
+        local=local,
     )
+
+
+def stress_at_nodes(group: BlockGroup, local: FloatArray) -> FloatArray:
+    """Stresses at nodes in block frames, (n_copies, n_nodes, 6) [MPa].
+
+    From displacements there, (n_copies, n_nodes, 3) [mm].
+    """
+    if isinstance(group.mesh, LagrangeMesh):
+        some = (moved_bodies(group, local[k : k + _AT_ONCE]) for k in _starts(local))
+        return np.concatenate([nodal_stress_of(bodies) for bodies in some])
+    operator = nodal_stress_operator(group.mesh, group.material, group.element)
+    return nodal_stress(operator, local)
+
+
+def _stress_at_points(group: BlockGroup, local: FloatArray) -> FloatArray:
+    """Stresses at integration points in block frames, (n_copies, n_points, 6) [MPa]."""
+    if isinstance(group.mesh, LagrangeMesh):
+        some = (moved_bodies(group, local[k : k + _AT_ONCE]) for k in _starts(local))
+        found = [everywhere(bodies).stress for bodies in some]
+        return np.concatenate(found).reshape(len(local), -1, 6)
+    return integration_point_stress(group.mesh, group.material, group.element, local)
+
+
+def _starts(local: FloatArray) -> range:
+    return range(0, len(local), _AT_ONCE)

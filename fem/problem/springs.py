@@ -10,8 +10,8 @@ import numpy as np
 from scipy.sparse import bsr_array, coo_array
 
 from fem.element.facet import basis_of, facet_area_vectors
-from geometry.charts import facet_elements
 from geometry.mesh import FloatArray, HexMesh, IntArray, ReadOnlyArrays
+from geometry.meshing.charts import facet_elements
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from fem.contact.surfaces import ContactNormals, ContactSurfaces, PointKinematic
 from fem.static.linear_step.block_tridiagonal import Level, UnresistedMotionError, factor_chain
 from fem.static.linear_step.condensed import levels_of
 from fem.static.linear_step.grid_block import GridBlock, PointFlexibility, grid_block
-from fem.static.newton import relative_residual
+from fem.static.newton import FARTHEST, relative_residual
 from fem.static.result import StaticError
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
@@ -68,10 +68,13 @@ class ForceState:
 def grid_blocks(deformable: DeformableAssembly) -> tuple[GridBlock, ...] | None:
     """Structured blocks of all groups; None where this solver does not take the problem.
 
-    It takes frictionless contact between matched facets of blocks without supports of their own.
+    It takes frictionless contact of one law between matched facets, of blocks without supports of
+    their own.
     """
     contact, model = deformable.contact, deformable.model
     if contact.friction is not None or contact.finite_sliding or model.supports:
+        return None
+    if len(contact.law.members) > 1:
         return None
     if not deformable.meets or deformable.assembly.image_of is not None:
         return None
@@ -437,6 +440,7 @@ class _Iteration:
         rest = float(law.overclosure(self.mean))
         first = _FIRST_HOLDING * float(law.stiffness(rest)) * area / n_blocks
         self.least = _LEAST_HOLDING * first
+        self.farthest = FARTHEST * self.system.deformable.assembly.characteristic_length
         self.motions = np.zeros((n_blocks, 6))
         self.residuals: list[float] = []
         self.turning = _Turning(np.zeros(points.n), np.zeros((self.system.n_nodes, 3)))
@@ -510,6 +514,8 @@ class _Iteration:
         """Judge a linear solution; None: it is not the last one."""
         points, system, weights = self.points, self.system, self.points.weights
         displacement = points.to_nodes(on_grids)
+        if np.abs(displacement).max() > self.farthest:
+            raise StaticError("blocks move away without end")
         kinematics = system.kinematics(displacement, self.contact.normals)
         self.overclosure = kinematics.overclosure.ravel()
         pressing = weights * self.contact.law.pressure(self.overclosure)

@@ -98,7 +98,7 @@ class _Energy:
 
     @property
     def law(self) -> ContactLaw:
-        return self.system.deformable.contact.law
+        return self.system.law
 
     def __call__(self, displacement: FloatArray) -> _State:
         internal = self.step.internal_force(displacement)

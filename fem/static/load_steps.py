@@ -26,6 +26,7 @@ from fem.static.newton import (
     unbalanced_forces,
 )
 from fem.static.result import StaticError, load_factors
+from geometry.errors import is_number
 from geometry.mesh import FloatArray, IntArray
 
 #: Residual of a load step on the way above which its slips are no history to go on with: what load
@@ -33,7 +34,7 @@ from geometry.mesh import FloatArray, IntArray
 #: the tolerance, which is of all of it.
 _HISTORY = 1e-2
 #: Share of the time of all motions below which a step is cut no more.
-_SHORTEST = 1e-3
+_SHORTEST = 1e-4
 #: Searches for one load step at most, and the motion after the last one that no cut needs to
 #: follow [skins]: pressures at edges where surfaces end change in proportion to it, by a sixth.
 _MAX_SEARCHES = 12
@@ -44,8 +45,9 @@ _MAX_TRIES = 2
 
 #: Load factor and time of a step; None: no support moves.
 _Target = tuple[float, float | None]
-#: Takes a state to its own load factor and time; whether the next step may follow.
-_Step = Callable[[StaticProblem, StaticState], tuple[StaticProblem, StaticState, bool]]
+#: Takes a state, or a guess of it, to its own load factor and time from the displacements at which
+#: the step begins; whether the next step may follow.
+_Step = Callable[[StaticProblem, StaticState, FloatArray], tuple[StaticProblem, StaticState, bool]]
 
 
 class StaticMethod(StrEnum):
@@ -82,14 +84,13 @@ class StaticOptions:
     `load_steps` of `load_factors`."""
     keep_steps: bool = False
     """Whether the result holds the state after each of them."""
-
     motion_steps: int | None = None
     """Parts of the way of supports that move, after the load; the times of their tables come on
     top. None: all their way at once, with the load."""
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.tolerance) and self.tolerance > 0.0):
-            raise StaticError(f"fem.tolerance: got {self.tolerance}, expected a positive number")
+        if not (is_number(self.tolerance) and self.tolerance > 0.0):
+            raise StaticError(f"fem.tolerance: got {self.tolerance!r}, expected a positive number")
         change = self.load_tolerance
         if change is not None and not (math.isfinite(change) and change > 0.0):
             raise StaticError(f"fem.load_tolerance: got {change}, expected a positive number")
@@ -112,14 +113,18 @@ def _along(
 ) -> tuple[StaticProblem, StaticState]:
     """Take steps one after the other; those of a motion that fail are cut.
 
-    Where the shortest has no equilibrium either, what was reached before is an answer.
+    A step of a motion starts where the one before leads to, if supports go on as before: contact
+    laws are stiff over lengths that are far shorter than a step. Where the shortest has no
+    equilibrium either, what was reached before is an answer.
     """
     ahead, shortest = path[::-1], _SHORTEST * (path[-1][1] or 0.0)
+    rate: FloatArray | None = None
     while ahead:
         factor, moment = ahead.pop()
-        there, reached, goes_on = step(
-            problem, replace(state, load_factor=factor, time=moment, converged=False)
-        )
+        guess = replace(state, load_factor=factor, time=moment, converged=False)
+        if rate is not None and moment:
+            guess = _led_on(problem, guess, (moment - (state.time or 0.0)) * rate)
+        there, reached, goes_on = step(problem, guess, state.displacement)
         if moment and not reached.converged:
             before, tried = state.time or 0.0, reached.residuals[len(state.residuals) :]
             last = state.residuals[-1:]
@@ -130,10 +135,26 @@ def _along(
             if any(time for time, _ in state.pushed):
                 return problem, replace(state, stopped=moment)
             return there, reached
+        if moment:
+            rate = (reached.displacement - state.displacement) / (moment - (state.time or 0.0))
         problem, state = there, _recorded(there, reached, options)
         if not goes_on:
             break
     return problem, state
+
+
+def _led_on(problem: StaticProblem, state: StaticState, way: FloatArray) -> StaticState:
+    """Move a state by displacements (n_nodes, 3) [mm], if supports are there where they should be.
+
+    Contact is linearised where it then is.
+    """
+    displacement = state.displacement + way
+    if not problem.system.has_prescribed(displacement, state.time):
+        return state
+    kinematics = problem.kinematics(displacement)
+    return replace(
+        state, displacement=displacement, kinematics=kinematics, at=kinematics.overclosure
+    )
 
 
 def load_up(
@@ -141,14 +162,16 @@ def load_up(
 ) -> tuple[StaticProblem, StaticState]:
     """Apply the load in parts."""
 
-    def step(problem: StaticProblem, state: StaticState) -> tuple[StaticProblem, StaticState, bool]:
+    def step(
+        problem: StaticProblem, state: StaticState, begin: FloatArray
+    ) -> tuple[StaticProblem, StaticState, bool]:
         reached = converge(problem, state)
         if problem.friction is not None and reached.residuals[-1] > _HISTORY:
             # What follows would start from a history that no equilibrium has.
             return problem, reached, False
         if not reached.converged and has_potential(problem):
             reached = descend(problem, replace(state, residuals=reached.residuals))
-        return problem, _advance_friction(problem, reached, state.displacement), True
+        return problem, _advance_friction(problem, reached, begin), True
 
     return _along(problem, state, _load_path(problem, options, parts), step, options)
 
@@ -200,9 +223,11 @@ def follow_up(
     """
     elastic, first, rest = _Elastic.none(points), True, begin
 
-    def step(problem: StaticProblem, state: StaticState) -> tuple[StaticProblem, StaticState, bool]:
+    def step(
+        problem: StaticProblem, state: StaticState, begin: FloatArray
+    ) -> tuple[StaticProblem, StaticState, bool]:
         nonlocal elastic, first
-        begin = rest if first else state.displacement
+        begin = rest if first else begin
         aim, joints, tries = (state.load_factor, state.time), 0, _MAX_TRIES
         for search in range(_MAX_SEARCHES):
             if search or not first:
@@ -304,7 +329,7 @@ def _advance_friction(problem: StaticProblem, state: StaticState, begin: FloatAr
     rows = problem.friction
     if rows is None:
         return state
-    law = problem.system.deformable.contact.law
+    law = problem.system.law
     pressure = law.pressure(state.kinematics.overclosure)
     before = law.pressure(problem.kinematics(begin).overclosure)
     anchor = anchor_of(state)

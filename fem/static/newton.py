@@ -56,7 +56,7 @@ _COARSE_ITERATIONS = 3
 #: A step is cut when the energy slope at its end exceeds this share of the slope at its start.
 _OVERSHOOT = 0.1
 #: A linear solution farther away than this many block lengths is a motion that nothing resists.
-_FARTHEST = 100.0
+FARTHEST = 100.0
 #: Contact forces count this much in the size against which the residual is measured.
 _CONTACT_SHARE = 1e-2
 #: Iterations that may bring no better residual, before and after the best is below _NEAR.
@@ -116,11 +116,12 @@ def start_state(system: LocalSystem, start: StaticResult | None) -> StaticState:
     displacement = np.zeros((system.n_nodes, 3))
     area = float(surfaces.areas.sum())
     load = float(np.linalg.norm(system.external_force, axis=1).sum())
-    law = contact.law
-    least = max(float(law.pressure(0.0)), 1e-9 * law.touching_stiffness)
-    pressure = max(load / area if area else 0.0, least)
-    at = np.full(surfaces.weights.shape, float(law.overclosure(pressure)))
-    stiffness = float(law.stiffness(law.overclosure(pressure)))
+    law = system.law
+    least = np.maximum(law.pressure(0.0), 1e-9 * law.touching_stiffness)
+    rest = law.overclosure(np.maximum(load / area if area else 0.0, least))
+    at = np.empty(surfaces.weights.shape)
+    at.T[:] = rest  # one number, or one for each facet
+    stiffness = float(law.stiffness(rest).max())
     holding = _FIRST_HOLDING * stiffness * area / system.n_slots
     if start is not None:
         displacement = localised(system, start)
@@ -203,7 +204,7 @@ def descend(problem: StaticProblem, state: StaticState) -> StaticState:
 
 def _iterate(problem: StaticProblem, state: StaticState) -> StaticState:
     """One linear problem, and what follows from it."""
-    system, law = problem.system, problem.system.deformable.contact.law
+    system, law = problem.system, problem.system.law
     linear = _linearise(system, state)
     trial, state = _solve(problem, _linear_problem(problem, linear, state), state)
     share = _step_share(problem, linear, state, trial)
@@ -239,7 +240,7 @@ def _linear_problem(
 
 
 def _linearise(system: LocalSystem, state: StaticState) -> Linearisation:
-    law, found = system.deformable.contact.law, state.kinematics
+    law, found = system.law, state.kinematics
     return Linearisation(
         weights=system.surfaces.weights,
         gradient=found.gradient,
@@ -256,7 +257,7 @@ def _solve(
     problem: StaticProblem, linear: Linearisation, state: StaticState
 ) -> tuple[FloatArray, StaticState]:
     """Solve the linear problem; hold the blocks more where nothing else does."""
-    farthest = _FARTHEST * problem.system.deformable.assembly.characteristic_length
+    farthest = FARTHEST * problem.system.deformable.assembly.characteristic_length
     while True:
         try:
             trial = problem.step(linear, state.displacement, state.holding)
@@ -267,7 +268,7 @@ def _solve(
                 return trial, state
             raise UnheldBlocksError(
                 f"a block would move by {np.abs(trial).max():.3g} mm, more than "
-                f"{_FARTHEST:g} block lengths",
+                f"{FARTHEST:g} block lengths",
                 (),
             )
         except UnheldBlocksError as error:
@@ -302,7 +303,7 @@ def _step_share(
     system, step = problem.system, problem.step
     if not system.has_prescribed(state.displacement, state.time):
         return 1.0
-    law, weights = system.deformable.contact.law, system.surfaces.weights
+    law, weights = system.law, system.surfaces.weights
     way = trial - state.displacement
     force = step.internal_force(state.displacement) - linear.load_factor * step.external_force
     start = float(np.vdot(force, way))
@@ -366,7 +367,7 @@ def unbalanced_forces(problem: StaticProblem, state: StaticState) -> tuple[Float
     On prescribed components the first are minus the forces of the supports.
     """
     system, step = problem.system, problem.step
-    pressure = system.deformable.contact.law.pressure(state.kinematics.overclosure)
+    pressure = system.law.pressure(state.kinematics.overclosure)
     forces = system.surfaces.weights * pressure
     unbalanced = state.load_factor * step.external_force
     unbalanced = unbalanced - step.internal_force(state.displacement)

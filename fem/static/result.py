@@ -131,7 +131,9 @@ def loose_blocks(
     surfaces: ContactSurfaces | SearchedSurfaces,
     representative: IntArray,
 ) -> IntArray:
-    """Blocks without support that could move while all contacts that press keep pressing, (n,).
+    """Blocks that could move while all contacts that press keep pressing, (n,).
+
+    Those with supports or springs are left out.
 
     Each block is judged with its neighbours at rest: what is named here is certainly not held
     (frictionless contacts on it have fewer than six independent directions); blocks that could
@@ -140,8 +142,8 @@ def loose_blocks(
     one stands for (n_blocks,) that one is judged.
     """
     assembly = deformable.assembly
-    corners = corner_displacements(deformable, displacements, surfaces)
-    gradient = surfaces.kinematics(corners, deformable.contact.normals).gradient
+    pressing = np.flatnonzero((point_pressures > 0.0).any(axis=1))
+    surfaces, point_pressures = surfaces.subset(pressing), point_pressures[pressing]
     supported = {
         (support.group, int(copy))
         for support in deformable.model.supports
@@ -150,15 +152,21 @@ def loose_blocks(
     loose = []
     moving = deformable.deformable_blocks
     for block in np.unique(representative[moving]):
-        if (int(deformable.group_of[block]), int(deformable.copy_of[block])) in supported:
+        group = int(deformable.group_of[block])
+        springs = deformable.model.groups[group].springs
+        if springs is not None or (group, int(deformable.copy_of[block])) in supported:
             continue
         arms = assembly.nodes(int(block)) - assembly.centroids[block]
         rows = []
-        sides = ((surfaces.block_m, surfaces.quads_m), (surfaces.block_s, surfaces.quads_s))
-        for side, (blocks, quads) in enumerate(sides):
+        for side in range(2):
+            blocks = (surfaces.block_m, surfaces.block_s)[side]
             mine = np.flatnonzero(assembly.originals[blocks] == block)
-            force = np.split(gradient[mine], 2, axis=2)[side]
-            moment = np.cross(arms[quads[mine]][:, None], force).sum(axis=2)
+            facets = surfaces.subset(mine)
+            corners = corner_displacements(deformable, displacements, facets)
+            gradient = facets.kinematics(corners, deformable.contact.normals).gradient
+            force = np.split(gradient, 2, axis=2)[side]
+            quads = (facets.quads_m, facets.quads_s)[side]
+            moment = np.cross(arms[quads][:, None], force).sum(axis=2)
             wrench = np.concatenate(
                 [force.sum(axis=2), moment / assembly.characteristic_length], axis=2
             )

@@ -23,7 +23,7 @@ from fem.problem.model import (
     refuse_turning_springs,
 )
 from fem.problem.recovery import block_displacements, turned_rigidly
-from fem.static.linear_step.condensed import FlexibilityStore
+from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.result import StaticError, StaticResult
 from fem.static.solve import StaticOptions, solve_static
 from geometry.mesh import FloatArray
@@ -58,7 +58,7 @@ def solve_static_with_rotation(
     Raises
     ------
     StaticError
-        Blocks that turn too far for these rounds; and as there.
+        Blocks that turn too far for these rounds, supports that move step by step; and as there.
     SymmetryError, SparseSolverError
         As there.
     """
@@ -69,6 +69,12 @@ def solve_static_with_rotation(
             'bodies; expected fem.method = "explicit", or finite_rotation off'
         )
     options = StaticOptions() if options is None else options
+    if options.motion_steps is not None and deformable.moves:
+        # The forces of the rotation are those of the end: steps on the way would be no states.
+        raise StaticError(
+            "effects.finite_rotation: got supports that move step by step; expected "
+            'finite_rotation off, or fem.method = "explicit"'
+        )
     store = FlexibilityStore() if store is None else store
     model = deformable.model
     size = float(np.sqrt(sum((forces**2).sum() for forces in local_forces(deformable))))

@@ -32,7 +32,8 @@ from fem.contact.surfaces import ContactSurfaces
 from fem.static.contact_forces import grid_blocks, solve_in_contact_forces
 from fem.static.friction import friction_rows
 from fem.static.linear import solve_apart
-from fem.static.linear_step.condensed import CondensedStep, FlexibilityStore
+from fem.static.linear_step.condensed import CondensedStep
+from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.linear_step.grid_block import GridBlock
 from fem.static.linear_step.linearisation import LinearStep, SparseStep
 from fem.static.load_steps import StaticMethod, StaticOptions, follow_up, load_up
@@ -50,6 +51,9 @@ __all__ = ["StaticMethod", "StaticOptions", "solve_static"]
 
 #: Parts in which the load is applied when all at once does not converge.
 _FALLBACK_LOAD_STEPS = 4
+#: Supported nodes of a block beyond which one sparse matrix takes the place of dense flexibilities,
+#: which keep them: plane strain holds every node of a slice, and 3 400 took 12 GB.
+_MOST_HELD = 1500
 
 
 def solve_static(
@@ -220,7 +224,8 @@ def _problem(
     rows = None if friction is None else friction_rows(system, friction)
     step: LinearStep
     # On searched points limits of friction follow the pressures, in displacements alone.
-    if options.method is StaticMethod.SPARSE or not (searched is None or rows is None):
+    in_displacements = not (searched is None or rows is None) or _most_held(system) > _MOST_HELD
+    if options.method is StaticMethod.SPARSE or in_displacements:
         step, kept = SparseStep(system, options.sparse_solver), np.ones(system.n_nodes, np.bool_)
     else:
         step = CondensedStep(system, store)
@@ -228,6 +233,12 @@ def _problem(
     free = free_motions(system, kept)
     bounds = options.tolerance, options.max_iterations
     return StaticProblem(system, step, *bounds, rows, deformable.contact.normals, free)
+
+
+def _most_held(system: LocalSystem) -> int:
+    """Supported nodes of the block that has most of them."""
+    slots = np.searchsorted(system.node_start, system.held.nodes, side="right")
+    return int(np.bincount(slots).max(initial=0))
 
 
 def _orbits(deformable: DeformableAssembly, symmetry: int | None) -> Orbits:
@@ -280,7 +291,6 @@ def _result(
     """Expand a solution to the whole assembly."""
     state, displacement = outcome.state, outcome.displacement
     deformable, orbits = system.deformable, system.orbits
-    law = deformable.contact.law
     displacements = tuple(system.expand(displacement))
     points = facing_points(deformable, displacements) if searched else None
     surfaces: ContactSurfaces | SearchedSurfaces = deformable.surfaces
@@ -291,6 +301,7 @@ def _result(
         surfaces = searched_surfaces(points, deformable.surfaces.clearance)
         corners = corner_displacements(deformable, displacements, surfaces)
         overclosure = surfaces.kinematics(corners, deformable.contact.normals).overclosure
+    law = deformable.contact.law.on(surfaces.block_m, surfaces.block_s)
     share = _copies(system)
     pressures = law.pressure(overclosure)
     loose = np.zeros(0, dtype=np.int64)

@@ -23,9 +23,9 @@ import numpy as np
 
 from geometry.assembly import require_length
 from geometry.block import Block, Curve
-from geometry.charts import Charts, Lines
 from geometry.families.sine_block import BlockParameterError
 from geometry.mesh import FloatArray, HexMesh, IntArray, check_mesh, grid_points
+from geometry.meshing.charts import Charts, Lines
 
 #: Names of the six sides, edge by edge.
 EDGE_NAMES = tuple(f"edge{k}" for k in range(6))

@@ -8,6 +8,8 @@ interlocking of platonic solids", Phil. Mag. Lett. 83 (2003).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from geometry.assembly import AssemblyError, require_length
@@ -25,27 +27,41 @@ def _check(edge: float, counts: tuple[int, ...]) -> None:
         )
 
 
-def tetrahedron(edge: float) -> Polyhedron:
-    """Regular tetrahedron, upper edge along x, lower edge along y, middle section in z = 0."""
-    half, height = edge / 2, edge / np.sqrt(8.0)
-    corners = [
-        [half, 0, height],
-        [-half, 0, height],
-        [0, half, -height],
-        [0, -half, -height],
-    ]
-    return convex_polyhedron("tetrahedron", corners)
+def tetrahedron(edge: float, thickness: float | None = None) -> Polyhedron:
+    """Regular tetrahedron, upper edge along x, lower edge along y, middle section in z = 0.
+
+    Planes cut its upper and lower edges off where it has a thickness [mm]: six sides.
+    """
+    height = edge / np.sqrt(8.0)
+    top = height if thickness is None else thickness / 2
+    wide, narrow = edge / 4 * (1.0 + top / height), edge / 4 * (1.0 - top / height)
+    corners = [[s * wide, t * narrow, top] for s in (1, -1) for t in (1, -1)]
+    corners += [[s * narrow, t * wide, -top] for s in (1, -1) for t in (1, -1)]
+    return convex_polyhedron("tetrahedron", list(dict.fromkeys(map(tuple, corners))))
 
 
 def tetrahedra_layer(
-    edge: float, columns: int, rows: int, detection: DetectionOptions | None = None
+    edge: float,
+    columns: int,
+    rows: int,
+    detection: DetectionOptions | None = None,
+    *,
+    thickness: float | None = None,
+    freed: Sequence[int] = (),
 ) -> PolyhedralAssembly:
     """Lay ``columns`` × ``rows`` free tetrahedra in a fixed ring, every other turned by 90°.
 
-    The edge is in mm.
+    The edge is in mm, and so is the thickness to which planes cut them; None: they are whole.
+    Blocks of the ring that are ``freed``, by their numbers, are not fixed.
     """
     _check(edge, (columns, rows))
-    shape = tetrahedron(edge)
+    height = edge / np.sqrt(2.0)
+    if thickness is not None and not 0.0 < thickness < height:
+        raise AssemblyError(
+            f"block.thickness: got {thickness:g}; expected less than {height:.4g} mm, the height "
+            "of the whole tetrahedron"
+        )
+    shape = tetrahedron(edge, thickness)
     quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     blocks, fixed = [], []
     for j in range(rows + 2):
@@ -55,7 +71,15 @@ def tetrahedra_layer(
             turn = quarter if (i + j) % 2 else np.eye(3)
             blocks.append((shape, turn, np.array([i, j, 0.0]) * edge / 2))
             fixed.append(i in (0, columns + 1) or j in (0, rows + 1))
-    return polyhedral_assembly("tetrahedra-layer", blocks, np.array(fixed), detection)
+    held = np.array(fixed)
+    for block in freed:
+        if not 0 <= block < len(held) or not held[block]:
+            raise AssemblyError(
+                f"assembly.freed: got {block}; expected numbers of blocks of the fixed ring: "
+                f"{', '.join(map(str, np.flatnonzero(fixed)))}"
+            )
+        held[block] = False
+    return polyhedral_assembly("tetrahedra-layer", blocks, held, detection)
 
 
 def octahedron(edge: float) -> Polyhedron:

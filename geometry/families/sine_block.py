@@ -18,7 +18,7 @@ import numpy as np
 
 from geometry.assembly import require_length
 from geometry.block import Block, mapped_block
-from geometry.errors import RefusedError
+from geometry.errors import RefusedError, is_number
 from geometry.mesh import FloatArray
 
 #: Grid directions (radial, around, axial) are right-handed in this order.
@@ -184,19 +184,19 @@ def check_parameters(block: SineBlockParameters) -> None:
     """
     for name in ("height", "inner_radius", "thickness"):
         require_length(name, getattr(block, name), BlockParameterError)
-    if not (np.isfinite(block.amplitude) and block.amplitude >= 0):
+    if not (is_number(block.amplitude) and block.amplitude >= 0):
         raise BlockParameterError(
             f"block.amplitude: got {block.amplitude}, expected 0 or a positive length in mm "
             "(for a mirrored wave add 1 to block.shift)"
         )
-    if not np.isfinite(block.shift):
+    if not is_number(block.shift):
         raise BlockParameterError(f"block.shift: got {block.shift}, expected a finite number")
     if block.blocks_per_layer < 2:
         raise BlockParameterError(
             f"block.blocks_per_layer: got {block.blocks_per_layer}, expected at least 2: "
             "a ring made of one block meets itself"
         )
-    if not np.isfinite(block.frequency) or block.frequency <= 0:
+    if not is_number(block.frequency) or block.frequency <= 0:
         raise BlockParameterError(
             f"block.frequency: got {block.frequency}, expected 0.5, 1, 1.5, 2, …"
         )

@@ -26,6 +26,7 @@ from geometry.files.block_files import (
     step_hexahedra,
 )
 from geometry.files.mesh_io import HEXAHEDRA, hexahedra_of, read_any_mesh
+from geometry.files.named_sets import NamedSets, named_sets
 from geometry.files.quadratic import quadratic_curve
 from geometry.mesh import (
     CUBE,
@@ -104,13 +105,16 @@ def file_blocks(
         return [solid_block(solid, divisions, size) for solid in solids]
     mesh, members = hexahedra_of(read, path)
     scaled = HexMesh(UNITS[units] * mesh.nodes, mesh.elements)
-    return _of_solids(connected_solids(path, scaled, members), solids)
+    return _of_solids(connected_solids(path, scaled, members, named_sets(path, read)), solids)
 
 
-def connected_solids(path: Path, mesh: HexMesh, members: IntArray) -> list[Block]:
+def connected_solids(
+    path: Path, mesh: HexMesh, members: IntArray, sets: NamedSets | None = None
+) -> list[Block]:
     """Parts of a mesh that share no corner, in the order of their first elements.
 
     ``members`` are all nodes of each element, (n_elements, 8, 20 or 27); messages name the file.
+    Sets of the file are faces of the parts.
     """
     check_mesh(mesh, str(path))
     rows = np.repeat(np.arange(mesh.n_elements), 8)
@@ -127,7 +131,9 @@ def connected_solids(path: Path, mesh: HexMesh, members: IntArray) -> list[Block
         curve = None
         if members.shape[1] > 8:
             curve = quadratic_curve(path, part.elements, mesh.nodes[members[mine]])
-        parts.append(hexahedral_block("part", part, curve))
+        block = hexahedral_block("part", part, curve)
+        named = {} if sets is None else sets.faces(block.faces[SURFACE], nodes)
+        parts.append(replace(block, faces=block.faces | named))
     return parts
 
 

@@ -110,8 +110,12 @@ def polyhedral_assembly(
     fixed: BoolArray,
     detection: DetectionOptions | None = None,
     names: tuple[str, ...] = (),
+    *,
+    supported: bool = False,
 ) -> PolyhedralAssembly:
     """Assemble blocks given as (shape, rotation, translation); equal shapes are shared.
+
+    ``supported``: parts of free blocks are held, so no block need be fixed.
 
     Raises
     ------
@@ -120,10 +124,10 @@ def polyhedral_assembly(
     """
     if not blocks:
         raise AssemblyError(f"{name}: got no blocks; expected at least two")
-    if not fixed.any():
+    if not (fixed.any() or supported):
         raise AssemblyError(
             f"{name}: no block is fixed; without a frame every assembly moves away as a whole: "
-            "name fixed blocks"
+            "name fixed blocks, or state [[supports]]"
         )
     if fixed.all():
         raise AssemblyError(f"{name}: all {len(blocks)} blocks are fixed; leave some free")

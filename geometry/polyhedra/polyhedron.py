@@ -344,6 +344,9 @@ def polyhedron_from_block(block: Block) -> Polyhedron:
     coincide still coincide.
     """
     quads = np.concatenate(list(block.faces.values()))
+    # Faces may overlap: sets of a file are parts of its surface.
+    _, first = np.unique(np.sort(quads, axis=1), axis=0, return_index=True)
+    quads = quads[np.sort(first)]
     middles = block.mesh.nodes[quads].mean(axis=1)
     middle = len(block.mesh.nodes) + np.arange(len(quads))
     triangles = np.concatenate(

@@ -2,8 +2,9 @@
 
 Without names all tables but the long ones, four CPU minutes; CalculiX and compas_cra where they
 are installed. ``error-bars`` takes an hour, goes on where it was stopped, gives up a problem after
-ten CPU minutes, and keeps what ``error-bars-summary`` sums up. ``first-answers`` runs commands with
-their defaults, five minutes.
+ten CPU minutes, and keeps what ``error-bars-problems`` lists and ``error-bars-summary`` sums up.
+``first-answers`` runs commands with their defaults, five minutes. ``--folder PATH`` tries all files
+of blocks in a folder instead.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,7 @@ from tests.verification import (
     calculix,
     error_bars,
     first_answers,
+    folder,
     test_accuracy,
     test_friction,
     test_hertz,
@@ -38,10 +41,11 @@ TABLES: dict[str, tuple[str, Callable[[], Iterable[Row]]]] = {
     "accuracy": ("An accuracy on demand, start of the program included", test_accuracy.rows),
     "first-answers": ("Answers by default, and before", first_answers.rows),
     "error-bars": ("Error bars of twenty problems", error_bars.rows),
+    "error-bars-problems": ("Each problem with its reference", error_bars.problems),
     "error-bars-summary": ("Error bars: how many hold, how wide they are", error_bars.summary),
 }
 #: Tables that are made where they are named.
-LONG = ("error-bars", "error-bars-summary", "first-answers")
+LONG = ("error-bars", "error-bars-problems", "error-bars-summary", "first-answers")
 
 
 def word(value: Any) -> str:
@@ -65,13 +69,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(TABLES))
     parser.add_argument("--json", type=Path, metavar="FILE")
+    parser.add_argument("--folder", type=Path, metavar="PATH", help="of files of blocks")
     asked = parser.parse_args()
     unknown = [name for name in asked.names if name not in TABLES]
     if unknown:
         parser.error(f"{unknown[0]}: expected {', '.join(TABLES)}")
     console, found = Console(width=180, markup=False), {}
-    for name in asked.names or [name for name in TABLES if name not in LONG]:
-        title, make = TABLES[name]
+    tables, names = TABLES, asked.names or [name for name in TABLES if name not in LONG]
+    if asked.folder is not None:
+        tables = {"folder": ("Files of blocks", partial(folder.rows, asked.folder))}
+        names = ["folder"]
+    for name in names:
+        title, make = tables[name]
         found[name] = list(make())
         console.print(table(title, found[name]) if found[name] else f"{title}: not installed")
     if asked.json is not None:

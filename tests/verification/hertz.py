@@ -33,13 +33,13 @@ from fem.contact.law import LinearPenalty
 from fem.element.material import Material
 from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.model import Support, block_group, fixed_nodes
-from fem.static.linear_step.condensed import FlexibilityStore
+from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.result import StaticResult
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry.assembly import Assembly
 from geometry.block import Block
+from geometry.families.round_bodies import quarter_disc, round_ended, strip
 from geometry.loads import LoadCase
-from tests.verification.round_bodies import quarter_disc, round_ended, strip
 
 #: Edge of the other body's elements over that of the first.
 _UNLIKE = 1.25
@@ -260,7 +260,7 @@ def pressed_balls(bodies: Bodies, state: StaticResult) -> Field:
     p, area = contact.point_pressures, 4.0 * contact.point_areas
     force = float(area @ p)
     a = (0.75 * force * half / bodies.modulus) ** (1.0 / 3.0)
-    return _pressed((r, area, p), a, 1.5 * force / (math.pi * a**2), 2.5)
+    return pressed((r, area, p), a, 1.5 * force / (math.pi * a**2), 2.5)
 
 
 def pressed_roller(bodies: Bodies, state: StaticResult) -> Field:
@@ -272,10 +272,10 @@ def pressed_roller(bodies: Bodies, state: StaticResult) -> Field:
     force = float(area @ p)
     x = x - float(area @ (p * x)) / force
     a = math.sqrt(4.0 * force * RADIUS / (math.pi * bodies.modulus))
-    return _pressed((np.abs(x), area, p), a, 2.0 * force / (math.pi * a), 4.0)
+    return pressed((np.abs(x), area, p), a, 2.0 * force / (math.pi * a), 4.0)
 
 
-def _pressed(
+def pressed(
     points: tuple[np.ndarray, np.ndarray, np.ndarray], a: float, p0: float, moment: float
 ) -> Field:
     r, area, p = points

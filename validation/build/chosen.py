@@ -3,9 +3,39 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
-from geometry.assembly import AssemblyError
+import numpy as np
+
+from geometry.assembly import AnyBlocks, AssemblyError
+from geometry.mesh import IntArray
+
+
+def chosen_blocks(key: str, chosen: Iterable[int | str], assembly: AnyBlocks) -> IntArray:
+    """Numbers of all blocks that are chosen; a name may be that of several.
+
+    Arguments and errors as of `numbers_of`.
+    """
+    names = assembly.names or ("",) * assembly.n_blocks
+    found = [number for one in chosen for number in numbers_of(key, one, names)]
+    return np.array(list(dict.fromkeys(found)), dtype=np.int64)
+
+
+def chosen_block(key: str, one: int | str, assembly: AnyBlocks) -> int:
+    """Number of the only block that is meant; as `chosen_blocks`.
+
+    Raises
+    ------
+    AssemblyError
+        Also for a name of several blocks.
+    """
+    found = chosen_blocks(key, [one], assembly)
+    if len(found) > 1:
+        raise AssemblyError(
+            f"{key}: got {one!r}, the name of {len(found)} blocks; expected a number, such as "
+            f"{found[0]}"
+        )
+    return int(found[0])
 
 
 def numbers_of(key: str, one: int | str, names: Sequence[str]) -> list[int]:

@@ -11,6 +11,8 @@ from fem.assembly.deformable import DeformableAssembly, Frames
 from fem.assembly.section_forces import check_planes
 from fem.assembly.statement import Problem
 from fem.contact.friction import CoulombFriction
+from fem.contact.law import ContactLaw
+from fem.contact.pair_laws import PairLaws
 from fem.contact.surfaces import ContactNormals
 from fem.decks.problem import PAPER_RAYLEIGH
 from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
@@ -19,9 +21,9 @@ from geometry.loads import LoadCase
 from validation.build.blocks import HexahedralBlocks, build_blocks
 from validation.build.cell import build_cell
 from validation.build.materials import build_materials, count_materials
-from validation.build.pairs import friction_of_pairs, stated_pairs
+from validation.build.pairs import friction_of_pairs, laws_of_pairs, stated_pairs
 from validation.build.sections import scene_planes
-from validation.build.supports import stated_load
+from validation.build.supports import held_at_faces, stated_load
 from validation.errors import InputError, named
 from validation.scene.deformable import (
     Damping,
@@ -29,7 +31,6 @@ from validation.scene.deformable import (
     FemSection,
     Method,
 )
-from validation.scene.family import AssemblyScene
 from validation.scene.plausibility import too_large_to_deform
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene
@@ -97,7 +98,7 @@ def build_friction(
     """
     given = scene.effects.friction
     if given is None:
-        if stated_pairs(scene):
+        if any(pair.friction is not None for pair in stated_pairs(scene)):
             raise InputError(
                 "contact.pairs: got friction of some joints without that of the others; expected "
                 "[effects.friction] coefficient too, or no pairs"
@@ -107,6 +108,21 @@ def build_friction(
     return CoulombFriction(
         **constants, of_pairs=friction_of_pairs(scene, assembly, anywhere=sliding)
     )
+
+
+def build_law(scene: DeformableScene, assembly: AnyBlocks, *, sliding: bool) -> ContactLaw:
+    """Contact law of a scene, with those that ``[[contact.pairs]]`` have of their own.
+
+    Raises
+    ------
+    ContactLawError
+        For constants that make no law.
+    PairError
+        Joints that are none.
+    """
+    law = scene.contact.built
+    of_pairs = laws_of_pairs(scene, assembly, anywhere=sliding)
+    return PairLaws(law, of_pairs) if of_pairs else law
 
 
 def build_effects(section: EffectsSection, fem: FemSection) -> Effects:
@@ -156,14 +172,6 @@ def build_hexahedra(scene: DeformableScene, name: str) -> HexahedralBlocks:
     return build_blocks(scene)
 
 
-def held_at_faces(scene: DeformableScene) -> bool:
-    """Whether fixed blocks deform and are held at their outer faces; else they are rigid.
-
-    A column of boxes stands on its bottom face: no block of it is rigid.
-    """
-    return (isinstance(scene, AssemblyScene) and scene.stands) or scene.effects.elastic_frame
-
-
 def scene_load(scene: DeformableScene, assembly: Assembly) -> LoadCase:
     """Build the load of a scene on blocks already built.
 
@@ -208,16 +216,16 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
     fem, contact = fem_section(scene, name), scene.contact
     degree = element_degree(scene, blocks.assembly)
     element = {"element": fem.element} if degree == 1 else {"degree": degree}
+    sliding = bool(blocks.unmatched) or scene.effects.finite_sliding
     joints: dict[str, Any] = {}
     if scene.meets:
         joints = {
-            "law": contact.built,
+            "law": build_law(scene, blocks.assembly, sliding=sliding),
             "clearance": contact.clearance,
             "spacing": contact.spacing,
         }
     if scene.effects.gravity is not None:
         count_materials(scene, "density")
-    sliding = bool(blocks.unmatched) or scene.effects.finite_sliding
     return Problem(
         blocks.assembly,
         blocks.load,

@@ -1,19 +1,24 @@
-"""Friction of some joints of a scene: ``[[contact.pairs]]``, blocks by number, name or material."""
+"""Friction and laws of some joints: ``[[contact.pairs]]``, blocks by number, name or material."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fem.contact.law import ContactLaw
 from geometry.assembly import AnyBlocks
 from geometry.mesh import BoolArray
-from geometry.pairs import OfPairs, PairError
+from geometry.parts.pairs import OfPairs, PairError
 from validation.build.chosen import numbers_of
 from validation.build.materials import material_names
-from validation.scene.deformable import ContactPairSection, ContactSection
+from validation.scene.contact import ContactPairSection, ContactSection
 from validation.scene.read import DeformableScene
 from validation.scene.usage import count, uncounted
 
+_Value = TypeVar("_Value")
 _KEY = "contact.pairs.between"
 
 
@@ -29,7 +34,7 @@ def stated_pairs(scene: DeformableScene) -> tuple[ContactPairSection, ...]:
 def friction_of_pairs(
     scene: DeformableScene, assembly: AnyBlocks, *, anywhere: bool = False
 ) -> OfPairs:
-    """Blocks of the joints that a scene names, and their coefficients.
+    """Blocks of the joints whose friction a scene names, and their coefficients.
 
     ``anywhere``: any two blocks may come to touch; else those that touch are meant. Blocks that are
     named go before materials.
@@ -37,12 +42,31 @@ def friction_of_pairs(
     Raises
     ------
     PairError
-        Blocks or materials that do not touch, and pairs named twice with different friction.
+        Blocks or materials that do not touch, and pairs named twice.
     AssemblyError
         Blocks that do not exist.
     """
-    pairs = stated_pairs(scene)
-    if not pairs:
+    given = [(p.between, p.friction) for p in stated_pairs(scene) if p.friction is not None]
+    return _joints(scene, assembly, given, anywhere=anywhere)
+
+
+def laws_of_pairs(
+    scene: DeformableScene, assembly: AnyBlocks, *, anywhere: bool = False
+) -> tuple[tuple[int, int, ContactLaw], ...]:
+    """Blocks of the joints whose contact law a scene names, and the laws; errors alike."""
+    given = [(p.between, p.built) for p in stated_pairs(scene) if p.has_law]
+    return _joints(scene, assembly, given, anywhere=anywhere)
+
+
+def _joints(
+    scene: DeformableScene,
+    assembly: AnyBlocks,
+    given: Sequence[tuple[tuple[int | str, int | str], _Value]],
+    *,
+    anywhere: bool,
+) -> tuple[tuple[int, int, _Value], ...]:
+    """Blocks of each joint that is named, and its value."""
+    if not given:
         return ()
     if anywhere:
         joints = np.column_stack(np.triu_indices(assembly.n_blocks, 1))
@@ -51,17 +75,17 @@ def friction_of_pairs(
         ends = np.sort(np.column_stack([found.block_m, found.block_s]), axis=1)
         joints = np.unique(ends, axis=0)
     materials = np.array(material_names(scene, assembly))
-    result: dict[tuple[int, int], tuple[float, int]] = {}
-    for pair in pairs:
-        one, other = (_blocks(end, materials, assembly) for end in pair.between)
+    result: dict[tuple[int, int], tuple[_Value, int]] = {}
+    for between, value in given:
+        one, other = (_blocks(end, materials, assembly) for end in between)
         m, s = joints.T
         here = (one[m] & other[s]) | (one[s] & other[m])
         if not here.any():
             raise PairError(
-                f"{_KEY}: {_words(pair.between[0])} and {_words(pair.between[1])} do not touch; "
+                f"{_KEY}: {_words(between[0])} and {_words(between[1])} do not touch; "
                 "expected two that do"
             )
-        exact = sum(isinstance(end, int) or end not in materials for end in pair.between)
+        exact = sum(isinstance(end, int) or end not in materials for end in between)
         for a, b in joints[here].tolist():
             known = result.get((a, b))
             if known is not None and known[1] == exact:
@@ -69,8 +93,8 @@ def friction_of_pairs(
                     f"{_KEY}: the joint of blocks {a} and {b} is named twice; expected once"
                 )
             if known is None or known[1] < exact:
-                result[a, b] = pair.friction, exact
-    return tuple((a, b, value) for (a, b), (value, _) in sorted(result.items()))
+                result[a, b] = value, exact
+    return tuple((*ends, value) for ends, (value, _) in sorted(result.items()))
 
 
 def _blocks(end: int | str, materials: NDArray[np.str_], assembly: AnyBlocks) -> BoolArray:

@@ -50,7 +50,12 @@ LARGEST_ANGLE = 3600.0
 #: Builder of each family from its scene and what counts as contact.
 _FAMILIES: dict[type, Callable[[Any, DetectionOptions], PolyhedralAssembly]] = {
     TetrahedraScene: lambda s, d: tetrahedra_layer(
-        s.block.edge, s.assembly.columns, s.assembly.rows, d
+        s.block.edge,
+        s.assembly.columns,
+        s.assembly.rows,
+        d,
+        thickness=s.block.thickness,
+        freed=s.assembly.freed,
     ),
     OctahedraScene: lambda s, d: octahedra_layer(s.block.edge, s.assembly.rings, d),
     CubesScene: lambda s, d: cubes_layer(s.block.edge, s.assembly.rings, s.block.arrangement, d),
@@ -126,7 +131,12 @@ def _from_files(scene: MeshScene, folder: Path, detection: DetectionOptions) -> 
 
     placed = placed_blocks(scene, read)
     assembly = polyhedral_assembly(
-        "own blocks", placed.blocks, placed.fixed, detection, placed.names
+        "own blocks",
+        placed.blocks,
+        placed.fixed,
+        detection,
+        placed.names,
+        supported=bool(scene.supports),
     )
     return replace(assembly, parts=placed.parts)
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from geometry.assembly import AnyBlocks
 from geometry.measures import Planes, planes
-from validation.errors import InputError
-from validation.scene.sections import CutSection, WholeScene
+from validation.build.chosen import chosen_blocks
+from validation.scene.sections import WholeScene
 
 
 def scene_planes(scene: WholeScene, assembly: AnyBlocks) -> Planes | None:
@@ -17,7 +15,7 @@ def scene_planes(scene: WholeScene, assembly: AnyBlocks) -> Planes | None:
 
     Raises
     ------
-    InputError, SectionError
+    AssemblyError, SectionError
         A block that is not there, or what is no plane.
     """
     if not scene.sections:
@@ -26,7 +24,9 @@ def scene_planes(scene: WholeScene, assembly: AnyBlocks) -> Planes | None:
         planes(
             one.point,
             one.normal,
-            blocks=_numbers(one, k, assembly),
+            blocks=None
+            if one.blocks is None
+            else chosen_blocks(f"sections[{k}].blocks", one.blocks, assembly),
             names=[one.name or str(k + 1)],
         )
         for k, one in enumerate(scene.sections)
@@ -37,19 +37,3 @@ def scene_planes(scene: WholeScene, assembly: AnyBlocks) -> Planes | None:
         blocks=tuple(one.blocks[0] for one in found),
         names=tuple(one.names[0] for one in found),
     )
-
-
-def _numbers(one: CutSection, row: int, assembly: AnyBlocks) -> Sequence[int] | None:
-    """Numbers of the blocks of a section, those with names looked up."""
-    if one.blocks is None:
-        return None
-    known: dict[int | str, int] = {k: k for k in range(assembly.n_blocks)}
-    known |= {name: k for k, name in enumerate(assembly.names) if name}
-    missing = [block for block in one.blocks if block not in known]
-    if missing:
-        names = " or a name" if assembly.names else ""
-        raise InputError(
-            f"sections.{row}.blocks: got {missing[0]!r}; expected numbers from 0 to "
-            f"{assembly.n_blocks - 1}{names}"
-        )
-    return [known[block] for block in one.blocks]

@@ -16,6 +16,7 @@ import numpy as np
 from fem.assembly.deformable import Frames
 from fem.assembly.statement import Problem
 from fem.contact.law import LAWS
+from fem.contact.pair_laws import PairLaws
 from fem.element.hexahedron import ElementType
 from geometry.families.hexagon_block import HexagonBlockParameters
 from geometry.families.sine_block import SineBlockParameters
@@ -87,8 +88,8 @@ def _load(problem: Problem) -> dict[str, Any]:
     return found | ({"as_printed": True} if case.without_couple else {})
 
 
-def _contact(problem: Problem) -> dict[str, Any]:
-    law = problem.law
+def _law(law: object) -> dict[str, Any]:
+    """Keys of a contact law."""
     name = next((name for name, kind in LAWS.items() if type(law) is kind), None)
     if name is None:
         raise InputError(
@@ -97,11 +98,21 @@ def _contact(problem: Problem) -> dict[str, Any]:
         )
     kind = LAWS[name]
     given = {kind.keys.get(c.name, c.name): getattr(law, c.name) for c in fields(kind)}
-    kept = {key: value for key, value in given.items() if isfinite(value)}
-    of_pairs = () if problem.coulomb is None else problem.coulomb.of_pairs
-    pairs = [{"between": [a, b], "friction": value} for a, b, value in of_pairs]
+    return {"law": name} | {key: value for key, value in given.items() if isfinite(value)}
+
+
+def _contact(problem: Problem) -> dict[str, Any]:
+    law, friction = problem.law, problem.coulomb
+    pairs: dict[tuple[int, int], dict[str, Any]] = {}
+    for a, b, value in () if friction is None else friction.of_pairs:
+        pairs[min(a, b), max(a, b)] = {"friction": value}
+    if isinstance(law, PairLaws):
+        for a, b, own in law.of_pairs:
+            pairs.setdefault((min(a, b), max(a, b)), {}).update(_law(own))
+        law = law.default
+    listed = [{"between": list(ends), **stated} for ends, stated in pairs.items()]
     gaps = {"clearance": problem.clearance, "spacing": problem.spacing}
-    return {"law": name, **kept, **gaps, **({"pairs": pairs} if pairs else {})}
+    return {**_law(law), **gaps, **({"pairs": listed} if listed else {})}
 
 
 def _effects(problem: Problem) -> Iterator[tuple[str, Any]]:

@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import replace
 
 import numpy as np
 
 from geometry.assembly import AnyBlocks
+from geometry.files.named_sets import face_name
 from geometry.loads import FaceLoad, LineLoad, LoadCase, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, IntArray, QuadSurface
-from geometry.regions import Box, Plane, Where, blocks_with, first_met, local_nodes, region_quads
-from geometry.supports import HeldFace
+from geometry.parts.regions import (
+    Box,
+    Plane,
+    Where,
+    blocks_with,
+    first_met,
+    local_nodes,
+    region_nodes,
+    region_quads,
+)
+from geometry.parts.supports import HeldFace
+from validation.build.chosen import chosen_block, chosen_blocks
 from validation.errors import InputError
+from validation.scene.family import AssemblyScene
 from validation.scene.read import DeformableScene
 from validation.scene.supports import (
     PushSection,
@@ -32,12 +43,15 @@ def stated_load(scene: DeformableScene, assembly: AnyBlocks, load: LoadCase) -> 
 
     Raises
     ------
+    AssemblyError
+        A block that does not exist.
     InputError
-        A region that no block has, or a block that does not exist.
+        A region that no block has, or a block that is fixed.
     """
     supports, loads, push = scene.supports, scene.loads, scene.push
     if not (supports or loads or push):
         return load
+    _refuse_fixed(scene, assembly)
     held = [
         face for k, one in enumerate(supports) for face in _held(assembly, one, f"supports[{k}]")
     ]
@@ -49,10 +63,10 @@ def stated_load(scene: DeformableScene, assembly: AnyBlocks, load: LoadCase) -> 
         if one.per_length is not None:
             assert one.line is not None
             start, end = map(np.array, one.line)
-            blocks = np.array(
-                list(range(assembly.n_blocks))
+            blocks = (
+                np.arange(assembly.n_blocks)
                 if one.blocks is None
-                else [block_number(assembly, b, f"{place}.blocks") for b in one.blocks]
+                else chosen_blocks(f"{place}.blocks", one.blocks, assembly)
             )
             lines.append(LineLoad(blocks, start, end, np.array(one.per_length)))
         elif one.regions:
@@ -62,36 +76,44 @@ def stated_load(scene: DeformableScene, assembly: AnyBlocks, load: LoadCase) -> 
     body = load.body_wrenches
     if wrenches.any():
         body = wrenches if body is None else body + wrenches
-    return replace(
+    found = replace(
         load, faces=tuple(faces), lines=tuple(lines), held=(*load.held, *held), body_wrenches=body
     )
+    _refuse_taken(assembly, found)
+    return found
 
 
-def block_number(assembly: AnyBlocks, block: int | str, place: str) -> int:
-    """Number of a block from its number or its name.
+def _refuse_taken(assembly: AnyBlocks, load: LoadCase) -> None:
+    """Reject a load of which nothing reaches its block: supports hold its facets in its direction.
 
     Raises
     ------
     InputError
-        A block that does not exist.
+        Naming both.
     """
-    if isinstance(block, int):
-        if block < assembly.n_blocks:
-            return block
-        raise InputError(
-            f"{place}: got {block}, but blocks are numbered 0 to {assembly.n_blocks - 1}"
-        )
-    if block in assembly.names:
-        return assembly.names.index(block)
-    close = difflib.get_close_matches(block, set(assembly.names) - {""}, n=3, cutoff=0.0)
-    known = f"names are {', '.join(close)}, …" if close else "the files name no blocks"
-    raise InputError(f"{place}: got {block!r}, but {known}")
+    for held in load.held:
+        if held.spring is not None:
+            continue
+        nodes = region_nodes(assembly, held.block, held.face)
+        for facets in load.facets:
+            mine = facets.block == held.block
+            if not mine.any() or not np.isin(facets.quads[mine], nodes).all():
+                continue
+            forces = facets.forces[mine]
+            left = forces - forces @ held.axes.T @ held.axes
+            if np.abs(left).max() <= _FLAT * np.abs(forces).max():
+                raise InputError(
+                    f"supports: {held.title} holds the face of block {assembly.named(held.block)} "
+                    "that is loaded, in the direction of the load, and nothing of the load reaches "
+                    "the block; expected one of the two there"
+                )
 
 
-def _where(one: RegionSection) -> Where:
-    """Region of a section."""
+def _where(assembly: AnyBlocks, one: RegionSection) -> Where:
+    """Region of a section; sets of a file have no upper case."""
     if one.face is not None:
-        return one.face
+        known = any(one.face in getattr(shape, "faces", ()) for shape in assembly.shapes)
+        return one.face if known else face_name(one.face)
     if one.box is not None:
         low, high = (np.array(corner) for corner in one.box)
         return Box(np.minimum(low, high), np.maximum(low, high))
@@ -104,6 +126,38 @@ def _where(one: RegionSection) -> Where:
     return Plane(at, np.eye(3)[axis])
 
 
+def held_at_faces(scene: DeformableScene) -> bool:
+    """Whether fixed blocks deform and are held at their outer faces; else they are rigid.
+
+    A column of boxes stands on its bottom face: no block of it is rigid.
+    """
+    return (isinstance(scene, AssemblyScene) and scene.stands) or scene.effects.elastic_frame
+
+
+def _refuse_fixed(scene: DeformableScene, assembly: AnyBlocks) -> None:
+    """Reject fixed blocks that are supported, loaded or pushed: nothing would come of it.
+
+    Raises
+    ------
+    InputError
+        Naming key and block.
+    """
+    if held_at_faces(scene):
+        return
+    chosen = [(f"supports[{k}].blocks", one.blocks) for k, one in enumerate(scene.supports)]
+    chosen += [(f"loads[{k}].blocks", one.blocks) for k, one in enumerate(scene.loads)]
+    if scene.push is not None:
+        chosen.append(("load.push.block", (scene.push.block,)))
+    for key, blocks in chosen:
+        found = chosen_blocks(key, blocks or (), assembly)
+        fixed = found[assembly.fixed[found]]
+        if len(fixed):
+            raise InputError(
+                f"{key}: block {assembly.named(int(fixed[0]))} is fixed; expected blocks that can "
+                "move"
+            )
+
+
 def _blocks(assembly: AnyBlocks, one: RegionSection, where: Where, place: str) -> IntArray:
     """Blocks that are meant: those that are named, else all that have the region.
 
@@ -113,7 +167,7 @@ def _blocks(assembly: AnyBlocks, one: RegionSection, where: Where, place: str) -
         Where none has it.
     """
     if one.blocks is not None:
-        return np.array([block_number(assembly, b, f"{place}.blocks") for b in one.blocks])
+        return chosen_blocks(f"{place}.blocks", one.blocks, assembly)
     found = blocks_with(assembly, where)
     found = found[~assembly.fixed[found]]
     if not len(found):
@@ -122,7 +176,10 @@ def _blocks(assembly: AnyBlocks, one: RegionSection, where: Where, place: str) -
         )
         if isinstance(where, str):
             names = f"faces are {', '.join(faces)}" if faces else "these blocks name none"
-            raise InputError(f"{place}.face: no block that is not fixed has {where!r}; {names}")
+            raise InputError(
+                f"{place}.face: no block that is not fixed has {one.face!r}; {names} (sets of a "
+                "file are faces where they are made of whole facets of a block's surface)"
+            )
         raise InputError(
             f"{place}: no block that is not fixed has a surface node on {where}; expected "
             "coordinates in mm"
@@ -131,7 +188,7 @@ def _blocks(assembly: AnyBlocks, one: RegionSection, where: Where, place: str) -
 
 
 def _held(assembly: AnyBlocks, one: SupportSection, place: str) -> list[HeldFace]:
-    where = _where(one)
+    where = _where(assembly, one)
     found = []
     for block in _blocks(assembly, one, where, place).tolist():
         if one.hold == "normal":
@@ -167,11 +224,7 @@ def _normal(assembly: AnyBlocks, block: int, where: Where, place: str) -> FloatA
 
 
 def _pushed(assembly: AnyBlocks, push: PushSection) -> HeldFace:
-    block = block_number(assembly, push.block, "load.push.block")
-    if assembly.fixed[block]:
-        raise InputError(
-            f"load.push.block: block {assembly.named(block)} is fixed; expected one that can move"
-        )
+    block = chosen_block("load.push.block", push.block, assembly)
     unit = np.array(push.direction) / np.linalg.norm(push.direction)
     return HeldFace(
         block,
@@ -183,7 +236,7 @@ def _pushed(assembly: AnyBlocks, push: PushSection) -> HeldFace:
 
 
 def _face_load(assembly: AnyBlocks, one: SurfaceLoadSection, place: str) -> FaceLoad:
-    where = _where(one)
+    where = _where(assembly, one)
     blocks = _blocks(assembly, one, where, place)
     if one.pressure is not None:
         return PressureLoad(blocks, where, one.pressure)
@@ -200,7 +253,8 @@ def _add_force(
     """Add a force on a block as a whole."""
     assert one.blocks is not None
     assert one.force is not None
-    block, force = block_number(assembly, one.blocks[0], f"{place}.blocks"), np.array(one.force)
+    block = chosen_block(f"{place}.blocks", one.blocks[0], assembly)
+    force = np.array(one.force)
     wrenches[block, :3] += force
     if one.point is not None:
         wrenches[block, 3:] += np.cross(np.array(one.point) - assembly.centroids[block], force)

@@ -5,8 +5,12 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 from types import FrameType
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
+
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
 
 
 class Interrupted(KeyboardInterrupt):
@@ -19,6 +23,14 @@ class Interrupted(KeyboardInterrupt):
 
 def _interrupt(_number: int, _frame: FrameType | None) -> NoReturn:
     raise Interrupted
+
+
+def _repeat_lost_interruption(lost: UnraisableHookArgs) -> None:
+    """Interrupt again where Python ignored it: in finalizers and in callbacks of C libraries."""
+    if not issubclass(lost.exc_type, KeyboardInterrupt):
+        sys.__unraisablehook__(lost)
+    elif not sys.is_finalizing():
+        threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT)).start()
 
 
 def _one_thread_of_blas() -> None:
@@ -35,6 +47,7 @@ def main() -> None:
     _one_thread_of_blas()
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _interrupt)
+    sys.unraisablehook = _repeat_lost_interruption
     try:
         from validation.cli.app import main as run
 

@@ -79,7 +79,7 @@ def fem(
     if resume is not None and not _goes_on(resume, stated):
         stated.reads = (resume,)
     with stated as outputs:
-        missed = _answer(
+        run = _answer(
             file.name,
             file.scene,
             outputs,
@@ -88,7 +88,9 @@ def fem(
             resume=resume,
             reference=static_reference,
         )
-        if missed and not targets:
+        missed: list[str] = run.refinement.get("accuracy", {}).get("not_reached", [])
+        # No finer mesh describes motions that are not small.
+        if missed and not targets and run.solution.large_motion is None:
             _print_tighter([scene, *_options(settings)], missed, outputs)
         if outputs.folder is not None:
             outputs.path(CHECKPOINT).unlink(missing_ok=True)
@@ -186,19 +188,19 @@ def _answer(
     max_seconds: float | None,
     resume: Path | None,
     reference: bool,
-) -> list[str]:
-    """Solve a scene, print and write its answer; names of the measures that were not reached."""
+) -> DeformableRun:
+    """Solve a scene, print and write its answer."""
     from validation.output.deformable.answers import print_run, write_run_files
-    from validation.run.accuracy import check_request, refined
+    from validation.run.accuracy import check_request
     from validation.scene.usage import recording
 
     with recording(scene) as use:
         check_request(name, scene, targets)
         scene, added = _decided(name, scene, outputs)
-        if refined(name, scene, targets):
-            refuse_resume(resume)
-            run = _converged(name, scene, outputs, targets, max_seconds)
-        else:
+        run = _converged(
+            name, scene, outputs, targets=targets, max_seconds=max_seconds, resume=resume
+        )
+        if run is None:
             run, beside = _solved(name, scene, outputs, resume)
             added |= beside
             run = _with_errors(run, outputs, reference=reference)
@@ -209,8 +211,7 @@ def _answer(
     if outputs.folder is not None:
         write_run_files(run, outputs)
     outputs.write_answer(answer)
-    missed: list[str] = run.refinement.get("accuracy", {}).get("not_reached", [])
-    return missed
+    return run
 
 
 def _decided(
@@ -229,15 +230,26 @@ def _converged(
     name: str,
     scene: DeformableScene,
     outputs: Outputs,
+    *,
     targets: dict[str, float],
     max_seconds: float | None,
-) -> DeformableRun:
-    """Solve a scene on finer and finer meshes."""
+    resume: Path | None,
+) -> DeformableRun | None:
+    """Solve a scene on finer and finer meshes; None where it is solved on its own."""
     from fem.accuracy.converge import MOST_WORK
     from validation.output.console import status, told_of_compilation
     from validation.output.deformable.fields import FrameWriter
-    from validation.run.accuracy import DEFAULT_TARGETS, progress_words
+    from validation.run.accuracy import DEFAULT_TARGETS, progress_words, refined
     from validation.run.solve import run_converged
+    from validation.run.stages import stages, summed
+
+    with stages() as watch:
+        problem = refined(name, scene, targets)
+        watch.lap("build")
+    built = watch.seconds()
+    if problem is None:
+        return None
+    refuse_resume(resume)
 
     def frames(found: Solution) -> FrameWriter | None:
         if outputs.folder is None:
@@ -250,7 +262,7 @@ def _converged(
         )
 
     with status(outputs.console, f"{name}: first mesh") as tell, told_of_compilation():
-        return run_converged(
+        run = run_converged(
             name,
             scene,
             targets or DEFAULT_TARGETS,
@@ -258,7 +270,9 @@ def _converged(
             most_work=None if targets else MOST_WORK,
             progress=lambda now: tell(f"{name}: {progress_words(now)}"),
             frames=frames,
+            problem=problem,
         )
+    return replace(run, cpu_seconds=summed(run.cpu_seconds, built))
 
 
 def _solved(

@@ -32,7 +32,7 @@ def schema() -> None:
     """Print the JSON schema of scene files, for editors."""
     import json
 
-    from validation.scene.schema import scene_schema
+    from validation.scene.keys.schema import scene_schema
 
     print(json.dumps(scene_schema(), indent=1, ensure_ascii=False))
 

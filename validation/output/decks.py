@@ -206,7 +206,7 @@ def deck_json(deck: Deck) -> dict[str, Any]:
         "material": _constants(next(iter(names)))
         if len(names) == 1
         else {name: _constants(material) for material, name in names.items()},
-        "contact": None if deck.joint is None else type(deck.joint.law).__name__,
+        "contact": None if deck.joint is None else type(deck.joint.law.members[0]).__name__,
         "held_blocks": len({hold.block for hold in deck.holds}),
         "loads": [{"kind": type(load).__name__, "blocks": len(load.blocks)} for load in deck.loads],
         "end_time": deck.step.end_time,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
@@ -217,5 +218,7 @@ def _same(a: Path, b: Path) -> bool:
     try:
         return os.path.samefile(a, b)
     except (OSError, ValueError):
-        # Links to themselves have no end to be followed to.
-        return os.path.realpath(a) == os.path.realpath(b)
+        # Links to themselves have no end to be followed to, and some names no file in this locale.
+        with contextlib.suppress(UnicodeEncodeError):
+            return os.path.realpath(a) == os.path.realpath(b)
+        return False

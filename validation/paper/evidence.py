@@ -43,7 +43,7 @@ _PATHS = (
     "block.thickness",
     "block.amplitude",
 )
-#: Load cases that are the same as printed and as physics says.
+#: Load cases in which the paper's convention and the full load agree.
 _ONE_READING = ("pipe", "tunnel", "pillar", "beam")
 
 

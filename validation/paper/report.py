@@ -224,7 +224,7 @@ def page_text(report: Report) -> str:
     """Return the whole page."""
     from jinja2 import Environment, PackageLoader
 
-    pages = Environment(loader=PackageLoader("validation", "pages"), autoescape=True)
+    pages = Environment(loader=PackageLoader("validation", "paper"), autoescape=True)
     pages.filters["base64"] = lambda content: base64.b64encode(content).decode()
     pages.filters["percent"] = lambda share: "" if share is None else f"{100 * share:+.1f} %"
     pages.filters["webp"] = _webp_of

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from fem.accuracy.converge import TARGETS, Progress, is_negligible, relative, why_not_refined
+from fem.assembly.statement import Problem
 from geometry.answer import ALIASES, TITLES, Measure
 from geometry.errors import RefusedError
 from validation.build.deformable import fem_section, scene_problem
@@ -81,8 +82,8 @@ def check_request(name: str, scene: DeformableScene, targets: Mapping[str, float
         )
 
 
-def refined(name: str, scene: DeformableScene, targets: Mapping[str, float]) -> bool:
-    """Whether a scene is solved on finer and finer meshes, not on its own.
+def refined(name: str, scene: DeformableScene, targets: Mapping[str, float]) -> Problem | None:
+    """Problem of a scene that is solved on finer and finer meshes; None: on its own.
 
     Raises
     ------
@@ -92,29 +93,29 @@ def refined(name: str, scene: DeformableScene, targets: Mapping[str, float]) -> 
     check_request(name, scene, targets)
     fem = fem_section(scene, name)
     if fem.method is not Method.STATIC or fem.mesh == "scene":
-        return False
+        return None
     if fem.mesh is None and states_its_mesh(fem) and not targets:
-        return False
+        return None
     try:
-        why = why_not_converged(name, scene)
+        problem, why = refinable(name, scene)
     except RefusedError:
-        return False  # the run rejects it
+        return None  # the run rejects it
     if why is None:
         if "error_estimate" in fem.model_fields_set:
             raise InputError(
                 f'{name}: fem.error_estimate: applies to fem.mesh = "scene" alone; a run that '
                 "refines always has error bars: remove the key, or add fem.mesh"
             )
-        return True
+        return problem
     if targets or fem.mesh == "converged":
         raise InputError(
             f'{name}: accuracy: got {why}, whose mesh is not refined; expected fem.mesh = "scene"'
         )
-    return False
+    return None
 
 
-def why_not_converged(name: str, scene: DeformableScene) -> str | None:
-    """What stands against solving a static scene on finer meshes; None where nothing does.
+def refinable(name: str, scene: DeformableScene) -> tuple[Problem | None, str | None]:
+    """Problem of a static scene, and what stands against finer meshes; None where nothing does.
 
     Raises
     ------
@@ -122,8 +123,9 @@ def why_not_converged(name: str, scene: DeformableScene) -> str | None:
         A scene that cannot be solved at all.
     """
     if scene.is_cell:
-        return "a periodic cell"
-    return why_not_refined(scene_problem(scene, name))
+        return None, "a periodic cell"
+    problem = scene_problem(scene, name)
+    return problem, why_not_refined(problem)
 
 
 def progress_words(now: Progress) -> str:

@@ -12,7 +12,7 @@ from fem.accuracy.ladder import LADDER, on_rung
 from fem.accuracy.one_mesh import static_solution
 from fem.assembly.statement import Problem
 from fem.measures import measures_of
-from fem.static.linear_step.condensed import FlexibilityStore
+from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
 from geometry.errors import RefusedError
 from validation.run.measures import FrictionSet

@@ -16,7 +16,7 @@ from functools import partial
 from typing import Any
 
 from fem.measures import load_step_change
-from fem.static.linear_step.condensed import FlexibilityStore
+from fem.static.linear_step.flexibility import FlexibilityStore
 from geometry.errors import RefusedError
 from validation.run.deformable import DeformableRun
 from validation.run.friction_path import PAST_AND_BACK, monotonic, seeks_static_state

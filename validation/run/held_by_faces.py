@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from geometry.assembly import Assembly
 from geometry.loads import with_body_wrenches
 from geometry.mesh import FloatArray
-from geometry.pairs import pair_values
+from geometry.parts.pairs import pair_values
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from mbd import Contacts, contact_jacobian, generalized_force, newton_equilibrium
 from mbd.friction import FrictionalContacts, frictional_contacts, frictional_equilibrium
@@ -47,7 +47,7 @@ class _Faces:
 
 
 def _faces(scene: DeformableScene, assembly: Assembly) -> _Faces | None:
-    """None for other blocks, for curved faces, for many contacts, and for moves and springs."""
+    """None for other blocks, for curved faces, many contacts, moves, springs, supports by name."""
     curved = any(shape.curve is not None for shape in assembly.shapes)
     if curved or not isinstance(scene, PolyhedralScene) or not scene.for_rigid_blocks:
         return None
@@ -59,8 +59,10 @@ def _faces(scene: DeformableScene, assembly: Assembly) -> _Faces | None:
     n = bare.interfaces.n_contacts
     if n > MOST_POINTS or not surfaces.interfaces.n_contacts:
         return None
-    contacts = contact_jacobian(bare)
     load, weight = own_load(scene, assembly), build_weight(scene, assembly)
+    if any(isinstance(held.face, str) for held in load.held):
+        return None  # surfaces have no names
+    contacts = contact_jacobian(bare, load.fixed, load.held)
     load = load if weight is None else with_body_wrenches(load, weight)
     return _Faces(
         bare, contacts, generalized_force(bare, load, contacts.free_blocks, contacts.length)

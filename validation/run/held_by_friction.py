@@ -24,6 +24,7 @@ from mbd.friction import FrictionalContacts, frictional_contacts, frictional_equ
 from validation.build.blocks import build_weight
 from validation.build.deformable import build_friction, build_hexahedra
 from validation.errors import InputError
+from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene
 
 #: Natural coordinate of the points of facets that match.
@@ -99,16 +100,25 @@ def _moving_words(name: str, scene: DeformableScene, natural: float) -> str | No
     if blocks.unmatched or not blocks.load.fixed.any():
         return None
     friction = build_friction(scene, blocks.assembly, sliding=False)
-    if friction is None:
-        return None
     weight = build_weight(scene, blocks.assembly)
     load = blocks.load if weight is None else with_body_wrenches(blocks.load, weight)
     return sliding_words(blocks.assembly, load, friction, natural)
 
 
+def mechanism_words(name: str, scene: DeformableScene) -> str | None:
+    """Words where contacts and supports leave a motion that the load drives."""
+    words = None if isinstance(scene, PolyhedralScene) else _moving_words(name, scene, 1.0)
+    if words is None:
+        return None
+    return (
+        f"the load activates a mechanism that contacts and supports leave ({words}); `tubelock "
+        "mbd` draws it: hold that motion, or add effects.friction"
+    )
+
+
 def inside_words(name: str, scene: DeformableScene) -> str | None:
     """Words where blocks stand on their faces, and not on the Gauss points of facets that match."""
-    words = _moving_words(name, scene, GAUSS)
+    words = None if scene.effects.friction is None else _moving_words(name, scene, GAUSS)
     if words is None:
         return None
     return (
@@ -119,7 +129,7 @@ def inside_words(name: str, scene: DeformableScene) -> str | None:
 
 
 def sliding_words(
-    assembly: Assembly, load: LoadCase, friction: CoulombFriction, natural: float = 1.0
+    assembly: Assembly, load: LoadCase, friction: CoulombFriction | None, natural: float = 1.0
 ) -> str | None:
     """Name the block that slides or tips, and on which; None where nothing certainly does.
 
@@ -131,15 +141,15 @@ def sliding_words(
     points = _at_corners(assembly, natural)
     contacts = contact_jacobian(points, load.fixed, load.held)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
-    if newton_equilibrium(contacts.jacobian, force).holds:
+    smooth = newton_equilibrium(contacts.jacobian, force)
+    if smooth.holds:
         return None
-    frictional = frictional_contacts(
-        points, contacts, friction.on(contacts.block_m, contacts.block_s)
-    )
-    answer = frictional_equilibrium(frictional, force)
-    if answer.mechanism is None:
-        return None
-    return motion_words(contacts, frictional, answer.mechanism)
+    mu = 0.0 if friction is None else friction.on(contacts.block_m, contacts.block_s)
+    frictional = frictional_contacts(points, contacts, mu)
+    motion = smooth.mechanism
+    if friction is not None:
+        motion = frictional_equilibrium(frictional, force).mechanism
+    return None if motion is None else motion_words(contacts, frictional, motion)
 
 
 def motion_words(contacts: Contacts, frictional: FrictionalContacts, motion: FloatArray) -> str:

@@ -13,7 +13,7 @@ from fem.accuracy.converge import MOST_WORK
 from fem.accuracy.converge import Progress as Refinement
 from fem.accuracy.ladder import OF_FACETS
 from geometry.errors import RefusedError
-from validation.run.accuracy import DEFAULT_TARGETS, why_not_converged
+from validation.run.accuracy import DEFAULT_TARGETS, refinable
 from validation.run.deformable import DeformableRun
 from validation.run.measures import StaticReference
 from validation.run.solve import run_converged
@@ -34,7 +34,7 @@ def why_no_reference(name: str, scene: DeformableScene) -> str | None:
     if scene.motion is not None:
         return "blocks that move at the start"
     try:
-        return why_not_converged(name, converged_scene(scene))
+        return refinable(name, converged_scene(scene))[1]
     except RefusedError as error:
         return str(error)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fem.accuracy.converge import Converged, converge
+from fem.accuracy.converge import MOST_WORK, Converged, converge
 from fem.accuracy.converge import Progress as Refinement
 from fem.accuracy.one_mesh import static_errors, static_solution
 from fem.assembly.deformable import DeformableAssembly
@@ -19,7 +19,7 @@ from fem.assembly.symmetry import SymmetryError
 from fem.contact.law import LinearPenalty
 from fem.measures import load_step_change
 from fem.solution import Solution
-from fem.static.linear_step.condensed import FlexibilityStore
+from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.result import LOAD_TOLERANCE
 from fem.static.solve import StaticOptions, solve_static
 from geometry.errors import RefusedError
@@ -27,6 +27,7 @@ from geometry.mesh import FloatArray
 from validation.build.deformable import build_effects, fem_section, scene_problem
 from validation.build.materials import count_materials
 from validation.errors import InputError, named
+from validation.run.accuracy import DEFAULT_TARGETS, refined
 from validation.run.deformable import DeformableRun
 from validation.run.friction_path import friction_width, seeks_static_state
 from validation.run.held_by_faces import (
@@ -34,7 +35,11 @@ from validation.run.held_by_faces import (
     require_held_by_faces,
     squeeze_words,
 )
-from validation.run.held_by_friction import inside_words, require_held_by_friction
+from validation.run.held_by_friction import (
+    inside_words,
+    mechanism_words,
+    require_held_by_friction,
+)
 from validation.run.measures import FrictionSet
 from validation.run.stages import stages
 from validation.scene.deformable import Damping, FemSection, Method
@@ -76,12 +81,56 @@ def run_scene(name: str, scene: DeformableScene, problem: Problem | None = None)
 
 
 def estimated_errors(run: DeformableRun) -> dict[str, float]:
-    """Estimate the error of each measure, in its unit, from other meshes solved by its method."""
+    """Estimate the error of each measure, in its unit, from other meshes solved by its method.
+
+    Of a transient it is the error in time and mesh: coarser meshes have longer time steps.
+    """
+    scene = _with_its_times(run)
 
     def solve(problem: Problem) -> Solution:
-        return run_scene(run.name, run.scene, problem).solution
+        return run_scene(run.name, scene, problem).solution
 
     return static_errors(run.problem, run.solution, solve)
+
+
+def _with_its_times(run: DeformableRun) -> DeformableScene:
+    """The scene of a transient with the ramp and the end of its run, for coarser meshes.
+
+    Those recommended for other meshes are of another load. The time step is the same share of the
+    critical one.
+    """
+    stated, result = run.solution.statement, run.solution.explicit
+    if stated is None or result is None or run.scene.fem.damping is Damping.STATIC:
+        return run.scene
+    times: dict[str, Any] = {"fem.ramp_time": stated.ramp_time, "fem.end_time": stated.end_time}
+    if run.scene.fem.time_step is not None:
+        share = min(1.0, result.time_step / result.critical.critical_time_step)
+        times |= {"fem.time_step": None, "fem.safety_factor": share}
+    return run.scene.changed(times)
+
+
+def run_as_asked(
+    name: str,
+    scene: DeformableScene,
+    stated: Mapping[str, float],
+    default: Mapping[str, float] = DEFAULT_TARGETS,
+) -> DeformableRun:
+    """Solve a scene on finer and finer meshes, or on its own with the error bars that it asks for.
+
+    ``stated`` are relative errors to reach by measure, however long it takes; where none are
+    stated, the ``default`` ones are sought within a fixed amount of work.
+
+    Raises
+    ------
+    InputError
+        A scene that cannot be solved.
+    """
+    problem = refined(name, scene, stated)
+    if problem is not None:
+        most = None if stated else MOST_WORK
+        return run_converged(name, scene, stated or default, most_work=most, problem=problem)
+    run = run_scene(name, scene)
+    return replace(run, errors=estimated_errors(run)) if scene.fem.error_estimate else run
 
 
 # ---------------------------------------------------------------------------------------------
@@ -186,8 +235,11 @@ def run_converged(
     most_work: float | None = None,
     progress: Callable[[Refinement], None] | None = None,
     frames: Callable[[Solution], Callable[[Frame], None] | None] | None = None,
+    problem: Problem | None = None,
 ) -> DeformableRun:
     """Solve the blocks of a scene on finer and finer meshes: see `fem.accuracy.converge`.
+
+    ``problem``: that of the scene, where it has been built.
 
     Raises
     ------
@@ -199,7 +251,7 @@ def run_converged(
         if scene.effects.friction is not None:
             require_held_by_friction(name, scene)
         options = static_options(scene, fem)
-        problem = scene_problem(scene, name)
+        problem = scene_problem(scene, name) if problem is None else problem
         require_held_by_faces(name, scene, problem.blocks)
         watch.lap("build")
         with _floating_named(name, scene, problem, options):
@@ -258,7 +310,8 @@ def _floating_named(
     except RefusedError as error:
         why = floating_words(scene, problem.deformable, options) or str(error)
         stated = scene, problem.deformable.assembly
-        faces = faces_words(*stated) or squeeze_words(*stated) or inside_words(name, scene)
+        faces = faces_words(*stated) or squeeze_words(*stated)
+        faces = faces or mechanism_words(name, scene) or inside_words(name, scene)
         if faces:  # then the solver's own remedies do not help
             why = f"{why.partition('; ')[0]}: {faces}"
         raise InputError(f"{name}: {why}") from None

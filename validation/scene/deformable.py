@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import MISSING, fields
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, cast
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
     AfterValidator,
     Field,
     GetJsonSchemaHandler,
     ModelWrapValidatorHandler,
-    create_model,
     field_validator,
     model_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
 
-from fem.contact.law import LAWS, ContactLaw
 from fem.element.hexahedron import ElementType
-from validation.scene.docstrings import field_docstrings
-from validation.scene.ranges import (
+from validation.scene.contact import ContactSection, gap_words
+from validation.scene.keys.ranges import (
     ACCELERATION,
-    CLEARANCE,
     DENSITY,
     END_TIME,
     FRICTION,
-    OF_LAWS,
     YOUNG_MODULUS,
 )
 from validation.scene.sections import (
@@ -135,115 +129,6 @@ class NamedMaterialSection(MaterialSection):
         section = handler(core)
         handler.resolve_ref_schema(section).pop("required")
         return section
-
-
-def _law_keys() -> dict[str, Any]:
-    """Keys of all contact laws: None where a law has no finite constant of its own."""
-    keys: dict[str, Any] = {"law": (Literal[tuple(LAWS)], "exponential")}
-    for law in LAWS.values():
-        about = field_docstrings(cast("type", law))
-        for constant in fields(law):
-            own = constant.default is not MISSING and math.isfinite(constant.default)
-            kind, default = (Positive, constant.default) if own else (Positive | None, None)
-            field = Field(default, description=about[constant.name])
-            key = law.keys.get(constant.name, constant.name)
-            keys[key] = (Annotated[kind, OF_LAWS[key]] if key in OF_LAWS else kind, field)
-    return keys
-
-
-_LawKeys: Any = create_model("_LawKeys", __base__=Section, **_law_keys())
-
-
-class ContactPairSection(Section):
-    """``[[contact.pairs]]``: joints between some blocks whose friction is another one.
-
-    Other joints have that of ``[effects.friction]``, of rigid blocks ``rigid.friction``.
-    """
-
-    between: tuple[Annotated[int, Field(ge=0)] | str, Annotated[int, Field(ge=0)] | str]
-    """Two blocks, by number or name, or materials: of all joints between their blocks."""
-    friction: Annotated[NonNegative, NoAngle, FRICTION]
-    """Coefficient of friction μ [-]; 0: frictionless."""
-
-
-class ContactSection(_LawKeys):  # type: ignore[misc]
-    """``[contact]``: soft contact between blocks."""
-
-    pairs: tuple[ContactPairSection, ...] = ()
-    """Friction of some joints; methods and answers without friction ignore it."""
-
-    clearance: Annotated[Finite, CLEARANCE] = 0.0
-    """Gap along the normal of every facet before the load acts [mm]: blocks made too small by
-    half of it. Negative: an interference fit, blocks made too large."""
-    spacing: Annotated[NonNegative, CLEARANCE] = 0.0
-    """Distance by which neighbouring blocks are moved apart before the load acts, their size kept
-    [mm], as the paper's group did: inclined joints open by less or more. Both add up."""
-
-    @property
-    def built(self) -> ContactLaw:
-        """The law itself.
-
-        Raises
-        ------
-        ContactLawError
-            For constants that make no law.
-        """
-        law = LAWS[self.law]
-        given = {c.name: getattr(self, law.keys.get(c.name, c.name)) for c in fields(law)}
-        return law(**{name: value for name, value in given.items() if value is not None})
-
-    @property
-    def words(self) -> str:
-        """The law and its constants."""
-        law = LAWS[self.law]
-        given = {
-            key: getattr(self, key) for c in fields(law) if (key := law.keys.get(c.name, c.name))
-        }
-        shown = [f"{k.replace('_', ' ')} {v:g}" for k, v in given.items() if v is not None]
-        return f"{self.law} ({', '.join(shown)}; mm, MPa)"
-
-    @property
-    def opened(self) -> bool:
-        """Whether gaps are to be closed before blocks press on each other."""
-        return self.clearance > 0.0 or self.spacing > 0.0
-
-    @model_validator(mode="before")
-    @classmethod
-    def _which_gap(cls, data: Any) -> Any:
-        """Reject the key that meant one gap to the solver and another one to a deck."""
-        if isinstance(data, dict) and "initial_clearance" in data:
-            value = data["initial_clearance"]
-            raise ValueError(
-                f"contact.initial_clearance: got {value!r}, which meant two things; write "
-                f"contact.clearance = {value} (a gap along every normal, as runs took it) or "
-                f"contact.spacing = {value} (blocks moved apart, as decks wrote it)"
-            )
-        return data
-
-    @model_validator(mode="after")
-    def _constants_of_its_law(self) -> ContactSection:
-        """Reject constants that the law lacks, and those of another one."""
-        for law in sorted(LAWS.values(), key=lambda law: law.name != self.law):
-            for constant in fields(law):
-                key = law.keys.get(constant.name, constant.name)
-                field = type(self).model_fields[key]
-                given = field.default is not None or getattr(self, key) is not None
-                if law.name == self.law and not given and constant.default is MISSING:
-                    unit = str(field.description).rpartition(" ")[2].rstrip(".")
-                    raise ValueError(
-                        f'contact.{key} is missing: the law "{law.name}" needs it {unit}'
-                    )
-                if law.name != self.law and given and field.default is None:
-                    raise ValueError(
-                        f'contact.{key} belongs to law = "{law.name}"; remove one of the two'
-                    )
-        return self
-
-
-def gap_words(gaps: Any) -> str:
-    """``clearance`` and ``spacing`` in words, to follow others; nothing where there are none."""
-    given = ((name, getattr(gaps, name)) for name in ("clearance", "spacing"))
-    return "".join(f", {name} {value:g} mm" for name, value in given if value)
 
 
 class RayleighSection(Section):

@@ -11,7 +11,7 @@ from geometry.assembly import Assembly
 from geometry.families.versatile_panel import PanelArrangement
 from geometry.polyhedra.options import ContactPlacement, CubeArrangement
 from validation.scene.deformable import MATERIALS, DeformableSections
-from validation.scene.ranges import ACCELERATION, SIZE
+from validation.scene.keys.ranges import ACCELERATION, SIZE
 from validation.scene.sections import (
     BlockSize,
     Finite,
@@ -99,6 +99,8 @@ class TetrahedraSection(Section):
     type: Literal["tetrahedra"]
     edge: Positive
     """[mm]"""
+    thickness: Positive | None = None
+    """Distance of two planes that cut off the upper and lower edge [mm]; by default none do."""
 
 
 class GridSection(Section):
@@ -108,11 +110,18 @@ class GridSection(Section):
     rows: Count
 
 
+class RingSection(GridSection):
+    """``[assembly]`` of a rectangular layer whose ring is not fixed all round."""
+
+    freed: tuple[Annotated[int, Field(ge=0)], ...] = ()
+    """Numbers of blocks of the ring that are not fixed: for ``[[supports]]`` and ``[[loads]]``."""
+
+
 class TetrahedraScene(_PolyhedralScene):
     """A planar layer of regular tetrahedra, every other turned by 90°."""
 
     block: TetrahedraSection
-    assembly: GridSection
+    assembly: RingSection
 
 
 class OctahedraSection(Section):

@@ -20,9 +20,9 @@ from pydantic import (
 from geometry.loads import CASES
 from mbd.options import FrictionLaw, Norm, Solver
 from validation.errors import InputError, one_line
-from validation.scene.docstrings import field_docstrings
-from validation.scene.quantities import Unit, converted, parse_unit, unit_of
-from validation.scene.ranges import FRICTION, PRESSURE, SIZE, leaves
+from validation.scene.keys.docstrings import field_docstrings
+from validation.scene.keys.quantities import Unit, converted, parse_unit, unit_of
+from validation.scene.keys.ranges import FRICTION, PRESSURE, SIZE, leaves
 from validation.scene.usage import Recorded, unrecorded
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -287,6 +287,8 @@ class WholeScene(Section):
         if self.weight is not None:
             parts.append(f"weight {vector_words(self.weight)} mm/s²")
         parts += [one.words for one in getattr(self, "loads", ())]
+        if any(one.move and any(one.move) for one in getattr(self, "supports", ())):
+            parts.append("supports that move")
         return " + ".join(filter(None, parts)) or "no load"
 
 

@@ -1,1 +1,1 @@
-"""Hard cases, each with the law that must hold and the numbers that show whether it does."""
+"""Robustness cases, each with the law that must hold and the numbers that show whether it does."""

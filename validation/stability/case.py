@@ -1,4 +1,4 @@
-"""What a hard case is, and how its verdict follows from numbers that were computed."""
+"""How the verdict of a robustness case follows from numbers that were computed."""
 
 from __future__ import annotations
 

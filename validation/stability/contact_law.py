@@ -1,4 +1,4 @@
-"""Hard cases of the contact law, by itself and between deformable blocks."""
+"""Robustness cases of the contact law, by itself and between deformable blocks."""
 
 from __future__ import annotations
 

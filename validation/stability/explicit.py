@@ -1,4 +1,4 @@
-"""Hard cases of explicit dynamics: time steps, impact, rotation, precision, mechanisms."""
+"""Robustness cases of explicit dynamics: time steps, impact, rotation, precision, mechanisms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hard cases of shape: elements and scenes at the edge of what can be meshed."""
+"""Robustness cases of shape: elements and scenes at the edge of what can be meshed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tiny problems that the hard cases share."""
+"""Tiny problems that robustness cases share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hard cases of the process: killed, interrupted, files that lie."""
+"""Robustness cases of the process: killed, interrupted, files that lie."""
 
 from __future__ import annotations
 

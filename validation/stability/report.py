@@ -1,4 +1,4 @@
-"""The hard cases: run with a bar, as a table and as data."""
+"""Robustness cases: run with progress, as a table and as data."""
 
 from __future__ import annotations
 

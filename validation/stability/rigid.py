@@ -1,4 +1,4 @@
-"""Hard cases of rigid blocks: equilibrium, classes and their certificates."""
+"""Robustness cases of rigid blocks: equilibrium, classes and their certificates."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hard cases of statics: contrasts, loads and mechanisms between deformable blocks."""
+"""Robustness cases of statics: contrasts, loads and mechanisms between deformable blocks."""
 
 from __future__ import annotations
 
@@ -145,7 +145,8 @@ def _incompressible() -> Finding:
 def _energy(stated: DeformableAssembly, displacements: tuple[FloatArray, ...]) -> float:
     """Strain and contact energy minus the work of the loads, all blocks [N mm]."""
     _, overclosure = matched_pressures(stated, displacements)
-    law, weights = stated.contact.law, stated.surfaces.weights
+    surfaces = stated.surfaces
+    law, weights = stated.contact.law.on(surfaces.block_m, surfaces.block_s), surfaces.weights
     energy = float(np.vdot(weights, law.stored_energy(overclosure)))
     for group, world in zip(stated.model.groups, displacements, strict=True):
         for moved_by, rotation in zip(world, group.rotations, strict=True):

@@ -1,4 +1,4 @@
-"""All hard cases, in order."""
+"""All robustness cases, in order."""
 
 from __future__ import annotations
 

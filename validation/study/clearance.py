@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from rich.console import Console
 
-from fem.static.linear_step.condensed import FlexibilityStore
+from fem.static.linear_step.flexibility import FlexibilityStore
 from validation.build.deformable import fem_section
 from validation.errors import InputError
 from validation.output.console import tabled
@@ -83,7 +83,7 @@ def draw_clearance(name: str, rows: list[dict[str, Any]], path: Path) -> None:
     figure, (left, right) = subplots(1, 2, size=(10.5, 4.4))
     for axes, key, style, colour, label in (
         (left, "max_displacement", "o-", BLUE, None),
-        (right, "p_max", "s-", VERMILION, "mean of block maxima"),
+        (right, "p_max", "s-", VERMILION, "mean of the blocks' maxima"),
         (right, "p_eff", "o-", ORANGE, "effective mean"),
     ):
         gaps, values = [row["gap"] for row in rows], [row[key] for row in rows]

@@ -57,14 +57,9 @@ def _rigid(file: SceneFile) -> Answer:
 
 
 def _deformable(file: SceneFile) -> Answer:
-    from fem.accuracy.converge import MOST_WORK
-    from validation.run.accuracy import DEFAULT_TARGETS, refined
-    from validation.run.solve import run_converged, run_scene
+    from validation.run.solve import run_as_asked
 
-    if refined(file.name, file.scene, {}):
-        found = run_converged(file.name, file.scene, DEFAULT_TARGETS, most_work=MOST_WORK)
-        return found.answer
-    return run_scene(file.name, file.scene).answer
+    return run_as_asked(file.name, file.scene, {}).answer
 
 
 def envelope(answers: Mapping[str, Answer]) -> dict[str, tuple[str, Measure]]:

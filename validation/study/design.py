@@ -139,17 +139,11 @@ def _rigid_results(file: SceneFile) -> dict[str, Any]:
 
 def _fem_run(study: Study, file: SceneFile) -> DeformableRun:
     """Solve a design as `tubelock fem` does: on finer and finer meshes, or on its own."""
-    from fem.accuracy.converge import MOST_WORK
-    from validation.run.accuracy import DEFAULT_TARGETS, refined
-    from validation.run.solve import estimated_errors, run_converged, run_scene
+    from validation.run.accuracy import DEFAULT_TARGETS
+    from validation.run.solve import run_as_asked
 
-    name, scene = file.name, file.scene
     stated = {} if study.accuracy is None else dict.fromkeys(DEFAULT_TARGETS, study.accuracy)
-    if refined(name, scene, stated):
-        targets = stated or dict.fromkeys(DEFAULT_TARGETS, RANKING)
-        return run_converged(name, scene, targets, most_work=None if stated else MOST_WORK)
-    run = run_scene(name, scene)
-    return replace(run, errors=estimated_errors(run)) if scene.fem.error_estimate else run
+    return run_as_asked(file.name, file.scene, stated, dict.fromkeys(DEFAULT_TARGETS, RANKING))
 
 
 def _fem_results(study: Study, file: SceneFile) -> tuple[dict[str, Any], list[str]]:

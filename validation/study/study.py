@@ -32,8 +32,8 @@ from geometry.errors import unreadable
 from validation.errors import InputError
 from validation.scene.builtin import builtin_text
 from validation.scene.deformable import parse_share
-from validation.scene.docstrings import field_docstrings
-from validation.scene.quantities import unit_of
+from validation.scene.keys.docstrings import field_docstrings
+from validation.scene.keys.quantities import unit_of
 from validation.scene.read import SceneFile, apply_overrides, check_scene, read_text, scene_data
 
 Quantity = Literal["rigid", "fem"]

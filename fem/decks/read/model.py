@@ -7,6 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from fem.assembly.statement import Motion
+from fem.contact.law import ContactLaw
+from fem.contact.pair_laws import PairLaws
 from fem.decks.keywords import DeckError, name_of
 from fem.decks.laws import read_law
 from fem.decks.placement import rounded
@@ -56,39 +58,51 @@ def read_joint(
 
     Interactions but the first are of pairs of blocks; ``blocks`` numbers the instances by name.
     """
-    kind = behavior.parameter("PRESSURE-OVERCLOSURE").upper()
-    values = behavior.numbers().tolist()
-    law = read_law(
-        kind, values, line=behavior.line, maximum_stiffness=lambda: _maximum_stiffness(heading)
-    )
+    law = _law_of(behavior, heading)
     pairs = sections.all("CONTACT PAIR")
     finite = any(
         p.parameters.get("TYPE", "").upper() == "NODE TO SURFACE"
         and "SMALL SLIDING" not in p.parameters
         for p in pairs
     )
-    frictions, name = dict[str, Card | None](), ""
+    frictions, laws, name = dict[str, Card | None](), dict[str, ContactLaw](), ""
     for card in sections.model:
         if card.keyword == "SURFACE INTERACTION":
             name = card.parameter("NAME").upper()
             frictions[name] = None
         elif card.keyword == "FRICTION":
             frictions[name] = card
+        elif card.keyword == "SURFACE BEHAVIOR":
+            laws[name] = _law_of(card, heading)
     values = {k: 0.0 if c is None else float(c.numbers()[0]) for k, c in frictions.items()}
     given = next((card for card in frictions.values() if card is not None), None)
+    first, *others = values
+    of_pairs, own = dict[tuple[int, int], float](), dict[tuple[int, int], ContactLaw]()
+    for card in pairs:
+        name = card.parameter("INTERACTION").upper()
+        for line, row in card.rows():
+            a, b = sorted(block_entry(line, entry, blocks)[0] for entry in row[:2])
+            if name in others and values[name] != values[first]:
+                of_pairs[a, b] = values[name]
+            if name in others and laws[name] != law:
+                own[a, b] = laws[name]
+    if own:
+        law = PairLaws(law, tuple((*k, v) for k, v in own.items()))
     if given is None:
         return Joint(law, finite_sliding=finite)
     slope = given.parameters.get("SHEAR TRACTION SLOPE")
     stick = None if slope is None else floats(given.line, [slope])[0]
-    first, *others = values
-    of_pairs = {}
-    for card in pairs:
-        name = card.parameter("INTERACTION").upper()
-        for line, row in card.rows():
-            if name in others:
-                ends = tuple(sorted(block_entry(line, entry, blocks)[0] for entry in row[:2]))
-                of_pairs[ends] = values[name]
     return Joint(law, values[first], stick, finite, tuple((*k, v) for k, v in of_pairs.items()))
+
+
+def _law_of(behavior: Card, heading: Heading) -> ContactLaw:
+    """Law of the card *Surface Behavior."""
+    return read_law(
+        behavior.parameter("PRESSURE-OVERCLOSURE").upper(),
+        behavior.numbers().tolist(),
+        line=behavior.line,
+        maximum_stiffness=lambda: _maximum_stiffness(heading),
+    )
 
 
 def _maximum_stiffness(heading: Heading) -> float:

@@ -82,11 +82,18 @@ class _Pair:
     quads_s: IntArray
 
     def key(self, deformable: DeformableAssembly) -> tuple[int | float | bytes, ...]:
-        """Shapes, groups, friction and connectivity."""
+        """Shapes, groups, friction, law and connectivity."""
         shapes = [int(deformable.assembly.shape_of[b]) for b in self.blocks]
         groups = [int(deformable.group_of[b]) for b in self.blocks]
         rubs = friction_of(deformable, *self.blocks)
-        return (*shapes, *groups, rubs, self.quads_m.tobytes(), self.quads_s.tobytes())
+        law = law_of(deformable, *self.blocks)
+        return (*shapes, *groups, rubs, law, self.quads_m.tobytes(), self.quads_s.tobytes())
+
+
+def law_of(deformable: DeformableAssembly, m: int, s: int) -> int:
+    """Place of the contact law between two blocks among all laws."""
+    law = deformable.contact.law
+    return law.members.index(law.on(np.array([m]), np.array([s])))
 
 
 def friction_of(deformable: DeformableAssembly, m: int, s: int) -> float:

@@ -13,7 +13,8 @@ import numba
 import numpy as np
 
 from fem.contact.friction import CoulombFriction, FrictionError
-from fem.contact.law import ContactLaw, LawConstants
+from fem.contact.law import ContactLaw
+from fem.contact.pair_laws import compiled_law
 from fem.contact.surfaces import ContactNormals
 from fem.element.facet import FACET_VALUES
 from fem.explicit.body import Body
@@ -142,7 +143,6 @@ class _BoundContact:
 
     def __init__(self, statement: FaceContact, bodies: tuple[Body, ...]) -> None:
         self._statement = statement
-        self._law = statement.law
         self._allowed: float | None = None
         self._blocks = [
             pairs.blocks[start : start + width]
@@ -150,8 +150,12 @@ class _BoundContact:
             for start, width in _unit_slices(pairs.n_pairs)
         ]
         self._clearance = statement.clearance
-        self._constants = shifted(statement.law.constants, statement.clearance)
         self._data = _unit_arrays(statement.pairs, bodies)
+        # Alike pairs have one law.
+        first = np.array([pairs.blocks[0] for pairs in statement.pairs])[self._data.units[:, 0]]
+        self._law = statement.law.on(first[:, 0], first[:, 1])
+        self._laws = statement.law.members
+        self._constants = compiled_law(self._law, statement.clearance)
         self._work = _unit_work(self._data)
         self._normals = (
             _reference_normals(statement.pairs)
@@ -198,7 +202,7 @@ class _BoundContact:
         total = 0.0
         for unit in range(len(self._data.units)):
             gap, weights = self.unit_gaps(unit)
-            total += float((weights * self._law.stored_energy(-gap)).sum())
+            total += float((weights * self._law.one(unit).stored_energy(-gap)).sum())
             total += self._stick_energy(unit)
         return total
 
@@ -213,10 +217,11 @@ class _BoundContact:
     def fault(self, system: System) -> str | None:
         """Where the stiffness of the law exceeds what the time step allows, and the remedy."""
         counted = self._statement.counted_stiffness
-        if self._law.constants.linear_stiffness <= counted:
+        if all(law.constants.linear_stiffness <= counted for law in self._laws):
             return None
         unit, lane, gap = self._deepest()
-        pressure, stiffness = float(self._law.pressure(-gap)), float(self._law.stiffness(-gap))
+        law = self._law.one(unit)
+        pressure, stiffness = float(law.pressure(-gap)), float(law.stiffness(-gap))
         if stiffness <= counted or stiffness <= self._largest_stiffness(system):
             return None
         m, s = self._blocks[unit][lane]
@@ -228,13 +233,10 @@ class _BoundContact:
         )
 
     def _deepest(self) -> tuple[int, int, float]:
-        """Unit, lane and gap of the point that presses most."""
-        least, where = np.inf, (0, 0)
-        for unit in range(len(self._data.units)):
-            gap = self.unit_gaps(unit)[0].min(axis=(0, 1))
-            if gap.min() < least:
-                least, where = float(gap.min()), (unit, int(gap.argmin()))
-        return *where, least
+        """Unit, lane and gap of the point at which the contact is stiffest."""
+        gaps = [self.unit_gaps(unit)[0].min(axis=(0, 1)) for unit in range(len(self._data.units))]
+        unit = self._law.stiffest(np.array([-gap.min() for gap in gaps]))
+        return unit, int(gaps[unit].argmin()), float(gaps[unit].min())
 
     def _largest_stiffness(self, system: System) -> float:
         """Stiffness of the law that is stable at the time step [MPa/mm]."""
@@ -289,11 +291,6 @@ def _no_slip(data: UnitArrays, work: UnitWork) -> FloatArray:
     for n, w, start in zip(facets, width, point, strict=True):
         slip[4 * start : 4 * (start + 4 * n * w)].reshape(n, 4, 4, w)[:, :, 2] = NEVER
     return slip
-
-
-def shifted(law: LawConstants, clearance: float) -> LawConstants:
-    """Return the law as a function of overclosure plus clearance: a gap n · d of zero is open."""
-    return law._replace(start=law.start + clearance, linear_start=law.linear_start + clearance)
 
 
 @dataclass(frozen=True)

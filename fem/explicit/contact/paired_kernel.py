@@ -24,6 +24,7 @@ import numpy.typing as npt
 from numba import prange
 
 from fem.contact.law import pressure_formula
+from fem.contact.pair_laws import law_at
 from fem.explicit.contact.alike_pairs import WIDEST
 from fem.explicit.kernels.forms import serial_and_parallel
 from fem.explicit.kernels.lanes import (
@@ -364,7 +365,8 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
     ):
         kind, point = data.units[unit, 0], data.units[unit, 5]
         first, last = data.alike[kind, 1], data.alike[kind + 1, 1]
-        clear = -law.start
+        own = law_at(law, unit)
+        clear = -own.start
         size = 3 * width * (data.alike[kind + 1, 0] - data.alike[kind, 0])
         on_difference[:size] = 0.0
         if normals is None:
@@ -403,10 +405,10 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
                 if slip is not None:
                     forget(slip, at)
                 continue
-            q0 = w[0] * lanes_pressure(0.0 - g0, law)
-            q1 = w[1] * lanes_pressure(0.0 - g1, law)
-            q2 = w[2] * lanes_pressure(0.0 - g2, law)
-            q3 = w[3] * lanes_pressure(0.0 - g3, law)
+            q0 = w[0] * lanes_pressure(0.0 - g0, own)
+            q1 = w[1] * lanes_pressure(0.0 - g1, own)
+            q2 = w[2] * lanes_pressure(0.0 - g2, own)
+            q3 = w[3] * lanes_pressure(0.0 - g3, own)
             f0, f1, f2, f3 = times(q0, n0[0]), times(q1, n1[0]), times(q2, n2[0]), times(q3, n3[0])
             if slip is not None:
                 f0 = rub(unit, f0, q0, w[0], d[0], n0[0], low, slip, at, 0, sliding)
@@ -496,7 +498,7 @@ def contact_forces(data, displacements, work, law, normals, slip, sliding):
     displacements
         Flat displacements of the groups, placement frames, (n_rows, 3, lanes) each.
     law
-        Constants of the contact law.
+        Constants of the contact law, or of that of each unit, (n_units, 7).
     normals
         None for current normals, or reference normals in the master frame, (n_facets, 4, 3).
     slip

@@ -16,10 +16,11 @@ import numpy as np
 
 from fem.assembly.contact_state import ContactState, searched_state
 from fem.contact.friction import CoulombFriction
-from fem.contact.law import ContactLaw
+from fem.contact.law import ContactLaw, LawConstants
+from fem.contact.pair_laws import compiled_law
 from fem.contact.search import BlockSurface, FacingPoints, facet_area_vectors
 from fem.explicit.body import Body
-from fem.explicit.contact.paired import check_stick, largest_stiffness, shifted
+from fem.explicit.contact.paired import check_stick, largest_stiffness
 from fem.explicit.contact.sliding_kernel import (
     add_travel,
     apply_surface,
@@ -120,7 +121,10 @@ class BoundSlidingContact:
 
     def __init__(self, statement: SlidingContact, bodies: tuple[Body, ...]) -> None:
         self._statement = statement
-        self._law = shifted(statement.law.constants, statement.clearance)
+        # Of all points, or of each, and when it was found, where pairs of blocks have others.
+        self._law: ContactLaw = statement.law
+        self._constants: LawConstants | FloatArray | None = None
+        self._law_at = -1
         self._allowed: float | None = None
         self.points = _points(statement)
         points = self.points
@@ -180,7 +184,7 @@ class BoundSlidingContact:
             points.now.weights,
             points.now.facet,
             points.now.xi,
-            self._law,
+            self._compiled_law(),
             self._rubs(),
             None if self._slip is None else self._slip[:n],
             self._dissipated,
@@ -199,6 +203,16 @@ class BoundSlidingContact:
                 group.turn_of,
                 now.applied_force.ravel(),
             )
+
+    def _compiled_law(self) -> LawConstants | FloatArray:
+        """Constants of the law of all points, or of that of each, (n, 7)."""
+        several = len(self._statement.law.members) > 1
+        if self._constants is None or (several and self._law_at != self._known):
+            block, now = self.points.facet_block, self.points.now
+            self._law = self._statement.law.on(block[now.facet], block[now.slave])
+            self._constants = compiled_law(self._law, self._statement.clearance)
+            self._law_at = self._known
+        return self._constants
 
     def _rubs(self) -> FloatArray | None:
         """Friction of all points, (2,), or of each, (n, 2), where pairs of blocks have others."""
@@ -281,7 +295,7 @@ class BoundSlidingContact:
     def energy(self) -> float:
         """Energy stored at the last force evaluation [N mm]."""
         weights = self.points.now.weights
-        stored = float(weights @ self._statement.law.stored_energy(-self._gaps()))
+        stored = float(weights @ self._law.stored_energy(-self._gaps()))
         if self._slip is not None and self._friction is not None:
             slip = self._slip[: self.points.count]
             stored += 0.5 * self._friction[1] * float(weights @ (slip**2).sum(axis=1))
@@ -294,10 +308,11 @@ class BoundSlidingContact:
     def fault(self, system: System) -> str | None:
         """Where the stiffness of the law exceeds what the time step allows, and the remedy."""
         counted = self._statement.counted_stiffness
-        if self._statement.law.constants.linear_stiffness <= counted or not self.points.count:
+        stiffest = max(law.constants.linear_stiffness for law in self._statement.law.members)
+        if stiffest <= counted or not self.points.count:
             return None
-        deepest = int(np.argmin(self._gap[: self.points.count]))
-        overclosure, law = -self._gaps()[deepest], self._statement.law
+        deepest = self._law.stiffest(-self._gaps())
+        overclosure, law = -self._gaps()[deepest], self._law.one(deepest)
         stiffness, pressure = float(law.stiffness(overclosure)), float(law.pressure(overclosure))
         if stiffness <= counted or stiffness <= self._largest_stiffness(system):
             return None
@@ -331,10 +346,9 @@ class BoundSlidingContact:
 
 
 def _points(statement: SlidingContact) -> FacingPoints:
-    law = shifted(statement.law.constants, statement.clearance)
     return FacingPoints(
         tuple(sorted(statement.surfaces, key=lambda s: s.group)),
-        reach=-law.start,
+        reach=-statement.law.start - statement.clearance,
         symmetry=statement.symmetry,
         slight=_SLIGHT,
     )

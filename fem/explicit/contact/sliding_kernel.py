@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from fem.contact.law import law_pressure
+from fem.contact.pair_laws import law_at
 from fem.explicit.kernels.forms import over_lanes
 from fem.explicit.kernels.lanes import REGISTER_DOUBLES, lane_operations, larger, store
 from fem.explicit.kernels.options import OPTIONS
@@ -130,7 +131,7 @@ def sliding_forces(
     facet, xi
         Master facet of each point, (n,), and the closest point on it, (n, 2), updated.
     law
-        Constants of the contact law, in terms of -d · n.
+        Constants of the contact law, in terms of -d · n, or of that of each point, (n, 7).
     friction, slip, dissipated
         None without friction; or coefficient and stick stiffness, (2,) or (n, 2), elastic slip
         (n, 3) [mm] and the energy lost so far (1,) [N mm], updated.
@@ -164,7 +165,7 @@ def sliding_forces(
         size = 1.0 / math.sqrt(_dot(normal, normal))
         normal = normal[0] * size, normal[1] * size, normal[2] * size
         gap[p] = _dot(away, normal)
-        pressure = law_pressure(-gap[p], law)
+        pressure = law_pressure(-gap[p], law_at(law, p))
         if pressure == 0.0:
             if friction is not None:
                 slip[p, 0], slip[p, 1], slip[p, 2] = 0.0, 0.0, 0.0

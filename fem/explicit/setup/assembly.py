@@ -340,13 +340,15 @@ def _contact(
 
 
 def counted_stiffness(law: ContactLaw, pressure: float = COUNTED_PRESSURE) -> float:
-    """Stiffness of a law that the critical time step counts in [MPa/mm].
+    """Stiffness of a law that the critical time step counts in [MPa/mm]; of several, the largest.
 
     The law's largest where it has one below that at ``pressure`` [MPa], so that nothing can
     exceed it; otherwise the stiffness at that pressure, which a run then watches.
     """
-    at_pressure = float(law.stiffness(law.overclosure(pressure)))
-    return min(law.constants.linear_stiffness, at_pressure)
+    return max(
+        min(one.constants.linear_stiffness, float(one.stiffness(one.overclosure(pressure))))
+        for one in law.members
+    )
 
 
 def _representatives(deformable: DeformableAssembly, orbits: Orbits) -> list[IntArray]:

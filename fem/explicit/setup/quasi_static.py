@@ -99,7 +99,8 @@ def block_frequencies(model: Model, pressure: float) -> BlockFrequencies:
     for interaction in model.interactions:
         if isinstance(interaction, FaceContact):
             for pairs in interaction.pairs:
-                tangent = _tangent(interaction.law, pressure, model, pairs.groups)
+                law = interaction.law.on(*pairs.blocks[:1].T)
+                tangent = _tangent(law, pressure, model, pairs.groups)
                 _add_contact(stiffness, model, pairs, tangent, first)
         if isinstance(interaction, SlidingContact):
             _add_sliding(stiffness, model, interaction, pressure, first)
@@ -191,7 +192,8 @@ def _add_sliding(
             rows.append(6 * (first[surface.group] + surface.copy) + np.arange(6))
         gap, where = np.concatenate(gaps, axis=1), np.concatenate(rows)
         sides = (surfaces[m].group, surfaces[s].group)
-        weights = _tangent(contact.law, pressure, model, sides) * state.point_areas[points]
+        law = contact.law.on(np.array([m]), np.array([s]))
+        weights = _tangent(law, pressure, model, sides) * state.point_areas[points]
         # In a sector both may be images of one block.
         np.add.at(stiffness, np.ix_(where, where), gap.T @ (weights[:, None] * gap))
 

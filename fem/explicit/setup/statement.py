@@ -125,7 +125,8 @@ def explicit_statement(
         end += max(moved - ramp, 0.0)
     effects = _loading_slowly(effects, deformable, ramp)
     # What presses before any load acts is counted too.
-    at_start = float(deformable.contact.law.pressure(-deformable.surfaces.clearance))
+    before = -deformable.surfaces.clearance
+    at_start = max(float(law.pressure(before)) for law in deformable.contact.law.members)
     counted_pressure = max(counted_pressure, 2.0 * at_start)
     stated = explicit_assembly(
         deformable,
@@ -184,8 +185,7 @@ def _times(
     plain = explicit_assembly(deformable, orbits=orbits, effects=effects)
     if plain.sliding is not None:
         start = plain.sliding.at_start
-        law, stated = deformable.contact.law, deformable.surfaces.clearance < 0.0
-        reach = law.largest_interference if stated else law.largest_initial_overclosure
+        reach = deformable.contact.law.allowed_overclosure(deformable.surfaces.clearance)
         refuse_overlap(start.block_m, start.block_s, start.deepest, reach)
     closing = _apart(deformable, plain)
     damped = effects.adaptive_mass_damping is not None

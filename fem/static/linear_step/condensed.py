@@ -21,14 +21,12 @@ their force goes with it: Nᵀ q becomes Pᵀ q (`Linearisation.push`).
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-import scipy.linalg
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
@@ -38,7 +36,6 @@ from fem.assembly.local_system import (
     constraint_transform,
     prescribed_values,
 )
-from fem.problem.model import BlockGroup, rigid_motions
 from fem.static.linear_step.block_tridiagonal import (
     ChainFactor,
     Leaning,
@@ -46,7 +43,13 @@ from fem.static.linear_step.block_tridiagonal import (
     UnresistedMotionError,
     factor_chain,
 )
-from fem.static.linear_step.condensation import CondensedBlock, condense
+from fem.static.linear_step.condensation import condense
+from fem.static.linear_step.flexibility import (
+    Flexibility,
+    FlexibilityStore,
+    content_of,
+    flexibility_of,
+)
 from fem.static.linear_step.linearisation import (
     Linearisation,
     UnheldBlocksError,
@@ -57,94 +60,6 @@ from geometry.mesh import FloatArray, IntArray
 #: Points count as open when their stiffness is below this share of that at first touch: their
 #: pressure is far below rounding of any other, while their flexibility would drown the rest.
 _LEAST_STIFFNESS = 1e-12
-#: Energy of a rigid motion of order one over that of a block strained as much, below which no
-#: spring resists it: what rounding leaves.
-_RESISTED = 1e-12
-
-
-@dataclass(frozen=True)
-class Flexibility:
-    """Response of one kind of block (a shape and its supports) on its retained variables."""
-
-    condensed: CondensedBlock
-    """Schur complement on contact and held nodes."""
-    stiffness: FloatArray
-    """The same on the retained variables v, u = T v; (3 n_c, 3 n_c) [N/mm]."""
-    free: IntArray
-    """Retained variables that are not prescribed, (n_free,)."""
-    inverse: FloatArray
-    """G, pseudo-inverse of the stiffness on the free variables, (n_free, n_free) [mm/N]."""
-    rigid: FloatArray
-    """Rigid motions that the supports leave, rotations times ℓ; (n_free, 0 … 6)."""
-
-
-def block_motions(group: BlockGroup, nodes: IntArray) -> FloatArray:
-    """Translations, and rotations about the mean of all nodes times ℓ, at nodes; (3 n, 6).
-
-    That mean, not the mass centroid: no bit of a static answer shall hang on the density. ℓ is the
-    cube root of the volume of the block's bounding box, so all six are of order one.
-    """
-    points = group.mesh.nodes
-    arm = (points[nodes] - points.mean(axis=0)) / np.cbrt(np.prod(np.ptp(points, axis=0)))
-    return rigid_motions(arm).reshape(-1, 6)
-
-
-def symmetric_pseudo_inverse(stiffness: FloatArray, rigid: FloatArray) -> FloatArray:
-    """(S + s R̂ R̂ᵀ)⁻¹ - R̂ R̂ᵀ / s with R̂ an orthonormal basis of the rigid motions."""
-    shifted = np.array(stiffness, order="F")
-    scale = float(np.diag(stiffness).mean())
-    basis = np.linalg.qr(rigid)[0] if rigid.shape[1] else rigid
-    shifted += scale * basis @ basis.T
-    factor, fail = scipy.linalg.lapack.dpotrf(shifted, lower=1, overwrite_a=1)
-    if fail:
-        raise UnheldBlocksError("a block's stiffness is not positive definite", ())
-    inverse, _ = scipy.linalg.lapack.dpotri(factor, lower=1, overwrite_c=1)
-    lower = np.tril(inverse)
-    full: FloatArray = lower + np.tril(inverse, -1).T
-    full -= basis @ basis.T / scale
-    return full
-
-
-def _unresisted(stiffness: FloatArray, rigid: FloatArray) -> FloatArray:
-    """Rigid motions (n, k) that no spring resists, (n, 0 … k)."""
-    energy = rigid.T @ stiffness @ rigid
-    values, vectors = np.linalg.eigh(energy)
-    scale = float(np.abs(stiffness).max()) * len(rigid)
-    return rigid @ vectors[:, values <= _RESISTED * scale]
-
-
-class FlexibilityStore:
-    """Keeps the flexibilities of one problem for the next one on the same blocks.
-
-    Loads, contact laws and gaps may differ; what the next problem does not need is let go before
-    anything new is made.
-    """
-
-    def __init__(self) -> None:
-        self._kept: dict[bytes, Flexibility] = {}
-
-    def keep(self, keys: set[bytes]) -> None:
-        """Let go of all others."""
-        self._kept = {key: found for key, found in self._kept.items() if key in keys}
-
-    def get(self, key: bytes, make: Callable[[], Flexibility]) -> Flexibility:
-        """Return the flexibility of a key, made if there is none."""
-        if key not in self._kept:
-            self._kept[key] = make()
-        return self._kept[key]
-
-
-def _content(group: BlockGroup) -> bytes:
-    """Digest of all of a block that its flexibility depends on."""
-    digest = hashlib.sha256()
-    for array in (group.mesh.nodes, group.mesh.connectivity):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    material, springs = group.material, group.springs
-    if springs is not None:
-        digest.update(springs.element.tobytes() + springs.places.tobytes())
-        digest.update(springs.matrices.tobytes())
-    digest.update(repr((group.element, material.young_modulus, material.poisson_ratio)).encode())
-    return digest.digest()
 
 
 class CondensedStep:
@@ -173,7 +88,7 @@ class CondensedStep:
         for slot in range(system.n_slots):
             group = system.group(slot)
             mine = self._held_rows(slot)
-            key = contents.setdefault(id(group), _content(group))
+            key = contents.setdefault(id(group), content_of(group))
             for array in (
                 system.held.nodes[mine] - system.node_start[slot],
                 np.round(system.held.axes[mine], 9),
@@ -202,23 +117,9 @@ class CondensedStep:
         met = np.unique(group.mesh.facet_nodes(quads))
         retained = np.union1d(met, held).astype(np.int64)
         condensed = condense(group, retained)
-        dofs = condensed.degrees_of_freedom + 3 * int(system.node_start[slot])
-        stiffness = condensed.stiffness
-        rigid = block_motions(group, retained)
-        if len(held):
-            axes = csr_array(self._transform[dofs][:, dofs])
-            stiffness = axes.T @ (axes.T @ stiffness.T).T
-            rigid = axes.T @ rigid
-        is_free = self._is_free[dofs]
-        free = np.flatnonzero(is_free)
-        if len(free) < len(dofs):
-            # Motions that no prescribed component feels.
-            rigid = rigid @ scipy.linalg.null_space(rigid[~is_free], rcond=1e-9)
-        rigid = rigid[free]
-        if group.springs is not None:
-            rigid = _unresisted(stiffness[np.ix_(free, free)], rigid)
-        inverse = symmetric_pseudo_inverse(stiffness[np.ix_(free, free)], rigid)
-        return Flexibility(condensed, stiffness, free, inverse, rigid)
+        rows = condensed.degrees_of_freedom + 3 * int(system.node_start[slot])
+        axes = csr_array(self._transform[rows][:, rows]) if len(held) else None
+        return flexibility_of(group, condensed, axes, self._is_free[rows])
 
     def _reduce_loads(self) -> None:
         """Loads on the retained variables of every slot, and what recovers the others."""
@@ -348,7 +249,7 @@ class CondensedStep:
         """Points that press, ordered by level, those shared with the next level last."""
         system = self._system
         stiffness = linear.stiffness.ravel()
-        touching = system.deformable.contact.law.touching_stiffness
+        touching = system.law.touching_stiffness
         active = np.flatnonzero(stiffness > _LEAST_STIFFNESS * touching)
         facet = active // linear.stiffness.shape[1]
         slot_m = system.slot_of[system.surfaces.block_m[facet]]

@@ -29,12 +29,12 @@ from validation.output.pictures.energies import draw_energies
 from validation.output.pictures.motions import draw_motions
 from validation.output.section_forces import SECTION_FILES, add_sections, write_sections
 from validation.run.accuracy import reached_rows
+from validation.run.rigid.push import rigid_limit
 from validation.run.stages import cpu_words, peak_memory_mb
 from validation.scene.deformable import FemSection
 from validation.scene.family import RoundScene
 
 if TYPE_CHECKING:
-    from fem.assembly.reactions import PushCurve
     from fem.explicit.output.energy import History
     from fem.explicit.solve import ExplicitResult
     from validation.run.deformable import DeformableRun
@@ -67,7 +67,7 @@ def write_run_files(run: DeformableRun, outputs: Outputs) -> None:
     for file, draw in _pictures(run).items():
         outputs.write("picture", file, partial(draw, run))
     if run.solution.push_curves:
-        _write_motions(run.solution.push_curves, run.name, outputs)
+        _write_motions(run, outputs)
     if run.solution.explicit is not None:
         _write_history(run.solution.explicit.history, run.name, outputs)
     _name_frames(run.scene.fem, outputs)
@@ -87,8 +87,9 @@ def _pictures(state: DeformableRun) -> dict[str, Callable[[DeformableRun, Path],
     return pictures
 
 
-def _write_motions(curves: tuple[PushCurve, ...], name: str, outputs: Outputs) -> None:
-    """Write force over way of supports that move as table and picture."""
+def _write_motions(run: DeformableRun, outputs: Outputs) -> None:
+    """Write force against displacement of supports that move, next to the rigid limit."""
+    curves, limit = run.solution.push_curves, rigid_limit(run.scene)
     rows = [
         (curve.name, *row)
         for curve in curves
@@ -96,7 +97,11 @@ def _write_motions(curves: tuple[PushCurve, ...], name: str, outputs: Outputs) -
     ]
     heads = ("support", "time_s", "displacement_mm", "force_N")
     outputs.write("motions", "motions.csv", lambda path: write_csv(path, heads, rows))
-    outputs.write("picture", "motions.png", lambda path: draw_motions(curves, path, title=name))
+    outputs.write(
+        "picture",
+        "motions.png",
+        lambda path: draw_motions(curves, path, title=run.name, limit=limit),
+    )
 
 
 def _write_history(history: History, name: str, outputs: Outputs) -> None:

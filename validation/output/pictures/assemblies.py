@@ -42,6 +42,8 @@ if TYPE_CHECKING:
 
 #: Width over height of unrolled joints.
 _UNROLLED = 2.6
+#: Joints smaller than this share of the assembly are drawn without outlines of the blocks.
+_SMALL = 0.2
 #: Distance of side joints in their picture, in wall thicknesses.
 _APART = 1.6
 
@@ -123,8 +125,8 @@ def draw_pressed_facets(
 ) -> None:
     """Draw contact pressures on faces that can meet another block, as in the paper's figures.
 
-    A tube is cut open; the joints of its middle layer are seen and unrolled. Of other assemblies
-    all joints are seen from above and from below.
+    A tube is cut open; the joints of its middle layer are drawn in 3-D and unrolled. Other
+    assemblies are drawn from above and from below, with all joints.
     """
     assembly, scale = facets.assembly, facets.scale
     tube = is_tube(assembly)
@@ -132,6 +134,10 @@ def draw_pressed_facets(
     behind = np.flatnonzero(far_side(assembly, assembly.centroids)).tolist()
     parts: list[Part] = [facets.surface(np.flatnonzero(shown), scale), facets.outlines(behind)]
     if not tube:
+        nodes = np.concatenate([facets.nodes(b) for b in range(assembly.n_blocks)])
+        extent = np.ptp(facets.corners.reshape(-1, 3), axis=0).max(initial=0.0)
+        if 0.0 < extent < _SMALL * np.ptp(nodes, axis=0).max():
+            parts.pop()  # among outlines of the blocks nobody would see them
         panels = above_and_below(parts, eye(assembly), title="all joints")
         gallery([[p] for p in panels], title, path, height=6.0, scale=scale)
         return

@@ -1,4 +1,4 @@
-"""Force over way of supports that move."""
+"""Force against displacement of supports that move."""
 
 from __future__ import annotations
 
@@ -16,10 +16,15 @@ _KILO = 1e4
 _COLOURS = (BLUE, VERMILION, GREEN, ORANGE)
 
 
-def draw_motions(curves: tuple[PushCurve, ...], path: Path, *, title: str) -> None:
-    """Plot the force of each support that moves over its way, with the largest one marked."""
+def draw_motions(
+    curves: tuple[PushCurve, ...], path: Path, *, title: str, limit: float | None = None
+) -> None:
+    """Plot force against displacement of each support that moves, the largest force marked.
+
+    Beside it the limit load of rigid blocks [N], where there is one.
+    """
     figure, axes = subplots(1, 1, size=(7.0, 4.5))
-    most = max(abs(curve.forces).max() for curve in curves)
+    most = max(limit or 0.0, *(abs(curve.forces).max() for curve in curves))
     unit, name = (1e-3, "kN") if most >= _KILO else (1.0, "N")
     for k, curve in enumerate(curves):
         colour = _COLOURS[k % len(_COLOURS)]
@@ -36,9 +41,19 @@ def draw_motions(curves: tuple[PushCurve, ...], path: Path, *, title: str) -> No
             ha="right",
             color=colour,
         )
-    axes.set_xlabel("way of the support [mm]")
+    if limit is not None:
+        axes.axhline(unit * limit, color="0.4", ls="--", lw=1.0)
+        axes.annotate(
+            f"rigid limit, associated friction: {unit * limit:.5g} {name}",
+            (0.0, unit * limit),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            xytext=(4, 4),
+            color="0.3",
+        )
+    axes.set_xlabel("displacement of the support [mm]")
     axes.set_ylabel(f"force on the blocks [{name}]")
-    axes.set_title(f"{title}: force over way", loc="left")
+    axes.set_title(f"{title}: force against displacement", loc="left")
     axes.margins(0.1)
     axes.grid(alpha=0.3)
     if len(curves) > 1:

@@ -359,7 +359,8 @@ def _pieces(
     line = np.interp(np.arange(parts * (len(ends) - 1) + 1) / parts, np.arange(len(ends)), ends)
     quads = structured_quads(len(line) - 1)
     corners = (_linear(line, ends) @ places)[:, quads].reshape(-1, 4, 3)
-    pressures = solution.deformable.contact.law.pressure(overclosures @ _linear(line, looks).T)
+    law = solution.deformable.contact.law.on(surfaces.block_m, surfaces.block_s)
+    pressures = law.pressure(overclosures @ _linear(line, looks).T)
     return corners, pressures[:, quads].mean(axis=2).ravel()
 
 

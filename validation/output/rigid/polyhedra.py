@@ -26,6 +26,7 @@ from validation.output.rigid.words import (
 )
 from validation.output.section_forces import SECTION_FILES, write_sections
 from validation.run.rigid.polyhedra import PolyhedralRun, mechanism_motion
+from validation.run.rigid.push import limit_words
 from validation.run.stages import cpu_words
 from validation.scene.polyhedra import STRAIGHT_EDGES, MeshScene
 
@@ -67,6 +68,8 @@ def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
         table.add_row("resistance to pushes", held_words(run.held))
     add_first_rows(table, run)
     add_further_rows(table, run.further)
+    if run.push is not None:
+        table.add_row("limit of the push", f"{limit_words(run.push)} (by faces alone)")
     table.add_row("proof", certificate_words(result.classification))
     if run.faces is not None:
         table.add_row("by faces alone", CLASS_WORDS[run.faces.mechanism])

@@ -128,7 +128,7 @@ def _pair(name: str, run: DeformableRun, rigid: RigidRun, lower: int) -> Pressur
 
 
 def same_mesh(evidence: Evidence, run: DeformableRun) -> RigidRun:
-    """Rigid-block result on the mesh of a deformable one, the load as physics says."""
+    """Rigid-block result on the mesh of a deformable one, with the full load."""
     mesh = _tube(run).mesh.model_dump()
     return evidence.rigid(run.name, *(f"mesh.{key}={value}" for key, value in mesh.items()))
 

@@ -419,7 +419,7 @@ def _layers_alike(evidence: Evidence) -> Verdict:
 
 @RIGID_CLAIMS.add
 def _shaft_layer(evidence: Evidence) -> Verdict:
-    """Ask by the paper's two measures in which layer the contact is hardest, in both readings."""
+    """Compute by the paper's two measures in which layer the contact is hardest, for both loads."""
     found: dict[str, dict[str, list[int]]] = {}
     for name, run in zip(("TSB1", "TSB2"), _rows(evidence, "shaft"), strict=True):
         physical = evidence.rigid(f"{name.lower()}-shaft")
@@ -432,7 +432,7 @@ def _shaft_layer(evidence: Evidence) -> Verdict:
         all(layers == [7] for layers in found["p_eff as printed"].values()),
         "layers of the largest mean of the blocks' effective pressures: "
         + _layer_words(found["p_eff as printed"])
-        + " read as the tables are, "
+        + " in the convention of the tables, "
         + _layer_words(found["p_eff full traction"])
         + " with the full traction"
         + "; of the largest block maxima: "

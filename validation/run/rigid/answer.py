@@ -64,7 +64,14 @@ class RigidAnswer:
         with named(stated["name"]):
             rubbing = scene.rigid.friction is not None
             of_pairs = friction_of_pairs(scene, assembly) if rubbing else ()
-        further = further_answers(assembly, load, wrenches, scene.rigid, of_pairs)
+        further = further_answers(
+            assembly,
+            load,
+            wrenches,
+            scene.rigid,
+            of_pairs,
+            frictionless=result.equilibrium.holds,
+        )
         seconds = {"build": 0.0} | result.cpu_seconds | built
         seconds["total"] += result.cpu_seconds["total"]
         if further is not None:

@@ -11,7 +11,7 @@ import numpy as np
 from geometry.assembly import AnyBlocks
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
-from geometry.pairs import OfPairs, pair_values
+from geometry.parts.pairs import OfPairs, pair_values
 from mbd import contact_jacobian
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import column_weights, equilibrium
@@ -59,11 +59,15 @@ def further_answers(
     wrenches: tuple[FloatArray, FloatArray],
     section: RigidSection,
     of_pairs: OfPairs = (),
+    *,
+    frictionless: bool = False,
 ) -> Further | None:
     """Compute what ``[rigid]`` asks for; None where it asks for nothing more.
 
     The load case says what is held; wrenches are dead and live load of each block, (n_blocks, 6)
-    each [N, N mm]. Some pairs of blocks have their own friction.
+    each [N, N mm]. Some pairs of blocks have their own friction. ``frictionless`` says that the
+    load is carried without friction: forces that balance it are admissible whatever the limits of
+    friction, so no joint needs a squeeze beforehand.
 
     Raises
     ------
@@ -86,9 +90,11 @@ def further_answers(
             if friction.holds:
                 normals = assembly.interfaces.normals[contacts.index]
                 forces = frictional.world(friction.forces, normals)
-                pressed = squeeze(
-                    contacts, frictional, dead + live, friction.forces, weights=weights
-                )
+                pressed = Squeeze(needed=False, programs=0)
+                if not frictionless:
+                    pressed = squeeze(
+                        contacts, frictional, dead + live, friction.forces, weights=weights
+                    )
         if section.collapse:
             collapse = collapse_load(frictional, dead, live)
         if section.sliding:

@@ -14,10 +14,12 @@ from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
 from mbd import Classification, block_wrenches, classify, contact_jacobian, generalized_force
 from mbd.answer import certificate_report
+from mbd.push import PushLimit, at_rest
 from validation.build.doubts import doubts
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
 from validation.build.supports import stated_load
 from validation.run.rigid.answer import RigidAnswer
+from validation.run.rigid.push import push_json, rigid_push
 from validation.run.stages import stages
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 from validation.scene.read import SceneFile
@@ -32,6 +34,8 @@ class PolyhedralRun(RigidAnswer):
     loads: BodyLoads
     faces: Classification | None = None
     """Class by the contacts that have an area alone, with its certificate; None where all have."""
+    push: PushLimit | str | None = None
+    """Limit of the force of `load.push`, by faces alone, or why there is none."""
     doubts: Mapping[str, str] = field(default_factory=dict)
     """What may be meant in another way, by the name of the row."""
 
@@ -58,6 +62,7 @@ class PolyhedralRun(RigidAnswer):
             "contact_area": float(interfaces.patches.areas.sum()),
             "tolerance": self.assembly.tolerance,
             **({"edges": STRAIGHT_EDGES} if self.straightened else {}),
+            **({} if self.push is None else {"push_limit": push_json(self.scene, self.push)}),
             **self.doubts,
             **({"block_names": list(self.assembly.names)} if self.assembly.names else {}),
         }
@@ -89,7 +94,8 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
     with stages() as watch:
         assembly = build_polyhedra(scene, file.folder)
         loads = build_body_loads(scene, assembly)
-        load = stated_load(scene, assembly, loads.load_case(assembly))
+        stated = stated_load(scene, assembly, loads.load_case(assembly))
+        load = at_rest(stated) if scene.push else stated
         if scene.loads:
             loads = replace(loads, live=block_wrenches(assembly, load) - loads.dead)
         watch.lap("build")
@@ -100,6 +106,7 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
         scene=scene,
         assembly=assembly,
         load=load,
+        push=rigid_push(scene, assembly, stated),
         loads=loads,
         doubts=doubts(scene, assembly, file.folder),
     )

@@ -137,7 +137,7 @@ class BoxScene(AssemblyScene):
     def build_load(self, assembly: Assembly) -> LoadCase:
         """Load and hold the faces that are named, of every copy."""
         from geometry.loads import LoadCase
-        from geometry.supports import HeldFace
+        from geometry.parts.supports import HeldFace
 
         blocks = np.arange(assembly.n_blocks)
         return LoadCase(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 from pydantic import Field
 
 from validation.scene.family import AssemblyScene, BlockSection
-from validation.scene.ranges import PRESSURE
+from validation.scene.keys.ranges import PRESSURE
 from validation.scene.sections import BlockSize, Finite, Section, fewer
 
 if TYPE_CHECKING:

@@ -19,11 +19,11 @@ from fem.accuracy.one_mesh import static_solution
 from fem.assembly.statement import Problem
 from fem.contact.law import LinearPenalty
 from fem.measures import contact_on
-from fem.static.linear_step.condensed import FlexibilityStore
+from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
 from geometry.answer import Answer
 from geometry.errors import RefusedError
-from validation.scene.deformable import gap_words
+from validation.scene.contact import gap_words
 
 #: Stiffer by this factor, blocks deform a thousandth of what the contact springs do.
 STIFFENING = 1.0e4

@@ -29,7 +29,7 @@ p_max of a facet: the largest of these over all blocks
 p_max at a point: largest contact pressure of deformable blocks [MPa], independent of facets
 effective: share of the contact facets that carry load (participation ratio)"""
 _AGREEMENT = """correlation: Pearson correlation of the facet pressures, weighted by area
-overlap of effective areas: shared loaded area over the union of both
+overlap of loaded areas: shared loaded area over the union of both
 peaks located: static pressure within two facets of the peak of the other analysis, over the
   largest static pressure (mean over blocks; 100 %: the peaks coincide)
 force: total contact force, relative to the static one"""
@@ -106,7 +106,7 @@ def _parts(found: ComparedAnswers) -> Iterator[RenderableType]:
         "answer": "{answer}",
         "faces": lambda row: _faces_words(found, row["faces"]),
         "correlation": "{correlation:.3f}",
-        "overlap of effective areas": lambda row: f"{100 * row['overlap']:.0f} %",
+        "overlap of loaded areas": lambda row: f"{100 * row['overlap']:.0f} %",
         "peaks located": lambda row: f"{100 * row['peaks_found']:.0f} %",
         "force": lambda row: f"{100 * (row['force_ratio'] - 1):+.1f} %",
     }
@@ -194,7 +194,7 @@ def _difference(
 
 
 def _tube_columns(found: ComparedAnswers, others: Sequence[int]) -> list[list[Panel]]:
-    """Pressures of the middle layer's joints, seen and unrolled; differences, unrolled."""
+    """Pressures of the middle layer's joints, in 3-D and unrolled; differences, unrolled."""
     pressures, name = found.pressures[found.reference], found.names[found.reference]
     facets = _pressed(found, found.faces["all"], pressures)
     joints = {"top": found.layer, "bottom": found.layer - 1}

@@ -45,11 +45,17 @@ def compared_runs(
     InputError
         Input that cannot be solved, or a load that rigid blocks do not carry.
     """
+    if scene.push is not None:
+        raise InputError(
+            f"{name}: load.push: got a block that is pushed; rigid blocks determine no contact "
+            "forces on its way: `tubelock fem` draws force against displacement next to the rigid "
+            "limit, `tubelock mbd` prints the limit"
+        )
     problem = comparable_problem(scene, name)
     require_held_by_faces(name, scene, problem.blocks)
     rigid = list(_rigid_runs(name, scene, problem))
     static = scene.changed({"fem.method": Method.STATIC})
-    one_mesh = problem.finite_sliding or not refined(name, static, {})
+    one_mesh = problem.finite_sliding or refined(name, static, {}) is None
     found: list[DeformableRun] = []
     if not one_mesh:
         found.append(

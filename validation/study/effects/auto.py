@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from fem.static.linear_step.condensed import FlexibilityStore
+from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
 from geometry.errors import RefusedError
 from validation.build.deformable import fem_section, scene_problem
@@ -128,7 +128,8 @@ def without_effect(scene: DeformableScene, effect: EffectName) -> DeformableScen
     if effect in _GAPS:
         return scene.changed({f"contact.{effect}": 0.0})
     if effect is EffectName.FRICTION:
-        return scene.changed({"effects.friction": None, "contact.pairs": ()})
+        pairs = scene.contact.frictionless_pairs
+        return scene.changed({"effects.friction": None, "contact.pairs": pairs})
     return scene.changed({f"effects.{effect}": False if effect in _SWITCHES else None})
 
 

@@ -12,7 +12,7 @@ from fem.accuracy.converge import LEAST_MESHES, MOST_WORK, TARGETS, work
 from fem.accuracy.ladder import ladder_for, on_rung
 from fem.accuracy.statics import refines
 from fem.assembly.statement import Problem
-from geometry.refinement import charts_of
+from geometry.meshing.refinement import charts_of
 from validation.build.deformable import scene_problem
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene

@@ -11,7 +11,7 @@ import numpy as np
 from fem.assembly.contact_state import contact_measures
 from fem.assembly.deformable import DeformableAssembly
 from fem.solution import Solution, largest_slip
-from fem.static.linear_step.condensed import FlexibilityStore
+from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.result import StaticResult
 from fem.static.rotation import solve_static_with_rotation
 from fem.static.solve import StaticOptions, solve_static

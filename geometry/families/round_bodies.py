@@ -26,8 +26,11 @@ _SQUARE, _CORNER = 0.5, 0.8
 
 
 class Plan(NamedTuple):
-    """Facets that are swept: nodes (n, 2) [mm], counter-clockwise quads (n_quads, 4), and the
-    distance of each node from the axis along which the end is round, (n,) [mm]."""
+    """Facets that are swept, and how far their nodes are from the axis of the round end.
+
+    Nodes (n, 2) [mm], counter-clockwise quads (n_quads, 4), and the distance of each node from the
+    axis along which the end is round, (n,) [mm].
+    """
 
     nodes: np.ndarray
     quads: np.ndarray

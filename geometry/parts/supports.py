@@ -9,7 +9,7 @@ import numpy as np
 from geometry.assembly import AnyBlocks
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, ReadOnlyArrays
-from geometry.regions import Where, check_region, region_nodes
+from geometry.parts.regions import Where, check_region, region_nodes
 
 
 class SupportError(RefusedError):

@@ -1,0 +1,179 @@
+"""Contact laws of some pairs of blocks: each joint has its law, the others have a default.
+
+Solvers call `ContactLaw.on` with the blocks of their facets or points. Where all of these have one
+law they get that law itself, so a problem with one law runs no code of this file.
+"""
+
+# mypy: disable-error-code="untyped-decorator,no-untyped-def"
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import types
+from numba.extending import overload
+
+from fem.contact.law import ContactLaw, LawConstants
+from fem.contact.own_law import PressureLaw, as_law
+from geometry.mesh import FloatArray, IntArray
+from geometry.parts.pairs import OfPairs, pair_values
+
+
+class _SomeLaws(ContactLaw):
+    """Bounds of several laws, on the side of the first contact and of the least overlap."""
+
+    name = "pairs"
+
+    @property
+    def start(self) -> float:
+        """Overclosure at which the first of the laws begins [mm]."""
+        return min(law.start for law in self.members)
+
+    @property
+    def touching_stiffness(self) -> float:
+        """Stiffness of the softest at zero clearance [MPa/mm]."""
+        return min(law.touching_stiffness for law in self.members)
+
+    @property
+    def largest_initial_overclosure(self) -> float:
+        """Overclosure that every law takes at the start [mm]."""
+        return min(law.largest_initial_overclosure for law in self.members)
+
+    def allowed_overclosure(self, clearance: float) -> float:
+        """Overclosure that every law takes at the start with a clearance [mm]."""
+        return min(law.allowed_overclosure(clearance) for law in self.members)
+
+
+@dataclass(frozen=True)
+class PairLaws(_SomeLaws):
+    """A contact law for all joints but those of some pairs of blocks, which have their own.
+
+    ``PairLaws(ExponentialLaw(), ((0, 1, LinearPenalty(500.0)),))``
+    """
+
+    default: ContactLaw | PressureLaw
+    """Law of pairs that are not named."""
+    of_pairs: tuple[tuple[int, int, ContactLaw | PressureLaw], ...]
+    """Blocks and their law, whichever of the two is named first."""
+
+    @cached_property
+    def members(self) -> tuple[ContactLaw, ...]:
+        """The default, then each other law once."""
+        found: list[ContactLaw] = []
+        for law in map(as_law, [self.default, *(pair[2] for pair in self.of_pairs)]):
+            found += [law] * (law not in found)
+        return tuple(found)
+
+    @cached_property
+    def numbers(self) -> OfPairs:
+        """Pairs and the place of their law in `members`."""
+        return tuple((a, b, float(self.members.index(as_law(law)))) for a, b, law in self.of_pairs)
+
+    def on(self, block_m: IntArray, block_s: IntArray) -> ContactLaw:
+        """Law of each of some joints, blocks (n,) each; one law where all have it."""
+        found = np.asarray(pair_values(0.0, self.numbers, block_m, block_s), dtype=np.int64)
+        which = np.broadcast_to(found, block_m.shape)
+        if len(which) and (which == which[0]).all():
+            return self.members[which[0]]
+        return LawOfPoints(self.members, which) if len(which) else self.members[0]
+
+    def __str__(self) -> str:
+        """The default and the number of pairs."""
+        return f"{self.default} and others between {len(self.of_pairs)} pairs"
+
+
+@dataclass(frozen=True)
+class LawOfPoints(_SomeLaws):
+    """Laws of facets or points: each has one of some laws."""
+
+    laws: tuple[ContactLaw, ...]
+    """Some laws."""
+    which: IntArray = field(repr=False)
+    """Law of each facet or point, (n,)."""
+
+    @property
+    def members(self) -> tuple[ContactLaw, ...]:
+        """All of the laws."""
+        return self.laws
+
+    def on(self, block_m: IntArray, block_s: IntArray) -> ContactLaw:  # noqa: ARG002
+        """The same: the facets are known."""
+        return self
+
+    def one(self, point: int) -> ContactLaw:
+        """Law of one facet or point."""
+        return self.laws[self.which[point]]
+
+    def stiffest(self, overclosure: FloatArray) -> int:
+        """Place of the largest stiffness at overclosures (n,) [mm]."""
+        return int(np.argmax(self.stiffness(overclosure)))
+
+    @cached_property
+    def table(self) -> FloatArray:
+        """`LawConstants` of each facet or point, (n, 7), for compiled functions."""
+        return np.array([law.constants for law in self.laws])[self.which]
+
+    def _each(self, method: Callable[[ContactLaw], Any], at: npt.ArrayLike) -> FloatArray:
+        """Values of each law where it acts; (n, …), or one number for all facets."""
+        x = np.asarray(at, dtype=np.float64)
+        which = self.which.reshape(-1, *(1,) * max(x.ndim - 1, 0))
+        found = method(self.laws[0])(x)
+        for k, law in enumerate(self.laws[1:], 1):
+            found = np.where(which == k, method(law)(x), found)
+        return np.asarray(found, dtype=np.float64)
+
+    def pressure(self, overclosure: npt.ArrayLike) -> FloatArray:
+        """Pressure [MPa] at overclosures [mm], (n, …) or one for all."""
+        return self._each(lambda law: law.pressure, overclosure)
+
+    def stiffness(self, overclosure: npt.ArrayLike) -> FloatArray:
+        """Slope dp/dx [MPa/mm] at overclosures [mm], alike."""
+        return self._each(lambda law: law.stiffness, overclosure)
+
+    def stored_energy(self, overclosure: npt.ArrayLike) -> FloatArray:
+        """Energy per area [N/mm] at overclosures [mm], alike."""
+        return self._each(lambda law: law.stored_energy, overclosure)
+
+    def overclosure(self, pressure: npt.ArrayLike) -> FloatArray:
+        """Overclosures [mm] for pressures [MPa], alike."""
+        return self._each(lambda law: law.overclosure, pressure)
+
+
+def law_at(law: Any, which: int) -> LawConstants:
+    """Constants of one facet or point, from those of all or from a table (n, 7)."""
+    return law if isinstance(law, LawConstants) else LawConstants(*law[which])
+
+
+@overload(law_at, inline="always")
+def _law_at(law, which) -> Callable[..., Any]:  # noqa: ARG001 - types, not values
+    if isinstance(law, types.Array):
+        return lambda law, which: LawConstants(
+            law[which, 0],
+            law[which, 1],
+            law[which, 2],
+            law[which, 3],
+            law[which, 4],
+            law[which, 5],
+            law[which, 6],
+        )
+    return lambda law, which: law  # noqa: ARG005
+
+
+def compiled_law(law: ContactLaw, clearance: float) -> LawConstants | FloatArray:
+    """Constants for kernels, in terms of overclosure plus clearance: a gap n · d of zero is open.
+
+    Of one law `LawConstants`, of `LawOfPoints` a row for each facet or point, (n, 7).
+    """
+    if isinstance(law, LawOfPoints):
+        moved = np.zeros(len(LawConstants._fields))
+        moved[[LawConstants._fields.index(name) for name in ("start", "linear_start")]] = clearance
+        return law.table + moved
+    constants = law.constants
+    return constants._replace(
+        start=constants.start + clearance, linear_start=constants.linear_start + clearance
+    )

@@ -1,0 +1,24 @@
+"""Forces of supports in an explicit run: what held nodes need beside loads, contact and weight."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fem.explicit.damping import applied_forces, gravity_forces
+from fem.explicit.state import State, world_vectors
+from fem.explicit.step import System, damped_internal_force
+from geometry.mesh import FloatArray
+
+
+def support_forces(system: System, state: State, time: float) -> tuple[FloatArray, ...]:
+    """Unbalanced forces at a time [s], world axes, (n_copies, n_nodes, 3) [N] of each group.
+
+    Of the forces that the state holds. Along what a support holds they are those of the support,
+    but for the inertia of the held nodes themselves.
+    """
+    found = []
+    for body, now in zip(system.bodies, state.bodies, strict=True):
+        inner = np.asarray(damped_internal_force(system, body, now), dtype=np.float64)
+        outer = applied_forces(body, now) + gravity_forces(system, body, time)
+        found.append(world_vectors(body, inner - outer))
+    return tuple(found)

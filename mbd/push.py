@@ -1,0 +1,116 @@
+"""Limit of the force with which a support that moves drives its blocks: limit analysis of a push.
+
+A support that moves holds all points of its region at one displacement. Rigid blocks determine no
+force over that way, but the largest one: the support guides its block, and a force along its
+displacement grows on top of all other loads until the blocks move.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+
+from geometry.assembly import AnyBlocks
+from geometry.loads import LoadCase
+from geometry.mesh import FloatArray, ReadOnlyArrays
+from geometry.parts.pairs import OfPairs, pair_values
+from geometry.parts.regions import region_points
+from geometry.parts.supports import HeldFace
+from mbd.contact_jacobian import contact_jacobian, generalized_force
+from mbd.friction import (
+    CollapseLoad,
+    FrictionalContacts,
+    collapse_load,
+    frictional_contacts,
+)
+from mbd.options import FrictionLaw
+from mbd.sliding_collapse import SlidingCollapse, sliding_collapse
+from mbd.supports import Guide, RigidSupportError
+
+
+@dataclass(frozen=True)
+class PushLimit(ReadOnlyArrays):
+    """Largest force along the displacement of a support, of which rigid blocks know the direction.
+
+    Load factors are forces [N].
+    """
+
+    support: str
+    """Name of the support."""
+    associated: CollapseLoad
+    """With joints that open as they slide: no force is larger; infinite where friction jams."""
+    contacts: FrictionalContacts
+    """Contacts, the block guided."""
+    dead: FloatArray
+    """All other loads, (n_rows,) [N]."""
+    live: FloatArray
+    """One newton of the push, alike."""
+
+    @cached_property
+    def sliding(self) -> SlidingCollapse:
+        """With joints that slide without opening.
+
+        By the friction pyramid inside the cone, for which states are certified in space, too.
+        """
+        pyramid = replace(self.contacts, law=FrictionLaw.PYRAMID)
+        return sliding_collapse(pyramid, self.dead, self.live)
+
+
+def at_rest(load: LoadCase) -> LoadCase:
+    """Return a load without its supports that move."""
+    return replace(load, held=tuple(support for support in load.held if not support.moves))
+
+
+def push_limit(
+    assembly: AnyBlocks, load: LoadCase, friction: float, of_pairs: OfPairs = ()
+) -> PushLimit:
+    """Find the largest force of the support that moves on top of all other loads.
+
+    Parameters
+    ----------
+    assembly, load
+        Blocks and what acts on them; one of the supports moves.
+    friction
+        Coefficient of friction of all joints [-].
+    of_pairs
+        That of some pairs of blocks.
+
+    Raises
+    ------
+    RigidSupportError
+        None or several supports move, or one is a spring.
+    FrictionError
+        The other loads alone cannot be carried.
+    """
+    pushes = [support for support in load.held if support.moves]
+    if len(pushes) != 1:
+        raise RigidSupportError(
+            f"limit of a push: got {len(pushes)} supports that move; expected one"
+        )
+    (push,) = pushes
+    same = {part.name: getattr(push, part.name) for part in fields(push)}
+    held = (*at_rest(load).held, Guide(**same))
+    contacts = contact_jacobian(assembly, load.fixed, held)
+    alone = LoadCase(
+        assembly, "push", (), load.fixed, held=held, body_wrenches=_unit_force(assembly, push)
+    )
+    dead, live = (
+        generalized_force(assembly, one, contacts.free_blocks, contacts.length)
+        for one in (replace(load, held=held), alone)
+    )
+    coefficient = pair_values(friction, of_pairs, contacts.block_m, contacts.block_s)
+    cones = frictional_contacts(assembly, contacts, coefficient, FrictionLaw.CONE)
+    return PushLimit(push.title, collapse_load(cones, dead, live), cones, dead, live)
+
+
+def _unit_force(assembly: AnyBlocks, push: HeldFace) -> FloatArray:
+    """Wrench of one newton along its displacement at the mean of its points, (n_blocks, 6)."""
+    assert push.displacement is not None
+    unit = push.axes.T @ (push.axes @ push.displacement)
+    unit /= np.linalg.norm(unit)
+    arm = region_points(assembly, push.block, push.face).mean(axis=0)
+    wrenches = np.zeros((assembly.n_blocks, 6))
+    wrenches[push.block] = [*unit, *np.cross(arm - assembly.centroids[push.block], unit)]
+    return wrenches

@@ -1,0 +1,100 @@
+"""Built-in scenes of round bodies on plane ones against Hertz, Cattaneo and Mindlin.
+
+Closed forms at the measured force, and bounds of what mesh and contact law err by, are those of
+`tests.verification.hertz` and its test: with a / h elements over the contact and k = 3 E*/h, the
+law gives way by a share h/3a of the flattening, chords that cross press by up to 3h/4a of p0.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from fem.solution import Solution
+from tests.verification.hertz import RADIUS, effective_modulus, pressed
+from validation.build.deformable import scene_problem
+from validation.run.solve import run_static
+from validation.scene.read import load_scene
+
+STEEL, ALUMINIUM = 210e3, 70e3
+THICKNESS = 0.5
+
+
+def solved(name: str, *settings: str) -> Solution:
+    file = load_scene(name, list(settings))
+    return run_static(file.name, file.scene, problem=scene_problem(file.scene, name)).solution
+
+
+def press(solution: Solution) -> float:
+    """Force of the support that presses [N]."""
+    return -float(solution.reactions["press"]["force"][2])
+
+
+def bounds(elements: int) -> tuple[float, float]:
+    """Relative errors of the half width, and of the pressure."""
+    return 1.0 / (3.0 * elements), 1.0 / (3.0 * elements) + 3.0 / (4.0 * elements)
+
+
+def test_a_roller_presses_as_hertz_says() -> None:
+    found = solved("hertz-roller", "fem.motion_steps=4")
+    state, modulus = found.contact_state, effective_modulus((STEEL, ALUMINIUM))
+    force = press(found) / THICKNESS
+    a = math.sqrt(4.0 * force * RADIUS / (math.pi * modulus))
+    area, p = state.point_areas / THICKNESS, state.point_pressures
+    x = state.positions[:, 0] - float(area @ (p * state.positions[:, 0])) / force
+    measured = pressed((np.abs(x), area, p), a, 2.0 * force / (math.pi * a), 4.0)
+    assert a == pytest.approx(2.0, rel=0.02)  # the mesh is made for it
+    wide, high = bounds(6)
+    assert measured.force == pytest.approx(force, rel=(a / RADIUS) ** 2)  # normals lean
+    assert measured.found_a == pytest.approx(a, rel=wide)
+    assert measured.found_p0 == pytest.approx(measured.peak, rel=high)
+    assert measured.field_error < high
+
+
+def test_a_ball_presses_as_hertz_says() -> None:
+    """A quarter, on fewer elements than the scene has."""
+    found = solved("hertz-ball", "mesh.elements=4", "contact.stiffness=3.5e5", "fem.motion_steps=3")
+    state, modulus = found.contact_state, effective_modulus((STEEL, ALUMINIUM))
+    force = 4.0 * press(found)
+    a = (0.75 * force * RADIUS / modulus) ** (1.0 / 3.0)
+    area, p = 4.0 * state.point_areas, state.point_pressures
+    r = np.linalg.norm(state.positions[:, :2], axis=1)
+    measured = pressed((r, area, p), a, 1.5 * force / (math.pi * a**2), 2.5)
+    wide, high = bounds(4)
+    assert measured.force == pytest.approx(force, rel=1e-3)
+    assert measured.found_a == pytest.approx(a, rel=wide)
+    assert measured.found_p0 == pytest.approx(measured.peak, rel=high)
+    assert measured.field_error < high
+
+
+def test_a_roller_pushed_aside_sticks_in_the_middle() -> None:
+    """Slips and pressures of the facets tell traction, and where it sticks.
+
+    Equal materials slip by nothing while they are pressed together, so a point carries the stick
+    stiffness times its slip, up to μ p. The half width that sticks is c = a √(1 - Q/μP): from the
+    second moment of the traction, (a² + c²)/4, and, to an element, from the points whose traction
+    is below the limit.
+    """
+    found = solved("cattaneo-mindlin", "fem.motion_steps=4")
+    state, friction = found.contact_state, found.deformable.contact.friction
+    assert friction is not None
+    modulus, force = effective_modulus((STEEL, STEEL)), press(found) / THICKNESS
+    push = float(found.reactions["push"]["force"][0]) / THICKNESS
+    a = math.sqrt(4.0 * force * RADIUS / (math.pi * modulus))
+    ratio = push / (friction.coefficient * force)
+    assert 0.3 < ratio < 0.7
+    c = a * math.sqrt(1.0 - ratio)
+    area, p = state.point_areas / THICKNESS, state.point_pressures
+    slip = np.linalg.norm(state.point_slips, axis=1)
+    limit = friction.coefficient * p
+    traction = np.minimum(friction.stick_stiffness * slip, limit)
+    assert float(area @ traction) == pytest.approx(push, rel=1e-2)
+    x = state.positions[:, 0]
+    x = x - float(area @ (traction * x)) / push
+    spread = float(area @ (traction * x**2)) / push
+    wide, high = bounds(6)
+    assert math.sqrt(4.0 * spread - a**2) == pytest.approx(c, rel=high)
+    sticks = np.abs(x[(traction < limit) & (p > 0.0)])
+    assert sticks.max() == pytest.approx(c, abs=2.0 / 6.0 + wide * a)

@@ -1,0 +1,138 @@
+"""Contact laws of pairs of blocks: each joint closes by its own law, whichever solver is used."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fem import ExponentialLaw, LinearPenalty, PairLaws, Problem, TabularLaw, write_deck
+from fem.assembly.symmetry import largest_cyclic_orbits
+from fem.contact.law import ContactLaw
+from fem.decks.keywords import DeckError
+from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.solve import solve as solve_explicit
+from fem.problem.effects import AdaptiveMassDamping, Effects
+from fem.static.solve import solve_static as solve_blocks
+from geometry.parts.pairs import PairError
+from tests.test_fem_pair_friction import EDGE, PRESSURE, SCENE, STONE, pushed
+from validation.build.deformable import scene_problem
+from validation.output.decks import import_deck
+from validation.scene.deformable import EffectName
+from validation.scene.read import load_scene
+from validation.study.effects.auto import without_effect
+
+SOFT, STIFF = LinearPenalty(50.0), LinearPenalty(500.0)
+#: Two dice on a plate: the first has the default, the second, named last block first, its own.
+LAWS = PairLaws(STIFF, ((2, 0, SOFT),))
+#: Elastic shortening of a die up to its middle [mm].
+SHORTENED = PRESSURE / STONE.young_modulus * EDGE / 2.0
+
+
+def pressed(law: ContactLaw, *, sliding: bool = False) -> Problem:
+    """Dice under a pressure on a plate, without friction."""
+    problem = pushed(0.0, sliding=sliding)
+    return replace(problem, law=law, load=replace(problem.load_case, held=()))
+
+
+def sunk(displacements: tuple[np.ndarray, ...]) -> np.ndarray:
+    """How far the middle of each die sank."""
+    return -displacements[0][:, :, 2].mean(axis=1)
+
+
+@pytest.mark.parametrize("sliding", [False, True])
+def test_each_joint_of_a_static_state_closes_by_its_own_law(sliding: bool) -> None:
+    """p / k and the die's own shortening; uniform states are exact for trilinear elements."""
+    found = solve_blocks(pressed(LAWS, sliding=sliding).deformable)
+    expected = PRESSURE / np.array([500.0, 50.0]) + SHORTENED
+    assert sunk(found.displacements) == pytest.approx(expected, rel=1e-8)
+    state = found.contact_state
+    assert state.point_pressures == pytest.approx(PRESSURE, rel=1e-8)
+
+
+@pytest.mark.parametrize("sliding", [False, True])
+def test_each_joint_of_an_explicit_run_closes_by_its_own_law(sliding: bool) -> None:
+    """At rest, to the share of the motion that damping leaves: some 1e-4 of it in this time."""
+    stated = explicit_statement(
+        pressed(LAWS, sliding=sliding).deformable,
+        effects=Effects(adaptive_mass_damping=AdaptiveMassDamping()),
+    )
+    run = solve_explicit(stated.assembly.model, end_time=stated.end_time)
+    expected = PRESSURE / np.array([500.0, 50.0]) + SHORTENED
+    assert sunk(run.displacements) == pytest.approx(expected, rel=2e-3)
+
+
+@pytest.mark.parametrize("sliding", [False, True])
+def test_a_law_that_every_pair_has_is_the_law_of_all(sliding: bool) -> None:
+    """The same bits: no solver works on pairs where all joints have one law."""
+    alike = PairLaws(SOFT, ((0, 1, STIFF), (0, 2, STIFF)))
+    one, other = (pressed(law, sliding=sliding) for law in (STIFF, alike))
+    assert other.contact_law.on(np.array([0, 2]), np.array([1, 0])) is STIFF
+    (a,), (b,) = (solve_blocks(p.deformable).displacements for p in (one, other))
+    if not sliding:  # a search reaches as far as the first of all laws
+        assert np.array_equal(a, b)
+    assert a == pytest.approx(b, rel=1e-9, abs=1e-12)
+
+
+def test_laws_of_ones_own_are_taken_by_pairs() -> None:
+    """A table with the slope of the linear law, on one joint."""
+    table = TabularLaw([(0.0, 0.0), (0.1, 5.0)])
+    found = solve_blocks(pressed(PairLaws(STIFF, ((0, 2, table),))).deformable)
+    expected = PRESSURE / np.array([500.0, 50.0]) + SHORTENED
+    assert sunk(found.displacements) == pytest.approx(expected, rel=1e-8)
+
+
+def test_pairs_that_are_none_are_rejected() -> None:
+    for pairs, words in (
+        (((0, 7, SOFT),), "law: got blocks 0 and 7; expected two different ones of 0 to 2"),
+        (((1, 2, SOFT),), "law: blocks 1 and 2 do not touch"),
+    ):
+        with pytest.raises(PairError, match=words):
+            _ = pressed(PairLaws(STIFF, pairs)).deformable
+
+
+def test_a_sector_needs_the_same_laws_round_the_axis() -> None:
+    from fem import concrete
+    from geometry import SineBlock, shaft, tube
+    from tests.test_fem_notebook import SHAPE
+
+    blocks = tube(SineBlock(**SHAPE), layers=2, mesh=(12, 1, 2))
+    m, s = blocks.interfaces.block_m, blocks.interfaces.block_s
+    lower = {(int(a), int(b)) for a, b in zip(m, s, strict=True) if blocks.layer[[a, b]].max() == 1}
+    for pairs, order in ((sorted(lower), 4), (sorted(lower)[:1], 1)):
+        law = PairLaws(ExponentialLaw(), tuple((a, b, SOFT) for a, b in pairs))
+        stated = Problem(blocks, shaft(0.01), concrete, law=law).deformable
+        assert largest_cyclic_orbits(stated).order == order
+
+
+def test_decks_have_an_interaction_for_each_law(tmp_path: Path) -> None:
+    """Read back, the same laws; general contact has one and says so, headings have one cap."""
+    problem = pressed(PairLaws(ExponentialLaw(), ((0, 2, SOFT),)))
+    write_deck(problem, tmp_path / "dice.inp")
+    read = import_deck(tmp_path / "dice.inp").joint
+    assert read is not None
+    assert read.law == problem.law
+    lines = (tmp_path / "dice.inp").read_text("utf-8").splitlines()
+    assert sum(line.startswith("*Surface Interaction") for line in lines) == 2
+    with pytest.raises(DeckError, match=r"contact.pairs: general contact has one friction and one"):
+        write_deck(problem, tmp_path / "general.inp", program="abaqus-explicit")
+    capped = PairLaws(ExponentialLaw(), ((0, 2, ExponentialLaw(maximum_stiffness=500.0)),))
+    with pytest.raises(DeckError, match=r"got 500 and inf MPa/mm .*expected the same"):
+        write_deck(pressed(capped), tmp_path / "capped.inp")
+    write_deck(problem, tmp_path / "ccx.inp", program="calculix")
+    tables = (tmp_path / "ccx.inp").read_text("utf-8").count("pressure-overclosure=TABULAR")
+    assert tables == 2
+
+
+def test_a_scene_names_laws_by_block_and_by_material(tmp_path: Path) -> None:
+    text = SCENE.replace("friction = 0.1", 'law = "linear"\nstiffness = 500.0')
+    (tmp_path / "laws.toml").write_text(text, "utf-8")
+    file = load_scene(str(tmp_path / "laws.toml"))
+    problem = scene_problem(file.scene, file.name)
+    assert problem.contact_law == PairLaws(ExponentialLaw(), ((1, 2, STIFF),))
+    assert problem.coulomb is not None
+    assert problem.coulomb.of_pairs == ((0, 1, 0.2),)
+    smooth = without_effect(file.scene, EffectName.FRICTION)
+    assert scene_problem(smooth, "laws").contact_law == problem.contact_law

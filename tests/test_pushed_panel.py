@@ -1,0 +1,178 @@
+"""A panel of truncated tetrahedra whose middle block is pushed through, with friction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fem.assembly.reactions import PushCurve, push_curves
+from fem.static.result import StaticResult
+from fem.static.solve import solve_static
+from geometry.assembly import AssemblyError
+from geometry.families.platonic_layers import tetrahedra_layer, tetrahedron
+from geometry.loads import LoadCase
+from mbd import contact_jacobian, generalized_force
+from mbd.force_range import force_ranges
+from mbd.friction import frictional_contacts, frictional_equilibrium
+from mbd.push import at_rest
+from validation.build.deformable import fem_section, scene_problem
+from validation.build.polyhedra import build_polyhedra
+from validation.build.supports import stated_load
+from validation.errors import InputError
+from validation.run.rigid.polyhedra import run_polyhedra
+from validation.run.rigid.push import rigid_limit
+from validation.run.solve import static_options
+from validation.scene.read import load_scene
+from validation.study.comparison.scene import compared_runs
+
+FRICTION, STICK = 0.3, 100.0
+
+
+@dataclass(frozen=True)
+class Pushed:
+    """Static answer and its curve."""
+
+    result: StaticResult
+    curve: PushCurve
+
+
+def pushed(scene: Any) -> Pushed:
+    deformable = scene_problem(scene, "panel").deformable
+    result = solve_static(deformable, static_options(scene, fem_section(scene, "panel")))
+    (curve,) = push_curves(deformable.model, result.pushed)
+    return Pushed(result, curve)
+
+
+def panel(*overrides: str) -> Any:
+    return load_scene("pushed-panel", overrides).scene
+
+
+def ringed(*overrides: str) -> Any:
+    """The panel in a fixed ring, which nothing presses."""
+    return panel(*overrides).changed({"assembly.freed": (), "supports": (), "loads": ()})
+
+
+@pytest.fixture(scope="module")
+def pressed() -> Pushed:
+    """Past the bend of the curve."""
+    return pushed(panel("load.push.distance=0.12", "fem.motion_steps=6"))
+
+
+@pytest.fixture(scope="module")
+def squeezed() -> StaticResult:
+    """Side forces alone."""
+    return pushed(panel("load.push.distance=1e-9", "fem.motion_steps=1")).result
+
+
+def test_joint_forces_lie_within_the_ranges_of_rigid_blocks(squeezed: StaticResult) -> None:
+    """Forces of elements are in equilibrium with the side forces and obey Coulomb's law at every
+    point, so that some rigid state has the same: the normal force of each joint is no less than its
+    least and no more than its largest. Ranges by the pyramid inside the cone are narrower than
+    those; no joint is near their ends."""
+    scene = panel()
+    solids = build_polyhedra(scene, Path())
+    load = at_rest(stated_load(scene, solids, LoadCase(solids, "", (), solids.fixed)))
+    faces = solids.with_faces_alone()
+    load = replace(load, assembly=faces)
+    contacts = contact_jacobian(faces, load.fixed, load.held)
+    force = generalized_force(faces, load, contacts.free_blocks, contacts.length)
+    cones = frictional_contacts(faces, contacts, FRICTION)
+    shown = frictional_equilibrium(cones, force).forces[:, 0]
+    ranges = force_ranges(contacts, force, shown, frictional=cones)
+
+    state = squeezed.contact_state
+    found = np.array(
+        [
+            (state.point_areas * state.point_pressures)[state.joint(m, s)].sum()
+            for m, s in zip(ranges.block_m, ranges.block_s, strict=True)
+        ]
+    )
+    total = float(np.abs(force).sum())
+    assert np.isfinite(ranges.largest).sum() == 24  # all but those between blocks of one guide
+    assert (found >= ranges.least - squeezed.residual * total).all()
+    assert (found <= ranges.largest + squeezed.residual * total).all()
+    assert (ranges.least > 0.0).sum() == 24
+
+
+def test_no_force_is_larger_than_the_rigid_limit(pressed: Pushed) -> None:
+    """Associated limit analysis bounds every state with Coulomb's friction, as far as the panel is
+    the one as built: blocks of 60 mm that move by 0.12 mm turn its faces by no more than 0.2 %."""
+    limit = rigid_limit(panel())
+    assert limit is not None
+    assert pressed.result.converged
+    assert pressed.curve.displacements[-1] == pytest.approx(0.12, rel=1e-12)
+    assert pressed.curve.peak[0] <= 1.002 * limit
+
+
+def test_the_work_of_the_push_is_found_again(pressed: Pushed, squeezed: StaticResult) -> None:
+    """Work of the push and of the side forces is strain energy, contact energy, friction, and the
+    energy of elastic slips: at most (μ p)² / 2 k per area. The curve is concave, so that trapezia
+    miss some of the work and add none."""
+    before, after, contact = squeezed, pressed.result, pressed.result.contact_state
+    work = pressed.curve.work + after.external_work - before.external_work
+    stored = after.strain_energy - before.strain_energy
+    stored += after.contact_energy - before.contact_energy
+    lost = after.frictional_dissipation - before.frictional_dissipation
+    slips = (FRICTION * contact.point_pressures) ** 2 / (2.0 * STICK)
+    assert (np.diff(pressed.curve.forces, 2) < 0.0).all()
+    assert 0.0 <= work - stored - lost <= float(contact.point_areas @ slips)
+
+
+def test_rigid_blocks_say_the_limit_of_the_push() -> None:
+    """Certified from both sides, by faces alone; a fixed ring jams with associated friction, and
+    without dilation nothing that presses holds the block."""
+    file = load_scene("pushed-panel", ())
+    limit = run_polyhedra(file, file.scene).answer.as_dict()["push_limit"]
+    assert limit["certified"]
+    assert limit["upper_bound"] == pytest.approx(limit["associated"], rel=1e-6)
+    assert 0.0 < limit["non_associated"] < limit["associated"]
+
+    limit = run_polyhedra(file, ringed()).answer.as_dict()["push_limit"]
+    assert limit["unbounded"]
+    assert limit["associated"] is None
+    assert limit["non_associated"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_steps_far_longer_than_the_contact_law_are_taken() -> None:
+    """Nothing presses the blocks before, and steps of 1 mm are a thousand lengths of the law: each
+    starts where the one before leads to, the first from shorter ones. The push of a block that
+    nothing presses stays below a hundredth of that between the side forces."""
+    far = pushed(ringed("mesh.divisions=1", "load.push.distance=8", "fem.motion_steps=8"))
+    assert far.result.converged
+    assert far.curve.displacements[-1] == pytest.approx(8.0, rel=1e-12)
+    assert 0.0 < far.curve.peak[0] < 0.01 * 4800.0
+
+
+@pytest.mark.quick
+def test_comparing_a_push_names_the_commands_that_answer_it() -> None:
+    with pytest.raises(InputError, match=r"load\.push: .* `tubelock mbd` prints the limit"):
+        compared_runs("panel", panel())
+
+
+@pytest.mark.quick
+def test_truncated_tetrahedra_have_the_volume_of_their_sections() -> None:
+    """(a + c z)(a - c z) over |z| < t / 2, a half the edge, c = √2: a² t - c² t³ / 12."""
+    edge, thickness = 100.0, 30.0
+    shape = tetrahedron(edge, thickness)
+    assert len(shape.points) == 8
+    expected = (edge / 2) ** 2 * thickness - 2.0 * thickness**3 / 12.0
+    assert shape.volume == pytest.approx(expected, rel=1e-12)
+    whole = tetrahedron(edge, edge / np.sqrt(2.0))
+    assert whole.volume == pytest.approx(tetrahedron(edge).volume, rel=1e-12)
+
+
+@pytest.mark.quick
+@pytest.mark.parametrize("freed", [(10,), (21,)])
+def test_only_blocks_of_the_ring_are_freed(freed: tuple[int, ...]) -> None:
+    with pytest.raises(AssemblyError, match=f"freed: got {freed[0]}; expected numbers of blocks"):
+        tetrahedra_layer(100.0, 3, 3, freed=freed)
+
+
+@pytest.mark.quick
+def test_a_thickness_beyond_the_edges_is_rejected() -> None:
+    with pytest.raises(AssemblyError, match=r"thickness: got 80; expected less than 70\.71"):
+        tetrahedra_layer(100.0, 3, 3, thickness=80.0)

@@ -1,0 +1,146 @@
+"""Files of blocks in a folder: which are answered, repaired or rejected, and why: ``folder``.
+
+Each command runs in a process of its own and is stopped after ten CPU minutes. Supports are those
+of the file; an assembly without any stands on its lowest blocks, a panel is held by its rim. The
+load is the weight, the coefficient of friction 0.6, the unit that `tubelock check` suggests.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from geometry.files.block_files import diagnosed_blocks
+from geometry.mesh import BoolArray, FloatArray
+
+SUFFIXES = {".stl", ".obj", ".ply", ".off", ".step", ".stp", ".json", ".glb", ".gltf", ".3mf"}
+SUFFIXES |= {".3dm"}
+#: CPU time after which a command is stopped [s].
+LIMIT = 600
+#: Blocks are lowest, or outermost, to this share of the size of the assembly.
+_LEVEL = 1e-3
+
+
+@dataclass(frozen=True)
+class Ran:
+    """A command that ended."""
+
+    status: int
+    cpu: float
+    """[s]"""
+    answer: dict[str, Any]
+    """What it wrote as JSON."""
+    error: str
+    """Its last line on standard error."""
+
+
+def ran(*command: str) -> Ran:
+    """Run `tubelock` with JSON output."""
+    with TemporaryDirectory() as folder:
+        path, errors = Path(folder, "answer.json"), Path(folder, "errors")
+        words = [sys.executable, "-m", "validation.cli", *command, "--json", str(path)]
+        with errors.open("w") as stream:
+            process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=stream)
+            resource.prlimit(process.pid, resource.RLIMIT_CPU, (LIMIT, LIMIT))
+            _, status, used = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        lines = errors.read_text("utf-8").strip().splitlines()
+        answer = json.loads(path.read_text("utf-8")) if path.exists() else {}
+    cpu = used.ru_utime + used.ru_stime
+    stopped = f"stopped after {LIMIT} CPU s" if process.returncode < 0 else ""
+    return Ran(process.returncode, cpu, answer, stopped or (lines[-1] if lines else ""))
+
+
+def rows(folder: Path) -> Iterator[dict[str, Any]]:
+    """One row for each file of blocks in a folder and its folders."""
+    for path in sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES):
+        yield {"file": str(path.relative_to(folder)), **fate(path)}
+
+
+def fate(path: Path) -> dict[str, Any]:
+    """What becomes of a file: as it is, repaired or rejected; rigid and deformable answers."""
+    checked = ran("check", str(path))
+    units = checked.answer.get("likely_unit", "mm")
+    if units != "mm":
+        checked = ran("check", str(path), "--units", units)
+    if not checked.answer:
+        return {"fate": "rejected", "why": checked.error}
+    found: dict[str, Any] = {"blocks": len(checked.answer["blocks"]), "unit": units}
+    with TemporaryDirectory() as folder:
+        if not checked.answer["clean"]:
+            mended = Path(folder, "repaired.obj")
+            repaired = ran("repair", str(path), "--units", units, "-o", str(mended))
+            again = ran("check", str(mended)) if mended.exists() else repaired
+            if not again.answer.get("clean"):
+                return found | {"fate": "rejected", "why": _fault(again) or _fault(checked)}
+            path, units, found["fate"] = mended, "mm", "repaired"
+        else:
+            found["fate"] = "as it is"
+        if found["blocks"] == 1:
+            return found | {"why": "a single block"}
+        scene = Path(folder, "scene.toml")
+        scene.write_text(_scene(path, units), "utf-8")
+        return found | _answers(scene)
+
+
+def _fault(checked: Ran) -> str:
+    """The first thing that is wrong with a file, and how many more."""
+    faults = [f"{b['name']}: {f}" for b in checked.answer.get("blocks", ()) for f in b["faults"]]
+    for pair in checked.answer.get("overlaps", ()):
+        faults.append(f"blocks {pair['blocks']} overlap by {pair['depth']:.3g} mm")
+    more = f" and {len(faults) - 1} more" if len(faults) > 1 else ""
+    return faults[0] + more if faults else checked.error
+
+
+def _scene(path: Path, units: str) -> str:
+    """Scene of the blocks of a file under their weight."""
+    blocks = [block for block, _ in diagnosed_blocks(path, units=units)]
+    fixed = ""
+    if not any(block.held for block in blocks):
+        low = np.array([block.points.min(axis=0) for block in blocks])
+        high = np.array([block.points.max(axis=0) for block in blocks])
+        fixed = f"[assembly]\nfixed = {np.flatnonzero(_stand(low, high)).tolist()}\n"
+    return (
+        f'[block]\ntype = "mesh"\nunits = "{units}"\n[[parts]]\nfile = "{path.resolve()}"\n'
+        f"{fixed}[effects]\ngravity = [0.0, 0.0, -9810.0]\n"
+        "[effects.friction]\ncoefficient = 0.6\n[rigid]\nfriction = 0.6\n"
+    )
+
+
+def _stand(low: FloatArray, high: FloatArray) -> BoolArray:
+    """Which blocks are fixed, by the ends of each, (n, 3): the lowest, or the rim of a panel."""
+    near = _LEVEL * (high.max(axis=0) - low.min(axis=0))
+    lowest = low[:, 2] <= low[:, 2].min() + near[2]
+    if not lowest.all():
+        return lowest
+    first, last = low <= low.min(axis=0) + near, high >= high.max(axis=0) - near
+    return (first | last)[:, :2].any(axis=1)
+
+
+def _answers(scene: Path) -> dict[str, Any]:
+    """Rigid and deformable answers to a scene."""
+    rigid, deformable = ran("mbd", str(scene)), ran("fem", str(scene))
+    friction = rigid.answer.get("friction")
+    verdict = rigid.error if friction is None else friction["status"].partition(":")[0]
+    moved = deformable.answer.get("measures", {}).get("max_displacement")
+    words = deformable.error
+    if moved is not None:
+        bar = f" ± {moved['error']:.2g}" if moved.get("error") is not None else ""
+        words = f"u {moved['value']:.3g}{bar} mm"
+    return {
+        "joints' points": rigid.answer.get("n_contacts"),
+        "rigid": verdict,
+        "rigid CPU s": rigid.cpu,
+        "deformable": words,
+        "deformable CPU s": deformable.cpu,
+    }

@@ -1,0 +1,1 @@
+"""Keys of scenes: their units, ranges, documentation and JSON schema."""
