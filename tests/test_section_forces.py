@@ -191,7 +191,10 @@ def test_a_scene_names_its_sections(command, scene, tmp_path, tubelock) -> None:
     ("change", "words"),
     [
         ("point = [0, 0, 200]", "cuts nothing; expected a plane"),
-        ("point = [0, 0, 50]\nblocks = [7]", "sections.0.blocks: got 7; expected numbers from 0"),
+        (
+            "point = [0, 0, 50]\nblocks = [7]",
+            "sections[0].blocks: got block 7, but there",
+        ),
     ],
 )
 def test_planes_without_forces_are_rejected(change, words, scene, tubelock) -> None:  # noqa: F811

@@ -27,7 +27,7 @@ from fem.element.material import Material
 from fem.problem.effects import Effects
 from fem.problem.springs import Springs
 from geometry.errors import RefusedError
-from geometry.mesh import FloatArray, HexMesh, IntArray
+from geometry.mesh import FloatArray, HexMesh, IntArray, ReadOnlyArrays
 
 Amplitude = Callable[[float], float]
 """Factor of a load or a displacement as a function of time [s]."""
@@ -78,7 +78,7 @@ class ReferenceBlock:
 
 
 @dataclass(frozen=True)
-class BlockGroup:
+class BlockGroup(ReadOnlyArrays):
     """Congruent copies of one meshed block: x = rotation @ X + translation."""
 
     name: str
@@ -101,6 +101,7 @@ class BlockGroup:
     """Part of the lumped mass of one copy that mass scaling added [t]."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         _check_group(self)
 
     @property

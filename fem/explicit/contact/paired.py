@@ -14,11 +14,11 @@ import numpy as np
 
 from fem.contact.friction import CoulombFriction, FrictionError
 from fem.contact.law import ContactLaw
-from fem.contact.pair_laws import compiled_law
 from fem.contact.surfaces import ContactNormals
 from fem.element.facet import FACET_VALUES
 from fem.explicit.body import Body
 from fem.explicit.contact.alike_pairs import WIDEST, AlikePairs, unit_widths
+from fem.explicit.contact.compiled_law import compiled_law
 from fem.explicit.contact.paired_kernel import (
     NEVER,
     UnitArrays,

@@ -24,8 +24,8 @@ import numpy.typing as npt
 from numba import prange
 
 from fem.contact.law import pressure_formula
-from fem.contact.pair_laws import law_at
 from fem.explicit.contact.alike_pairs import WIDEST
+from fem.explicit.contact.compiled_law import law_at
 from fem.explicit.kernels.forms import serial_and_parallel
 from fem.explicit.kernels.lanes import (
     ROUNDING_SHIFT,

@@ -17,9 +17,9 @@ import numpy as np
 from fem.assembly.contact_state import ContactState, searched_state
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw, LawConstants
-from fem.contact.pair_laws import compiled_law
 from fem.contact.search import BlockSurface, FacingPoints, facet_area_vectors
 from fem.explicit.body import Body
+from fem.explicit.contact.compiled_law import compiled_law
 from fem.explicit.contact.paired import check_stick, largest_stiffness
 from fem.explicit.contact.sliding_kernel import (
     add_travel,

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from fem.contact.law import law_pressure
-from fem.contact.pair_laws import law_at
+from fem.explicit.contact.compiled_law import law_at
 from fem.explicit.kernels.forms import over_lanes
 from fem.explicit.kernels.lanes import REGISTER_DOUBLES, lane_operations, larger, store
 from fem.explicit.kernels.options import OPTIONS
