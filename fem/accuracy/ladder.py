@@ -102,10 +102,10 @@ class Ladder:
         A value that a few elements decide has a bar of `SHARED` of the largest last change at
         least, relative to each value, of the displacement, p_eff and values of its kind, a mean
         over facets of `SHARED_OF_FACETS`: one that hardly changed while others did agrees by
-        chance. Where the last rungs have equally many elements between the upper and lower faces,
-        stresses at an edge have a bar of `_BEFORE_EDGES` of their value at least: nothing else
-        shows what the mesh hides there. So has a value that one of the last three rungs did not
-        resolve: its change from there is none of this value.
+        chance. Where the last rungs have the same elements between the upper and lower faces, or
+        equally many through the wall, stresses at an edge have a bar of `_BEFORE_EDGES` of their
+        value at least: nothing else shows what the mesh hides there. So has a value that one of
+        the last three rungs did not resolve: its change from there is none of this value.
         """
         last, before = found[-1], found[-2]
         bars = {
@@ -115,7 +115,9 @@ class Ladder:
         change = _largest_change(before, last)
         least = dict.fromkeys(LOCAL, SHARED * change)
         least |= dict.fromkeys(OF_FACETS, SHARED_OF_FACETS * change)
-        if len({rung.upward for rung in self.rungs[max(0, len(found) - 3) : len(found)]}) == 1:
+        rungs = self.rungs[max(0, len(found) - 3) : len(found)]
+        upward, across = {(r.upward, r.upward_grading) for r in rungs}, {r.across for r in rungs}
+        if 1 in (len(upward), len(across)):
             least |= dict.fromkeys(AT_EDGES, _BEFORE_EDGES)
         hidden = {name for of in found[-3:] for name, m in of.items() if not m.resolved}
         least |= dict.fromkeys(hidden, _BEFORE_EDGES)
@@ -157,13 +159,14 @@ LADDER = Ladder(
         Rung(5, 24, 3, 6, 8.0, 150.0),
     )
 )
-#: For the default and for pressures: along a joint, across it, and towards the edges.
+#: For the default and for pressures: each mesh is finer than the one before in all directions, by
+#: the degree, elements or their grading, so that its changes contain the errors of all of them.
 PRESSURES = Ladder(
     (
         *_FIRST[:2],
-        Rung(4, 16, 1, 4, 1.0, 20.0),
-        Rung(4, 16, 2, 4, 4.0, 20.0),
-        Rung(4, 24, 3, 6, 6.0, 80.0),
+        Rung(4, 16, 1, 6, 1.0, 40.0),
+        Rung(5, 16, 1, 6, 1.0, 40.0),
+        Rung(5, 20, 2, 6, 6.0, 80.0),
         Rung(5, 24, 3, 6, 8.0, 150.0),
     )
 )

@@ -33,7 +33,7 @@ from fem.accuracy.ladder import Ladder, Rung, ladder_for
 from fem.accuracy.statics import solve_static
 from fem.assembly.statement import Problem
 from geometry.answer import Measure
-from tests.verification.error_problems import ADDED, BEYOND, FIFTH, FINER, FOURTH, Case, cases
+from tests.verification.error_problems import ADDED, FINER_THAN, Case, cases
 
 #: Meshes of the default.
 DEFAULT = ladder_for(TARGETS)
@@ -71,11 +71,10 @@ def solved(case: Case) -> dict[str, Any]:
 
 
 def reference_mesh(case: Case, n: int) -> Rung:
-    """Mesh of the reference, beyond the n meshes that were solved: none judges itself."""
-    chosen = FIFTH if case.finer == FOURTH and n >= DEFAULT.rungs.index(FIFTH) else case.finer
-    many_along = n > DEFAULT.rungs.index(FIFTH)
-    if chosen in DEFAULT.rungs[:n] or (chosen == FINER and many_along):
-        return BEYOND
+    """Mesh of the reference: finer towards the edges than each of the n meshes of the answer."""
+    chosen = case.finer
+    while chosen in FINER_THAN and n > FINER_THAN[chosen][0]:
+        chosen = FINER_THAN[chosen][1]
     return chosen
 
 

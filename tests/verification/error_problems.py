@@ -70,6 +70,17 @@ ROUGH_HEXAGON, ROUGH = Rung(4, 12, 2, 4, 8.0, 80.0), Rung(4, 16, 2, 4, 6.0, 40.0
 THIRD = Rung(4, 16, 1, 4, 1.0, 40.0)
 OWN_ROUGH = Rung(3, 1, 2, 1, 1.0, 1.0)
 
+#: How many meshes of the default a reference is finer than, and the one beyond it.
+FINER_THAN = {
+    THIRD: (2, ROUGH),
+    ROUGH: (3, FIFTH),
+    ROUGH_HEXAGON: (3, LAST),
+    FOURTH: (3, FIFTH),
+    FIFTH: (4, BEYOND),
+    FINER: (4, BEYOND),
+    LAST: (5, BEYOND),
+}
+
 #: Tubes whose references take minutes on `FINER`: many blocks, a clearance, no symmetry, friction.
 LONG_TUBES = {3: FOURTH, 6: FOURTH, 7: FOURTH, 8: FOURTH, 10: ROUGH, 14: FOURTH}
 #: Tubes of one layer where the drawn ones take more than the limit of time.
