@@ -153,6 +153,7 @@ def _support_report(solution: Solution) -> dict[str, Any]:
                 "time": curve.times.tolist(),
                 "displacement": curve.displacements.tolist(),
                 "force": curve.forces.tolist(),
+                "free_after": curve.free_after,
             }
             for curve in solution.push_curves
         ]

@@ -176,3 +176,22 @@ def test_only_blocks_of_the_ring_are_freed(freed: tuple[int, ...]) -> None:
 def test_a_thickness_beyond_the_edges_is_rejected() -> None:
     with pytest.raises(AssemblyError, match=r"thickness: got 80; expected less than 70\.71"):
         tetrahedra_layer(100.0, 3, 3, thickness=80.0)
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        pytest.param({"effects.friction.coefficient": 0.3}, id="nothing presses the ring"),
+        pytest.param({"contact.clearance": 0.5, "assembly.freed": ()}, id="gaps"),
+    ],
+)
+def test_a_push_that_meets_nothing_has_a_curve_of_no_force(overrides: dict[str, Any]) -> None:
+    """Blocks that nothing holds from behind, or that stand in gaps of 0.5 mm, give way: what runs
+    into them moves them. No rigid ring of blocks jams at 2 mm, so that every force is zero."""
+    loose = panel("mesh.divisions=1", "load.push.distance=2", "fem.motion_steps=2")
+    loose = loose.changed({"supports": (), "loads": (), **overrides})
+    found = pushed(loose)
+    assert found.result.converged
+    assert found.curve.displacements[-1] == pytest.approx(2.0, rel=1e-12)
+    assert not found.curve.forces.any()
+    assert found.curve.free_after == 0.0

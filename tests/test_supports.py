@@ -301,3 +301,21 @@ def test_a_factor_of_no_load_is_rejected() -> None:
         combined(scene, "all")
     with pytest.raises(InputError, match="combinations: got none"):
         next(combination_answers(SceneFile(name="box", scene=check_scene(BOX)), "fem"))
+
+
+@pytest.mark.parametrize("factors", [{"held": 1.0}, {"supports": ["held"]}, {"push": {}}])
+def test_combinations_of_other_supports_are_rejected_by_name(factors: dict[str, object]) -> None:
+    held = [{"name": "held", "face": "x-", "hold": ["x", "y", "z"]}]
+    stated = BOX | {"supports": held, "combinations": {"a": {"load": 1.0, **factors}}}
+    named = rf"combinations\.a\.{next(iter(factors))}: .* the same supports and motions in all"
+    with pytest.raises(InputError, match=named):
+        combined(check_scene(stated), "a")
+
+
+def test_a_support_may_hold_a_face_of_no_load() -> None:
+    """Nothing is lost where the pressure on the face is zero."""
+    blocks = placed(box_block(tuple(SIZE), (3, 2, 2)))
+    load = LoadCase(blocks, "", (PressureLoad(ALL, "z+", 0.0),), blocks.fixed)
+    held = [{"face": "z+", "hold": ["z"]}]
+    scene = check_scene(BOX | {"supports": held})
+    assert len(stated_load(scene, blocks, load).held) == 1

@@ -85,6 +85,14 @@ class PushCurve(ReadOnlyArrays):
         k = int(np.argmax(way >= _FIRST * way.max()))
         return float((self.forces[k] - self.forces[0]) / self.displacements[k])
 
+    @property
+    def free_after(self) -> float | None:
+        """Displacement after which nothing resists, to the end [mm]; None: something does."""
+        acts = np.flatnonzero(self.forces)
+        if len(acts) and acts[-1] == len(self.forces) - 1:
+            return None
+        return float(self.displacements[acts[-1]]) if len(acts) else 0.0
+
     @cached_property
     def work(self) -> float:
         """Of the force along the way, by trapezia [N mm]."""

@@ -20,10 +20,11 @@ from fem.static.newton import (
     StaticProblem,
     StaticState,
     anchor_of,
+    bounded,
     converge,
     descend,
     has_potential,
-    unbalanced_forces,
+    support_forces,
 )
 from fem.static.result import StaticError, load_factors
 from geometry.errors import is_number
@@ -122,9 +123,18 @@ def _along(
     while ahead:
         factor, moment = ahead.pop()
         guess = replace(state, load_factor=factor, time=moment, converged=False)
+        if moment:
+            pressures = problem.system.law.pressure(state.kinematics.overclosure)
+            guess = replace(guess, pressed=float(pressures.max(initial=0.0)))
         if rate is not None and moment:
             guess = _led_on(problem, guess, (moment - (state.time or 0.0)) * rate)
-        there, reached, goes_on = step(problem, guess, state.displacement)
+        try:
+            there, reached, goes_on = step(problem, guess, state.displacement)
+        except StaticError:
+            shorter = moment and 0.5 * (moment - (state.time or 0.0)) >= shortest
+            if not (shorter or state.pushed):
+                raise
+            there, reached, goes_on = problem, guess, False
         if moment and not reached.converged:
             before, tried = state.time or 0.0, reached.residuals[len(state.residuals) :]
             last = state.residuals[-1:]
@@ -152,9 +162,8 @@ def _led_on(problem: StaticProblem, state: StaticState, way: FloatArray) -> Stat
     if not problem.system.has_prescribed(displacement, state.time):
         return state
     kinematics = problem.kinematics(displacement)
-    return replace(
-        state, displacement=displacement, kinematics=kinematics, at=kinematics.overclosure
-    )
+    at = bounded(problem, state, kinematics.overclosure)
+    return replace(state, displacement=displacement, kinematics=kinematics, at=at)
 
 
 def load_up(
@@ -201,7 +210,7 @@ def _recorded(problem: StaticProblem, state: StaticState, options: StaticOptions
         state = replace(state, path=(*state.path, _kept_step(problem, state)))
     if state.time is None or not state.converged:
         return state
-    forces = -problem.system.held_part(unbalanced_forces(problem, state)[0])
+    forces = support_forces(problem, state)
     before = tuple(step for step in state.pushed if step[0] != state.time)
     return replace(state, pushed=(*before, (state.time, forces)))
 

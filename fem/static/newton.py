@@ -59,6 +59,13 @@ _OVERSHOOT = 0.1
 FARTHEST = 100.0
 #: Contact forces count this much in the size against which the residual is measured.
 _CONTACT_SHARE = 1e-2
+#: Overclosure that counts as touch where a law has no pressure at none [mm].
+_TOUCHING = 1e-9
+_EPSILON = float(np.finfo(np.float64).eps)
+#: Share of the least force that is none: tolerated residuals are hundredths of it.
+_NOTHING = 1e-6
+#: Pressure of a light touch over that at which contacts begin to press.
+LIGHT_TOUCH = 10.0
 #: Iterations that may bring no better residual, before and after the best is below _NEAR.
 _PATIENCE = 40
 _PATIENCE_NEAR = 10
@@ -95,6 +102,8 @@ class StaticState:
     load_factor: float = 1.0
     time: float | None = None
     """At which moving supports are where they are prescribed [s]; None: all their way."""
+    pressed: float | None = None
+    """Largest pressure at the end of the step before, where supports move [MPa]."""
     rescues: int = 0
     coarse_iterations: int = 0
     anchor: FloatArray | None = None
@@ -117,8 +126,7 @@ def start_state(system: LocalSystem, start: StaticResult | None) -> StaticState:
     area = float(surfaces.areas.sum())
     load = float(np.linalg.norm(system.external_force, axis=1).sum())
     law = system.law
-    least = np.maximum(law.pressure(0.0), 1e-9 * law.touching_stiffness)
-    rest = law.overclosure(np.maximum(load / area if area else 0.0, least))
+    rest = law.overclosure(np.maximum(load / area if area else 0.0, touching_pressure(system)))
     at = np.empty(surfaces.weights.shape)
     at.T[:] = rest  # one number, or one for each facet
     stiffness = float(law.stiffness(rest).max())
@@ -136,6 +144,12 @@ def start_state(system: LocalSystem, start: StaticResult | None) -> StaticState:
         # Without friction blocks that only friction holds would move far away.
         coarse_iterations=_COARSE_ITERATIONS if start is None and contact.friction is None else 0,
     )
+
+
+def touching_pressure(system: LocalSystem) -> FloatArray:
+    """Pressure at which contacts begin to press, one number or one for each facet [MPa]."""
+    law = system.law
+    return np.maximum(law.pressure(0.0), _TOUCHING * law.touching_stiffness)
 
 
 def localised(system: LocalSystem, start: StaticResult) -> FloatArray:
@@ -211,12 +225,13 @@ def _iterate(problem: StaticProblem, state: StaticState) -> StaticState:
     displacement = state.displacement + share * (trial - state.displacement)
     pressure = linear.linear_pressure(system, displacement)
     kinematics = problem.kinematics(displacement)
+    elsewhere = bounded(problem, state, kinematics.overclosure)
     same_pressure = (pressure > 0.0) & (share == 1.0)
     state = replace(
         state,
         displacement=displacement,
         kinematics=kinematics,
-        at=np.where(same_pressure, law.overclosure(pressure), kinematics.overclosure),
+        at=np.where(same_pressure, law.overclosure(pressure), elsewhere),
         holding=max(_FADING * state.holding, _LEAST_HOLDING * state.first_holding),
         coarse_iterations=state.coarse_iterations - 1,
     )
@@ -226,6 +241,20 @@ def _iterate(problem: StaticProblem, state: StaticState) -> StaticState:
         residuals=(*state.residuals, residual),
         converged=residual <= problem.tolerance,
     )
+
+
+def bounded(problem: StaticProblem, state: StaticState, overclosure: FloatArray) -> FloatArray:
+    """Overclosures at which the law is linearised anew [mm].
+
+    Where supports move, blocks that run into others overlap far beyond the length of the law, where
+    it is too stiff to move them apart: no more than the pressures of the step before have.
+    """
+    if state.pressed is None:
+        return overclosure
+    law = problem.system.law
+    most = np.maximum(state.pressed, LIGHT_TOUCH * touching_pressure(problem.system))
+    bounded: FloatArray = np.minimum(overclosure.T, law.overclosure(most)).T
+    return bounded
 
 
 def _linear_problem(
@@ -351,14 +380,29 @@ def _sliding_slope(
 def _residual(problem: StaticProblem, state: StaticState) -> float:
     """Norm of the unbalanced nodal forces over that of the loads, or 1 % of the contacts'.
 
-    Where supports move over that of their forces, too: often nothing else loads the blocks.
+    Where supports move over that of their forces, too: often nothing else loads the blocks. Where
+    nothing resists them either, over the least force that means anything.
     """
     system = problem.system
     unbalanced, forces = unbalanced_forces(problem, state)
     given = None
     if system.held.moving:
-        given = float(np.linalg.norm(system.held_part(unbalanced)))
+        supports = float(np.linalg.norm(system.held_part(unbalanced)))
+        given = max(supports, _least_force(problem, float(np.abs(state.displacement).max())))
     return _relative(problem, system.free_part(unbalanced), forces, given)
+
+
+def _least_force(problem: StaticProblem, farthest: float) -> float:
+    """Force at which the face of a block begins to press, and no less than round-off tells [N].
+
+    The stiffness times displacements of up to ``farthest`` [mm], even of rigid blocks, rounds off.
+    """
+    system = problem.system
+    length = system.deformable.assembly.characteristic_length
+    touch = float(touching_pressure(system).max(initial=0.0)) * length**2
+    moduli = [system.group(k).material.young_modulus for k in range(system.n_slots)]
+    rounding = _EPSILON * max(moduli, default=0.0) * length * farthest * math.sqrt(system.n_nodes)
+    return max(touch, rounding / problem.tolerance)
 
 
 def unbalanced_forces(problem: StaticProblem, state: StaticState) -> tuple[FloatArray, FloatArray]:
@@ -375,6 +419,23 @@ def unbalanced_forces(problem: StaticProblem, state: StaticState) -> tuple[Float
     if problem.friction is not None:
         unbalanced += problem.friction.forces(state.displacement, anchor_of(state), pressure)
     return unbalanced, forces
+
+
+def support_forces(problem: StaticProblem, state: StaticState) -> FloatArray:
+    """Forces of the supports on the nodes, (n_nodes, 3) [N].
+
+    Those along the way of supports that move are zero where their sum is none but round-off.
+    """
+    held = problem.system.held
+    forces = -problem.system.held_part(unbalanced_forces(problem, state)[0])
+    least = _NOTHING * _least_force(problem, float(np.abs(state.displacement).max()))
+    least += problem.tolerance * float(np.linalg.norm(forces))
+    for _, way in held.moving:
+        along = np.einsum("nij,ni->nj", held.axes, forces[held.nodes])
+        if abs(float((along * np.sign(way)).sum())) <= least:
+            along[way != 0.0] = 0.0
+            forces[held.nodes] = np.einsum("nij,nj->ni", held.axes, along)
+    return forces
 
 
 def _relative(

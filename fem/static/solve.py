@@ -20,6 +20,7 @@ import numpy as np
 from fem.assembly.contact_state import corner_displacements, facing_points
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.local_system import LocalSystem, free_motions, local_system
+from fem.assembly.reactions import moving_supports
 from fem.assembly.symmetry import (
     Orbits,
     cyclic_orbits,
@@ -29,6 +30,7 @@ from fem.assembly.symmetry import (
 )
 from fem.contact.search import FacingPoints, SearchedSurfaces, searched_surfaces
 from fem.contact.surfaces import ContactSurfaces
+from fem.problem.model import Model
 from fem.static.contact_forces import grid_blocks, solve_in_contact_forces
 from fem.static.friction import friction_rows
 from fem.static.linear import solve_apart
@@ -42,7 +44,7 @@ from fem.static.newton import (
     StaticState,
     localised,
     start_state,
-    unbalanced_forces,
+    support_forces,
 )
 from fem.static.result import StaticError, StaticResult, load_factors, loose_blocks, refined
 from geometry.mesh import FloatArray, IntArray
@@ -151,7 +153,7 @@ def _load(
     displacement = problem.step.complete(state.displacement)
     forces = None
     if len(system.held.nodes):
-        forces = -system.held_part(unbalanced_forces(problem, state)[0])
+        forces = support_forces(problem, state)
     whole = free_motions(system, np.ones(system.n_nodes, dtype=np.bool_))
     if whole is not None:
         displacement = whole.without(displacement)
@@ -318,7 +320,7 @@ def _result(
         pressures=pressures,
         residual=state.residuals[-1],
         converged=state.converged,
-        status=_status(state, options, loose),
+        status=_status(deformable.model, state, options, loose),
         steps=tuple((factor, tuple(system.expand(u))) for factor, u in state.path),
         support_forces=() if held is None else tuple(system.expand(held)),
         pushed=tuple((time, tuple(system.expand(force))) for time, force in state.pushed),
@@ -345,7 +347,13 @@ def _copies(system: LocalSystem) -> FloatArray:
     return np.repeat(count, np.diff(system.node_start)).astype(np.float64)
 
 
-def _status(state: StaticState, options: StaticOptions, loose: IntArray) -> str:
+def _ways(model: Model, state: StaticState) -> str:
+    """How far supports have moved."""
+    curves = [moving.curve({state.time or 0.0: 0.0}) for moving in moving_supports(model)]
+    return ", ".join(f"{curve.name} by {curve.displacements[-1]:.4g} mm" for curve in curves)
+
+
+def _status(model: Model, state: StaticState, options: StaticOptions, loose: IntArray) -> str:
     count, residual = len(state.residuals), state.residuals[-1]
     names = ", ".join(str(b) for b in loose[:8]) + (", …" if len(loose) > 8 else "")
     unheld = f"; no contact holds blocks {names} in every direction" if len(loose) else ""
@@ -356,8 +364,8 @@ def _status(state: StaticState, options: StaticOptions, loose: IntArray) -> str:
         )
     if state.stopped is not None:
         return (
-            f"equilibrium while supports moved until {state.time:.4g} s of their tables; none was "
-            f"found at {state.stopped:.4g} s{unheld}"
+            f"equilibrium while supports moved until {state.time:.4g} s of their tables "
+            f"({_ways(model, state)}); none was found at {state.stopped:.4g} s{unheld}"
         )
     if state.converged:
         undetermined = ": their place is not determined" if len(loose) else ""

@@ -101,7 +101,7 @@ def _refuse_taken(assembly: AnyBlocks, load: LoadCase) -> None:
                 continue
             forces = facets.forces[mine]
             left = forces - forces @ held.axes.T @ held.axes
-            if np.abs(left).max() <= _FLAT * np.abs(forces).max():
+            if forces.any() and np.abs(left).max() <= _FLAT * np.abs(forces).max():
                 raise InputError(
                     f"supports: {held.title} holds the face of block {assembly.named(held.block)} "
                     "that is loaded, in the direction of the load, and nothing of the load reaches "

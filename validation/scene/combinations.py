@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from validation.errors import InputError
 from validation.scene.deformable import DeformableSections
 from validation.scene.sections import Section
+from validation.scene.supports import NOT_LOADS, SAME_SUPPORTS
 
 AnyScene = TypeVar("AnyScene", bound=DeformableSections)
 
@@ -41,8 +42,11 @@ def combined(scene: AnyScene, name: str) -> AnyScene:
         raise InputError(f"combinations: got {name!r}, expected one of {known}")
     factors = scene.combinations[name]
     known_names = load_names(scene)
+    supports = {one.name for one in scene.supports} | set(NOT_LOADS)
     for load in factors:
         if load not in known_names:
+            if load in supports:
+                raise InputError(f"combinations.{name}.{load}: {SAME_SUPPORTS}")
             raise InputError(
                 f"combinations.{name}.{load}: no load has this name; expected one of "
                 f"{', '.join(known_names)} (give [[loads]] a name)"

@@ -17,6 +17,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 
 from fem.element.hexahedron import ElementType
+from geometry.errors import is_number
 from validation.scene.contact import ContactSection, gap_words
 from validation.scene.keys.ranges import (
     ACCELERATION,
@@ -35,7 +36,13 @@ from validation.scene.sections import (
     WholeScene,
     fewer,
 )
-from validation.scene.supports import PushSection, SupportSection, SurfaceLoadSection
+from validation.scene.supports import (
+    NOT_LOADS,
+    SAME_SUPPORTS,
+    PushSection,
+    SupportSection,
+    SurfaceLoadSection,
+)
 from validation.scene.usage import uncounted
 
 if TYPE_CHECKING:
@@ -354,6 +361,16 @@ class DeformableSections(WholeScene):
     """``[[loads]]``: on parts of the surfaces, along edges, on single blocks."""
     combinations: dict[str, dict[str, Finite]] = Field(default_factory=dict)
     """``[combinations.NAME]``: factors of loads by name; see `tubelock combinations`."""
+
+    @field_validator("combinations", mode="before")
+    @classmethod
+    def _with_the_same_supports(cls, value: Any) -> Any:
+        """Reject combinations that state supports of their own."""
+        for name, factors in value.items() if isinstance(value, Mapping) else ():
+            for key, factor in factors.items() if isinstance(factors, Mapping) else ():
+                if key in NOT_LOADS and not is_number(factor):
+                    raise ValueError(f"combinations.{name}.{key}: {SAME_SUPPORTS}")
+        return value
 
     @field_validator("materials", mode="before")
     @classmethod

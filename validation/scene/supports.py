@@ -10,6 +10,12 @@ from validation.scene.keys.ranges import PRESSURE
 from validation.scene.sections import Finite, Positive, Section, Vector, vector_words
 
 Axis = Literal["x", "y", "z"]
+#: What all combinations share, and keys by which others are tried.
+SAME_SUPPORTS = (
+    "combinations differ in factors of loads alone; expected the same supports and motions in all "
+    "of them: state other supports in a scene of their own"
+)
+NOT_LOADS = ("supports", "fixed", "push", "move")
 #: A number counted from 0, or a name from the file.
 BlockName = Annotated[int, Field(ge=0)] | str
 

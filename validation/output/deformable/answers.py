@@ -35,6 +35,7 @@ from validation.scene.deformable import FemSection
 from validation.scene.family import RoundScene
 
 if TYPE_CHECKING:
+    from fem.assembly.reactions import PushCurve
     from fem.explicit.output.energy import History
     from fem.explicit.solve import ExplicitResult
     from validation.run.deformable import DeformableRun
@@ -163,8 +164,20 @@ def _add_supports(table: Table, run: DeformableRun) -> None:
     for k, (name, found) in enumerate(run.solution.reactions.items()):
         force = ", ".join(f"{value:.5g}" for value in found["force"])
         table.add_row("" if k else "forces of supports", f"{name}: ({force}) N")
+    words = [_curve_words(curve) for curve in run.solution.push_curves]
     if static is not None and "none was found" in static.status:
-        table.add_row("motion", static.status)
+        words.insert(0, static.status)
+    if any(words):
+        table.add_row("motion", "; ".join(filter(None, words)))
+
+
+def _curve_words(curve: PushCurve) -> str:
+    """After which displacement nothing resists a support that moves; empty where something does."""
+    if curve.free_after is None:
+        return ""
+    return f"nothing resists {curve.name}" + (
+        f" after {curve.free_after:.4g} mm" if curve.free_after else ""
+    )
 
 
 def print_run(run: DeformableRun, console: Console) -> None:
