@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fem import CoulombFriction, Frames, Problem, TabularLaw, concrete, write_deck
-from fem.decks.keywords import DeckError
+from fem.decks.keywords import DeckError, label, safe_names
 from fem.decks.model import deck_assembly
 from fem.static.solve import solve_static as solve_blocks
 from geometry import SineBlock, pipe, shaft, tube
@@ -86,3 +86,22 @@ def test_what_no_deck_says_is_refused(problem, changes, options, words, tmp_path
         write_deck(replace(problem, **changes), tmp_path / "case.inp", **options)
     with pytest.raises(DeckError, match=r"ends in \.inp"):
         write_deck(problem, tmp_path / "case.txt")
+
+
+def test_names_of_blocks_are_labels_of_their_own_in_decks(problem, tmp_path: Path) -> None:
+    """Dots, blanks, digits in front and letters of other languages stay out of labels; names that
+    would be the same label, or differ in case alone, get a number. Blocks keep their shapes."""
+    blocks = problem.blocks
+    given = ["column.inp", "Column inp", "2nd", "Säule", "x" * 100, "x" * 99]
+    names = [given[k % len(given)] for k in range(len(blocks.shapes))]
+    shapes = tuple(replace(s, name=n) for s, n in zip(blocks.shapes, names, strict=True))
+    stated = replace(problem, blocks=replace(blocks, name="my.arch", shapes=shapes))
+    read = import_deck(write_deck(stated, tmp_path / "case.inp")).assembly
+    assert len({shape.name for shape in read.shapes}) == len(read.shapes) == len(shapes)
+    volumes = [stated.blocks.shape(b).mesh.n_elements for b in range(blocks.n_blocks)]
+    assert [read.shape(b).mesh.n_elements for b in range(read.n_blocks)] == volumes
+
+    labels = safe_names(given)
+    assert labels[:4] == ["column_inp", "column_inp-2", "n2nd", "s_ule"]
+    assert len(set(map(label, labels))) == len(given)
+    assert safe_names(labels) == labels

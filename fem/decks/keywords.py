@@ -22,7 +22,9 @@ NUMBER_LENGTH = 20
 #: Entries on a line of node or element numbers.
 ENTRIES_PER_LINE = 16
 
-_LABEL = re.compile(r"[A-Z][A-Z0-9_-]{0,79}")
+#: Characters of a label at most.
+_LONGEST = 80
+_LABEL = re.compile(rf"[A-Z][A-Z0-9_-]{{0,{_LONGEST - 1}}}")
 
 
 class DeckError(RefusedError):
@@ -69,6 +71,18 @@ def label(name: str) -> str:
             "beginning with a letter, at most 80 characters"
         )
     return text
+
+
+def safe_names(names: Iterable[str]) -> list[str]:
+    """Names that `label` takes, no two alike, as close to the given ones as that allows."""
+    found: dict[str, None] = {}
+    for name in names:
+        text = re.sub(r"[^a-z0-9_-]", "_", name.lower())
+        text = text if re.match("[a-z]", text) else f"n{text}"
+        ends = ("", *(f"-{k}" for k in range(2, len(found) + 2)))
+        tries = (f"{text[: _LONGEST - len(end)]}{end}" for end in ends)
+        found[next(one for one in tries if one not in found)] = None
+    return list(found)
 
 
 #: Faces of boxes: + is no character of a label.

@@ -14,7 +14,7 @@ from fem.assembly.statement import Problem, require_problem
 from fem.contact.friction import CoulombFriction
 from fem.decks.abaqus import check_abaqus
 from fem.decks.calculix import check_calculix
-from fem.decks.keywords import DeckError
+from fem.decks.keywords import DeckError, safe_names
 from fem.decks.laws import law_notes
 from fem.decks.model import as_nodal_forces
 from fem.decks.placement import canonical
@@ -34,8 +34,10 @@ from fem.element.material import Material
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
 from fem.problem.time_step import characteristic_time_step
 from geometry.assembly import Assembly
+from geometry.block import Block
 from geometry.files.whole import write_whole
 from geometry.loads import CircumferentialLoad
+from geometry.mesh import IntArray
 
 #: Explicit run to a static state where nobody names times [s]: with the paper's damping of 2 /s,
 #: amplitudes have fallen to e⁻⁶ = 0.25 % six seconds after the ramp.
@@ -132,7 +134,7 @@ def deck_of(
     """Deck of a problem on canonical blocks (`fem.decks.placement.canonical`)."""
     assembly, material = _of_one_material_each(problem)
     return Deck(
-        name=assembly.name,
+        name=problem.blocks.name,
         flavour=flavour,
         assembly=assembly,
         material=material,
@@ -155,25 +157,26 @@ def _of_one_material_each(
 ) -> tuple[Assembly, Material | tuple[Material, ...]]:
     """Blocks whose shapes have one material each, as parts of a deck have, and the materials.
 
-    A shape of several materials is there once for each.
+    A shape of several materials is there once for each. Names are those that a deck can have.
     """
     blocks, materials = problem.blocks, problem.materials
     if len(set(materials)) == 1:
-        return blocks, materials[0]
+        return _named_for_decks(blocks, blocks.shapes, blocks.shape_of), materials[0]
     pairs = list(zip(blocks.shape_of.tolist(), materials, strict=True))
     kinds = sorted(dict.fromkeys(pairs), key=lambda kind: kind[0])
     used = [shape for shape, _ in kinds]
-    shapes = []
-    for k, shape in enumerate(used):
-        own = blocks.shapes[shape]
-        again = used[:k].count(shape)
-        shapes.append(replace(own, name=f"{own.name}-{again + 1}") if again else own)
-    split = replace(
-        blocks,
-        shapes=tuple(shapes),
-        shape_of=np.array([kinds.index(pair) for pair in pairs], dtype=np.int64),
-    )
+    shape_of = np.array([kinds.index(pair) for pair in pairs])
+    split = _named_for_decks(blocks, tuple(blocks.shapes[shape] for shape in used), shape_of)
     return split, tuple(material for _, material in kinds)
+
+
+def _named_for_decks(blocks: Assembly, shapes: tuple[Block, ...], shape_of: IntArray) -> Assembly:
+    """Blocks of some shapes, under names that decks can have."""
+    title, *names = safe_names([blocks.name])[:1] + safe_names(shape.name for shape in shapes)
+    if [title, *names] == [blocks.name, *(shape.name for shape in blocks.shapes)]:
+        return blocks
+    renamed = tuple(replace(shape, name=n) for shape, n in zip(shapes, names, strict=True))
+    return replace(blocks, name=title, shapes=renamed, shape_of=shape_of)
 
 
 def holds_of(problem: Problem) -> tuple[Hold, ...]:
