@@ -16,6 +16,7 @@ from fem.solution import Solution
 from geometry.answer import Answer, Array, Lazy
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
+from geometry.parts.dimensions import dimensions
 
 
 def answer_of(
@@ -108,6 +109,9 @@ def report_of(
         "n_nodes": found.model.n_nodes,
         "max_displacement": solution.largest_displacement,
         "principal_stress": {"max": float(largest), "min": float(least)},
+        "dimensions": dimensions(
+            found.assembly if facets is None else facets[0], found.densities
+        ).as_json(),
         **({"large_motion": solution.large_motion} if solution.large_motion else {}),
         **beside,
         **_support_report(solution),

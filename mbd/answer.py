@@ -33,6 +33,7 @@ from geometry.measures import (
     sections_through_joints,
 )
 from geometry.mesh import FloatArray, IntArray
+from geometry.parts.dimensions import dimensions
 from mbd.analysis import RigidResult, RigidStatement, check_types, rigid_result
 from mbd.contact_jacobian import block_wrenches, contact_wrenches
 from mbd.mechanism import Classification, Mechanism, SelfStress
@@ -300,6 +301,7 @@ class _Found:
             "free_blocks": np.flatnonzero(~self.load.fixed).tolist(),
             "n_blocks": result.n_blocks,
             "n_contacts": result.n_contacts,
+            "dimensions": dimensions(self.assembly).as_json(),
             "cpu_seconds": result.cpu_seconds,
         }
 

@@ -143,6 +143,12 @@ class DeformableAssembly:
         shapes = tuple(in_pieces(shape) for shape in self.assembly.shapes)
         return replace(self.assembly, shapes=shapes)
 
+    @property
+    def densities(self) -> FloatArray:
+        """Of each block, zero of those that do not deform, (n_blocks,) [t/mm³]."""
+        of_group = np.array([group.material.density for group in self.model.groups])
+        return np.where(self.group_of < 0, 0.0, of_group[self.group_of])
+
     def group(self, block: int) -> BlockGroup:
         """Return the group of a deformable block."""
         return self.model.groups[int(self.group_of[block])]

@@ -52,6 +52,16 @@ def as_points(places: FloatArray) -> Any:
     return points
 
 
+def as_surface(points: FloatArray, triangles: IntArray) -> Any:
+    """Triangles (n, 3) of points (m, 3), as VTK takes a surface."""
+    from vtkmodules.vtkCommonDataModel import vtkPolyData
+
+    surface = vtkPolyData()
+    surface.SetPoints(as_points(points))
+    surface.SetPolys(as_cells(triangles))
+    return surface
+
+
 def as_grid(
     points: FloatArray, kind: int, cells: IntArray, point_data: _Data, cell_data: _Data
 ) -> Any:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from geometry.assembly import AssemblyError
-from geometry.files.vtu import as_array, as_cells
+from geometry.files.vtu import as_array, as_surface
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.box_tree import overlapping_boxes
@@ -53,16 +53,10 @@ class SignedDistance:
     @cached_property
     def _function(self) -> Any:
         """Kept: its search tree takes as long as the distances of some hundred points."""
-        from vtkmodules.vtkCommonCore import vtkPoints
-        from vtkmodules.vtkCommonDataModel import vtkPolyData
         from vtkmodules.vtkFiltersCore import vtkImplicitPolyDataDistance
 
-        surface, points = vtkPolyData(), vtkPoints()
-        points.SetData(as_array(self._shape.points))
-        surface.SetPoints(points)
-        surface.SetPolys(as_cells(self._shape.triangles))
         function = vtkImplicitPolyDataDistance()
-        function.SetInput(surface)
+        function.SetInput(as_surface(self._shape.points, self._shape.triangles))
         return function
 
     def __call__(self, points: FloatArray) -> FloatArray:

@@ -19,6 +19,7 @@ from validation.output.files import prepare_json
 
 if TYPE_CHECKING:
     from fem.explicit.solve import Progress as Sample
+    from validation.scene.sections import LimitsSection
 
 T = TypeVar("T")
 
@@ -224,3 +225,31 @@ def explicit_progress() -> Iterator[Callable[[Sample], None]]:
             bar.update(task, total=sample.n_steps, completed=sample.step, state=state)
 
         yield show
+
+
+def add_dimensions(table: Table, found: Mapping[str, Any], limits: LimitsSection) -> None:
+    """Add volume, mass, contact area, least wall and steepest joint of blocks."""
+    table.add_row("volume", _volume_words(found))
+    table.add_row("contact area", f"{found['contact_area']:.5g} mm², each joint once")
+    wall, angle = found.get("least_wall"), found.get("steepest_joint")
+    if wall is not None:
+        words = f"{wall:.4g} mm"
+        if limits.least_wall is not None and wall < limits.least_wall:
+            words += f": TOO THIN, limits.least_wall is {limits.least_wall:g} mm"
+        table.add_row("least wall of a block", words)
+    if angle is None and limits.steepest_joint is not None:
+        table.add_row("steepest joint", "not known of blocks without named faces: not checked")
+    if angle is not None:
+        words = f"{angle:.3g}° to its mean plane"
+        if limits.steepest_joint is not None and angle > limits.steepest_joint:
+            words += f": TOO STEEP, limits.steepest_joint is {limits.steepest_joint:g}°"
+        table.add_row("steepest joint", words)
+
+
+def _volume_words(found: Mapping[str, Any]) -> str:
+    """Volume of a block and of all, with their mass where it is known."""
+    of_block = found["block_volume"]
+    least, largest = (f"{of_block[name]:.5g}" for name in ("smallest", "largest"))
+    each = f"{least} mm³" if least == largest else f"{least} to {largest} mm³"
+    words = f"{each} per block, {found['volume']:.5g} mm³ in all"
+    return words if "mass" not in found else f"{words}, {1e3 * found['mass']:.4g} kg"

@@ -255,6 +255,15 @@ class CutSection(Section):
     """Numbers or names of the blocks that are cut; by default all."""
 
 
+class LimitsSection(Section):
+    """``[limits]``: what can be built; results do not depend on it."""
+
+    least_wall: Positive | None = None
+    """Smallest wall that can be cast [mm]."""
+    steepest_joint: Annotated[float, Field(gt=0.0, le=90.0)] | None = None
+    """Largest angle of a joint to its mean plane that can be cast [degrees]."""
+
+
 class WholeScene(Section):
     """Sections that every scene may have."""
 
@@ -263,6 +272,7 @@ class WholeScene(Section):
 
     plausibility: PlausibilitySection = PlausibilitySection()
     pictures: PicturesSection = PicturesSection()
+    limits: LimitsSection = LimitsSection()
     sections: tuple[CutSection, ...] = ()
     """Planes whose section forces are printed and written."""
 

@@ -19,7 +19,7 @@ from fem.problem.time_step import added_mass_share
 from geometry.answer import TITLES, Measure, measure_rows
 from geometry.files.whole import write_whole
 from validation.output import answer_files
-from validation.output.console import listing, two_columns
+from validation.output.console import add_dimensions, listing, two_columns
 from validation.output.files import write_csv
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
@@ -200,6 +200,7 @@ def print_run(run: DeformableRun, console: Console) -> None:
         table.add_row(row, words)
     deformable = run.solution.deformable
     model = deformable.model
+    add_dimensions(table, run.answer.report["dimensions"], run.scene.limits)
     table.add_row("method, element", f"{run.answer.method}, {element_words(model.groups[0])}")
     table.add_row(
         "blocks, elements, nodes",

@@ -10,7 +10,7 @@ from rich.table import Table
 from mbd import Measures
 from mbd.options import Norm
 from validation.output import answer_files
-from validation.output.console import two_columns
+from validation.output.console import add_dimensions, two_columns
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures.assemblies import draw_mechanism, draw_pressures
@@ -68,6 +68,7 @@ def print_rigid(run: RigidRun, console: Console) -> None:
     table.add_row("proof", certificate_words(result.classification))
     if run.carried.measures is not None:
         add_paper_rows(table, run.carried.measures, scene.rigid.norm)
+    add_dimensions(table, run.answer.report["dimensions"], scene.limits)
     table.add_row(
         "model", f"{result.n_blocks} free blocks, {result.n_contacts} contact facet pairs"
     )

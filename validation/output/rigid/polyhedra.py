@@ -13,7 +13,7 @@ from geometry.files.mesh_io import write_triangles
 from geometry.measures import JointResultants
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
 from validation.output import answer_files
-from validation.output.console import two_columns
+from validation.output.console import add_dimensions, two_columns
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
 from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
@@ -93,6 +93,7 @@ def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
         f"{len(interfaces.patches.areas)}, {interfaces.patches.areas.sum():.5g} mm² in all; "
         f"contact tolerance {run.assembly.tolerance:.3g} mm",
     )
+    add_dimensions(table, run.answer.report["dimensions"], run.scene.limits)
     table.add_row("volume mesh", volume_words(run))
     if run.straightened:
         table.add_row("edges", STRAIGHT_EDGES)

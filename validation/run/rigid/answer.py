@@ -27,6 +27,8 @@ from validation.run.rigid.further import Further, further_answers, further_json
 from validation.scene.family import AssemblyScene, RoundScene
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene, SceneFile
+from validation.scene.sections import LimitsSection
+from validation.scene.usage import count
 
 #: Load cases that put the ring of a tube under pressure: the loaded face, and what the ring gets.
 _RINGS = {"pipe": ("inner", "tension"), "tunnel": ("outer", "compression")}
@@ -79,6 +81,7 @@ class RigidAnswer:
             seconds["total"] += further.cpu_seconds
         run = cls(result=result, further=further, cpu_seconds=seconds, **stated)
         _ = run.sections  # what it reads of the scene
+        count(scene.limits, *LimitsSection.model_fields)
         return run
 
     @cached_property
