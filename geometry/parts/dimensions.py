@@ -120,7 +120,7 @@ def _surface(shape: Any) -> tuple[FloatArray, IntArray, IntArray]:
     """Points of a solid (n, 3) [mm], its facets (m, 4) or (m, 3) and the number of their face."""
     if not isinstance(shape, Block):
         return shape.points, shape.triangles, shape.plane_of
-    if len(shape.contact_faces) < 2:  # a surface without faces, as files have it
+    if not _has_faces(shape):
         quads = boundary_quads(shape.mesh)
         triangles = np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
         whole = Polyhedron(shape.name, shape.mesh.nodes, triangles)
@@ -128,6 +128,11 @@ def _surface(shape: Any) -> tuple[FloatArray, IntArray, IntArray]:
     counts = [len(quads) for quads in shape.faces.values()]
     faces = np.repeat(np.arange(len(counts)), counts)
     return shape.mesh.nodes, np.concatenate(list(shape.faces.values())), faces
+
+
+def _has_faces(shape: Block) -> bool:
+    """Whether a block has faces by name; hexahedra of files have one surface all round."""
+    return len(shape.contact_faces) > 1
 
 
 def _meeting(facets: IntArray, face: IntArray, n_points: int) -> csr_array:
@@ -143,7 +148,7 @@ def steepest_joint(shape: Any, axis: FloatArray) -> float | None:
 
     ``axis`` is that of the assembly in the reference position of the block, (3,).
     """
-    if not isinstance(shape, Block) or not shape.contact_faces:
+    if not isinstance(shape, Block) or not _has_faces(shape):
         return None
     faces = (shape.faces[name] for name in shape.contact_faces)
     return max(_steepest(shape.mesh.nodes[quads], axis) for quads in faces)
