@@ -13,7 +13,7 @@ from fem.element.stress import von_mises
 from fem.measures import contact_on, contacts_of, measures_of
 from fem.problem.time_step import added_mass_share
 from fem.solution import Solution
-from geometry.answer import Answer, Array, Lazy
+from geometry.answer import Answer, Array, Lazy, Measure
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
 from geometry.parts.dimensions import dimensions
@@ -25,6 +25,7 @@ def answer_of(
     *,
     facets: tuple[Assembly, FloatArray] | None = None,
     remarks: Mapping[str, str] | None = None,
+    factors: Mapping[str, Measure] | None = None,
     problem: Problem | None = None,
     title: str | None = None,
     beside: Callable[[], dict[str, Any]] | None = None,
@@ -42,6 +43,8 @@ def answer_of(
         [MPa]: `p_eff`, `p_max`, `p_max_facet` and `contacts` are then those of its facets.
     remarks
         Why values are none to use, by the name of the measure.
+    factors
+        Load factors (`fem.accuracy.strength`), measures beside the others.
     problem
         What was solved.
     title
@@ -50,10 +53,11 @@ def answer_of(
         More of the report, as plain data; it is asked when the report is read.
     """
     layer = solution.deformable.assembly.layer
+    measures = measures_of(solution, errors, facets=facets, remarks=remarks)
     return Answer(
         title=title or _title(solution),
         method=solution.method,
-        measures=measures_of(solution, errors, facets=facets, remarks=remarks),
+        measures=measures.beside(factors or {}),
         fields=_fields(solution),
         points=solution.positions,
         cells=solution.hexahedra,

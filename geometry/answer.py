@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from html import escape
 from typing import TYPE_CHECKING, Any, TypeVar, final
 
@@ -45,7 +45,7 @@ class Measure:
     value: float
     """In its unit."""
     unit: str
-    """``MPa`` or ``mm``."""
+    """``MPa`` or ``mm``; ``times the load`` of load factors."""
     error: float | None = None
     """Estimate of the error of discretisation, in the same unit; None where none was asked for."""
     place: dict[str, Any] | None = None
@@ -66,7 +66,8 @@ class Measure:
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data; a place only where there is one."""
-        found: dict[str, Any] = {"value": self.value, "error": self.error, "unit": self.unit}
+        value = self.value if np.isfinite(self.value) else None
+        found: dict[str, Any] = {"value": value, "error": self.error, "unit": self.unit}
         if not self.resolved:
             found["resolved"] = False
         if self.remark:
@@ -155,6 +156,12 @@ MOTIONS = {
     "push_work": Title("its work"),
 }
 
+#: Measures that static answers have of materials with strengths.
+FACTORS = {
+    "cracking_factor": Title("load factor at first cracking"),
+    "crushing_factor": Title("load factor at first crushing", "by {stress}; "),
+}
+
 #: Other names of measures.
 ALIASES = {"u": "max_displacement"}
 
@@ -177,11 +184,11 @@ UNITS = {
 
 def measure_rows(measures: Mapping[str, Measure]) -> list[tuple[str, str]]:
     """Measures in words, a row each: title; value, error, unit, remark and place."""
-    found, titles = [], TITLES | FORCES | MOTIONS
+    found, titles = [], TITLES | FACTORS | FORCES | MOTIONS
     for name in (*titles, *(name for name in measures if name not in titles)):
         if name in measures:
             measure, title = measures[name], titles.get(name, Title(name))
-            told = title.remark.format(**(measure.place or {}))
+            told = "" if measure.remark else title.remark.format(**(measure.place or {}))
             words = f"{measure.value_words} {told}{measure.place_words}".rstrip()
             found.append((title.words, words.removesuffix(";")))
     return found
@@ -212,6 +219,11 @@ class Lazy(Mapping[str, Value]):
                 raise AnswerError(f"got {name!r}; expected one of {', '.join(self._names)}")
             self._known[name] = read_only(self._makers[name]())
         return self._known[name]
+
+    def beside(self, known: Mapping[str, Value]) -> Lazy[Value]:
+        """Return the same values and others that are computed already."""
+        makers = {name: partial(self.__getitem__, name) for name in self}
+        return Lazy(makers, known) if known else self
 
     def __contains__(self, name: object) -> bool:
         """Whether there is such a name; nothing is computed."""

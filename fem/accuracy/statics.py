@@ -16,9 +16,11 @@ from fem.accuracy.converge import (
     why_not_refined,
 )
 from fem.accuracy.one_mesh import static_errors, static_solution
+from fem.accuracy.strength import strength_factors
 from fem.answer import answer_of
 from fem.assembly.statement import Problem, require_problem
 from fem.element.hexahedron import ElementType
+from fem.measures import measures_of
 from fem.solution import Solution
 from fem.static.solve import StaticOptions
 from geometry.answer import Answer
@@ -96,6 +98,7 @@ def solve_static(
             found.errors,
             facets=found.facets,
             remarks=found.remarks,
+            factors=strength_factors(found.solution, found.measures, options),
             problem=problem,
             beside=lambda: found.report,
         )
@@ -106,7 +109,8 @@ def solve_static(
 
     solution = solve_on(problem)
     errors = static_errors(problem, solution, solve_on) if error_bars else {}
-    return answer_of(solution, errors, problem=problem)
+    factors = strength_factors(solution, measures_of(solution, errors), options)
+    return answer_of(solution, errors, factors=factors, problem=problem)
 
 
 def refines(problem: Problem, mesh: str | None, accuracy: Mapping[str, float] | None) -> bool:

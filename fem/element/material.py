@@ -43,9 +43,15 @@ class Material:
     averaging_radius: float = 10.0
     """Radius of the ball over which the averaged tension of an answer is taken [mm]: a length of
     the material, such as its largest grain. No solver reads it."""
+    tensile_strength: float | None = None
+    """[MPa]; with it, static answers have the load factor at first cracking."""
+    compressive_strength: float | None = None
+    """[MPa]; with it, static answers have the load factor at first crushing."""
 
     def __post_init__(self) -> None:
         units = {"density": "t/mm³", "young_modulus": "MPa", "averaging_radius": "mm"}
+        strengths = ("tensile_strength", "compressive_strength")
+        units |= {name: "MPa" for name in strengths if getattr(self, name) is not None}
         for name, unit in units.items():
             value = getattr(self, name)
             if not (is_number(value) and value > 0.0):

@@ -20,8 +20,7 @@ from validation.scene.usage import count, uncounted
 def build_material(section: MaterialSection) -> Material:
     """Material of a section.
 
-    Its density counts as read where something weighs or is accelerated, its averaging radius where
-    measures are asked for.
+    Its density, averaging radius and strengths count as read where answers are made with them.
 
     Raises
     ------
@@ -30,7 +29,8 @@ def build_material(section: MaterialSection) -> Material:
     """
     kind = type(section)
     count(section, "name")  # constants may be those of a known name
-    with uncounted((kind, "density"), (kind, "averaging_radius")):
+    later = ("density", "averaging_radius", "tensile_strength", "compressive_strength")
+    with uncounted(*((kind, name) for name in later)):
         return Material(**section.model_dump(exclude={"name", "blocks"}))
 
 
@@ -80,6 +80,24 @@ def count_materials(scene: DeformableScene, key: str) -> None:
     """Count a key of all materials of a scene as read."""
     for section in (scene.material, *scene.materials.values()):
         count(section, key)
+
+
+def compressive_strength(scene: DeformableScene) -> float | None:
+    """Compressive strength of all blocks [MPa]; None where none is stated.
+
+    Raises
+    ------
+    InputError
+        Materials of different strengths.
+    """
+    count_materials(scene, "compressive_strength")
+    sections = (scene.material, *scene.materials.values())
+    strengths = {section.compressive_strength for section in sections}
+    if len(strengths) > 1:
+        raise InputError(
+            "compressive_strength: got different ones for different blocks; expected one for all"
+        )
+    return strengths.pop()
 
 
 def _sections(scene: DeformableScene, assembly: AnyBlocks) -> list[MaterialSection] | None:

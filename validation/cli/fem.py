@@ -192,6 +192,7 @@ def _answer(
     """Solve a scene, print and write its answer."""
     from validation.output.deformable.answers import print_run, write_run_files
     from validation.run.accuracy import check_request
+    from validation.run.solve import with_factors
     from validation.scene.usage import recording
 
     with recording(scene) as use:
@@ -203,7 +204,7 @@ def _answer(
         if run is None:
             run, beside = _solved(name, scene, outputs, resume)
             added |= beside
-            run = _with_errors(run, outputs, reference=reference)
+            run = with_factors(_with_errors(run, outputs, reference=reference))
         answer = run.answer.with_report(added)
         _ = answer.as_dict()  # what it reads of the scene
     print_run(run, outputs.console)

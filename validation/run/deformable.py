@@ -13,7 +13,7 @@ from fem.assembly.statement import Problem
 from fem.element.hexahedron import ElementType
 from fem.element.lagrange_mesh import LagrangeMesh
 from fem.solution import Solution
-from geometry.answer import Answer
+from geometry.answer import Answer, Measure
 from geometry.assembly import Assembly
 from geometry.measures import SectionError, SectionForces
 from geometry.mesh import FloatArray
@@ -66,6 +66,8 @@ class DeformableRun:
     interfaces, (n,) [MPa]."""
     remarks: dict[str, str] = field(default_factory=dict)
     """Why values are none to use, by measure."""
+    factors: dict[str, Measure] = field(default_factory=dict)
+    """Load factors at first cracking and crushing; empty without strengths."""
     refinement: dict[str, Any] = field(default_factory=dict)
     """Meshes that were solved to reach an accuracy, as plain data; empty for one mesh."""
     friction: FrictionSet | None = None
@@ -85,6 +87,7 @@ class DeformableRun:
             self.errors,
             facets=self.facets,
             remarks=self.remarks,
+            factors=self.factors,
             problem=self.problem,
             title=self.title,
             beside=self._beside,

@@ -13,6 +13,7 @@ import numpy as np
 from fem.accuracy.converge import MOST_WORK, Converged, converge
 from fem.accuracy.converge import Progress as Refinement
 from fem.accuracy.one_mesh import static_errors, static_solution
+from fem.accuracy.strength import JUDGED, strength_factors
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.statement import Problem
 from fem.assembly.symmetry import SymmetryError
@@ -41,7 +42,7 @@ from validation.run.held_by_friction import (
     require_held_by_friction,
 )
 from validation.run.measures import FrictionSet
-from validation.run.stages import stages
+from validation.run.stages import stages, summed
 from validation.scene.deformable import Damping, FemSection, Method
 from validation.scene.read import DeformableScene
 
@@ -130,7 +131,31 @@ def run_as_asked(
         most = None if stated else MOST_WORK
         return run_converged(name, scene, stated or default, most_work=most, problem=problem)
     run = run_scene(name, scene)
-    return replace(run, errors=estimated_errors(run)) if scene.fem.error_estimate else run
+    if scene.fem.error_estimate:
+        run = replace(run, errors=estimated_errors(run))
+    return with_factors(run)
+
+
+def with_factors(run: DeformableRun) -> DeformableRun:
+    """Add the load factors at first cracking and crushing to a static run; see `fem.accuracy`.
+
+    Raises
+    ------
+    InputError
+        Blocks of different strengths.
+    """
+    if run.solution.static is None:
+        return run
+    with stages() as watch:
+        for key in JUDGED:
+            count_materials(run.scene, key)
+        options = static_options(run.scene, fem_section(run.scene, run.name))
+        with named(run.name):
+            found = strength_factors(run.solution, run.answer.measures, options)
+        watch.lap("load factors")
+    if not found:
+        return run
+    return replace(run, factors=found, cpu_seconds=summed(run.cpu_seconds, watch.seconds()))
 
 
 # ---------------------------------------------------------------------------------------------
@@ -272,7 +297,7 @@ def run_converged(
         friction = _friction_of(problem, scene, found, options)
         if friction is not None:
             watch.lap("range of friction")
-    return DeformableRun(
+    run = DeformableRun(
         name=name,
         scene=scene,
         problem=problem,
@@ -284,6 +309,7 @@ def run_converged(
         refinement=found.report,
         friction=friction,
     )
+    return with_factors(run)
 
 
 def _friction_of(

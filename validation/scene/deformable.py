@@ -86,6 +86,10 @@ class MaterialSection(Section):
     averaging_radius: Positive = 10.0
     """Radius of the sphere for the averaged (non-local) maximum principal stress [mm]; for
     concrete about the aggregate size."""
+    tensile_strength: Positive | None = None
+    """[MPa]; static answers then have the load factor at first cracking."""
+    compressive_strength: Positive | None = None
+    """[MPa]; static answers then have the load factor at first crushing."""
 
     @model_validator(mode="wrap")
     @classmethod

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from geometry.answer import Measure
+from geometry.answer import FACTORS, Measure
 from mbd import Classification, Mechanism, MechanismClass, SelfStress
 from mbd.force_range import ForceRanges
 from validation.output.section_forces import add_sections
@@ -60,6 +60,11 @@ def add_first_rows(table: Table, run: RigidAnswer) -> None:
     found = run.answer.measures
     if "p_max_facet" in found:
         table.add_row("largest contact pressure", pressure_words(found["p_max_facet"]))
+    if "crushing_factor" in found:
+        words = "by mean pressures of facets, without peaks"
+        table.add_row(
+            FACTORS["crushing_factor"].words, f"{found['crushing_factor'].value_words}, {words}"
+        )
     if "least_joint_force" in found:
         table.add_row("normal forces of joints", joint_force_words(found))
     if "total_reaction" in found:

@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 import scipy.spatial  # noqa: F401 - what matches facets, loaded before the clock runs
 
-from geometry.answer import Answer
+from geometry.answer import Answer, Measure
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase, with_body_wrenches
 from geometry.measures import JointResultants, SectionForces, facet_measures
@@ -19,6 +19,7 @@ from mbd import RigidResult, block_wrenches, rigid_result
 from mbd.answer import Carried, answer_of, block_motion, joints_of, without_friction
 from mbd.margin import held_against
 from validation.build.blocks import BuiltScene, build_scene, build_weight
+from validation.build.materials import compressive_strength
 from validation.build.pairs import friction_of_pairs, stated_pairs
 from validation.build.sections import scene_planes
 from validation.build.supports import stated_load
@@ -81,6 +82,8 @@ class RigidAnswer:
             seconds["total"] += further.cpu_seconds
         run = cls(result=result, further=further, cpu_seconds=seconds, **stated)
         _ = run.sections  # what it reads of the scene
+        with named(stated["name"]):
+            _ = compressive_strength(scene)
         count(scene.limits, *LimitsSection.model_fields)
         return run
 
@@ -119,9 +122,22 @@ class RigidAnswer:
     @cached_property
     def answer(self) -> Answer:
         """The answer that does not depend on the scene; its report says more of it."""
-        return answer_of(
+        found = answer_of(
             self.assembly, self.load, self.result, carried=self.carried, beside=self._beside
         )
+        return replace(found, measures={**found.measures, **self._crushing(found)})
+
+    def _crushing(self, found: Answer) -> dict[str, Measure]:
+        """Factor of all loads at which the largest mean pressure of a facet is the strength.
+
+        Rigid contact forces are proportional to the loads. Nothing without a strength.
+        """
+        strength = compressive_strength(self.scene)
+        peak = found.measures.get("p_max_facet")
+        if strength is None or peak is None or peak.place is None or not peak.value > 0.0:
+            return {}
+        place = {**peak.place, "stress": "p_max_facet"}
+        return {"crushing_factor": Measure(strength / peak.value, "times the load", place=place)}
 
     def _beside(self) -> dict[str, Any]:
         """What the report says of the scene and of what it asks further."""

@@ -1,0 +1,165 @@
+"""Load factors at first cracking and crushing: loads are scaled until a stress is a strength.
+
+Contact is not linear in the load, so each factor is found by solving again, on the mesh of the
+answer. Cracking is judged by the averaged tension. Crushing is judged by the minimum principal
+stress at a point where the mesh resolves it, else by the contact pressure at a point.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+from fem.accuracy.one_mesh import static_solution
+from fem.assembly.deformable import DeformableAssembly, DeformableAssemblyError
+from fem.measures import measures_of
+from fem.solution import Solution
+from fem.static.linear_step.flexibility import FlexibilityStore
+from fem.static.solve import StaticOptions
+from geometry.answer import Measure
+from geometry.errors import RefusedError
+
+#: Measures that are compared with each strength, the first that is resolved counts.
+JUDGED = {
+    "tensile_strength": ("cracking_factor", ("sigma_1_averaged",)),
+    "compressive_strength": ("crushing_factor", ("sigma_3_min", "p_max_point")),
+}
+#: Logarithm of strength over stress from which the last secant is followed without solving again
+#: (it leaves out the curvature, about its square), and most solutions.
+_NEAR, _MOST = 0.03, 8
+#: The same without any secant.
+_SAME = 1e-6
+#: Loads are scaled by this factor at most in one step.
+_STRIDE = 10.0
+#: Loads that differ by less than this factor have states from which each other's is found.
+_NEARBY = 2.0
+
+
+def require_one_strength(deformable: DeformableAssembly) -> None:
+    """Reject blocks of different strengths: factors are those of one material.
+
+    Raises
+    ------
+    DeformableAssemblyError
+        Which strengths differ.
+    """
+    for name in JUDGED:
+        found = {getattr(group.material, name) for group in deformable.model.groups}
+        if len(found) > 1:
+            raise DeformableAssemblyError(
+                f"{name}: got different ones for different blocks; expected one for all blocks "
+                "that deform, or none"
+            )
+
+
+def strength_factors(
+    solution: Solution,
+    measures: Mapping[str, Measure],
+    options: StaticOptions | None = None,
+    store: FlexibilityStore | None = None,
+) -> dict[str, Measure]:
+    """Factors of all loads and the weight at first cracking and crushing, by name.
+
+    Parameters
+    ----------
+    solution
+        Static state under the load as stated.
+    measures
+        Its measures with their error bars: that of a factor is that of the stress behind it.
+    options
+        Of the solver.
+    store
+        Condensed blocks of the solution.
+
+    Returns
+    -------
+    dict[str, Measure]
+        Empty where the material has no strength. A factor that cannot be given has a remark.
+    """
+    material = solution.deformable.model.groups[0].material
+    strengths = {name: getattr(material, name) for name in JUDGED}
+    if not any(strengths.values()):
+        return {}
+    require_one_strength(solution.deformable)
+    store = FlexibilityStore() if store is None else store
+    options = StaticOptions() if options is None else replace(options, load_path=None)
+
+    last, state = 1.0, solution.static
+    path_counts = solution.deformable.contact.friction is not None
+
+    def at(factor: float) -> Mapping[str, Measure]:
+        nonlocal last, state
+        near = abs(math.log(factor / last)) < math.log(_NEARBY)
+        found = static_solution(
+            scaled_loads(solution.deformable, factor),
+            options,
+            finite_rotation=solution.finite_rotation,
+            store=store,
+            start=state if near and not path_counts else None,
+        )
+        last, state = factor, found.static
+        return measures_of(found)
+
+    found = {}
+    for name, strength in strengths.items():
+        title, judged = JUDGED[name]
+        if strength is not None:
+            found[title] = _judged(solution, measures, judged, strength, at)
+    return found
+
+
+def _judged(
+    solution: Solution,
+    measures: Mapping[str, Measure],
+    names: tuple[str, ...],
+    strength: float,
+    at: Callable[[float], Mapping[str, Measure]],
+) -> Measure:
+    """Find the factor at which a measure reaches a strength [MPa]."""
+    if solution.deformable.moves:
+        return _none("none: supports move, and loads alone are scaled")
+    usable = [n for n in names if n in measures and measures[n].is_number]
+    if not usable:
+        return _none(f"none: {names[0]} is not resolved on this mesh")
+    name = usable[0]
+    stress = measures[name]
+    if name == "sigma_1_averaged" and stress.value <= 0.0:
+        return _none("none: no tension")
+    if stress.value == 0.0:
+        return _none("none: no stress")
+    try:
+        factor, reached = _scaled_until(strength, stress, lambda f: at(f)[name])
+    except RefusedError as error:
+        return _none(f"none: no static state under the scaled load ({error})")
+    bar = None if stress.error is None else factor * stress.error / abs(stress.value)
+    return Measure(factor, "times the load", bar, place={**(reached.place or {}), "stress": name})
+
+
+def _scaled_until(
+    strength: float, stress: Measure, at: Callable[[float], Measure]
+) -> tuple[float, Measure]:
+    """Factor at which the size of a stress is a strength, by secants in logarithms."""
+    factor, slope, found = 1.0, 1.0, stress
+    for solved in range(_MOST):
+        short = math.log(strength / abs(found.value))
+        step = min(max(short / slope, -math.log(_STRIDE)), math.log(_STRIDE))
+        factor *= math.exp(step)
+        if abs(short) <= (_NEAR if solved else _SAME):
+            return factor, found
+        before, found = found, at(factor)
+        slope = min(max(math.log(abs(found.value / before.value)) / step, 0.2), 5.0)
+    raise RefusedError(f"the stress does not approach {strength:g} MPa")
+
+
+def _none(why: str) -> Measure:
+    return Measure(math.nan, "times the load", remark=why)
+
+
+def scaled_loads(deformable: DeformableAssembly, factor: float) -> DeformableAssembly:
+    """Return the same blocks with all loads and the weight scaled by a factor [-]."""
+    model = deformable.model
+    loads = tuple(replace(load, forces=factor * load.forces) for load in model.loads)
+    gravity = None if model.effects.gravity is None else factor * model.effects.gravity
+    effects = replace(model.effects, gravity=gravity)
+    return replace(deformable, model=replace(model, loads=loads, effects=effects))

@@ -1,0 +1,92 @@
+"""Load factors at first cracking and crushing, against closed forms and against the scaled load."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fem import Material, Problem, concrete, solve_static
+from geometry import SineBlock, pipe, tube
+from geometry.errors import RefusedError
+from geometry.families.boxes import ColumnBox, box_column
+from geometry.loads import face_pressure
+from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+
+TUBE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=2")
+
+
+def pressed(pressure: float, **strengths: float) -> Problem:
+    """Boxes without lateral strain: the pressure is the stress everywhere."""
+    blocks = box_column([ColumnBox((40.0, 40.0, 40.0), (2, 2, 2))] * 3)
+    material = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.0, **strengths)
+    return Problem(blocks, face_pressure(blocks, np.array([2]), "z+", pressure), material)
+
+
+@pytest.mark.quick
+def test_boxes_crush_where_the_pressure_is_the_strength() -> None:
+    """The factor is strength over pressure; uniform compression has no tension to crack by."""
+    problem = pressed(0.5, compressive_strength=30.0, tensile_strength=3.0)
+    found = solve_static(problem, mesh="scene", error_bars=False)
+    assert found["crushing_factor"].value == pytest.approx(60.0, rel=1e-6)
+    assert found["cracking_factor"].remark.startswith("none: ")
+    measures = json.loads(json.dumps(found.as_dict(), allow_nan=False))["measures"]
+    assert measures["cracking_factor"]["value"] is None
+
+
+@pytest.mark.quick
+def test_a_linear_body_cracks_in_proportion(tubelock) -> None:  # noqa: F811
+    words = ("mesh.divisions=[8,2,2]", "fem.method='static'", "fem.degree=2")
+    words = (*words, "material.tensile_strength=3", "fem.error_estimate=false")
+    args = [w for s in words for w in ("--set", s)]
+    status, out, _ = tubelock("fem", "cantilever", *args, "--json", "a.json")
+    assert status == 0
+    found = json.loads(Path("a.json").read_text())
+    stress = found["measures"]["sigma_1_averaged"]
+    factor = found["measures"]["cracking_factor"]
+    assert factor["value"] == pytest.approx(3.0 / stress["value"], rel=1e-9)
+    assert "tensile_strength" not in out.partition("ignored")[2]
+
+
+def test_the_scaled_load_reaches_the_strength() -> None:
+    """Contact is not linear: the factor is not strength over stress, and is that of a new run.
+
+    The last secant leaves out the curvature, at most about the square of 0.03.
+    """
+    block = SineBlock(
+        height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
+    )
+    blocks = tube(block, layers=1, mesh=(12, 2, 2))
+    material = replace(concrete, tensile_strength=1.0)
+    found = solve_static(Problem(blocks, pipe(0.01), material), mesh="scene", error_bars=False)
+    factor = found["cracking_factor"].value
+    again = solve_static(Problem(blocks, pipe(0.01 * factor), concrete), mesh="scene")
+    assert again["sigma_1_averaged"].value == pytest.approx(1.0, rel=2 * 0.03**2)
+    assert abs(factor * found["sigma_1_averaged"].value - 1.0) > 0.01
+    assert "cracking_factor" not in again.measures
+
+
+@pytest.mark.quick
+def test_rigid_contacts_crush_in_proportion(tubelock) -> None:  # noqa: F811
+    words = (*TUBE, "material.compressive_strength=30")
+    args = [w for s in words for w in ("--set", s)]
+    status, out, _ = tubelock("mbd", "tsb1-pipe", *args, "--json", "a.json")
+    assert status == 0
+    found = json.loads(Path("a.json").read_text())["measures"]
+    peak = found["p_max_facet"]["value"]
+    assert found["crushing_factor"]["value"] == pytest.approx(30.0 / peak, rel=1e-12)
+    assert "compressive_strength" not in out.partition("ignored")[2]
+
+
+@pytest.mark.quick
+def test_strengths_that_cannot_be_used_are_rejected() -> None:
+    with pytest.raises(RefusedError, match="tensile_strength = -1"):
+        replace(concrete, tensile_strength=-1.0)
+    problem = pressed(0.5, tensile_strength=3.0)
+    other = replace(problem.materials[0], tensile_strength=2.0)
+    mixed = replace(problem, material=[*problem.materials[:-1], other])
+    with pytest.raises(RefusedError, match="tensile_strength: got different ones"):
+        solve_static(mixed, mesh="scene", error_bars=False)
