@@ -21,7 +21,7 @@ TUBE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=2")
 
 def pressed(pressure: float, **strengths: float) -> Problem:
     """Boxes without lateral strain: the pressure is the stress everywhere."""
-    blocks = box_column([ColumnBox((40.0, 40.0, 40.0), (2, 2, 2))] * 3)
+    blocks = box_column([ColumnBox((40.0, 40.0, 40.0), (1, 1, 1))] * 3)
     material = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.0, **strengths)
     return Problem(blocks, face_pressure(blocks, np.array([2]), "z+", pressure), material)
 

@@ -90,9 +90,11 @@ def compressive_strength(scene: DeformableScene) -> float | None:
     InputError
         Materials of different strengths.
     """
-    count_materials(scene, "compressive_strength")
-    sections = (scene.material, *scene.materials.values())
-    strengths = {section.compressive_strength for section in sections}
+    key = "compressive_strength"
+    strengths = {vars(section)[key] for section in (scene.material, *scene.materials.values())}
+    if strengths == {None}:
+        return None
+    count_materials(scene, key)
     if len(strengths) > 1:
         raise InputError(
             "compressive_strength: got different ones for different blocks; expected one for all"
