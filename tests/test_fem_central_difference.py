@@ -259,7 +259,7 @@ def test_a_body_that_starts_strained_and_at_rest_has_no_viscous_force(name, turn
     np.testing.assert_allclose(damped, elastic, rtol=0, atol=1e-12 * abs(elastic).max())
 
 
-@pytest.mark.parametrize(("n_steps", "bound"), [(100_000, 1e-11), (1_000_000, 1e-10)])
+@pytest.mark.parametrize(("n_steps", "bound"), [(100_000, 1e-11), (300_000, 3e-11)])
 @pytest.mark.slow
 def test_energy_does_not_drift(n_steps, bound):
     # The issue asks for 1e-3 over 1e5 steps; round-off alone gives 1e-16 · n at the very worst.
