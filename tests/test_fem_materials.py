@@ -28,7 +28,8 @@ from tests.test_fem_notebook import SHAPE
 from validation.build.deformable import scene_problem
 from validation.output.decks import import_deck
 from validation.run.rigid.polyhedra import run_polyhedra
-from validation.scene.read import load_scene
+from validation.scene.read import check_scene, load_scene
+from validation.scene.usage import recording
 from validation.study.comparison.calculix import calculix_available, run_calculix
 
 SOFT = Material(density=1e-9, young_modulus=3_000.0, poisson_ratio=0.0)
@@ -212,3 +213,15 @@ def test_wrong_materials_are_told_in_one_line(settings: list[str], words: str) -
     with pytest.raises(RefusedError, match=words) as refused:
         stated("column", *settings)
     assert "\n" not in str(refused.value)
+
+
+def test_constants_of_a_known_name_are_not_given_keys() -> None:
+    """What a scene does not state is neither written down as its input nor called ignored."""
+    file = load_scene("column", ["materials.steel.blocks=[1]"])
+    assert file.scene.materials["steel"].young_modulus == 210000.0
+    stated = file.scene.model_dump(exclude_unset=True)
+    assert stated["materials"] == {"steel": {"blocks": (1,)}}
+    assert check_scene(stated).materials == file.scene.materials
+    with recording(file.scene) as use:
+        pass
+    assert [key for key in use.unused if "steel" in key] == ["materials.steel.blocks"]

@@ -29,7 +29,7 @@ from validation.output.files import PICTURES, require_picture
 from validation.output.pictures import assemblies, tubes
 from validation.output.pictures.bodies import block_edges, labelled, sharp_edges
 from validation.output.pictures.canvas import Lines, Surface, View
-from validation.output.pictures.gallery import Panel, gallery, round_length
+from validation.output.pictures.gallery import Panel, _Column, _Row, gallery, round_length
 from validation.output.pictures.look import Look, looking
 from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
 from validation.output.pictures.scales import Scale, scale_from_zero, symmetric_scale
@@ -38,7 +38,7 @@ from validation.run.measures import drawing_scale
 from validation.run.rigid.answer import run_rigid
 from validation.run.rigid.polyhedra import mechanism_motion, run_polyhedra
 from validation.run.solve import run_static
-from validation.scene.read import load_scene
+from validation.scene.read import check_scene, load_scene
 from validation.study.comparison.scene import compared_runs
 
 if TYPE_CHECKING:
@@ -328,8 +328,29 @@ def box_pictures(path: Path) -> None:
     tubes.draw_stresses(run_static("cantilever", scene), path)  # type: ignore[arg-type]
 
 
+def flat_pictures(path: Path) -> None:
+    """Five views that are wide and low, below them bars with three lines of words."""
+    sizes = ([200.0, 160.0, 40.0], [100.0, 60.0, 40.0])
+    boxes = [{"size": size, "divisions": [2, 2, 1]} for size in sizes]
+    sections = {
+        "block": {"type": "boxes", "boxes": boxes},
+        "load": {"pressure": 0.5},
+        "material": "concrete",
+        "fem": {"mesh": "scene"},
+    }
+    tubes.draw_stresses(run_static("flat", check_scene(sections)), path)
+
+
 @pytest.mark.parametrize(
-    "draw", [rigid_pictures, polyhedral_pictures, tube_pictures, column_pictures, box_pictures]
+    "draw",
+    [
+        rigid_pictures,
+        polyhedral_pictures,
+        tube_pictures,
+        column_pictures,
+        box_pictures,
+        flat_pictures,
+    ],
 )
 def test_no_words_of_a_picture_overlap_or_leave_the_page(
     draw: Callable[[Path], None], figures: list[Figure], tmp_path: Path
@@ -528,6 +549,16 @@ def test_a_width_and_a_font_without_meaning_are_refused(tubelock) -> None:  # no
         assert status == 2
         assert words in error
         assert len(error.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("shape", [0.5, 1.9, 4.0])
+def test_columns_are_as_high_as_their_room_allows(shape: float) -> None:
+    """Words above and below take 2.3 in of the height; what is left goes to the views, which fill
+    the width: five of them, 0.2 in of each beside them, or as high as asked for."""
+    columns = [_Column([Panel("p", shape=shape)], 0.2, 2.3, 2.6, 0.5) for _ in range(5)]
+    row = _Row(columns, 5.5, 15.6, 0.4)
+    fills = 2.3 + (15.6 / 5 - 0.2) / shape
+    assert row.height == pytest.approx(min(max(fills, 2.8), 5.5), rel=2e-3)
 
 
 @settings(

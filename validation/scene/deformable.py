@@ -11,6 +11,7 @@ from pydantic import (
     Field,
     GetJsonSchemaHandler,
     ModelWrapValidatorHandler,
+    ValidatorFunctionWrapHandler,
     field_validator,
     model_validator,
 )
@@ -376,18 +377,21 @@ class DeformableSections(WholeScene):
                     raise ValueError(f"combinations.{name}.{key}: {SAME_SUPPORTS}")
         return value
 
-    @field_validator("materials", mode="before")
+    @field_validator("materials", mode="wrap")
     @classmethod
-    def _known_by_their_name(cls, value: Any) -> Any:
-        """Give a section of a known name its constants."""
-        if not isinstance(value, Mapping):
-            return value
-        return {
-            name: {"name": name, **data}
-            if isinstance(data, Mapping) and name in MATERIALS
-            else data
-            for name, data in value.items()
+    def _known_by_their_name(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+        """Give a section of a known name its constants; only given keys count as set."""
+        given = value if isinstance(value, Mapping) else {}
+        unnamed = {
+            name: data
+            for name, data in given.items()
+            if isinstance(data, Mapping) and name in MATERIALS and "name" not in data
         }
+        named = {name: {"name": name, **data} for name, data in unnamed.items()}
+        found = handler({**given, **named} if named else value)
+        for name, data in unnamed.items():
+            object.__setattr__(found[name], "__pydantic_fields_set__", set(data))
+        return found
 
     #: Whether blocks meet; else they are single bodies, and contact says nothing.
     meets: ClassVar[bool] = True

@@ -46,6 +46,8 @@ _LEAST_SHARE = 0.4
 _LEAST_SHARE_OF_ROWS = 0.75
 #: Height of such a row, in its widths.
 _TALLEST = 1.4
+#: Halvings of the range in which the height of a row is sought.
+_HALVINGS = 12
 #: Dots per inch at which matplotlib measures words.
 _MEASURING = 100
 
@@ -154,13 +156,19 @@ class _Row:
     def __init__(
         self, columns: Sequence[_Column], height: float, room: float, least: float
     ) -> None:
-        self.columns, share = columns, 1.0
-        for _ in range(8):
-            self.height = max(height * share, *(column.least_height for column in columns))
-            self.widths = [column.width(self.height) for column in columns]
-            if sum(self.widths) <= room * 1.001 or share <= least:
-                break
-            share = max(share * room / sum(self.widths), least)
+        self.columns = columns
+        low = max(height * least, *(column.least_height for column in columns))
+        self.height = high = max(height, low)
+        for _ in range(_HALVINGS if self._wider(high, room) else 0):
+            self.height = 0.5 * (low + high)
+            low, high = (
+                (low, self.height) if self._wider(self.height, room) else (self.height, high)
+            )
+        self.widths = [column.width(self.height) for column in columns]
+
+    def _wider(self, height: float, room: float) -> bool:
+        """Whether the columns are wider than their room where they are so high."""
+        return sum(column.width(height) for column in self.columns) > room * 1.001
 
 
 def _rows(columns: Sequence[_Column], height: float, room: float) -> list[_Row]:
