@@ -40,6 +40,9 @@ _SHORTEST = 1e-4
 #: follow [skins]: pressures at edges where surfaces end change in proportion to it, by a sixth.
 _MAX_SEARCHES = 12
 _FOLLOWED = 1e-6
+#: Searches in a row that may bring no shorter motion than one before: points at edges where
+#: surfaces end then come and go, and further searches lead around.
+_AROUND = 2
 #: Searches on the way of blocks that nothing holds, for each joint that they find.
 _MAX_TRIES = 2
 
@@ -238,6 +241,7 @@ def follow_up(
         nonlocal elastic, first
         begin = rest if first else begin
         aim, joints, tries = (state.load_factor, state.time), 0, _MAX_TRIES
+        least, around = math.inf, 0
         for search in range(_MAX_SEARCHES):
             if search or not first:
                 problem, state = search_anew(problem, state)
@@ -259,7 +263,9 @@ def follow_up(
                 on_the_way = before + reached * (state.displacement - before)
                 state, tries = replace(state, displacement=on_the_way), tries - 1
                 continue
-            if not state.converged or 2.0 * moved <= _FOLLOWED * points.skin:
+            least, around = (moved, 0) if moved < least else (least, around + 1)
+            settled = 2.0 * moved <= _FOLLOWED * points.skin
+            if not state.converged or settled or (around >= _AROUND and 2.0 * moved <= points.skin):
                 break
         first = False
         if not state.converged or 2.0 * moved > points.skin:
