@@ -55,6 +55,7 @@ from fem.decks.supports import (
     spring_lines,
 )
 from fem.element.hexahedron import ElementType
+from fem.element.tetrahedral_mesh import TetrahedralMesh
 from geometry.block import Block
 from geometry.loads import CircumferentialLoad, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, IntArray
@@ -151,8 +152,8 @@ def _part(deck: Deck, number: int, shape: Block, patches: Patches | None) -> Ite
     yield f"** {shape.name}: {np.count_nonzero(deck.assembly.shape_of == number)} instances"
     yield keyword("Part", name=label(shape.name))
     yield keyword("Node")
-    yield from node_lines(mesh.nodes + 0.0)
-    yield keyword("Element", type=element_name(deck, ELEMENT_NAMES))
+    yield from node_lines(mesh.nodes[: mesh.n_nodes] + 0.0)
+    yield keyword("Element", type=element_name(deck, ELEMENT_NAMES, shape))
     yield from element_lines(mesh.connectivity)
     yield keyword("Nset", nset=ALL, generate=None)
     yield f"1, {mesh.n_nodes}, 1"
@@ -181,7 +182,8 @@ def surface_lines(
     """Element sets of a surface, one for each side, and the surface itself."""
     for side in np.unique(faces.sides).tolist():
         yield keyword("Elset", elset=f"{prefix}{name}-S{side + 1}")
-        yield from entry_lines((faces.elements[faces.sides == side] + first_element).tolist())
+        elements = dict.fromkeys((faces.elements[faces.sides == side] + first_element).tolist())
+        yield from entry_lines(elements)
     yield keyword("Surface", type="ELEMENT", name=f"{prefix}{name}")
     yield from _surface_members(name, faces, prefix=prefix)
 
@@ -198,7 +200,9 @@ def _held_faces(deck: Deck, number: int) -> list[str]:
 
 
 def _section(deck: Deck, number: int) -> Iterator[str]:
-    controls = {"controls": HOURGLASS} if deck.element is ElementType.REDUCED else {}
+    eight = not isinstance(deck.assembly.shapes[number].mesh, TetrahedralMesh)
+    reduced = eight and deck.element is ElementType.REDUCED
+    controls = {"controls": HOURGLASS} if reduced else {}
     name = deck.material_names[deck.materials[number]]
     yield keyword("Solid Section", elset=ALL, material=name, **controls)
     yield ","

@@ -265,12 +265,15 @@ def mesh_lines(deck: Deck, starts: Starts) -> Iterator[str]:
     assembly = deck.assembly
     yield keyword("Node", nset=EVERY_NODE)
     for block in range(assembly.n_blocks):
-        yield from node_lines(block_nodes(deck, block) + 0.0, starts.node[block] + 1)
+        nodes = block_nodes(deck, block)[: assembly.shape(block).mesh.n_nodes]
+        yield from node_lines(nodes + 0.0, starts.node[block] + 1)
     for block in range(assembly.n_blocks):
         name = block_label(deck, block)
-        yield keyword("Element", type=element_name(deck, CALCULIX_ELEMENTS), elset=name)
+        shape = assembly.shape(block)
+        kind = element_name(deck, CALCULIX_ELEMENTS, shape)
+        yield keyword("Element", type=kind, elset=name)
         first = starts.element[block] + 1, starts.node[block] + 1
-        yield from element_lines(assembly.shape(block).mesh.connectivity, *first)
+        yield from element_lines(shape.mesh.connectivity, *first)
     yield keyword("Elset", elset=EVERY_ELEMENT, generate=None)
     yield f"1, {starts.element[-1]}, 1"
     for layer in np.unique(assembly.layer).tolist():

@@ -15,6 +15,7 @@ from fem.assembly.contact_state import block_surface
 from fem.contact.search import FacingPoints
 from fem.decks.keywords import DeckError, label
 from fem.decks.statement import Deck
+from fem.element.tetrahedral_mesh import TetrahedralMesh
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.mesh import HEX_FACES, IntArray
@@ -27,7 +28,7 @@ class ElementFaces:
     elements: IntArray
     """Element of each facet, from 0, (n,)."""
     sides: IntArray
-    """Row of `HEX_FACES`, side S1 being 0, (n,)."""
+    """Row of `HEX_FACES`, side S1 being 0, (n,); of tetrahedra three facets have one side."""
 
     def select(self, positions: IntArray) -> ElementFaces:
         """Keep some facets."""
@@ -60,6 +61,8 @@ def element_faces(block: Block, quads: IntArray) -> ElementFaces:
     if not follows.all():
         bad = int(np.flatnonzero(~follows)[0])
         raise DeckError(f"{block.name}: facet {quads[bad].tolist()} looks inward")
+    if isinstance(block.mesh, TetrahedralMesh):
+        return ElementFaces(*block.mesh.sides(found // 6, quads))
     return ElementFaces(found // 6, found % 6)
 
 

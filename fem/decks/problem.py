@@ -28,6 +28,7 @@ from fem.decks.statement import (
     loads_of_case,
 )
 from fem.decks.supports import holds_on, springs_on_ground
+from fem.decks.tetrahedra import has_tetrahedra, with_tetrahedra
 from fem.decks.write import write_deck as write_statement
 from fem.element.lagrange_mesh import serendipity_block
 from fem.element.material import Material
@@ -105,7 +106,7 @@ def problem_deck(problem: Problem, flavour: Flavour) -> Deck:
     assembly = canonical(problem.blocks)
     if assembly.image_of is not None:
         raise DeckError(f"{assembly.name}: a periodic cell has no deck; expected a whole tube")
-    if problem.degree > 1:
+    if problem.degree > 1 and not has_tetrahedra(assembly):
         assembly = quadratic(assembly, problem.degree, flavour, meets=problem.deformable.meets)
     load = replace(problem.load_case, assembly=assembly)
     stated = replace(problem, blocks=assembly, load=load, degree=1)
@@ -118,8 +119,10 @@ def problem_deck(problem: Problem, flavour: Flavour) -> Deck:
     notes = contact_notes(deck, static=static) + support_notes(deck)
     if not static:
         notes.append("step: damped explicit dynamics approaches the static state")
-    deck, more = around_as_forces(deck)
-    return with_notes(deck, notes + more)
+    for written in (around_as_forces, with_tetrahedra):
+        deck, more = written(deck)
+        notes += more
+    return with_notes(deck, notes)
 
 
 def deck_of(

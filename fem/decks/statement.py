@@ -23,8 +23,10 @@ from fem.decks.keywords import DeckError
 from fem.element.hexahedron import ELEMENTS, ElementType
 from fem.element.lagrange_mesh import SerendipityMesh
 from fem.element.material import Material, each_material
+from fem.element.tetrahedral_mesh import TetrahedralMesh
 from fem.problem.effects import Effects
 from geometry.assembly import Assembly, spacing_offsets
+from geometry.block import Block
 from geometry.loads import FaceLoad, LoadCase, PressureLoad
 from geometry.mesh import FloatArray, IntArray
 from geometry.parts.pairs import OfPairs
@@ -324,10 +326,11 @@ CYLINDRICAL = "TUBE-AXIS"
 HOURGLASS = "HOURGLASS"
 
 
-def element_name(deck: Deck, elements: Mapping[ElementType, str]) -> str:
-    """Name of the hexahedra of a deck: by their nodes, those of eight by their kind."""
-    twenty = isinstance(deck.assembly.shapes[0].mesh, SerendipityMesh)
-    return "C3D20" if twenty else elements[deck.element]
+def element_name(deck: Deck, elements: Mapping[ElementType, str], shape: Block) -> str:
+    """Name of the elements of a shape: by their nodes, hexahedra of eight by their kind."""
+    if isinstance(shape.mesh, TetrahedralMesh):
+        return "C3D10M" if deck.flavour is Flavour.GENERAL else "C3D10"
+    return "C3D20" if isinstance(shape.mesh, SerendipityMesh) else elements[deck.element]
 
 
 def block_label(deck: Deck, block: int) -> str:

@@ -23,6 +23,7 @@ from fem.decks.problem import (
     with_notes,
 )
 from fem.decks.statement import Deck, DeckStep, Flavour, Joint, Procedure
+from fem.decks.tetrahedra import has_tetrahedra, with_tetrahedra
 from fem.element.hexahedron import ElementType
 from fem.problem.effects import Effects
 from fem.problem.time_step import critical_time_step
@@ -68,7 +69,7 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
     blocks = build_hexahedra(scene, name)
     assembly = canonical(blocks.assembly)
     degree = element_degree(scene, assembly)
-    if degree > 1:
+    if degree > 1 and not has_tetrahedra(assembly):
         assembly = quadratic(assembly, degree, flavour, meets=scene.meets)
     case = scene_load(scene, assembly)
     with uncounted((EffectsSection, "finite_sliding")):
@@ -98,8 +99,9 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
         notes.append("large rotations: nlgeom=YES, though effects.finite_rotation is off")
     if scene.straightened(assembly):
         notes.append(f"edges: {STRAIGHT_EDGES}")
-    deck, more = around_as_forces(deck)
-    notes += more
+    for written in (around_as_forces, with_tetrahedra):
+        deck, more = written(deck)
+        notes += more
     if not static and fem.mass_scaling is not None:
         deck = _with_mass_scaling(deck, fem.mass_scaling)
     if flavour is Flavour.CALCULIX and not static:

@@ -64,6 +64,12 @@ def export_deck(file: SceneFile, flavour: Flavour | None, path: Path) -> Written
     return _write(deck, path, start)
 
 
+def _elements(deck: Deck) -> str:
+    """Names of the elements of all shapes."""
+    names = {deck.element: str(deck.element.value)}
+    return ", ".join(dict.fromkeys(element_name(deck, names, s) for s in deck.assembly.shapes))
+
+
 def _write(deck: Deck, path: Path, start: float) -> WrittenDeck:
     prepare_file(path)
     keywords: dict[str, int] = {}
@@ -202,7 +208,7 @@ def deck_json(deck: Deck) -> dict[str, Any]:
         "n_nodes": sum(assembly.shape(b).mesh.n_nodes for b in range(assembly.n_blocks)),
         "n_elements": sum(assembly.shape(b).mesh.n_elements for b in range(assembly.n_blocks)),
         "volume": float(assembly.volumes.sum()),
-        "element": element_name(deck, {deck.element: str(deck.element.value)}),
+        "element": _elements(deck),
         "material": _constants(next(iter(names)))
         if len(names) == 1
         else {name: _constants(material) for material, name in names.items()},
