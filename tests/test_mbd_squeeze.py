@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from geometry.block import box_block
+from geometry.files.mesh_io import write_hex_mesh
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.polyhedron import convex_polyhedron
@@ -14,6 +17,9 @@ from mbd import contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from mbd.options import FrictionLaw
 from mbd.squeeze import Squeeze, squeeze
+from validation.run.rigid.polyhedra import run_polyhedra
+from validation.scene.polyhedra import PolyhedralScene
+from validation.scene.read import load_scene
 
 pytestmark = pytest.mark.quick
 
@@ -95,3 +101,37 @@ def test_a_block_on_an_incline_presses_it_by_its_weight(slope: float, holds: boo
     if holds:
         assert found is not None
         assert found.needed is False
+
+
+@pytest.mark.parametrize("interference", [0.0, 0.02])
+def test_the_verdict_names_the_squeeze_that_the_scene_prescribes(
+    interference: float, tmp_path: Path
+) -> None:
+    """A cube of 1e-9 · 1e6 · 9810 N between two that are fixed: each carries half of it."""
+    path = tmp_path / "row.toml"
+    path.write_text(
+        f"""
+contact = {{clearance = {-interference}}}
+[block]
+type = "mesh"
+[[parts]]
+file = "cube.inp"
+places = [{{at = [0, 0, 0]}}, {{at = [100, 0, 0]}}, {{at = [200, 0, 0]}}]
+[assembly]
+fixed = [0, 2]
+[material]
+density = 1e-9
+young_modulus = 33000.0
+poisson_ratio = 0.2
+[effects]
+gravity = [0.0, 0.0, -9810.0]
+[rigid]
+friction = 0.5
+"""
+    )
+    write_hex_mesh(tmp_path / "cube.inp", box_block((100.0, 100.0, 100.0), (1, 1, 1)).mesh)
+    file = load_scene(str(path), ())
+    assert isinstance(file.scene, PolyhedralScene)
+    words = run_polyhedra(file, file.scene).carried.words
+    assert "blocks 0 and 1 with at least 9.81 N" in words
+    assert ("contact.clearance = -0.02 mm" in words) == (interference > 0.0)

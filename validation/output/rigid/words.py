@@ -137,8 +137,7 @@ def add_further_rows(table: Table, further: Further | None) -> None:
         if further.friction.mechanism is not None:
             proof = f"; fᵀd/‖f‖ = {further.friction.work:.3g}, least contact work "
             proof += f"{further.friction.smallest_contact_work:.1e}"
-        held = further.squeeze.words if further.squeeze is not None else ""
-        held = f"; {held}" if held else ""
+        held = f"; {further.squeeze_words}" if further.squeeze_words else ""
         table.add_row("with friction", further.friction.status + proof + held)
     if further.collapse is not None:
         c = further.collapse

@@ -78,6 +78,9 @@ class RigidAnswer:
         seconds = {"build": 0.0} | result.cpu_seconds | built
         seconds["total"] += result.cpu_seconds["total"]
         if further is not None:
+            if further.squeeze is not None and further.squeeze.needed:
+                gap = scene.contact.clearance
+                further = replace(further, interference=max(0.0, -gap))
             seconds["friction and limits"] = further.cpu_seconds
             seconds["total"] += further.cpu_seconds
         run = cls(result=result, further=further, cpu_seconds=seconds, **stated)
@@ -106,8 +109,8 @@ class RigidAnswer:
         measured = None
         if asked.holds:
             words += f" (without: {result.mechanism})"
-            if further.squeeze is not None and further.squeeze.words:
-                words += f"; {further.squeeze.words}"
+            if further.squeeze_words:
+                words += f"; {further.squeeze_words}"
             measured = facet_measures(self.assembly, index, normal / found.areas[index])[1]
         return Carried(
             holds=asked.holds,

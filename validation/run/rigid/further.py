@@ -51,6 +51,19 @@ class Further:
     """Whether friction that carries the load is pressed by it."""
     sliding_state: SlidingState | None = None
     """Forces and motion of `sliding`, for a check by another program."""
+    interference: float = 0.0
+    """By which the scene prescribes that joints are squeezed [mm]; 0: it does not."""
+
+    @property
+    def squeeze_words(self) -> str:
+        """What must press the joints, and what the scene prescribes; empty where nothing must."""
+        words = "" if self.squeeze is None else self.squeeze.words
+        if not (words and self.interference):
+            return words
+        return (
+            f"{words}. The scene squeezes them: contact.clearance = {-self.interference:g} mm; "
+            "`tubelock fem` computes the forces of deformable blocks"
+        )
 
 
 def further_answers(
