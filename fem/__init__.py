@@ -20,6 +20,7 @@ What most need::
 | `StaticOptions` | its tolerance, symmetry and load steps |
 | `solve_explicit` | explicit dynamics, to the static state or in time |
 | `write_deck` | the problem as an input deck for Abaqus or CalculiX |
+| `read_deck` | an input deck of Abaqus or CalculiX, with its problem and its answer |
 | `solve` | explicit dynamics of any `fem.problem.model.Model` |
 
 Both solvers return a `geometry.Answer`.
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from fem.contact.own_law import TabularLaw
     from fem.contact.pair_laws import PairLaws
     from fem.decks.problem import write_deck
+    from fem.decks.read.deck import read_deck
     from fem.dynamics import solve_explicit
     from fem.element.hexahedron import ElementType
     from fem.element.material import Material, concrete
@@ -57,6 +59,7 @@ __all__ = [
     "StaticOptions",
     "TabularLaw",
     "concrete",
+    "read_deck",
     "solve",
     "solve_explicit",
     "solve_static",
@@ -75,6 +78,7 @@ _PLACES = {
     "Problem": ("fem.assembly.statement", "Problem"),
     "TabularLaw": ("fem.contact.own_law", "TabularLaw"),
     "StaticOptions": ("fem.static.solve", "StaticOptions"),
+    "read_deck": ("fem.decks.read.deck", "read_deck"),
     "concrete": ("fem.element.material", "concrete"),
     "solve": ("fem.explicit.solve", "solve"),
     "solve_explicit": ("fem.dynamics", "solve_explicit"),

@@ -137,7 +137,7 @@ def _near_pairs(facets: Sequence[_Facets], blocks: _Blocks) -> IntArray:
 
 def _placements(pairs: IntArray, size: float, blocks: _Blocks) -> list[_Placement]:
     """Distinct ways in which the blocks of pairs lie beside each other."""
-    if not len(pairs):
+    if not len(pairs) or size == 0.0:  # no block has a face that can meet another one
         return []
     m, s = pairs.T
     shape_of = blocks.shape_of

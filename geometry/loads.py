@@ -27,6 +27,7 @@ from geometry.mesh import (
     QuadSurface,
     ReadOnlyArrays,
 )
+from geometry.parts.forces import NodeForces
 from geometry.parts.regions import (
     Where,
     check_region,
@@ -176,6 +177,8 @@ class LoadCase(ReadOnlyArrays):
     """Faces held, moved or on springs of blocks that are not held as a whole."""
     lines: tuple[LineLoad, ...] = ()
     """Loads along edges."""
+    nodes: tuple[NodeForces, ...] = ()
+    """Forces on nodes."""
     without_couple: bool = False
     """Whether each block takes only the resultant force, at the mean of its surface nodes."""
     body_wrenches: FloatArray | None = None
@@ -209,14 +212,14 @@ class LoadCase(ReadOnlyArrays):
         return tuple(_loaded_edges(self.assembly, line) for line in self.lines)  # type: ignore[arg-type]
 
     def _all(self, name: str) -> FloatArray:
-        parts = [getattr(found, name) for found in (*self.facets, *self.edges)]
+        parts = [getattr(found, name) for found in (*self.facets, *self.edges, *self.nodes)]
         return np.concatenate(parts) if parts else np.zeros((0, 3))
 
     @cached_property
     def block(self) -> IntArray:
-        """Loaded block of each facet, then of each edge, (n_facets,)."""
-        parts = [found.block for found in self.facets]
-        parts += [found.block for found in self.edges]
+        """Loaded block of each facet, then of each edge, then of each node, (n_facets,)."""
+        parts = [found.block for found in (*self.facets, *self.edges)]
+        parts += [found.block for found in self.nodes]
         return np.concatenate(parts or [np.zeros(0, dtype=np.int64)])
 
     @cached_property
@@ -246,7 +249,9 @@ class LoadCase(ReadOnlyArrays):
         Other meshes need not have facets that end there.
         """
         regions = [part.face for part in (*self.faces, *self.held)]
-        return bool(self.lines) or any(not isinstance(where, str) for where in regions)
+        return bool(self.lines or self.nodes) or any(
+            not isinstance(where, str) for where in regions
+        )
 
     @property
     def largest_traction(self) -> float:

@@ -315,7 +315,7 @@ def _pressed(load: LoadCase, block: int) -> bytes | None:
 
     None where other loads act.
     """
-    dead = load.body_wrenches is not None or load.lines
+    dead = load.body_wrenches is not None or load.lines or load.nodes
     if dead or any(f.tractions is not None for f in load.facets):
         return None
     return b"|".join(found.quads[found.block == block].tobytes() for found in load.facets)
@@ -340,6 +340,11 @@ def _face_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray |
         if len(mine):
             local = edges.per_length @ rotation
             part = edge_forces(mesh.nodes, edges.quads[mine], edges.side[mine], mesh, local)
+            forces = part if forces is None else forces + part
+    for nodal in load.nodes:
+        on_nodes = nodal.on_nodes(block, assembly.nodes(block))
+        if on_nodes is not None:
+            part = on_nodes @ rotation
             forces = part if forces is None else forces + part
     if load.without_couple and forces is not None:
         # Equal shares on all surface nodes: their resultant acts at the mean of these nodes.

@@ -280,7 +280,7 @@ def loads_of_case(case: LoadCase) -> tuple[DeckLoad, ...]:
             f"load {case.name!r}: got a pressure that turns with its block on a region without a "
             "name; expected a named face, or a dead load"
         )
-    if not (regions or case.lines):
+    if not (regions or case.lines or case.nodes):
         return named
     return (*named, _consistent_forces(replace(case, faces=regions)))
 

@@ -1,11 +1,13 @@
-"""Where something acts: parts of the surfaces of blocks, by name, by a plane or by a box."""
+"""Where something acts: parts of the surfaces of blocks, by name, by a plane, by a box; nodes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from geometry.assembly import AnyBlocks
 from geometry.block import Block
@@ -55,8 +57,28 @@ class Box(ReadOnlyArrays):
         return f"the box from {self.low.tolist()} to {self.high.tolist()}"
 
 
-#: Part of the surface of a block: a face by its name, what lies on a plane, what lies in a box.
-Where: TypeAlias = str | Plane | Box
+@dataclass(frozen=True)
+class Points(ReadOnlyArrays):
+    """Nodes by their places, such as a set of nodes of another program; inner ones too."""
+
+    places: FloatArray
+    """World coordinates, (n, 3) [mm]."""
+
+    @cached_property
+    def _tree(self) -> KDTree:
+        return KDTree(self.places)
+
+    def has(self, points: FloatArray, tolerance: float) -> BoolArray:
+        """Whether each of some points (..., 3) [mm] lies at one within a distance [mm]."""
+        return np.isfinite(self._tree.query(points, distance_upper_bound=2.0 * tolerance)[0])
+
+    def __str__(self) -> str:
+        """In words."""
+        return f"{len(self.places)} points, the first at {self.places[0].tolist()}"
+
+
+#: Part of a block: a face by its name, what of the surface lies on a plane or in a box, or nodes.
+Where: TypeAlias = str | Plane | Box | Points
 
 
 def region_quads(assembly: AnyBlocks, block: int, where: Where) -> IntArray:
@@ -73,9 +95,14 @@ def region_quads(assembly: AnyBlocks, block: int, where: Where) -> IntArray:
 
 
 def region_nodes(assembly: AnyBlocks, block: int, where: Where) -> IntArray:
-    """Surface nodes of a block in a region, those between corners too, ascending; (n,)."""
+    """Surface nodes of a block in a region, those between corners too, ascending; (n,).
+
+    Of `Points` inner nodes too.
+    """
     shape = assembly.shape(block)
     named = isinstance(where, str)
+    if isinstance(where, Points):
+        return np.flatnonzero(where.has(_nodes(assembly, block), _tolerance(assembly)))
     quads = region_quads(assembly, block, where) if named else _facets(assembly, block)
     nodes = np.unique(shape.mesh.facet_nodes(quads) if isinstance(shape, Block) else quads)
     if isinstance(where, str):

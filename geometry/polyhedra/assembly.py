@@ -6,8 +6,16 @@ from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
 
-from geometry.assembly import Assembly, AssemblyError, PlacedBlocks
+from geometry.assembly import (
+    Assembly,
+    AssemblyError,
+    PlacedBlocks,
+    UnmatchedJoint,
+    matched_area,
+)
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.polyhedra.facet_contact import ContactPoints, find_contacts
 from geometry.polyhedra.options import DetectionOptions
@@ -15,6 +23,9 @@ from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_block
 
 #: Default contact tolerance in block lengths ∛V.
 _RELATIVE_TOLERANCE = 1e-4
+#: Part of the contact area of two blocks that may have no matching facets: clipping and curved
+#: facets, which are split into flat triangles to find it.
+_UNMATCHED = 1e-2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,3 +177,42 @@ def as_polyhedral(
         parts=assembly.parts,
         detection=detection or DetectionOptions(),
     )
+
+
+def unmatched_joints(
+    assembly: Assembly, surfaces: PolyhedralAssembly
+) -> tuple[UnmatchedJoint, ...]:
+    """Joints where the facets of two blocks that touch do not match corner on corner.
+
+    ``surfaces`` are the same blocks, their contacts found without matching facets.
+    """
+    patches = surfaces.interfaces.patches
+    pairs = np.unique(np.column_stack([patches.block_m, patches.block_s]), axis=0)
+    found = []
+    for m, s in pairs.tolist():
+        rows = np.flatnonzero((patches.block_m == m) & (patches.block_s == s))
+        touching, matched = float(patches.areas[rows].sum()), matched_area(assembly, m, s)
+        if matched < (1.0 - _UNMATCHED) * touching:
+            toward = patches.normals[rows[np.argmax(patches.areas[rows])]]
+            found.append(UnmatchedJoint(m, s, touching, matched, toward))
+    return tuple(found)
+
+
+def contact_distance(assembly: PolyhedralAssembly) -> IntArray:
+    """Least number of joints between each block and a held one, (n_blocks,).
+
+    Blocks that no chain of joints connects to a held one get the number after the largest.
+    """
+    patches, n = assembly.interfaces.patches, assembly.n_blocks
+    ends = np.unique(np.column_stack([patches.block_m, patches.block_s]), axis=0).T
+    graph = coo_array((np.ones(len(ends[0])), (ends[0], ends[1])), shape=(n, n)).tocsr()
+    distance = dijkstra(
+        graph,
+        directed=False,
+        indices=np.flatnonzero(assembly.fixed) if assembly.fixed.any() else [0],
+        unweighted=True,
+        min_only=True,
+    )
+    reached = np.isfinite(distance)
+    last = distance[reached].max() + 1
+    return np.where(reached, distance, last).astype(np.int64)

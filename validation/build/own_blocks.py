@@ -7,17 +7,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
 from fem.element.lagrange_mesh import with_degree
-from geometry.assembly import Assembly, AssemblyError, UnmatchedJoint, matched_area
+from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.files.hexahedral_solids import file_blocks, solid_block
 from geometry.loads import LoadCase
-from geometry.mesh import IntArray
-from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
+from geometry.polyhedra.assembly import (
+    PolyhedralAssembly,
+    as_polyhedral,
+    contact_distance,
+    unmatched_joints,
+)
 from geometry.polyhedra.overlap import check_assembly
 from geometry.polyhedra.polyhedron import Polyhedron
 from validation.build.blocks import HexahedralBlocks
@@ -32,10 +34,6 @@ from validation.build.supports import stated_load
 from validation.errors import InputError
 from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import MeshScene, PolyhedralScene
-
-#: Part of the contact area of two blocks that may have no matching facets: clipping and curved
-#: facets, which are split into flat triangles to find it.
-_UNMATCHED = 1e-2
 
 
 def build_own_blocks(scene: PolyhedralScene, name: str) -> HexahedralBlocks:
@@ -116,45 +114,6 @@ def bare_joints(surfaces: PolyhedralAssembly) -> list[tuple[int, int]]:
     key = pairs[:, 0] * surfaces.n_blocks + pairs[:, 1]
     bare = np.unique(pairs[~np.isin(key, key[found.patch >= 0])], axis=0)
     return [(m, s) for m, s in bare.tolist()]
-
-
-def unmatched_joints(
-    assembly: Assembly, surfaces: PolyhedralAssembly
-) -> tuple[UnmatchedJoint, ...]:
-    """Joints where the facets of two blocks that touch do not match corner on corner.
-
-    ``surfaces`` are the same blocks, their contacts found without matching facets.
-    """
-    patches = surfaces.interfaces.patches
-    pairs = np.unique(np.column_stack([patches.block_m, patches.block_s]), axis=0)
-    found = []
-    for m, s in pairs.tolist():
-        rows = np.flatnonzero((patches.block_m == m) & (patches.block_s == s))
-        touching, matched = float(patches.areas[rows].sum()), matched_area(assembly, m, s)
-        if matched < (1.0 - _UNMATCHED) * touching:
-            toward = patches.normals[rows[np.argmax(patches.areas[rows])]]
-            found.append(UnmatchedJoint(m, s, touching, matched, toward))
-    return tuple(found)
-
-
-def contact_distance(assembly: PolyhedralAssembly) -> IntArray:
-    """Least number of joints between each block and a held one, (n_blocks,).
-
-    Blocks that no chain of joints connects to a held one get the number after the largest.
-    """
-    patches, n = assembly.interfaces.patches, assembly.n_blocks
-    ends = np.unique(np.column_stack([patches.block_m, patches.block_s]), axis=0).T
-    graph = coo_array((np.ones(len(ends[0])), (ends[0], ends[1])), shape=(n, n)).tocsr()
-    distance = dijkstra(
-        graph,
-        directed=False,
-        indices=np.flatnonzero(assembly.fixed) if assembly.fixed.any() else [0],
-        unweighted=True,
-        min_only=True,
-    )
-    reached = np.isfinite(distance)
-    last = distance[reached].max() + 1
-    return np.where(reached, distance, last).astype(np.int64)
 
 
 def own_load(scene: PolyhedralScene, assembly: Assembly) -> LoadCase:

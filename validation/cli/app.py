@@ -75,7 +75,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "scenes": look.scenes,
         "schema": look.schema,
         "export": decks.export,
-        "import": decks.import_,
+        "deck": decks.deck,
         "check": decks.check,
         "repair": decks.repair,
     },

@@ -137,26 +137,41 @@ def repair(
         outputs.say(f"{len(found.blocks)} blocks", output)
 
 
-def import_(
-    deck: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Input deck (.inp) or mesh to read.")
+def deck(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Input deck of Abaqus or CalculiX (.inp).")
     ],
-    output: Annotated[
+    write: Annotated[
         Path | None,
+        typer.Option("--write", metavar="FILE.inp", help="Write it again for its program."),
+    ] = None,
+    run: Annotated[
+        bool, typer.Option("--run", help="Solve its step and print the answer.")
+    ] = False,
+    dialect: Annotated[
+        str | None,
         typer.Option(
-            "-o", "--output", metavar="FILE", help="File to write: a deck (.inp) or a mesh (.vtu)."
+            metavar="abaqus|calculix",
+            help="Program whose meaning the keywords have. Default: detected.",
         ),
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Read an exported deck or a hexahedral mesh.
-
-    Prints a summary of its content.
-    """
-    from validation.output.decks import import_file
+    """Read an input deck of Abaqus or CalculiX, check it and print a summary."""
+    from validation.output.decks import input_json, input_table, read_file, rewrite
     from validation.output.outputs import Outputs
 
-    with Outputs(json, files={"-o": output}, reads=(deck,)) as outputs:
-        table, data = import_file(deck, output)
-        outputs.console.print(table)
+    if dialect is not None:
+        _one_of("--dialect", dialect, ("abaqus", "calculix"))
+    with Outputs(json, files={"--write": write}, reads=(file,)) as outputs:
+        stated = read_file(file, dialect)
+        outputs.console.print(input_table(stated))
+        data = input_json(stated)
+        if write is not None:
+            written = rewrite(stated, write)
+            outputs.say(f"{written.n_bytes / 1e6:.3g} MB", write)
+        if run:
+            answer = stated.solve()
+            outputs.console.print(str(answer))
+            data["measures"] = answer.as_dict()["measures"]
         outputs.write_json(data)

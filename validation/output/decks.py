@@ -1,36 +1,28 @@
-"""Decks and meshes written, read back and described."""
+"""Decks written, read and described."""
 
 from __future__ import annotations
 
-import re
 import time
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from fem.decks.keywords import DeckError
-from fem.decks.read.cards import read_cards
-from fem.decks.read.deck import read_deck
+from fem.decks.read.deck import InputDeck, read_deck
+from fem.decks.read.rewrite import rewritten
 from fem.decks.statement import Deck, Flavour, element_name
 from fem.decks.write import write_deck
 from fem.element.material import Material
-from geometry.errors import RefusedError, unreadable
-from geometry.files.mesh_io import assembly_mesh, read_hex_mesh, write_hex_mesh
+from geometry.errors import RefusedError
 from geometry.files.whole import write_whole
-from geometry.mesh import HexMesh, corner_jacobians
 from validation.build.deck import build_deck
 from validation.errors import InputError, named
 from validation.output.console import two_columns
 from validation.output.files import prepare_file
 from validation.scene.read import SceneFile
-
-#: Keywords of a file with a mesh and nothing else.
-_MESH_KEYWORDS = {"HEADING", "NODE", "ELEMENT", "NSET", "ELSET"}
 
 
 @dataclass(frozen=True)
@@ -90,106 +82,106 @@ def print_export(written: WrittenDeck, console: Console) -> None:
 
 
 # ---------------------------------------------------------------------------------------------
-# Import
+# Decks that are read
 
 
-def import_deck(path: Path) -> Deck:
-    """Read a deck that `export` wrote.
-
-    Raises
-    ------
-    InputError
-        With the line that cannot be read.
-    """
-    try:
-        with named(str(path)), path.open(encoding="ascii") as file:
-            return read_deck(file)
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}; expected a deck") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is no text (byte {error.start}); expected a deck") from None
-
-
-def import_mesh(path: Path) -> HexMesh:
-    """Read the hexahedra of a mesh file of any format that meshio knows.
+def read_file(path: Path, dialect: str | None) -> InputDeck:
+    """Read a deck, and check all that a solution checks before it begins.
 
     Raises
     ------
     InputError
-        For no hexahedra, bad ones, or a flat deck that says more than a mesh (naming the line).
+        With the line that is not covered.
     """
+    with named(str(path)):
+        deck = read_deck(path, dialect=dialect)
     try:
-        if path.suffix.lower() == ".inp":
-            _check_mesh_alone(path)
-        return read_hex_mesh(path)
+        deck.validate()
     except RefusedError as error:
-        text = str(error)
-        raise InputError(text if str(path) in text else f"{path}: {text}") from None
+        raise InputError(f"{path}: {error}") from None
+    return deck
 
 
-def _check_mesh_alone(path: Path) -> None:
-    """Reject a flat deck that says more than a mesh: a mesh reader would drop it silently."""
-    with path.open(encoding="utf-8", errors="replace") as file:
-        for card in read_cards(file):
-            if card.keyword not in _MESH_KEYWORDS:
-                raise DeckError(
-                    f"line {card.line}: *{card.keyword.title()} is not supported; import reads "
-                    "decks that `export` wrote (general, pairs), and files with a mesh alone"
-                )
-
-
-def import_file(path: Path, output: Path | None) -> tuple[Table, dict[str, Any]]:
-    """Read a deck or a mesh, write it again where asked; what it says, as text and as data.
+def rewrite(deck: InputDeck, path: Path) -> WrittenDeck:
+    """Write a deck that was read, in the words of its program.
 
     Raises
     ------
     InputError
-        For no file, or one that cannot be read or written.
+        What the program has no words for.
     """
-    why = unreadable(path)
-    if why is not None:
-        raise InputError(f"{path}: {why}; expected a deck or a mesh")
     start = time.process_time()
-    if _is_deck(path):
-        deck = import_deck(path)
-        seconds = time.process_time() - start
-        table, data = _description(deck, f"{path}: deck of {deck.name}"), deck_json(deck)
-        if output is not None and output.suffix.lower() == ".inp":
-            _write(deck, output, start)
-        elif output is not None:
-            _write_mesh(output, *assembly_mesh(deck.assembly))
-    else:
-        mesh = import_mesh(path)
-        seconds = time.process_time() - start
-        table, data = _mesh_description(mesh, f"{path}: mesh"), mesh_json(mesh)
-        if output is not None:
-            _write_mesh(output, mesh, np.zeros(mesh.n_elements, dtype=np.int64))
-    table.add_row("CPU seconds", f"{seconds:.3f}")
-    if output is not None:
-        table.add_row("written", str(output))
-    return table, data
-
-
-def _is_deck(path: Path) -> bool:
-    """Whether a file claims to come from `export`."""
     if path.suffix.lower() != ".inp":
-        return False
-    with path.open(encoding="ascii", errors="replace") as file:
-        head = [file.readline() for _ in range(2)]
-    return head[0].strip().lower() == "*heading" and head[1].startswith("tubelock ")
+        raise InputError(f"--write {path}: expected a file name that ends in .inp")
+    with named(deck.name):
+        stated = rewritten(deck)
+    return _write(stated, path, start)
 
 
-def _write_mesh(path: Path, mesh: HexMesh, owner: np.ndarray[Any, Any]) -> None:
-    try:
-        write_hex_mesh(path, mesh, cell_data={"block": owner.astype(np.int32)})
-    except OSError:
-        raise
-    # Each of meshio's writers has its own way to say what it cannot hold.
-    except Exception as error:
-        reason = " ".join(re.sub(r"\.partial-\w+", path.stem, str(error)).split())
-        raise InputError(
-            f"-o {path}: cannot be written as a mesh ({reason}); expected .inp, .vtu, …"
-        ) from None
+def input_json(deck: InputDeck) -> dict[str, Any]:
+    """Return what a deck that was read says as plain data."""
+    problem, step = deck.problem(), deck.steps[-1]
+    blocks, load = problem.blocks, problem.load_case
+    friction = problem.coulomb
+    return {
+        "deck": deck.name,
+        "dialect": str(deck.dialect),
+        "detected": deck.detected,
+        "procedure": "explicit" if step.explicit else "static",
+        "duration": step.duration,
+        "large_rotations": step.large_rotations,
+        "blocks": blocks.n_blocks,
+        "names": list(blocks.names),
+        "n_nodes": sum(blocks.shape(b).mesh.n_nodes for b in range(blocks.n_blocks)),
+        "n_elements": sum(blocks.shape(b).mesh.n_elements for b in range(blocks.n_blocks)),
+        "volume": float(blocks.volumes.sum()),
+        "element": problem.element.value if problem.degree == 1 else f"degree {problem.degree}",
+        "materials": [_constants(material) for material in dict.fromkeys(problem.materials)],
+        "law": None if not problem.deformable.meets else str(problem.contact_law),
+        "friction": None if friction is None else friction.coefficient,
+        "clearance": problem.clearance,
+        "fixed_blocks": int(load.fixed.sum()),
+        "supports": sorted({held.title for held in load.held}),
+        "loads": [f"{type(face).__name__} on {len(face.blocks)} blocks" for face in load.faces],
+        "nodal_forces": sum(len(nodes.block) for nodes in load.nodes),
+        "remarks": deck.model.notes,
+        "without_influence": list(deck.without_influence),
+    }
+
+
+def input_table(deck: InputDeck) -> Table:
+    """Describe a deck that was read."""
+    data = input_json(deck)
+    table = two_columns(f"{deck.name}: input deck")
+    table.add_row("dialect", f"{data['dialect']} ({data['detected']})")
+    table.add_row(
+        "blocks",
+        f"{data['blocks']}, {data['n_nodes']} nodes, {data['n_elements']} hexahedra "
+        f"({data['element']}), {data['volume']:.6g} mm³",
+    )
+    for one in data["materials"]:
+        table.add_row(
+            "material",
+            f"{one['young_modulus']:g} MPa, ν = {one['poisson_ratio']:g}, "
+            f"{one['density']:.3g} t/mm³",
+        )
+    friction = data["friction"]
+    rough = "frictionless" if friction is None else f"friction {friction:g}"
+    table.add_row("contact", "none" if data["law"] is None else f"{data['law']}, {rough}")
+    if data["clearance"]:
+        table.add_row("clearance", f"{data['clearance']:g} mm")
+    held = [f"{data['fixed_blocks']} fixed blocks"] * bool(data["fixed_blocks"])
+    table.add_row("supports", ", ".join([*held, *data["supports"]]) or "none")
+    forces = [f"{data['nodal_forces']} nodal forces"] * bool(data["nodal_forces"])
+    loads = [f"{count} × {load}" for load, count in Counter(data["loads"]).items()]
+    table.add_row("loads", ", ".join([*loads, *forces]) or "none")
+    turns = "large rotations" if data["large_rotations"] else "small rotations"
+    table.add_row("step", f"{data['procedure']}, {data['duration']:g} s, {turns}")
+    if data["remarks"]:
+        table.add_row("remarks", "\n".join(data["remarks"]))
+    if data["without_influence"]:
+        table.add_row("no influence", ", ".join(data["without_influence"]))
+    return table
 
 
 # ---------------------------------------------------------------------------------------------
@@ -232,16 +224,6 @@ def _constants(material: Material) -> dict[str, float]:
     }
 
 
-def mesh_json(mesh: HexMesh) -> dict[str, Any]:
-    """Return what a mesh is as plain data."""
-    return {
-        "n_nodes": mesh.n_nodes,
-        "n_elements": mesh.n_elements,
-        "volume": mesh.extent()[0],
-        "smallest_corner_jacobian": float(corner_jacobians(mesh).min()),
-    }
-
-
 def _description(deck: Deck, title: str) -> Table:
     data = deck_json(deck)
     table = two_columns(title)
@@ -265,13 +247,4 @@ def _description(deck: Deck, title: str) -> Table:
     )
     if deck.notes:
         table.add_row("notes", "\n".join(deck.notes))
-    return table
-
-
-def _mesh_description(mesh: HexMesh, title: str) -> Table:
-    data = mesh_json(mesh)
-    table = two_columns(title)
-    table.add_row("mesh", f"{mesh.n_nodes} nodes, {mesh.n_elements} hexahedra")
-    table.add_row("volume", f"{data['volume']:.6g} mm³")
-    table.add_row("smallest corner Jacobian", f"{data['smallest_corner_jacobian']:.3g} mm³")
     return table

@@ -1,201 +1,310 @@
-"""Read back what `fem.decks.abaqus` writes.
-
-The reader takes from the cards what a `Deck` holds, then writes the deck anew and compares: a
-card that would not come out again is refused by its line, so nothing is dropped silently.
-"""
+"""Read input decks of Abaqus and CalculiX, and state the problem that they describe."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from itertools import zip_longest
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
 
-from fem.contact.law import ContactLawError
-from fem.decks.abaqus import abaqus_lines
+from fem.assembly.statement import Problem
 from fem.decks.keywords import DeckError
-from fem.decks.read.cards import (
-    Card,
-    Heading,
-    Sections,
-    heading_value,
-    read_cards,
-    read_heading,
-    split_sections,
-)
-from fem.decks.read.model import (
-    read_effects,
-    read_holds,
-    read_joint,
-    read_loads,
-    read_materials,
-    read_motion,
-    read_step,
-)
-from fem.decks.read.parts import read_assembly, read_part
-from fem.decks.statement import Deck, Flavour
-from fem.element.material import Material, MaterialError
-from fem.problem.effects import EffectError
-from geometry.assembly import AssemblyError
-from geometry.mesh import MeshError
-
-#: Keywords that are read; everything else is refused by name.
-SUPPORTED = (
-    *("HEADING", "PART", "NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "SOLID SECTION"),
-    *("END PART", "ASSEMBLY", "INSTANCE", "END INSTANCE", "ORIENTATION", "END ASSEMBLY"),
-    *("SECTION CONTROLS", "MATERIAL", "DENSITY", "ELASTIC", "DAMPING", "SURFACE INTERACTION"),
-    *("SURFACE BEHAVIOR", "FRICTION", "AMPLITUDE", "INITIAL CONDITIONS", "CONTACT"),
-    *("CONTACT INCLUSIONS", "CONTACT PROPERTY ASSIGNMENT", "CONTACT PAIR", "CLEARANCE"),
-    *("CONTACT CLEARANCE", "CONTACT CLEARANCE ASSIGNMENT", "FIXED MASS SCALING"),
-    *("BOUNDARY", "STEP", "STATIC", "DYNAMIC", "BULK VISCOSITY", "DSLOAD", "DLOAD", "CLOAD"),
-    *("OUTPUT", "NODE OUTPUT", "ELEMENT OUTPUT", "CONTACT OUTPUT", "ENERGY OUTPUT", "END STEP"),
-)
+from fem.decks.read.cards import Card, deck_text, read_cards
+from fem.decks.read.mesh import Instance, Part, Places, add_elements, add_nodes, add_set, placed
+from fem.decks.read.model import ModelLines, Step, add_model, effects_of
+from fem.decks.read.problem import Built, build_problem
+from fem.decks.read.words import Dialect, check_words, dialect_of
+from geometry.answer import Answer
+from geometry.errors import RefusedError, unreadable
 
 
-def read_deck(lines: Iterable[str]) -> Deck:
-    """Read a deck of flavour general or pairs.
+@dataclass
+class InputDeck:
+    """An input deck of Abaqus or CalculiX.
+
+    ``read_deck("case.inp").problem()`` is its problem, ``.solve()`` its answer.
+    """
+
+    name: str
+    """Of its file."""
+    dialect: Dialect
+    """Program whose meaning its keywords have."""
+    detected: str
+    """What says so."""
+    places: Places
+    """Parts at their places, with sets and surfaces."""
+    model: ModelLines
+    """Materials, interactions and the like."""
+    steps: tuple[Step, ...]
+    """Its steps."""
+    without_influence: tuple[str, ...] = ()
+    """Keywords and parameters that change nothing in the answer."""
+    heading: tuple[str, ...] = ()
+    """Lines of its heading."""
+    cards: list[Card] = field(default_factory=list, repr=False)
+
+    @cached_property
+    def built(self) -> Built:
+        """Blocks, contact, supports and loads as a problem.
+
+        Raises
+        ------
+        RefusedError
+            Naming the line of what is not covered.
+        """
+        return build_problem(self.name, self.places, self.model, self.steps)
+
+    def problem(self) -> Problem:
+        """State the problem: blocks, material, contact, supports and loads.
+
+        Raises
+        ------
+        DeckError
+            What is not covered, by its line.
+        ProblemError, AssemblyError, MeshError, MaterialError, ContactLawError
+            Blocks, units and constants that no solver takes.
+        """
+        return self.built.problem
+
+    def validate(self) -> tuple[str, ...]:
+        """Check everything that a solution checks before it begins.
+
+        Returns
+        -------
+        tuple[str, ...]
+            Remarks: where the answer differs from that of the other program.
+
+        Raises
+        ------
+        RefusedError
+            As `problem`.
+        """
+        problem = self.problem()
+        if problem.load_case.fixed.all():
+            raise DeckError(f"{self.name}: every block is fixed; expected one that deforms")
+        _ = problem.deformable
+        return tuple(self.model.notes)
+
+    def solve(self) -> Answer:
+        """Solve its step: static equilibrium or explicit dynamics.
+
+        Raises
+        ------
+        RefusedError
+            As `validate`, and as `fem.solve_static` and `fem.solve_explicit`.
+        """
+        from fem.accuracy.statics import solve_static
+        from fem.dynamics import solve_explicit
+
+        self.validate()
+        step = self.steps[-1]
+        if not step.explicit:
+            return solve_static(self.problem())
+        return solve_explicit(
+            self.problem(),
+            damping=effects_of(self.model, step),
+            ramp_time=self.built.ramp_time or 0.0,
+            end_time=step.duration,
+        )
+
+
+def read_deck(path: str | Path, *, dialect: str | None = None) -> InputDeck:
+    """Read an input deck of Abaqus or CalculiX.
 
     Parameters
     ----------
-    lines
-        Of the file, without or with line ends.
+    path
+        The file; those that it includes are beside it.
+    dialect
+        ``abaqus`` or ``calculix``; None: what its keywords are.
+
+    Returns
+    -------
+    InputDeck
+        Its parts, sets, materials and steps; ``problem()`` states the problem.
 
     Raises
     ------
     DeckError
-        Naming the line: a keyword that is not read, a value that makes no sense, a file that
-        ends early, or anything that would be lost.
+        No file, or the line of a keyword, parameter or value that is not covered.
     """
-    cards = read_cards(lines)
-    heading = read_heading(cards)
-    _check_keywords(cards)
-    _check_complete(cards)
+    path = Path(path)
+    why = unreadable(path)
+    if why is not None:
+        raise DeckError(f"{path}: {why}; expected a deck")
+    if dialect is not None and dialect not in set(Dialect):
+        raise DeckError(f"dialect: got {dialect!r}; expected {' or '.join(Dialect)}")
     try:
-        deck = _build(cards, heading)
-        _check_nothing_lost(cards, deck)
-    except (MeshError, MaterialError, EffectError, ContactLawError, AssemblyError) as error:
-        raise DeckError(str(error)) from None
-    return deck
+        stated = None if dialect is None else Dialect(dialect)
+        return deck_of_lines(deck_text(path), name=path.stem, folder=path.parent, dialect=stated)
+    except RefusedError as error:
+        raise type(error)(f"{path}: {error}") from None
 
 
-def _check_keywords(cards: list[Card]) -> None:
+def deck_of_lines(
+    lines: Iterable[str],
+    *,
+    name: str = "deck",
+    folder: Path | None = None,
+    dialect: Dialect | None = None,
+) -> InputDeck:
+    """Read the lines of a deck: see `read_deck`."""
+    cards = read_cards(lines, folder)
+    without = check_words(cards)
+    if not cards:
+        raise DeckError("line 1: the file is empty; expected a deck")
+    kind, detected = dialect_of(cards, dialect)
+    reader = _Reader(ModelLines(kind))
     for card in cards:
-        if card.keyword not in SUPPORTED:
-            raise DeckError(
-                f"line {card.line}: *{card.keyword.title()} is not supported; import reads the "
-                "keywords that `export` writes"
-            )
-
-
-def _check_complete(cards: list[Card]) -> None:
-    """Refuse a file that ends early."""
-    open_at: list[Card] = []
-    for card in cards:
-        if card.keyword in {"PART", "ASSEMBLY", "INSTANCE", "STEP"}:
-            open_at.append(card)
-        elif card.keyword.startswith("END "):
-            if not open_at or card.keyword != f"END {open_at[-1].keyword}":
-                raise DeckError(f"line {card.line}: *{card.keyword.title()} ends nothing")
-            open_at.pop()
-    last = cards[-1].data_line[-1] if cards[-1].data_line else cards[-1].line
-    if open_at:
-        start = open_at[-1]
-        name = start.parameters.get("NAME", "")
-        raise DeckError(
-            f"line {last}: the file ends inside *{start.keyword.title()} {name} (line "
-            f"{start.line}); expected *End {start.keyword.title()}: the file is truncated"
-        )
-    if cards[-1].keyword != "END STEP":
-        raise DeckError(f"line {last}: the file ends without a step: it is truncated")
-
-
-def _build(cards: list[Card], heading: Heading) -> Deck:
-    sections = split_sections(cards)
-    parts = [read_part(part) for part in sections.parts]
-    if not parts or not sections.assembly:
-        raise DeckError(f"line {cards[-1].line}: the deck has no part or no assembly")
-    shapes = {shape.name: shape for shape, _ in parts}
-    elements = {element for _, element in parts}
-    if len(elements) != 1:
-        raise DeckError(f"line {sections.parts[-1][0].line}: parts have different elements")
-    assembly, blocks = read_assembly(sections.assembly, shapes, heading)
-    behavior = next(iter(sections.all("SURFACE BEHAVIOR")), None)  # of all joints the same
-    return Deck(
-        name=heading.name,
-        flavour=Flavour(heading.values["flavour"]),
-        assembly=assembly,
-        material=_of_parts(sections),
-        element=elements.pop(),
-        step=read_step(sections),
-        holds=tuple(read_holds(sections, blocks)),
-        loads=tuple(read_loads(sections, blocks)),
-        joint=None if behavior is None else read_joint(sections, behavior, heading, blocks),
-        effects=read_effects(sections),
-        motion=read_motion(sections),
-        clearance=float(heading_value(heading, "clearance along every normal", 1)[0]),
-        spacing=float(heading_value(heading, "spacing of the blocks", 1)[0]),
-        searched="joints" in heading.values,
-        notes=tuple(heading.notes),
+        reader.read(card)
+    heading = next((tuple(card.data) for card in cards if card.keyword == "HEADING"), ())
+    places = reader.finished(cards[-1])
+    return InputDeck(
+        name, kind, detected, places, reader.model, tuple(reader.steps), without, heading, cards
     )
 
 
-def _of_parts(sections: Sections) -> Material | tuple[Material, ...]:
-    """Material of all parts, or of each one."""
-    known = read_materials(sections)
-    found = []
-    for part in sections.parts:
-        card = next((card for card in part if card.keyword == "SOLID SECTION"), part[0])
-        name = card.parameter("MATERIAL").upper()
-        if name not in known:
-            raise DeckError(f"line {card.line}: got material {name}; expected {', '.join(known)}")
-        found.append(known[name])
-    return found[0] if len(known) == 1 else tuple(found)
+#: Keywords of meshes, and what reads them.
+_MESH = {"NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "SOLID SECTION", "SPRING"}
+#: Model data that may stand in a step too.
+_NAMED = {"SURFACE INTERACTION", "SURFACE BEHAVIOR", "FRICTION", "AMPLITUDE"}
 
 
-def _check_nothing_lost(cards: list[Card], deck: Deck) -> None:
-    """Write the deck anew and compare, card by card."""
-    again = read_cards(abaqus_lines(deck))
-    for card, other in zip_longest(cards, again):
-        if card is None:
-            missing = other.keyword.title()
-            raise DeckError(f"line {cards[-1].line}: the deck has no *{missing} where one belongs")
-        if other is None or card.keyword != other.keyword:
-            expected = "nothing more" if other is None else f"*{other.keyword.title()}"
+@dataclass
+class _Reader:
+    """Where in a deck a card stands: in a part, an instance, the assembly, a step."""
+
+    model: ModelLines
+    parts: dict[str, Part] = field(default_factory=dict)
+    flat: Part = field(default_factory=lambda: Part(""))
+    part: Part | None = None
+    places: Places = field(default_factory=lambda: Places([]))
+    open: list[Card] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
+
+    @property
+    def inside(self) -> str:
+        """Keyword of what is open."""
+        return self.open[-1].keyword if self.open else ""
+
+    def read(self, card: Card) -> None:
+        """Read one card."""
+        word = card.keyword
+        if word.startswith("END "):
+            self._end(card)
+        elif word in {"PART", "ASSEMBLY", "INSTANCE", "STEP"}:
+            self._begin(card)
+        elif self.inside == "STEP":
+            self._in_step(card)
+        elif word in _MESH:
+            self._mesh(card)
+        elif self.inside in {"PART", "INSTANCE"}:
             raise DeckError(
-                f"line {card.line}: *{card.keyword.title()} is not supported here, it would be "
-                f"lost; expected {expected}, as `export` writes it"
+                f"{card.at()}: {card.title} stands in {self.open[-1].title}; expected it in the "
+                "model data"
             )
-        _compare(card, other)
+        else:
+            add_model(self.model, card)
 
+    def _in_step(self, card: Card) -> None:
+        if card.keyword in _MESH:
+            raise DeckError(f"{card.at()}: {card.title} stands in a step; expected it before")
+        if (
+            card.keyword in {"SURFACE INTERACTION", "SURFACE BEHAVIOR", "FRICTION"}
+            or card.keyword == "AMPLITUDE"
+        ):
+            add_model(self.model, card)
+        else:
+            self.steps[-1].cards.append(card)
 
-def _compare(card: Card, other: Card) -> None:
-    if _parameters(card) != _parameters(other):
-        raise DeckError(
-            f"line {card.line}: *{card.keyword.title()} has the parameters {_parameters(card)}; "
-            f"import would keep {_parameters(other)}"
-        )
-    first = 1 if card.keyword == "HEADING" else 0
-    pairs = zip_longest(card.data[first:], other.data[first:], fillvalue="")
-    for position, (text, kept) in enumerate(pairs, start=first):
-        if text != kept and _normal(text) != _normal(kept):
-            line = card.data_line[position] if position < len(card.data) else card.line
+    def _begin(self, card: Card) -> None:
+        word = card.keyword
+        outer = {"PART": "", "ASSEMBLY": "", "INSTANCE": "ASSEMBLY", "STEP": ""}[word]
+        if self.inside != outer:
             raise DeckError(
-                f"line {line}: got {text[:60]!r} under *{card.keyword.title()}; import would keep "
-                f"{kept[:60]!r}"
+                f"{card.at()}: {card.title} stands in {self.open[-1].title if self.open else 'no'}"
+                f"{'' if self.open else ' *Assembly'}; expected it "
+                + ("in *Assembly" if outer else "after its end")
             )
+        self.open.append(card)
+        if word == "PART":
+            name = card.parameter("NAME")
+            if name in self.parts:
+                raise DeckError(f"{card.at()}: *Part {name} is there twice; expected it once")
+            self.part = self.parts[name] = Part(name)
+        elif word == "STEP":
+            self.steps.append(Step(card))
+        elif word == "INSTANCE":
+            self._instance(card)
 
+    def _instance(self, card: Card) -> None:
+        part, name = card.parameter("PART"), card.parameter("NAME")
+        if part not in self.parts or name in self.places.by_name:
+            raise DeckError(
+                f"{card.at()}: got instance {name} of part {part}; expected a name of its own and "
+                f"one of {', '.join(self.parts) or 'the parts, of which there is none'}"
+            )
+        self.places.by_name[name] = len(self.places.instances)
+        self.places.instances.append(placed(card, self.parts[part]))
 
-def _parameters(card: Card) -> dict[str, str]:
-    return {name: " ".join(_normal(value)) for name, value in sorted(card.parameters.items())}
+    def _end(self, card: Card) -> None:
+        if card.keyword != f"END {self.inside}":
+            raise DeckError(f"{card.at()}: {card.title} ends nothing; expected it after its begin")
+        self.open.pop()
+        self.part = None
 
+    def _mesh(self, card: Card) -> None:
+        if self.inside == "INSTANCE":
+            raise DeckError(
+                f"{card.at()}: {card.title} stands in an instance; expected meshes in parts"
+            )
+        assembled = bool(self.parts) and self.part is None
+        if assembled and card.keyword in {"NSET", "ELSET"}:
+            self.places.add_set(card)
+        elif assembled and card.keyword == "SURFACE":
+            self.places.surfaces[card.parameter("NAME")] = card
+        elif assembled:
+            raise DeckError(
+                f"{card.at()}: {card.title} of the assembly is not covered; expected it in a part"
+            )
+        else:
+            self._in_part(self.flat if self.part is None else self.part, card)
 
-def _normal(text: str) -> list[str]:
-    """Entries with numbers in one spelling and labels in upper case."""
-    result = []
-    for entry in text.split(","):
-        word = entry.strip().upper()
-        try:
-            result.append(repr(float(word)))
-        except ValueError:
-            result.append(word)
-    while result and not result[-1]:
-        result.pop()
-    return result
+    def _in_part(self, part: Part, card: Card) -> None:
+        word = card.keyword
+        if word == "NODE":
+            add_nodes(part, card)
+        elif word == "ELEMENT":
+            add_elements(part, card)
+        elif word == "SURFACE":
+            part.surfaces[card.parameter("NAME")] = card
+        elif word == "SOLID SECTION":
+            part.sections.append(card)
+        elif word == "SPRING":
+            raise DeckError(f"{card.at()}: *Spring is not covered; expected supports at nodes")
+        else:
+            add_set(part, card)
+
+    def finished(self, last: Card) -> Places:
+        """All parts at their places.
+
+        Raises
+        ------
+        DeckError
+            A file that ends early, or without a step.
+        """
+        end = last.data_line[-1] if last.data_line else last.line
+        if self.open:
+            begun = self.open[-1]
+            raise DeckError(
+                f"{last.at(end)}: the file ends inside {begun.title} ({begun.at()}); expected *End "
+                f"{begun.keyword.title()}: the file is truncated"
+            )
+        if not self.steps:
+            raise DeckError(f"{last.at(end)}: the file ends without a *Step; expected one")
+        if not self.parts:
+            import numpy as np
+
+            self.places.instances.append(Instance("", self.flat, np.eye(3), np.zeros(3)))
+            self.places.by_name[""] = 0
+        return self.places

@@ -1,302 +1,358 @@
-"""Read model data and the step: material, joints, effects, motion, supports, times, loads."""
+"""Materials, interactions, amplitudes and steps of a deck, in the meaning of its dialect."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from dataclasses import dataclass, field
+from math import inf, log
+from typing import Any, TypeVar
 
 import numpy as np
 
-from fem.assembly.statement import Motion
-from fem.contact.law import ContactLaw
-from fem.contact.pair_laws import PairLaws
-from fem.decks.keywords import DeckError, name_of
-from fem.decks.laws import read_law
-from fem.decks.placement import rounded
-from fem.decks.read.cards import Card, Heading, Sections, block_entry, floats, heading_value
-from fem.decks.statement import (
-    ALL,
-    BodyForceLoad,
-    DeckLoad,
-    DeckStep,
-    Hold,
-    Joint,
-    NodalForceLoad,
-    Procedure,
-)
+from fem.contact.law import ContactLaw, ExponentialLaw, LinearPenalty
+from fem.contact.own_law import TabularLaw
+from fem.decks.keywords import DeckError
+from fem.decks.read.cards import Card
+from fem.decks.read.words import Dialect
 from fem.element.material import Material
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
-from geometry.loads import CircumferentialLoad, PressureLoad, TractionLoad
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray
+
+_Stated = TypeVar("_Stated")
+#: Wave speed of materials without a density, which a static answer does not depend on [mm/s].
+_WAVE_SPEED = 3.0e6
+#: CalculiX' penalty of hard contact, in moduli of the first material per length, and its stick
+#: slope where none is stated (surfacebehaviors.f and frictions.f of its sources).
+_HARD, _STICK = 50.0, 0.5
+#: Points of CalculiX' exponential law as a table, from 1e-4 to 1e4 of its pressure at contact.
+_POINTS = 400
+_DECADES = 4.0
 
 
-def read_materials(sections: Sections) -> dict[str, Material]:
-    """Read density and elasticity of every material, by name."""
-    materials, densities, moduli = (
-        sections.all(keyword) for keyword in ("MATERIAL", "DENSITY", "ELASTIC")
-    )
-    if not len(materials) == len(densities) == len(moduli) >= 1:
-        line = materials[-1].line if materials else sections.step[0].line
-        raise DeckError(
-            f"line {line}: got {len(materials)} cards *Material, {len(densities)} *Density and "
-            f"{len(moduli)} *Elastic; expected as many of each"
-        )
-    found = {}
-    for card, density, elastic in zip(materials, densities, moduli, strict=True):
-        values = *density.numbers().tolist(), *elastic.numbers().tolist()
-        if len(values) != 3:
-            raise DeckError(f"line {card.line}: expected one density, a modulus and a ratio")
-        found[card.parameter("NAME").upper()] = Material(
-            density=values[0], young_modulus=values[1], poisson_ratio=values[2]
-        )
-    return found
+@dataclass
+class MaterialLines:
+    """What a deck states of a material."""
+
+    card: Card
+    elastic: tuple[float, float] | None = None
+    density: float | None = None
+    damping: RayleighDamping | None = None
+
+    def built(self) -> Material:
+        """The material.
+
+        Raises
+        ------
+        DeckError, MaterialError
+            Without elasticity, or with constants that no solid has.
+        """
+        if self.elastic is None:
+            raise DeckError(f"{self.card.at()}: the material has no *Elastic; expected one")
+        modulus, ratio = self.elastic
+        density = modulus / _WAVE_SPEED**2 if self.density is None else self.density
+        return Material(density=density, young_modulus=modulus, poisson_ratio=ratio)
 
 
-def read_joint(
-    sections: Sections, behavior: Card, heading: Heading, blocks: dict[str, int]
-) -> Joint:
-    """Read the contact law and friction; ``behavior`` is the card *Surface Behavior.
+@dataclass
+class Interaction:
+    """What a deck states of a surface interaction."""
 
-    Interactions but the first are of pairs of blocks; ``blocks`` numbers the instances by name.
-    """
-    law = _law_of(behavior, heading)
-    pairs = sections.all("CONTACT PAIR")
-    finite = any(
-        p.parameters.get("TYPE", "").upper() == "NODE TO SURFACE"
-        and "SMALL SLIDING" not in p.parameters
-        for p in pairs
-    )
-    frictions, laws, name = dict[str, Card | None](), dict[str, ContactLaw](), ""
-    for card in sections.model:
-        if card.keyword == "SURFACE INTERACTION":
-            name = card.parameter("NAME").upper()
-            frictions[name] = None
-        elif card.keyword == "FRICTION":
-            frictions[name] = card
-        elif card.keyword == "SURFACE BEHAVIOR":
-            laws[name] = _law_of(card, heading)
-    values = {k: 0.0 if c is None else float(c.numbers()[0]) for k, c in frictions.items()}
-    given = next((card for card in frictions.values() if card is not None), None)
-    first, *others = values
-    of_pairs, own = dict[tuple[int, int], float](), dict[tuple[int, int], ContactLaw]()
-    for card in pairs:
-        name = card.parameter("INTERACTION").upper()
-        for line, row in card.rows():
-            a, b = sorted(block_entry(line, entry, blocks)[0] for entry in row[:2])
-            if name in others and values[name] != values[first]:
-                of_pairs[a, b] = values[name]
-            if name in others and laws[name] != law:
-                own[a, b] = laws[name]
-    if own:
-        law = PairLaws(law, tuple((*k, v) for k, v in own.items()))
-    if given is None:
-        return Joint(law, finite_sliding=finite)
-    slope = given.parameters.get("SHEAR TRACTION SLOPE")
-    stick = None if slope is None else floats(given.line, [slope])[0]
-    return Joint(law, values[first], stick, finite, tuple((*k, v) for k, v in of_pairs.items()))
+    card: Card
+    behavior: Card | None = None
+    friction: Card | None = None
 
 
-def _law_of(behavior: Card, heading: Heading) -> ContactLaw:
-    """Law of the card *Surface Behavior."""
-    return read_law(
-        behavior.parameter("PRESSURE-OVERCLOSURE").upper(),
-        behavior.numbers().tolist(),
-        line=behavior.line,
-        maximum_stiffness=lambda: _maximum_stiffness(heading),
-    )
+@dataclass
+class ModelLines:
+    """Model data beside meshes, by their names."""
+
+    dialect: Dialect
+    materials: dict[str, MaterialLines] = field(default_factory=dict)
+    interactions: dict[str, Interaction] = field(default_factory=dict)
+    amplitudes: dict[str, Card] = field(default_factory=dict)
+    orientations: dict[str, Card] = field(default_factory=dict)
+    other: list[Card] = field(default_factory=list)
+    """Cards that are read where a problem is made: supports, contact, motions."""
+    notes: list[str] = field(default_factory=list)
+
+    def note(self, text: str) -> None:
+        """Keep a remark, once."""
+        if text not in self.notes:
+            self.notes.append(text)
 
 
-def _maximum_stiffness(heading: Heading) -> float:
-    """Of the heading: where the data line has none."""
-    if heading.values.get("maximum contact stiffness") == "none":
-        return np.inf
-    return float(heading_value(heading, "maximum contact stiffness", 1)[0])
+#: Keywords of a material, which follow *Material.
+OF_MATERIAL = {"ELASTIC", "DENSITY", "DAMPING"}
+OF_INTERACTION = {"SURFACE BEHAVIOR", "FRICTION"}
 
 
-def read_effects(sections: Sections) -> Effects:
-    """Read Rayleigh damping, bulk viscosity and gravity."""
-    damping = next(iter(sections.all("DAMPING")), None)  # of all materials the same
-    viscosity = sections.maybe("BULK VISCOSITY")
-    rayleigh = None
-    if damping is not None:
+def add_model(model: ModelLines, card: Card) -> None:
+    """Read a card of the model data."""
+    word = card.keyword
+    if word == "MATERIAL":
+        model.materials[_new(card, model.materials)] = MaterialLines(card)
+    elif word in OF_MATERIAL:
+        _of_material(card, _last(card, model.materials, "*Material"))
+    elif word == "SURFACE INTERACTION":
+        model.interactions[_new(card, model.interactions)] = Interaction(card)
+    elif word == "SURFACE BEHAVIOR":
+        _last(card, model.interactions, "*Surface Interaction").behavior = card
+    elif word == "FRICTION":
+        _last(card, model.interactions, "*Surface Interaction").friction = card
+    elif word == "AMPLITUDE":
+        model.amplitudes[_new(card, model.amplitudes)] = card
+    elif word == "ORIENTATION":
+        model.orientations[_new(card, model.orientations)] = card
+    else:
+        model.other.append(card)
+
+
+def _new(card: Card, known: dict[str, Any]) -> str:
+    name = card.parameter("NAME")
+    if name in known:
+        raise DeckError(f"{card.at()}: {card.title} {name} is there twice; expected it once")
+    return name
+
+
+def _last(card: Card, known: dict[str, _Stated], after: str) -> _Stated:
+    if not known:
+        raise DeckError(f"{card.at()}: {card.title} stands before any {after}; expected it after")
+    return next(reversed(known.values()))
+
+
+def _of_material(card: Card, material: MaterialLines) -> None:
+    values = [float(value) for value in card.numbers()]
+    if card.keyword == "DAMPING":
         given = {
-            name: floats(damping.line, [damping.parameters[word]])[0]
-            for word, name in (
-                ("ALPHA", "mass_proportional"),
-                ("BETA", "stiffness_proportional"),
-            )
-            if word in damping.parameters
+            key: card.number(card.line, card.parameters[word])
+            for word, key in (("ALPHA", "mass_proportional"), ("BETA", "stiffness_proportional"))
+            if word in card.parameters
         }
-        rayleigh = RayleighDamping(**given)
-    bulk = None
-    if viscosity is not None and viscosity.numbers().any():
-        bulk = BulkViscosity(*viscosity.numbers().tolist())
-    return Effects(rayleigh=rayleigh, bulk_viscosity=bulk, gravity=_gravity(sections))
+        material.damping = RayleighDamping(**given)
+    elif card.keyword == "DENSITY":
+        if len(values) not in {1, 2}:
+            raise DeckError(f"{card.at()}: *Density has {len(values)} numbers; expected one")
+        material.density = values[0]
+    else:
+        kind = card.option("TYPE") or "ISO"
+        if kind not in {"ISO", "ISOTROPIC"} or len(card.data) > 1 or len(values) not in {2, 3}:
+            raise DeckError(
+                f"{card.at()}: *Elastic of type {kind} with {len(values)} numbers in "
+                f"{len(card.data)} lines; expected a modulus and a ratio, isotropic and the same "
+                "at every temperature"
+            )
+        material.elastic = values[0], values[1]
 
 
-def _gravity(sections: Sections) -> FloatArray | None:
-    """Sum of the components given for the first block; all blocks have the same."""
-    gravity: FloatArray | None = None
-    for card in sections.all("DLOAD"):
-        for line, row in card.rows():
-            if len(row) == 6 and row[1].upper() == "GRAV":
-                value, *direction = floats(line, row[2:])
-                gravity = np.zeros(3) if gravity is None else gravity
-                gravity[int(np.argmax(direction))] = value
-    return gravity
+# ---------------------------------------------------------------------------------------------
+# Contact
 
 
-def read_motion(sections: Sections) -> Motion | None:
-    """Read the initial motion, the same for every block."""
-    card = sections.maybe("INITIAL CONDITIONS")
-    if card is None:
-        return None
-    velocity, angular = np.zeros(3), np.zeros(3)
-    rows = list(card.rows())
-    if card.parameter("TYPE").upper() == "VELOCITY":
-        for line, row in rows:
-            component, value = floats(line, row[1:3])
-            if component not in {1.0, 2.0, 3.0}:
-                raise DeckError(f"line {line}: got component {component:g}, expected 1, 2 or 3")
-            velocity[int(component) - 1] = value
-    elif len(rows) > 1:
-        (line, first), (next_line, second) = rows[0], rows[1]
-        spin, *linear = floats(line, first[1:])
-        points = floats(next_line, second)
-        if len(linear) != 3 or len(points) != 6:
-            raise DeckError(f"line {line}: expected a speed, a velocity and two points")
-        velocity = np.array(linear)
-        direction = np.array(points[3:]) - np.array(points[:3])
-        angular = rounded(spin * direction / np.linalg.norm(direction))
-    return Motion(velocity, angular)
+def law_of(model: ModelLines, stated: Interaction, size: float) -> ContactLaw:
+    """Law of a surface interaction.
 
+    Parameters
+    ----------
+    model
+        Its dialect says what the words mean.
+    stated
+        The interaction.
+    size
+        Edge of a facet in contact, for hard contact [mm].
 
-def read_holds(sections: Sections, blocks: dict[str, int]) -> Iterator[Hold]:
-    """Read supports; ``blocks`` numbers the instances by name."""
-    for card in sections.all("BOUNDARY"):
-        for line, row in card.rows():
-            block, nodes = block_entry(line, row[0], blocks)
-            first, last = (int(x) for x in floats(line, row[1:3]))
-            face = None if nodes == ALL else name_of(nodes.removesuffix("-NODES"))
-            yield Hold(block, face, tuple(range(first - 1, last)))
-
-
-def read_step(sections: Sections) -> DeckStep:
-    """Read what is computed, with the amplitude and the output intervals."""
-    amplitude = sections.maybe("AMPLITUDE")
-    ramp = 0.0 if amplitude is None else _ramp(amplitude)
-    large = sections.step[0].parameters.get("NLGEOM", "").upper() != "NO"
-    static = sections.maybe("STATIC")
-    if static is not None:
-        values = static.numbers()
-        if len(values) != 4:
-            raise DeckError(f"line {static.line}: expected four times under *Static")
-        return DeckStep(Procedure.STATIC, float(values[1]), ramp, large_rotations=large)
-    dynamic = sections.one("DYNAMIC")
-    row = next(iter(dynamic.rows()), (dynamic.line, []))[1]
-    if len(row) != 2:
-        raise DeckError(f"line {dynamic.line}: expected a time step (or nothing) and an end time")
-    end_time = floats(dynamic.line, row[1:])[0]
-    factor = dynamic.parameters.get("SCALE FACTOR")
-    scaling = sections.maybe("FIXED MASS SCALING")
-    fields, history = _output_intervals(sections, end_time)
-    return DeckStep(
-        Procedure.EXPLICIT,
-        end_time,
-        ramp,
-        time_step=floats(dynamic.line, row[:1])[0] if row[0] else None,
-        safety_factor=None if factor is None else floats(dynamic.line, [factor])[0],
-        scaled_time_step=None
-        if scaling is None
-        else floats(scaling.line, [scaling.parameter("DT")])[0],
-        large_rotations=large,
-        field_intervals=fields,
-        history_intervals=history,
+    Raises
+    ------
+    DeckError, ContactLawError
+        Naming the line.
+    """
+    card = stated.behavior
+    kind = "HARD" if card is None else card.option("PRESSURE-OVERCLOSURE") or "HARD"
+    values = [] if card is None or kind == "HARD" else [float(v) for v in card.numbers()]
+    where = stated.card if card is None else card
+    if kind == "HARD" or (kind == "LINEAR" and not values and model.dialect is Dialect.CALCULIX):
+        return _hard(model, size)
+    if kind == "LINEAR" and values:
+        return LinearPenalty(values[0])
+    if kind == "EXPONENTIAL" and len(values) >= 2:
+        return _exponential(model, values)
+    if kind in {"TABULAR", "TABULATED"} and card is not None:
+        return _table(card)
+    raise DeckError(
+        f"{where.at()}: got pressure-overclosure={kind} with {len(values)} numbers; expected HARD, "
+        "LINEAR with 1, EXPONENTIAL with 2 or 3, or TABULAR"
     )
 
 
-def _ramp(card: Card) -> float:
+def _hard(model: ModelLines, size: float) -> ContactLaw:
+    first = next(iter(model.materials.values())).built().young_modulus
+    stiffness = _HARD * first if model.dialect is Dialect.CALCULIX else 10.0 * first / size
+    model.note(
+        f"contact: hard contact is a penalty of {stiffness:.4g} MPa/mm "
+        + (
+            "(50 E per length, CalculiX' default)"
+            if model.dialect is Dialect.CALCULIX
+            else "(10 E per edge of a facet)"
+        )
+    )
+    return LinearPenalty(stiffness)
+
+
+def _exponential(model: ModelLines, values: list[float]) -> ContactLaw:
+    c0, p0 = values[:2]
+    if model.dialect is Dialect.ABAQUS:
+        return ExponentialLaw(c0, p0, values[2] if len(values) > 2 else inf)
+    if not (c0 > 0.0 and p0 > 0.0):
+        return ExponentialLaw(c0, p0)  # rejects the constant by its name
+    model.note("contact: CalculiX' exponential law, p0 exp(ln(100) d/c0), as a table of 400 points")
+    decades = np.linspace(-_DECADES, _DECADES, _POINTS)
+    overclosure = c0 / log(100.0) * log(10.0) * decades
+    pressure = p0 * 10.0**decades
+    pressure[0] = 0.0
+    return TabularLaw(np.column_stack([overclosure, pressure]))
+
+
+def _table(card: Card) -> ContactLaw:
     values = card.numbers()
-    kind = card.parameters.get("DEFINITION", "").upper()
-    if (
-        kind != "SMOOTH STEP"
-        or values.shape != (4,)
-        or (values[[0, 1, 3]] != (0.0, 0.0, 1.0)).any()
-    ):
-        raise DeckError(f"line {card.line}: expected a smooth step from 0 at time 0 to 1")
-    return float(values[2])
+    if len(values) % 2 or len(values) < 4:
+        raise DeckError(
+            f"{card.at()}: got {len(values)} numbers in a table; expected pairs of a pressure and "
+            "an overclosure"
+        )
+    return TabularLaw(values.reshape(-1, 2)[:, ::-1])
 
 
-def _output_intervals(sections: Sections, end_time: float) -> tuple[int, int]:
-    fields, history = 20, 200
-    for card in sections.all("OUTPUT"):
-        if "NUMBER INTERVAL" in card.parameters:
-            fields = int(floats(card.line, [card.parameters["NUMBER INTERVAL"]])[0])
-        if "TIME INTERVAL" in card.parameters:
-            interval = floats(card.line, [card.parameters["TIME INTERVAL"]])[0]
-            history = round(end_time / interval) if interval > 0.0 else 0
-    return fields, history
+def friction_of(model: ModelLines, stated: Interaction) -> tuple[float, float | None]:
+    """Coefficient, and stick slope [MPa/mm] where the deck states one; 0: frictionless."""
+    card = stated.friction
+    if card is None:
+        return 0.0, None
+    rows = list(card.rows())
+    values = [] if len(rows) != 1 else [card.number(rows[0][0], t) for t in rows[0][1] if t]
+    if not values or (model.dialect is Dialect.ABAQUS and len(values) > 1):
+        raise DeckError(
+            f"{card.at()}: *Friction has {len(rows)} lines; expected one with a coefficient"
+            + (" alone" if model.dialect is Dialect.ABAQUS else " and a stick slope")
+        )
+    if model.dialect is Dialect.ABAQUS:
+        slope = card.parameters.get("SHEAR TRACTION SLOPE")
+        return values[0], None if slope is None else card.number(card.line, slope)
+    if len(values) > 1 and values[1] > 0.0:
+        return values[0], values[1]
+    modulus = next(iter(model.materials.values())).built().young_modulus
+    model.note("contact: no stick slope; CalculiX takes half of the modulus per length")
+    return values[0], _STICK * modulus
 
 
-def read_loads(sections: Sections, blocks: dict[str, int]) -> Iterator[DeckLoad]:
-    """Read loads but gravity; ``blocks`` numbers the instances by name."""
-    for card in sections.step:
-        rows = list(card.rows()) if card.keyword in {"DSLOAD", "DLOAD", "CLOAD"} else []
-        if not rows:
-            continue
-        if card.keyword == "CLOAD":
-            yield _nodal_force(rows, blocks)
-            continue
-        line, row = rows[0]
-        kind = row[1].upper() if len(row) > 1 else ""
-        if card.keyword == "DLOAD" and kind == "GRAV":
-            continue
-        where = [block_entry(number, r[0], blocks) for number, r in rows]
-        loaded = np.array(list(dict.fromkeys(block for block, _ in where)), dtype=np.int64)
-        face = name_of(where[0][1])
-        if card.keyword == "DLOAD" and kind in {"BX", "BY", "BZ"}:
-            yield _body_force(rows, loaded, blocks)
-        elif card.keyword == "DSLOAD" and kind == "P":
-            yield PressureLoad(loaded, face, floats(line, row[2:3])[0])
-        elif card.keyword == "DSLOAD" and kind == "TRVEC" and "ORIENTATION" in card.parameters:
-            yield CircumferentialLoad(loaded, face, floats(line, row[2:3])[0])
-        elif card.keyword == "DSLOAD" and kind == "TRVEC":
-            yield _traction(rows, loaded, face)
-        else:
+# ---------------------------------------------------------------------------------------------
+# Steps
+
+
+@dataclass
+class Step:
+    """One step of a deck."""
+
+    card: Card
+    cards: list[Card] = field(default_factory=list)
+
+    @property
+    def large_rotations(self) -> bool:
+        """Whether forces are taken in the deformed position; explicit steps do by default."""
+        stated = self.card.option("NLGEOM")
+        if "NLGEOM" in self.card.parameters:
+            return stated != "NO"
+        return self.explicit
+
+    @property
+    def procedure(self) -> Card:
+        """Card *Static or *Dynamic."""
+        found = [card for card in self.cards if card.keyword in {"STATIC", "DYNAMIC"}]
+        if len(found) != 1:
             raise DeckError(
-                f"line {line}: got load {kind!r}; expected P or TRVEC under *Dsload, GRAV, BX, BY "
-                "or BZ under *Dload"
+                f"{self.card.at()}: the step has {len(found)} procedures; expected *Static or "
+                "*Dynamic, explicit"
             )
+        return found[0]
+
+    @property
+    def explicit(self) -> bool:
+        """Whether it is a step of explicit dynamics.
+
+        Raises
+        ------
+        DeckError
+            Implicit dynamics.
+        """
+        card = self.procedure
+        if card.keyword == "DYNAMIC" and "EXPLICIT" not in card.parameters:
+            raise DeckError(
+                f"{card.at()}: implicit dynamics is not covered; expected *Static, or *Dynamic, "
+                "explicit"
+            )
+        return card.keyword == "DYNAMIC"
+
+    @property
+    def duration(self) -> float:
+        """Length of the step [s], 1 where it states none."""
+        rows = list(self.procedure.rows())
+        row = rows[0][1] if rows else []
+        text = row[1] if len(row) > 1 else ""
+        value = self.procedure.number(rows[0][0], text) if text else 1.0
+        if value <= 0.0:
+            raise DeckError(
+                f"{self.procedure.at()}: the step lasts {value:g}; expected a positive time"
+            )
+        return value
 
 
-def _body_force(
-    rows: list[tuple[int, list[str]]], loaded: IntArray, blocks: dict[str, int]
-) -> BodyForceLoad:
-    density = np.zeros((len(loaded), 3))
-    position = {block: k for k, block in enumerate(loaded.tolist())}
-    for line, row in rows:
-        block, _ = block_entry(line, row[0], blocks)
-        axis = "XYZ".find(row[1].upper()[1:])
-        density[position[block], axis] = floats(line, row[2:3])[0]
-    return BodyForceLoad(loaded, density)
+def effects_of(model: ModelLines, step: Step) -> Effects:
+    """Damping of an explicit step."""
+    dampings = {material.damping for material in model.materials.values()}
+    if len(dampings) > 1:
+        card = next(iter(model.materials.values())).card
+        raise DeckError(f"{card.at()}: materials have several *Damping; expected the same in all")
+    bulk = [card for card in step.cards if card.keyword == "BULK VISCOSITY"]
+    viscosity: BulkViscosity | None = BulkViscosity()
+    if bulk:
+        values = [float(v) for v in bulk[-1].numbers()]
+        viscosity = BulkViscosity(*values[:2]) if any(values) else None
+    return Effects(rayleigh=next(iter(dampings), None), bulk_viscosity=viscosity)
 
 
-def _nodal_force(rows: list[tuple[int, list[str]]], blocks: dict[str, int]) -> NodalForceLoad:
-    forces: dict[tuple[int, int], FloatArray] = {}
-    for line, row in rows:
-        block, node = block_entry(line, row[0], blocks)
-        component, value = floats(line, row[1:3]) if len(row) == 3 else (0.0, 0.0)
-        if not node.isdigit() or component not in {1.0, 2.0, 3.0}:
-            raise DeckError(f"line {line}: expected INSTANCE.NODE, a component and a force")
-        forces.setdefault((block, int(node) - 1), np.zeros(3))[int(component) - 1] = value
-    keys = np.array(list(forces), dtype=np.int64)
-    return NodalForceLoad(keys[:, 0], keys[:, 1], np.array(list(forces.values())))
+def path_of(model: ModelLines, card: Card, *, explicit: bool) -> FloatArray | None:
+    """Times and values of the amplitude that a card names, (n, 2); None: it names none.
 
-
-def _traction(rows: list[tuple[int, list[str]]], loaded: IntArray, face: str) -> TractionLoad:
-    traction = np.zeros(3)
-    for line, row in rows:
-        if len(row) != 6:
-            raise DeckError(f"line {line}: expected a surface, TRVEC, a magnitude and a direction")
-        value, *direction = floats(line, row[2:])
-        traction[int(np.argmax(direction))] = value
-    return TractionLoad(loaded, face, traction)
+    Raises
+    ------
+    DeckError
+        An amplitude that is not defined, or of another kind than a table or a smooth step.
+    """
+    name = card.option("AMPLITUDE")
+    if not name:
+        return None
+    if name not in model.amplitudes:
+        raise DeckError(
+            f"{card.at()}: got amplitude {name}; expected one of "
+            f"{', '.join(model.amplitudes) or 'those of *Amplitude, of which there is none'}"
+        )
+    stated = model.amplitudes[name]
+    kind = stated.option("DEFINITION") or "TABULAR"
+    values = stated.numbers()
+    smooth = kind == "SMOOTH STEP" and model.dialect is Dialect.ABAQUS
+    if kind == "SMOOTH STEP" and not smooth:
+        model.note("amplitude: CalculiX reads a smooth step as straight lines")
+    elif kind not in {"TABULAR", "SMOOTH STEP"} or stated.option("VALUE") not in {"", "RELATIVE"}:
+        raise DeckError(
+            f"{stated.at()}: got an amplitude of definition {kind}, value "
+            f"{stated.option('VALUE') or 'RELATIVE'}; expected a relative table or a smooth step"
+        )
+    table = values.reshape(-1, 2) if len(values) % 2 == 0 and len(values) else np.zeros((0, 2))
+    if len(table) < 2 or (np.diff(table[:, 0]) <= 0.0).any():
+        raise DeckError(
+            f"{stated.at()}: got {len(values)} numbers; expected two pairs or more of a time and a "
+            "share, at rising times"
+        )
+    if explicit and not (smooth and np.array_equal(table[[0, 0, 1], [0, 1, 1]], (0, 0, 1))):
+        raise DeckError(
+            f"{stated.at()}: explicit runs have a smooth step from 0 at time 0 to 1 as amplitude; "
+            "expected definition=SMOOTH STEP and 0., 0., T, 1."
+        )
+    return table

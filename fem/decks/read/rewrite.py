@@ -1,0 +1,44 @@
+"""A deck that was read, as one that this package writes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from fem.decks.placement import canonical
+from fem.decks.problem import contact_notes, deck_of, quadratic, with_notes
+from fem.decks.read.deck import InputDeck
+from fem.decks.read.model import effects_of
+from fem.decks.read.words import Dialect
+from fem.decks.statement import Deck, DeckStep, Flavour, Procedure
+from fem.problem.effects import Effects
+
+
+def rewritten(deck: InputDeck, flavour: Flavour | None = None) -> Deck:
+    """State the problem of a deck for a program, by default the one that it is for.
+
+    Raises
+    ------
+    RefusedError
+        What is not covered, or what the program has no words for.
+    """
+    step, problem = deck.steps[-1], deck.problem()
+    if flavour is None and deck.dialect is Dialect.CALCULIX:
+        flavour = Flavour.CALCULIX
+    flavour = flavour or (Flavour.GENERAL if step.explicit else Flavour.PAIRS)
+    assembly = canonical(problem.blocks)
+    meets = problem.deformable.meets
+    if problem.degree > 1:
+        assembly = quadratic(assembly, problem.degree, flavour, meets=meets)
+    load = replace(problem.load_case, assembly=assembly)
+    stated = replace(problem, blocks=assembly, load=load, degree=1, check_blocks=False)
+    ramp = deck.built.ramp_time or 0.0
+    procedure = Procedure.EXPLICIT if step.explicit else Procedure.STATIC
+    found = deck_of(
+        stated,
+        flavour,
+        DeckStep(procedure, step.duration, ramp, large_rotations=step.large_rotations),
+        effects_of(deck.model, step) if step.explicit else Effects(),
+        meets=meets,
+        searched=problem.finite_sliding,
+    )
+    return with_notes(found, [*contact_notes(found, static=not step.explicit), *deck.model.notes])

@@ -1,0 +1,308 @@
+"""Input decks of other programs: read, checked, solved, written again, rejected by their line."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from fem import read_deck
+from fem.decks.keywords import DeckError
+from fem.decks.read.cards import read_cards
+from fem.decks.read.deck import InputDeck, deck_of_lines
+from fem.decks.read.rewrite import rewritten
+from fem.decks.read.words import Dialect
+from fem.decks.statement import Flavour
+from fem.decks.write import deck_lines
+from fem.element.hexahedron import ElementType
+from fem.static.solve import solve_static
+from geometry.errors import RefusedError
+from validation.build.deck import build_deck
+from validation.build.deformable import scene_problem
+from validation.scene.read import load_scene
+
+pytestmark = pytest.mark.quick
+
+COARSE = ["mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=2"]
+#: Two cubes of 1 mm on top of each other, E = 1000 MPa, no lateral strain, pressed with 2 MPa.
+CUBES = """*Node, nset=ALL
+1, 0, 0, 0
+2, 1, 0, 0
+3, 1, 1, 0
+4, 0, 1, 0
+5, 0, 0, 1
+6, 1, 0, 1
+7, 1, 1, 1
+8, 0, 1, 1
+11, 0, 0, 1
+12, 1, 0, 1
+13, 1, 1, 1
+14, 0, 1, 1
+15, 0, 0, 2
+16, 1, 0, 2
+17, 1, 1, 2
+18, 0, 1, 2
+*Element, type=C3D8, elset=LOWER
+1, 1, 2, 3, 4, 5, 6, 7, 8
+*Element, type=C3D8, elset=UPPER
+2, 11, 12, 13, 14, 15, 16, 17, 18
+*Nset, nset=FOOT
+1, 2, 3, 4
+*Surface, name=TOP
+LOWER, S2
+*Surface, name=UNDER
+UPPER, S1
+*Material, name=M
+*Elastic
+1000., 0.
+*Solid Section, elset=LOWER, material=M
+*Solid Section, elset=UPPER, material=M
+*Surface Interaction, name=I
+*Surface Behavior, pressure-overclosure=LINEAR
+500.
+*Contact Pair, interaction=I, type=SURFACE TO SURFACE
+UNDER, TOP
+*Boundary
+FOOT, 1, 3
+11, 1, 2
+12, 2
+*Step
+*Static
+*Dload
+UPPER, P2, 2.
+*Node Print, nset=ALL
+U
+*End Step
+""".splitlines()
+
+
+def changed(old: str, new: str, lines: list[str] = CUBES) -> list[str]:
+    text = "\n".join(lines)
+    assert old in text
+    return text.replace(old, new, 1).splitlines()
+
+
+def top_moves(deck: InputDeck) -> float:
+    """Displacement of the loaded face along z [mm]."""
+    result = solve_static(deck.problem().deformable)
+    assert result.converged
+    return float(min(moved[..., 2].min() for moved in result.displacements))
+
+
+def test_two_cubes_shorten_as_springs_in_series() -> None:
+    """Two bars p L / E and the contact p / k: 2 / 1000 + 2 / 1000 + 2 / 500 mm."""
+    deck = deck_of_lines(CUBES)
+    assert deck.dialect is Dialect.CALCULIX
+    assert deck.without_influence == ("*Node Print",)
+    deck.validate()
+    assert top_moves(deck) == pytest.approx(-0.008, rel=1e-9)
+
+
+def test_spelling_does_not_matter(tmp_path: Path) -> None:
+    """Case, blanks, comments, continued keyword lines and included files are the same deck."""
+    first = CUBES.index("*Element, type=C3D8, elset=LOWER")
+    (tmp_path / "mesh.inc").write_text("\n".join(CUBES[:first]))
+    rest = [line.lower().replace(",", " ,  ") for line in CUBES[first:]]
+    spelt = ["** a comment", "*INCLUDE, INPUT=mesh.inc", "", *rest]
+    where = spelt.index("*contact pair ,   interaction=i ,   type=surface to surface")
+    spelt[where : where + 1] = ["*contact  pair,", "interaction = i, type=surface to surface"]
+    (tmp_path / "cubes.inp").write_text("\r\n".join(spelt))
+    assert top_moves(read_deck(tmp_path / "cubes.inp")) == top_moves(deck_of_lines(CUBES))
+
+
+def test_parts_and_instances_are_the_flat_deck() -> None:
+    """The upper cube as an instance of the lower one, turned about its own axis."""
+    first, last = CUBES.index("11, 0, 0, 1"), CUBES.index("*Element, type=C3D8, elset=UPPER")
+    element = CUBES.index("*Element, type=C3D8, elset=LOWER")
+    part = [*CUBES[:first], *CUBES[element:last], "*Solid Section, elset=LOWER, material=M"]
+    start = CUBES.index("*Material, name=M")
+    lines = [
+        *("*Heading", "*Part, name=CUBE", *part, "*End Part", "*Assembly, name=A"),
+        *("*Instance, name=LOW, part=CUBE", "*End Instance"),
+        *("*Instance, name=UP, part=CUBE", "0., 0., 1."),
+        *("0.5, 0.5, 0., 0.5, 0.5, 1., 90.", "*End Instance"),
+        *("*Nset, nset=FOOT, instance=LOW", "1, 2, 3, 4"),
+        *("*Elset, elset=LOWS, instance=LOW", "1", "*Surface, name=TOP", "LOWS, S2"),
+        *("*Elset, elset=UPS, instance=UP", "1", "*Surface, name=UNDER", "UPS, S1"),
+        *("*End Assembly", *CUBES[start:]),
+    ]
+    text = "\n".join(lines).replace("*Solid Section, elset=UPPER, material=M\n", "")
+    head, _, tail = text.partition("*End Assembly")
+    tail = tail.replace("*Solid Section, elset=LOWER, material=M\n", "")
+    tail = tail.replace("11, 1, 2", "UP.1, 1, 2").replace("12, 2", "UP.3, 1, 2")
+    deck = deck_of_lines(
+        (head + "*End Assembly" + tail.replace("UPPER,", "UP.LOWER,")).splitlines()
+    )
+    assert deck.dialect is Dialect.ABAQUS
+    problem = deck.problem()
+    assert problem.element is ElementType.B_BAR
+    assert problem.blocks.names == ("LOW", "UP")
+    assert top_moves(deck) == pytest.approx(-0.008, rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["C3D4", "C3D10"])
+def test_tetrahedra_fill_the_same_cube(kind) -> None:
+    """A cube of six tetrahedra, split into hexahedra: its volume, and uniform stress exactly."""
+    corners = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))])
+    tets = [[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]]
+    places = [tuple(map(float, corner)) for corner in corners]
+    rows = []
+    for tet in tets:
+        row = list(tet)
+        if kind == "C3D10":
+            for a, b in ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)):
+                middle = tuple(map(float, (corners[tet[a]] + corners[tet[b]]) / 2))
+                if middle not in places:
+                    places.append(middle)
+                row.append(places.index(middle))
+        rows.append(row)
+    foot = [str(k + 1) for k, place in enumerate(places) if place[2] == 0.0]
+    lines = ["*Node", *(f"{k + 1}, {x}, {y}, {z}" for k, (x, y, z) in enumerate(places))]
+    lines += [f"*Element, type={kind}, elset=E"]
+    lines += [f"{k + 1}, {', '.join(str(n + 1) for n in row)}" for k, row in enumerate(rows)]
+    lines += ["*Nset, nset=FOOT", ", ".join(foot), "*Elset, elset=TOPS", "3, 4, 5"]
+    lines += ["*Material, name=M", "*Elastic", "1000., 0.", "*Solid Section, elset=E, material=M"]
+    lines += ["*Boundary", "FOOT, 1, 3", "*Step", "*Static", "*Dload"]
+    # Elements 0 3 7 6, 0 7 4 6 and 0 4 5 6: their sides on z = 1 are 7 6 (none), 7 4 6 and 4 5 6.
+    lines += ["4, P3, 2.", "5, P3, 2.", "*End Step"]
+    deck = deck_of_lines(lines)
+    problem = deck.problem()
+    assert problem.blocks.volumes.sum() == pytest.approx(1.0, rel=1e-12)
+    assert any("split into four hexahedra" in note for note in deck.model.notes)
+    assert top_moves(deck) == pytest.approx(-0.002, rel=1e-9)
+
+
+@pytest.mark.parametrize("flavour", ["pairs", "calculix"])
+def test_an_exported_deck_has_the_answer_of_its_scene(flavour) -> None:
+    """The same mesh: coordinates to 1e-13, CalculiX' table of the law to 7e-4 of the pressure."""
+    file = load_scene("tsb1-pipe", [*COARSE, "effects.friction={coefficient=0.3, stick_stiffness=100.0}"])
+    ours = solve_static(scene_problem(file.scene, "a").deformable)
+    deck = deck_of_lines(list(deck_lines(build_deck(file, Flavour(flavour)))))
+    theirs = solve_static(deck.problem().deformable)
+    a, b = (
+        max(float(np.linalg.norm(moved, axis=-1).max()) for moved in result.displacements)
+        for result in (ours, theirs)
+    )
+    assert a == pytest.approx(b, rel=1e-6 if flavour == "pairs" else 1e-3)
+
+
+def test_a_deck_written_again_has_the_same_answer() -> None:
+    again = deck_of_lines(list(deck_lines(rewritten(deck_of_lines(CUBES)))))
+    assert again.dialect is Dialect.CALCULIX
+    assert top_moves(again) == pytest.approx(-0.008, rel=1e-6)
+
+
+def test_words_mean_other_things_in_the_other_dialect() -> None:
+    """EXPONENTIAL: p0 at contact in both; a hundredth of it at -c0 in CalculiX, none in Abaqus."""
+    lines = changed("LINEAR\n500.", "EXPONENTIAL\n0.01, 2.0")
+    ours, theirs = (
+        deck_of_lines(lines, dialect=dialect).problem().contact_law
+        for dialect in (Dialect.ABAQUS, Dialect.CALCULIX)
+    )
+    places = np.array([-0.01, 0.0])
+    assert ours.pressure(places) == pytest.approx([0.0, 2.0])
+    assert theirs.pressure(places) == pytest.approx([0.02, 2.0], rel=1e-3)
+    rough = changed("500.\n", "500.\n*Friction\n0.2, 5000.\n")
+    friction = deck_of_lines(rough).problem().coulomb
+    assert friction is not None
+    assert (friction.coefficient, friction.stick_stiffness) == (0.2, 5000.0)
+    with pytest.raises(DeckError, match="a coefficient alone"):
+        deck_of_lines(rough, dialect=Dialect.ABAQUS).problem()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("*Static", "*Statick", r"\*Statick: no keyword"),
+        ("*Elastic\n", "*Plastic\n1., 0.\n*Elastic\n", r".*plasticity is not covered"),
+        ("name=TOP", "name=TOP, trim=YES", r".*parameter trim is not read"),
+        ("type=C3D8, elset=LOWER", "type=S4, elset=LOWER", "elements of type S4"),
+        ("1, 1, 2, 3, 4, 5, 6, 7, 8", "1, 1, 2, 3, 4, 5, 6, 7, 9", ".*node 9"),
+        ("FOOT, 1, 3", "FEET, 1, 3", "got 'FEET'"),
+        ("UNDER, TOP", "UNDER, LID", "got 'LID'"),
+        ("LOWER, S2", "LOWER, S7", "got side 'S7'"),
+        ("1000., 0.", "1000., much", "got 'much'"),
+        ("interaction=I", "interaction=J", "got interaction J"),
+        ("*Static", "*Dynamic", "implicit dynamics"),
+        ("UPPER, P2, 2.", "UPPER, PNU, 2.", "got load 'PNU'"),
+        ("interaction=I, type", "interaction=I, adjust=0.1, type", "adjust=0.1 moves"),
+        ("LINEAR", "TIED", "got pressure-overclosure=TIED"),
+    ],
+)
+def test_what_is_not_covered_is_rejected_with_its_line(old, new, message) -> None:
+    lines = changed(old, new, [*CUBES, ""])
+    line = "\n".join(CUBES).partition(old)[0].count("\n") + 1
+    with pytest.raises(RefusedError, match=rf"^line {line}: .*{message}"):
+        deck_of_lines(lines).validate()
+
+
+def test_a_truncated_deck_is_rejected() -> None:
+    with pytest.raises(DeckError, match=f"^line {len(CUBES) - 1}: .*the file is truncated"):
+        deck_of_lines(CUBES[:-1])
+
+
+def test_units_of_no_solid_are_rejected() -> None:
+    """A density in kg/m³ beside MPa."""
+    lines = changed("*Elastic", "*Density\n7850.\n*Elastic")
+    with pytest.raises(RefusedError, match="implausible wave speed"):
+        deck_of_lines(lines).problem()
+
+
+def test_surfaces_that_touch_without_a_pair_are_rejected() -> None:
+    """A third cube beside the upper one: its contact surface touches, its pair is missing."""
+    more = "\n".join(f"{21 + k}, {x + 1}, {y}, {z}" for k, (x, y, z) in enumerate(BESIDE))
+    lines = changed("*Element, type=C3D8, elset=LOWER", f"{more}\n*Element, type=C3D8, elset=LOWER")
+    third = "*Element, type=C3D8, elset=THIRD\n3, 21, 22, 23, 24, 25, 26, 27, 28\n*Nset, nset=FOOT"
+    lines = changed("*Nset, nset=FOOT", third, lines)
+    section = "*Solid Section, elset=THIRD, material=M\n*Surface, name=SIDE\nTHIRD, S6\n"
+    lines = changed("*Surface Interaction", f"{section}*Surface Interaction", lines)
+    lines = changed("*Boundary", "SIDE, TOP\n*Boundary", lines)
+    with pytest.raises(DeckError, match=r"touch or nearly so, and no \*Contact Pair"):
+        deck_of_lines(lines).problem()
+
+
+BESIDE = [(x, y, z) for z in (1, 2) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+_TEXT = "\n".join(CUBES)
+_LINES = list(deck_lines(rewritten(deck_of_lines(CUBES))))
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+@given(st.data())
+def test_random_changes_raise_no_other_error(data) -> None:
+    """A line dropped, doubled, swapped or broken: a deck, or one line that says why not."""
+    lines = list(data.draw(st.sampled_from([CUBES, _LINES])))
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.integers(0, len(lines) - 1))
+        kind = data.draw(st.sampled_from(["drop", "double", "swap", "break", "number"]))
+        if kind == "drop" and len(lines) > 1:
+            del lines[at]
+        elif kind == "double":
+            lines.insert(at, lines[at])
+        elif kind == "swap":
+            lines[at], lines[at - 1] = lines[at - 1], lines[at]
+        elif kind == "break":
+            cut = data.draw(st.integers(0, len(lines[at])))
+            lines[at] = lines[at][:cut] + data.draw(st.sampled_from(["", ",", "*", "=", "é", " 9"]))
+        else:
+            words = lines[at].split(",")
+            place = data.draw(st.integers(0, len(words) - 1))
+            words[place] = data.draw(st.sampled_from(["", "0", "-1", "1e400", "nan", "99", "x"]))
+            lines[at] = ",".join(words)
+    with contextlib.suppress(RefusedError):
+        deck_of_lines(lines).validate()
+
+
+def test_included_files_are_beside_the_deck(tmp_path: Path) -> None:
+    (tmp_path / "a.inp").write_text("*Include, input=a.inp\n")
+    with pytest.raises(DeckError, match="10 files deep"):
+        read_deck(tmp_path / "a.inp")
+    (tmp_path / "b.inp").write_text("*Include, input=c.inp\n")
+    with pytest.raises(DeckError, match=r"c\.inp: no such file"):
+        read_deck(tmp_path / "b.inp")
+    with pytest.raises(DeckError, match="no such file"):
+        read_deck(tmp_path / "d.inp")
+    assert read_cards(['*Part, name="A, B"'])[0].parameter("NAME") == "A, B"
