@@ -20,7 +20,7 @@ What most need::
 | `StaticOptions` | its tolerance, symmetry and load steps |
 | `solve_explicit` | explicit dynamics, to the static state or in time |
 | `write_deck` | the problem as an input deck for Abaqus or CalculiX |
-| `read_deck` | an input deck of Abaqus or CalculiX, with its problem and its answer |
+| `read_deck` | an input deck of Abaqus or CalculiX, and its problem |
 | `solve` | explicit dynamics of any `fem.problem.model.Model` |
 
 Both solvers return a `geometry.Answer`.

@@ -218,8 +218,9 @@ class LoadCase(ReadOnlyArrays):
     @cached_property
     def block(self) -> IntArray:
         """Loaded block of each facet, then of each edge, then of each node, (n_facets,)."""
-        parts = [found.block for found in (*self.facets, *self.edges)]
-        parts += [found.block for found in self.nodes]
+        parts = [found.block for found in self.facets]
+        parts += [edges.block for edges in self.edges]
+        parts += [forces.block for forces in self.nodes]
         return np.concatenate(parts or [np.zeros(0, dtype=np.int64)])
 
     @cached_property

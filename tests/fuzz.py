@@ -77,7 +77,7 @@ COMMANDS: dict[str, Any] = typer.main.get_command(app).commands  # type: ignore[
 _WRITES = {"--json": "result.json", "--csv": "rows.csv", "--parquet": "rows.parquet"}
 #: How often each command is tried: those that are short, more often.
 _WEIGHTS = {
-    "mbd": 8.0, "fem": 6.0, "sweep": 4.0, "show": 3.0, "import": 4.0, "export": 3.0, "explode": 2.0,
+    "mbd": 8.0, "fem": 6.0, "sweep": 4.0, "show": 3.0, "deck": 4.0, "export": 3.0, "explode": 2.0,
     "demo": 0.1, "cost": 0.3, "convergence": 0.2, "peaks": 0.2, "clearance": 0.3, "effects": 0.3,
     "cell": 0.3,
 }  # fmt: skip
@@ -85,7 +85,7 @@ _WEIGHTS = {
 _NAMED = {"studies": ("paper-480",), "scenes": ("arch",), "reproduce": ("nothing", "--nothing")}
 _READS = {
     "sweep": ("small.toml", "damped.toml"),
-    "import": ("case.inp", "flat.inp", "block.vtu", "block.msh"),
+    "deck": ("case.inp", "flat.inp", "block.vtu", "block.msh"),
     "rescue": ("results.sqlite",),
 }
 

@@ -179,7 +179,9 @@ def test_tetrahedra_fill_the_same_cube(kind) -> None:
 @pytest.mark.parametrize("flavour", ["pairs", "calculix"])
 def test_an_exported_deck_has_the_answer_of_its_scene(flavour) -> None:
     """The same mesh: coordinates to 1e-13, CalculiX' table of the law to 7e-4 of the pressure."""
-    file = load_scene("tsb1-pipe", [*COARSE, "effects.friction={coefficient=0.3, stick_stiffness=100.0}"])
+    file = load_scene(
+        "tsb1-pipe", [*COARSE, "effects.friction={coefficient=0.3, stick_stiffness=100.0}"]
+    )
     ours = solve_static(scene_problem(file.scene, "a").deformable)
     deck = deck_of_lines(list(deck_lines(build_deck(file, Flavour(flavour)))))
     theirs = solve_static(deck.problem().deformable)
@@ -217,7 +219,7 @@ def test_words_mean_other_things_in_the_other_dialect() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("*Static", "*Statick", r"\*Statick: no keyword"),
+        ("*Static", "*Stationary", r"\*Stationary: no keyword"),
         ("*Elastic\n", "*Plastic\n1., 0.\n*Elastic\n", r".*plasticity is not covered"),
         ("name=TOP", "name=TOP, trim=YES", r".*parameter trim is not read"),
         ("type=C3D8, elset=LOWER", "type=S4, elset=LOWER", "elements of type S4"),

@@ -12,8 +12,8 @@ from fem import Frames, Material, Problem, concrete, solve_explicit, solve_stati
 from fem.assembly.statement import ProblemError
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import LinearPenalty
-from fem.decks.model import deck_assembly
 from fem.decks.problem import problem_deck
+from fem.decks.read.deck import read_deck
 from fem.decks.statement import Flavour
 from fem.decks.write import write_deck
 from fem.static.solve import StaticOptions
@@ -26,7 +26,6 @@ from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads import LoadCase, PressureLoad, TractionLoad
 from tests.test_fem_notebook import SHAPE
 from validation.build.deformable import scene_problem
-from validation.output.decks import import_deck
 from validation.run.rigid.polyhedra import run_polyhedra
 from validation.scene.read import check_scene, load_scene
 from validation.scene.usage import recording
@@ -76,11 +75,10 @@ def test_decks_have_a_material_for_each_part(flavour: Flavour, tmp_path: Path) -
     load = LoadCase(even.blocks, "pressed", even.load_case.faces, np.array([True, False]))
     deck = problem_deck(replace(even, load=load), flavour)
     write_deck(tmp_path / "two.inp", deck)
-    read = import_deck(tmp_path / "two.inp")
+    read = read_deck(tmp_path / "two.inp").problem()
     assert read.materials == (SOFT, STIFF)
-    assert (read.assembly.shape_of == [0, 1]).all()
     if flavour is Flavour.PAIRS:
-        moved = solve_blocks(deck_assembly(read)).displacements
+        moved = solve_blocks(read.deformable).displacements
         shortening = PRESSURE * (50.0 / 3_000.0 + 50.0 / 60_000.0 + 1.0 / JOINT)
         assert -moved[1][:, :, 2].min() == pytest.approx(shortening, rel=1e-7)
 

@@ -13,6 +13,7 @@ from fem.assembly.symmetry import largest_cyclic_orbits
 from fem.contact.friction import FrictionError
 from fem.contact.law import LinearPenalty
 from fem.decks.keywords import DeckError
+from fem.decks.read.deck import read_deck
 from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import solve as solve_explicit
 from fem.problem.effects import Effects
@@ -31,7 +32,6 @@ from mbd.options import FrictionLaw
 from mbd.sliding_collapse import sliding_collapse
 from tests.test_fem_notebook import SHAPE
 from validation.build.deformable import scene_problem
-from validation.output.decks import import_deck
 from validation.run.rigid.answer import run_rigid
 from validation.scene.deformable import EffectName
 from validation.scene.read import load_scene
@@ -183,9 +183,9 @@ def test_decks_have_an_interaction_for_each_friction(tmp_path: Path) -> None:
     problem = pushed(FRICTION)
     problem = replace(problem, load=replace(problem.load_case, held=()))
     write_deck(problem, tmp_path / "dice.inp")
-    read = import_deck(tmp_path / "dice.inp").joint
+    read = read_deck(tmp_path / "dice.inp").problem().coulomb
     assert read is not None
-    assert set(read.of_pairs) == {(0, 1, ROUGH), (0, 2, SMOOTH)}
+    assert list(read.on(np.array([0, 0]), np.array([1, 2]))) == [ROUGH, SMOOTH]
     with pytest.raises(DeckError, match=r"contact.pairs: general contact has one friction"):
         write_deck(problem, tmp_path / "general.inp", program="abaqus-explicit")
 

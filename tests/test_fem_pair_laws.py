@@ -12,6 +12,7 @@ from fem import ExponentialLaw, LinearPenalty, PairLaws, Problem, TabularLaw, wr
 from fem.assembly.symmetry import largest_cyclic_orbits
 from fem.contact.law import ContactLaw
 from fem.decks.keywords import DeckError
+from fem.decks.read.deck import read_deck
 from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import solve as solve_explicit
 from fem.problem.effects import AdaptiveMassDamping, Effects
@@ -19,7 +20,6 @@ from fem.static.solve import solve_static as solve_blocks
 from geometry.parts.pairs import PairError
 from tests.test_fem_pair_friction import EDGE, PRESSURE, SCENE, STONE, pushed
 from validation.build.deformable import scene_problem
-from validation.output.decks import import_deck
 from validation.scene.deformable import EffectName
 from validation.scene.read import load_scene
 from validation.study.effects.auto import without_effect
@@ -111,9 +111,7 @@ def test_decks_have_an_interaction_for_each_law(tmp_path: Path) -> None:
     """Read back, the same laws; general contact has one and says so, headings have one cap."""
     problem = pressed(PairLaws(ExponentialLaw(), ((0, 2, SOFT),)))
     write_deck(problem, tmp_path / "dice.inp")
-    read = import_deck(tmp_path / "dice.inp").joint
-    assert read is not None
-    assert read.law == problem.law
+    assert read_deck(tmp_path / "dice.inp").problem().law == problem.law
     lines = (tmp_path / "dice.inp").read_text("utf-8").splitlines()
     assert sum(line.startswith("*Surface Interaction") for line in lines) == 2
     with pytest.raises(DeckError, match=r"contact.pairs: general contact has one friction and one"):

@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 
 from geometry.errors import unreadable
-from geometry.files.mesh_io import write_hex_mesh
-from geometry.mesh import HexMesh
 from tests.fuzz import Fate, judge, try_line
 from validation.errors import InputError
 from validation.scene.read import load_scene
@@ -71,8 +69,8 @@ LINES = [
     ("mbd", "tsb1-pipe", "--set", f"mesh.around={'9' * 5000}"),
     ("mbd", "loop.toml", "--json", "result.json"),
     ("mbd", "own.toml", "--json", "result.json"),
-    ("import", "block.vtu", "-o", "picture.png"),
-    ("import", "block.h5m"),
+    ("deck", "block.vtu", "--write", "picture.png"),
+    ("deck", "block.h5m"),
     ("rescue", "pipe", "-o", "new.sqlite"),
     ("sweep", "study.toml", "-o", "x.sqlite", "--workers", "1" + "0" * 100),
 ]
@@ -94,9 +92,6 @@ def test_lines_that_broke_the_program_are_refused_in_one_line(
     (tmp_path / "block.h5m").write_bytes(b"no mesh")
     (tmp_path / "block.vtu").symlink_to("block.vtu")
     (tmp_path / "own.toml").write_text(OWN)
-    if words[0] == "import":
-        (tmp_path / "block.vtu").unlink()
-        write_hex_mesh(tmp_path / "block.vtu", HexMesh(CUBE, np.arange(8)[None]))
     (tmp_path / "study.toml").write_text(
         'scene = "tsb1-pipe"\nquantity = "fem"\n[parameters]\n"contact.clearance" = [0.0, 0.01]\n'
     )

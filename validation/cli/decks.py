@@ -158,7 +158,7 @@ def deck(
     json: JsonOption = None,
 ) -> None:
     """Read an input deck of Abaqus or CalculiX, check it and print a summary."""
-    from validation.output.decks import input_json, input_table, read_file, rewrite
+    from validation.output.decks import input_json, input_table, read_file, rewrite, solve_deck
     from validation.output.outputs import Outputs
 
     if dialect is not None:
@@ -171,7 +171,7 @@ def deck(
             written = rewrite(stated, write)
             outputs.say(f"{written.n_bytes / 1e6:.3g} MB", write)
         if run:
-            answer = stated.solve()
+            answer = solve_deck(stated)
             outputs.console.print(str(answer))
             data["measures"] = answer.as_dict()["measures"]
         outputs.write_json(data)

@@ -16,6 +16,7 @@ from fem.decks.read.rewrite import rewritten
 from fem.decks.statement import Deck, Flavour, element_name
 from fem.decks.write import write_deck
 from fem.element.material import Material
+from geometry.answer import Answer
 from geometry.errors import RefusedError
 from geometry.files.whole import write_whole
 from validation.build.deck import build_deck
@@ -100,6 +101,22 @@ def read_file(path: Path, dialect: str | None) -> InputDeck:
     except RefusedError as error:
         raise InputError(f"{path}: {error}") from None
     return deck
+
+
+def solve_deck(deck: InputDeck) -> Answer:
+    """Solve the step of a deck: static equilibrium or explicit dynamics.
+
+    Raises
+    ------
+    RefusedError
+        As `fem.solve_static` and `fem.solve_explicit`.
+    """
+    from fem import solve_explicit, solve_static
+
+    problem = deck.problem()
+    if deck.steps[-1].explicit:
+        return solve_explicit(problem, **deck.explicit_options())
+    return solve_static(problem)
 
 
 def rewrite(deck: InputDeck, path: Path) -> WrittenDeck:

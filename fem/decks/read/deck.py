@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import inf
 from pathlib import Path
+from typing import Any
 
 from fem.assembly.statement import Problem
 from fem.decks.keywords import DeckError
@@ -14,7 +16,6 @@ from fem.decks.read.mesh import Instance, Part, Places, add_elements, add_nodes,
 from fem.decks.read.model import ModelLines, Step, add_model, effects_of
 from fem.decks.read.problem import Built, build_problem
 from fem.decks.read.words import Dialect, check_words, dialect_of
-from geometry.answer import Answer
 from geometry.errors import RefusedError, unreadable
 
 
@@ -22,7 +23,7 @@ from geometry.errors import RefusedError, unreadable
 class InputDeck:
     """An input deck of Abaqus or CalculiX.
 
-    ``read_deck("case.inp").problem()`` is its problem, ``.solve()`` its answer.
+    ``solve_static(read_deck("case.inp").problem())`` is its static state.
     """
 
     name: str
@@ -39,9 +40,6 @@ class InputDeck:
     """Its steps."""
     without_influence: tuple[str, ...] = ()
     """Keywords and parameters that change nothing in the answer."""
-    heading: tuple[str, ...] = ()
-    """Lines of its heading."""
-    cards: list[Card] = field(default_factory=list, repr=False)
 
     @cached_property
     def built(self) -> Built:
@@ -85,27 +83,14 @@ class InputDeck:
         _ = problem.deformable
         return tuple(self.model.notes)
 
-    def solve(self) -> Answer:
-        """Solve its step: static equilibrium or explicit dynamics.
-
-        Raises
-        ------
-        RefusedError
-            As `validate`, and as `fem.solve_static` and `fem.solve_explicit`.
-        """
-        from fem.accuracy.statics import solve_static
-        from fem.dynamics import solve_explicit
-
-        self.validate()
+    def explicit_options(self) -> dict[str, Any]:
+        """Damping and times of its explicit step, arguments of `fem.solve_explicit`."""
         step = self.steps[-1]
-        if not step.explicit:
-            return solve_static(self.problem())
-        return solve_explicit(
-            self.problem(),
-            damping=effects_of(self.model, step),
-            ramp_time=self.built.ramp_time or 0.0,
-            end_time=step.duration,
-        )
+        return {
+            "damping": effects_of(self.model, step),
+            "ramp_time": self.built.ramp_time or 0.0,
+            "end_time": step.duration,
+        }
 
 
 def read_deck(path: str | Path, *, dialect: str | None = None) -> InputDeck:
@@ -157,11 +142,19 @@ def deck_of_lines(
     reader = _Reader(ModelLines(kind))
     for card in cards:
         reader.read(card)
-    heading = next((tuple(card.data) for card in cards if card.keyword == "HEADING"), ())
+    heading = next((card for card in cards if card.keyword == "HEADING"), cards[0])
+    reader.model.cap = _cap(heading)
     places = reader.finished(cards[-1])
-    return InputDeck(
-        name, kind, detected, places, reader.model, tuple(reader.steps), without, heading, cards
-    )
+    return InputDeck(name, kind, detected, places, reader.model, tuple(reader.steps), without)
+
+
+def _cap(heading: Card) -> float:
+    """Stiffness cap in the heading of a deck that this package wrote; else none."""
+    for line, text in zip(heading.data_line, heading.data, strict=True):
+        key, _, value = text.partition(": ")
+        if key == "maximum contact stiffness" and value != "none":
+            return heading.number(line, value)
+    return inf
 
 
 #: Keywords of meshes, and what reads them.

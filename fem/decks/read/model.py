@@ -73,6 +73,9 @@ class ModelLines:
     other: list[Card] = field(default_factory=list)
     """Cards that are read where a problem is made: supports, contact, motions."""
     notes: list[str] = field(default_factory=list)
+    cap: float = inf
+    """Stiffness cap of exponential laws that the heading of our decks keeps [MPa/mm]:
+    Abaqus/Standard has no word for it."""
 
     def note(self, text: str) -> None:
         """Keep a remark, once."""
@@ -199,7 +202,7 @@ def _hard(model: ModelLines, size: float) -> ContactLaw:
 def _exponential(model: ModelLines, values: list[float]) -> ContactLaw:
     c0, p0 = values[:2]
     if model.dialect is Dialect.ABAQUS:
-        return ExponentialLaw(c0, p0, values[2] if len(values) > 2 else inf)
+        return ExponentialLaw(c0, p0, values[2] if len(values) > 2 else model.cap)
     if not (c0 > 0.0 and p0 > 0.0):
         return ExponentialLaw(c0, p0)  # rejects the constant by its name
     model.note("contact: CalculiX' exponential law, p0 exp(ln(100) d/c0), as a table of 400 points")
