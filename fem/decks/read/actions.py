@@ -233,9 +233,9 @@ def _cload(actions: Actions, card: Card) -> None:
 
 
 def _dload(actions: Actions, card: Card) -> None:
-    share = _share(actions, card)
     for number, (line, row) in enumerate(card.rows()):
         kind = row[1].upper() if len(row) > 2 else ""
+        share = _gravity_share(actions, card) if kind == "GRAV" else _share(actions, card)
         value = share * card.number(line, row[2]) if kind else 0.0
         elements = actions.blocks.places.members(card, line, row[0], nodes=False)
         name = f"load-{card.line}-{number + 1}"
@@ -259,6 +259,18 @@ def _dload(actions: Actions, card: Card) -> None:
                 f"{card.at(line)}: got load {kind or ', '.join(row)!r}; expected P1 to P6, "
                 "GRAV, BX, BY or BZ"
             )
+
+
+def _gravity_share(actions: Actions, card: Card) -> float:
+    """Share of gravity, which explicit runs have from the beginning."""
+    if not actions.step.explicit:
+        return _share(actions, card)
+    if card.option("AMPLITUDE"):
+        raise DeckError(
+            f"{card.at()}: gravity of an explicit step has an amplitude; expected it from the "
+            "beginning, without one"
+        )
+    return 1.0
 
 
 def _whole(actions: Actions, card: Card, line: int, elements: list[tuple[int, int]]) -> list[int]:
