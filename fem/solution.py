@@ -263,6 +263,12 @@ class Solution(ReadOnlyArrays):
         return push_curves(self.deformable.model, self.static.pushed)
 
     @property
+    def reactions_left_out(self) -> bool:
+        """Whether supports have forces that an explicit run of one sector does not compute."""
+        sector = self.statement is not None and self.statement.assembly.orbits.order > 1
+        return sector and bool(self.deformable.model.supports)
+
+    @property
     def _of_whole_run(
         self,
     ) -> tuple[Mapping[str, Mapping[str, list[float]]], tuple[PushCurve, ...]]:

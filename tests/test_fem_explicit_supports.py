@@ -18,6 +18,8 @@ from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import LineLoad, LoadCase, TractionLoad
 from geometry.parts.regions import Plane
 from geometry.parts.supports import HeldFace
+from validation.run.solve import run_explicit
+from validation.scene.read import load_scene
 
 X, Y, Z = np.eye(3)
 A = 40.0
@@ -143,3 +145,13 @@ def test_a_motion_in_no_time_is_rejected() -> None:
     problem = Problem(TWO, CASES["support that moves"], concrete)
     with pytest.raises(TimeStepError, match="got 0 with a support that moves"):
         solve_explicit(problem, ramp_time=0.0, end_time=0.01)
+
+
+@pytest.mark.parametrize("symmetry", ["sector", "none"])
+def test_a_sector_says_that_it_has_no_reactions(symmetry: str) -> None:
+    small = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
+    short = ("fem.method=explicit", "fem.end_time=1e-5", "effects.elastic_frame=true")
+    scene = load_scene("tsb1-pipe", [*small, *short, f"fem.symmetry={symmetry}"]).scene
+    found = run_explicit("tsb1-pipe", scene).solution
+    assert found.reactions_left_out == (symmetry == "sector")
+    assert bool(found.reactions) == (symmetry == "none")

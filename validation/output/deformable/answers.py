@@ -164,6 +164,11 @@ def _add_supports(table: Table, run: DeformableRun) -> None:
     for k, (name, found) in enumerate(run.solution.reactions.items()):
         force = ", ".join(f"{value:.5g}" for value in found["force"])
         table.add_row("" if k else "forces of supports", f"{name}: ({force}) N")
+    if run.solution.reactions_left_out:
+        table.add_row(
+            "forces of supports",
+            'not computed: the run is of one sector; set fem.symmetry = "none" for them',
+        )
     words = [_curve_words(curve) for curve in run.solution.push_curves]
     if static is not None and "none was found" in static.status:
         words.insert(0, static.status)
