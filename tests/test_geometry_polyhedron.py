@@ -28,6 +28,7 @@ from geometry.polyhedra.polyhedron import (
     convex_polyhedron,
     polyhedron,
     polyhedron_from_block,
+    turned_outward,
 )
 from geometry.polyhedra.triangle_search import enclosed, segment_piercings
 from tests.conftest import random_rotation
@@ -343,3 +344,13 @@ def test_a_step_box_becomes_hexahedra(tmp_path: Path) -> None:
     gmsh.finalize()
     (mesh,) = step_hexahedra(tmp_path / "box.step", divisions=3)
     assert mesh.n_elements == 27
+
+
+def test_surface_that_encloses_nothing_warns_of_nothing() -> None:
+    """Half of a cube's triangles turned: signed volumes cancel, and checks name the edges."""
+    points = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    triangles = convex_polyhedron("cube", points).triangles.copy()
+    triangles[::2] = triangles[::2, ::-1]  # each spans the same volume with the middle
+    mixed = turned_outward("mixed", points, triangles)
+    assert mixed.mass_properties.volume == 0.0
+    assert np.isfinite(mixed.mass_properties.centroid).all()

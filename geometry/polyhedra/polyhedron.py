@@ -109,7 +109,8 @@ class Polyhedron:
         first = np.einsum("t,ti->i", volume6, total) / 24.0
         second = np.einsum("t,tci,tcj->ij", volume6, p, p)
         second = (second + np.einsum("t,ti,tj->ij", volume6, total, total)) / 120.0
-        centroid = first / volume
+        # Surfaces with triangles turned at random may enclose nothing: checks name what is wrong.
+        centroid = first / volume if volume else np.zeros(3)
         second -= volume * np.outer(centroid, centroid)
         inertia = np.trace(second) * np.eye(3) - second
         return MassProperties(volume, volume, reference + centroid, inertia)
