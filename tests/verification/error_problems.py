@@ -65,24 +65,26 @@ FOURTH, FIFTH, LAST = LADDER.rungs[3:]
 #: The same of own hexahedra, of which an edge has more parts: every other finer mesh takes minutes.
 OWN = Rung(3, 1, 3, 1, 1.0, 1.0)
 
-#: Where friction takes minutes: of hexagon blocks, which are no grids, and of others.
-ROUGH_HEXAGON, ROUGH = Rung(4, 12, 2, 4, 8.0, 80.0), Rung(4, 16, 2, 4, 6.0, 40.0)
+#: Where those take minutes: finer than four meshes of the default in every direction.
+NEAR = Rung(5, 18, 2, 6, 8.0, 80.0)
+#: Where friction takes minutes.
+ROUGH = Rung(4, 16, 2, 4, 6.0, 40.0)
 THIRD = Rung(4, 16, 1, 4, 1.0, 40.0)
 OWN_ROUGH = Rung(3, 1, 2, 1, 1.0, 1.0)
 
 #: How many meshes of the default a reference is finer than, and the one beyond it.
 FINER_THAN = {
     THIRD: (2, ROUGH),
-    ROUGH: (3, FIFTH),
-    ROUGH_HEXAGON: (3, LAST),
-    FOURTH: (3, FIFTH),
+    ROUGH: (3, NEAR),
+    FOURTH: (3, NEAR),
+    NEAR: (4, BEYOND),
     FIFTH: (4, BEYOND),
     FINER: (4, BEYOND),
     LAST: (5, BEYOND),
 }
 
 #: Tubes whose references take minutes on `FINER`: many blocks, a clearance, no symmetry, friction.
-LONG_TUBES = {3: FOURTH, 6: FOURTH, 7: FOURTH, 8: FOURTH, 10: ROUGH, 14: FOURTH}
+LONG_TUBES = {3: FOURTH, 6: FOURTH, 7: THIRD, 8: FOURTH, 10: THIRD, 14: FOURTH}
 #: Tubes of one layer where the drawn ones take more than the limit of time.
 LOW_TUBES = (10, 14)
 
@@ -260,7 +262,7 @@ def cases() -> list[Case]:
             "hexagon tube: tunnel, friction",
             lambda: hexagons(tunnel(PRESSURE), friction=0.3),
             "finer",
-            finer=ROUGH_HEXAGON,
+            finer=NEAR,
         ),
         Case("planar Sine wall", planar_wall, "finer", finer=FOURTH),
         Case("osteomorphic wall", lambda: osteomorphic(2), "finer", finer=FOURTH),
