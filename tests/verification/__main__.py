@@ -4,7 +4,7 @@ Without names all tables but the long ones, four CPU minutes; CalculiX and compa
 are installed. ``error-bars`` takes an hour, goes on where it was stopped, gives up a problem after
 ten CPU minutes, and keeps what ``error-bars-problems`` lists and ``error-bars-summary`` sums up.
 ``first-answers`` runs commands with their defaults, five minutes. ``--folder PATH`` tries all files
-of blocks in a folder instead.
+of blocks in a folder instead, ``--decks PATH`` all input decks in one.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from rich.table import Table
 
 from tests.verification import (
     calculix,
+    decks,
     error_bars,
     first_answers,
     folder,
@@ -70,6 +71,7 @@ def main() -> None:
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(TABLES))
     parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--folder", type=Path, metavar="PATH", help="of files of blocks")
+    parser.add_argument("--decks", type=Path, metavar="PATH", help="of input decks")
     asked = parser.parse_args()
     unknown = [name for name in asked.names if name not in TABLES]
     if unknown:
@@ -79,6 +81,9 @@ def main() -> None:
     if asked.folder is not None:
         tables = {"folder": ("Files of blocks", partial(folder.rows, asked.folder))}
         names = ["folder"]
+    if asked.decks is not None:
+        tables = {"decks": ("Input decks", partial(decks.rows, asked.decks))}
+        names = ["decks"]
     for name in names:
         title, make = tables[name]
         found[name] = list(make())

@@ -94,8 +94,10 @@ def read_file(path: Path, dialect: str | None) -> InputDeck:
     InputError
         With the line that is not covered.
     """
-    with named(str(path)):
+    try:
         deck = read_deck(path, dialect=dialect)
+    except RefusedError as error:
+        raise InputError(str(error)) from None
     try:
         deck.validate()
     except RefusedError as error:

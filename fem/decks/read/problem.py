@@ -76,6 +76,7 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
     kinds = {i.part.kind for i in places.instances if i.part.volumes}
     degree, element = _element(kinds, model)
     materials = [model.materials[blocks.solid(b).material] for b in range(assembly.n_blocks)]
+    _check_densities(model, step)
     joints, sliding = {}, False
     if contact.pairs or contact.everywhere:
         sliding = contact.slides(assembly, unmatched_joints(assembly, surfaces))
@@ -97,6 +98,15 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
     )
     _check_order(step, problem)
     return Built(problem, actions.ramp_time)
+
+
+def _check_densities(model: ModelLines, step: Step) -> None:
+    """Reject explicit steps of materials without a density; static answers do not depend on it."""
+    without = [stated for stated in model.materials.values() if stated.density is None]
+    if without and step.explicit:
+        raise DeckError(f"{without[0].card.at()}: explicit steps need *Density; expected one")
+    if without:
+        model.note("material: no density is stated, and the static answer depends on none")
 
 
 def _check_order(step: Step, problem: Problem) -> None:
