@@ -313,7 +313,8 @@ def effects_of(model: ModelLines, step: Step) -> Effects:
         card = next(iter(model.materials.values())).card
         raise DeckError(f"{card.at()}: materials have several *Damping; expected the same in all")
     bulk = [card for card in step.cards if card.keyword == "BULK VISCOSITY"]
-    viscosity: BulkViscosity | None = BulkViscosity()
+    abaqus = model.dialect is Dialect.ABAQUS  # CalculiX has no bulk viscosity
+    viscosity = BulkViscosity() if abaqus else None
     if bulk:
         values = [float(v) for v in bulk[-1].numbers()]
         viscosity = BulkViscosity(*values[:2]) if any(values) else None

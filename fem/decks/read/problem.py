@@ -75,6 +75,11 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
     )
     kinds = {i.part.kind for i in places.instances if i.part.volumes}
     degree, element = _element(kinds, model)
+    if degree > 1 and step.explicit:
+        raise DeckError(
+            f"{step.procedure.at()}: explicit steps have elements of degree 1; expected elements "
+            "of eight nodes, or *Static"
+        )
     materials = [model.materials[blocks.solid(b).material] for b in range(assembly.n_blocks)]
     _check_densities(model, step)
     joints, sliding = {}, False
