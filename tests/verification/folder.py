@@ -83,7 +83,10 @@ def fate(path: Path) -> dict[str, Any]:
             again = ran("check", str(mended)) if mended.exists() else repaired
             if not again.answer.get("clean"):
                 return found | {"fate": "rejected", "why": _fault(again) or _fault(checked)}
-            path, units, found["fate"] = mended, "mm", "repaired"
+            # Blocks with faults have no size to tell the unit by.
+            path, unit = mended, again.answer.get("likely_unit", "mm")
+            found |= {"fate": "repaired", "unit": units if unit == "mm" else unit}
+            units = unit
         else:
             found["fate"] = "as it is"
         if found["blocks"] == 1:
