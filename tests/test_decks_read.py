@@ -243,6 +243,7 @@ def test_words_mean_other_things_in_the_other_dialect() -> None:
         ("1000., 0.", "1000., much", "got 'much'"),
         ("interaction=I", "interaction=J", "got interaction J"),
         ("*Static", "*Dynamic", "implicit dynamics"),
+        ("elset=UPPER, material=M", "elset=UPPER, material=N", "got material N"),
         ("UPPER, P2, 2.", "UPPER, PNU, 2.", "got load 'PNU'"),
         ("interaction=I, type", "interaction=I, adjust=0.1, type", "adjust=0.1 moves"),
         ("LINEAR", "TIED", "got pressure-overclosure=TIED"),

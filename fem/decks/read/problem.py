@@ -18,7 +18,7 @@ from fem.decks.read.bodies import CONTACT, Blocks, Body, body_of
 from fem.decks.read.cards import Card
 from fem.decks.read.elements import KINDS, VOLUMES
 from fem.decks.read.mesh import Part, Places
-from fem.decks.read.model import Interaction, ModelLines, Step, friction_of, law_of
+from fem.decks.read.model import Interaction, MaterialLines, ModelLines, Step, friction_of, law_of
 from fem.decks.read.words import Dialect
 from fem.element.hexahedron import ElementType
 from geometry.assembly import Assembly, UnmatchedJoint
@@ -80,7 +80,7 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
             f"{step.procedure.at()}: explicit steps have elements of degree 1; expected elements "
             "of eight nodes, or *Static"
         )
-    materials = [model.materials[blocks.solid(b).material] for b in range(assembly.n_blocks)]
+    materials = [_material(model, blocks, b) for b in range(assembly.n_blocks)]
     _check_densities(model, step)
     joints, sliding = {}, False
     if contact.pairs or contact.everywhere:
@@ -103,6 +103,18 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
     )
     _check_order(step, problem)
     return Built(problem, actions.ramp_time)
+
+
+def _material(model: ModelLines, blocks: Blocks, block: int) -> MaterialLines:
+    """Material of a block."""
+    part, name = blocks.instance(block).part, blocks.solid(block).material
+    if name not in model.materials:
+        card = next(card for card in part.sections if card.parameter("MATERIAL") == name)
+        raise DeckError(
+            f"{card.at()}: got material {name}, which is not defined; expected one of "
+            f"{', '.join(model.materials) or 'those of *Material'}"
+        )
+    return model.materials[name]
 
 
 def _check_densities(model: ModelLines, step: Step) -> None:
