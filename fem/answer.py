@@ -72,9 +72,9 @@ def answer_of(
 
 
 def _title(solution: Solution) -> str:
-    found = solution.deformable
-    blocks, elements = len(found.deformable_blocks), found.model.n_elements
-    return f"{found.assembly.name}: {solution.method}, {blocks} blocks, {elements} elements"
+    result = solution.deformable
+    blocks, elements = len(result.deformable_blocks), result.model.n_elements
+    return f"{result.assembly.name}: {solution.method}, {blocks} blocks, {elements} elements"
 
 
 def _fields(solution: Solution) -> Lazy[Array]:
@@ -101,20 +101,20 @@ def report_of(
     solution: Solution, facets: tuple[Assembly, FloatArray] | None = None
 ) -> dict[str, Any]:
     """Evidence and statistics of the solver, as plain data."""
-    found = solution.deformable
+    result = solution.deformable
     least, largest = solution.nodal_stress_range
-    if found.meets:
+    if result.meets:
         beside = contact_report(solution, facets)
     else:
         beside = {"faces": face_displacements(solution)}
     return {
-        "n_blocks": len(found.deformable_blocks),
-        "n_elements": found.model.n_elements,
-        "n_nodes": found.model.n_nodes,
+        "n_blocks": len(result.deformable_blocks),
+        "n_elements": result.model.n_elements,
+        "n_nodes": result.model.n_nodes,
         "max_displacement": solution.largest_displacement,
         "principal_stress": {"max": float(largest), "min": float(least)},
         "dimensions": dimensions(
-            found.assembly if facets is None else facets[0], found.densities
+            result.assembly if facets is None else facets[0], result.densities
         ).as_json(),
         **({"large_motion": solution.large_motion} if solution.large_motion else {}),
         **beside,
@@ -128,8 +128,8 @@ def contact_report(
     solution: Solution, facets: tuple[Assembly, FloatArray] | None = None
 ) -> dict[str, Any]:
     """Entries of contact: only for blocks that touch."""
-    found = vars(contact_on(solution, facets))
-    numbers = {name: value for name, value in found.items() if name != "per_block"}
+    result = vars(contact_on(solution, facets))
+    numbers = {name: value for name, value in result.items() if name != "per_block"}
     return {
         "slip": solution.slip,
         "n_contacts": solution.contact_state.n_facets,
@@ -141,14 +141,14 @@ def contact_report(
 
 def face_displacements(solution: Solution) -> dict[str, dict[str, list[float]]]:
     """Mean displacement of each named face of the first block, weighted by facet area."""
-    found, whole = {}, solution.deformable
+    result, whole = {}, solution.deformable
     block = whole.assembly.shape(0)
     moved = solution.group_displacements[int(whole.group_of[0])][int(whole.copy_of[0])]
     for name in block.faces:
         surface = block.surface(name)
         mean = surface.areas @ moved[surface.quads].mean(axis=1) / surface.areas.sum()
-        found[name] = {"mean_displacement": mean.tolist()}
-    return found
+        result[name] = {"mean_displacement": mean.tolist()}
+    return result
 
 
 def _support_report(solution: Solution) -> dict[str, Any]:

@@ -92,13 +92,13 @@ def solve_explicit(
         end_time=end_time,
         motion=problem.motion,
     )
-    found = explicit_answer(
+    result = explicit_answer(
         state(),
         lambda counted: state(counted_pressure=counted),
         residual=residual if static else 0.0,
         threads=threads,
     )
-    return answer_of(replace(found, static_below=residual), problem=problem)
+    return answer_of(replace(result, static_below=residual), problem=problem)
 
 
 def explicit_answer(

@@ -69,14 +69,14 @@ def _of_motion(solution: Solution) -> dict[str, Callable[[], Measure]]:
     curve = max(solution.push_curves, key=lambda c: c.peak[0])
     force, displacement = curve.peak
     place = {"support": curve.name, "displacement": displacement}
-    found = {
+    result = {
         "push_peak": lambda: Measure(force, "N", place=place),
         "push_stiffness": lambda: Measure(curve.stiffness, "N/mm"),
         "push_work": lambda: Measure(curve.work, "N mm"),
     }
     if solution.static is None:  # a run begins with waves
-        del found["push_stiffness"]
-    return found
+        del result["push_stiffness"]
+    return result
 
 
 def _stresses(solution: Solution) -> dict[str, Callable[[], Measure]]:
@@ -123,13 +123,13 @@ def contact_on(
 
     What is measured at points is that of the mesh that was solved.
     """
-    found = solution.contact
+    result = solution.contact
     if facets is None:
-        return found
+        return result
     assembly, pressures = facets
     per_block, overall = facet_measures(assembly, np.arange(len(pressures)), pressures)
-    shared = {name: value for name, value in vars(overall).items() if hasattr(found, name)}
-    return replace(found, **shared, per_block=per_block)
+    shared = {name: value for name, value in vars(overall).items() if hasattr(result, name)}
+    return replace(result, **shared, per_block=per_block)
 
 
 def contacts_of(
@@ -155,8 +155,8 @@ def _facets_of(solution: Solution) -> dict[str, Callable[[], Array]]:
         "slip": lambda: state.slips,
     }
     if state.interface is not None:
-        found = values | interface_contacts(assembly, state.interface)
-        return found | {"area": lambda: state.areas}
+        result = values | interface_contacts(assembly, state.interface)
+        return result | {"area": lambda: state.areas}
     assert state.position_s is not None
     position = state.position_s
     order = np.lexsort((position, state.block_s, state.block_m))
@@ -182,8 +182,8 @@ def _ordered(maker: Callable[[], Array], order: Array) -> Callable[[], Array]:
 
 def _interfaces_of(assembly: Assembly, pressures: FloatArray) -> dict[str, Callable[[], Array]]:
     """Interfaces of a mesh with pressures given for all of them; frames do not press on frames."""
-    found = assembly.interfaces
-    index = np.flatnonzero(~(assembly.fixed[found.block_m] & assembly.fixed[found.block_s]))
+    result = assembly.interfaces
+    index = np.flatnonzero(~(assembly.fixed[result.block_m] & assembly.fixed[result.block_s]))
     values: dict[str, Callable[[], Array]] = {"pressure": lambda: pressures[index]}
     return values | interface_contacts(assembly, index)
 
@@ -209,13 +209,13 @@ def bracketed(solution: Solution) -> dict[str, float]:
     Means over facets and integration points against corners of facets, integration points
     against corners of elements.
     """
-    stress, found, pressures = solution.stress_peaks, measures_of(solution), {}
+    stress, result, pressures = solution.stress_peaks, measures_of(solution), {}
     if solution.deformable.meets:
         law = solution.deformable.contact.law
         corners = mean_of_block_maxima(solution.deformable, law, solution.contact_state)
         pressures = {
-            "p_max": abs(corners - found["p_max"].value),
-            "p_max_point": _peak_distance(solution, found["p_max_point"]),
+            "p_max": abs(corners - result["p_max"].value),
+            "p_max_point": _peak_distance(solution, result["p_max_point"]),
         }
     return pressures | {
         "sigma_1_max": abs(stress.sigma_1_at_corners - stress.sigma_1.value),

@@ -182,7 +182,7 @@ class Solution(ReadOnlyArrays):
     @cached_property
     def nodal_stress_range(self) -> tuple[float, float]:
         """Least σ₃ and largest σ₁ at the nodes [MPa]."""
-        found = [
+        result = [
             principal_stress(stress_at_nodes(self.deformable.group(int(blocks[0])), moved))
             for blocks, moved in moved_blocks(
                 self.deformable,
@@ -191,7 +191,7 @@ class Solution(ReadOnlyArrays):
                 representative=self._representative,
             )
         ]
-        return min(p[..., 2].min() for p in found), max(p[..., 0].max() for p in found)
+        return min(p[..., 2].min() for p in result), max(p[..., 0].max() for p in result)
 
     @property
     def largest_displacement(self) -> float:
@@ -250,8 +250,8 @@ class Solution(ReadOnlyArrays):
         if static is None:
             moved = spring_reactions(model, self.group_displacements)
             return {name: dict(of) for name, of in self._of_whole_run[0].items()} | moved
-        found = reactions(model, static.support_forces) if static.support_forces else {}
-        return found | spring_reactions(model, self.group_displacements)
+        result = reactions(model, static.support_forces) if static.support_forces else {}
+        return result | spring_reactions(model, self.group_displacements)
 
     @cached_property
     def push_curves(self) -> tuple[PushCurve, ...]:

@@ -67,12 +67,12 @@ class Measure:
     def as_json(self) -> dict[str, Any]:
         """Return plain data; a place only where there is one."""
         value = self.value if np.isfinite(self.value) else None
-        found: dict[str, Any] = {"value": value, "error": self.error, "unit": self.unit}
+        result: dict[str, Any] = {"value": value, "error": self.error, "unit": self.unit}
         if not self.resolved:
-            found["resolved"] = False
+            result["resolved"] = False
         if self.remark:
-            found["remark"] = self.remark
-        return found if self.place is None else found | {"place": self.place}
+            result["remark"] = self.remark
+        return result if self.place is None else result | {"place": self.place}
 
     @property
     def is_number(self) -> bool:
@@ -184,14 +184,14 @@ UNITS = {
 
 def measure_rows(measures: Mapping[str, Measure]) -> list[tuple[str, str]]:
     """Measures in words, a row each: title; value, error, unit, remark and place."""
-    found, titles = [], TITLES | FACTORS | FORCES | MOTIONS
+    result, titles = [], TITLES | FACTORS | FORCES | MOTIONS
     for name in (*titles, *(name for name in measures if name not in titles)):
         if name in measures:
             measure, title = measures[name], titles.get(name, Title(name))
-            told = "" if measure.remark else title.remark.format(**(measure.place or {}))
-            words = f"{measure.value_words} {told}{measure.place_words}".rstrip()
-            found.append((title.words, words.removesuffix(";")))
-    return found
+            reported = "" if measure.remark else title.remark.format(**(measure.place or {}))
+            words = f"{measure.value_words} {reported}{measure.place_words}".rstrip()
+            result.append((title.words, words.removesuffix(";")))
+    return result
 
 
 class Lazy(Mapping[str, Value]):
@@ -330,8 +330,8 @@ class Answer:
 
     def _repr_html_(self) -> str:
         """Return the table for a notebook."""
-        found = measure_rows(self.measures)
-        rows = (f"<tr><td>{escape(t)}</td><td>{escape(w)}</td></tr>" for t, w in found)
+        result = measure_rows(self.measures)
+        rows = (f"<tr><td>{escape(t)}</td><td>{escape(w)}</td></tr>" for t, w in result)
         return f"<table><caption>{escape(self.title)}</caption>{''.join(rows)}</table>"
 
     def sections(
@@ -383,16 +383,16 @@ class Answer:
         """Contact facets as a pyvista mesh, with pressure, area, blocks, layers and normals."""
         import pyvista as pv
 
-        found = self.contacts
-        if "corners" in found:
-            n, per_facet = found["corners"].shape[:2]
+        result = self.contacts
+        if "corners" in result:
+            n, per_facet = result["corners"].shape[:2]
             faces = np.arange(n * per_facet).reshape(n, per_facet)
-            surface = pv.PolyData.from_regular_faces(found["corners"].reshape(-1, 3), faces)
+            surface = pv.PolyData.from_regular_faces(result["corners"].reshape(-1, 3), faces)
             data = surface.cell_data
         else:
-            surface = pv.PolyData(np.array(found.get("centroid", np.empty((0, 3)))))
+            surface = pv.PolyData(np.array(result.get("centroid", np.empty((0, 3)))))
             data = surface.point_data
-        for name, values in found.items():
+        for name, values in result.items():
             if values.ndim < 3 and name != "centroid":
                 data[name] = values
         return surface
@@ -438,16 +438,16 @@ def place(
     assembly: AnyBlocks, blocks: tuple[int, ...], position: FloatArray, face: str | None = None
 ) -> dict[str, Any]:
     """Say where a value is: blocks, layer, face and position, of tubes also about their axis."""
-    found: dict[str, Any] = {
+    result: dict[str, Any] = {
         "blocks": list(blocks),
         "layer": None,
         "face": face,
         "position": position.tolist(),
     }
     if not isinstance(assembly, Assembly):
-        return found
-    found["layer"] = int(assembly.layer[blocks[0]])
-    return found | (about_axis(assembly, position) if is_round(assembly) else {})
+        return result
+    result["layer"] = int(assembly.layer[blocks[0]])
+    return result | (about_axis(assembly, position) if is_round(assembly) else {})
 
 
 def largest_facet_mean(assembly: AnyBlocks, contacts: Mapping[str, Array]) -> Measure:
@@ -480,15 +480,15 @@ def interface_contacts(assembly: Assembly, index: IntArray) -> dict[str, Callabl
     """Makers of what contacts have beside pressures, of some of the assembly's interfaces (n,)."""
     from geometry.files.mesh_io import interface_surface
 
-    found = assembly.interfaces
-    m, s = found.block_m[index], found.block_s[index]
+    result = assembly.interfaces
+    m, s = result.block_m[index], result.block_s[index]
     return {
-        "area": lambda: found.areas[index],
+        "area": lambda: result.areas[index],
         "blocks": lambda: np.column_stack([m, s]),
         "layer": lambda: np.column_stack([assembly.layer[m], assembly.layer[s]]),
-        **facet_sides(assembly, (m, s), (found.facet_m[index], found.facet_s[index])),
-        "centroid": lambda: found.centroids[index],
-        "normal": lambda: found.normals[index],
+        **facet_sides(assembly, (m, s), (result.facet_m[index], result.facet_s[index])),
+        "centroid": lambda: result.centroids[index],
+        "normal": lambda: result.normals[index],
         "corners": lambda: interface_surface(assembly, index).nodes.reshape(-1, 4, 3),
     }
 

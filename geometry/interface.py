@@ -176,9 +176,9 @@ def _match(m: _Facets, s: _Facets, placement: _Placement, tolerance: float) -> _
     low, high = s.centroids.min(axis=0) - tolerance, s.centroids.max(axis=0) + tolerance
     near = np.flatnonzero(((there >= low) & (there <= high)).all(axis=1))
     nearest = s.tree.query(there[near], distance_upper_bound=tolerance)[1]
-    found = np.asarray(nearest, dtype=np.int64)
-    met = found < len(s.quads)
-    facet_m, facet_s = near[met], found[met]
+    result = np.asarray(nearest, dtype=np.int64)
+    met = result < len(s.quads)
+    facet_m, facet_s = near[met], result[met]
     placed = s.corners[facet_s] @ placement.rotation.T + placement.translation
     order_s, distance = _align_corners(m.corners[facet_m], placed)
     same = distance <= tolerance

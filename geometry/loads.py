@@ -212,13 +212,13 @@ class LoadCase(ReadOnlyArrays):
         return tuple(_loaded_edges(self.assembly, line) for line in self.lines)  # type: ignore[arg-type]
 
     def _all(self, name: str) -> FloatArray:
-        parts = [getattr(found, name) for found in (*self.facets, *self.edges, *self.nodes)]
+        parts = [getattr(result, name) for result in (*self.facets, *self.edges, *self.nodes)]
         return np.concatenate(parts) if parts else np.zeros((0, 3))
 
     @cached_property
     def block(self) -> IntArray:
         """Loaded block of each facet, then of each edge, then of each node, (n_facets,)."""
-        parts = [found.block for found in self.facets]
+        parts = [result.block for result in self.facets]
         parts += [edges.block for edges in self.edges]
         parts += [forces.block for forces in self.nodes]
         return np.concatenate(parts or [np.zeros(0, dtype=np.int64)])
@@ -305,9 +305,9 @@ def _loaded_edges(assembly: Assembly, load: LineLoad) -> LoadedEdges:
     """
     block, quads, side = [], [], []
     for number in load.blocks.tolist():
-        found, first = region_edges(assembly, number, load.start, load.end)
-        block.append(np.full(len(found), number))
-        quads.append(found)
+        result, first = region_edges(assembly, number, load.start, load.end)
+        block.append(np.full(len(result), number))
+        quads.append(result)
         side.append(first)
     of, corners, begin = (np.concatenate(parts) for parts in (block, quads, side))
     if not len(of):

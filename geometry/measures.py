@@ -148,9 +148,9 @@ def facet_measures(
 
     Pressures are those of the contacts at places ``index`` of the interfaces, (n,) [MPa].
     """
-    free, found = assembly.free_blocks, assembly.interfaces
-    m, s = (assembly.originals[b[index]] for b in (found.block_m, found.block_s))
-    per_block = block_measures(free, m, s, pressures, found.areas[index])
+    free, result = assembly.free_blocks, assembly.interfaces
+    m, s = (assembly.originals[b[index]] for b in (result.block_m, result.block_s))
+    per_block = block_measures(free, m, s, pressures, result.areas[index])
     eligible, areas = assembly.eligible_facets(), assembly.eligible_areas()
     return per_block, measures(per_block, eligible[free], areas[free])
 
@@ -570,7 +570,7 @@ def chain(joints: JointResultants) -> IntArray | None:
     for k, pair in enumerate(zip(joints.block_m.tolist(), joints.block_s.tolist(), strict=True)):
         for block in pair:
             touching.setdefault(block, []).append(k)
-    ends = sorted(block for block, found in touching.items() if len(found) == 1)
+    ends = sorted(block for block, result in touching.items() if len(result) == 1)
     if len(ends) != 2 or max(map(len, touching.values())) > 2:
         return None
     order, block = [touching[ends[0]][0]], ends[0]

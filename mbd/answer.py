@@ -97,8 +97,8 @@ def analyse(
         return analyse(statement.blocks, statement.rigid_load, norm=norm, solver=solver)
     blocks = cast("AnyBlocks", assembly)
     chosen = {} if norm is None else {"norm": _named(Norm, "norm", norm)}
-    found = rigid_result(blocks, load, solver=_named(Solver, "solver", solver), **chosen)
-    return answer_of(blocks, load, found)
+    result = rigid_result(blocks, load, solver=_named(Solver, "solver", solver), **chosen)
+    return answer_of(blocks, load, result)
 
 
 class OptionError(RefusedError):
@@ -238,8 +238,8 @@ class _Found:
     @cached_property
     def reaction(self) -> FloatArray:
         """Force of held blocks and supports on the rest, against load and weight, (3,) [N]."""
-        found, index, held = self.assembly.interfaces, self.result.contact_index, self.load.fixed
-        sign = held[found.block_m[index]].astype(float) - held[found.block_s[index]].astype(float)
+        result, index, held = self.assembly.interfaces, self.result.contact_index, self.load.fixed
+        sign = held[result.block_m[index]].astype(float) - held[result.block_s[index]].astype(float)
         total = (sign[:, None] * self.carried.forces).sum(axis=0)
         return np.asarray(total + sum(wrench[:3] for wrench in self.supports.values()))
 
@@ -267,14 +267,14 @@ class _Found:
         """Pressures, joint forces and reaction; none where nothing balances the load."""
         if not self.carried.holds:
             return {}
-        found = {}
+        result = {}
         if self.contacts:
-            found["p_max_facet"] = largest_facet_mean(self.assembly, self.contacts)
+            result["p_max_facet"] = largest_facet_mean(self.assembly, self.contacts)
         if self.paper is not None:
-            found["p_max"] = Measure(self.paper.p_max, "MPa")
-            found["p_eff"] = Measure(self.paper.p_eff, "MPa")
-        found |= _joint_extremes(self.assembly, self.joints)
-        return found | {"total_reaction": Measure(float(np.linalg.norm(self.reaction)), "N")}
+            result["p_max"] = Measure(self.paper.p_max, "MPa")
+            result["p_eff"] = Measure(self.paper.p_eff, "MPa")
+        result |= _joint_extremes(self.assembly, self.joints)
+        return result | {"total_reaction": Measure(float(np.linalg.norm(self.reaction)), "N")}
 
     def report(self) -> dict[str, Any]:
         """What the analysis says of itself, as plain data."""
@@ -310,24 +310,24 @@ def _joint_extremes(assembly: AnyBlocks, joints: JointResultants) -> dict[str, M
     """Least and largest normal force between two blocks; nothing where none touch."""
     if not len(joints.block_m):
         return {}
-    force, found = joints.normal_force, {}
+    force, result = joints.normal_force, {}
     for name, extreme, k in (
         ("least_joint_force", force.min(), first_largest(force.max() - force)),
         ("largest_joint_force", force.max(), first_largest(force)),
     ):
         pair = int(joints.block_m[k]), int(joints.block_s[k])
         where = place(assembly, pair, joints.centroids[k])
-        found[name] = Measure(float(extreme), "N", place=where)
-    return found
+        result[name] = Measure(float(extreme), "N", place=where)
+    return result
 
 
 def joints_of(assembly: AnyBlocks, index: IntArray, forces: FloatArray) -> JointResultants:
     """Resultants of forces on block s of some contacts, (n, 3) [N], by pairs of blocks."""
-    found, centroids = assembly.interfaces, None
+    result, centroids = assembly.interfaces, None
     if not isinstance(assembly, Assembly):
-        pairs = np.unique(np.column_stack([found.block_m[index], found.block_s[index]]), axis=0)
+        pairs = np.unique(np.column_stack([result.block_m[index], result.block_s[index]]), axis=0)
         centroids = cast("PolyhedralAssembly", assembly).joint_centroids(pairs)
-    return joint_resultants(found, index, forces, centroids)
+    return joint_resultants(result, index, forces, centroids)
 
 
 def _contacts(
@@ -341,16 +341,16 @@ def _contacts(
             "force": lambda: carried.forces,
         }
         return values | interface_contacts(assembly, index)
-    found = cast("PolyhedralAssembly", assembly).interfaces
-    patches = found.patches
+    result = cast("PolyhedralAssembly", assembly).interfaces
+    patches = result.patches
     if not len(patches.areas):
         return {}
     return {
-        "pressure": lambda: found.patch_pressures(index, carried.normal_forces),
-        "force": lambda: found.of_patches(index, carried.forces),
+        "pressure": lambda: result.patch_pressures(index, carried.normal_forces),
+        "force": lambda: result.of_patches(index, carried.forces),
         "area": lambda: patches.areas,
         "blocks": lambda: np.column_stack([patches.block_m, patches.block_s]),
-        "centroid": lambda: found.polygons.patch_centroids,
+        "centroid": lambda: result.polygons.patch_centroids,
         "normal": lambda: patches.normals,
     }
 

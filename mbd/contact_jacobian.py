@@ -416,9 +416,9 @@ def contact_wrenches(assembly: AnyBlocks, index: IntArray, forces: FloatArray) -
 
     From forces (n, 3) on block s of some contacts, at their places in the interfaces (n,).
     """
-    found, wrench = assembly.interfaces, np.zeros((assembly.n_blocks, 6))
-    for blocks, sign in ((found.block_m[index], -1.0), (found.block_s[index], 1.0)):
-        arm = found.centroids[index] - assembly.centroids[blocks]
+    result, wrench = assembly.interfaces, np.zeros((assembly.n_blocks, 6))
+    for blocks, sign in ((result.block_m[index], -1.0), (result.block_s[index], 1.0)):
+        arm = result.centroids[index] - assembly.centroids[blocks]
         np.add.at(wrench, blocks, sign * np.hstack([forces, np.cross(arm, forces)]))
     return wrench
 

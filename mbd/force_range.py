@@ -204,14 +204,14 @@ def force_ranges(
     programs = _Programs(matrix, -load / size if size > 0.0 else -load)
     least, largest = np.zeros(n_joints), np.full(n_joints, np.inf)
     for k in range(n_joints):
-        found = programs.least((of == k).astype(np.float64))
-        if found is None:
+        result = programs.least((of == k).astype(np.float64))
+        if result is None:
             return None
-        least[k] = size * found
+        least[k] = size * result
     for k in np.flatnonzero(~pressed).tolist():
-        found = programs.least(-(of == k).astype(np.float64)) if size > 0.0 else 0.0
+        result = programs.least(-(of == k).astype(np.float64)) if size > 0.0 else 0.0
         # What only the solver's tolerance lets grow without bound is no answer.
-        largest[k] = np.nan if found is None else -size * found
+        largest[k] = np.nan if result is None else -size * result
     return ForceRanges(pairs[:, 0], pairs[:, 1], least, largest, sums, size)
 
 
@@ -227,8 +227,8 @@ def least_forces(
     matrix, of = _columns(contacts, frictional, joint.ravel())
     size = float(np.linalg.norm(load))
     programs = _Programs(matrix, -load / size)
-    found = [programs.least((of == k).astype(np.float64)) for k in asked.tolist()]
-    return size * np.array([np.nan if least is None else least for least in found])
+    result = [programs.least((of == k).astype(np.float64)) for k in asked.tolist()]
+    return size * np.array([np.nan if least is None else least for least in result])
 
 
 def _all_pressed(contacts: Contacts, n_joints: int) -> BoolArray | None:

@@ -285,10 +285,10 @@ def _descend(programs: _Programs, state: _State, penalty: float) -> tuple[_State
     reach = _FIRST_REACH
     radii = (float(state.forces[:, 0].max(initial=0.0)), float(state.slip.max(initial=0.0)))
     for count in range(_MOST_STEPS):
-        found = programs.step(state, penalty, (reach * radii[0], reach * radii[1]))
-        if found is None or found[1] <= _SETTLED:
+        result = programs.step(state, penalty, (reach * radii[0], reach * radii[1]))
+        if result is None or result[1] <= _SETTLED:
             return state, count + 1
-        following, predicted = found
+        following, predicted = result
         gained = state.merit(penalty) - following.merit(penalty)
         if gained > 0.1 * predicted:
             state = following
@@ -365,14 +365,14 @@ def _first_state(
         return programs.state(start.forces / scale, start.factor * size / scale, motion), 0
     pressed = frictional_equilibrium(programs.contacts, programs.dead).forces[:, 0]
     for count in range(1, _MOST_FROZEN + 1):
-        found = programs.frozen(pressed)
-        if found is None or found.factor > _JAMMED:
+        result = programs.frozen(pressed)
+        if result is None or result.factor > _JAMMED:
             return None, count
-        change = float(np.abs(found.forces[:, 0] - pressed).max(initial=0.0))
+        change = float(np.abs(result.forces[:, 0] - pressed).max(initial=0.0))
         if change <= _FROZEN * max(float(pressed.max(initial=0.0)), 1.0):
             break
-        pressed = 0.5 * (pressed + found.forces[:, 0])
-    return found, count
+        pressed = 0.5 * (pressed + result.forces[:, 0])
+    return result, count
 
 
 def _judged(

@@ -103,8 +103,8 @@ def squeeze(
     last = limits
     while programs < _MOST_STEPS:
         programs += 1
-        found = _with_limits(frictional, unit, limits, weights)
-        if found is None:
+        result = _with_limits(frictional, unit, limits, weights)
+        if result is None:
             step *= 0.5
             if step < _LEAST_STEP:
                 pressed = np.divide(last, mu, out=np.zeros_like(last), where=np.asarray(mu) > 0.0)
@@ -112,7 +112,7 @@ def squeeze(
                 return Squeeze(needed=True, blocks=joint[0], least=joint[1], programs=programs)
             limits = last + step * (mu * normal - last)
             continue
-        normal, last = found[:, 0], limits
+        normal, last = result[:, 0], limits
         change = mu * normal - limits
         if np.abs(change).max() <= _SETTLED * max(limits.max(), (mu * normal).max()):
             return Squeeze(needed=False, programs=programs)
@@ -148,9 +148,9 @@ def _with_limits(
         cones=[clarabel.NonnegativeConeT(n), *cones],
         plus=np.concatenate([np.zeros(n), plus]),
     )
-    found = np.asarray(solution.x)
-    balanced = np.linalg.norm(frictional.matrix @ found + unit) <= EQUILIBRIUM_TOLERANCE
-    return found.reshape(-1, 3) if balanced else None
+    result = np.asarray(solution.x)
+    balanced = np.linalg.norm(frictional.matrix @ result + unit) <= EQUILIBRIUM_TOLERANCE
+    return result.reshape(-1, 3) if balanced else None
 
 
 def _most_missing(
@@ -160,11 +160,11 @@ def _most_missing(
     pairs = np.column_stack([contacts.block_m, contacts.block_s])
     joints, of = np.unique(pairs, axis=0, return_inverse=True)
     short = np.bincount(of.ravel(), weights=missing, minlength=len(joints))
-    asked: IntArray = np.argsort(-short, kind="stable")[:_MOST_JOINTS]
-    least = least_forces(contacts, load, frictional, asked)
+    requested: IntArray = np.argsort(-short, kind="stable")[:_MOST_JOINTS]
+    least = least_forces(contacts, load, frictional, requested)
     # Where each joint may be open in one state or another, no single one needs a force.
     if not (least > DETERMINED * np.linalg.norm(load)).any():
         return None, 0.0
     k = int(np.nanargmax(least))
-    m, s = joints[asked[k]].tolist()
+    m, s = joints[requested[k]].tolist()
     return (m, s), float(least[k])

@@ -73,15 +73,15 @@ def free_motions(
         As `check_supports`.
     """
     check_supports(held)
-    found = None
+    result = None
     for block in sorted({support.block for support in held} & set(blocks.tolist())):
-        if found is None:
-            found = np.tile(np.eye(6), (len(blocks), 1, 1))
+        if result is None:
+            result = np.tile(np.eye(6), (len(blocks), 1, 1))
         rows = [_unit_wrenches(assembly, s, length) for s in held if s.block == block]
         _, size, right = np.linalg.svd(np.concatenate(rows), full_matrices=False)
         taken = right[size > _RANK * size[0]]
-        found[blocks == block] -= taken.T @ taken
-    return found
+        result[blocks == block] -= taken.T @ taken
+    return result
 
 
 def _unit_wrenches(assembly: AnyBlocks, support: HeldFace, length: float) -> FloatArray:
@@ -91,12 +91,12 @@ def _unit_wrenches(assembly: AnyBlocks, support: HeldFace, length: float) -> Flo
         np.hstack([np.broadcast_to(axis, arm.shape), np.cross(arm, axis) / length])
         for axis in support.axes
     ]
-    found = np.concatenate(parts)
+    result = np.concatenate(parts)
     if isinstance(support, Guide):
         assert support.displacement is not None
         way = np.repeat(support.axes @ support.displacement, len(arm))
-        found -= np.outer(way, way @ found) / float(way @ way)
-    return found
+        result -= np.outer(way, way @ result) / float(way @ way)
+    return result
 
 
 def admissible(motions: FloatArray | None, rows: FloatArray) -> FloatArray:
@@ -129,7 +129,7 @@ def support_wrenches(
     dict[str, FloatArray]
         (6,) [N, N mm] each; supports of one name are one.
     """
-    length, found = assembly.characteristic_length, dict[str, FloatArray]()
+    length, result = assembly.characteristic_length, dict[str, FloatArray]()
     scale = np.repeat([1.0, 1.0 / length], 3)
     for block in dict.fromkeys(support.block for support in load.held):
         mine = [support for support in load.held if support.block == block]
@@ -140,6 +140,6 @@ def support_wrenches(
         for support, unit in zip(mine, rows, strict=True):
             wrench = unit.T @ forces[start : start + len(unit)] / scale
             wrench[3:] += np.cross(assembly.centroids[block], wrench[:3])
-            found[support.title] = found.get(support.title, np.zeros(6)) + wrench
+            result[support.title] = result.get(support.title, np.zeros(6)) + wrench
             start += len(unit)
-    return found
+    return result

@@ -328,5 +328,5 @@ def sweep(
         with ResultFile(path, study) as results:
             start = perf_counter()
             tally = run_study(results, LocalRunner(study, workers))
-            told = summary(results, tally, perf_counter() - start)
-            return SweepResult(tuple(results.rows()), told, study)
+            reported = summary(results, tally, perf_counter() - start)
+            return SweepResult(tuple(results.rows()), reported, study)

@@ -222,12 +222,12 @@ def one_line(
         line = _unknown_key(first["loc"], model)
     else:
         line = _wrong_value(first, place, model)
-    told = (first["loc"], _misspelt(first, problems))
+    reported = (first["loc"], _misspelt(first, problems))
     for kind in ("invalid", "missing"):
         others = dict.fromkeys(
             ".".join(str(key) for key in p["loc"])
             for p in problems
-            if p["loc"] not in told and (p["type"] == "missing") is (kind == "missing")
+            if p["loc"] not in reported and (p["type"] == "missing") is (kind == "missing")
         )
         line += f"; also {kind}: {_some(list(others))}" if others else ""
     # Names of keys may hold anything, line breaks too.

@@ -23,11 +23,11 @@ def write_commands(path: Path) -> None:
         "| command | what it does |",
         "|---|---|",
     ]
-    found = list(_commands(group, ()))
-    for words, command in found:
+    result = list(_commands(group, ()))
+    for words, command in result:
         anchor = "-".join(words)
         lines.append(f"| [`{' '.join(words)}`](#command-{anchor}) | {_first(command)} |")
-    for words, command in found:
+    for words, command in result:
         lines += ["", *_section(words, command)]
     path.write_text("\n".join(lines) + "\n", "utf-8")
 

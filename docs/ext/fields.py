@@ -92,8 +92,8 @@ def _section_of(annotation: Any) -> tuple[type | None, bool]:
     if origin is typing.Annotated:
         return _section_of(inner[0])
     if origin in (tuple, list):
-        found, _ = _section_of(inner[0]) if inner else (None, False)
-        return found, found is not None
+        result, _ = _section_of(inner[0]) if inner else (None, False)
+        return result, result is not None
     if origin is dict:
         return _section_of(inner[1])[0], False
     if origin in (typing.Union, types.UnionType):

@@ -70,12 +70,12 @@ def _page(name: str, plan: dict[str, Any], folder: Path) -> Page:
     poster: str | None = None
     for words in own.get("runs", plan["runs"]):
         command = words.replace("SCENE", name)
-        found = run(command)
-        pictures = [] if found is None else _copied(found, name, command.split()[0], folder)
+        result = run(command)
+        pictures = [] if result is None else _copied(result, name, command.split()[0], folder)
         poster = poster or (pictures[0] if pictures else None)
-        lines += [shown(found, command, pictures), ""]
-        if found is not None and own.get("view") and own["view"] in words:
-            lines += _view(found, name, folder)
+        lines += [shown(result, command, pictures), ""]
+        if result is not None and own.get("view") and own["view"] in words:
+            lines += _view(result, name, folder)
     lines += ["## The scene", "", "```toml", text.rstrip(), "```", ""]
     lines += [own["note"], ""] if "note" in own else []
     (folder / f"{name}.md").write_text("\n".join(lines), "utf-8")

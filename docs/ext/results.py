@@ -48,10 +48,10 @@ def write_results(folder: Path) -> None:
     """Write one page for each command."""
     emptied(folder)
     for name, title, about, command in _PAGES:
-        found = run(command)
-        pictures = [] if found is None else found.files(".png")
+        result = run(command)
+        pictures = [] if result is None else result.files(".png")
         for picture in pictures:
             shutil.copyfile(picture, folder / picture.name)
-        text = shown(found, command, [picture.name for picture in pictures])
+        text = shown(result, command, [picture.name for picture in pictures])
         lines = [f"# {title}", "", about, "", text]
         (folder / f"{name}.md").write_text("\n".join(lines), "utf-8")

@@ -263,10 +263,10 @@ def climbed(
     """
     check_refinable(problem)
     options = default_options() if options is None else options
-    found = None
+    result = None
     for rung in rungs:
-        found = _solve(problem, on_rung(problem, rung), rung, options, found)
-        yield found
+        result = _solve(problem, on_rung(problem, rung), rung, options, result)
+        yield result
 
 
 def default_options() -> StaticOptions:
@@ -346,7 +346,7 @@ def checked_targets(accuracy: Mapping[str, float]) -> dict[str, float]:
     AccuracyError
         For another name, or a share that is not between 0 and 1.
     """
-    found = {}
+    result = {}
     if not isinstance(accuracy, Mapping):
         raise AccuracyError(f'accuracy: got {accuracy!r}; expected names, as {{"p_max": 0.05}}')
     for given, share in accuracy.items():
@@ -356,8 +356,8 @@ def checked_targets(accuracy: Mapping[str, float]) -> dict[str, float]:
                 f"accuracy: got {given} = {share}; expected a share between 0 and 1 of one of "
                 f"{', '.join(TITLES)}"
             )
-        found[name] = share
-    return found
+        result[name] = share
+    return result
 
 
 def _solve(

@@ -52,19 +52,19 @@ def pressures_on_facets(
         Order of a turn about the axis after which the state is the same: facets that it maps onto
         each other are evaluated once.
     """
-    found = facets.interfaces
+    result = facets.interfaces
     alike = representatives(solved, symmetry)
     kinds = (
-        *(alike[found.block_m], unique_rows(found.quads_m)[1]),
-        *(alike[found.block_s], unique_rows(found.quads_s)[1]),
+        *(alike[result.block_m], unique_rows(result.quads_m)[1]),
+        *(alike[result.block_s], unique_rows(result.quads_s)[1]),
     )
     chosen, which = unique_rows(np.stack(kinds, axis=1))
     degree = max(degree_of(shape.mesh) for shape in solved.assembly.shapes)
     basis = BILINEAR if degree == 1 else lagrange_basis(degree)
     at = _nodes_of_parts(_parts(facets, solved.assembly), degree)
     n_parts = len(at) // len(basis.values[0])
-    blocks = found.block_m[chosen], found.block_s[chosen]
-    sides = zip(blocks, (found.quads_m[chosen], found.quads_s[chosen]), strict=True)
+    blocks = result.block_m[chosen], result.block_s[chosen]
+    sides = zip(blocks, (result.quads_m[chosen], result.quads_s[chosen]), strict=True)
     state = solved, displacements, alike
     shape = (len(chosen) * n_parts, -1, 3)
     (nodes_m, u_m), (nodes_s, u_s) = (

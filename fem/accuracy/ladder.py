@@ -81,13 +81,13 @@ class Rung:
             # Waves across share the elements of those along.
             each = parts.get("along", 1) * parts.get("across", 1)
             along = max(_LEAST_PER_WAVE if each > 1 else 1, -(-self.along // each))
-        found = {
+        result = {
             "along": np.linspace(0.0, 1.0, along + 1),
             "across": graded_to_one_end(self.across, self.across_grading),
             "upward": graded_to_both_ends(self.upward, self.upward_grading),
         }
         other = np.linspace(0.0, 1.0, max(1, self.across) + 1)
-        return {name: found.get(name, other) for name in parts}
+        return {name: result.get(name, other) for name in parts}
 
 
 @dataclass(frozen=True)
@@ -188,12 +188,12 @@ def ladder_for(targets: Iterable[str], problem: Problem | None = None) -> Ladder
     every degree than those of a grid.
     """
     requested = frozenset(targets)
-    found = LADDER if requested & set(AT_EDGES) else PRESSURES
+    result = LADDER if requested & set(AT_EDGES) else PRESSURES
     if requested <= INTEGRALS | OF_FACETS:
-        found = DEGREES
+        result = DEGREES
     if problem is not None and any(shape.charts is None for shape in problem.blocks.shapes):
-        return Ladder((replace(found.rungs[0], degree=1), *found.rungs))
-    return found
+        return Ladder((replace(result.rungs[0], degree=1), *result.rungs))
+    return result
 
 
 def graded_to_one_end(n: int, grading: float) -> FloatArray:
@@ -210,8 +210,8 @@ def graded_to_one_end(n: int, grading: float) -> FloatArray:
 def graded_to_both_ends(n: int, grading: float) -> FloatArray:
     """Ends of n elements on [0, 1], by a hyperbolic tangent; its slopes' ratio is the grading."""
     x = np.arccosh(np.sqrt(grading)) * np.linspace(-1.0, 1.0, n + 1)
-    found: FloatArray = 0.5 * (np.tanh(x) / np.tanh(x[-1]) + 1.0)
-    return found
+    result: FloatArray = 0.5 * (np.tanh(x) / np.tanh(x[-1]) + 1.0)
+    return result
 
 
 # ---------------------------------------------------------------------------------------------
@@ -242,9 +242,9 @@ def on_rung(problem: Problem, rung: Rung) -> Problem:
         return split(problem, max(1, rung.across), rung.degree)
     shapes = problem.blocks.shapes
     anew = tuple(with_lines(shape, rung.lines(charts_of(shape))) for shape in shapes)
-    found = on_mesh(problem, anew, rung.degree)
-    if problem.finite_sliding or _meets_alike(problem.blocks, found.blocks):
-        return found
+    result = on_mesh(problem, anew, rung.degree)
+    if problem.finite_sliding or _meets_alike(problem.blocks, result.blocks):
+        return result
     return split(problem, max(1, rung.across), rung.degree)
 
 
@@ -261,12 +261,12 @@ def split(problem: Problem, parts: int, degree: int) -> Problem:
 def _meets_alike(blocks: Assembly, meshed: Assembly) -> bool:
     """Whether blocks meet the same neighbours with another mesh."""
     try:
-        found = meshed.interfaces
+        result = meshed.interfaces
     except AssemblyError:
         return False
     pairs = [
         set(zip(i.block_m[i.pair_start[:-1]], i.block_s[i.pair_start[:-1]], strict=True))
-        for i in (blocks.interfaces, found)
+        for i in (blocks.interfaces, result)
     ]
     return pairs[0] == pairs[1]
 
@@ -286,10 +286,10 @@ def coarser(problem: Problem, share: float) -> Problem | None:
     lost = any(map(_flattened, shapes, problem.blocks.shapes))
     if lost or all(new == old for new, old in counts):
         return None
-    found = on_mesh(problem, shapes, problem.degree)
-    if problem.finite_sliding or _meets_alike(problem.blocks, found.blocks):
-        return found
-    return replace(found, finite_sliding=True)
+    result = on_mesh(problem, shapes, problem.degree)
+    if problem.finite_sliding or _meets_alike(problem.blocks, result.blocks):
+        return result
+    return replace(result, finite_sliding=True)
 
 
 def _flattened(coarse: Block, block: Block) -> bool:

@@ -85,7 +85,7 @@ def solve_static(
     require_problem(problem)
     problem.refuse_motion()
     if refines(problem, mesh, accuracy):
-        found = converge(
+        result = converge(
             problem,
             TARGETS if accuracy is None else checked_targets(accuracy),
             options=options,
@@ -94,13 +94,13 @@ def solve_static(
             progress=progress,
         )
         return answer_of(
-            found.solution,
-            found.errors,
-            facets=found.facets,
-            remarks=found.remarks,
-            factors=strength_factors(found.solution, found.measures, options),
+            result.solution,
+            result.errors,
+            facets=result.facets,
+            remarks=result.remarks,
+            factors=strength_factors(result.solution, result.measures, options),
             problem=problem,
-            beside=lambda: found.report,
+            beside=lambda: result.report,
         )
     options = default_options() if options is None else options
 

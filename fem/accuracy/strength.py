@@ -45,8 +45,8 @@ def require_one_strength(deformable: DeformableAssembly) -> None:
         Which strengths differ.
     """
     for name in JUDGED:
-        found = {getattr(group.material, name) for group in deformable.model.groups}
-        if len(found) > 1:
+        result = {getattr(group.material, name) for group in deformable.model.groups}
+        if len(result) > 1:
             raise DeformableAssemblyError(
                 f"{name}: got different ones for different blocks; expected one for all blocks "
                 "that deform, or none"
@@ -91,22 +91,22 @@ def strength_factors(
     def at(factor: float) -> Mapping[str, Measure]:
         nonlocal last, state
         near = abs(math.log(factor / last)) < math.log(_NEARBY)
-        found = static_solution(
+        result = static_solution(
             scaled_loads(solution.deformable, factor),
             options,
             finite_rotation=solution.finite_rotation,
             store=store,
             start=state if near and not path_counts else None,
         )
-        last, state = factor, found.static
-        return measures_of(found)
+        last, state = factor, result.static
+        return measures_of(result)
 
-    found = {}
+    result = {}
     for name, strength in strengths.items():
         title, judged = JUDGED[name]
         if strength is not None:
-            found[title] = _judged(solution, measures, judged, strength, at)
-    return found
+            result[title] = _judged(solution, measures, judged, strength, at)
+    return result
 
 
 def _judged(
@@ -140,15 +140,15 @@ def _scaled_until(
     strength: float, stress: Measure, at: Callable[[float], Measure]
 ) -> tuple[float, Measure]:
     """Factor at which the size of a stress is a strength, by secants in logarithms."""
-    factor, slope, found = 1.0, 1.0, stress
+    factor, slope, result = 1.0, 1.0, stress
     for solved in range(_MOST):
-        short = math.log(strength / abs(found.value))
+        short = math.log(strength / abs(result.value))
         step = min(max(short / slope, -math.log(_STRIDE)), math.log(_STRIDE))
         factor *= math.exp(step)
         if abs(short) <= (_NEAR if solved else _SAME):
-            return factor, found
-        before, found = found, at(factor)
-        slope = min(max(math.log(abs(found.value / before.value)) / step, 0.2), 5.0)
+            return factor, result
+        before, result = result, at(factor)
+        slope = min(max(math.log(abs(result.value / before.value)) / step, 0.2), 5.0)
     raise RefusedError(f"the stress does not approach {strength:g} MPa")
 
 

@@ -69,11 +69,11 @@ def transferred(
     tuple[FloatArray, ...]
         The same of the target.
     """
-    found = []
+    result = []
     for number, u in enumerate(displacements):
         to = interpolation(_shape(source, number), node_places(_shape(target, number)))
-        found.append(np.stack([to @ copy for copy in u]))
-    return tuple(found)
+        result.append(np.stack([to @ copy for copy in u]))
+    return tuple(result)
 
 
 def _shape(deformable: DeformableAssembly, group: int) -> Block:

@@ -51,11 +51,11 @@ def block_surfaces(
     assembly = deformable.assembly
     copies = deformable.copy_of if copy_of is None else copy_of
     turns = _turns(deformable, orbits)
-    found = []
+    result = []
     for block in range(assembly.n_blocks):
         if len(assembly.shape(block).contact_quads):
             surface = block_surface(assembly, block, deformable.offsets[block])
-            found.append(
+            result.append(
                 replace(
                     surface,
                     group=int(deformable.group_of[block]),
@@ -64,7 +64,7 @@ def block_surfaces(
                     turn=int(turns[block]),
                 )
             )
-    return tuple(sorted(found, key=lambda surface: surface.group))
+    return tuple(sorted(result, key=lambda surface: surface.group))
 
 
 def block_surface(assembly: Assembly, block: int, offset: FloatArray) -> BlockSurface:
@@ -290,9 +290,9 @@ def matched_pressures(
         Overclosures, alike [mm].
     """
     corners = corner_displacements(deformable, displacements)
-    found = point_kinematics(deformable.surfaces, corners, deformable.contact.normals)
+    result = point_kinematics(deformable.surfaces, corners, deformable.contact.normals)
     law = deformable.contact.law.on(deformable.surfaces.block_m, deformable.surfaces.block_s)
-    return law.pressure(found.overclosure), found.overclosure
+    return law.pressure(result.overclosure), result.overclosure
 
 
 def matched_state(
@@ -350,10 +350,10 @@ def searched_state(points: FacingPoints, law: ContactLaw, clearance: float) -> C
     with the part of its area that faces it; less than a thousandth of a facet is left out, for
     facets are counted. The clearance [mm] is added to every gap.
     """
-    found = points.on_facets()
-    master, slave, weights = found.facet, found.slave, found.weights
-    position = np.einsum("pa,pai->pi", found.shapes, points.position[points.whole[slave]])
-    _, gap, normal = closest_points(points.position[points.whole[master]], position, found.xi)
+    result = points.on_facets()
+    master, slave, weights = result.facet, result.slave, result.weights
+    position = np.einsum("pa,pai->pi", result.shapes, points.position[points.whole[slave]])
+    _, gap, normal = closest_points(points.position[points.whole[master]], position, result.xi)
     block, areas = points.facet_block[:: points.pieces], points.facet_area
     areas = areas.reshape(-1, points.pieces).sum(axis=1)
     key = np.column_stack([block[master], block[slave], slave])
@@ -365,7 +365,7 @@ def searched_state(points: FacingPoints, law: ContactLaw, clearance: float) -> C
     master, slave = master[near], slave[near]
     position, gap, normal = position[near], gap[near], normal[near]
     overclosure = -gap - clearance
-    slips = _searched_slips(points, found)[near]
+    slips = _searched_slips(points, result)[near]
     key = np.column_stack([block[master], block[slave], slave])
     entries, which = np.unique(key, axis=0, return_inverse=True)
     which = which.ravel()
@@ -373,7 +373,7 @@ def searched_state(points: FacingPoints, law: ContactLaw, clearance: float) -> C
         block_m=entries[:, 0],
         block_s=entries[:, 1],
         interface=None,
-        corners=_faced_parts(points, entries[:, 2], which, found.cells[near]),
+        corners=_faced_parts(points, entries[:, 2], which, result.cells[near]),
         facet=which,
         positions=position,
         normals=normal,

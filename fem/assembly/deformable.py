@@ -196,8 +196,8 @@ def check_cell(assembly: Assembly, frames: Frames, *, finite_sliding: bool) -> N
 
 def check_held(assembly: Assembly, load: LoadCase) -> None:
     """Reject blocks that no chain of contacts connects to a fixed block or a support."""
-    found, n = assembly.interfaces, assembly.n_blocks
-    touch = coo_array((np.ones(found.n_contacts), (found.block_m, found.block_s)), shape=(n, n))
+    result, n = assembly.interfaces, assembly.n_blocks
+    touch = coo_array((np.ones(result.n_contacts), (result.block_m, result.block_s)), shape=(n, n))
     _, part = connected_components(touch, directed=False)
     holds = load.fixed.copy()
     holds[[face.block for face in load.held]] = True
@@ -318,22 +318,22 @@ def _pressed(load: LoadCase, block: int) -> bytes | None:
     dead = load.body_wrenches is not None or load.lines or load.nodes
     if dead or any(f.tractions is not None for f in load.facets):
         return None
-    return b"|".join(found.quads[found.block == block].tobytes() for found in load.facets)
+    return b"|".join(result.quads[result.block == block].tobytes() for result in load.facets)
 
 
 def _face_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray | None:
     """Forces of the loaded facets of one block in its own frame; None where it has none."""
     mesh, rotation = assembly.shape(block).mesh, assembly.rotations[block]
     forces: FloatArray | None = None
-    for found in load.facets:
-        mine = np.flatnonzero(found.block == block)
+    for result in load.facets:
+        mine = np.flatnonzero(result.block == block)
         if not len(mine):
             continue
-        quads = mesh.facet_nodes(found.quads[mine])
-        if found.tractions is None:
-            part = pressure_forces(mesh.nodes, quads, found.pressure)
+        quads = mesh.facet_nodes(result.quads[mine])
+        if result.tractions is None:
+            part = pressure_forces(mesh.nodes, quads, result.pressure)
         else:
-            part = traction_forces(mesh.nodes, quads, found.tractions[mine] @ rotation)
+            part = traction_forces(mesh.nodes, quads, result.tractions[mine] @ rotation)
         forces = part if forces is None else forces + part
     for edges in load.edges:
         mine = np.flatnonzero(edges.block == block)
@@ -369,10 +369,10 @@ def nodal_loads(
     turning = tuple(face for face in load.faces if _turns(face))
     if turning:
         dead = replace(load, faces=tuple(face for face in load.faces if not _turns(face)))
-        found = _dead_loads(assembly, dead, groups, group_of, copy_of)
+        result = _dead_loads(assembly, dead, groups, group_of, copy_of)
         alone = replace(load, faces=turning, body_wrenches=None, lines=())
         follow = _dead_loads(assembly, alone, groups, group_of, copy_of)
-        return (*found, *(replace(part, follows_block=True) for part in follow))
+        return (*result, *(replace(part, follows_block=True) for part in follow))
     return _dead_loads(assembly, load, groups, group_of, copy_of)
 
 
@@ -491,7 +491,7 @@ def _supports_of(
     """Components of the nodes of one block that its supports prescribe, each once."""
     none = np.zeros((0, 3))
     taken, moving = dict[int, FloatArray](), dict[int, FloatArray]()
-    found = []
+    result = []
     for held in sorted(faces, key=lambda face: not face.moves):  # what moves comes first
         nodes, directions = [], []
         for node in region_nodes(assembly, block, held.face).tolist():
@@ -511,7 +511,7 @@ def _supports_of(
         along = np.concatenate([none, *directions])
         moved = np.zeros(3) if held.displacement is None else held.displacement
         of = np.array(nodes, dtype=np.int64)
-        found.append(
+        result.append(
             Support(
                 group=group,
                 copies=np.full(len(of), copy),
@@ -522,7 +522,7 @@ def _supports_of(
                 name=held.title,
             )
         )
-    return found
+    return result
 
 
 def _beyond(before: FloatArray, axes: FloatArray) -> FloatArray:

@@ -293,8 +293,8 @@ def _held_nodes(
             values.append(part)
     if not nodes:
         return NOTHING_HELD
-    found = by_node(np.concatenate(nodes), np.concatenate(directions), np.concatenate(values))
-    return replace(found[0], moving=_moving(shares, found[1]))
+    result = by_node(np.concatenate(nodes), np.concatenate(directions), np.concatenate(values))
+    return replace(result[0], moving=_moving(shares, result[1]))
 
 
 def _moving(

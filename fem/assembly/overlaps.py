@@ -36,7 +36,7 @@ def check_overlaps(assembly: Assembly, tolerance: float) -> None:
     low, high = boxes[:, 0] + 0.5 * tolerance, boxes[:, 1] - 0.5 * tolerance
     size = float(np.ptp(boxes.reshape(-1, 3), axis=0).max())
     known: dict[tuple[int, ...], float] = {}
-    found: list[tuple[float, int, int]] = []
+    result: list[tuple[float, int, int]] = []
     for a in range(assembly.n_blocks - 1):
         later = np.arange(a + 1, assembly.n_blocks)
         share = (low[a] < high[later]).all(axis=1) & (low[later] < high[a]).all(axis=1)
@@ -50,10 +50,10 @@ def check_overlaps(assembly: Assembly, tolerance: float) -> None:
                 one, other = (solids[k] for k in kinds)
                 of_b, of_a = other.points @ turn.T + shift, (one.points - shift) @ turn
                 known[key] = max(one.depth(of_b), other.depth(of_a))
-            found.append((known[key], a, b))
-    depth, a, b = max(found, default=(0.0, 0, 0))
+            result.append((known[key], a, b))
+    depth, a, b = max(result, default=(0.0, 0, 0))
     if depth > tolerance:
-        n = sum(one[0] > tolerance for one in found)
+        n = sum(one[0] > tolerance for one in result)
         more = f" ({n} overlapping pairs)" if n > 1 else ""
         raise AssemblyError(
             f"{assembly.name}: blocks {assembly.named(a)} and {assembly.named(b)} overlap by "

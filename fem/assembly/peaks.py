@@ -76,15 +76,15 @@ def largest_pressure(
     """
     if not state.n_facets:
         return None
-    found = _matched_peaks(law, state)
-    if found is None:
+    result = _matched_peaks(law, state)
+    if result is None:
         point = first_largest(state.point_pressures)
         facet, where = int(state.facet[point]), state.positions[point]
         value, resolved = float(state.point_pressures.max()), True
     else:
-        facet = first_largest(found.values)
-        value, resolved = float(found.values.max()), found.all_resolved
-        where = _place_of_peak(deformable, found, facet)
+        facet = first_largest(result.values)
+        value, resolved = float(result.values.max()), result.all_resolved
+        where = _place_of_peak(deformable, result, facet)
     pair = int(state.block_m[facet]), int(state.block_s[facet])
     return Peak(value, pair, where, _nearest_face(deformable, pair[0], where), resolved)
 
@@ -117,12 +117,12 @@ def mean_of_block_maxima(
     The limit of the same mean over facets as these shrink; that of integration points where these
     do not resolve the pressure at corners, or where a search found facets.
     """
-    found = _matched_peaks(law, state)
-    if found is None:
+    result = _matched_peaks(law, state)
+    if result is None:
         pressure = np.zeros(state.n_facets)
         np.maximum.at(pressure, state.facet, state.point_pressures)
     else:
-        pressure = found.values
+        pressure = result.values
     assembly = deformable.assembly
     largest = np.zeros(assembly.n_blocks)
     for block in (state.block_m, state.block_s):
@@ -192,24 +192,24 @@ def stress_peaks(
     representative
         Block that stands for each block, (n_blocks,), where a symmetry is known.
     """
-    found = []
+    result = []
     for blocks, moved in moved_blocks(
         deformable, displacements, finite_rotation=finite_rotation, representative=representative
     ):
         group = deformable.group(int(blocks[0]))
         of_group = _lagrange_peaks if isinstance(group.mesh, LagrangeMesh) else _group_peaks
         radius = group.material.averaging_radius if averaging_radius is None else averaging_radius
-        found.append(of_group(deformable, blocks, moved, radius))
-    averaged = found[first_largest(np.array([f.sigma_1_averaged.value for f in found]))]
+        result.append(of_group(deformable, blocks, moved, radius))
+    averaged = result[first_largest(np.array([f.sigma_1_averaged.value for f in result]))]
     return StressPeaks(
-        sigma_1=_largest([f.sigma_1 for f in found]),
-        sigma_3=_largest([f.sigma_3 for f in found], -1.0),
-        mises=_largest([f.mises for f in found]),
+        sigma_1=_largest([f.sigma_1 for f in result]),
+        sigma_3=_largest([f.sigma_3 for f in result], -1.0),
+        mises=_largest([f.mises for f in result]),
         sigma_1_averaged=averaged.sigma_1_averaged,
         averaging_radius=averaged.averaging_radius,
-        sigma_1_at_corners=max(f.sigma_1_at_corners for f in found),
-        sigma_3_at_corners=min(f.sigma_3_at_corners for f in found),
-        mises_at_corners=max(f.mises_at_corners for f in found),
+        sigma_1_at_corners=max(f.sigma_1_at_corners for f in result),
+        sigma_3_at_corners=min(f.sigma_3_at_corners for f in result),
+        mises_at_corners=max(f.mises_at_corners for f in result),
     )
 
 
@@ -420,7 +420,7 @@ def joint_forces(state: ContactState, *, friction: bool = False) -> JointResulta
     m, s = state.block_m[state.facet], state.block_s[state.facet]
     onwards = np.where(s > m, 1.0, -1.0)[:, None]
     pairs = np.column_stack([np.minimum(m, s), np.maximum(m, s)])
-    found = summed_by_joint(
+    result = summed_by_joint(
         pairs,
         points=state.positions,
         normals=onwards * state.normals,
@@ -430,12 +430,12 @@ def joint_forces(state: ContactState, *, friction: bool = False) -> JointResulta
     _, joint = np.unique(pairs, axis=0, return_inverse=True)
 
     def largest(values: FloatArray) -> FloatArray:
-        most = np.full(len(found.block_m), -np.inf)
+        most = np.full(len(result.block_m), -np.inf)
         np.maximum.at(most, joint.ravel(), values)
         return most
 
     return replace(
-        found,
+        result,
         smallest_gap=-largest(state.point_overclosures),
         largest_gap=largest(-state.point_overclosures),
         largest_slip=largest(np.linalg.norm(state.point_slips, axis=1)),

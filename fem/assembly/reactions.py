@@ -26,29 +26,29 @@ def reactions(model: Model, forces: Forces) -> dict[str, dict[str, list[float]]]
         ``force`` [N] and ``moment`` about the origin [N mm], world axes, three numbers each. Those
         of springs are in `spring_reactions`.
     """
-    found: dict[str, FloatArray] = {}
+    result: dict[str, FloatArray] = {}
     places = [group.reference_positions() for group in model.groups]
     for support in model.supports:
         force = _along(support, forces)
         at = places[support.group][support.copies, support.nodes]
         both = np.concatenate([force.sum(axis=0), np.cross(at, force).sum(axis=0)])
-        found[support.name] = found.get(support.name, np.zeros(6)) + both
+        result[support.name] = result.get(support.name, np.zeros(6)) + both
     return {
         name: {"force": both[:3].tolist(), "moment": both[3:].tolist()}
-        for name, both in found.items()
+        for name, both in result.items()
     }
 
 
 def spring_reactions(model: Model, displacements: Forces) -> dict[str, dict[str, list[float]]]:
     """Resultant force of each bed of springs on the blocks by its name, world axes [N]."""
-    found: dict[str, FloatArray] = {}
+    result: dict[str, FloatArray] = {}
     for group, moved in zip(model.groups, displacements, strict=True):
         if group.springs is None:
             continue
         for turn, u in zip(group.rotations, moved, strict=True):
             for name, force in group.springs.reactions(u @ turn).items():
-                found[name] = found.get(name, np.zeros(3)) + turn @ force
-    return {name: {"force": force.tolist()} for name, force in found.items()}
+                result[name] = result.get(name, np.zeros(3)) + turn @ force
+    return {name: {"force": force.tolist()} for name, force in result.items()}
 
 
 def _along(support: Support, forces: Forces) -> FloatArray:
@@ -110,8 +110,8 @@ class MovingSupport:
     @cached_property
     def _largest(self) -> tuple[Support, int]:
         """Part and component that move farthest."""
-        found = max(self.parts, key=lambda s: float(np.abs(s.displacement).max()))
-        return found, int(np.argmax(np.abs(found.displacement)))
+        result = max(self.parts, key=lambda s: float(np.abs(s.displacement).max()))
+        return result, int(np.argmax(np.abs(result.displacement)))
 
     def force(self, forces: Forces) -> float:
         """Force on the blocks along its way, from those on all nodes [N]."""
@@ -131,11 +131,11 @@ class MovingSupport:
 
 def moving_supports(model: Model) -> tuple[MovingSupport, ...]:
     """Supports of a model that move, by name."""
-    found: dict[str, tuple[Support, ...]] = {}
+    result: dict[str, tuple[Support, ...]] = {}
     for support in model.supports:
         if support.displacement.any():
-            found[support.name] = (*found.get(support.name, ()), support)
-    return tuple(map(MovingSupport, found.values()))
+            result[support.name] = (*result.get(support.name, ()), support)
+    return tuple(map(MovingSupport, result.values()))
 
 
 def push_curves(model: Model, steps: tuple[tuple[float, Forces], ...]) -> tuple[PushCurve, ...]:

@@ -101,14 +101,14 @@ class SolvedState(ReadOnlyArrays):
         (local, frames), model = self.local[group], self.deformable.model.groups[group]
         moved = local[copy][model.mesh.connectivity[some]]
         stiffness = replace(model.reference, springs=None).of_elements(some)
-        found = np.einsum("eij,ej->ei", stiffness, moved.reshape(len(some), -1))
-        return found.reshape(moved.shape) @ frames[copy].T
+        result = np.einsum("eij,ej->ei", stiffness, moved.reshape(len(some), -1))
+        return result.reshape(moved.shape) @ frames[copy].T
 
     def ends(self, rows: IntArray) -> IntArray:
         """Nodes of both facets of some pairs, m's first, (n, nodes of both)."""
-        found = self.surfaces
-        m = self.starts[found.block_m[rows], None] + found.quads_m[rows]
-        s = self.starts[found.block_s[rows], None] + found.quads_s[rows]
+        result = self.surfaces
+        m = self.starts[result.block_m[rows], None] + result.quads_m[rows]
+        s = self.starts[result.block_s[rows], None] + result.quads_s[rows]
         return np.concatenate([m, s], axis=1)
 
     def contact_forces(self, rows: IntArray) -> FloatArray:
@@ -125,7 +125,7 @@ class SolvedState(ReadOnlyArrays):
 
         (n_nodes, 3) [N]
         """
-        found = np.zeros_like(self.positions)
+        result = np.zeros_like(self.positions)
         for block in self.deformable.deformable_blocks.tolist():
             group, copy = self._of(block)
             local, frames = self.local[group]
@@ -139,10 +139,10 @@ class SolvedState(ReadOnlyArrays):
                 if load.follows_block:
                     acting = acting @ model.rotations[copy] @ frames[copy].T
                 np.subtract.at(force, load.nodes[mine], acting)
-            found[self.nodes(block)] = force
+            result[self.nodes(block)] = force
         every = np.arange(self.surfaces.n_facets)
-        np.subtract.at(found, self.ends(every), self.contact_forces(every))
-        return found
+        np.subtract.at(result, self.ends(every), self.contact_forces(every))
+        return result
 
     @cached_property
     def held(self) -> BoolArray:

@@ -71,12 +71,12 @@ class Motion:
 
     def velocities(self, model: Model) -> tuple[FloatArray, ...]:
         """Of all nodes of each group of a model, (n_copies, n_nodes, 3) [mm/s]."""
-        found = []
+        result = []
         for group in model.groups:
             positions = group.reference_positions()
             arm = positions - positions.mean(axis=1, keepdims=True)
-            found.append(self.velocity + np.cross(self.angular_velocity, arm))
-        return tuple(found)
+            result.append(self.velocity + np.cross(self.angular_velocity, arm))
+        return tuple(result)
 
 
 #: What the parts of a problem are.
@@ -342,9 +342,9 @@ class Problem:
     def _of_pairs(self) -> list[tuple[str, OfPairs]]:
         """What pairs of blocks have of their own, by its key, where any have."""
         law, friction = self.contact_law, self.coulomb
-        found = [] if friction is None else [("friction", friction.of_pairs)]
-        found += [("law", law.numbers)] if isinstance(law, PairLaws) else []
-        return [(key, of_pairs) for key, of_pairs in found if of_pairs]
+        result = [] if friction is None else [("friction", friction.of_pairs)]
+        result += [("law", law.numbers)] if isinstance(law, PairLaws) else []
+        return [(key, of_pairs) for key, of_pairs in result if of_pairs]
 
     @property
     def coulomb(self) -> CoulombFriction | None:

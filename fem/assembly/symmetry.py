@@ -84,11 +84,11 @@ class Orbits:
         """Nodes of facets (n, n_nodes) of blocks as those of their representatives."""
         if self.over is None:
             return quads
-        found, shapes = quads.copy(), deformable.assembly.shape_of[blocks]
+        result, shapes = quads.copy(), deformable.assembly.shape_of[blocks]
         for shape, nodes in enumerate(self.over.nodes):
             mine = self.over.blocks[blocks] & (shapes == shape)
-            found[mine] = nodes[quads[mine]]
-        return found
+            result[mine] = nodes[quads[mine]]
+        return result
 
 
 def no_symmetry(deformable: DeformableAssembly) -> Orbits:
@@ -271,14 +271,14 @@ def with_half_turn(deformable: DeformableAssembly, orbits: Orbits) -> Orbits:
         if length > _TOLERANCE * size:
             turn = 2.0 * np.outer(radius, radius) / length**2 - np.eye(3)
             centre = middle * assembly.axis + assembly.origin
-            found = _turned_over(deformable, orbits, turn, centre)
-            if found is not None:
-                return found
+            result = _turned_over(deformable, orbits, turn, centre)
+            if result is not None:
+                return result
     centre = (assembly.centroids + deformable.offsets)[moving].mean(axis=0)
     for axis in np.eye(3) if orbits.order == 1 else ():
-        found = _turned_over(deformable, orbits, 2.0 * np.outer(axis, axis) - np.eye(3), centre)
-        if found is not None:
-            return found
+        result = _turned_over(deformable, orbits, 2.0 * np.outer(axis, axis) - np.eye(3), centre)
+        if result is not None:
+            return result
     return orbits
 
 
@@ -290,8 +290,8 @@ def _turned_over(
     size = assembly.characteristic_length
     place = (assembly.translations + deformable.offsets - centre)[moving]
     centroid = (assembly.centroids + deformable.offsets - centre)[moving]
-    distance, found = cKDTree(centroid).query(centroid @ turn.T)
-    to = np.asarray(found, dtype=np.int64)
+    distance, result = cKDTree(centroid).query(centroid @ turn.T)
+    to = np.asarray(result, dtype=np.int64)
     image = np.arange(assembly.n_blocks)
     image[moving] = moving[to]
     before = orbits.representative
@@ -328,10 +328,10 @@ def _onto_itself(
 ) -> tuple[IntArray, IntArray] | None:
     """Where a motion takes each node and each contact facet of a shape; None: not onto itself."""
     nodes = shape.mesh.nodes
-    distance, found = cKDTree(nodes).query(nodes @ turn.T + shift)
+    distance, result = cKDTree(nodes).query(nodes @ turn.T + shift)
     if np.max(distance) > _TOLERANCE * np.ptp(nodes, axis=0).max():
         return None
-    image = np.asarray(found, dtype=np.int64)
+    image = np.asarray(result, dtype=np.int64)
     before = np.sort(shape.contact_quads, axis=1)
     after = np.sort(image[shape.contact_quads], axis=1)
     order, other = np.lexsort(before.T), np.lexsort(after.T)
@@ -376,10 +376,10 @@ def _with_facets(deformable: DeformableAssembly, orbits: Orbits) -> Orbits:
     of a contact, unordered, name its orbit.
     """
     surfaces, basis = deformable.surfaces, deformable.surfaces.basis
-    found = deformable.assembly.interfaces
+    result = deformable.assembly.interfaces
     sides = [
-        (surfaces.block_m, found.facet_m[surfaces.facet], surfaces.quads_m),
-        (surfaces.block_s, found.facet_s[surfaces.facet], surfaces.quads_s),
+        (surfaces.block_m, result.facet_m[surfaces.facet], surfaces.quads_m),
+        (surfaces.block_s, result.facet_s[surfaces.facet], surfaces.quads_s),
     ]
     end_m, end_s = (_ends(deformable, orbits, *side[:2]) for side in sides)
     key = np.column_stack([np.minimum(end_m, end_s), np.maximum(end_m, end_s)])

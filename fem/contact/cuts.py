@@ -355,33 +355,33 @@ def cut_facets(
         _corners_of(quads[f], position, own)
         _plane(own, plane, flat)
         whole = area_of(flat, 4)
-        found, covered = 0, 0.0
+        result, covered = 0, 0.0
         for k in range(start[f], start[f + 1]):
             _corners_of(quads[near[k]], position, other)
             n, size, distance = _piece(
-                own, flat, plane, other, bounds, math.sqrt(whole), pieces[found], at, pair, work
+                own, flat, plane, other, bounds, math.sqrt(whole), pieces[result], at, pair, work
             )
             if distance < np.inf:
-                which[found], corners[found], sizes[found], away[found] = k, n, size, distance
+                which[result], corners[result], sizes[result], away[result] = k, n, size, distance
                 covered += size
-                found += 1
-        while covered > (1.0 + _UNCOVERED) * whole and found > 1:
-            far = np.argmax(away[:found])
+                result += 1
+        while covered > (1.0 + _UNCOVERED) * whole and result > 1:
+            far = np.argmax(away[:result])
             if covered - whole < 0.5 * sizes[far]:
                 break  # roughness
             # Something behind the other surface: what is nearest is faced.
             covered -= sizes[far]
-            found -= 1
-            which[far], corners[far] = which[found], corners[found]
-            sizes[far], away[far] = sizes[found], away[found]
-            _copy(pieces[found], pieces[far])
-        largest = np.argmax(sizes[:found]) if found else 0
-        inside = found > 0 and sizes[largest] > (1.0 - _BEYOND) * whole
+            result -= 1
+            which[far], corners[far] = which[result], corners[result]
+            sizes[far], away[far] = sizes[result], away[result]
+            _copy(pieces[result], pieces[far])
+        largest = np.argmax(sizes[:result]) if result else 0
+        inside = result > 0 and sizes[largest] > (1.0 - _BEYOND) * whole
         if inside and covered > (1.0 - _UNCOVERED) * whole:
             # It lies inside one facet: what sticks out changes nothing.
-            which[0], corners[0], found = which[largest], 4, 1
+            which[0], corners[0], result = which[largest], 4, 1
             _copy(flat, pieces[0])
-        for c in range(found):
+        for c in range(result):
             n = corners[c]
             _corners_of(quads[near[which[c]]], position, other)
             _project(other, plane, turned)

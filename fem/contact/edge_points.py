@@ -101,8 +101,8 @@ def ending_edges(quads: IntArray, normals: FloatArray) -> BoolArray:
     each = np.repeat(normals, 4, axis=0)
     np.add.at(total, edge.ravel(), each)
     beside = total[edge.ravel()] - each
-    found: BoolArray = np.einsum("ni,ni->n", beside, each) < _SHARP
-    return found.reshape(-1, 4)
+    result: BoolArray = np.einsum("ni,ni->n", beside, each) < _SHARP
+    return result.reshape(-1, 4)
 
 
 def matching_facets(
@@ -121,7 +121,7 @@ def matching_facets(
     reach
         Distance up to which facets touch [mm].
     """
-    found = np.zeros(len(corners), dtype=np.bool_)
+    result = np.zeros(len(corners), dtype=np.bool_)
     sides = corners - np.roll(corners, 1, axis=1)
     apart = _APART * np.linalg.norm(sides, axis=2).min(axis=1)
     centres = corners.mean(axis=1)
@@ -134,8 +134,8 @@ def matching_facets(
         along = np.einsum("nai,ni->na", away, normals[one])
         away -= along[:, :, None] * normals[one, None]
         same = np.linalg.norm(away, axis=2).max(axis=1, initial=0.0) < apart[one]
-        found[one[same]] = found[two[same]] = True
-    return found
+        result[one[same]] = result[two[same]] = True
+    return result
 
 
 @njit(**_OPTIONS)

@@ -157,8 +157,8 @@ class ContactLaw:
         x = (x - law.start) / law.length
         growth = np.expm1(x)
         curve = law.scale / law.length * (x * (growth + 1.0) + growth)
-        found = np.where(given < law.linear_start, curve, law.linear_stiffness)
-        return np.where(given <= law.start, 0.0, found)
+        result = np.where(given < law.linear_start, curve, law.linear_stiffness)
+        return np.where(given <= law.start, 0.0, result)
 
     def stored_energy(self, overclosure: npt.ArrayLike) -> FloatArray:
         """Energy per area ∫ p dx [N/mm] at overclosures [mm] of any shape."""
@@ -178,7 +178,7 @@ class ContactLaw:
         side is convex with a slope of at least two: it converges from anywhere.
         """
         law, p = self.constants, np.asarray(pressure, dtype=np.float64)
-        found = law.linear_start + (p - law.linear_pressure) / law.linear_stiffness
+        result = law.linear_start + (p - law.linear_pressure) / law.linear_stiffness
         curved = (p > 0.0) & (p < law.linear_pressure)
         target = np.log(p[curved] / law.scale) if law.scale else np.empty(0)
         log_x = np.where(target < 0.0, 0.5 * target, np.log1p(np.maximum(target, 0.0)))
@@ -189,9 +189,9 @@ class ContactLaw:
             log_x += step
             if not (np.abs(step) > 4e-16 * np.maximum(np.abs(log_x), 1.0)).any():
                 break
-        found = np.where(p > 0.0, found, law.start)
-        found[curved] = law.start + law.length * np.exp(log_x)
-        return found
+        result = np.where(p > 0.0, result, law.start)
+        result[curved] = law.start + law.length * np.exp(log_x)
+        return result
 
     @property
     def touching_stiffness(self) -> float:

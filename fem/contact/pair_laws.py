@@ -60,10 +60,10 @@ class PairLaws(_SomeLaws):
     @cached_property
     def members(self) -> tuple[ContactLaw, ...]:
         """The default, then each other law once."""
-        found: list[ContactLaw] = []
+        result: list[ContactLaw] = []
         for law in map(as_law, [self.default, *(pair[2] for pair in self.of_pairs)]):
-            found += [law] * (law not in found)
-        return tuple(found)
+            result += [law] * (law not in result)
+        return tuple(result)
 
     @cached_property
     def numbers(self) -> OfPairs:
@@ -72,8 +72,8 @@ class PairLaws(_SomeLaws):
 
     def on(self, block_m: IntArray, block_s: IntArray) -> ContactLaw:
         """Law of each of some joints, blocks (n,) each; one law where all have it."""
-        found = np.asarray(pair_values(0.0, self.numbers, block_m, block_s), dtype=np.int64)
-        which = np.broadcast_to(found, block_m.shape)
+        result = np.asarray(pair_values(0.0, self.numbers, block_m, block_s), dtype=np.int64)
+        which = np.broadcast_to(result, block_m.shape)
         if len(which) and (which == which[0]).all():
             return self.members[which[0]]
         return LawOfPoints(self.members, which) if len(which) else self.members[0]
@@ -118,10 +118,10 @@ class LawOfPoints(_SomeLaws):
         """Values of each law where it acts; (n, …), or one number for all facets."""
         x = np.asarray(at, dtype=np.float64)
         which = self.which.reshape(-1, *(1,) * max(x.ndim - 1, 0))
-        found = method(self.laws[0])(x)
+        result = method(self.laws[0])(x)
         for k, law in enumerate(self.laws[1:], 1):
-            found = np.where(which == k, method(law)(x), found)
-        return np.asarray(found, dtype=np.float64)
+            result = np.where(which == k, method(law)(x), result)
+        return np.asarray(result, dtype=np.float64)
 
     def pressure(self, overclosure: npt.ArrayLike) -> FloatArray:
         """Pressure [MPa] at overclosures [mm], (n, …) or one for all."""

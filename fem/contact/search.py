@@ -235,12 +235,12 @@ class FacingPoints:
         self._radius = np.linalg.norm(corners - self._centre[:, None], axis=2).max(axis=1)
         vectors = facet_area_vectors(corners)
         self._normal = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
-        found = [
+        result = [
             (*self._near_facets(m, s), share) for m, s, share in self._near_blocks(self.farthest)
         ]
-        own = np.concatenate([np.empty(0, np.int64), *(f for f, _, _ in found)])
-        near = np.concatenate([np.empty(0, np.int64), *(g for _, g, _ in found)])
-        share = np.concatenate([np.empty(0), *(np.full(len(f), w) for f, _, w in found)])
+        own = np.concatenate([np.empty(0, np.int64), *(f for f, _, _ in result)])
+        near = np.concatenate([np.empty(0, np.int64), *(g for _, g, _ in result)])
+        share = np.concatenate([np.empty(0), *(np.full(len(f), w) for f, _, w in result)])
         order = np.lexsort((near, own))
         self._start = np.searchsorted(own[order], np.arange(len(self.quads) + 1))
         self._near, self._share = near[order], share[order]
@@ -273,9 +273,9 @@ class FacingPoints:
             if self.count <= len(room.slave):
                 break
             self._take(2 * self.count)
-        found = {f.name: getattr(room, f.name)[: self.count] for f in fields(room)}
+        result = {f.name: getattr(room, f.name)[: self.count] for f in fields(room)}
         #: Points of the present cut, on facets as they are searched.
-        self.now = PointsOnFacets(**found)
+        self.now = PointsOnFacets(**result)
 
     def carried(self, slave: IntArray, shapes: FloatArray, values: FloatArray) -> FloatArray:
         """Values (m, 3) of points of an earlier cut at those of the present one, (n, 3)."""
@@ -326,10 +326,10 @@ class FacingPoints:
         masters, slaves = self.facets[m], self.facets[s]
         tree = cKDTree(self._centre[masters])
         reach = self._radius[slaves] + self._radius[masters].max(initial=0.0) + self.farthest
-        found = tree.query_ball_point(self._centre[slaves], reach)
-        counts = [len(row) for row in found]
+        result = tree.query_ball_point(self._centre[slaves], reach)
+        counts = [len(row) for row in result]
         own = np.repeat(np.arange(slaves.start, slaves.stop), counts)
-        near = np.concatenate([np.empty(0, np.int64), *(np.array(r, np.int64) for r in found)])
+        near = np.concatenate([np.empty(0, np.int64), *(np.array(r, np.int64) for r in result)])
         near = near.astype(np.int64) + masters.start
         away = np.linalg.norm(self._centre[own] - self._centre[near], axis=1)
         keep = away <= self._radius[own] + self._radius[near] + self.farthest
@@ -478,9 +478,9 @@ class SearchedSurfaces:
             return PointKinematics(-gap - self.clearance, gradient)
         faced, own = np.split(corners, 2, axis=1)
         points = np.einsum("na,nai->ni", self.shapes, own)
-        xi, found, normal = closest_points(faced, points, self.xi)
+        xi, result, normal = closest_points(faced, points, self.xi)
         by_corner = -np.einsum("na,ni->nai", self._difference(xi), normal)
-        return PointKinematics((-found - self.clearance)[:, None], by_corner[:, None])
+        return PointKinematics((-result - self.clearance)[:, None], by_corner[:, None])
 
     def subset(self, points: IntArray) -> SearchedSurfaces:
         """Keep some points, in the order given."""
@@ -490,16 +490,16 @@ class SearchedSurfaces:
 
 def searched_surfaces(points: FacingPoints, clearance: float) -> SearchedSurfaces:
     """Points of a search at its present positions, as the static solver takes them."""
-    found = points.on_facets()
+    result = points.on_facets()
     sizes = [len(s.quads) // points.pieces for s in points.surfaces]
     nodes = np.concatenate([s.nodes for s in points.surfaces])
     reference = np.concatenate([s.reference for s in points.surfaces])
     blocks = np.repeat([s.block for s in points.surfaces], sizes)
-    order = np.lexsort((blocks[found.slave], blocks[found.facet]))
-    master, slave, shapes = found.facet[order], found.slave[order], found.shapes[order]
+    order = np.lexsort((blocks[result.slave], blocks[result.facet]))
+    master, slave, shapes = result.facet[order], result.slave[order], result.shapes[order]
     quads_m, quads_s = points.whole[master], points.whole[slave]
     position = np.einsum("na,nai->ni", shapes, points.position[quads_s])
-    xi, _, normal = closest_points(points.position[quads_m], position, found.xi[order])
+    xi, _, normal = closest_points(points.position[quads_m], position, result.xi[order])
     return SearchedSurfaces(
         block_m=blocks[master],
         block_s=blocks[slave],
@@ -509,7 +509,7 @@ def searched_surfaces(points: FacingPoints, clearance: float) -> SearchedSurface
         shapes=shapes,
         xi=xi,
         normals=normal[:, None],
-        weights=found.weights[order][:, None],
+        weights=result.weights[order][:, None],
         order=order,
         clearance=clearance,
     )

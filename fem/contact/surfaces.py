@@ -171,14 +171,14 @@ def contact_surfaces(
 
 def _facet_nodes(assembly: Assembly, blocks: IntArray, quads: IntArray) -> IntArray:
     """All nodes of facets of blocks, from their corners (n, 4)."""
-    found: IntArray | None = None
+    result: IntArray | None = None
     for number, shape in enumerate(assembly.shapes):
         members = assembly.shape_of[blocks] == number
         nodes = shape.mesh.facet_nodes(quads[members])
-        found = np.empty((len(blocks), nodes.shape[1]), np.int64) if found is None else found
-        found[members] = nodes
-    assert found is not None
-    return found
+        result = np.empty((len(blocks), nodes.shape[1]), np.int64) if result is None else result
+        result[members] = nodes
+    assert result is not None
+    return result
 
 
 def facet_corners(assembly: Assembly, blocks: IntArray, quads: IntArray) -> FloatArray:

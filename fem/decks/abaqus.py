@@ -129,9 +129,9 @@ def heading_lines(deck: Deck) -> Iterator[str]:
     yield f"open faces: {'allowed' if assembly.unmatched_allowed else 'none'}"
     if deck.searched:
         yield "joints: faces that do not match"
-    told = None if deck.joint is None else law_heading(deck.joint.law)
-    if told is not None:
-        yield told
+    reported = None if deck.joint is None else law_heading(deck.joint.law)
+    if reported is not None:
+        yield reported
     yield f"clearance along every normal: {real(deck.clearance)}"
     yield f"spacing of the blocks: {real(deck.spacing)}"
     if deck.spacing != 0.0:

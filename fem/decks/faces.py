@@ -50,20 +50,20 @@ def element_faces(block: Block, quads: IntArray) -> ElementFaces:
     key = key.ravel()
     place = np.full(int(key.max()) + 1, -1, dtype=np.int64)
     place[key[: len(every)]] = np.arange(len(every))
-    found = place[key[len(every) :]]
-    if (found < 0).any():
-        bad = int(np.flatnonzero(found < 0)[0])
+    result = place[key[len(every) :]]
+    if (result < 0).any():
+        bad = int(np.flatnonzero(result < 0)[0])
         raise DeckError(f"{block.name}: facet {quads[bad].tolist()} is no face of an element")
     # Counter-clockwise from outside: the facet's second corner follows its first on the face.
-    corners = every[found]
+    corners = every[result]
     first = (corners == quads[:, :1]).argmax(axis=1)
-    follows = corners[np.arange(len(found)), (first + 1) % 4] == quads[:, 1]
+    follows = corners[np.arange(len(result)), (first + 1) % 4] == quads[:, 1]
     if not follows.all():
         bad = int(np.flatnonzero(~follows)[0])
         raise DeckError(f"{block.name}: facet {quads[bad].tolist()} looks inward")
     if isinstance(block.mesh, TetrahedralMesh):
-        return ElementFaces(*block.mesh.sides(found // 6, quads))
-    return ElementFaces(found // 6, found % 6)
+        return ElementFaces(*block.mesh.sides(result // 6, quads))
+    return ElementFaces(result // 6, result % 6)
 
 
 @dataclass(frozen=True)
@@ -111,21 +111,21 @@ def contact_patches(deck: Deck) -> Patches:
     if deck.searched:
         return Patches(tuple(() for _ in deck.assembly.shapes), tuple(_facing_faces(deck)))
     assembly = deck.assembly
-    found = assembly.interfaces
+    result = assembly.interfaces
     offsets = [_face_offsets(shape) for shape in assembly.shapes]
-    face_m = _face_numbers(assembly, offsets, found.block_m, found.facet_m)
-    face_s = _face_numbers(assembly, offsets, found.block_s, found.facet_s)
+    face_m = _face_numbers(assembly, offsets, result.block_m, result.facet_m)
+    face_s = _face_numbers(assembly, offsets, result.block_s, result.facet_s)
     held = np.zeros(assembly.n_blocks, dtype=np.bool_)
     held[deck.held_blocks] = True
-    key = np.column_stack([found.block_m, found.block_s, face_m, face_s])
-    keep = np.flatnonzero(~(held[found.block_m] & held[found.block_s]))
+    key = np.column_stack([result.block_m, result.block_s, face_m, face_s])
+    keep = np.flatnonzero(~(held[result.block_m] & held[result.block_s]))
     groups, which = np.unique(key[keep], axis=0, return_inverse=True)
     register = _PatchRegister(assembly, offsets)
     pairs = []
     for number, (m, s, f_m, f_s) in enumerate(groups.tolist()):
         mine = keep[which.ravel() == number]
-        patch_m = register.label(m, f_m, found.facet_m[mine])
-        patch_s = register.label(s, f_s, found.facet_s[mine])
+        patch_m = register.label(m, f_m, result.facet_m[mine])
+        patch_s = register.label(s, f_s, result.facet_s[mine])
         pairs.append(PatchPair(m, patch_m, s, patch_s))
     return Patches(register.of_shape(), tuple(pairs))
 

@@ -75,14 +75,14 @@ def label(name: str) -> str:
 
 def safe_names(names: Iterable[str]) -> list[str]:
     """Names that `label` takes, no two alike, as close to the given ones as that allows."""
-    found: dict[str, None] = {}
+    result: dict[str, None] = {}
     for name in names:
         text = re.sub(r"[^a-z0-9_-]", "_", name.lower())
         text = text if re.match("[a-z]", text) else f"n{text}"
-        ends = ("", *(f"-{k}" for k in range(2, len(found) + 2)))
+        ends = ("", *(f"-{k}" for k in range(2, len(result) + 2)))
         tries = (f"{text[: _LONGEST - len(end)]}{end}" for end in ends)
-        found[next(one for one in tries if one not in found)] = None
-    return list(found)
+        result[next(one for one in tries if one not in result)] = None
+    return list(result)
 
 
 #: Faces of boxes: + is no character of a label.

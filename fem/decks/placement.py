@@ -50,13 +50,13 @@ def canonical_axis_angle(rotation: FloatArray) -> AxisAngle:
     rotation
         (3, 3); the matrix of the result differs from it by less than 1e-13.
     """
-    found = _shortest(rotation)
+    result = _shortest(rotation)
     for _ in range(20):
-        again = _shortest(rotation_matrix(*found))
-        if (again[0] == found[0]).all() and again[1] == found[1]:
+        again = _shortest(rotation_matrix(*result))
+        if (again[0] == result[0]).all() and again[1] == result[1]:
             break
-        found = again
-    return found
+        result = again
+    return result
 
 
 def _shortest(rotation: FloatArray) -> AxisAngle:

@@ -33,7 +33,7 @@ def holds_on(assembly: Assembly, held: tuple[HeldFace, ...]) -> tuple[Hold, ...]
     DeckError
         Directions that are no world axes.
     """
-    found: list[Hold] = []
+    result: list[Hold] = []
     for number, support in enumerate(held, start=1):
         if support.spring is not None:
             continue
@@ -46,8 +46,8 @@ def holds_on(assembly: Assembly, held: tuple[HeldFace, ...]) -> tuple[Hold, ...]
             region=f"REGION-{number}" if region else "",
             path=support.path if support.moves else (),
         )
-        found += _by_components(base, support)
-    return tuple(found)
+        result += _by_components(base, support)
+    return tuple(result)
 
 
 def _by_components(base: Hold, support: HeldFace) -> Iterator[Hold]:
@@ -90,7 +90,7 @@ def springs_on_ground(
     DeckError
         Springs in an explicit step, of quadratic elements, or along no world axis.
     """
-    found: list[GroundSpring] = []
+    result: list[GroundSpring] = []
     for support in held:
         if support.spring is None:
             continue
@@ -109,8 +109,8 @@ def springs_on_ground(
         share = traction_forces(mesh.nodes, quads, np.array([support.spring, 0.0, 0.0]))[:, 0]
         for axis in _world_axes(support):
             for node in np.flatnonzero(share).tolist():
-                found.append(GroundSpring(support.block, node, axis, float(share[node])))
-    return tuple(found)
+                result.append(GroundSpring(support.block, node, axis, float(share[node])))
+    return tuple(result)
 
 
 def spring_lines(

@@ -66,14 +66,14 @@ class LagrangeMesh(HexMesh):
         """
         shares = bilinear(grid_points(*[lobatto_points(self.degree)] * 2))[0]
         known, numbers = self._known
-        found = np.empty((len(quads), len(shares)), dtype=np.int64)
+        result = np.empty((len(quads), len(shares)), dtype=np.int64)
         for node, share in enumerate(shares):
             keys, corners = _keys(quads, share)
             if len(corners) == 1:
-                found[:, node] = quads[:, corners[0]]
+                result[:, node] = quads[:, corners[0]]
             else:
-                found[:, node] = numbers[np.searchsorted(known, keys)]
-        return found
+                result[:, node] = numbers[np.searchsorted(known, keys)]
+        return result
 
     @cached_property
     def _known(self) -> tuple[_Keys, IntArray]:
@@ -237,8 +237,8 @@ class SerendipityMesh(HexMesh):
         """Nodes of facets from their corners, (n, 4) to (n, 8): middles after corners."""
         ends = np.stack([quads, np.roll(quads, -1, axis=1)], axis=2).reshape(-1, 2)
         known, numbers = self._middles
-        found = np.searchsorted(known, _edge_keys(ends, self.n_nodes))
-        return np.concatenate([quads, numbers[found].reshape(-1, 4)], axis=1)
+        result = np.searchsorted(known, _edge_keys(ends, self.n_nodes))
+        return np.concatenate([quads, numbers[result].reshape(-1, 4)], axis=1)
 
     @cached_property
     def _middles(self) -> tuple[IntArray, IntArray]:

@@ -138,13 +138,13 @@ def nodal_stress_of(bodies: MovedBodies) -> FloatArray:
     """
     degree, elements = bodies.element.degree, bodies.elements
     every = np.arange(len(elements))
-    found = sampled_stress(bodies, every, tensor_points(degree, lobatto_points(degree)))
+    result = sampled_stress(bodies, every, tensor_points(degree, lobatto_points(degree)))
     inside = sampled_stress(bodies, every, bodies.element.quadrature)
     share = np.repeat(inside.volumes.sum(axis=1), elements.shape[1])
     shape = (len(bodies.positions), elements.size)
     mean = csr_array((share, (elements.ravel(), np.arange(elements.size))), shape)
     total = np.asarray(mean.sum(axis=1)).ravel()[:, None]
-    return np.stack([mean @ body.reshape(-1, 6) / total for body in found.stress])
+    return np.stack([mean @ body.reshape(-1, 6) / total for body in result.stress])
 
 
 def averaged_tension(bodies: MovedBodies, radius: float) -> tuple[PointValue, PointValue]:
@@ -190,8 +190,8 @@ def averaged_tension(bodies: MovedBodies, radius: float) -> tuple[PointValue, Po
 
     best = _largest(better, extrapolated(better), _BEST)
     places = between(best, _CENTRES[1], _CENTRES[2])
-    found = extrapolated(places)
-    return _largest_at(found, places), _largest_at(
+    result = extrapolated(places)
+    return _largest_at(result, places), _largest_at(
         principal_stress(fine.stress)[..., 0], fine.positions
     )
 
@@ -230,15 +230,15 @@ def _points_between(
     """
     places, within = near
     steps = _counts(bodies, elements, _STEPS * size)
-    found = []
+    result = []
     for element, counts in zip(elements[:, None], steps, strict=True):
         lines = [np.linspace(-1.0, 1.0, n + 1) for n in counts]
         box = _box(bodies, element, lines, places, within + _STEPS * size)
         if box is not None:
             lines = [_finer(line, 2.0 / n) for line, n in zip(box, counts, strict=True)]
             nodes = bodies.positions[bodies.elements[element]]
-            found.append(_contracted(bodies, lines, nodes)[0])
-    points = np.concatenate(found)
+            result.append(_contracted(bodies, lines, nodes)[0])
+    points = np.concatenate(result)
     points = points[np.isfinite(cKDTree(places).query(points, distance_upper_bound=within)[0])]
     return np.unique(np.round(points, 6), axis=0)
 
@@ -280,22 +280,22 @@ def _cells(
 ) -> _Cells:
     """Cut elements into cells of a size at most [mm], boxes of them near some places if given."""
     counts = _counts(bodies, elements, size)
-    found = []
+    result = []
     for alike in np.unique(counts, axis=0):
         lines = [(2.0 * np.arange(n) + 1.0) / n - 1.0 for n in alike.tolist()]
         volume = 8.0 / float(np.prod(alike))
         same = elements[(counts == alike).all(axis=1)]
         if near is None:
-            found.append(_on_grid(bodies, same, lines, volume))
+            result.append(_on_grid(bodies, same, lines, volume))
             continue
         for element in same[:, None]:
             kept = _box(bodies, element, lines, *near)
             if kept is not None:
-                found.append(_on_grid(bodies, element, kept, volume))
+                result.append(_on_grid(bodies, element, kept, volume))
     return _Cells(
-        np.concatenate([f.positions for f in found]),
-        np.concatenate([f.volumes for f in found]),
-        np.concatenate([f.stress for f in found], axis=1),
+        np.concatenate([f.positions for f in result]),
+        np.concatenate([f.volumes for f in result]),
+        np.concatenate([f.stress for f in result], axis=1),
     )
 
 
@@ -350,10 +350,10 @@ def _contracted(
         line_basis(degree, line)[axis == slope] for axis, line in enumerate(lines)
     )
     size = degree + 1
-    found = third @ values.reshape(n, size, size, size, m)
-    found = second @ found.reshape(n, size, size, -1)
-    found = first @ found.reshape(n, size, -1)
-    return np.asarray(found.reshape(n, -1, m))
+    result = third @ values.reshape(n, size, size, size, m)
+    result = second @ result.reshape(n, size, size, -1)
+    result = first @ result.reshape(n, size, -1)
+    return np.asarray(result.reshape(n, -1, m))
 
 
 def _tension(cells: _Cells, centres: FloatArray, radius: float, size: float) -> FloatArray:
@@ -401,9 +401,9 @@ def cells_of(bodies: MovedBodies) -> LagrangeCells:
     """Evaluate every element at equidistant nodes: what was computed, jumps included."""
     degree = bodies.element.degree
     at = equidistant(degree)
-    found = sampled_stress(bodies, np.arange(len(bodies.elements)), at)
+    result = sampled_stress(bodies, np.arange(len(bodies.elements)), at)
     moved = at.values @ bodies.displacements[:, bodies.elements]
-    return LagrangeCells(degree, found.positions, moved, found.stress)
+    return LagrangeCells(degree, result.positions, moved, result.stress)
 
 
 def equidistant(degree: int) -> TensorPoints:

@@ -76,21 +76,21 @@ class TetrahedralMesh(HexMesh):
             values.append(np.tile(weights, len(middle)))
         row, column = np.concatenate(rows), np.concatenate(columns)
         shape = (len(self.nodes), self.n_nodes)
-        found = sp.coo_array((np.concatenate(values), (row, column)), shape).tocsr()
+        result = sp.coo_array((np.concatenate(values), (row, column)), shape).tocsr()
         # Two tetrahedra share the middle of a side: either's functions, once.
-        sums: FloatArray = found.sum(axis=1)
-        return sp.csr_array(sp.diags_array(1.0 / sums) @ found)
+        sums: FloatArray = result.sum(axis=1)
+        return sp.csr_array(sp.diags_array(1.0 / sums) @ result)
 
     def on_tetrahedra(self, forces: FloatArray) -> FloatArray:
         """Equivalent forces on the nodes of tetrahedra, from those of the hexahedra, (n, 3)."""
-        found: FloatArray = self._shares.T @ forces[self.places]
-        return found
+        result: FloatArray = self._shares.T @ forces[self.places]
+        return result
 
     def renumbered(self, nodes: IntArray) -> IntArray:
         """Nodes of tetrahedra among those of the hexahedra, by their new numbers."""
         number = np.argsort(self.places)[nodes]
-        found: IntArray = number[number < self.n_nodes]
-        return found
+        result: IntArray = number[number < self.n_nodes]
+        return result
 
 
 def tetrahedral_block(block: Block) -> Block:
@@ -144,5 +144,5 @@ def _node(parts: IntArray, owners: IntArray, of: IntArray) -> IntArray:
     mine = owners[every, of[:, 0]] == wanted[:, None]
     if (mine.sum(axis=1) != 1).any():
         raise MeshError("hexahedra: got some that are no quarters of tetrahedra, expected such")
-    found: IntArray = parts[every, of[:, 0]][mine]
-    return found
+    result: IntArray = parts[every, of[:, 0]][mine]
+    return result

@@ -471,10 +471,10 @@ class _Run:
         shown = math.nan if self.residual is None else self.residual
         self.history.append(time, number, self.energies, damping, shown)
         if self.output.progress is not None:
-            told = Progress(
+            reported = Progress(
                 time, self.end_time, number + 1, self.n_steps, self.energies, self.residual
             )
-            self.output.progress(told)
+            self.output.progress(reported)
         if self.stop is None or self.residual is None or time < self.stop.not_before:
             return Status.FINISHED
         settled = self.settling is None or self.settling <= self.stop.settling

@@ -117,7 +117,7 @@ def edge_forces(
         (n_nodes, 3) [N].
     """
     quads = mesh.facet_nodes(corners)
-    found = np.zeros_like(nodes)
+    result = np.zeros_like(nodes)
     line, weights = gauss_line(math.isqrt(quads.shape[1]))
     for first in range(4):
         begin, end = FACET_CORNERS[first], FACET_CORNERS[(first + 1) % 4]
@@ -126,8 +126,8 @@ def edge_forces(
         mine = quads[side == first]
         tangent = np.einsum("pak,k,fai->fpi", slopes, way, nodes[mine])
         length = np.linalg.norm(tangent, axis=2) * weights
-        np.add.at(found, mine, np.einsum("fp,pa,i->fai", length, values, force))
-    return found
+        np.add.at(result, mine, np.einsum("fp,pa,i->fai", length, values, force))
+    return result
 
 
 def _per_facet(

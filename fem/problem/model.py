@@ -51,23 +51,23 @@ class ReferenceBlock:
     def of_elements(self, some: IntArray) -> FloatArray:
         """Stiffness matrices of some elements, springs included, (m, 3 n, 3 n) [N/mm]."""
         if isinstance(self.mesh, LagrangeMesh):
-            found = lagrange_mesh.lagrange_stiffness(self.mesh, self.material, some)
+            result = lagrange_mesh.lagrange_stiffness(self.mesh, self.material, some)
         else:
-            found = element_stiffness(
+            result = element_stiffness(
                 self.mesh.nodes[self.mesh.elements[some]], self.material, self.element
             )
-        return found if self.springs is None else self.springs.added(some, found)
+        return result if self.springs is None else self.springs.added(some, result)
 
     @cached_property
     def stiffness(self) -> bsr_array:
         """Springs included, (3 n_nodes, 3 n_nodes) [N/mm]."""
         if isinstance(self.mesh, LagrangeMesh):
-            found = lagrange_mesh.block_stiffness(self.mesh, self.material)
+            result = lagrange_mesh.block_stiffness(self.mesh, self.material)
         else:
-            found = block_stiffness(self.mesh, self.material, self.element)
+            result = block_stiffness(self.mesh, self.material, self.element)
         if self.springs is None:
-            return found
-        return bsr_array((found + self.springs.stiffness).tocsr(), blocksize=(3, 3))
+            return result
+        return bsr_array((result + self.springs.stiffness).tocsr(), blocksize=(3, 3))
 
     @cached_property
     def hourglass_stiffness(self) -> bsr_array | None:

@@ -69,15 +69,15 @@ def best_turns(group: BlockGroup, displacement: FloatArray) -> FloatArray:
     fit = of_shape + moved
     inertia = np.trace(fit, axis1=1, axis2=2)[:, None, None] * np.eye(3) - fit
     further = _turn(np.linalg.solve(inertia, about[:, :, None])[:, :, 0])
-    found: FloatArray = turn + further + turn @ further
-    return found
+    result: FloatArray = turn + further + turn @ further
+    return result
 
 
 def _arms(group: BlockGroup) -> FloatArray:
     """Nodes of the reference block from its centre of mass, (n_nodes, 3) [mm]."""
     mass, nodes = group.lumped_mass, group.mesh.nodes
-    found: FloatArray = nodes - mass @ nodes / mass.sum()
-    return found
+    result: FloatArray = nodes - mass @ nodes / mass.sum()
+    return result
 
 
 def _turn(vectors: FloatArray) -> FloatArray:
@@ -85,8 +85,8 @@ def _turn(vectors: FloatArray) -> FloatArray:
     angle = np.linalg.norm(vectors, axis=1)[:, None, None]
     cross = cross_matrix(vectors)
     half = np.sinc(angle / (2.0 * np.pi))
-    found: FloatArray = np.sinc(angle / np.pi) * cross + 0.5 * half**2 * cross @ cross
-    return found
+    result: FloatArray = np.sinc(angle / np.pi) * cross + 0.5 * half**2 * cross @ cross
+    return result
 
 
 def turned_rigidly(group: BlockGroup, displacement: FloatArray) -> FloatArray:
@@ -103,8 +103,8 @@ def turned_rigidly(group: BlockGroup, displacement: FloatArray) -> FloatArray:
     spin = np.linalg.solve(inertia, about[:, :, None])[:, :, 0]
     size = np.linalg.norm(spin, axis=1, keepdims=True)
     turn = _turn(np.arctan(size) / np.maximum(size, 1e-300) * spin) - cross_matrix(spin)
-    found: FloatArray = displacement + arms @ turn.transpose(0, 2, 1)
-    return found
+    result: FloatArray = displacement + arms @ turn.transpose(0, 2, 1)
+    return result
 
 
 def block_displacements(
@@ -174,8 +174,8 @@ def _stress_at_points(group: BlockGroup, local: FloatArray) -> FloatArray:
     """Stresses at integration points in block frames, (n_copies, n_points, 6) [MPa]."""
     if isinstance(group.mesh, LagrangeMesh):
         some = (moved_bodies(group, local[k : k + _AT_ONCE]) for k in _starts(local))
-        found = [everywhere(bodies).stress for bodies in some]
-        return np.concatenate(found).reshape(len(local), -1, 6)
+        result = [everywhere(bodies).stress for bodies in some]
+        return np.concatenate(result).reshape(len(local), -1, 6)
     return integration_point_stress(group.mesh, group.material, group.element, local)
 
 

@@ -54,10 +54,10 @@ class Springs(ReadOnlyArrays):
         """Force of each bed at displacements (n_nodes, 3) [mm]: (3,) [N], frame of the block."""
         moved = displacement[self.nodes].reshape(len(self.nodes), -1)
         forces = -np.einsum("fij,fj->fi", self.matrices, moved).reshape(*self.nodes.shape, 3)
-        found: dict[str, FloatArray] = {}
+        result: dict[str, FloatArray] = {}
         for name, force in zip(self.names, forces.sum(axis=1), strict=True):
-            found[name] = found.get(name, np.zeros(3)) + force
-        return found
+            result[name] = result.get(name, np.zeros(3)) + force
+        return result
 
     @property
     def nodal_stiffness(self) -> FloatArray:

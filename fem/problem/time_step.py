@@ -250,8 +250,8 @@ def scale_masses(model: Model, factor: float) -> Model:
     return replace(
         model,
         groups=tuple(
-            _scaled_group(group, np.maximum(1.0, found / allowed) ** 2)
-            for group, found in zip(model.groups, frequencies, strict=True)
+            _scaled_group(group, np.maximum(1.0, result / allowed) ** 2)
+            for group, result in zip(model.groups, frequencies, strict=True)
         ),
     )
 

@@ -78,7 +78,7 @@ def grid_blocks(deformable: DeformableAssembly) -> tuple[GridBlock, ...] | None:
         return None
     if not deformable.meets or deformable.assembly.image_of is not None:
         return None
-    found = []
+    result = []
     for number, group in enumerate(model.groups):
         block = int(np.flatnonzero(deformable.group_of == number)[0])
         quads = _touching_quads(deformable, number)
@@ -86,8 +86,8 @@ def grid_blocks(deformable: DeformableAssembly) -> tuple[GridBlock, ...] | None:
         grid = grid_block(shape.mesh, group.material, quads) if len(quads) else None
         if grid is None:
             return None
-        found.append(grid)
-    return tuple(found)
+        result.append(grid)
+    return tuple(result)
 
 
 def _touching_quads(deformable: DeformableAssembly, number: int) -> IntArray:
@@ -176,22 +176,22 @@ class _Points:
 
     def pushed(self, forces: FloatArray) -> list[FloatArray]:
         """Forces on the nodes of each grid from those of the points, (n_grid_nodes, 3) [N]."""
-        found = []
+        result = []
         for grid, parts in zip(self.grids, self.parts, strict=True):
             local = np.zeros(len(grid.positions))
             for part in parts:
                 local[part.local] += forces[part.points]
-            found.append(-(grid.outward.T @ local).reshape(-1, 3))
-        return found
+            result.append(-(grid.outward.T @ local).reshape(-1, 3))
+        return result
 
     def approach(self, on_grids: list[FloatArray]) -> FloatArray:
         """Σ ν · u of all points, (n,) [mm], from displacements of the nodes of each grid."""
-        found = np.zeros(self.n)
+        result = np.zeros(self.n)
         for grid, parts, u in zip(self.grids, self.parts, on_grids, strict=True):
             outward = grid.outward @ u.ravel()
             for part in parts:
-                found[part.points] += outward[part.local]
-        return found
+                result[part.points] += outward[part.local]
+        return result
 
     def soft(self, stiffness: FloatArray, below: float) -> BoolArray:
         """Points softer than a bound that carry little of the stiffness of their joint, (n,)."""
@@ -281,8 +281,8 @@ class _ForceProblem:
         levels, members = self._chain(stiff, mine, softness, holding)
         sides = [(side[m], motions[self.members[k]].ravel()) for k, m in enumerate(members)]
         forces = given.copy()
-        for k, (found, alpha) in enumerate(factor_chain(levels).solve(sides)):
-            forces[stiff[members[k]]] = found
+        for k, (result, alpha) in enumerate(factor_chain(levels).solve(sides)):
+            forces[stiff[members[k]]] = result
             motions[self.members[k]] = alpha.reshape(-1, 6)
         displaced = self._displacements(points.pushed(forces - given))
         for slot, grid in enumerate(points.grids):
@@ -291,13 +291,13 @@ class _ForceProblem:
 
     def _displacements(self, forces: list[FloatArray]) -> list[FloatArray]:
         """G of the forces on each grid, those of congruent blocks at once."""
-        found = forces.copy()
+        result = forces.copy()
         for block in set(self.blocks):
             slots = [slot for slot, other in enumerate(self.blocks) if other is block]
             moved = block.displacements(np.stack([forces[slot] for slot in slots]))
             for slot, own in zip(slots, moved, strict=True):
-                found[slot] = own
-        return found
+                result[slot] = own
+        return result
 
     def _chain(
         self, stiff: IntArray, mine: list[list[_Part]], softness: FloatArray, holding: float
@@ -476,9 +476,9 @@ class _Iteration:
     def run(self) -> ForceState:
         """Iterate until the forces are those of the law, in balance."""
         for _ in range(self.most):
-            found = self._step()
-            if found is not None:
-                return found
+            result = self._step()
+            if result is not None:
+                return result
             self.holding = max(_FADING * self.holding, self.least)
         raise StaticError(
             f"Newton did not converge in {self.most} iterations: residual "
@@ -505,10 +505,10 @@ class _Iteration:
             )
         except (UnresistedMotionError, np.linalg.LinAlgError) as error:
             raise StaticError(f"contact forces: {error}") from None
-        found = self._state(forces, on_grids)
-        if found is None:
+        result = self._state(forces, on_grids)
+        if result is None:
             self._linearise(stiff, forces)
-        return found
+        return result
 
     def _state(self, forces: FloatArray, on_grids: list[FloatArray]) -> ForceState | None:
         """Judge a linear solution; None: it is not the last one."""

@@ -102,17 +102,17 @@ class _Energy:
 
     def __call__(self, displacement: FloatArray) -> _State:
         internal = self.step.internal_force(displacement)
-        found = self.system.kinematics(displacement, ContactNormals.CURRENT)
-        stored = float(np.vdot(self.weights, self.law.stored_energy(found.overclosure)))
+        result = self.system.kinematics(displacement, ContactNormals.CURRENT)
+        stored = float(np.vdot(self.weights, self.law.stored_energy(result.overclosure)))
         strain = 0.5 * float(np.vdot(internal, displacement))
         work = float(np.vdot(self.load, displacement))
         force = self.load - internal
         force = force + self.system.scatter(
-            found.gradient, self.weights * self.law.pressure(found.overclosure)
+            result.gradient, self.weights * self.law.pressure(result.overclosure)
         )
         return _State(
             displacement=displacement,
-            kinematics=found,
+            kinematics=result,
             energy=strain + stored - work,
             rounding=_ENERGY_ROUNDING * (abs(strain) + abs(stored) + abs(work)),
             force=self.system.free_part(force),
@@ -120,14 +120,14 @@ class _Energy:
 
     def hessian(self, state: _State) -> Callable[[FloatArray], FloatArray]:
         """H at a state, as a function of a free displacement."""
-        system, found = self.system, state.kinematics
-        stiffness = self.weights * self.law.stiffness(found.overclosure)
+        system, result = self.system, state.kinematics
+        stiffness = self.weights * self.law.stiffness(result.overclosure)
         bending = self._curvature(state)
 
         def apply(change: FloatArray) -> FloatArray:
             force = self.step.internal_force(change)
             force = force - system.scatter(
-                found.gradient, stiffness * system.gather(found.gradient, change)
+                result.gradient, stiffness * system.gather(result.gradient, change)
             )
             corners = system.corner_displacements(change)
             bent = bending @ corners.reshape(len(corners), -1, 1)
@@ -209,11 +209,13 @@ def minimise_energy(
         settled = residuals[-1] <= tolerance
         right = _random_force(energy, state) if settled else state.force
         forcing = 1e-3 if settled else min(_FORCING, np.sqrt(residuals[-1]))
-        found = _conjugate_gradients(hessian, precondition, right, forcing)
-        if settled and not found.falls:
+        result = _conjugate_gradients(hessian, precondition, right, forcing)
+        if settled and not result.falls:
             return Descent(state.displacement, tuple(residuals), True, saddles)
         saddles += settled
-        after = _escape(energy, state, found.way) if found.falls else _search(energy, state, found)
+        after = (
+            _escape(energy, state, result.way) if result.falls else _search(energy, state, result)
+        )
         if after is None:
             break
         state = after

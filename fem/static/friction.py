@@ -113,8 +113,8 @@ def friction_rows(system: LocalSystem, friction: CoulombFriction) -> FrictionRow
     tangents = np.stack([first, np.cross(surfaces.normals, first)], axis=2)
     world = np.einsum("fpa,fpki->fpkai", surfaces.difference, tangents)
     world = world.reshape(len(tangents), -1, *world.shape[3:])
-    found = friction.on(surfaces.block_m, surfaces.block_s)
-    coefficient = found if isinstance(found, float | int) else found[:, None]
+    result = friction.on(surfaces.block_m, surfaces.block_s)
+    coefficient = result if isinstance(result, float | int) else result[:, None]
     return FrictionRows(system, friction, tangents, system.local_gradient(world), coefficient)
 
 

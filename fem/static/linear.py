@@ -55,8 +55,8 @@ def _held(model: Model, group: int, copy: int) -> HeldNodes:
             values.append(support.displacement[mine][:, None])
     if not nodes:
         return NOTHING_HELD
-    found, _ = by_node(np.concatenate(nodes), np.concatenate(directions), np.concatenate(values))
-    return found
+    result, _ = by_node(np.concatenate(nodes), np.concatenate(directions), np.concatenate(values))
+    return result
 
 
 def check_held(name: str, positions: FloatArray, held: HeldNodes, springs: Springs | None) -> None:
@@ -122,7 +122,7 @@ def solve_linear_static(model: Model) -> LinearStaticResult:
     energy = work = defect = scale = 0.0
     for number, group in enumerate(model.groups):
         positions = group.reference_positions()
-        found, reactions = np.zeros((2, group.n_copies, group.n_nodes, 3))
+        result, reactions = np.zeros((2, group.n_copies, group.n_nodes, 3))
         for copy in range(group.n_copies):
             held = _held(model, number, copy)
             check_held(f"{group.name}[{copy}]", positions[copy], held, group.springs)
@@ -142,8 +142,8 @@ def solve_linear_static(model: Model) -> LinearStaticResult:
             scale += float(np.sum((transform.T @ force)[free] ** 2) + np.sum(right**2))
             left[free] = 0.0
             reactions[copy] = -(transform @ left).reshape(-1, 3)
-            found[copy] = u.reshape(-1, 3)
-        displacements.append(found)
+            result[copy] = u.reshape(-1, 3)
+        displacements.append(result)
         supported.append(reactions)
     return LinearStaticResult(
         displacements=tuple(displacements),
@@ -172,29 +172,29 @@ def solve_apart(
     ModelError
         As `solve_linear_static`.
     """
-    found = solve_linear_static(deformable.model)
+    result = solve_linear_static(deformable.model)
     none = np.zeros((0, 4))
     shares = [k / load_steps for k in range(1, load_steps + 1)] if keep_steps else []
-    moved = found.displacements
+    moved = result.displacements
     return StaticResult(
         deformable=deformable,
         displacements=moved,
-        support_forces=found.support_forces,
+        support_forces=result.support_forces,
         overclosures=none,
         pressures=none,
-        residual=found.residual,
+        residual=result.residual,
         converged=True,
-        status=f"equilibrium of single bodies, residual {found.residual:.1e}",
+        status=f"equilibrium of single bodies, residual {result.residual:.1e}",
         steps=tuple((share, tuple(share * u for u in moved)) for share in shares),
         loose_blocks=np.zeros(0, dtype=np.int64),
-        residuals=(found.residual,),
-        strain_energy=found.strain_energy,
+        residuals=(result.residual,),
+        strain_energy=result.strain_energy,
         contact_energy=0.0,
-        external_work=found.external_work,
+        external_work=result.external_work,
         frictional_dissipation=0.0,
         symmetry=1,
         representative=np.arange(deformable.assembly.n_blocks),
         n_unknowns=3 * deformable.model.n_nodes,
-        cpu_seconds={"total": found.cpu_seconds},
+        cpu_seconds={"total": result.cpu_seconds},
         load_steps=load_steps,
     )

@@ -193,17 +193,17 @@ def _load_path(problem: StaticProblem, options: StaticOptions, parts: int) -> li
 
     Without supports that move there is no time.
     """
-    asked, moving = options.load_path, problem.system.held.moving
-    if asked is None:
-        asked = load_factors(parts, friction=problem.friction is not None)
+    requested, moving = options.load_path, problem.system.held.moving
+    if requested is None:
+        requested = load_factors(parts, friction=problem.friction is not None)
     if not moving or options.motion_steps is None:
-        return [(factor, None) for factor in asked]
+        return [(factor, None) for factor in requested]
     tables = [np.array(share.times) for share, _ in moving if isinstance(share, TabularAmplitude)]
     end = max((float(times[-1]) for times in tables), default=1.0)
     equal = end * np.arange(1, options.motion_steps + 1) / options.motion_steps
     times = np.unique(np.concatenate([equal, *tables]))
     loaded = bool(problem.system.external_force.any())
-    before = [(factor, 0.0) for factor in asked] if loaded else []
+    before = [(factor, 0.0) for factor in requested] if loaded else []
     return [*before, *((1.0, time) for time in times[times > 0.0].tolist())]
 
 
@@ -289,18 +289,18 @@ class _Elastic:
     @classmethod
     def none(cls, points: FacingPoints) -> _Elastic:
         """Before any load."""
-        found = points.now
-        return cls(found.slave.copy(), found.shapes.copy(), np.zeros((points.count, 3)))
+        result = points.now
+        return cls(result.slave.copy(), result.shapes.copy(), np.zeros((points.count, 3)))
 
     @classmethod
     def of(cls, problem: StaticProblem, points: FacingPoints, state: StaticState) -> _Elastic:
         """After the anchors have moved."""
-        found, rows = cls.none(points), problem.friction
+        result, rows = cls.none(points), problem.friction
         if rows is not None:
             slip = (rows.slip(state.displacement) - anchor_of(state))[:, 0]
             order = _searched(problem).order
-            found.slip[order] = np.einsum("nk,nki->ni", slip, rows.tangents[:, 0])
-        return found
+            result.slip[order] = np.einsum("nk,nki->ni", slip, rows.tangents[:, 0])
+        return result
 
     def anchor(
         self, problem: StaticProblem, points: FacingPoints, begin: FloatArray

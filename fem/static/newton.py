@@ -269,11 +269,11 @@ def _linear_problem(
 
 
 def _linearise(system: LocalSystem, state: StaticState) -> Linearisation:
-    law, found = system.law, state.kinematics
+    law, result = system.law, state.kinematics
     return Linearisation(
         weights=system.surfaces.weights,
-        gradient=found.gradient,
-        constant=found.overclosure - system.gather(found.gradient, state.displacement),
+        gradient=result.gradient,
+        constant=result.overclosure - system.gather(result.gradient, state.displacement),
         at=state.at,
         pressure=law.pressure(state.at),
         stiffness=law.stiffness(state.at),

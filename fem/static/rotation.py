@@ -182,12 +182,12 @@ def _in_turned_frames(group: BlockGroup, displacement: FloatArray) -> FloatArray
     inertia = np.trace(fit, axis1=1, axis2=2)[:, None, None] * np.eye(3) - fit
     torque = np.cross(local, forces).sum(axis=1)
     spin = np.linalg.solve(inertia, torque[:, :, None])[:, None, :, 0]
-    found: FloatArray = (forces - mass[:, None] * np.cross(spin, arms)) @ frames.transpose(0, 2, 1)
-    return found
+    result: FloatArray = (forces - mass[:, None] * np.cross(spin, arms)) @ frames.transpose(0, 2, 1)
+    return result
 
 
 def _forces(group: BlockGroup, local: FloatArray) -> FloatArray:
     """Stiffness times displacements in block frames, (n_copies, n_nodes, 3) [N]."""
     flat = local.reshape(len(local), -1)
-    found: FloatArray = (group.stiffness @ flat.T).T.reshape(local.shape)
-    return found
+    result: FloatArray = (group.stiffness @ flat.T).T.reshape(local.shape)
+    return result

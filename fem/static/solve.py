@@ -108,8 +108,8 @@ def solve_static(
     def in_parts(parts: int) -> StaticResult:
         return _load(deformable, replace(options, load_steps=parts), None, store)
 
-    found, coarser = refined(in_parts, options.load_steps, change)
-    return replace(found, coarser_loading=coarser)
+    result, coarser = refined(in_parts, options.load_steps, change)
+    return replace(result, coarser_loading=coarser)
 
 
 def _load(
@@ -192,21 +192,21 @@ def _in_contact_forces(
     clock = time.process_time()
     solve = partial(solve_in_contact_forces, system, grids, tolerance=options.tolerance)
     before = None if start is None else localised(system, start)
-    found = solve(start=before)
+    result = solve(start=before)
     path = []
     if options.keep_steps:
         factors = options.load_path or load_factors(options.load_steps, friction=False)
         for factor in factors[:-1]:
-            path.append((factor, solve(start=factor * found.displacement, load_factor=factor)))
+            path.append((factor, solve(start=factor * result.displacement, load_factor=factor)))
     state = replace(
         start_state(system, None),
-        residuals=found.residuals,
+        residuals=result.residuals,
         converged=True,
-        path=(*((share, step.displacement) for share, step in path), (1.0, found.displacement)),
+        path=(*((share, step.displacement) for share, step in path), (1.0, result.displacement)),
     )
     spent = time.process_time() - clock
     seconds = {"setup": 0.0, "newton": spent, "recovery": 0.0, "total": spent}
-    outcome = _Outcome(found.displacement, found.internal_force, state, seconds)
+    outcome = _Outcome(result.displacement, result.internal_force, state, seconds)
     return _result(system, options, outcome, searched=False)
 
 
@@ -297,8 +297,8 @@ def _result(
     points = facing_points(deformable, displacements) if searched else None
     surfaces: ContactSurfaces | SearchedSurfaces = deformable.surfaces
     if points is None:
-        found = system.kinematics(displacement, deformable.contact.normals)
-        overclosure = found.overclosure.ravel()[orbits.point_of]
+        result = system.kinematics(displacement, deformable.contact.normals)
+        overclosure = result.overclosure.ravel()[orbits.point_of]
     else:
         surfaces = searched_surfaces(points, deformable.surfaces.clearance)
         corners = corner_displacements(deformable, displacements, surfaces)

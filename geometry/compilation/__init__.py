@@ -30,11 +30,11 @@ class Kernel:
 
         from geometry.compilation.cache import KernelCache
 
-        found = numba.njit(**self._options)(self._function)
+        result = numba.njit(**self._options)(self._function)
         # Absent where compilation is disabled.
-        if self._cached and hasattr(found, "targetoptions"):
-            found._cache = KernelCache(self._function, found.targetoptions)
-        return found
+        if self._cached and hasattr(result, "targetoptions"):
+            result._cache = KernelCache(self._function, result.targetoptions)
+        return result
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the compiled function."""

@@ -318,11 +318,11 @@ def _solids(
         raise MeshError(f"block.units: got {units!r}, expected one of {', '.join(UNITS)}")
     suffix = path.suffix.lower()
     if suffix in STEP_SUFFIXES:
-        found = [("", *merge_points(*solid)) for solid in _read_step(path, element_size)]
-        several = len(found) > 1
+        result = [("", *merge_points(*solid)) for solid in _read_step(path, element_size)]
+        several = len(result) > 1
         return [
             _Solid(f"{path.name}{f' part {k}' if several else ''}", points, triangles)
-            for k, (_, points, triangles) in enumerate(found)
+            for k, (_, points, triangles) in enumerate(result)
         ], False
     straightened = False
     surfaces = _named_surfaces(path, suffix)

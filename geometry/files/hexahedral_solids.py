@@ -140,15 +140,15 @@ def connected_solids(
 def _of_solids(blocks: list[Block], solids: list[Polyhedron]) -> list[Block]:
     """Assign to each solid the hexahedra that fill it."""
     centres = np.array([block.centroid for block in blocks])
-    found = []
+    result = []
     for solid in solids:
         mass = solid.mass_properties
         away = np.linalg.norm(centres - mass.centroid, axis=1)
         nearest = int(np.argmin(away))
         if away[nearest] > _SAME_PLACE * float(np.cbrt(mass.volume)):
             raise MeshError(f"{solid.name}: no hexahedra of the file fill this solid")
-        found.append(replace(blocks[nearest], name=solid.name))
-    return found
+        result.append(replace(blocks[nearest], name=solid.name))
+    return result
 
 
 def solid_block(solid: Polyhedron, divisions: int, size: float | None = None) -> Block:

@@ -31,8 +31,8 @@ _SURFACE = re.compile(r"^\*surface\s*,([^\n]*)\n((?:[^*\n][^\n]*\n?)*)", re.I | 
 
 def face_name(name: str) -> str:
     """Name of a face from that of a set, as decks take it: letters of one case, digits, - and _."""
-    found = re.sub(r"[^a-z0-9_]", "-", name.lower())
-    return found if found[:1].isalpha() else f"set{found}"
+    result = re.sub(r"[^a-z0-9_]", "-", name.lower())
+    return result if result[:1].isalpha() else f"set{result}"
 
 
 @dataclass(frozen=True)
@@ -54,19 +54,19 @@ class NamedSets:
         number
             Its nodes in the file, (n_nodes,).
         """
-        found: dict[str, IntArray] = {}
+        result: dict[str, IntArray] = {}
         for name, members in self.nodes.items():
             inside = np.isin(number, members)
             quads = outer[inside[outer].all(axis=1)]
             if len(quads) and len(np.unique(quads)) == int(inside.sum()):
-                found[name] = quads
+                result[name] = quads
         corners = np.sort(number[outer], axis=1).tolist()
         for name, facets in self.facets.items():
             known = set(map(tuple, facets.tolist()))
             mine = np.array([tuple(row) in known for row in corners], dtype=np.bool_)
             if mine.any():
-                found[name] = outer[mine]
-        return found
+                result[name] = outer[mine]
+        return result
 
 
 def named_sets(path: Path, mesh: Any) -> NamedSets:

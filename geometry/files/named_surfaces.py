@@ -67,14 +67,14 @@ def read_compas(path: Path) -> list[NamedSurface]:
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
-        found = list(_compas_meshes(data, "", held=False))
+        result = list(_compas_meshes(data, "", held=False))
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise MeshError(f"{path}: cannot be read as JSON of compas ({error!r})") from None
-    if not found:
+    if not result:
         raise MeshError(
             f"{path}: got no mesh; expected JSON of compas with meshes, an assembly or a model"
         )
-    return found
+    return result
 
 
 def _compas_meshes(data: Any, name: str, *, held: bool) -> Iterator[NamedSurface]:
@@ -132,17 +132,17 @@ def read_scene_graph(path: Path) -> list[NamedSurface]:
     is_gltf = path.suffix.lower() in {".glb", ".gltf"}
     matrix = np.eye(4)
     matrix[:3, :3] = 1000.0 * Y_UP if is_gltf else _of_unit(path, str(scene.units)) * np.eye(3)
-    found = []
+    result = []
     for node in scene.graph.nodes_geometry:
         placed, geometry = scene.graph[node]
         mesh = scene.geometry[geometry]
         faces = np.asarray(getattr(mesh, "faces", np.zeros((0, 3))), dtype=np.int64)
         if len(faces):
             surface = NamedSurface(str(node), np.asarray(mesh.vertices, np.float64), (faces,))
-            found.append(_moved(surface, matrix @ placed))
-    if not found:
+            result.append(_moved(surface, matrix @ placed))
+    if not result:
         raise MeshError(f"{path}: got no faces; expected triangles")
-    return found
+    return result
 
 
 def _of_unit(path: Path, unit: str) -> float:
@@ -176,7 +176,7 @@ def read_rhino(path: Path) -> list[NamedSurface]:
     if file is None:
         raise MeshError(f"{path}: cannot be read as a Rhino file: is it cut short?")
     scale = _of_unit(path, str(file.Settings.ModelUnitSystem).rpartition(".")[2])
-    found = []
+    result = []
     objects: Any = file.Objects
     for number, one in enumerate(objects):
         meshes = list(_rhino_meshes(one.Geometry, rhino3dm))
@@ -187,10 +187,10 @@ def read_rhino(path: Path) -> list[NamedSurface]:
                 "the command Mesh, or save without 'Save small'"
             )
         if meshes:
-            found.append(_joined(name, scale, meshes))
-    if not found:
+            result.append(_joined(name, scale, meshes))
+    if not result:
         raise MeshError(f"{path}: got no meshes or solids; expected at least one closed surface")
-    return found
+    return result
 
 
 def _rhino_meshes(geometry: Any, rhino3dm: Any) -> Iterator[Any]:

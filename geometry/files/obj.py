@@ -126,10 +126,10 @@ def _any(path: Path, lines: list[str]) -> _Content:
             raise MeshError(f"{path}: line {number}: got {line.strip()!r} ({error})") from None
     if not faces:
         raise MeshError(f"{path}: got no faces; expected triangles or polygons")
-    found, places = (
+    result, places = (
         [np.array(group, dtype=np.int64) for group in of.values()] for of in (faces, at)
     )
-    return np.array(points), found, places
+    return np.array(points), result, places
 
 
 def _position(word: str, known: int) -> int:

@@ -56,11 +56,11 @@ def read_stl_text(path: Path) -> list[NamedSurface]:
     cut = next((k for k, points in enumerate(corners) if len(points) % 3), None)
     if inside or cut is not None:
         raise MeshError(f"{path}: a facet or a solid has no end: the file is cut short")
-    found = [
+    result = [
         NamedSurface(name, np.array(points), (np.arange(len(points)).reshape(-1, 3),))
         for name, points in zip(names, corners, strict=True)
         if points
     ]
-    if not found:
+    if not result:
         raise MeshError(f"{path}: got no facets; expected a surface")
-    return found if len(found) > 1 else [NamedSurface("", found[0].points, found[0].faces)]
+    return result if len(result) > 1 else [NamedSurface("", result[0].points, result[0].faces)]

@@ -71,11 +71,11 @@ def as_grid(
     grid = vtkUnstructuredGrid()
     grid.SetPoints(as_points(points))
     grid.SetCells(kind, as_cells(cells))
-    for found, data in ((grid.GetPointData(), point_data), (grid.GetCellData(), cell_data)):
+    for result, data in ((grid.GetPointData(), point_data), (grid.GetCellData(), cell_data)):
         for name, values in data.items():
             array = as_array(values)
             array.SetName(name)
-            found.AddArray(array)
+            result.AddArray(array)
     return grid
 
 

@@ -119,7 +119,7 @@ def _split_quads(
     corners = (0.5 * (corners + 1.0) * np.array(counts)).round().astype(np.int64)
     grid = numbers.reshape(len(numbers), *(n + 1 for n in counts))
     along = (corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0])
-    found = []
+    result = []
     for e, origin, first, second in zip(element, corners[:, 0], *along, strict=True):
         n, m = int(np.abs(first).max()), int(np.abs(second).max())
         i, j = (index.ravel()[:, None] for index in np.indices((n, m)))
@@ -127,5 +127,5 @@ def _split_quads(
         places = [
             origin + (i + di) * (first // n) + (j + dj) * (second // m) for di, dj in for_corner
         ]
-        found.append(np.stack([grid[e][tuple(p.T)] for p in places], axis=1))
-    return np.concatenate(found)
+        result.append(np.stack([grid[e][tuple(p.T)] for p in places], axis=1))
+    return np.concatenate(result)

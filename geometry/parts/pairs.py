@@ -36,9 +36,9 @@ def pair_values(
     n = int(max(named.max(), block_m.max(initial=0), block_s.max(initial=0))) + 1
     keys = named[:, 0] * n + named[:, 1]
     order = np.argsort(keys)
-    asked = np.minimum(block_m, block_s) * n + np.maximum(block_m, block_s)
-    place = order[np.minimum(np.searchsorted(keys, asked, sorter=order), len(keys) - 1)]
-    return np.where(keys[place] == asked, values[place], default)
+    requested = np.minimum(block_m, block_s) * n + np.maximum(block_m, block_s)
+    place = order[np.minimum(np.searchsorted(keys, requested, sorter=order), len(keys) - 1)]
+    return np.where(keys[place] == requested, values[place], default)
 
 
 def check_pairs(

@@ -73,15 +73,15 @@ class PolyhedralAssembly(PlacedBlocks[Polyhedron]):
 
         Pairs (n, 2) that only touch at points get the mean of those.
         """
-        found, n = self.interfaces, self.n_blocks
-        middles, areas, patch = found.polygons.triangle_areas
+        result, n = self.interfaces, self.n_blocks
+        middles, areas, patch = result.polygons.triangle_areas
         keys = pairs[:, 0] * n + pairs[:, 1]
-        of_area = found.patches.block_m[patch] * n + found.patches.block_s[patch]
-        bare = found.patch < 0
-        of_point = (found.block_m * n + found.block_s)[bare]
+        of_area = result.patches.block_m[patch] * n + result.patches.block_s[patch]
+        bare = result.patch < 0
+        of_point = (result.block_m * n + result.block_s)[bare]
         only = ~np.isin(of_point, of_area)
         key = np.concatenate([of_area, of_point[only]])
-        points = np.concatenate([middles, found.centroids[bare][only]])
+        points = np.concatenate([middles, result.centroids[bare][only]])
         weight = np.concatenate([areas, np.ones(int(only.sum()))])
         known = np.isin(key, keys)
         row = np.searchsorted(keys, key[known])
@@ -188,14 +188,14 @@ def unmatched_joints(
     """
     patches = surfaces.interfaces.patches
     pairs = np.unique(np.column_stack([patches.block_m, patches.block_s]), axis=0)
-    found = []
+    result = []
     for m, s in pairs.tolist():
         rows = np.flatnonzero((patches.block_m == m) & (patches.block_s == s))
         touching, matched = float(patches.areas[rows].sum()), matched_area(assembly, m, s)
         if matched < (1.0 - _UNMATCHED) * touching:
             toward = patches.normals[rows[np.argmax(patches.areas[rows])]]
-            found.append(UnmatchedJoint(m, s, touching, matched, toward))
-    return tuple(found)
+            result.append(UnmatchedJoint(m, s, touching, matched, toward))
+    return tuple(result)
 
 
 def contact_distance(assembly: PolyhedralAssembly) -> IntArray:

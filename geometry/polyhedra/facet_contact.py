@@ -257,8 +257,8 @@ def find_contacts(
     if placement is ContactPlacement.CENTROIDS:
         return _at_centroids(patches, polygons, direction)
     flat_contacts = _at_vertices(patches, polygons)
-    for kind, found in ((CROSSING_EDGES, crossing_edges), (STANDING_CORNER, standing_corners)):
-        flat_contacts = _with_points(flat_contacts, found(world), kind, tolerance)
+    for kind, result in ((CROSSING_EDGES, crossing_edges), (STANDING_CORNER, standing_corners)):
+        flat_contacts = _with_points(flat_contacts, result(world), kind, tolerance)
     return flat_contacts
 
 

@@ -66,9 +66,9 @@ class SignedDistance:
         from vtkmodules.util.numpy_support import vtk_to_numpy
         from vtkmodules.vtkCommonCore import vtkDoubleArray
 
-        found = vtkDoubleArray()
-        self._function.FunctionValue(as_array(points), found)
-        return np.array(vtk_to_numpy(found), dtype=np.float64)
+        result = vtkDoubleArray()
+        self._function.FunctionValue(as_array(points), result)
+        return np.array(vtk_to_numpy(result), dtype=np.float64)
 
 
 def _inner_middles(points: FloatArray, edges: IntArray, surface: Surface) -> FloatArray:
@@ -150,9 +150,9 @@ def penetration(
         (deep_in_a(np.concatenate(of_b)), lambda p: -to_a(p)),
         (deep_in_b(np.concatenate(of_a)), lambda p: -to_b(local(p))),
     ):
-        found = depths(points)
-        if found.max(initial=0.0) > depth:
-            depth, where = float(found.max()), points[int(np.argmax(found))]
+        result = depths(points)
+        if result.max(initial=0.0) > depth:
+            depth, where = float(result.max()), points[int(np.argmax(result))]
     return depth, where
 
 

@@ -151,9 +151,9 @@ def _without_ears(name: str, points: FloatArray, polygon: IntArray) -> IntArray:
     for k, corner in enumerate(polygon.tolist()):
         shape.GetPoints().SetPoint(k, *(points[corner] - middle))
         shape.GetPointIds().SetId(k, k)
-    found = vtkIdList()
-    done = shape.TriangulateLocalIds(0, found)
-    ears = np.array([found.GetId(k) for k in range(found.GetNumberOfIds())], dtype=np.int64)
+    result = vtkIdList()
+    done = shape.TriangulateLocalIds(0, result)
+    ears = np.array([result.GetId(k) for k in range(result.GetNumberOfIds())], dtype=np.int64)
     triangles = polygon[ears.reshape(-1, 3)]
     if not done or len(triangles) != len(polygon) - 2 or not _covers(points, triangles[None])[0]:
         raise MeshError(

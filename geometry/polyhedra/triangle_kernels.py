@@ -45,9 +45,9 @@ def boxes_in_tree(boxes, group, tree, tree_group, order, stack, pairs):
     room for `DEEPEST` nodes.
     """
     first_leaf = len(tree) // 2
-    found = 0
+    result = 0
     for i in range(len(boxes)):
-        mine = found
+        mine = result
         stack[0] = 0
         top = 1
         while top > 0:
@@ -68,13 +68,13 @@ def boxes_in_tree(boxes, group, tree, tree_group, order, stack, pairs):
                 stack[top + 1] = 2 * node + 1
                 top += 2
                 continue
-            if found < len(pairs):
-                pairs[found, 0] = i
-                pairs[found, 1] = order[node - first_leaf]
-            found += 1
-        if found <= len(pairs):
-            _sort_second(pairs, mine, found)
-    return found
+            if result < len(pairs):
+                pairs[result, 0] = i
+                pairs[result, 1] = order[node - first_leaf]
+            result += 1
+        if result <= len(pairs):
+            _sort_second(pairs, mine, result)
+    return result
 
 
 @njit(cache=True)
@@ -126,7 +126,7 @@ def segments_in_tree(
     """
     first_leaf = len(tree) // 2
     stack, point = np.empty(DEEPEST, np.int64), np.empty(3)
-    found = 0
+    result = 0
     for i in range(len(start)):
         stack[0] = 0
         top = 1
@@ -156,10 +156,10 @@ def segments_in_tree(
             position = _pierces(start[i], end[i], corners[j], normals[j], margin, point)
             if position < 0.0:
                 continue
-            if found < len(pairs):
-                pairs[found, 0], pairs[found, 1], at[found] = i, j, position
-            found += 1
-    return found
+            if result < len(pairs):
+                pairs[result, 0], pairs[result, 1], at[result] = i, j, position
+            result += 1
+    return result
 
 
 @njit(cache=True)
@@ -211,10 +211,10 @@ def _wound_round(point, corners, tree, order, stack):
             stack[top + 1] = 2 * node + 1
             top += 2
             continue
-        found = _turns(point, corners[order[node - first_leaf]])
-        if found == 2:
+        result = _turns(point, corners[order[node - first_leaf]])
+        if result == 2:
             return True
-        turns += found
+        turns += result
     return turns > 0
 
 

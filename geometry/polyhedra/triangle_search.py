@@ -136,14 +136,14 @@ def segment_piercings(
     ends, plane = own or (np.full((n, 2), -1), np.full(n, -1))
     while True:
         pairs, at = np.empty((room, 2), dtype=np.int64), np.empty(room)
-        found = segments_in_tree(
+        result = segments_in_tree(
             *(start, end, ends, plane, surface.corners, surface.area_vectors, surface.triangles),
             *(tree.boxes, tree.group, tree.order, margin, pairs, at),
         )
-        if found <= room:
-            order = np.lexsort(pairs[:found].T[::-1])
+        if result <= room:
+            order = np.lexsort(pairs[:result].T[::-1])
             return pairs[order], at[order]
-        room = found
+        room = result
 
 
 def piercings(points: FloatArray, surface: Surface, planes: IntArray, margin: float) -> FloatArray:

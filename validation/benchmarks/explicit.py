@@ -294,9 +294,9 @@ def table(result: dict[str, Any]) -> str:
 
 def main() -> None:
     """Run the benchmark and write its table, or JSON."""
-    asked, console = measuring(__doc__, 110)
+    requested, console = measuring(__doc__, 110)
     result = benchmark()
-    write_json(asked.json, result)
+    write_json(requested.json, result)
     console.print(table(result))
 
 

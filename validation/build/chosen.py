@@ -17,8 +17,8 @@ def chosen_blocks(key: str, chosen: Iterable[int | str], assembly: AnyBlocks) ->
     Arguments and errors as of `numbers_of`.
     """
     names = assembly.names or ("",) * assembly.n_blocks
-    found = [number for one in chosen for number in numbers_of(key, one, names)]
-    return np.array(list(dict.fromkeys(found)), dtype=np.int64)
+    result = [number for one in chosen for number in numbers_of(key, one, names)]
+    return np.array(list(dict.fromkeys(result)), dtype=np.int64)
 
 
 def chosen_block(key: str, one: int | str, assembly: AnyBlocks) -> int:
@@ -29,13 +29,13 @@ def chosen_block(key: str, one: int | str, assembly: AnyBlocks) -> int:
     AssemblyError
         Also for a name of several blocks.
     """
-    found = chosen_blocks(key, [one], assembly)
-    if len(found) > 1:
+    result = chosen_blocks(key, [one], assembly)
+    if len(result) > 1:
         raise AssemblyError(
-            f"{key}: got {one!r}, the name of {len(found)} blocks; expected a number, such as "
-            f"{found[0]}"
+            f"{key}: got {one!r}, the name of {len(result)} blocks; expected a number, such as "
+            f"{result[0]}"
         )
-    return int(found[0])
+    return int(result[0])
 
 
 def numbers_of(key: str, one: int | str, names: Sequence[str]) -> list[int]:
@@ -55,9 +55,9 @@ def numbers_of(key: str, one: int | str, names: Sequence[str]) -> list[int]:
     AssemblyError
         For a number or a name that no block has.
     """
-    found = [one] if isinstance(one, int) else [k for k, name in enumerate(names) if name == one]
-    if found and found[0] < len(names):
-        return found
+    result = [one] if isinstance(one, int) else [k for k, name in enumerate(names) if name == one]
+    if result and result[0] < len(names):
+        return result
     if isinstance(one, int):
         there = f"there are {len(names)} blocks, numbered 0 to {len(names) - 1}"
     else:

@@ -41,26 +41,26 @@ class FacingBlocks(Assembly):
     @cached_property
     def interfaces(self) -> Interfaces:
         """Facets that face a block, sorted by block pair."""
-        found = self.found
-        facet = _positions(found)
-        quads = np.empty((found.n_facets, 4), dtype=np.int64)
-        for block in np.unique(found.block_s).tolist():
-            mine = found.block_s == block
+        result = self.found
+        facet = _positions(result)
+        quads = np.empty((result.n_facets, 4), dtype=np.int64)
+        for block in np.unique(result.block_s).tolist():
+            mine = result.block_s == block
             quads[mine] = self.shape(block).contact_quads[facet[mine]]
-        change = (np.diff(found.block_m) != 0) | (np.diff(found.block_s) != 0)
-        start = np.concatenate([[0], np.flatnonzero(change) + 1, [found.n_facets]])
+        change = (np.diff(result.block_m) != 0) | (np.diff(result.block_s) != 0)
+        start = np.concatenate([[0], np.flatnonzero(change) + 1, [result.n_facets]])
         start = np.unique(start).astype(np.int64)
         n_pairs = len(start) - 1
         return Interfaces(
-            block_m=found.block_s,
-            block_s=found.block_m,
+            block_m=result.block_s,
+            block_s=result.block_m,
             quads_m=quads,
             quads_s=np.full_like(quads, -1),
             facet_m=facet,
             facet_s=np.full_like(facet, -1),
-            centroids=_centres(found),
-            normals=-found.mean_normals,
-            areas=found.areas,
+            centroids=_centres(result),
+            normals=-result.mean_normals,
+            areas=result.areas,
             pair_start=start,
             pair_class=np.arange(n_pairs),
             pair_rotations=np.tile(np.eye(3), (n_pairs, 1, 1)),

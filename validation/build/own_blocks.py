@@ -109,10 +109,10 @@ def _part_blocks(path: Path, scene: MeshScene) -> Sequence[tuple[Block, Polyhedr
 
 def bare_joints(surfaces: PolyhedralAssembly) -> list[tuple[int, int]]:
     """Pairs of blocks that touch along edges or at points alone."""
-    found = surfaces.interfaces
-    pairs = np.sort(np.column_stack([found.block_m, found.block_s]), axis=1)
+    result = surfaces.interfaces
+    pairs = np.sort(np.column_stack([result.block_m, result.block_s]), axis=1)
     key = pairs[:, 0] * surfaces.n_blocks + pairs[:, 1]
-    bare = np.unique(pairs[~np.isin(key, key[found.patch >= 0])], axis=0)
+    bare = np.unique(pairs[~np.isin(key, key[result.patch >= 0])], axis=0)
     return [(m, s) for m, s in bare.tolist()]
 
 

@@ -186,13 +186,13 @@ def placed_blocks(
     upright = Y_UP if scene.block.up == "y" else np.eye(3)
     parts: list[int] = []
     for number, part in enumerate(scene.parts):
-        found = read(part.file)
+        result = read(part.file)
         for place in part.places:
             turn, shift = motion(place)
-            blocks += [(shape, turn @ upright, shift) for shape, _ in found]
-            held += [part.fixed or place.fixed or solid.held for _, solid in found]
-            names += [solid.given_name for _, solid in found]
-            parts += [number] * len(found)
+            blocks += [(shape, turn @ upright, shift) for shape, _ in result]
+            held += [part.fixed or place.fixed or solid.held for _, solid in result]
+            names += [solid.given_name for _, solid in result]
+            parts += [number] * len(result)
     fixed = np.array(held)
     for one in scene.assembly.fixed:
         fixed[numbers_of("assembly.fixed", one, names)] = True

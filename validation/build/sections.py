@@ -20,7 +20,7 @@ def scene_planes(scene: WholeScene, assembly: AnyBlocks) -> Planes | None:
     """
     if not scene.sections:
         return None
-    found = [
+    result = [
         planes(
             one.point,
             one.normal,
@@ -32,8 +32,8 @@ def scene_planes(scene: WholeScene, assembly: AnyBlocks) -> Planes | None:
         for k, one in enumerate(scene.sections)
     ]
     return Planes(
-        points=np.concatenate([one.points for one in found]),
-        normals=np.concatenate([one.normals for one in found]),
-        blocks=tuple(one.blocks[0] for one in found),
-        names=tuple(one.names[0] for one in found),
+        points=np.concatenate([one.points for one in result]),
+        normals=np.concatenate([one.normals for one in result]),
+        blocks=tuple(one.blocks[0] for one in result),
+        names=tuple(one.names[0] for one in result),
     )

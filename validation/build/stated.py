@@ -82,10 +82,10 @@ def _materials(problem: Problem) -> dict[str, Any]:
 def _load(problem: Problem) -> dict[str, Any]:
     case = problem.load_case
     (load,) = case.faces[:1] or (None,)
-    found: dict[str, Any] = {"case": case.name, "pressure": getattr(load, "pressure", 0.0)}
+    result: dict[str, Any] = {"case": case.name, "pressure": getattr(load, "pressure", 0.0)}
     if case.name in ("beam", "shaft") and load is not None:
-        found["layer"] = int(problem.blocks.layer[load.blocks].max())
-    return found | ({"as_printed": True} if case.without_couple else {})
+        result["layer"] = int(problem.blocks.layer[load.blocks].max())
+    return result | ({"as_printed": True} if case.without_couple else {})
 
 
 def _law(law: object) -> dict[str, Any]:

@@ -76,11 +76,11 @@ def stated_load(scene: DeformableScene, assembly: AnyBlocks, load: LoadCase) -> 
     body = load.body_wrenches
     if wrenches.any():
         body = wrenches if body is None else body + wrenches
-    found = replace(
+    result = replace(
         load, faces=tuple(faces), lines=tuple(lines), held=(*load.held, *held), body_wrenches=body
     )
-    _refuse_taken(assembly, found)
-    return found
+    _refuse_taken(assembly, result)
+    return result
 
 
 def _refuse_taken(assembly: AnyBlocks, load: LoadCase) -> None:
@@ -149,8 +149,8 @@ def _refuse_fixed(scene: DeformableScene, assembly: AnyBlocks) -> None:
     if scene.push is not None:
         chosen.append(("load.push.block", (scene.push.block,)))
     for key, blocks in chosen:
-        found = chosen_blocks(key, blocks or (), assembly)
-        fixed = found[assembly.fixed[found]]
+        result = chosen_blocks(key, blocks or (), assembly)
+        fixed = result[assembly.fixed[result]]
         if len(fixed):
             raise InputError(
                 f"{key}: block {assembly.named(int(fixed[0]))} is fixed; expected blocks that can "
@@ -168,9 +168,9 @@ def _blocks(assembly: AnyBlocks, one: RegionSection, where: Where, place: str) -
     """
     if one.blocks is not None:
         return chosen_blocks(f"{place}.blocks", one.blocks, assembly)
-    found = blocks_with(assembly, where)
-    found = found[~assembly.fixed[found]]
-    if not len(found):
+    result = blocks_with(assembly, where)
+    result = result[~assembly.fixed[result]]
+    if not len(result):
         faces = dict.fromkeys(
             name for shape in assembly.shapes for name in getattr(shape, "faces", ())
         )
@@ -184,19 +184,19 @@ def _blocks(assembly: AnyBlocks, one: RegionSection, where: Where, place: str) -
             f"{place}: no block that is not fixed has a surface node on {where}; expected "
             "coordinates in mm"
         )
-    return found
+    return result
 
 
 def _held(assembly: AnyBlocks, one: SupportSection, place: str) -> list[HeldFace]:
     where = _where(assembly, one)
-    found = []
+    result = []
     for block in _blocks(assembly, one, where, place).tolist():
         if one.hold == "normal":
             directions: FloatArray | None = _normal(assembly, block, where, place)[None]
         else:
             axes = ["xyz".index(axis) for axis in one.hold]
             directions = None if len(axes) == 3 else np.eye(3)[axes]
-        found.append(
+        result.append(
             HeldFace(
                 block,
                 where,
@@ -207,7 +207,7 @@ def _held(assembly: AnyBlocks, one: SupportSection, place: str) -> list[HeldFace
                 name=one.name,
             )
         )
-    return found
+    return result
 
 
 def _normal(assembly: AnyBlocks, block: int, where: Where, place: str) -> FloatArray:

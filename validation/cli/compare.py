@@ -63,13 +63,13 @@ def compare(
                 progress=progress,
                 refinement=lambda now: tell(f"{file.name}: static, {progress_words(now)}"),
             )
-            found = compared(*(run.answer for run in rigid), *(run.answer for run in deformable))
-            data = found.as_dict()
-        report.print_comparison(found, outputs.console)
+            result = compared(*(run.answer for run in rigid), *(run.answer for run in deformable))
+            data = result.as_dict()
+        report.print_comparison(result, outputs.console)
         outputs.tell_unused(use)
         peak = peak_memory_mb()
         outputs.console.print(f"peak memory {peak:.0f} MB")
-        outputs.write("picture", report.PICTURE, found.draw)
+        outputs.write("picture", report.PICTURE, result.draw)
         outputs.write_json({"scene": file.name, **data, "peak_memory_mb": peak, **added})
 
 

@@ -73,6 +73,6 @@ def peaks(json: JsonOption = None) -> None:
 
     with Outputs(json) as outputs:
         with status(outputs.console, "two layers of tsb1-pipe, degrees 1 to 3"):
-            found = peaks()
-        print_peaks(found, outputs.console)
-        outputs.write_json(found)
+            result = peaks()
+        print_peaks(result, outputs.console)
+        outputs.write_json(result)

@@ -107,10 +107,10 @@ def check(
     _one_of("--units", units, ("mm", "cm", "m", "inch"))
     _one_of("--up", up, ("y", "z"))
     with Outputs(json, reads=(file,)) as outputs:
-        found = check_file(file, units=units, up=up, repair=False)
-        outputs.console.print(found.table())
-        outputs.write_json(found.as_dict())
-    if not found.clean:
+        result = check_file(file, units=units, up=up, repair=False)
+        outputs.console.print(result.table())
+        outputs.write_json(result.as_dict())
+    if not result.clean:
         raise typer.Exit(1)
 
 
@@ -131,10 +131,10 @@ def repair(
     _one_of("--units", units, ("mm", "cm", "m", "inch"))
     _one_of("--up", up, ("y", "z"))
     with Outputs(json, files={"-o": output}, reads=(file,)) as outputs:
-        found = write_repaired(file, output, units=units, up=up)
-        outputs.console.print(found.table())
-        outputs.write_json(found.as_dict())
-        outputs.say(f"{len(found.blocks)} blocks", output)
+        result = write_repaired(file, output, units=units, up=up)
+        outputs.console.print(result.table())
+        outputs.write_json(result.as_dict())
+        outputs.say(f"{len(result.blocks)} blocks", output)
 
 
 def deck(

@@ -174,8 +174,8 @@ def _options(settings: list[str] | None) -> list[str]:
 
 def _print_tighter(given: list[str], missed: list[str], outputs: Outputs) -> None:
     """Print the command for tighter error bars of what was not reached."""
-    asked = [part for name in missed for part in ("--accuracy", f"{name}=5%")]
-    words = shlex.join(["tubelock", "fem", *given, *asked])
+    requested = [part for name in missed for part in ("--accuracy", f"{name}=5%")]
+    words = shlex.join(["tubelock", "fem", *given, *requested])
     outputs.console.print(f"for tighter error bars: {words}", soft_wrap=True)
 
 
@@ -223,8 +223,8 @@ def _decided(
         return scene, {}
     from validation.study.effects.report import decided
 
-    found, decision = decided(scene, name, outputs.console)
-    return found, {"effects_decision": decision.as_json()}
+    result, decision = decided(scene, name, outputs.console)
+    return result, {"effects_decision": decision.as_json()}
 
 
 def _converged(
@@ -350,11 +350,11 @@ def _estimated(
     name, scene, fem = run.name, run.scene, run.scene.fem
     if reference:
         with status(outputs.console, f"{name}: converged static state") as tell:
-            found = static_reference(run, lambda now: tell(f"{name}: {progress_words(now)}"))
+            result = static_reference(run, lambda now: tell(f"{name}: {progress_words(now)}"))
         watch.lap("static reference")
-        run = replace(run, reference=found)
-        if found is not None and fem.error_estimate and not found.why_not:
-            return replace(run, errors=found.bars(run.answer.measures))
+        run = replace(run, reference=result)
+        if result is not None and fem.error_estimate and not result.why_not:
+            return replace(run, errors=result.bars(run.answer.measures))
     if not fem.error_estimate:
         return run
     with status(outputs.console, f"{name}: two coarser meshes, for the errors"):

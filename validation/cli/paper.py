@@ -48,9 +48,9 @@ def tables(json: JsonOption = None) -> None:
     from validation.paper.tables import compute_tables, print_tables
 
     with Outputs(json) as outputs:
-        found = compute_tables(outputs.console)
-        print_tables(found, outputs.console)
-        outputs.write_json(found)
+        result = compute_tables(outputs.console)
+        print_tables(result, outputs.console)
+        outputs.write_json(result)
 
 
 def figures(
@@ -72,12 +72,12 @@ def figures(
 
     with Outputs(json, output, ("*.png", "*.sqlite")) as outputs:
         evidence = Evidence(output, outputs.console, deformable=fem, full=full, workers=workers)
-        found = draw_figures(evidence, output)
+        result = draw_figures(evidence, output)
         costs = cost_rows(evidence)
         print_costs(costs, outputs.console)
-        for figure in found:
+        for figure in result:
             outputs.say("picture", figure.path)
-        data = [{"name": f.name, "caption": f.caption, "path": str(f.path)} for f in found]
+        data = [{"name": f.name, "caption": f.caption, "path": str(f.path)} for f in result]
         outputs.write_json({"figures": data, "cost": [asdict(row) for row in costs]})
 
 
@@ -102,9 +102,9 @@ def claims(
     chosen_by_name(judge.claims(), names, "claim")
     with Outputs(json, _DATA, ("*.sqlite",)) as outputs:
         evidence = Evidence(_DATA, outputs.console, deformable=fem, full=full, workers=workers)
-        found = judge.judge_claims(evidence, names)
-        judge.print_claims(found, outputs.console)
-        outputs.write_json(found)
+        result = judge.judge_claims(evidence, names)
+        judge.print_claims(result, outputs.console)
+        outputs.write_json(result)
 
 
 def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
@@ -116,9 +116,9 @@ def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
 
     chosen_by_name(errata.errata(), names, "erratum")
     with Outputs(json, _DATA, ("*.sqlite",)) as outputs:
-        found = errata.show_errata(Evidence(_DATA, outputs.console), names)
-        errata.print_errata(found, outputs.console)
-        outputs.write_json(found)
+        result = errata.show_errata(Evidence(_DATA, outputs.console), names)
+        errata.print_errata(result, outputs.console)
+        outputs.write_json(result)
 
 
 def report(
@@ -171,9 +171,9 @@ def _tables(outputs: Outputs) -> None:
     from validation.paper.tables import compute_tables, print_tables
 
     outputs.console.print("The paper's tables and tubelock (rigid blocks, frictionless contact):")
-    found = compute_tables(outputs.console)
-    print_tables(found, outputs.console)
-    data = stamped(found, outputs.origin)
+    result = compute_tables(outputs.console)
+    print_tables(result, outputs.console)
+    data = stamped(result, outputs.origin)
     outputs.write("tables", "tables.json", lambda path: write_json(str(path), data))
 
 
@@ -207,9 +207,9 @@ def _deformable(outputs: Outputs) -> None:
     )
     scene = require_deformable(load_scene("tsb1-pipe", REDUCED), "demo")
     rigid, (static,) = compared_runs("tsb1-pipe", scene)
-    found = compare(*(run.answer for run in rigid), static.answer)
-    print_comparison(found, outputs.console)
-    outputs.write("picture", "compare-rigid-fem.png", found.draw)
+    result = compare(*(run.answer for run in rigid), static.answer)
+    print_comparison(result, outputs.console)
+    outputs.write("picture", "compare-rigid-fem.png", result.draw)
     outputs.write("picture", "fem-stresses.png", partial(draw_stresses, static))
     outputs.write("picture", "fem-sections.png", partial(draw_sections, static))
 

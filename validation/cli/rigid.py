@@ -79,9 +79,9 @@ def mbd(
             outputs.console.print(f"{'note':9} {warning}")
             added["frame_warning"] = warning
         if unlock:
-            found = layers_to_unlock(file)
-            outputs.console.print(f"{'unlock':9} {found.words}")
-            added["layers_to_unlock"] = found.as_json()
+            result = layers_to_unlock(file)
+            outputs.console.print(f"{'unlock':9} {result.words}")
+            added["layers_to_unlock"] = result.as_json()
         if refine:
             change = refined(file, run)
             outputs.console.print(f"{'refined':9} {change.words}")

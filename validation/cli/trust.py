@@ -41,10 +41,10 @@ def stability(
             report.list_cases(cases, outputs.console)
             outputs.write_json({"cases": [case.stated for case in cases]})
             return
-        found = report.run_cases(cases)
-        report.print_cases(found, outputs.console)
-        outputs.write_json(found)
-    if found["counts"]["red"]:
+        result = report.run_cases(cases)
+        report.print_cases(result, outputs.console)
+        outputs.write_json(result)
+    if result["counts"]["red"]:
         raise typer.Exit(1)
 
 
@@ -74,15 +74,15 @@ def effects(
     bound = report.bound(checked, tolerance)
     with scene_outputs(file, json, output, (report.PICTURE,)) as outputs:
         console = outputs.console
-        found = effect_costs(
+        result = effect_costs(
             checked.changed({"effects.auto": None}),
             file.name,
             tolerance=bound,
             told=lambda name: console.print(f"… {name}") if console.is_terminal else None,
         )
-        console.print(report.effects_table(found))
-        outputs.write("picture", report.PICTURE, lambda path: report.draw_effects(found, path))
-        outputs.write_json(found)
+        console.print(report.effects_table(result))
+        outputs.write("picture", report.PICTURE, lambda path: report.draw_effects(result, path))
+        outputs.write_json(result)
 
 
 def cell(scene: SceneArgument, *, settings: SetOption = None, json: JsonOption = None) -> None:
@@ -101,6 +101,6 @@ def cell(scene: SceneArgument, *, settings: SetOption = None, json: JsonOption =
     fem_section(checked, file.name)
     with Outputs(json, scene=file) as outputs:
         with status(outputs.console, f"{file.name}: periodic cell and whole tube"):
-            found = cell_error(checked, file.name)
-        outputs.console.print(cell_table(file.name, found))
-        outputs.write_json(found)
+            result = cell_error(checked, file.name)
+        outputs.console.print(cell_table(file.name, result))
+        outputs.write_json(result)

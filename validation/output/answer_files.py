@@ -83,20 +83,22 @@ def write_contacts(answer: Answer, path: Path) -> None:
 
     They are those that were solved, else those of the answer.
     """
-    found: Mapping[str, Array] = answer.contacts
+    result: Mapping[str, Array] = answer.contacts
     if answer.method != "rigid" and answer.details is not None:
         from fem.measures import contacts_of
 
-        found = contacts_of(answer.details)
+        result = contacts_of(answer.details)
     given = {"pressure": "contact_pressure", "force": "contact_force"}
-    values = {given.get(n, n): found[n] for n in ("pressure", "force", "gap", "slip") if n in found}
-    if "force" in found:
-        values["traction"] = found["force"] / found["area"][:, None]
-    values |= {name: found[name] for name in ("normal", "area")}
+    values = {
+        given.get(n, n): result[n] for n in ("pressure", "force", "gap", "slip") if n in result
+    }
+    if "force" in result:
+        values["traction"] = result["force"] / result["area"][:, None]
+    values |= {name: result[name] for name in ("normal", "area")}
     for k, side in enumerate("ms"):
-        values[f"block_{side}"] = found["blocks"][:, k].astype(np.int32)
-        values[f"layer_{side}"] = found["layer"][:, k].astype(np.int32)
-    corners = found["corners"].reshape(-1, 3)
+        values[f"block_{side}"] = result["blocks"][:, k].astype(np.int32)
+        values[f"layer_{side}"] = result["layer"][:, k].astype(np.int32)
+    corners = result["corners"].reshape(-1, 3)
     write_surface(path, QuadSurface(corners, np.arange(len(corners)).reshape(-1, 4)), values)
 
 
@@ -114,10 +116,10 @@ def read_answer(folder: Path) -> Answer:
             raise InputError(f"{folder / name}: {why}; expected a folder that `write` wrote")
     try:
         data = json.loads((folder / FILES[0]).read_text("utf-8"))
-        measures = {name: Measure(**found) for name, found in data.pop("measures").items()}
+        measures = {name: Measure(**result) for name, result in data.pop("measures").items()}
         title, method = data.pop("title"), data.pop("method")
-        with np.load(folder / FILES[1], allow_pickle=False) as found:
-            arrays = {name: found[name] for name in found.files}
+        with np.load(folder / FILES[1], allow_pickle=False) as result:
+            arrays = {name: result[name] for name in result.files}
         own = {name: arrays[name] for name in _ARRAYS}
     except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
         raise InputError(f"{folder}: holds a damaged answer ({error}); write it again") from None

@@ -79,9 +79,9 @@ def measuring(about: str | None, width: int, **flags: str) -> tuple[argparse.Nam
     parser.add_argument("--json", metavar="FILE|-")
     for flag, words in flags.items():
         parser.add_argument(f"--{flag}", action="store_true", help=words)
-    asked = parser.parse_args()
-    prepare_json(asked.json)
-    return asked, Console(stderr=asked.json == "-", width=width, markup=False)
+    requested = parser.parse_args()
+    prepare_json(requested.json)
+    return requested, Console(stderr=requested.json == "-", width=width, markup=False)
 
 
 def error_console() -> Console:

@@ -101,13 +101,13 @@ def picture_file(given: Path | None, default: Path, scene: SceneFile) -> Path:
     InputError
         For an ending of no picture, or another than the scene asks for.
     """
-    asked = scene.scene.pictures
+    requested = scene.scene.pictures
     if given is None:
-        return default.with_suffix(f".{asked.format}")
+        return default.with_suffix(f".{requested.format}")
     require_picture(given)
-    if "format" in asked.model_fields_set and given.suffix.lower() != f".{asked.format}":
+    if "format" in requested.model_fields_set and given.suffix.lower() != f".{requested.format}":
         raise InputError(
-            f"-o {given}: its ending is another than pictures.format = {asked.format!r} of the "
+            f"-o {given}: its ending is another than pictures.format = {requested.format!r} of the "
             "scene; leave one of them out"
         )
     return given

@@ -150,8 +150,10 @@ class Outputs:
         """Size, font and format of pictures."""
         if self.scene is None:
             return Look()
-        asked = self.scene.scene.pictures
-        return Look(asked.width, asked.font, asked.font_size, asked.footer, asked.labels)
+        requested = self.scene.scene.pictures
+        return Look(
+            requested.width, requested.font, requested.font_size, requested.footer, requested.labels
+        )
 
     @property
     def _not_drawn(self) -> tuple[str, ...]:

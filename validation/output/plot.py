@@ -52,20 +52,20 @@ def plot(answer: Answer, field: str, *, layer: int | None = None, unrolled: bool
 
 def _of_contacts(answer: Answer, field: str, layer: int | None) -> tuple[FloatArray, FloatArray]:
     """Corners of contact facets and the value of each."""
-    found = answer.contacts
-    if "corners" not in found:
+    result = answer.contacts
+    if "corners" not in result:
         raise InputError(f"plot: {answer.title} has contact points, no facets; expected a field")
-    shown = np.ones(len(found[field]), dtype=np.bool_)
+    shown = np.ones(len(result[field]), dtype=np.bool_)
     if layer is not None:
-        shown = (found["layer"] == layer).any(axis=1)
-    values = found[field][shown].astype(np.float64)
-    return found["corners"][shown], values if values.ndim == 1 else np.linalg.norm(values, axis=1)
+        shown = (result["layer"] == layer).any(axis=1)
+    values = result[field][shown].astype(np.float64)
+    return result["corners"][shown], values if values.ndim == 1 else np.linalg.norm(values, axis=1)
 
 
 def _of_facets(answer: Answer) -> list[str]:
     """Numbers of contact facets, and vectors that have a size."""
-    found = answer.contacts
-    return [name for name in found if found[name].ndim == 1 or name in {"force", "slip"}]
+    result = answer.contacts
+    return [name for name in result if result[name].ndim == 1 or name in {"force", "slip"}]
 
 
 def _of_blocks(answer: Answer, field: str, layer: int | None) -> tuple[FloatArray, FloatArray]:

@@ -72,7 +72,7 @@ class Provenance:
 
     def as_json(self) -> dict[str, Any]:
         """Under the key ``provenance`` of every JSON: enough to ask the same question again."""
-        found: dict[str, Any] = {
+        result: dict[str, Any] = {
             "program": f"tubelock {program()}",
             "date": _day(),
             "python": platform.python_version(),
@@ -80,8 +80,8 @@ class Provenance:
         }
         if self.scene is not None:
             keys = self.scene.scene.model_dump(mode="json", exclude_unset=True)
-            found["scene"] = {"name": self.scene.name, **keys}
-        return found
+            result["scene"] = {"name": self.scene.name, **keys}
+        return result
 
 
 def processor() -> str:
@@ -127,7 +127,7 @@ def stamp_vtu(path: Path, origin: Provenance) -> None:
     A string among the field data would be shown by ParaView, but meshio rejects to read it.
     """
     text = path.read_bytes()
-    head, found, rest = text.partition(b"<VTKFile")
+    head, result, rest = text.partition(b"<VTKFile")
     words = origin.line().replace("--", "- -")
-    if found:
-        path.write_bytes(head + f"<!-- {words} -->\n".encode() + found + rest)
+    if result:
+        path.write_bytes(head + f"<!-- {words} -->\n".encode() + result + rest)

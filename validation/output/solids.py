@@ -142,14 +142,14 @@ def check_file(path: Path, *, units: str, up: str, repair: bool) -> FileCheck:
         A file that cannot be read.
     """
     try:
-        found = diagnosed_blocks(path, units=units, repair=repair)
+        result = diagnosed_blocks(path, units=units, repair=repair)
     except MeshError as error:
         raise InputError(str(error)) from None
-    number = [k for k, (_, faults) in enumerate(found) if not faults]
-    check = FileCheck(path, units, [block for block, _ in found], [faults for _, faults in found])
+    number = [k for k, (_, faults) in enumerate(result) if not faults]
+    check = FileCheck(path, units, [block for block, _ in result], [faults for _, faults in result])
     if not number:
         return check
-    assembly = _assembly(path.stem, [found[k][0] for k in number], up)
+    assembly = _assembly(path.stem, [result[k][0] for k in number], up)
     overlaps, gaps, touching = _neighbours(assembly)
     return replace(
         check,

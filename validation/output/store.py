@@ -166,15 +166,15 @@ class Store:
 
     def _check_format(self) -> None:
         ours = self._connection.execute("PRAGMA application_id").fetchone()[0] == APPLICATION
-        found = self._connection.execute("PRAGMA user_version").fetchone()[0]
+        result = self._connection.execute("PRAGMA user_version").fetchone()[0]
         if not ours:
             raise InputError(
                 f"{self.path}: is an SQLite file, but not a file of results; choose another name"
             )
-        if found != FORMAT:
-            age = "an older" if found < FORMAT else "a newer"
+        if result != FORMAT:
+            age = "an older" if result < FORMAT else "a newer"
             raise InputError(
-                f"{self.path}: was written by {age} tubelock (format {found}, this one reads "
+                f"{self.path}: was written by {age} tubelock (format {result}, this one reads "
                 f"{FORMAT}); use that version for it, or give another file"
             )
 
@@ -217,8 +217,8 @@ class Store:
     def about(self) -> dict[str, str]:
         """Read what the file belongs to."""
         statement = "SELECT content FROM about"
-        found: dict[str, str] = json.loads(self._connection.execute(statement).fetchone()[0])
-        return found
+        result: dict[str, str] = json.loads(self._connection.execute(statement).fetchone()[0])
+        return result
 
     def _check_about(self, about: Mapping[str, str]) -> None:
         """Reject a file that belongs to something else; nothing by default."""
@@ -326,10 +326,10 @@ class Store:
     def get(self, key: str) -> dict[str, Any] | None:
         """Return the row that this program wrote under a key; None where there is none."""
         with self._clear_errors():
-            found = self._connection.execute(
+            result = self._connection.execute(
                 "SELECT * FROM rows WHERE key = ? AND program = ?", (key, program())
             ).fetchone()
-        return None if found is None else dict(zip(self.columns, found, strict=True))
+        return None if result is None else dict(zip(self.columns, result, strict=True))
 
     def ask(self, statement: str) -> list[tuple[Any, ...]]:
         """Answer a question in SQL; ``:program`` stands for this program."""
@@ -380,8 +380,8 @@ def _writable(path: Path) -> bool:
 def _rows_statement(connection: sqlite3.Connection) -> str | None:
     """Statement that made the rows; None without any."""
     statement = "SELECT sql FROM sqlite_master WHERE name = 'rows'"
-    found = connection.execute(statement).fetchone()
-    return None if found is None else str(found[0])
+    result = connection.execute(statement).fetchone()
+    return None if result is None else str(result[0])
 
 
 def make_tables(connection: sqlite3.Connection, table: str, about: str) -> None:

@@ -220,15 +220,15 @@ def _layer_shift(_: Evidence) -> Shown:
 @_erratum
 def _one_wave(evidence: Evidence) -> Shown:
     """Three designs of the study with either turn: what the paper says holds for one of them."""
-    found = {f: p_max(evidence.tsb((0.0, f, 6, 30.0, 25.0))) for f in (1.0, 1.5, 2.0)}
+    result = {f: p_max(evidence.tsb((0.0, f, 6, 30.0, 25.0))) for f in (1.0, 1.5, 2.0)}
     other = replace(evidence, turn=LayerTurn.HALF_BLOCK)
     half = p_max(other.tsb((0.0, 2.0, 6, 30.0, 25.0)))
     return Shown(
         "n = 6, a = 25, t = 30: turned by one wave p_max is "
-        + ", ".join(f"{p:.3f} (f = {f:g})" for f, p in found.items())
+        + ", ".join(f"{p:.3f} (f = {f:g})" for f, p in result.items())
         + f" MPa, it rises with f as the paper says; turned by half a block it is {half:.3f} at "
         "f = 2. At f = 1 and 1.5, and so in the tables, both turns are the same",
-        {"one_wave": {f"{f:g}": p for f, p in found.items()}, "half_block": half},
+        {"one_wave": {f"{f:g}": p for f, p in result.items()}, "half_block": half},
     )
 
 
@@ -280,13 +280,13 @@ def errata() -> list[Erratum]:
 
 def show_errata(evidence: Evidence, names: list[str] | None = None) -> list[dict[str, Any]]:
     """Demonstrate all errata, or some by name (`chosen_by_name`), with the command that does it."""
-    found = []
+    result = []
     for erratum in chosen_by_name(errata(), names, "erratum"):
         shown = erratum.show(evidence)
         stated = {key: getattr(erratum, key) for key in ("name", "printed", "meant")}
         command = f"tubelock reproduce errata {erratum.name}"
-        found.append(stated | {"shown": shown.words, "values": shown.values, "command": command})
-    return found
+        result.append(stated | {"shown": shown.words, "values": shown.values, "command": command})
+    return result
 
 
 def print_errata(found: list[dict[str, Any]], console: Console) -> None:

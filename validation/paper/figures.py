@@ -294,7 +294,7 @@ class FigureFile:
 
 def draw_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
     """Draw every figure that the evidence allows into a folder; what it lacks is computed."""
-    found = []
+    result = []
     for figures in (_parameter_figures, _pressure_figures, _deformable_figures, _cost_figure):
         fem = figures is _deformable_figures
         if fem and not evidence.deformable:
@@ -303,8 +303,8 @@ def draw_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
         for name, caption, draw in figures(evidence):
             path = folder / f"{name}.png"
             draw(path)
-            found.append(FigureFile(name, caption, path, command))
-    return found
+            result.append(FigureFile(name, caption, path, command))
+    return result
 
 
 #: Stem of the file, caption, and what draws it.

@@ -255,23 +255,23 @@ def sensitivity(solve: Solve, chosen: Sequence[Ingredient] | None = None) -> lis
         if "p_max" in row
     ]
     whole = [as_read(solve_row(solve, block, case).result.measures) for block, case, _ in rows]
-    found = [_entry("all of them", rows, whole)]
+    result = [_entry("all of them", rows, whole)]
     for ingredient in ingredients() if chosen is None else chosen:
         changed = [ingredient.without(solve, block, case) for block, case, _ in rows]
         values = [c if c is not None else w for c, w in zip(changed, whole, strict=True)]
-        found.append(_entry(ingredient.name, rows, values))
-    return found
+        result.append(_entry(ingredient.name, rows, values))
+    return result
 
 
 def _entry(
     name: str, rows: list[tuple[str, str, dict[str, float]]], values: list[Values]
 ) -> Sensitivity:
-    found, differences, met = {}, {}, 0
+    result, differences, met = {}, {}, 0
     for (block, case, printed), ours in zip(rows, values, strict=True):
         for quantity, number in printed.items():
             value = ours[quantity]
             met += to_the_digit(quantity, number, value)
             place = f"{block} {case} {quantity}"
-            found[place] = value
+            result[place] = value
             differences[place] = float("nan") if value is None else value / number - 1
-    return Sensitivity(name, met, len(found), found, differences)
+    return Sensitivity(name, met, len(result), result, differences)

@@ -151,7 +151,7 @@ _VIEW_MESH = ("mesh.around=36", "mesh.radial=4", "mesh.axial=10")
 
 
 def _views(evidence: Evidence) -> list[View3d]:
-    found = [
+    result = [
         _pressure_view(
             evidence.rigid("tsb1-pipe", *_VIEW_MESH), "TSB1 under internal pressure", "rigid-pipe"
         ),
@@ -162,8 +162,8 @@ def _views(evidence: Evidence) -> list[View3d]:
         ),
     ]
     if evidence.deformable:
-        found.append(_stress_view(evidence.fem("TSB1", "pipe")))
-    return found
+        result.append(_stress_view(evidence.fem("TSB1", "pipe")))
+    return result
 
 
 #: Layers shown: the middle of the tube, large enough to see.

@@ -95,9 +95,9 @@ def count_words(tables: dict[str, Any]) -> str:
 
 def lines_by_block(tables: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
     """All numbers and classes of each block in words, load case by load case."""
-    found: dict[str, list[dict[str, Any]]] = {}
+    result: dict[str, list[dict[str, Any]]] = {}
     for c in tables["classes"]:
-        lines = found.setdefault(c["block"], [])
+        lines = result.setdefault(c["block"], [])
         same = c["paper"] == c["ours"]
         head = {"quantity": HEADS["mechanism"], "same": same, "difference": "", "physics": ""}
         lines.append(c | head)
@@ -113,7 +113,7 @@ def lines_by_block(tables: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
                     "physics": number(q, row["physical"], 2),
                 }
                 lines.append({"case": c["case"]} | words)
-    return found
+    return result
 
 
 def print_tables(tables: dict[str, Any], console: Console) -> None:

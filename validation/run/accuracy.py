@@ -25,7 +25,7 @@ def parse_targets(texts: list[str]) -> dict[str, float]:
     InputError
         For anything else, and for a measure that is requested twice.
     """
-    found: dict[str, float] = {}
+    result: dict[str, float] = {}
     names = ", ".join(("u", *TITLES))
     for text in texts:
         given, _, number = (part.strip() for part in text.rpartition("="))
@@ -38,10 +38,10 @@ def parse_targets(texts: list[str]) -> dict[str, float]:
                 f"--accuracy {text}: got {number}, expected a share between 0 and 100 %, such as "
                 f"{given}=3%{percent}"
             )
-        if name in found:
+        if name in result:
             raise InputError(f"--accuracy {text}: {name} is requested twice; expected it once")
-        found[name] = share
-    return found
+        result[name] = share
+    return result
 
 
 def states_its_mesh(fem: FemSection) -> bool:

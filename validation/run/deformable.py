@@ -135,8 +135,8 @@ class DeformableRun:
         """Whether and why facets that face each other were searched."""
         if not self.solution.deformable.contact.finite_sliding:
             return ContactSearch.NONE
-        asked = self.scene.effects.finite_sliding
-        return ContactSearch.ASKED if asked else ContactSearch.NEEDED
+        requested = self.scene.effects.finite_sliding
+        return ContactSearch.ASKED if requested else ContactSearch.NEEDED
 
     @property
     def title(self) -> str:

@@ -41,16 +41,16 @@ def friction_set(
         return None
     solve = partial(run_static, store=FlexibilityStore()) if solve is None else solve
     change, member = load_step_change(run.solution), _member(run)
-    found, reason = None, ""
+    result, reason = None, ""
     for scene in _meshes(run.scene):
         try:
-            found = scene, solve(run.name, scene).answer.measures
+            result = scene, solve(run.name, scene).answer.measures
             break
         except RefusedError as error:
             reason = str(error)
-    if found is None:
+    if result is None:
         return FrictionSet(member, change, {}, f"no static state: {reason}")
-    scene, direct = found
+    scene, direct = result
     try:
         back = solve(run.name, scene, load_path=PAST_AND_BACK)
     except RefusedError as error:

@@ -88,10 +88,10 @@ def faces_words(scene: DeformableScene, assembly: Assembly) -> str | None:
         return None
     if not faces.touches:
         return "blocks touch along edges and at points alone, and edges and points carry nothing"
-    found = newton_equilibrium(faces.contacts.jacobian, faces.force)
-    motion = found.mechanism
+    result = newton_equilibrium(faces.contacts.jacobian, faces.force)
+    motion = result.mechanism
     friction = scene.effects.friction
-    if motion is None or found.holds:
+    if motion is None or result.holds:
         return None
     frictional = _frictional(scene, faces)
     if friction is not None:
@@ -111,8 +111,8 @@ def squeeze_words(scene: DeformableScene, assembly: Assembly) -> str | None:
     answer = frictional_equilibrium(frictional, faces.force)
     if not answer.holds:
         return None
-    found = squeeze(faces.contacts, frictional, faces.force, answer.forces)
-    return f"{found.words}, and the load does not press them" if found.needed else None
+    result = squeeze(faces.contacts, frictional, faces.force, answer.forces)
+    return f"{result.words}, and the load does not press them" if result.needed else None
 
 
 def require_held_by_faces(name: str, scene: DeformableScene, assembly: Assembly) -> None:

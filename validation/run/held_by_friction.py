@@ -43,24 +43,24 @@ class _AtCorners(Assembly):
 
     @cached_property
     def interfaces(self) -> Interfaces:
-        found = self.facets
-        corners = np.zeros((found.n_contacts, 4, 3))
-        for block in np.unique(found.block_m):
-            here = found.block_m == block
-            corners[here] = self.nodes(int(block))[found.quads_m[here]]
+        result = self.facets
+        corners = np.zeros((result.n_contacts, 4, 3))
+        for block in np.unique(result.block_m):
+            here = result.block_m == block
+            corners[here] = self.nodes(int(block))[result.quads_m[here]]
         corners = bilinear(self.natural * FACET_CORNERS)[0] @ corners
         return replace(
-            found,
-            block_m=np.repeat(found.block_m, 4),
-            block_s=np.repeat(found.block_s, 4),
-            quads_m=np.repeat(found.quads_m, 4, axis=0),
-            quads_s=np.repeat(found.quads_s, 4, axis=0),
-            facet_m=np.repeat(found.facet_m, 4),
-            facet_s=np.repeat(found.facet_s, 4),
+            result,
+            block_m=np.repeat(result.block_m, 4),
+            block_s=np.repeat(result.block_s, 4),
+            quads_m=np.repeat(result.quads_m, 4, axis=0),
+            quads_s=np.repeat(result.quads_s, 4, axis=0),
+            facet_m=np.repeat(result.facet_m, 4),
+            facet_s=np.repeat(result.facet_s, 4),
             centroids=corners.reshape(-1, 3),
-            normals=np.repeat(found.normals, 4, axis=0),
-            areas=np.repeat(found.areas / 4.0, 4),
-            pair_start=4 * found.pair_start,
+            normals=np.repeat(result.normals, 4, axis=0),
+            areas=np.repeat(result.areas / 4.0, 4),
+            pair_start=4 * result.pair_start,
         )
 
 

@@ -63,8 +63,8 @@ class StaticReference:
 
     def bars(self, measures: Mapping[str, Measure]) -> dict[str, float]:
         """Error bars of a run: its discretisation errors, and the error bars of this state."""
-        found = self.errors(measures).items()
-        return {name: abs(error) + (self.measures[name].error or 0.0) for name, error in found}
+        result = self.errors(measures).items()
+        return {name: abs(error) + (self.measures[name].error or 0.0) for name, error in result}
 
     def _usable(self, name: str) -> bool:
         return self.measures[name].resolved and not self.measures[name].remark

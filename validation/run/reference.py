@@ -52,7 +52,7 @@ def static_reference(
     if why is not None:
         return StaticReference(why_not=why)
     try:
-        found = run_converged(
+        result = run_converged(
             run.name,
             converged_scene(run.scene),
             DEFAULT_TARGETS,
@@ -61,7 +61,7 @@ def static_reference(
         )
     except RefusedError as error:
         return StaticReference(why_not=str(error).removeprefix(f"{run.name}: "))
-    measures = found.answer.measures
-    if found.facets is None:  # means over other facets than the run's
+    measures = result.answer.measures
+    if result.facets is None:  # means over other facets than the run's
         measures = {name: m for name, m in measures.items() if name not in OF_FACETS}
-    return StaticReference(measures, found.refinement, found.cpu_seconds)
+    return StaticReference(measures, result.refinement, result.cpu_seconds)

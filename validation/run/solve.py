@@ -151,11 +151,11 @@ def with_factors(run: DeformableRun) -> DeformableRun:
             count_materials(run.scene, key)
         options = static_options(run.scene, fem_section(run.scene, run.name))
         with named(run.name):
-            found = strength_factors(run.solution, run.answer.measures, options)
+            result = strength_factors(run.solution, run.answer.measures, options)
         watch.lap("load factors")
-    if not found:
+    if not result:
         return run
-    return replace(run, factors=found, cpu_seconds=summed(run.cpu_seconds, watch.seconds()))
+    return replace(run, factors=result, cpu_seconds=summed(run.cpu_seconds, watch.seconds()))
 
 
 # ---------------------------------------------------------------------------------------------
@@ -194,11 +194,11 @@ def floating_words(
     springs = replace(deformable.contact, law=LinearPenalty(_SPRINGS))
     once = replace(options, load_steps=1, keep_steps=False)
     try:
-        found = solve_static(replace(deformable, contact=springs), once)
+        result = solve_static(replace(deformable, contact=springs), once)
     except RefusedError:
         return None
-    loose = found.loose_blocks.tolist()
-    if not found.converged or not loose:
+    loose = result.loose_blocks.tolist()
+    if not result.converged or not loose:
         return None
     named = ", ".join(map(str, loose[:_NAMED])) + (", …" if len(loose) > _NAMED else "")
     return (
@@ -280,7 +280,7 @@ def run_converged(
         require_held_by_faces(name, scene, problem.blocks)
         watch.lap("build")
         with _floating_named(name, scene, problem, options):
-            found = converge(
+            result = converge(
                 problem,
                 targets,
                 options=options,
@@ -289,24 +289,24 @@ def run_converged(
                 progress=progress,
             )
         watch.lap("solve")
-        _require_sector(name, scene, fem, found.solution)
-        on_frame = None if frames is None else frames(found.solution)
+        _require_sector(name, scene, fem, result.solution)
+        on_frame = None if frames is None else frames(result.solution)
         if on_frame is not None:
-            write_static_frames(fem.frames, found.solution, options, on_frame)
+            write_static_frames(fem.frames, result.solution, options, on_frame)
             watch.lap("frames")
-        friction = _friction_of(problem, scene, found, options)
+        friction = _friction_of(problem, scene, result, options)
         if friction is not None:
             watch.lap("range of friction")
     run = DeformableRun(
         name=name,
         scene=scene,
         problem=problem,
-        solution=found.solution,
+        solution=result.solution,
         cpu_seconds=watch.seconds(),
-        errors=found.errors,
-        facets=found.facets,
-        remarks=found.remarks,
-        refinement=found.report,
+        errors=result.errors,
+        facets=result.facets,
+        remarks=result.remarks,
+        refinement=result.report,
         friction=friction,
     )
     return with_factors(run)

@@ -32,8 +32,8 @@ class Stages:
     def seconds(self) -> dict[str, float]:
         """CPU time of each stage, of compilation if there was any, and of everything [s]."""
         compiled = self._compiled.cpu_seconds
-        told = {"compile": compiled} if compiled else {}
-        return self._seconds | told | {"total": time.process_time() - self._start}
+        reported = {"compile": compiled} if compiled else {}
+        return self._seconds | reported | {"total": time.process_time() - self._start}
 
 
 @contextmanager
@@ -50,14 +50,14 @@ def summed(spent: dict[str, float], before: dict[str, float]) -> dict[str, float
 
 def cpu_words(seconds: dict[str, float]) -> str:
     """CPU time of each stage, and of the process so far: what was loaded before the run too."""
-    told = ", ".join(f"{stage} {value:.3f}" for stage, value in seconds.items())
-    return f"{told}; this process so far {time.process_time():.3f}"
+    reported = ", ".join(f"{stage} {value:.3f}" for stage, value in seconds.items())
+    return f"{reported}; this process so far {time.process_time():.3f}"
 
 
 def children_cpu_seconds() -> float:
     """CPU time of the processes that this one has started and waited for [s]."""
-    found = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return found.ru_utime + found.ru_stime
+    result = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return result.ru_utime + result.ru_stime
 
 
 def peak_memory_mb() -> float:

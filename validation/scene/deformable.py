@@ -111,9 +111,9 @@ class MaterialSection(Section):
     ) -> JsonSchemaValue:
         """Accept a name in place of the section, and require either a name or all constants."""
         section = handler(core)
-        found = handler.resolve_ref_schema(section)
-        constants = found.pop("required")
-        found["anyOf"] = [{"required": ["name"]}, {"required": constants}]
+        result = handler.resolve_ref_schema(section)
+        constants = result.pop("required")
+        result["anyOf"] = [{"required": ["name"]}, {"required": constants}]
         return {"anyOf": [{"enum": [*MATERIALS]}, section]}
 
     @property
@@ -274,13 +274,13 @@ class EffectsSection(Section):
         cls, core: Any, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         """Add the short ways of writing to the schema that editors use."""
-        found = handler.resolve_ref_schema(handler(core))
-        keys = found["properties"]
+        result = handler.resolve_ref_schema(handler(core))
+        keys = result["properties"]
         when = {"type": "object", "required": ["when"], "properties": {"when": {"const": "auto"}}}
         for name in set(EffectName) & set(keys):
             keys[name] = {"anyOf": [keys[name], {"const": "auto"}, when]}
         keys["auto"] = {"anyOf": [keys["auto"], {"type": ["number", "string", "boolean"]}]}
-        return found
+        return result
 
 
 class Method(StrEnum):
@@ -388,10 +388,10 @@ class DeformableSections(WholeScene):
             if isinstance(data, Mapping) and name in MATERIALS and "name" not in data
         }
         named = {name: {"name": name, **data} for name, data in unnamed.items()}
-        found = handler({**given, **named} if named else value)
+        result = handler({**given, **named} if named else value)
         for name, data in unnamed.items():
-            object.__setattr__(found[name], "__pydantic_fields_set__", set(data))
-        return found
+            object.__setattr__(result[name], "__pydantic_fields_set__", set(data))
+        return result
 
     #: Whether blocks meet; else they are single bodies, and contact says nothing.
     meets: ClassVar[bool] = True
@@ -427,10 +427,10 @@ class DeformableSections(WholeScene):
 
         None where it has no fewer: meshes that are given node by node have no coarser one.
         """
-        mesh, found = getattr(self, "mesh", None), self.fewer_elements(share)
-        if mesh is None or all(getattr(mesh, key) == value for key, value in found.items()):
+        mesh, result = getattr(self, "mesh", None), self.fewer_elements(share)
+        if mesh is None or all(getattr(mesh, key) == value for key, value in result.items()):
             return None
-        return self.changed({"mesh": found})
+        return self.changed({"mesh": result})
 
     @property
     def push(self) -> PushSection | None:

@@ -109,5 +109,5 @@ class RoundScene(AssemblyScene):
 
 def round_types() -> str:
     """Types of block that make tubes, in words."""
-    found = [k for k, family in AssemblyScene.families.items() if issubclass(family, RoundScene)]
-    return " or ".join(f'"{kind}"' for kind in sorted(found, reverse=True))
+    result = [k for k, family in AssemblyScene.families.items() if issubclass(family, RoundScene)]
+    return " or ".join(f'"{kind}"' for kind in sorted(result, reverse=True))

@@ -110,20 +110,20 @@ class Section(Recorded):
         InputError
             A key that is not known, or a value that cannot be.
         """
-        found = {name: self.__dict__[name] for name in self.model_fields_set}
+        result = {name: self.__dict__[name] for name in self.model_fields_set}
         inside: dict[str, dict[str, Any]] = {}
         for place, value in values.items():
             key, _, rest = place.partition(".")
             if rest or isinstance(value, Mapping):
                 inside.setdefault(key, {}).update({rest: value} if rest else value)
             else:
-                found[key] = value
+                result[key] = value
         for key, inner in inside.items():
-            section = found.get(key, self.__dict__.get(key))
-            found[key] = section.changed(inner) if isinstance(section, Section) else inner
+            section = result.get(key, self.__dict__.get(key))
+            result[key] = section.changed(inner) if isinstance(section, Section) else inner
         try:
             with unrecorded():
-                return type(self).model_validate(found)
+                return type(self).model_validate(result)
         except ValidationError as error:
             raise InputError(one_line(error, type(self))) from None
 

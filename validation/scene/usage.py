@@ -74,7 +74,7 @@ class KeyUse:
     @property
     def defaults(self) -> dict[str, str]:
         """Defaults that the result depends on, in words, by section."""
-        found = {}
+        result = {}
         for name in type(self.scene).model_fields:
             section = self.scene.__dict__[name]
             if not isinstance(section, Recorded) or section.read_at_the_door:
@@ -85,8 +85,8 @@ class KeyUse:
                 and words
                 and self._reads(section, *type(section).model_fields)
             ):
-                found[name] = words
-        return found
+                result[name] = words
+        return result
 
     def _reads(self, section: BaseModel, *keys: str) -> bool:
         return any((type(section), key) in self._read for key in keys)

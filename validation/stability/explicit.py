@@ -68,25 +68,25 @@ def settled(
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping()),
         amplitude=SmoothStepAmplitude(ramp),
     )
-    found = solve(
+    result = solve(
         whole.model,
         end_time=end,
         stop=StopCriterion(residual=residual, not_before=ramp),
     )
-    return found, matched_pressures(stated, whole.expand(found.displacements))[0]
+    return result, matched_pressures(stated, whole.expand(result.displacements))[0]
 
 
 @CASES.add("time-step-0.99", "0.99 of the critical step, all modes excited: energy is kept")
 def _below_critical() -> Finding:
     model = free_cube()
     critical = critical_time_step(model).critical_time_step
-    found = solve(
+    result = solve(
         model,
         end_time=5000 * critical,
         time_step=0.99 * critical,
         velocities=noise(model, 100.0),
     )
-    return Finding(Check("energy balance of 5 000 steps", found.energy_balance, 1e-9))
+    return Finding(Check("energy balance of 5 000 steps", result.energy_balance, 1e-9))
 
 
 @CASES.add("time-step-1.01", "1.01 of the critical step: rejected")
@@ -165,23 +165,23 @@ def _revolution() -> Finding:
     period = 4000 * critical
     arm = group.mesh.nodes - group.mesh.nodes.mean(axis=0)
     spin = 2.0 * np.pi / period
-    found = solve(model, end_time=period, velocities=(np.cross([0.0, 0.0, spin], arm)[None],))
-    mass, half = group.lumped_mass, 0.5 * found.time_step
+    result = solve(model, end_time=period, velocities=(np.cross([0.0, 0.0, spin], arm)[None],))
+    mass, half = group.lumped_mass, 0.5 * result.time_step
     momenta = [
         np.einsum("n,ni->i", mass, np.cross(arm + u, v))
         for u, v in (
             (np.zeros_like(arm), np.cross([0.0, 0.0, spin], arm)),
-            (found.displacements[0][0] - half * found.velocities[0][0], found.velocities[0][0]),
+            (result.displacements[0][0] - half * result.velocities[0][0], result.velocities[0][0]),
         )
     ]
     # Back where it was, but for the half step at the end and the phase of a centred rotation,
     # (ω Δt)²/24 of the angle; centrifugal strain is ρ ω² r² / E.
     stretch = CONCRETE.density * (spin * 10.0) ** 2 / CONCRETE.young_modulus
-    back = float(np.abs(found.displacements[0]).max())
-    allowed = 10.0 * (stretch + 2.0 * np.pi * (found.time_step / period + 1e-4))
+    back = float(np.abs(result.displacements[0]).max())
+    allowed = 10.0 * (stretch + 2.0 * np.pi * (result.time_step / period + 1e-4))
     return Finding(
         Check("angular momentum", relative(momenta[1], momenta[0]), 1e-5),
-        Check("energy balance", found.energy_balance, 1e-5),
+        Check("energy balance", result.energy_balance, 1e-5),
         Check("distance from the start [mm]", back, allowed),
     )
 
@@ -192,7 +192,7 @@ def _million() -> Finding:
     held = np.flatnonzero(group.mesh.nodes[:, 2] == 0.0)
     model = Model((group,), supports=(fixed_nodes(0, held),))
     critical = critical_time_step(model).critical_time_step
-    found = solve(
+    result = solve(
         model,
         end_time=1e6 * 0.9 * critical,
         velocities=noise(model, 100.0),
@@ -200,8 +200,8 @@ def _million() -> Finding:
     )
     # Round-off walks: sqrt(1e6) eps = 2e-13 in velocity, ten times that at worst in energy.
     return Finding(
-        Check("steps", found.n_steps, least=1e6),
-        Check("energy balance", found.energy_balance, 1e-9),
+        Check("steps", result.n_steps, least=1e6),
+        Check("energy balance", result.energy_balance, 1e-9),
     )
 
 
@@ -227,8 +227,8 @@ def _rest() -> Finding:
     stated = deformable(assembly, pressed(stack(2), 0.0), law=LinearPenalty(100.0))
     model = replace(explicit_assembly(stated).model, loads=())
     critical = critical_time_step(model).critical_time_step
-    found = solve(model, end_time=200 * critical)
-    largest = max(float(np.abs(u).max()) for u in found.displacements)
+    result = solve(model, end_time=200 * critical)
+    largest = max(float(np.abs(u).max()) for u in result.displacements)
     return Finding(Check("largest displacement [mm]", largest, 0.0))
 
 
@@ -242,10 +242,10 @@ def _density_contrast() -> Finding:
     light = replace(COLUMN, density=1e-6 * COLUMN.density)
     stated = deformable(stack(1), pressed(stack(1), pressure))
     stated = with_last_material(stated, light)
-    found, pressures = settled(stated, ramp=5e-5, end=2e-2, residual=1e-3)
+    result, pressures = settled(stated, ramp=5e-5, end=2e-2, residual=1e-3)
     return Finding(
-        Check("residual", found.residual if found.residual is not None else np.nan, 1e-3),
-        Check("energy balance", found.energy_balance, 1e-2),
+        Check("residual", result.residual if result.residual is not None else np.nan, 1e-3),
+        Check("energy balance", result.energy_balance, 1e-2),
         Check("joint pressures", relative(pressures, np.array(pressure)), 1e-2),
     )
 
@@ -256,9 +256,9 @@ def _stiff_law() -> Finding:
     steps, balances, errors = [], [], []
     for law in (ExponentialLaw(), ExponentialLaw(1e-5, 1e-4, maximum_stiffness=1e5)):
         stated = deformable(stack(1), pressed(stack(1), pressure), law=law)
-        found, pressures = settled(stated, ramp=5e-4, end=2e-2)
-        steps.append(found.time_step)
-        balances.append(found.energy_balance)
+        result, pressures = settled(stated, ramp=5e-4, end=2e-2)
+        steps.append(result.time_step)
+        balances.append(result.energy_balance)
         errors.append(relative(pressures, np.array(pressure)))
     return Finding(
         Check("time step, stiff over usual", steps[1] / steps[0], 1.0),
@@ -274,6 +274,6 @@ def _stiff_law() -> Finding:
 def _driven() -> Finding:
     assembly = stack(1)
     stated = deformable(assembly, pressed(assembly, 0.01, face="inner"))
-    found, _ = settled(stated, ramp=2e-4, end=4e-3)
-    report = quasi_static_report(found, ramp_time=2e-4, frequency=1000.0)
+    result, _ = settled(stated, ramp=2e-4, end=4e-3)
+    report = quasi_static_report(result, ramp_time=2e-4, frequency=1000.0)
     return Finding(Check("called static", report.is_static, 0, 0), refusal=report.verdict)

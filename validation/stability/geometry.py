@@ -81,8 +81,8 @@ def _incompressible() -> Finding:
         # Equal facets: corners, edges, centre of the face carry 1, 2, 4 sixteenths.
         inside = ((mesh.nodes[top, :2] > 0.0) & (mesh.nodes[top, :2] < 10.0)).sum(axis=1)
         share[top, 2] = -pressure * 100.0 * 2.0**inside / 16.0
-        found = solve_linear_static(Model((group,), (*sides, bottom), (nodal_load(0, share),)))
-        sunk = -found.displacements[0][0, top, 2].mean()
+        result = solve_linear_static(Model((group,), (*sides, bottom), (nodal_load(0, share),)))
+        sunk = -result.displacements[0][0, top, 2].mean()
         expected = pressure * 10.0 / rubber.constrained_modulus
         # Round-off times the ratio of bulk and shear modulus, 5 000.
         checks.append(Check(f"{kind}: sinking", relative(sunk, expected), 1e-9))
@@ -98,9 +98,9 @@ def _deflection(divisions: tuple[int, int, int], element: ElementType, ratio: fl
     force[tip, 2] = 1.0 / len(tip)
     material = Material(density=1e-9, young_modulus=1000.0, poisson_ratio=ratio)
     group = block_group(mesh, material, element=element)
-    found = solve_linear_static(Model((group,), (held,), (nodal_load(0, force),)))
+    result = solve_linear_static(Model((group,), (held,), (nodal_load(0, force),)))
     beam = 100.0**3 / (3.0 * 1000.0 * 10.0**4 / 12.0)
-    return float(found.displacements[0][0, tip, 2].mean()) / beam
+    return float(result.displacements[0][0, tip, 2].mean()) / beam
 
 
 @CASES.add("poisson-0.4999-bending", "ν = 0.4999, clamped bar: B-bar bends, finer is better")

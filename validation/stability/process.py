@@ -39,12 +39,12 @@ def whole_run(
     """Run a free cube for some hundred steps, checkpoints at every one."""
     model = free_cube()
     critical = critical_time_step(model).critical_time_step
-    told = progress if callable(progress) else None
+    reported = progress if callable(progress) else None
     return solve(
         model,
         end_time=_STEPS * 0.9 * critical,
         velocities=noise(model, 100.0),
-        output=Output(progress=told, checkpoint=checkpoint, checkpoint_seconds=0.0),
+        output=Output(progress=reported, checkpoint=checkpoint, checkpoint_seconds=0.0),
         resume=resume,
     )
 

@@ -24,15 +24,15 @@ def list_cases(cases: Sequence[Case], console: Console) -> None:
 
 def run_cases(cases: Sequence[Case]) -> dict[str, Any]:
     """Run the cases one after another, with a bar; count the verdicts."""
-    found: list[dict[str, Any]] = []
+    result: list[dict[str, Any]] = []
     with progress(*Progress.get_default_columns()) as bar:
         task = bar.add_task("hard cases", total=len(cases))
         for case in cases:
-            found.append(run_case(case))
+            result.append(run_case(case))
             bar.update(task, advance=1, description=case.name)
-    counts = {v: sum(row["verdict"] == v for row in found) for v in Verdict}
-    seconds = sum(row["cpu_seconds"] for row in found)
-    return {"cases": found, "counts": counts, "cpu_seconds": seconds}
+    counts = {v: sum(row["verdict"] == v for row in result) for v in Verdict}
+    seconds = sum(row["cpu_seconds"] for row in result)
+    return {"cases": result, "counts": counts, "cpu_seconds": seconds}
 
 
 def print_cases(found: dict[str, Any], console: Console) -> None:

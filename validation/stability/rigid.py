@@ -54,19 +54,19 @@ def certified(assembly: Assembly, load: LoadCase) -> tuple[Check, ...]:
 
 
 def _class_checks(classified: Classification, matrix: sp.csc_array) -> tuple[Check, ...]:
-    found, certificate = classified.mechanism, classified.certificate
+    result, certificate = classified.mechanism, classified.certificate
     if certificate is None:
-        return (Check(f"{found}: certificates", 0, least=1),)
+        return (Check(f"{result}: certificates", 0, least=1),)
     if isinstance(certificate, SelfStress):
         stress = certificate.forces
         left = float(np.linalg.norm(matrix @ stress) / np.linalg.norm(stress))
         rank = certificate.smallest_singular_value
         return (
-            Check(f"{found}: self-stress ‖Gλ‖/‖λ‖", left, 1e-9),
+            Check(f"{result}: self-stress ‖Gλ‖/‖λ‖", left, 1e-9),
             Check("σ_min/σ_max", rank, least=1e-10),
         )
     motion = certificate.virtual_displacement.ravel()
-    return (Check(f"{found}: mechanism min Gᵀδq", float((matrix.T @ motion).min()), least=-1e-8),)
+    return (Check(f"{result}: mechanism min Gᵀδq", float((matrix.T @ motion).min()), least=-1e-8),)
 
 
 def _driven(
@@ -189,11 +189,11 @@ def _zero_area() -> Finding:
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
     areas = contacts.areas.copy()
     areas[::7] = 0.0
-    found = newton_equilibrium(
+    result = newton_equilibrium(
         contacts.jacobian, force, weights=column_weights(Norm.PRESSURE, areas)
     )
-    carried = float(np.abs(found.forces[::7]).max())
-    return Finding(Check("‖Gλ+f‖/‖f‖", found.residual, 1e-9), Check("λ there", carried, 0.0))
+    carried = float(np.abs(result.forces[::7]).max())
+    return Finding(Check("‖Gλ+f‖/‖f‖", result.residual, 1e-9), Check("λ there", carried, 0.0))
 
 
 @CASES.add("parallel-normals", "Normals 2e-7 rad apart: the two forces of the closed form")
@@ -201,11 +201,11 @@ def _parallel() -> Finding:
     angle = 1e-7
     columns = np.array([[np.cos(angle), np.cos(angle)], [np.sin(angle), -np.sin(angle)]])
     expected = np.array([0.75, 0.25])
-    found = newton_equilibrium(MatrixJacobian(sp.csc_array(columns)), -columns @ expected)
+    result = newton_equilibrium(MatrixJacobian(sp.csc_array(columns)), -columns @ expected)
     # Forces are the residual (1e-12) over the smallest singular value (1.4e-7).
     return Finding(
-        Check("‖Gλ+f‖/‖f‖", found.residual, 1e-9),
-        Check("λ against (¾, ¼)", relative(found.forces, expected), 1e-5),
+        Check("‖Gλ+f‖/‖f‖", result.residual, 1e-9),
+        Check("λ against (¾, ¼)", relative(result.forces, expected), 1e-5),
     )
 
 
@@ -234,11 +234,11 @@ def _cone() -> tuple[FloatArray, FloatArray]:
 def _inside() -> Finding:
     matrix, load = _cone()
     load = load - 1e-9 * matrix[:, 5]
-    found = newton_equilibrium(MatrixJacobian(sp.csc_array(matrix)), load)
+    result = newton_equilibrium(MatrixJacobian(sp.csc_array(matrix)), load)
     exact = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1e-9])
     return Finding(
-        Check("‖Gλ+f‖/‖f‖", found.residual, 1e-11),
-        Check("λ against the exact forces", relative(found.forces, exact), 1e-10),
+        Check("‖Gλ+f‖/‖f‖", result.residual, 1e-11),
+        Check("λ against the exact forces", relative(result.forces, exact), 1e-10),
     )
 
 
@@ -249,14 +249,14 @@ def _inside() -> Finding:
 def _just_outside() -> Finding:
     matrix, load = _cone()
     load = load + 1e-9 * matrix[:, 5]
-    found = newton_equilibrium(MatrixJacobian(sp.csc_array(matrix)), load)
+    result = newton_equilibrium(MatrixJacobian(sp.csc_array(matrix)), load)
     # Distance to the cone: the part of the overshoot orthogonal to the five others.
     basis, _ = np.linalg.qr(matrix[:, :5])
     rest = matrix[:, 5] - basis @ (basis.T @ matrix[:, 5])
     distance = 1e-9 * float(np.linalg.norm(rest)) / float(np.linalg.norm(load))
     return Finding(
-        Check("holds", found.holds, 1, 1),
-        Check("residual over distance", found.residual / distance, 1.01, 0.99),
+        Check("holds", result.holds, 1, 1),
+        Check("residual over distance", result.residual / distance, 1.01, 0.99),
     )
 
 
@@ -265,8 +265,8 @@ def _outside() -> Finding:
     matrix, load = _cone()
     load = load + 1e-5 * matrix[:, 5]
     sparse = sp.csc_array(matrix)
-    found = newton_equilibrium(MatrixJacobian(sparse), load)
-    return Finding(*_driven(sparse, load, found.mechanism), refusal=found.status)
+    result = newton_equilibrium(MatrixJacobian(sparse), load)
+    return Finding(*_driven(sparse, load, result.mechanism), refusal=result.status)
 
 
 def _without_top_block(*, unmatched_allowed: bool) -> Assembly:

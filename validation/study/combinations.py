@@ -65,12 +65,12 @@ def _deformable(file: SceneFile) -> Answer:
 def envelope(answers: Mapping[str, Answer]) -> dict[str, tuple[str, Measure]]:
     """Combination and value with the largest size of each measure."""
     names = dict.fromkeys(name for answer in answers.values() for name in answer.measures)
-    found = {}
+    result = {}
     for measure in names:
         having = {name: a.measures[measure] for name, a in answers.items() if measure in a.measures}
         governing = max(having, key=lambda name: abs(having[name].value))
-        found[measure] = governing, having[governing]
-    return found
+        result[measure] = governing, having[governing]
+    return result
 
 
 def combinations_json(answers: Mapping[str, Answer]) -> dict[str, Any]:
@@ -78,8 +78,8 @@ def combinations_json(answers: Mapping[str, Answer]) -> dict[str, Any]:
     return {
         "combinations": {name: answer.as_dict() for name, answer in answers.items()},
         "envelope": {
-            measure: {"combination": name, **found.as_json()}
-            for measure, (name, found) in envelope(answers).items()
+            measure: {"combination": name, **result.as_json()}
+            for measure, (name, result) in envelope(answers).items()
         },
     }
 
@@ -101,8 +101,8 @@ def print_combinations(name: str, answers: Mapping[str, Answer], console: Consol
 def write_combinations(answers: Mapping[str, Answer], path: Path) -> None:
     """Write value and error bar of each measure under each combination as CSV."""
     rows = [
-        (name, measure, found.value, found.error, found.unit)
+        (name, measure, result.value, result.error, result.unit)
         for name, answer in answers.items()
-        for measure, found in answer.measures.items()
+        for measure, result in answer.measures.items()
     ]
     write_csv(path, ("combination", "measure", "value", "error", "unit"), rows)

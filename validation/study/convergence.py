@@ -89,8 +89,8 @@ def mesh_curves(levels: tuple[int, ...] = (1, 2, 4)) -> list[dict[str, Any]]:
     exact = reference_frequency()
     curves = []
     for element in ElementType:
-        found = [cantilever_frequency(n, element)[0] for n in levels]
-        errors = [abs(omega / exact - 1.0) for omega in found]
+        result = [cantilever_frequency(n, element)[0] for n in levels]
+        errors = [abs(omega / exact - 1.0) for omega in result]
         curves.append(curve(element.value, [SIZE[1] / n for n in levels], errors))
     return curves
 
@@ -125,10 +125,10 @@ def draw_convergence(curves: list[dict[str, Any]], path: Path) -> None:
     """Draw all refinements, log–log, with the observed orders; the last one is the time step's."""
     figure, (left, right) = subplots(1, 2, size=(11, 4.8))
     looks = [*zip([left] * 4, OF_LINES, "os^D", strict=False), (right, BLUE, "o")]
-    for found, (axes, colour, marker) in zip(curves, looks, strict=True):
-        name = "measured" if axes is right else found["name"]
-        label = f"{name}: order {found['order']:.2f}"
-        axes.loglog(found["sizes"], found["errors"], marker=marker, color=colour, label=label)
+    for result, (axes, colour, marker) in zip(curves, looks, strict=True):
+        name = "measured" if axes is right else result["name"]
+        label = f"{name}: order {result['order']:.2f}"
+        axes.loglog(result["sizes"], result["errors"], marker=marker, color=colour, label=label)
     left.set_xlabel("element size [mm]")
     left.set_ylabel("relative error of the first frequency [–]")
     left.set_title("cantilever 200 × 20 × 20 mm, ν = 0: mesh", loc="left", fontsize=11)

@@ -154,20 +154,20 @@ def _fem_results(study: Study, file: SceneFile) -> tuple[dict[str, Any], list[st
     from validation.run.accuracy import reached_rows
 
     run = _fem_run(study, file)
-    measures, found = run.answer.measures, dict[str, Any]()
+    measures, result = run.answer.measures, dict[str, Any]()
     named: dict[str, list[str]] = {}
     for name, measure in measures.items():
         if measure.remark:
             named.setdefault(measure.remark, []).append(name)
         usable = measure.resolved and not measure.remark
-        found[name] = measure.value if usable else None
-        found[f"{name}_error"] = measure.error if usable else None
+        result[name] = measure.value if usable else None
+        result[f"{name}_error"] = measure.error if usable else None
     accuracy = run.refinement.get("accuracy", {})
     missed = {name: accuracy["requested"][name] for name in accuracy.get("not_reached", ())}
-    found |= {
+    result |= {
         "residual": run.solution.residual,
         "energy_balance": run.solution.energy_balance,
         "n_elements": run.solution.deformable.model.n_elements,
     }
     remarks = [f"{', '.join(names)}: {remark}" for remark, names in named.items()]
-    return found, [*reached_rows(measures, missed), *remarks]
+    return result, [*reached_rows(measures, missed), *remarks]

@@ -55,7 +55,7 @@ def study_figure(
         A parameter that does not vary, or a column that is no number.
     """
     check_axes(study, parameter, measure)
-    found = {row["number"]: row for row in rows}
+    result = {row["number"]: row for row in rows}
     others = [path for path in study.varied if path != parameter]
     values = dict(study.parameters)
     curves = list(itertools.product(*(values[path] for path in others)))
@@ -64,7 +64,7 @@ def study_figure(
     for place, chosen in enumerate(curves):
         design = base | dict(zip(others, chosen, strict=True))
         numbers = [study.number(design | {parameter: value}) for value in values[parameter]]
-        points = [found.get(number, {}) for number in numbers]
+        points = [result.get(number, {}) for number in numbers]
         _draw_curve(axes, values[parameter], points, measure, _look(study, others, chosen, place))
     axes.set_xlabel(study.head(parameter))
     axes.set_ylabel(study.head(measure))

@@ -138,11 +138,11 @@ class ResultFile(Store):
 
     def done(self, *, failed_too: bool = True) -> bytearray:
         """Which designs have a row that counts: one byte per design, 1 if so."""
-        found = bytearray(self.study.n_designs)
+        result = bytearray(self.study.n_designs)
         status = "" if failed_too else " AND status = 'ok'"
         for (number,) in self.ask(f"SELECT number FROM rows WHERE {self._counts}{status}"):
-            found[number] = 1
-        return found
+            result[number] = 1
+        return result
 
     def counts(self) -> tuple[int, int]:
         """Number of rows that count, and how many of them failed."""
@@ -153,8 +153,8 @@ class ResultFile(Store):
     def first_measure(self) -> str | None:
         """Return the first of the study's `MEASURES` that a row has; None where none has any."""
         measures = MEASURES[self.study.quantity]
-        found = ", ".join(f"count({quoted(name)})" for name in measures)
-        counts = self.ask(f"SELECT {found} FROM rows WHERE {self._counts}")[0]
+        result = ", ".join(f"count({quoted(name)})" for name in measures)
+        counts = self.ask(f"SELECT {result} FROM rows WHERE {self._counts}")[0]
         return next((name for name, n in zip(measures, counts, strict=True) if n), None)
 
     def ranked(self, most: int, *, status: str) -> list[dict[str, Any]]:
@@ -162,11 +162,11 @@ class ResultFile(Store):
         columns = self.shown
         first = quoted(self.first_measure() or "number")
         shown = ", ".join(quoted(name) for name in columns)
-        found = self.ask(
+        result = self.ask(
             f"SELECT {shown} FROM rows WHERE {self._counts} AND status = '{status}' "
             f"ORDER BY {first} IS NULL, {first}, number LIMIT {most}"
         )
-        return [dict(zip(columns, values, strict=True)) for values in found]
+        return [dict(zip(columns, values, strict=True)) for values in result]
 
     @property
     def _counts(self) -> str:

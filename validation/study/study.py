@@ -123,10 +123,10 @@ class Study:
 
     def number(self, design: Mapping[str, Value]) -> int:
         """Return the number of a design: the inverse of `design`."""
-        found = 0
+        result = 0
         for path, values in self.parameters:
-            found = found * len(values) + self._positions[path][value_text(design[path])]
-        return found
+            result = result * len(values) + self._positions[path][value_text(design[path])]
+        return result
 
     @cached_property
     def _positions(self) -> dict[str, dict[str, int]]:

@@ -169,7 +169,7 @@ def _held_faces(actions: Actions, block: int) -> list[HeldFace]:
         if number == block and stated:
             key = (actions.names[block, node], tuple(sorted(stated.items())))
             alike.setdefault(key, []).append(node)
-    found = []
+    result = []
     for (name, components), nodes in alike.items():
         by_path: dict[tuple[tuple[float, float], ...], list[tuple[int, float]]] = {}
         for component, (value, path) in components:
@@ -180,7 +180,7 @@ def _held_faces(actions: Actions, block: int) -> list[HeldFace]:
             for component, value in parts:
                 moved[component] = value
             axes = np.eye(3)[sorted(component for component, _ in parts)]
-            found.append(
+            result.append(
                 HeldFace(
                     block,
                     where,
@@ -190,7 +190,7 @@ def _held_faces(actions: Actions, block: int) -> list[HeldFace]:
                     name=name,
                 )
             )
-    return found
+    return result
 
 
 def _where(blocks: Blocks, block: int, nodes: IntArray, name: str) -> Where:

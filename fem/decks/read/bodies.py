@@ -169,13 +169,13 @@ class Blocks:
 
     def located(self, nodes: list[tuple[int, int]]) -> dict[int, IntArray]:
         """The part's nodes in each block, of instances and numbers of nodes; others are in none."""
-        found: dict[int, list[int]] = {}
+        result: dict[int, list[int]] = {}
         for instance, label in dict.fromkeys(nodes):
             body, index = self.bodies[instance], self.places.instances[instance].part.index[label]
             solid = int(body.solid_at[index])
             if solid >= 0:
-                found.setdefault(self.numbers[instance, solid], []).append(index)
-        return {block: np.array(sorted(rows)) for block, rows in found.items()}
+                result.setdefault(self.numbers[instance, solid], []).append(index)
+        return {block: np.array(sorted(rows)) for block, rows in result.items()}
 
     def coordinates(self, block: int, nodes: IntArray) -> FloatArray:
         """World coordinates of nodes of a part, (n, 3) [mm]."""
@@ -197,8 +197,8 @@ class Blocks:
 
     def _rows(self, block: int, quads: IntArray) -> IntArray:
         known = self.solid(block).rows
-        found = (known.get(tuple(quad)) for quad in np.sort(quads, axis=1).tolist())
-        return np.unique([row for row in found if row is not None]).astype(np.int64)
+        result = (known.get(tuple(quad)) for quad in np.sort(quads, axis=1).tolist())
+        return np.unique([row for row in result if row is not None]).astype(np.int64)
 
     # -----------------------------------------------------------------------------------------
     # Surfaces
@@ -228,13 +228,13 @@ class Blocks:
             chosen = sides[number] if side else sides.reshape(-1, 4)
             quads.setdefault(block, []).append(chosen)
         rows = {block: self._rows(block, np.concatenate(of)) for block, of in quads.items()}
-        found = {block: of for block, of in rows.items() if len(of)}
-        if not found:
+        result = {block: of for block, of in rows.items() if len(of)}
+        if not result:
             raise DeckError(
                 f"{card.at(line)}: no side {side} of these elements is on the surface of a block; "
                 "expected outer sides"
             )
-        return found
+        return result
 
     def surface(self, card: Card, line: int, text: str) -> dict[int, IntArray]:
         """Facets of a surface by its name, by block.
@@ -259,7 +259,7 @@ class Blocks:
         return self._facets(stated, f"{prefix}." if prefix else "")
 
     def _facets(self, card: Card, prefix: str) -> dict[int, IntArray]:
-        found: dict[int, IntArray] = {}
+        result: dict[int, IntArray] = {}
         of_nodes = card.option("TYPE") == "NODE"
         nodes: list[tuple[int, int]] = []
         for line, row in card.rows():
@@ -269,16 +269,16 @@ class Blocks:
                 continue
             side = row[1].upper() if len(row) > 1 else ""
             for block, rows in self.sides(card, line, members, side).items():
-                found[block] = np.union1d(found.get(block, rows), rows)
+                result[block] = np.union1d(result.get(block, rows), rows)
         for block, indices in self.located(nodes).items():
-            found[block] = self.whole_sides(block, indices)
-        found = {block: rows for block, rows in found.items() if len(rows)}
-        if not found:
+            result[block] = self.whole_sides(block, indices)
+        result = {block: rows for block, rows in result.items() if len(rows)}
+        if not result:
             raise DeckError(
                 f"{card.at()}: the surface {card.option('NAME')} has no facets; expected sides of "
                 "elements, or all nodes of some"
             )
-        return found
+        return result
 
     def add_face(self, block: int, name: str, rows: IntArray) -> None:
         """Add facets to a face of a block."""

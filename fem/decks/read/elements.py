@@ -87,15 +87,15 @@ def _split(nodes: FloatArray, elements: IntArray) -> Hexahedra:
         )
         return np.asarray(where)
 
-    found = []
+    result = []
     for a, b, c, d in _ROUND:
-        found.append(
+        result.append(
             [
                 *(corners[:, a], mid(a, b), mid(a, b, c), mid(a, c)),
                 *(mid(a, d), mid(a, b, d), centre, mid(a, c, d)),
             ]
         )
-    hexes = np.array(found).transpose(2, 0, 1).reshape(-1, 8)
+    hexes = np.array(result).transpose(2, 0, 1).reshape(-1, 8)
     sides = [
         [
             [corners[:, one], mid(one, two), mid(*side), mid(one, three)]

@@ -267,13 +267,13 @@ class Step:
     @property
     def procedure(self) -> Card:
         """Card *Static or *Dynamic."""
-        found = [card for card in self.cards if card.keyword in {"STATIC", "DYNAMIC"}]
-        if len(found) != 1:
+        result = [card for card in self.cards if card.keyword in {"STATIC", "DYNAMIC"}]
+        if len(result) != 1:
             raise DeckError(
-                f"{self.card.at()}: the step has {len(found)} procedures; expected *Static or "
+                f"{self.card.at()}: the step has {len(result)} procedures; expected *Static or "
                 "*Dynamic, explicit"
             )
-        return found[0]
+        return result[0]
 
     @property
     def explicit(self) -> bool:

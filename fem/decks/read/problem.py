@@ -143,17 +143,17 @@ def _check_order(step: Step, problem: Problem) -> None:
 
 
 def _bodies(places: Places, path: str) -> list[Body]:
-    found: dict[int, Body] = {}
+    result: dict[int, Body] = {}
     for instance in places.instances:
         part = instance.part
-        if id(part) not in found:
+        if id(part) not in result:
             if not part.volumes:
                 raise DeckError(
                     f"part {part.name or 'of the deck'}: no elements with volume; expected "
                     f"{', '.join(VOLUMES)}"
                 )
-            found[id(part)] = body_of(part, _sections(part), path)
-    return [found[id(instance.part)] for instance in places.instances]
+            result[id(part)] = body_of(part, _sections(part), path)
+    return [result[id(instance.part)] for instance in places.instances]
 
 
 def _sections(part: Part) -> list[str]:

@@ -33,7 +33,7 @@ def rewritten(deck: InputDeck, flavour: Flavour | None = None) -> Deck:
     stated = replace(problem, blocks=assembly, load=load, degree=1, check_blocks=False)
     ramp = deck.built.ramp_time or 0.0
     procedure = Procedure.EXPLICIT if step.explicit else Procedure.STATIC
-    found = deck_of(
+    result = deck_of(
         stated,
         flavour,
         DeckStep(procedure, step.duration, ramp, large_rotations=step.large_rotations),
@@ -41,4 +41,4 @@ def rewritten(deck: InputDeck, flavour: Flavour | None = None) -> Deck:
         meets=meets,
         searched=problem.finite_sliding,
     )
-    return with_notes(found, [*contact_notes(found, static=not step.explicit), *deck.model.notes])
+    return with_notes(result, [*contact_notes(result, static=not step.explicit), *deck.model.notes])

@@ -100,15 +100,15 @@ def _names(text: str) -> list[str]:
 
 
 def _table(text: str) -> dict[str, tuple[frozenset[str], frozenset[str]]]:
-    found = {}
+    result = {}
     for line in text.strip().splitlines():
         name, _, parameters = line.partition(":")
         read, idle = (
             frozenset(word.replace("_", " ") for word in part.split())
             for part in parameters.split("|")
         )
-        found[name] = read, idle
-    return found
+        result[name] = read, idle
+    return result
 
 
 READ = _table(_READ)

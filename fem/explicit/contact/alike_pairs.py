@@ -142,20 +142,20 @@ def alike_pairs(
         Copy that carries the unknowns of each block, its representative's; (n_blocks,).
     """
     surfaces = deformable.surfaces.subset(orbits.facets)
-    found: dict[tuple[int | float | bytes, ...], list[list[_Pair]]] = {}
+    result: dict[tuple[int | float | bytes, ...], list[list[_Pair]]] = {}
     for k in range(len(surfaces.pair_start) - 1):
         facets = slice(int(surfaces.pair_start[k]), int(surfaces.pair_start[k + 1]))
         m, s = int(surfaces.block_m[facets.start]), int(surfaces.block_s[facets.start])
         ways = _either_way(m, s, surfaces.quads_m[facets], surfaces.quads_s[facets])
         pair = min(ways, key=lambda p: p.key(deformable))
-        alike = found.setdefault(pair.key(deformable), [])
+        alike = result.setdefault(pair.key(deformable), [])
         for others in alike:
             if _same_placement(deformable, others[0], pair):
                 others.append(pair)
                 break
         else:
             alike.append([pair])
-    return tuple(_join(deformable, pairs, copy_of) for alike in found.values() for pairs in alike)
+    return tuple(_join(deformable, pairs, copy_of) for alike in result.values() for pairs in alike)
 
 
 def _relative_placement(

@@ -184,13 +184,13 @@ class _BoundContact:
             self._slip,
             self._sliding,
         )
-        for body, now, found in zip(system.bodies, state.bodies, self._collections, strict=True):
-            if found is None or now.applied_force is None:
+        for body, now, result in zip(system.bodies, state.bodies, self._collections, strict=True):
+            if result is None or now.applied_force is None:
                 continue
             collect_forces.form(parallel=parallel)(
-                found.chunks,
-                found.pointer,
-                found.entries,
+                result.chunks,
+                result.pointer,
+                result.entries,
                 self._data,
                 self._work,
                 body.lanes,
@@ -279,8 +279,8 @@ def _constants(statement: FaceContact, data: UnitArrays) -> FloatArray:
     if not friction.of_pairs:
         return np.array([friction.coefficient, friction.stick_stiffness])
     first = np.array([pairs.blocks[0] for pairs in statement.pairs])
-    found = np.broadcast_to(friction.on(first[:, 0], first[:, 1]), len(first))[data.units[:, 0]]
-    return np.column_stack([found, np.full(len(found), friction.stick_stiffness)])
+    result = np.broadcast_to(friction.on(first[:, 0], first[:, 1]), len(first))[data.units[:, 0]]
+    return np.column_stack([result, np.full(len(result), friction.stick_stiffness)])
 
 
 def _no_slip(data: UnitArrays, work: UnitWork) -> FloatArray:
@@ -304,23 +304,23 @@ class _Collection:
 
 def _unit_arrays(pairs: tuple[AlikePairs, ...], bodies: tuple[Body, ...]) -> UnitArrays:
     """Cut alike pairs into units and number their arrays."""
-    ordered = [_in_row_order(found, bodies) for found in pairs]
+    ordered = [_in_row_order(result, bodies) for result in pairs]
     units, copies, exists = [], [], []
     alike = np.zeros((len(pairs) + 1, 4), dtype=np.int64)
     lane = node_scalar = point_scalar = 0
-    for kind, found in enumerate(pairs):
-        alike[kind, 2:] = np.maximum(found.groups, 0)
-        alike[kind + 1, :2] = alike[kind, :2] + (len(found.nodes), found.n_facets)
-        for start, width in _unit_slices(found.n_pairs):
-            real = min(width, found.n_pairs - start)
-            chosen = np.minimum(start + np.arange(width), found.n_pairs - 1)
-            first = _first_copies(found, chosen, bodies)
+    for kind, result in enumerate(pairs):
+        alike[kind, 2:] = np.maximum(result.groups, 0)
+        alike[kind + 1, :2] = alike[kind, :2] + (len(result.nodes), result.n_facets)
+        for start, width in _unit_slices(result.n_pairs):
+            real = min(width, result.n_pairs - start)
+            chosen = np.minimum(start + np.arange(width), result.n_pairs - 1)
+            first = _first_copies(result, chosen, bodies)
             units.append((kind, width, real, lane, node_scalar, point_scalar, *first))
-            copies.append(found.copies[chosen])
+            copies.append(result.copies[chosen])
             exists.append(np.arange(width) < real)
             lane += width
-            node_scalar += 3 * width * len(found.nodes)
-            point_scalar += 4 * width * found.n_facets
+            node_scalar += 3 * width * len(result.nodes)
+            point_scalar += 4 * width * result.n_facets
     return UnitArrays(
         units=np.array(units, dtype=np.int64).reshape(-1, 8),
         alike=alike,
@@ -328,9 +328,9 @@ def _unit_arrays(pairs: tuple[AlikePairs, ...], bodies: tuple[Body, ...]) -> Uni
         offset=np.concatenate([f.offset[o] for f, (_, o, _) in zip(pairs, ordered, strict=True)]),
         mean=np.concatenate([f.mean[o] for f, (_, o, _) in zip(pairs, ordered, strict=True)]),
         real=np.concatenate(exists).astype(np.float64),
-        rotation=np.array([found.rotation for found in pairs]),
+        rotation=np.array([result.rotation for result in pairs]),
         corners=np.concatenate([corners for _, _, corners in ordered]),
-        weights=np.concatenate([np.linalg.norm(found.area_vectors(), axis=2) for found in pairs]),
+        weights=np.concatenate([np.linalg.norm(result.area_vectors(), axis=2) for result in pairs]),
         copies=np.ascontiguousarray(np.concatenate(copies).T),
         lanes=np.array([body.lanes for body in bodies], dtype=np.int64),
     )
@@ -398,7 +398,7 @@ def _unit_work(data: UnitArrays) -> UnitWork:
 
 
 def _reference_normals(pairs: tuple[AlikePairs, ...]) -> FloatArray:
-    vectors = np.concatenate([found.area_vectors() for found in pairs])
+    vectors = np.concatenate([result.area_vectors() for result in pairs])
     return vectors / np.linalg.norm(vectors, axis=2, keepdims=True)
 
 

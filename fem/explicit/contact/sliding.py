@@ -221,9 +221,9 @@ class BoundSlidingContact:
             return self._friction
         if self._rubs_at != self._known or self._of_points is None:
             block, now = self.points.facet_block, self.points.now
-            found = friction.on(block[now.facet], block[now.slave])
+            result = friction.on(block[now.facet], block[now.slave])
             self._of_points = np.column_stack(
-                [found, np.full(len(now.facet), friction.stick_stiffness)]
+                [result, np.full(len(now.facet), friction.stick_stiffness)]
             )
             self._rubs_at = self._known
         return self._of_points
@@ -332,17 +332,17 @@ class BoundSlidingContact:
 
     def arrays(self) -> dict[str, LaneArray]:
         """Arrays that evolve, by name."""
-        found: dict[str, LaneArray] = {
+        result: dict[str, LaneArray] = {
             "position": self.points.position,
             "searched": self._searched,
             "cut": self._cut,
             "closest": self.points.room.xi,
             "counts": self._counts,
         }
-        found |= {f"travel.{k}": travel for k, travel in enumerate(self._travel)}
+        result |= {f"travel.{k}": travel for k, travel in enumerate(self._travel)}
         if self._slip is not None and self._dissipated is not None:
-            found |= {"slip": self._slip, "dissipated": self._dissipated}
-        return found
+            result |= {"slip": self._slip, "dissipated": self._dissipated}
+        return result
 
 
 def _points(statement: SlidingContact) -> FacingPoints:

@@ -89,9 +89,9 @@ def read_checkpoint(path: Path, system: System, state: State) -> History:
     for name, array in arrays.items():
         kept = contents.get(f"array/{name}")
         if kept is None or (kept.shape, kept.dtype) != (array.shape, array.dtype):
-            found = "nothing" if kept is None else f"{kept.shape} of {kept.dtype}"
+            result = "nothing" if kept is None else f"{kept.shape} of {kept.dtype}"
             raise CheckpointError(
-                f"checkpoint {path}: {name} is {found}, expected {array.shape} of {array.dtype}; "
+                f"checkpoint {path}: {name} is {result}, expected {array.shape} of {array.dtype}; "
                 "it was written by another version: start the run from the beginning"
             )
     for name, array in arrays.items():

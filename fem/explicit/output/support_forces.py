@@ -16,9 +16,9 @@ def support_forces(system: System, state: State, time: float) -> tuple[FloatArra
     Of the forces that the state holds. Along what a support holds they are those of the support,
     but for the inertia of the held nodes themselves.
     """
-    found = []
+    result = []
     for body, now in zip(system.bodies, state.bodies, strict=True):
         inner = np.asarray(damped_internal_force(system, body, now), dtype=np.float64)
         outer = applied_forces(body, now) + gravity_forces(system, body, time)
-        found.append(world_vectors(body, inner - outer))
-    return tuple(found)
+        result.append(world_vectors(body, inner - outer))
+    return tuple(result)

@@ -123,9 +123,9 @@ class _Column:
     @cached_property
     def _inner(self) -> BoolArray:
         """Nodes between the planes."""
-        found = np.ones(self.n_nodes, dtype=np.bool_)
-        found[self.planes] = False
-        return found
+        result = np.ones(self.n_nodes, dtype=np.bool_)
+        result[self.planes] = False
+        return result
 
     def forward(self, forces: FloatArray) -> list[FloatArray]:
         """Move forces (n_nodes, 3, n_cases) to the planes; returns what `backward` needs."""
@@ -224,22 +224,22 @@ def _unknowns(nodes: IntArray) -> IntArray:
 def alike_lengths(block: ColumnBlock) -> list[int]:
     """Numbers of elements of columns whose copies make the block up, each of the one before."""
     n = block.counts[1]
-    found = [n]
+    result = [n]
     for length in reversed([k for k in range(1, n) if n % k == 0]):
-        if found[-1] % length == 0 and _copies(block, length, n) is not None:
-            found.append(length)
-    return found[::-1]
+        if result[-1] % length == 0 and _copies(block, length, n) is not None:
+            result.append(length)
+    return result[::-1]
 
 
 def _copies(block: ColumnBlock, length: int, longer: int) -> tuple[_Copy, ...] | None:
     """Columns of a length within the first longer one as copies of the first; None: not alike."""
-    found = []
+    result = []
     for start in range(0, longer, length):
         copy = _copy(block, length, longer, start)
         if copy is None:
             return None
-        found.append(copy)
-    return tuple(found)
+        result.append(copy)
+    return tuple(result)
 
 
 def _copy(block: ColumnBlock, length: int, longer: int, start: int) -> _Copy | None:
@@ -322,12 +322,12 @@ def _placed(front: _Front, copy: _Copy, shorter: _Column, wanted: BoolArray, num
 def _turned(matrix: FloatArray, turn: FloatArray, n: int) -> FloatArray:
     """Turn the components of the first n nodes on both sides."""
     rows = (turn @ matrix[: 3 * n].reshape(n, 3, -1)).reshape(3 * n, -1)
-    found = np.empty_like(matrix)
-    found[: 3 * n, : 3 * n] = (rows[:, : 3 * n].reshape(-1, n, 3) @ turn.T).reshape(3 * n, -1)
-    found[: 3 * n, 3 * n :] = rows[:, 3 * n :]
-    found[3 * n :, : 3 * n] = rows[:, 3 * n :].T
-    found[3 * n :, 3 * n :] = matrix[3 * n :, 3 * n :]
-    return found
+    result = np.empty_like(matrix)
+    result[: 3 * n, : 3 * n] = (rows[:, : 3 * n].reshape(-1, n, 3) @ turn.T).reshape(3 * n, -1)
+    result[: 3 * n, 3 * n :] = rows[:, 3 * n :]
+    result[3 * n :, : 3 * n] = rows[:, 3 * n :].T
+    result[3 * n :, 3 * n :] = matrix[3 * n :, 3 * n :]
+    return result
 
 
 def _joined(fronts: list[_Front], inside: int, steps: list[Elimination]) -> _Front:

@@ -107,7 +107,7 @@ class FlexibilityStore:
 
     def keep(self, keys: set[bytes]) -> None:
         """Let go of all others."""
-        self._kept = {key: found for key, found in self._kept.items() if key in keys}
+        self._kept = {key: result for key, result in self._kept.items() if key in keys}
 
     def get(self, key: bytes, make: Callable[[], Flexibility]) -> Flexibility:
         """Return the flexibility of a key, made if there is none."""

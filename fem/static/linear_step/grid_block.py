@@ -141,8 +141,8 @@ class _SidePoints:
 def windows(numbers: IntArray, counts: tuple[int, ...], degree: int) -> IntArray:
     """Nodes of structured elements of a grid of numbers, last direction fastest."""
     dimension = len(counts)
-    found = np.lib.stride_tricks.sliding_window_view(numbers, (degree + 1,) * dimension)
-    chosen = found[tuple(slice(None, None, degree) for _ in range(dimension))]
+    result = np.lib.stride_tricks.sliding_window_view(numbers, (degree + 1,) * dimension)
+    chosen = result[tuple(slice(None, None, degree) for _ in range(dimension))]
     return np.ascontiguousarray(chosen.reshape(int(np.prod(counts)), -1))
 
 

@@ -45,8 +45,8 @@ class SparseSolverError(RefusedError):
 
 def default_sparse_solver() -> SparseSolver:
     """PARDISO where pypardiso is installed, else SuperLU."""
-    found = util.find_spec("pypardiso") is not None
-    return SparseSolver.PARDISO if found else SparseSolver.SUPERLU
+    result = util.find_spec("pypardiso") is not None
+    return SparseSolver.PARDISO if result else SparseSolver.SUPERLU
 
 
 def factorize(matrix: csr_array, solver: SparseSolver | None = None) -> Solve:

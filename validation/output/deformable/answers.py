@@ -161,8 +161,8 @@ def _add_motion(table: Table, run: DeformableRun) -> None:
 def _add_supports(table: Table, run: DeformableRun) -> None:
     """Add the force of each support on the blocks, and how far supports moved."""
     static = run.solution.static
-    for k, (name, found) in enumerate(run.solution.reactions.items()):
-        force = ", ".join(f"{value:.5g}" for value in found["force"])
+    for k, (name, result) in enumerate(run.solution.reactions.items()):
+        force = ", ".join(f"{value:.5g}" for value in result["force"])
         table.add_row("" if k else "forces of supports", f"{name}: ({force}) N")
     if run.solution.reactions_left_out:
         table.add_row(
@@ -258,13 +258,13 @@ def _error_words(error: float | None, converged: Measure) -> str:
 
 def _add_accuracy(table: Table, run: DeformableRun) -> None:
     """Print each requested accuracy with what was reached, and what ended the refinement."""
-    found = run.refinement.get("accuracy")
-    if found is None:
+    result = run.refinement.get("accuracy")
+    if result is None:
         return
     measures = run.answer.measures
-    for k, row in enumerate(reached_rows(measures, found["requested"])):
+    for k, row in enumerate(reached_rows(measures, result["requested"])):
         table.add_row("" if k else "requested error bars", row)
-    table.add_row("refinement ended by", found["ended_by"])
+    table.add_row("refinement ended by", result["ended_by"])
 
 
 def _add_explicit(table: Table, run: DeformableRun, result: ExplicitResult) -> None:

@@ -49,8 +49,8 @@ def field_data(
     """Nodal fields of all groups: displacement, stress and principal stresses."""
     return {
         "displacement": np.concatenate([u.reshape(-1, 3) for u in displacements]),
-        "stress": np.concatenate([found.stress.reshape(-1, 6) for found in recovered]),
-        **stress_fields(found.principal for found in recovered),
+        "stress": np.concatenate([result.stress.reshape(-1, 6) for result in recovered]),
+        **stress_fields(result.principal for result in recovered),
     }
 
 
@@ -99,12 +99,12 @@ def write_fields(
         write_curved(path, groups, displacements, given, finite_rotation=finite_rotation)
         return
     pairs = zip(groups, displacements, strict=True)
-    found = recovered or [recover(g, u, finite_rotation=finite_rotation) for g, u in pairs]
+    result = recovered or [recover(g, u, finite_rotation=finite_rotation) for g, u in pairs]
     write_hex_mesh(
         path,
         groups_mesh(groups),
-        point_data=field_data(found, displacements),
-        cell_data={**(owners or {}), **({} if recovered is None else point_data(groups, found))},
+        point_data=field_data(result, displacements),
+        cell_data={**(owners or {}), **({} if recovered is None else point_data(groups, result))},
     )
 
 
@@ -125,8 +125,8 @@ def point_data(
 ) -> dict[str, NDArray[Any]]:
     """Principal stresses at the integration points of each element, (n_elements, n_points)."""
     rows = [
-        found.point_principal.reshape(group.n_copies * group.mesh.n_elements, -1, 3)
-        for group, found in zip(groups, recovered, strict=True)
+        result.point_principal.reshape(group.n_copies * group.mesh.n_elements, -1, 3)
+        for group, result in zip(groups, recovered, strict=True)
     ]
     return {
         "sigma_1_integration_points": np.concatenate([r[:, :, 0] for r in rows]),
@@ -220,8 +220,8 @@ class FrameWriter:
             text = (self.folder / "frames.pvd").read_text("utf-8")
         except OSError:
             return {}
-        found = re.findall(r'timestep="([^"]+)" file="frame_(\d+)\.vtu"', text)
-        return {int(number): float(time) for time, number in found}
+        result = re.findall(r'timestep="([^"]+)" file="frame_(\d+)\.vtu"', text)
+        return {int(number): float(time) for time, number in result}
 
     def _write_collection(self) -> None:
         lines = [

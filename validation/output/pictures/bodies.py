@@ -200,14 +200,14 @@ def labelled(
     wide, high = np.maximum((_PROBE * shape / shape.max()).astype(int), 1).tolist()
     seen = probe.render(wide, high).astype(np.int64) @ np.array([1 << 16, 1 << 8, 1])
     corner = np.array(view.place(probe.axes.T @ probe.corner))
-    found = []
+    result = []
     for k, name in enumerate(names, start=1):
         rows, columns = np.nonzero(seen == k)
         if len(rows) and min(np.ptp(rows), np.ptp(columns)) > _SEEN_OF_BODY * _PROBE:
             middle = np.argmin((rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2)
             place = np.array([columns[middle] + 0.5, high - rows[middle] - 0.5])
-            found.append((name, corner + place * shape / (wide, high)))
-    return replace(panel, labels=found)
+            result.append((name, corner + place * shape / (wide, high)))
+    return replace(panel, labels=result)
 
 
 def _used(parts: Iterable[IntArray]) -> tuple[IntArray, IntArray]:
@@ -376,11 +376,11 @@ def interface_facets(
 
     Contacts are positions in its interfaces, (n,); each has a pressure, (n,) [MPa].
     """
-    found = assembly.interfaces
+    result = assembly.interfaces
     return PressedFacets(
         assembly=assembly,
-        block_m=found.block_m[contacts],
-        block_s=found.block_s[contacts],
+        block_m=result.block_m[contacts],
+        block_s=result.block_s[contacts],
         corners=interface_surface(assembly, contacts).nodes.reshape(-1, 4, 3),
         pressures=pressures,
         nodes=assembly.nodes,

@@ -83,12 +83,12 @@ def crosses(solution: Solution, faces: Sequence[str] | None) -> Crosses:
         quads = [shape.faces[f] for f in (shown if faces is None else faces) if f in shape.faces]
         if not quads:
             continue
-        found = solution.recovered[int(whole.group_of[block])].stress[int(whole.copy_of[block])]
+        result = solution.recovered[int(whole.group_of[block])].stress[int(whole.copy_of[block])]
         corners = whole.positions(block)[np.concatenate(quads)]
         points.append(corners.mean(axis=1))
         arms = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
         vectors.append(0.5 * np.cross(*arms))
-        stresses.append(found[np.concatenate(quads)].mean(axis=1))
+        stresses.append(result[np.concatenate(quads)].mean(axis=1))
     at, area, stress = (np.concatenate(part) for part in (points, vectors, stresses))
     size = np.linalg.norm(area, axis=1)
     spacing = float(np.sqrt(size.sum() / _PLACES))
@@ -146,18 +146,18 @@ def draw_directions(run: DeformableRun, path: Path) -> None:
 
     solution, tube = run.solution, isinstance(run.scene, RoundScene)
     assembly = solution.deformable.drawn
-    found, blocks = crosses(solution, ("outer",) if tube else None), solution.deformable
+    result, blocks = crosses(solution, ("outer",) if tube else None), solution.deformable
     body = block_surfaces(assembly, list(range(assembly.n_blocks)), [_BODY] * assembly.n_blocks)
     edges = outlines(assembly, blocks.deformable_blocks.tolist(), opacity=0.4)
-    parts = [replace(body, lit=False), edges, *arrow_parts(found)]
+    parts = [replace(body, lit=False), edges, *arrow_parts(result)]
     panels = above_and_below(parts, eye(assembly), title="surface")
     if tube:
         panels = [replace(panels[0], title="outer surface")]
     words = {"← → tension": VERMILION, "→ ← compression": BLUE}
     gallery(
         [[panel] for panel in panels],
-        f"{run.title}\nprincipal stresses: longest arrows {found.longest:.3g} MPa and more, none "
-        f"below {_LEAST * found.longest:.2g} MPa",
+        f"{run.title}\nprincipal stresses: longest arrows {result.longest:.3g} MPa and more, none "
+        f"below {_LEAST * result.longest:.2g} MPa",
         path,
         height=8.5 if tube else 6.0,
         legend=[Patch(color=colour, label=name) for name, colour in words.items()],

@@ -108,17 +108,17 @@ def gallery(
     from matplotlib import rc_context
 
     bars = [] if scale is None else [scale] if isinstance(scale, Scale) else list(scale)
-    zoom, asked = look().zoom, look().inches
+    zoom, requested = look().zoom, look().inches
     while True:
         with rc_context(look().settings(zoom)):
             page = _Page(title, legend, bars, zoom)
-            page.lay_out(columns, height * zoom, asked or widest * zoom, asked is not None)
-            if asked is None or page.needed <= asked * 1.001:
+            page.lay_out(columns, height * zoom, requested or widest * zoom, requested is not None)
+            if requested is None or page.needed <= requested * 1.001:
                 look().fitted(zoom)
                 page.draw(_dots(path))
                 save_figure(page.figure, path)
                 return
-        zoom *= 0.98 * asked / page.needed
+        zoom *= 0.98 * requested / page.needed
 
 
 # ---------------------------------------------------------------------------------------------

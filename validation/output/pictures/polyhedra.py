@@ -108,8 +108,8 @@ def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
             )
         )
     verdict = "interlocked" if result.classification.locked else "not interlocked"
-    asked = run.scene.rigid.friction is not None
-    answer = run.carried.words if asked else f"{verdict} ({result.mechanism})"
+    requested = run.scene.rigid.friction is not None
+    answer = run.carried.words if requested else f"{verdict} ({result.mechanism})"
     weight = run.scene.weight
     blocks = Panel("blocks", View(polyhedra_parts(assembly), _EYE, weight=weight))
     counts = (result.n_blocks, "free block"), (interfaces.n_contacts, "contact point")

@@ -37,17 +37,17 @@ class Section:
 def section(solution: Solution, z: float) -> Section:
     """Cut all blocks by the plane at height z [mm]."""
     cuts = [_cut_block(solution, b, z) for b in range(solution.deformable.drawn.n_blocks)]
-    found = [cut for cut in cuts if cut is not None]
-    counts = np.cumsum([0, *(len(cut.points) for cut in found)])
+    result = [cut for cut in cuts if cut is not None]
+    counts = np.cumsum([0, *(len(cut.points) for cut in result)])
     shifted = [
-        (cut.triangles + n, cut.rigid + n) for cut, n in zip(found, counts[:-1], strict=True)
+        (cut.triangles + n, cut.rigid + n) for cut, n in zip(result, counts[:-1], strict=True)
     ]
     nothing = np.zeros((0, 3), np.int64)
     return Section(
-        np.concatenate([np.zeros((0, 2)), *(cut.points for cut in found)]),
+        np.concatenate([np.zeros((0, 2)), *(cut.points for cut in result)]),
         np.concatenate([nothing, *(solid for solid, _ in shifted)]),
-        np.concatenate([np.zeros((0, 3)), *(cut.values for cut in found)]),
-        np.concatenate([np.zeros((0, 2, 2)), *(cut.borders for cut in found)]),
+        np.concatenate([np.zeros((0, 3)), *(cut.values for cut in result)]),
+        np.concatenate([np.zeros((0, 2, 2)), *(cut.borders for cut in result)]),
         np.concatenate([nothing, *(rigid for _, rigid in shifted)]),
     )
 

@@ -322,15 +322,15 @@ def run_facets(run: DeformableRun) -> PressedFacets:
         placed = run.solution.deformable.positions(block)
         return placed + run.solution.displacement(block) if group_of[block] >= 0 else placed
 
-    found = run.solution.contact_state
-    owner, corners, pressures = np.arange(found.n_facets), found.corners, found.pressures
-    if found.corner_overclosures is not None and found.corner_overclosures.shape[1] > 4:
-        corners, pressures = _pieces(run.solution, nodes, found.corner_overclosures)
-        owner = np.repeat(owner, len(pressures) // found.n_facets)
+    result = run.solution.contact_state
+    owner, corners, pressures = np.arange(result.n_facets), result.corners, result.pressures
+    if result.corner_overclosures is not None and result.corner_overclosures.shape[1] > 4:
+        corners, pressures = _pieces(run.solution, nodes, result.corner_overclosures)
+        owner = np.repeat(owner, len(pressures) // result.n_facets)
     return PressedFacets(
         assembly=run.solution.deformable.drawn,
-        block_m=found.block_m[owner],
-        block_s=found.block_s[owner],
+        block_m=result.block_m[owner],
+        block_s=result.block_s[owner],
         corners=corners,
         pressures=pressures,
         nodes=nodes,

@@ -113,13 +113,13 @@ def bare_words(run: PolyhedralRun) -> str:
 
 def verdict_words(run: PolyhedralRun) -> str:
     """State the verdict; by faces alone where edge and vertex contacts change it."""
-    found = run.result.classification
-    verdict = "interlocked" if found.locked else "not interlocked"
-    if run.faces is None or run.faces.mechanism is found.mechanism:
-        return f"{verdict}; {CLASS_WORDS[found.mechanism]}"
-    if found.locked:
+    result = run.result.classification
+    verdict = "interlocked" if result.locked else "not interlocked"
+    if run.faces is None or run.faces.mechanism is result.mechanism:
+        return f"{verdict}; {CLASS_WORDS[result.mechanism]}"
+    if result.locked:
         verdict = "interlocked by edge and vertex contacts"
-    words = f"{found.mechanism} by {bare_words(run)}; by faces alone: {run.faces.mechanism}"
+    words = f"{result.mechanism} by {bare_words(run)}; by faces alone: {run.faces.mechanism}"
     return f"{verdict}: {words}"
 
 

@@ -47,7 +47,7 @@ def held_words(held: dict[str, bool]) -> str:
     """Name the axes along which the assembly resists a small push beside the load."""
     words = []
     for title, wanted in (("resists pushes along", True), ("slides freely along", False)):
-        axes = [axis for axis, found in held.items() if found is wanted]
+        axes = [axis for axis, result in held.items() if result is wanted]
         if axes:
             words.append(f"{title} {', '.join(axes)}")
     return "; ".join(words) + " (all blocks together, frictionless)"
@@ -57,18 +57,18 @@ def add_first_rows(table: Table, run: RigidAnswer) -> None:
     """Add the main results: equilibrium, largest pressure, forces, reaction."""
     if run.further is None or run.further.friction is None:
         table.add_row("in equilibrium", run.result.equilibrium.status)
-    found = run.answer.measures
-    if "p_max_facet" in found:
-        table.add_row("largest contact pressure", pressure_words(found["p_max_facet"]))
-    if "crushing_factor" in found:
+    result = run.answer.measures
+    if "p_max_facet" in result:
+        table.add_row("largest contact pressure", pressure_words(result["p_max_facet"]))
+    if "crushing_factor" in result:
         words = "by mean pressures of facets, without peaks"
         table.add_row(
-            FACTORS["crushing_factor"].words, f"{found['crushing_factor'].value_words}, {words}"
+            FACTORS["crushing_factor"].words, f"{result['crushing_factor'].value_words}, {words}"
         )
-    if "least_joint_force" in found:
-        table.add_row("normal forces of joints", joint_force_words(found))
-    if "total_reaction" in found:
-        table.add_row("total reaction", reaction_words(found, run.answer.report["reaction"]))
+    if "least_joint_force" in result:
+        table.add_row("normal forces of joints", joint_force_words(result))
+    if "total_reaction" in result:
+        table.add_row("total reaction", reaction_words(result, run.answer.report["reaction"]))
     add_sections(table, run.sections)
     if run.scene.sections and run.sections is None:
         table.add_row("sections", "none: the load is not carried")

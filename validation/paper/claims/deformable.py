@@ -102,14 +102,14 @@ class PressurePair:
 
 def pressure_pairs(evidence: Evidence) -> list[PressurePair]:
     """The twelve comparisons of figure pc_MBD_FEM: three cases, two blocks, top and bottom."""
-    found = []
+    result = []
     for case in ("pipe", "tunnel", "shaft"):
         for block in BLOCKS:
             run = evidence.fem(block, case)
             rigid = same_mesh(evidence, run)
             for lower, side in ((_LAYER, "top"), (_LAYER - 1, "bottom")):
-                found.append(_pair(f"{block} {case} {side}", run, rigid, lower))
-    return found
+                result.append(_pair(f"{block} {case} {side}", run, rigid, lower))
+    return result
 
 
 def _pair(name: str, run: DeformableRun, rigid: RigidRun, lower: int) -> PressurePair:
@@ -154,8 +154,8 @@ def _peaks_found(evidence: Evidence) -> Verdict:
 def _areas_fem(evidence: Evidence) -> Verdict:
     values, words = {}, []
     for case, target in (("pipe", 30.0), ("tunnel", 50.0)):
-        found = [vars(evidence.fem(b, case).solution.contact) for b in BLOCKS]
-        counts = [c["effective_count_percent"] for c in found]
+        result = [vars(evidence.fem(b, case).solution.contact) for b in BLOCKS]
+        counts = [c["effective_count_percent"] for c in result]
         values[case] = counts
         words.append(
             f"{case}: {counts[0]:.0f} % (TSB1), {counts[1]:.0f} % (TSB2), said: {target:g} %"
@@ -176,20 +176,20 @@ def _areas_fem(evidence: Evidence) -> Verdict:
 
 @FEM_CLAIMS.add
 def _layers_repeat(evidence: Evidence) -> Verdict:
-    found = {}
+    result = {}
     for block in BLOCKS:
         for case in ("pipe", "tunnel", "pillar", "shaft"):
             run = evidence.fem(block, case)
-            found[f"{block} {case}"] = max(
+            result[f"{block} {case}"] = max(
                 _apart(_sigma(run, k), _sigma(run, k + 2)) for k in range(4, 8)
             )
-    worst = max(v for k, v in found.items() if "shaft" not in k)
-    shaft = min(v for k, v in found.items() if "shaft" in k)
+    worst = max(v for k, v in result.items() if "shaft" not in k)
+    shaft = min(v for k, v in result.items() if "shaft" in k)
     return judged(
         worst < 0.05 < shaft,
         f"σ₁ of layers 4 to 7 differs from two layers above by at most {100 * worst:.1f} % in "
         f"pipe, tunnel and pillar, by {100 * shaft:.0f} % or more in shaft",
-        difference=found,
+        difference=result,
     )
 
 
@@ -234,21 +234,21 @@ def _monolith(run: DeformableRun) -> tuple[float, float]:
 
 @FEM_CLAIMS.add
 def _far_side(evidence: Evidence) -> Verdict:
-    found, words = {}, []
+    result, words = {}, []
     for name in BLOCKS:
         run = evidence.fem(name, "beam")
         (length, bending), force = _monolith(run), _load(run)
         moment = np.linalg.norm(force) * length / 8
         expected = moment * _tube(run).shape.outer_radius / bending
         stress = _far_axial_stress(run, force)
-        found[name] = (stress, float(expected))
+        result[name] = (stress, float(expected))
         words.append(f"{name}: {stress:+.4f} MPa")
     return judged(
-        all(stress < 0.05 * expected for stress, expected in found.values()),
+        all(stress < 0.05 * expected for stress, expected in result.values()),
         "mean axial stress on the side away from the load, layers 5 to 9: "
         + ", ".join(words)
-        + f"; a solid tube clamped at both ends: +{found['TSB1'][1]:.4f} MPa at mid-length",
-        far_side_and_solid=found,
+        + f"; a solid tube clamped at both ends: +{result['TSB1'][1]:.4f} MPa at mid-length",
+        far_side_and_solid=result,
     )
 
 
@@ -362,16 +362,16 @@ def _list(values: FloatArray) -> str:
 
 @FEM_CLAIMS.add
 def _one_of_three(evidence: Evidence) -> Verdict:
-    found = {}
+    result = {}
     for block, side in (("TSB1", "top"), ("TSB1", "bottom"), ("TSB2", "top"), ("TSB2", "bottom")):
         peaks = np.sort(_peaks(evidence.fem(block, "pipe"), side)[0])
-        found[f"{block} {side}"] = float(peaks[-1] / peaks[-2])
+        result[f"{block} {side}"] = float(peaks[-1] / peaks[-2])
     return judged(
-        all(ratio > 1.1 for ratio in found.values()),
+        all(ratio > 1.1 for ratio in result.values()),
         "highest over second: "
-        + ", ".join(f"{v:.2f} ({k})" for k, v in found.items())
+        + ", ".join(f"{v:.2f} ({k})" for k, v in result.items())
         + " (higher: by more than 10 %)",
-        ratio=found,
+        ratio=result,
     )
 
 

@@ -22,13 +22,13 @@ def claims() -> list[Claim]:
 
 def judge_claims(evidence: Evidence, names: list[str] | None = None) -> list[dict[str, Any]]:
     """Judge all claims, or some by name (`chosen_by_name`): claim, verdict, number and values."""
-    found = []
+    result = []
     for claim in chosen_by_name(claims(), names, "claim"):
         verdict = _verdict(claim, evidence)
         row = {"name": claim.name, "statement": claim.statement, "place": claim.place}
         judged = {"verdict": str(verdict.truth), "number": verdict.number}
-        found.append({**row, **judged, "values": verdict.values})
-    return found
+        result.append({**row, **judged, "values": verdict.values})
+    return result
 
 
 def _verdict(claim: Claim, evidence: Evidence) -> Verdict:

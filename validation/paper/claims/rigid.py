@@ -79,19 +79,19 @@ def _flattens(evidence: Evidence) -> Verdict:
 
 @RIGID_CLAIMS.add
 def _saturates(evidence: Evidence) -> Verdict:
-    found = {}
+    result = {}
     for shift in (0.0, 0.5):
         curve = [p_max(evidence.tsb((shift, 1.5, 4, 40.0, a))) for a in (25.0, 30.0, 40.0)]
-        found[f"s={shift:g}"] = curve
-    drops = {name: 1 - c[2] / c[1] for name, c in found.items()}
+        result[f"s={shift:g}"] = curve
+    drops = {name: 1 - c[2] / c[1] for name, c in result.items()}
     return judged(
         all(drop < _TENTH for drop in drops.values()),
         "from a = 30 to 40 mm p_max still falls by "
         + " and ".join(f"{100 * d:.0f} % ({n})" for n, d in drops.items())
         + ", for example to "
-        + f"{found['s=0'][2]:.3f} from {found['s=0'][1]:.3f} MPa (s = 0)"
+        + f"{result['s=0'][2]:.3f} from {result['s=0'][1]:.3f} MPa (s = 0)"
         + "; f = 1.5, n = 4, t = 40; marginal: below 10 %; the printed range ends at 25 mm",
-        p_max_at_25_30_40=found,
+        p_max_at_25_30_40=result,
     )
 
 
@@ -183,7 +183,7 @@ def _wave_threshold(evidence: Evidence) -> Verdict:
                 turning[a].append(2 * f * numbers[lowest])
         share[a] = f"{rising} of {total}"
         holds &= rising > total / 2
-    spread = sorted({w for found in turning.values() for w in found})
+    spread = sorted({w for result in turning.values() for w in result})
     return judged(
         holds and len(spread) <= 3,
         "p_max rises again with n_w in "
@@ -268,13 +268,13 @@ def _cosine_lower(evidence: Evidence) -> Verdict:
 
 @RIGID_CLAIMS.add
 def _thickness_minor(evidence: Evidence) -> Verdict:
-    found = {t: p_max(evidence.tsb((0.5, 1.5, 4, t, 20.0))) for t in (40.0, 50.0, 60.0)}
-    spread = max(found.values()) / min(found.values()) - 1
+    result = {t: p_max(evidence.tsb((0.5, 1.5, 4, t, 20.0))) for t in (40.0, 50.0, 60.0)}
+    spread = max(result.values()) / min(result.values()) - 1
     return judged(
         spread < _TENTH,
-        ", ".join(f"{p:.3f} MPa (t = {t:g})" for t, p in found.items())
+        ", ".join(f"{p:.3f} MPa (t = {t:g})" for t, p in result.items())
         + f": {100 * spread:.0f} % apart (minor: below 10 %)",
-        p_max=found,
+        p_max=result,
     )
 
 
@@ -348,14 +348,14 @@ def _tsb2_preferable(evidence: Evidence) -> Verdict:
 def _near(target: float, case: str, *, count: bool) -> Callable[[Evidence], Verdict]:
     def judge(evidence: Evidence) -> Verdict:
         both = [measures_of(run) for run in _rows(evidence, case)]
-        found = [(m.effective_count_percent, m.effective_area_percent) for m in both]
-        chosen = [pair[0 if count else 1] for pair in found]
+        result = [(m.effective_count_percent, m.effective_area_percent) for m in both]
+        chosen = [pair[0 if count else 1] for pair in result]
         return judged(
             all(abs(value - target) <= 5.0 for value in chosen),
-            f"TSB1 {found[0][0]:.1f} %, TSB2 {found[1][0]:.1f} % of the elements; "
-            f"{found[0][1]:.1f} %, {found[1][1]:.1f} % of the area (approximately: ± 5 points)",
-            count_percent=[pair[0] for pair in found],
-            area_percent=[pair[1] for pair in found],
+            f"TSB1 {result[0][0]:.1f} %, TSB2 {result[1][0]:.1f} % of the elements; "
+            f"{result[0][1]:.1f} %, {result[1][1]:.1f} % of the area (approximately: ± 5 points)",
+            count_percent=[pair[0] for pair in result],
+            area_percent=[pair[1] for pair in result],
         )
 
     return judge
@@ -420,24 +420,24 @@ def _layers_alike(evidence: Evidence) -> Verdict:
 @RIGID_CLAIMS.add
 def _shaft_layer(evidence: Evidence) -> Verdict:
     """Compute by the paper's two measures in which layer the contact is hardest, for both loads."""
-    found: dict[str, dict[str, list[int]]] = {}
+    result: dict[str, dict[str, list[int]]] = {}
     for name, run in zip(("TSB1", "TSB2"), _rows(evidence, "shaft"), strict=True):
         physical = evidence.rigid(f"{name.lower()}-shaft")
         for words, one in (("as printed", run), ("full traction", physical)):
             for measure in ("p_eff", "p_max"):
                 layers, p = _by_layer(one, measure)
                 hardest = [int(k) for k in layers[p > 0.999 * p.max()]]
-                found.setdefault(f"{measure} {words}", {})[name] = hardest
+                result.setdefault(f"{measure} {words}", {})[name] = hardest
     return judged(
-        all(layers == [7] for layers in found["p_eff as printed"].values()),
+        all(layers == [7] for layers in result["p_eff as printed"].values()),
         "layers of the largest mean of the blocks' effective pressures: "
-        + _layer_words(found["p_eff as printed"])
+        + _layer_words(result["p_eff as printed"])
         + " in the convention of the tables, "
-        + _layer_words(found["p_eff full traction"])
+        + _layer_words(result["p_eff full traction"])
         + " with the full traction"
         + "; of the largest block maxima: "
-        + _layer_words(found["p_max as printed"]),
-        **found,
+        + _layer_words(result["p_max as printed"]),
+        **result,
     )
 
 
@@ -462,15 +462,15 @@ def _radial_gap_rate(run: RigidRun) -> float:
 
 @RIGID_CLAIMS.add
 def _no_explosion(evidence: Evidence) -> Verdict:
-    found = {
+    result = {
         name: _radial_gap_rate(evidence.case(name, "tunnel")) for name in ("TSB1", "TSB2", "THB0")
     }
     return judged(
-        found["TSB1"] < -1e-3 and found["TSB2"] < -1e-3 and found["THB0"] > -1e-3,
+        result["TSB1"] < -1e-3 and result["TSB2"] < -1e-3 and result["THB0"] > -1e-3,
         "all blocks move outward by 1: smallest gap rate / largest = "
-        + ", ".join(f"{v:.3f} ({k})" for k, v in found.items())
+        + ", ".join(f"{v:.3f} ({k})" for k, v in result.items())
         + "; below 0: blocks collide",
-        smallest_gap_rate=found,
+        smallest_gap_rate=result,
     )
 
 
@@ -494,12 +494,12 @@ def _axially_open(evidence: Evidence) -> Verdict:
 @RIGID_CLAIMS.add
 def _hexagon_classes(evidence: Evidence) -> Verdict:
     table = reference()["table"]["THB0"]
-    found = {case: str(evidence.case("THB0", case).result.mechanism) for case in table}
-    right = sum(found[case] == row["mechanism"] for case, row in table.items())
+    result = {case: str(evidence.case("THB0", case).result.mechanism) for case in table}
+    right = sum(result[case] == row["mechanism"] for case, row in table.items())
     return judged(
         right == len(table),
-        ", ".join(f"{case} {name}" for case, name in found.items()),
-        classes=found,
+        ", ".join(f"{case} {name}" for case, name in result.items()),
+        classes=result,
     )
 
 

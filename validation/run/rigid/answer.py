@@ -96,39 +96,39 @@ class RigidAnswer:
         result, further = self.result, self.further
         if further is None or further.friction is None:
             return without_friction(self.assembly, result)
-        asked, coefficient = further.friction, self.scene.rigid.friction
+        requested, coefficient = further.friction, self.scene.rigid.friction
         index, found = result.contact_index, self.assembly.interfaces
         given = further.friction_forces
         forces = np.zeros((len(index), 3)) if given is None else given
         normal = np.maximum(np.einsum("ni,ni->n", forces, found.normals[index]), 0.0)
-        verdict = "carried" if asked.holds else "not carried"
-        if not asked.holds and asked.mechanism is None:
+        verdict = "carried" if requested.holds else "not carried"
+        if not requested.holds and requested.mechanism is None:
             verdict = "undecided"
         others = ", others between pairs" if stated_pairs(self.scene) else ""
         words = f"{verdict} with friction μ = {coefficient:g}{others}"
         measured = None
-        if asked.holds:
+        if requested.holds:
             words += f" (without: {result.mechanism})"
             if further.squeeze_words:
                 words += f"; {further.squeeze_words}"
             measured = facet_measures(self.assembly, index, normal / found.areas[index])[1]
         return Carried(
-            holds=asked.holds,
+            holds=requested.holds,
             forces=forces,
             normal_forces=normal,
             measures=measured,
             words=words,
-            mechanism=asked.mechanism,
+            mechanism=requested.mechanism,
             friction=coefficient,
         )
 
     @cached_property
     def answer(self) -> Answer:
         """The answer that does not depend on the scene; its report says more of it."""
-        found = answer_of(
+        result = answer_of(
             self.assembly, self.load, self.result, carried=self.carried, beside=self._beside
         )
-        return replace(found, measures={**found.measures, **self._crushing(found)})
+        return replace(result, measures={**result.measures, **self._crushing(result)})
 
     def _crushing(self, found: Answer) -> dict[str, Measure]:
         """Factor of all loads at which the largest mean pressure of a facet is the strength.
@@ -164,8 +164,8 @@ class RigidAnswer:
     @cached_property
     def held(self) -> dict[str, bool] | None:
         """Which pushes beside the load are held; None where the class or friction says it all."""
-        asked = self.further is not None and self.further.friction is not None
-        if asked or self.result.supported_classification.locked:
+        requested = self.further is not None and self.further.friction is not None
+        if requested or self.result.supported_classification.locked:
             return None
         return held_against(self.assembly, self.load) if self.result.equilibrium.holds else None
 

@@ -93,12 +93,12 @@ def refined(file: SceneFile, run: RigidAnswer) -> Refinement:
     finer = require_mesh(file).coarser(FACTOR)
     assert finer is not None
     assert isinstance(run, RigidRun)
-    found = run_rigid(replace(file, scene=finer))
-    one, other = _compared(run), _compared(found)
+    result = run_rigid(replace(file, scene=finer))
+    one, other = _compared(run), _compared(result)
     values = other if one else {}
     return Refinement(
-        n_contacts=found.result.n_contacts,
-        class_changes=found.result.mechanism is not run.result.mechanism,
+        n_contacts=result.result.n_contacts,
+        class_changes=result.result.mechanism is not run.result.mechanism,
         values=values,
         changes={name: value - one[name] for name, value in values.items()},
     )
@@ -131,7 +131,7 @@ class Unlocking:
     @property
     def words(self) -> str:
         """What was found, for a line of text."""
-        tried = ", ".join(f"{layers}: {found}" for layers, found in self.classes.items())
+        tried = ", ".join(f"{layers}: {result}" for layers, result in self.classes.items())
         head = "locked with every number tried" if self.layers is None else f"{self.layers} layers"
         return f"{head} (on this mesh, frames held; {tried})"
 
@@ -180,21 +180,21 @@ def layers_to_unlock(file: SceneFile, most: int = 4 * LONG_TUBE) -> Unlocking:
     InputError
         For a scene that is no tube, or cannot be built with fewer layers.
     """
-    found: dict[int, MechanismClass] = {}
+    result: dict[int, MechanismClass] = {}
 
     def locked(layers: int) -> bool:
-        found[layers] = class_with_layers(file, layers)
-        return found[layers] is MechanismClass.LOCKED
+        result[layers] = class_with_layers(file, layers)
+        return result[layers] is MechanismClass.LOCKED
 
     low, high = 0, 1
     while locked(high):
         low, high = high, 2 * high
         if high > most:
-            return Unlocking(dict(sorted(found.items())), None)
+            return Unlocking(dict(sorted(result.items())), None)
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (middle, high) if locked(middle) else (low, middle)
-    return Unlocking(dict(sorted(found.items())), high)
+    return Unlocking(dict(sorted(result.items())), high)
 
 
 def frame_warning(file: SceneFile, run: RigidAnswer) -> str | None:

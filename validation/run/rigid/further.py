@@ -87,8 +87,8 @@ def further_answers(
     InputError
         When the collapse load is asked for, but nothing can grow or the rest is not carried.
     """
-    asked = (section.collapse, section.sliding, section.ranges, section.margin)
-    if section.friction is None and not any(asked):
+    requested = (section.collapse, section.sliding, section.ranges, section.margin)
+    if section.friction is None and not any(requested):
         return None
     start = time.process_time()
     contacts = contact_jacobian(assembly, load.fixed, load.held)
@@ -144,17 +144,17 @@ def _sliding(
     """Collapse by sliding without dilation, in the plane where the problem is plane."""
     plane = _plane(assembly, contacts, frictional, loads)
     if plane is None:
-        found = sliding_collapse(frictional, *loads)
+        result = sliding_collapse(frictional, *loads)
     else:
-        found = sliding_collapse(plane.contacts, *(plane.load(load) for load in loads))
-        if found.mechanism is not None:
+        result = sliding_collapse(plane.contacts, *(plane.load(load) for load in loads))
+        if result.mechanism is not None:
             rows = np.zeros(len(loads[0]))
-            rows[plane.rows] = found.mechanism
-            found = replace(found, mechanism=rows)
+            rows[plane.rows] = result.mechanism
+            result = replace(result, mechanism=rows)
     state = sliding_state(
-        assembly, contacts, found, frictional=frictional, plane=plane, wrenches=wrenches
+        assembly, contacts, result, frictional=frictional, plane=plane, wrenches=wrenches
     )
-    return found, state
+    return result, state
 
 
 def _plane(

@@ -42,8 +42,8 @@ class PolyhedralRun(RigidAnswer):
     @cached_property
     def patch_pressures(self) -> FloatArray:
         """Mean pressure of each patch; zero where nothing holds; (n_patches,) [MPa]."""
-        found, index = self.assembly.interfaces, self.result.contact_index
-        return found.patch_pressures(index, self.carried.normal_forces)
+        result, index = self.assembly.interfaces, self.result.contact_index
+        return result.patch_pressures(index, self.carried.normal_forces)
 
     def _beside(self) -> dict[str, Any]:
         interfaces, faces = self.assembly.interfaces, None

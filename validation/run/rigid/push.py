@@ -44,8 +44,8 @@ def rigid_limit(scene: DeformableScene) -> float | None:
         return None
     blocks = build_polyhedra(scene, Path())  # files of a checked scene have absolute names
     load = stated_load(scene, blocks, build_body_loads(scene, blocks).load_case(blocks))
-    found = rigid_push(scene, blocks, load)
-    return _finite(found.associated.factor) if isinstance(found, PushLimit) else None
+    result = rigid_push(scene, blocks, load)
+    return _finite(result.associated.factor) if isinstance(result, PushLimit) else None
 
 
 def push_friction(scene: PolyhedralScene) -> float:

@@ -12,7 +12,7 @@ from functools import cache
 @cache
 def field_docstrings(section: type) -> dict[str, str]:
     """Literals below the fields of a class and of its bases, in one line each."""
-    found: dict[str, str] = {}
+    result: dict[str, str] = {}
     for base in reversed(section.__mro__):
         try:
             tree = ast.parse(textwrap.dedent(inspect.getsource(base)))
@@ -26,8 +26,8 @@ def field_docstrings(section: type) -> dict[str, str]:
                 and isinstance(text, ast.Expr)
                 and isinstance(text.value, ast.Constant)
             ):
-                found[field.target.id] = " ".join(str(text.value.value).split())
+                result[field.target.id] = " ".join(str(text.value.value).split())
     for name, field in getattr(section, "model_fields", {}).items():
         if field.description is not None:
-            found.setdefault(name, field.description)
-    return found
+            result.setdefault(name, field.description)
+    return result

@@ -87,8 +87,8 @@ def parse_unit(text: str) -> Unit | None:
 
 def unit_of(docstring: str) -> Unit | None:
     """Unit that a docstring gives in brackets; None where it gives none."""
-    found = (parse_unit(text) for text in _IN_BRACKETS.findall(docstring) if text != "1")
-    return next((unit for unit in found if unit is not None), None)
+    result = (parse_unit(text) for text in _IN_BRACKETS.findall(docstring) if text != "1")
+    return next((unit for unit in result if unit is not None), None)
 
 
 def converted(text: str, unit: Unit) -> float | None:

@@ -80,12 +80,12 @@ def scene_schema() -> dict[str, Any]:
     kinds: dict[str, dict[str, Any]] = {}
     definitions: dict[str, Any] = {}
     for kind, model in SCENE_TYPES.items():
-        found = TypeAdapter(model).json_schema(
+        result = TypeAdapter(model).json_schema(
             ref_template="#/definitions/{model}", schema_generator=_WithDocstrings
         )
-        definitions.update(found.pop("$defs", {}))
-        kinds[kind] = found
-        definitions[f"scene-{kind}"] = found
+        definitions.update(result.pop("$defs", {}))
+        kinds[kind] = result
+        definitions[f"scene-{kind}"] = result
     return {
         "$schema": DIALECT,
         "title": "tubelock scene",

@@ -182,8 +182,8 @@ def _one_edge() -> Finding:
     ]
     assembly, weighs = _pressed(placed, _DOWN)
     _, leans = _pressed(placed, _DOWN + np.array([-0.1, -0.1, 0.0]))
-    found = assembly.interfaces
-    between = int(((found.block_m == 1) & (found.block_s == 2)).sum())
+    result = assembly.interfaces
+    between = int(((result.block_m == 1) & (result.block_s == 2)).sum())
     return Finding(
         Check("contacts between them", between, most=0),
         Check("carried by the floor", weighs.equilibrium.holds, least=1),

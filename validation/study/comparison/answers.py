@@ -84,17 +84,17 @@ class ComparedAnswers:
     @property
     def rigid(self) -> int | None:
         """Rigid answer that is explained: that of least pressures, else the last one."""
-        found = [k for k, answer in enumerate(self.answers) if answer.method == "rigid"]
-        by_pressure = [k for k in found if self.answers[k].report["norm"] == "pressure"]
-        return next(iter(by_pressure or found[-1:]), None)
+        result = [k for k, answer in enumerate(self.answers) if answer.method == "rigid"]
+        by_pressure = [k for k in result if self.answers[k].report["norm"] == "pressure"]
+        return next(iter(by_pressure or result[-1:]), None)
 
     @cached_property
     def contacts(self) -> dict[str, Array]:
         """The shared facets as the first answer has them, without pressures."""
-        found = self.answers[0].contacts
+        result = self.answers[0].contacts
         return {
-            n: found[n][self.places[0]]
-            for n in found
+            n: result[n][self.places[0]]
+            for n in result
             if n not in ("pressure", "force", "gap", "slip")
         }
 
@@ -117,29 +117,29 @@ class ComparedAnswers:
     @cached_property
     def faces(self) -> dict[str, IntArray]:
         """Rows of facets that are compared: all, in a tube also those around the middle layer."""
-        found = {"all": np.arange(len(self.places[0]))}
+        result = {"all": np.arange(len(self.places[0]))}
         if self.is_tube:
             layers = np.arange(int(self.contacts["layer"].max(initial=0)) + 1)
             m, s = self.contacts["layer"].T
-            found["top"] = facets_between(layers, m, s, self.layer)
-            found["bottom"] = facets_between(layers, m, s, self.layer - 1)
-        return found
+            result["top"] = facets_between(layers, m, s, self.layer)
+            result["bottom"] = facets_between(layers, m, s, self.layer - 1)
+        return result
 
     @cached_property
     def agreement(self) -> dict[str, tuple[dict[str, Any], ...]]:
         """Of the pressures of each other answer with those of the reference, by faces."""
-        found = self.contacts
-        m, s = found["blocks"].T
+        result = self.contacts
+        m, s = result["blocks"].T
         # Peaks are looked for per block of the middle layer; over the whole tube, per first block.
-        owner = np.where(found["layer"][:, 0] == self.layer, m, s)
+        owner = np.where(result["layer"][:, 0] == self.layer, m, s)
         return {
             name: tuple(
                 agreement(
                     faces,
                     self.pressures[self.reference][rows],
                     self.pressures[k][rows],
-                    centroids=found["centroid"][rows],
-                    areas=found["area"][rows],
+                    centroids=result["centroid"][rows],
+                    areas=result["area"][rows],
                     block=(m if faces == "all" else owner)[rows],
                 )
                 for faces, rows in self.faces.items()
@@ -152,9 +152,9 @@ class ComparedAnswers:
     @cached_property
     def interface_forces(self) -> tuple[FloatArray, ...]:
         """Force resultant of every pair of blocks in each answer, (n_pairs, 3) [N]."""
-        found = self.contacts
-        _, row = np.unique(found["blocks"], axis=0, return_inverse=True)
-        along, totals = found["normal"] * found["area"][:, None], []
+        result = self.contacts
+        _, row = np.unique(result["blocks"], axis=0, return_inverse=True)
+        along, totals = result["normal"] * result["area"][:, None], []
         for pressures in self.pressures:
             total = np.zeros((int(row.max()) + 1, 3))
             np.add.at(total, row.ravel(), pressures[:, None] * along)
@@ -297,7 +297,7 @@ class ComparedAnswers:
             "answers": answers,
             "reference": self.names[self.reference],
             "n_contacts": len(self.places[0]),
-            "agreement": {n: list(found) for n, found in self.agreement.items()},
+            "agreement": {n: list(result) for n, result in self.agreement.items()},
             "interface_force_error": {n: self.interface_force_error(n) for n in self.agreement},
             "explicit_errors": self.explicit_errors,
             "steps": list(self.steps),

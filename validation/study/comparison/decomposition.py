@@ -53,8 +53,8 @@ def decompose(static: Answer) -> list[dict[str, Any]]:
     closed = replace(problem, clearance=0.0, spacing=0.0)
     material = [replace(m, young_modulus=STIFFENING * m.young_modulus) for m in problem.materials]
     stiff = replace(closed, material=material, friction=None, check_units=False)
-    found = static.report["contact"]
-    mean = np.array([found["mean_overclosure"]])
+    result = static.report["contact"]
+    mean = np.array([result["mean_overclosure"]])
     springs = LinearPenalty(max(float(problem.contact_law.stiffness(mean)[0]), 1.0))
     tasks = [
         ("rigid blocks with linear normal contact (penalty)", replace(stiff, law=springs)),
@@ -68,7 +68,7 @@ def decompose(static: Answer) -> list[dict[str, Any]]:
         except RefusedError:
             continue
     last = f"with the initial gaps{gap_words(problem)}" if opened else _ELASTICITY
-    return [*steps, _step(last, found)]
+    return [*steps, _step(last, result)]
 
 
 def _solved(task: Problem, store: FlexibilityStore, *, refined: bool) -> Mapping[str, Any]:
@@ -77,12 +77,12 @@ def _solved(task: Problem, store: FlexibilityStore, *, refined: bool) -> Mapping
     if not refined:
         return vars(static_solution(task.deformable, options, store=store).contact)
     deformable = on_rung(task, _STIFF_RUNG).deformable
-    found = static_solution(deformable, options)
-    assert found.static is not None
+    result = static_solution(deformable, options)
+    assert result.static is not None
     pressures = pressures_on_facets(
-        task.blocks, deformable, found.group_displacements, symmetry=found.static.symmetry
+        task.blocks, deformable, result.group_displacements, symmetry=result.static.symmetry
     )
-    return vars(contact_on(found, (task.blocks, pressures)))
+    return vars(contact_on(result, (task.blocks, pressures)))
 
 
 def _step(words: str, found: Mapping[str, Any]) -> dict[str, Any]:

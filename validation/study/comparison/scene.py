@@ -56,18 +56,18 @@ def compared_runs(
     rigid = list(_rigid_runs(name, scene, problem))
     static = scene.changed({"fem.method": Method.STATIC})
     one_mesh = problem.finite_sliding or refined(name, static, {}) is None
-    found: list[DeformableRun] = []
+    result: list[DeformableRun] = []
     if not one_mesh:
-        found.append(
+        result.append(
             run_converged(name, static, DEFAULT_TARGETS, most_work=MOST_WORK, progress=refinement)
         )
     if one_mesh or explicit:
-        found.append(run_static(name, static, problem=problem))
+        result.append(run_static(name, static, problem=problem))
     if explicit:
         damping = scene.fem.damping or Damping.STATIC
         dynamic = scene.changed({"fem": {"method": Method.EXPLICIT, "damping": damping}})
-        found.append(run_explicit(name, dynamic, problem=problem, progress=progress))
-    return rigid, found
+        result.append(run_explicit(name, dynamic, problem=problem, progress=progress))
+    return rigid, result
 
 
 def _rigid_runs(name: str, scene: DeformableScene, problem: Problem) -> Iterator[RigidRun]:

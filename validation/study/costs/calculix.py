@@ -60,11 +60,11 @@ def solve_by_calculix(where: str, scene: AssemblyScene) -> MethodAnswer:
         path = Path(folder) / "deck.inp"
         write_deck(path, deck)
         try:
-            found = run_calculix(path, timeout=_TIMEOUT)
+            result = run_calculix(path, timeout=_TIMEOUT)
         except CalculixError as error:
             raise InputError(f"{where}: {error}") from None
     count_materials(scene, "averaging_radius")
-    return measured_answer(deck, found)
+    return measured_answer(deck, result)
 
 
 def measured_answer(deck: Deck, found: CalculixResult) -> MethodAnswer:

@@ -61,12 +61,12 @@ def measure(
         When the run was stopped from outside.
     """
     solved = _timed(setting, with_setting(scene, base, setting), f"{name}, {setting.name}")
-    found, seconds = _run(name, solved, base, setting)
+    result, seconds = _run(name, solved, base, setting)
     times = [seconds]
     while len(times) < repeats and min(times) < CHEAP:
         times.append(_run(name, solved, base, setting)[1])
     today = datetime.datetime.now(tz=datetime.UTC).date().isoformat()
-    return found | {"cpu_seconds": times, "date": today, "processor": processor()}
+    return result | {"cpu_seconds": times, "date": today, "processor": processor()}
 
 
 def warm_up(name: str, scene: AssemblyScene, base: BaseMesh, setting: CostSetting) -> None:
@@ -105,23 +105,23 @@ def _run(
 ) -> tuple[dict[str, Any], float]:
     """Numbers of one run and its CPU time [s]."""
     gc.collect()
-    found = _METHODS[setting.method](f"{name}, {setting.name}", scene, setting)
+    result = _METHODS[setting.method](f"{name}, {setting.name}", scene, setting)
     cells = replace(setting, method="static", level=PARTITION_LEVEL, radial_grading=1.0)
     pressures, areas = partition_pressures(
-        found.assembly,
-        found.contacts,
-        found.pressures,
+        result.assembly,
+        result.contacts,
+        result.pressures,
         build_assembly(with_setting(scene, base, cells)),
         level=setting.facet_level,
         across=_rows(setting, base),
     )
     numbers = {
-        "scalars": found.scalars,
+        "scalars": result.scalars,
         "pressures": pressures.tolist(),
         "areas": areas.tolist(),
-        "details": found.details,
+        "details": result.details,
     }
-    return numbers, found.cpu_seconds
+    return numbers, result.cpu_seconds
 
 
 def _rows(setting: CostSetting, base: BaseMesh) -> FloatArray | None:
@@ -158,8 +158,8 @@ def _curved(where: str, scene: AssemblyScene, setting: CostSetting) -> MethodAns
     details = {"unknowns": finest.unknowns}
     assert finest.facets is not None
     assembly, pressures = finest.facets
-    found = assembly.interfaces
-    held = assembly.fixed[found.block_m] & assembly.fixed[found.block_s]
+    result = assembly.interfaces
+    held = assembly.fixed[result.block_m] & assembly.fixed[result.block_s]
     contacts = np.flatnonzero(~held)
     return MethodAnswer(assembly, scalars, contacts, pressures[contacts], seconds, details)
 
@@ -189,7 +189,7 @@ _METHODS: dict[str, Callable[[str, AssemblyScene, CostSetting], MethodAnswer]] =
 def _numbers(tube: DeformableRun) -> tuple[dict[str, float], dict[str, Any]]:
     scalars = {name: tube.answer[name].value for name in SCALARS}
     kept = ("status", "n_steps", "time_step", "time", "newton_iterations", "residual", "symmetry")
-    told = {key: getattr(tube.solution.solver, key, None) for key in kept}
-    details = {key: value for key, value in told.items() if value is not None}
+    reported = {key: getattr(tube.solution.solver, key, None) for key in kept}
+    details = {key: value for key, value in reported.items() if value is not None}
     elements = tube.solution.deformable.model.groups[0].mesh.n_elements
     return scalars, details | {"elements_per_block": elements}

@@ -76,11 +76,11 @@ def partition_pressures(
     InputError
         Faces whose facets are no grid.
     """
-    found = assembly.interfaces
-    free = ~(assembly.fixed[found.block_m[contacts]] & assembly.fixed[found.block_s[contacts]])
+    result = assembly.interfaces
+    free = ~(assembly.fixed[result.block_m[contacts]] & assembly.fixed[result.block_s[contacts]])
     contacts, pressures = contacts[free], pressures[free]
-    block, facet = found.block_m[contacts], found.facet_m[contacts]
-    areas = found.areas[contacts]
+    block, facet = result.block_m[contacts], result.facet_m[contacts]
+    areas = result.areas[contacts]
     all_pressures, all_areas = [], []
     for number in np.unique(block).tolist():
         shape, coarse, first = assembly.shape(number), cells.shape(number), 0

@@ -141,29 +141,29 @@ def full_plan(name: str, scene: AssemblyScene, *, others: bool = False) -> CostP
     """Everything, to decide by; of ``others``, programs that are installed."""
     base, best = base_mesh(scene, name), ElementType.INCOMPATIBLE
     left_out: list[tuple[str, str]] = []
-    found = [rigid_setting(norm, k) for norm in Norm for k in (1, 2, 4, 6)]
+    result = [rigid_setting(norm, k) for norm in Norm for k in (1, 2, 4, 6)]
     for element in ELEMENT_NAMES:
-        found += [static_setting(element, k) for k in (1, 2, 3, 4)]
+        result += [static_setting(element, k) for k in (1, 2, 3, 4)]
     for element in ELEMENT_NAMES:
-        found += [explicit_setting(element, k) for k in (1, 2, 4)]
-    found += [static_setting(best, 6), explicit_setting(best, 6)]
+        result += [explicit_setting(element, k) for k in (1, 2, 4)]
+    result += [static_setting(best, 6), explicit_setting(best, 6)]
     if base.grades:
-        found += [graded(static_setting(best, k)) for k in (2, 3, 4, 6)]
-        found += [graded(explicit_setting(best, k)) for k in (2, 4)]
+        result += [graded(static_setting(best, k)) for k in (2, 3, 4, 6)]
+        result += [graded(explicit_setting(best, k)) for k in (2, 4)]
     else:
         left_out.append(("graded meshes", f'[mesh] of "{scene.block.type}" has no grading'))
-    found += variants(2)
+    result += variants(2)
     if others:
-        found += calculix_settings(left_out, (1, 2, 3))
+        result += calculix_settings(left_out, (1, 2, 3))
     why = _why_no_ladder(name, scene)
     if why is not None:
         left_out.append(("the ladder of `fem --accuracy`", why))
-        found += [degree_setting(degree, k) for degree in (2, 3) for k in (1, 2, 3)[: 5 - degree]]
+        result += [degree_setting(degree, k) for degree in (2, 3) for k in (1, 2, 3)[: 5 - degree]]
         judges = (*extrapolated(base, (3, 4, 6, 8)), by_degree(2, (2, 3, 4)))
-        return CostPlan(base, tuple(found), judges, tuple(left_out))
+        return CostPlan(base, tuple(result), judges, tuple(left_out))
     # The finest rung judges the others and all that is not curved.
-    found += [curved_setting(k) for k in (1, 2, 3, 4, 5)]
-    return CostPlan(base, tuple(found), curved_rungs(4, 5, 6), tuple(left_out))
+    result += [curved_setting(k) for k in (1, 2, 3, 4, 5)]
+    return CostPlan(base, tuple(result), curved_rungs(4, 5, 6), tuple(left_out))
 
 
 def _why_no_ladder(name: str, scene: AssemblyScene) -> str | None:
@@ -182,19 +182,19 @@ def _why_no_ladder(name: str, scene: AssemblyScene) -> str | None:
 
 def quick_plan(name: str, scene: AssemblyScene, *, others: bool = False) -> CostPlan:
     """Coarse meshes: shows how it works, in seconds."""
-    found = [rigid_setting(norm, k) for norm in Norm for k in (1, 2)]
-    found += [
+    result = [rigid_setting(norm, k) for norm in Norm for k in (1, 2)]
+    result += [
         static_setting(element, k)
         for element in (ElementType.INCOMPATIBLE, ElementType.REDUCED)
         for k in (1, 2)
     ]
-    found += [explicit_setting(ElementType.INCOMPATIBLE, 1)]
-    found += [variants(1)[0]]
+    result += [explicit_setting(ElementType.INCOMPATIBLE, 1)]
+    result += [variants(1)[0]]
     left_out: list[tuple[str, str]] = []
     if others:
-        found += calculix_settings(left_out, (1, 2))
+        result += calculix_settings(left_out, (1, 2))
     base = base_mesh(scene, name)
-    return CostPlan(base, tuple(found), extrapolated(base, (2, 3, 4)), tuple(left_out))
+    return CostPlan(base, tuple(result), extrapolated(base, (2, 3, 4)), tuple(left_out))
 
 
 def calculix_settings(

@@ -186,9 +186,9 @@ def draw_study(study: CostStudy, path: Path, *, title: str = "") -> None:
 
 def _software() -> str:
     """Versions of what the answers come from, beside this program's own."""
-    found = Provenance().as_json()
-    libraries = [f"{name} {version}" for name, version in found["libraries"].items()]
-    return ", ".join([f"Python {found['python']}", *libraries])
+    result = Provenance().as_json()
+    libraries = [f"{name} {version}" for name, version in result["libraries"].items()]
+    return ", ".join([f"Python {result['python']}", *libraries])
 
 
 def _draw_panel(axes: Axes, study: CostStudy, quantity: str) -> None:

@@ -45,11 +45,11 @@ class BaseMesh:
 
     def at(self, level: int, radial_grading: float = 1.0) -> dict[str, Any]:
         """Values of ``[mesh]`` at a level."""
-        found: dict[str, Any] = {
+        result: dict[str, Any] = {
             key: level * n if isinstance(n, int) else tuple(level * k for k in n)
             for key, n in self.counts
         }
-        return found | ({"radial_grading": radial_grading} if self.grades else {})
+        return result | ({"radial_grading": radial_grading} if self.grades else {})
 
     @property
     def words(self) -> str:
@@ -172,7 +172,7 @@ def explicit_setting(element: ElementType, level: int, **changes: str) -> CostSe
 
 def variants(level: int) -> list[CostSetting]:
     """Explicit C3D8I with one thing changed."""
-    found: dict[str, tuple[dict[str, str], dict[str, float]]] = {
+    result: dict[str, tuple[dict[str, str], dict[str, float]]] = {
         # Its round-off keeps the residual above any useful bound: time has to stop it.
         "float32": ({"precision": "float32"}, {"hold_periods": 4.0}),
         "residual 1e-2": ({"residual": "1e-2"}, {}),
@@ -184,7 +184,7 @@ def variants(level: int) -> list[CostSetting]:
         "α = 2 /s": ({"damping": "paper"}, {"ramp_factor": 0.1, "hold_periods": 10.0}),
     }
     settings = []
-    for words, (changes, times) in found.items():
+    for words, (changes, times) in result.items():
         setting = explicit_setting(ElementType.INCOMPATIBLE, level, **changes)
         given: dict[str, Any] = {"family": f"{setting.family}, {words}", **times}
         settings.append(replace(setting, **given))

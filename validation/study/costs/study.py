@@ -93,10 +93,10 @@ class CostStudy:
 
     def families(self) -> dict[str, list[Row]]:
         """Rows by family, coarse to fine."""
-        found: dict[str, list[Row]] = {}
+        result: dict[str, list[Row]] = {}
         for row in self.rows:
-            found.setdefault(row.setting.family, []).append(row)
-        return {k: sorted(v, key=lambda row: row.setting.level) for k, v in found.items()}
+            result.setdefault(row.setting.family, []).append(row)
+        return {k: sorted(v, key=lambda row: row.setting.level) for k, v in result.items()}
 
     def order(self, family: str, quantity: str) -> dict[str, float | None]:
         """Observed order of a family in one quantity; None where it has too few meshes.
@@ -131,14 +131,14 @@ class CostStudy:
 def finer_meshes(rows: list[Row]) -> list[list[int]]:
     """Positions of the finer meshes of each row's family; of a lone mesh, of what it varies."""
     meshes = Counter(row.setting.family for row in rows)
-    found = []
+    result = []
     for row in rows:
         own = row.setting
         lone = meshes[own.family] == 1
         names = {own.family, own.family.partition(",")[0] if lone else own.family}
         finer = (r.setting.family in names and r.setting.level > own.level for r in rows)
-        found.append([i for i, counts in enumerate(finer) if counts])
-    return found
+        result.append([i for i, counts in enumerate(finer) if counts])
+    return result
 
 
 # ---------------------------------------------------------------------------------------------
@@ -177,13 +177,13 @@ def run_cost(
             if kernels not in warm:
                 warm.add(kernels)
                 warm_up(name, scene, plan.base, replace(setting, level=1))
-            found = measure(name, scene, plan.base, setting)
+            result = measure(name, scene, plan.base, setting)
         except RefusedError as error:
             if setting in references:
                 raise
             failures[setting.name] = str(error)
             continue
-        store.keep(measurement_key(scene, plan.base, setting), name, setting, found)
+        store.keep(measurement_key(scene, plan.base, setting), name, setting, result)
     study = stored_study(name, scene, plan, store)
     if study is None:
         first = next(iter(failures.values()))
@@ -222,20 +222,20 @@ def compare_settings(
     }
     sizes = {q: norm(reference[q].value, weights[q]) for q in QUANTITIES}
     rows = []
-    for setting, found in known.items():
+    for setting, result in known.items():
         errors = {
-            q: norm(_value(found, q) - reference[q].value, weights[q]) / sizes[q]
+            q: norm(_value(result, q) - reference[q].value, weights[q]) / sizes[q]
             for q in QUANTITIES
-            if q == "pressure_l2" or q in found["scalars"]
+            if q == "pressure_l2" or q in result["scalars"]
         }
-        rows.append(Row(setting, found, errors))
+        rows.append(Row(setting, result, errors))
     return CostStudy(
         name=name,
         plan=plan,
         rows=tuple(rows),
         reference=reference,
         reference_errors={q: reference[q].error / sizes[q] for q in QUANTITIES},
-        reference_seconds=sum(min(found["cpu_seconds"]) for found in references.values()),
+        reference_seconds=sum(min(result["cpu_seconds"]) for result in references.values()),
     )
 
 

@@ -150,7 +150,7 @@ def candidates(scene: DeformableScene, name: str, auto: AutoSection) -> tuple[Ef
                 )
         return auto.decide
     explicit = scene.fem.method is Method.EXPLICIT
-    found = []
+    result = []
     for effect in EffectName:
         if effect in auto.keep:
             continue
@@ -160,10 +160,10 @@ def candidates(scene: DeformableScene, name: str, auto: AutoSection) -> tuple[Ef
             useless = effect is EffectName.ELASTIC_FRAME and stands
             impossible = effect is EffectName.FINITE_SLIDING and not explicit
             if not (written or useless or impossible):
-                found.append(effect)
+                result.append(effect)
         elif has_effect(scene, effect):
-            found.append(effect)
-    return tuple(found)
+            result.append(effect)
+    return tuple(result)
 
 
 def setting_words(scene: DeformableScene, effect: EffectName) -> str:
@@ -204,15 +204,15 @@ def decide_effects(
     names = candidates(plain, name, auto)
     start = time.process_time()
     probe = _Probe(plain, name, names, told or (lambda _: None))
-    found = _together([probe.decision(effect) for effect in names], auto.tolerance)
+    result = _together([probe.decision(effect) for effect in names], auto.tolerance)
     decided = plain
-    for decision in found:
+    for decision in result:
         change = with_effect if decision.simulated else without_effect
         if decision.simulated is not has_effect(plain, decision.effect):
             decided = change(decided, decision.effect)
     return decided, EffectsDecision(
         tolerance=auto.tolerance,
-        decisions=found,
+        decisions=result,
         as_written=tuple(e for e in EffectName if e not in names and has_effect(plain, e)),
         probe=f"static, {mesh_words(probe.scene)}",
         cpu_seconds=time.process_time() - start,
@@ -273,14 +273,16 @@ class _Probe:
         if allowed < 1:
             raise _TooDearError(_TOO_DEAR)
         try:
-            found = solve_probe(scene, self._name, self._store, start=start, max_iterations=allowed)
+            result = solve_probe(
+                scene, self._name, self._store, start=start, max_iterations=allowed
+            )
         except UnsolvedError:
             self.work += allowed * self._each
             if allowed < usual:
                 raise _TooDearError(_TOO_DEAR) from None
             raise
-        self.work += found.result.newton_iterations * self._each
-        return found
+        self.work += result.result.newton_iterations * self._each
+        return result
 
     def _solved(self, names: list[EffectName]) -> Solved | None:
         """Solve without effects; those that have a value stay where there is no solution.
@@ -293,17 +295,17 @@ class _Probe:
         for effect in written:
             bare = without_effect(bare, effect)
         try:
-            found = self._run(bare)
+            result = self._run(bare)
         except _TooDearError:
             return None
         except RefusedError:
             if not written:
                 raise
-            found = self._run(self.scene)
+            result = self._run(self.scene)
             self._needed = tuple(written)
-            return found
+            return result
         self.scene = bare
-        return found
+        return result
 
     def decision(self, effect: EffectName) -> Decision:
         """What an effect changes; whether it then matters is decided for all of them together."""
@@ -325,14 +327,14 @@ class _Probe:
             return Decision(effect, setting, True, Change(share, share, share), words)
         self._told(str(effect))
         try:
-            found = self._run(self._with(effect), base)
+            result = self._run(self._with(effect), base)
         except _TooDearError:
             return self._as_written(effect, setting)
         except RefusedError as error:
             possible = effect is not EffectName.ELASTIC_FRAME
             reason = f"{'no probe' if possible else 'not possible here'}: {error}"
             return Decision(effect, setting, possible, None, reason)
-        return Decision(effect, setting, True, change(base.answer, found.answer), "probe")
+        return Decision(effect, setting, True, change(base.answer, result.answer), "probe")
 
     def _as_written(self, effect: EffectName, setting: str) -> Decision:
         """No decision: the effect stays as the scene has it."""
@@ -344,10 +346,10 @@ class _Probe:
             return with_effect(self.scene, effect)
         section = "contact" if effect in _GAPS else "effects"
         value = getattr(getattr(self._full, section), effect)
-        found = self.scene.changed({f"{section}.{effect}": value})
+        result = self.scene.changed({f"{section}.{effect}": value})
         if effect is EffectName.FRICTION:
-            found = found.changed({"contact.pairs": self._full.contact.pairs})
-        return found
+            result = result.changed({"contact.pairs": self._full.contact.pairs})
+        return result
 
     def _damping(self, effect: EffectName, setting: str) -> Decision:
         """Decide about a viscous force: it is zero at rest, so no static state has it."""

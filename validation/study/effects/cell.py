@@ -55,7 +55,7 @@ def cell_error(scene: DeformableScene, name: str) -> dict[str, Any]:
         "mesh": mesh_words(scene),
         "cell_seconds": cell.cpu_seconds["total"],
         "tube_seconds": tube.cpu_seconds["total"],
-        **{key: asdict(found) for key, found in (answers | changes).items()},
+        **{key: asdict(result) for key, result in (answers | changes).items()},
     }
 
 
@@ -78,10 +78,10 @@ def middle_answer(solution: Solution) -> Answer:
     layers = (1, 2) if assembly.image_of is not None else (lower, lower + 1)
     chosen = np.isin(assembly.layer[assembly.free_blocks], layers)
     blocks = assembly.free_blocks[chosen]
-    found = solution.contact.per_block
+    result = solution.contact.per_block
     return Answer(
-        p_max=float(found.p_max[chosen].mean()),
-        p_eff=float(found.p_eff[chosen].mean()),
+        p_max=float(result.p_max[chosen].mean()),
+        p_eff=float(result.p_eff[chosen].mean()),
         displacement=_own_displacement(solution, blocks.tolist()),
     )
 

@@ -99,13 +99,13 @@ def effects_of(scene: DeformableScene, mass_damping: float) -> tuple[tuple[Any, 
 
 def compiled_forms() -> frozenset[tuple[str, str]]:
     """Compiled functions of the solver and the signatures they have been compiled for so far."""
-    found = set()
+    result = set()
     for name, module in list(sys.modules.items()):
         if name.startswith("fem."):
             for value in list(vars(module).values()):
                 for form in getattr(value, "nopython_signatures", ()):
-                    found.add((value.__name__, str(form)))
-    return frozenset(found)
+                    result.add((value.__name__, str(form)))
+    return frozenset(result)
 
 
 def ready(scene: DeformableScene, name: str) -> tuple[System, State]:

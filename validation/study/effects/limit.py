@@ -52,5 +52,5 @@ def _meshes(problem: Problem, scene: DeformableScene) -> list[Problem]:
     """Meshes that the answer is sure to have."""
     if not refines(problem, scene.fem.mesh, None):
         return [problem]
-    found = [on_rung(problem, rung) for rung in ladder_for(TARGETS, problem).rungs[:LEAST_MESHES]]
-    return found[:-1] if work(found[-1], 1) > MOST_WORK else found
+    result = [on_rung(problem, rung) for rung in ladder_for(TARGETS, problem).rungs[:LEAST_MESHES]]
+    return result[:-1] if work(result[-1], 1) > MOST_WORK else result

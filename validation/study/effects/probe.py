@@ -91,8 +91,8 @@ class Solved:
     @cached_property
     def answer(self) -> Answer:
         """The quantities."""
-        found = contact_measures(self.deformable.assembly, self.result.contact_state)
-        return Answer(found.p_max, found.p_eff, self.result.max_displacement)
+        result = contact_measures(self.deformable.assembly, self.result.contact_state)
+        return Answer(result.p_max, result.p_eff, self.result.max_displacement)
 
 
 class UnsolvedError(InputError):
@@ -179,9 +179,9 @@ def without_motion(scene: DeformableScene) -> DeformableScene:
 
 def _coarse_mesh(scene: DeformableScene, fineness: int) -> dict[str, Any]:
     """Values of ``[mesh]`` that are lower in the probe; none where the mesh is given."""
-    found = scene.coarse_mesh(fineness * _PER_WAVE, fineness * _THROUGH, fineness * _OTHER)
+    result = scene.coarse_mesh(fineness * _PER_WAVE, fineness * _THROUGH, fineness * _OTHER)
     own = scene.element_counts
-    return {key: value for key, value in found.items() if value != own[key]}
+    return {key: value for key, value in result.items() if value != own[key]}
 
 
 def refinement(scene: DeformableScene, probe: DeformableScene) -> float:
