@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
 from fem import Problem, concrete
-from fem.accuracy.converge import LEAST_MESHES, MOST_WORK, TARGETS, converge, growing, is_reached
+from fem.accuracy.converge import LEAST_MESHES, TARGETS, growing, is_reached
 from fem.accuracy.errors import ALTERNATING, SAFETY, Falls, falling_bar
 from fem.accuracy.ladder import LADDER, PRESSURES, coarser, on_mesh, split
 from fem.accuracy.statics import solve_static
 from fem.contact.law import LinearPenalty
 from geometry import SineBlock, pipe, tube
-from geometry.answer import WIDEST, Measure
+from geometry.answer import WIDEST, Answer, Measure
 from tests.verification import error_bars
 from tests.verification.concentric import Shells
 from tests.verification.error_problems import Case, cases
@@ -82,6 +83,11 @@ def _case(name: str) -> Case:
     return found
 
 
+@cache
+def default_answer(name: str) -> Answer:
+    return solve_static(_case(name).problem())
+
+
 def test_no_reference_is_a_mesh_of_the_answer() -> None:
     """However many meshes an answer took, what judges its bars is none of them."""
     for case in cases():
@@ -97,8 +103,7 @@ def test_bars_hold_on_cheap_problems(name: str) -> None:
     One of ten may fail: that is the promise of an error bar, which is an estimate.
     """
     case = _case(name)
-    report = converge(case.problem(), TARGETS, most_work=MOST_WORK).report
-    kept = {"meshes": report["meshes"]}
+    kept = {"meshes": default_answer(name).report["meshes"]}
     if case.reference != "closed form":
         kept["finer"] = error_bars.on_one_mesh(case.problem(), case.finer)
     judged = [row for row in error_bars.judged(case, kept) if not row["printed"]]
@@ -109,7 +114,7 @@ def test_bars_hold_on_cheap_problems(name: str) -> None:
 
 def test_the_replayed_answer_is_the_one_that_is_printed() -> None:
     """`error_bars.default_answer` from the report alone, against `solve_static`."""
-    answer = solve_static(_case("heavy boxes").problem())
+    answer = default_answer("heavy boxes")
     n, replayed = error_bars.default_answer(answer.report["meshes"])
     assert n == len(answer.report["meshes"])
     for name, measure in answer.measures.items():

@@ -66,7 +66,8 @@ def test_an_exported_deck_is_read(tubelock, flavour) -> None:
 
 
 def test_a_deck_is_written_again_and_solved(tubelock) -> None:
-    tubelock("export", "tsb1-pipe", *SMALL, "-o", "a.inp", "--flavour", "pairs")
+    small = (*SMALL, "--set", "assembly.layers=1", "--set", "mesh.radial=1")
+    tubelock("export", "tsb1-pipe", *small, "-o", "a.inp", "--flavour", "pairs")
     found = []
     for words in (("a.inp", "--write", "b.inp"), ("b.inp",)):
         assert tubelock("deck", *words, "--run", "--json", "a.json")[0] == 0

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from geometry.block import Block
-from geometry.mesh import HexMesh, boundary_quads, check_mesh
+from geometry.mesh import FloatArray, HexMesh, boundary_quads, check_mesh
 
 #: Equal elements reach so far beyond the contact, in its radius, across and in depth.
 _EQUAL_ACROSS, _EQUAL_DEEP = 1.2, 0.3
@@ -58,6 +58,14 @@ def strip(cell: float, contact: float, length: float, *, thickness: float) -> Pl
     return Plan(nodes, np.column_stack([k, k + 1, n + k + 1, n + k]), np.abs(nodes[:, 0]))
 
 
+def _quarter_circle(n: int) -> FloatArray:
+    """Points of the unit circle from the x axis to the y axis, (2n + 1, 2)."""
+    angle = 0.25 * np.pi * np.arange(2 * n + 1) / n
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    circle[0, 1] = circle[-1, 0] = 0.0
+    return circle
+
+
 def quarter_disc(cell: float, contact: float, length: float) -> Plan:
     """Plan of a quarter of a ball: a square in the middle, rings of elements round it."""
     equal = _EQUAL_ACROSS * contact
@@ -71,9 +79,7 @@ def quarter_disc(cell: float, contact: float, length: float) -> Plan:
     quads = [np.column_stack([corner.ravel() for corner in around])]
     before = np.concatenate([number[n], number[:n, n][::-1]])
     rim = nodes[0][before]
-    angle = 0.25 * np.pi * np.arange(2 * n + 1) / n
-    circle = np.column_stack([np.cos(angle), np.sin(angle)])
-    circle[0, 1] = circle[-1, 0] = 0.0
+    circle = _quarter_circle(n)
     inner = max(1, round((equal - side) / cell))
     radii = graded(cell, equal, length, _GROWTH_ACROSS)
     rings = [rim + k / inner * (equal * circle - rim) for k in range(1, inner + 1)]
@@ -96,9 +102,8 @@ def round_ended(
     meant and ``depth`` the way from the tip to the base [mm]. The block has the faces ``end``
     (where it can touch) and ``base``.
     """
-    sag = np.zeros(len(plan.tip))
-    if np.isfinite(radius):
-        sag = radius - np.sqrt(radius**2 - plan.tip**2)
+    curved = np.isfinite(radius)
+    sag = radius - np.sqrt(radius**2 - plan.tip**2) if curved else np.zeros(len(plan.tip))
     share = graded(cell, _EQUAL_DEEP * contact, depth, _GROWTH_DEEP) / depth
     heights = sag + share[:, None] * (depth - sag)
     n = len(plan.nodes)

@@ -20,17 +20,12 @@ def scene_planes(scene: WholeScene, assembly: AnyBlocks) -> Planes | None:
     """
     if not scene.sections:
         return None
-    result = [
-        planes(
-            one.point,
-            one.normal,
-            blocks=None
-            if one.blocks is None
-            else chosen_blocks(f"sections[{k}].blocks", one.blocks, assembly),
-            names=[one.name or str(k + 1)],
-        )
-        for k, one in enumerate(scene.sections)
-    ]
+    result = []
+    for k, one in enumerate(scene.sections):
+        blocks = None
+        if one.blocks is not None:
+            blocks = chosen_blocks(f"sections[{k}].blocks", one.blocks, assembly)
+        result.append(planes(one.point, one.normal, blocks=blocks, names=[one.name or str(k + 1)]))
     return Planes(
         points=np.concatenate([one.points for one in result]),
         normals=np.concatenate([one.normals for one in result]),

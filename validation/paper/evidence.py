@@ -205,17 +205,9 @@ class Evidence:
         around, radial, axial = self.fem_mesh(case)
         symmetry = "none" if case == "beam" else "sector"
         name = f"{block.lower()}-{case}"
-        file = load_scene(
-            name,
-            [
-                "fem.method=static",
-                f"mesh.around={around}",
-                f"mesh.radial={radial}",
-                f"mesh.axial={axial}",
-                f"fem.symmetry={symmetry}",
-                *settings,
-            ],
-        )
+        mesh = (f"mesh.around={around}", f"mesh.radial={radial}", f"mesh.axial={axial}")
+        own = ("fem.method=static", f"fem.symmetry={symmetry}", *mesh)
+        file = load_scene(name, [*own, *settings])
         assert isinstance(file.scene, DeformableScene)
         with status(self.console, f"deformable blocks: {name} {words}"):
             run = run_static(name, file.scene)

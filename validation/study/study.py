@@ -349,17 +349,9 @@ def _range(place: str, given: Mapping[str, Any]) -> tuple[Value, ...]:
         raise InputError(
             f"{place}: got a range with {', '.join(given)}; expected from, to and step, all three"
         )
-    numbers = []
-    for key in ("from", "to", "step"):
-        value = given[key]
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float)
-            or not math.isfinite(value)
-        ):
-            raise InputError(f"{place}: range {key}: got {value!r}, expected a finite number")
-        numbers.append(Decimal(repr(value)))
-    start, stop, step = numbers
+    start, stop, step = (
+        _decimal(f"{place}: range {key}", given[key]) for key in ("from", "to", "step")
+    )
     count = 0 if step == 0 else int((stop - start) / step) + 1 if (stop - start) * step >= 0 else 0
     if count < 1:
         raise InputError(
@@ -370,6 +362,14 @@ def _range(place: str, given: Mapping[str, Any]) -> tuple[Value, ...]:
         raise InputError(f"{place}: the range has {count} values, more than {_MOST_VALUES}")
     whole = all(isinstance(given[key], int) for key in given)
     return tuple((int if whole else float)(start + k * step) for k in range(count))
+
+
+def _decimal(place: str, value: Any) -> Decimal:
+    """Exact value of a number as it is written."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not (number and math.isfinite(value)):
+        raise InputError(f"{place}: got {value!r}, expected a finite number")
+    return Decimal(repr(value))
 
 
 def _weight(scene: Mapping[str, Any]) -> dict[str, Any]:

@@ -328,12 +328,9 @@ class _Page:
         beside, between, words = 0.0, height, 0.0
         for drawing in (d for d in self.drawings if d.column == number):
             axes = drawing.axes.get_window_extent(renderer)
+            parts = [part for part in (drawing.axes, drawing.bar) if part is not None]
             outside = Bbox.union(
-                [
-                    part.get_tightbbox(renderer, for_layout_only=True)
-                    for part in (drawing.axes, drawing.bar)
-                    if part is not None
-                ]
+                [part.get_tightbbox(renderer, for_layout_only=True) for part in parts]
             )
             beside = max(beside, (outside.width - axes.width) / _MEASURING)
             between -= axes.height / _MEASURING
