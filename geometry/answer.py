@@ -162,6 +162,9 @@ FACTORS = {
     "crushing_factor": Title("load factor at first crushing", "by {stress}; "),
 }
 
+#: Every measure that has a title, in the order of a table.
+EVERY_TITLE = TITLES | FACTORS | FORCES | MOTIONS
+
 #: Other names of measures.
 ALIASES = {"u": "max_displacement"}
 
@@ -184,10 +187,10 @@ UNITS = {
 
 def measure_rows(measures: Mapping[str, Measure]) -> list[tuple[str, str]]:
     """Measures in words, a row each: title; value, error, unit, remark and place."""
-    result, titles = [], TITLES | FACTORS | FORCES | MOTIONS
-    for name in (*titles, *(name for name in measures if name not in titles)):
+    result = []
+    for name in (*EVERY_TITLE, *(name for name in measures if name not in EVERY_TITLE)):
         if name in measures:
-            measure, title = measures[name], titles.get(name, Title(name))
+            measure, title = measures[name], EVERY_TITLE.get(name, Title(name))
             reported = "" if measure.remark else title.remark.format(**(measure.place or {}))
             words = f"{measure.value_words} {reported}{measure.place_words}".rstrip()
             result.append((title.words, words.removesuffix(";")))

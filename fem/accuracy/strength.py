@@ -12,7 +12,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from fem.accuracy.one_mesh import static_solution
-from fem.assembly.deformable import DeformableAssembly, DeformableAssemblyError
+from fem.assembly.deformable import DeformableAssembly
+from fem.element.material import one_strength
 from fem.measures import measures_of
 from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
@@ -36,28 +37,10 @@ _STRIDE = 10.0
 _NEARBY = 2.0
 
 
-def require_one_strength(deformable: DeformableAssembly) -> None:
-    """Reject blocks of different strengths: factors are those of one material.
-
-    Raises
-    ------
-    DeformableAssemblyError
-        Which strengths differ.
-    """
-    for name in JUDGED:
-        result = {getattr(group.material, name) for group in deformable.model.groups}
-        if len(result) > 1:
-            raise DeformableAssemblyError(
-                f"{name}: got different ones for different blocks; expected one for all blocks "
-                "that deform, or none"
-            )
-
-
 def strength_factors(
     solution: Solution,
     measures: Mapping[str, Measure],
     options: StaticOptions | None = None,
-    store: FlexibilityStore | None = None,
 ) -> dict[str, Measure]:
     """Factors of all loads and the weight at first cracking and crushing, by name.
 
@@ -69,20 +52,25 @@ def strength_factors(
         Its measures with their error bars: that of a factor is that of the stress behind it.
     options
         Of the solver.
-    store
-        Condensed blocks of the solution.
 
     Returns
     -------
     dict[str, Measure]
         Empty where the material has no strength. A factor that cannot be given has a remark.
+
+    Raises
+    ------
+    MaterialError
+        Blocks of different strengths.
     """
-    material = solution.deformable.model.groups[0].material
-    strengths = {name: getattr(material, name) for name in JUDGED}
+    materials = [group.material for group in solution.deformable.model.groups]
+    strengths = {
+        name: one_strength(name, (getattr(material, name) for material in materials))
+        for name in JUDGED
+    }
     if not any(strengths.values()):
         return {}
-    require_one_strength(solution.deformable)
-    store = FlexibilityStore() if store is None else store
+    store = FlexibilityStore()
     options = StaticOptions() if options is None else replace(options, load_path=None)
 
     last, state = 1.0, solution.static

@@ -7,7 +7,7 @@ order for symmetric tensors. Shear strains are engineering strains, gamma = 2 ep
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,6 +102,22 @@ class Material:
         matrix[[0, 1, 2], [0, 1, 2]] = self.constrained_modulus
         matrix[[3, 4, 5], [3, 4, 5]] = self.shear_modulus
         return matrix
+
+
+def one_strength(name: str, strengths: Iterable[float | None]) -> float | None:
+    """Strength of all blocks [MPa]; None where none is stated.
+
+    Raises
+    ------
+    MaterialError
+        Blocks of different strengths: load factors are those of one material.
+    """
+    different = set(strengths)
+    if len(different) > 1:
+        raise MaterialError(
+            f"{name}: got different ones for different blocks; expected one for all blocks, or none"
+        )
+    return different.pop()
 
 
 def each_material(material: object, n: int) -> tuple[Material, ...]:

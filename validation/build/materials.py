@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fem.element.material import Material
+from fem.element.material import Material, one_strength
 from geometry.assembly import AnyBlocks
 from geometry.mesh import FloatArray
 from validation.build.chosen import numbers_of
@@ -87,19 +87,15 @@ def compressive_strength(scene: DeformableScene) -> float | None:
 
     Raises
     ------
-    InputError
-        Materials of different strengths.
+    MaterialError
+        Blocks of different strengths.
     """
     key = "compressive_strength"
-    strengths = {vars(section)[key] for section in (scene.material, *scene.materials.values())}
-    if strengths == {None}:
-        return None
-    count_materials(scene, key)
-    if len(strengths) > 1:
-        raise InputError(
-            "compressive_strength: got different ones for different blocks; expected one for all"
-        )
-    return strengths.pop()
+    sections = (scene.material, *scene.materials.values())
+    strength = one_strength(key, (vars(section)[key] for section in sections))
+    if strength is not None:
+        count_materials(scene, key)
+    return strength
 
 
 def _sections(scene: DeformableScene, assembly: AnyBlocks) -> list[MaterialSection] | None:

@@ -204,9 +204,11 @@ def _answer(
         if run is None:
             run, beside = _solved(name, scene, outputs, resume)
             added |= beside
-            run = with_factors(_with_errors(run, outputs, reference=reference))
+            run = _with_errors(run, outputs, reference=reference)
+        run = with_factors(run)
         answer = run.answer.with_report(added)
         _ = answer.as_dict()  # what it reads of the scene
+    use.count(scene.limits)
     print_run(run, outputs.console)
     outputs.tell_unused(use)
     if outputs.folder is not None:

@@ -71,6 +71,8 @@ def mbd(
     with scene_outputs(file, json, output, rigid.files) as outputs:
         with recording(file.scene) as use:
             run = rigid.run(file, outputs.console)
+            _ = run.answer  # what it reads of the scene
+        use.count(file.scene.limits)
         rigid.tell(run, outputs.console)
         outputs.tell_unused(use)
         added: dict[str, Any] = {}

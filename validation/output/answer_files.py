@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -102,6 +103,12 @@ def write_contacts(answer: Answer, path: Path) -> None:
     write_surface(path, QuadSurface(corners, np.arange(len(corners)).reshape(-1, 4)), values)
 
 
+def _measure(data: Mapping[str, Any]) -> Measure:
+    """Measure of its plain data; one without a number has a remark instead."""
+    value = data["value"]
+    return Measure(**{**data, "value": math.nan if value is None else value})
+
+
 def read_answer(folder: Path) -> Answer:
     """Read an answer that was written; `details`, the solver's own result, is not kept.
 
@@ -116,7 +123,7 @@ def read_answer(folder: Path) -> Answer:
             raise InputError(f"{folder / name}: {why}; expected a folder that `write` wrote")
     try:
         data = json.loads((folder / FILES[0]).read_text("utf-8"))
-        measures = {name: Measure(**result) for name, result in data.pop("measures").items()}
+        measures = {name: _measure(result) for name, result in data.pop("measures").items()}
         title, method = data.pop("title"), data.pop("method")
         with np.load(folder / FILES[1], allow_pickle=False) as result:
             arrays = {name: result[name] for name in result.files}

@@ -28,8 +28,6 @@ from validation.run.stages import peak_memory_mb
 from validation.scene.family import RoundScene
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 from validation.scene.read import DeformableScene
-from validation.scene.sections import LimitsSection
-from validation.scene.usage import count
 
 #: Poisson's ratio from which mean stresses oscillate [-]: on TSB1, 24 × 2 × 8 elements, σ₁ of
 #: incompatible modes is then twice that of b-bar (1.2 times at 0.2), 12 times at 0.4999.
@@ -80,8 +78,6 @@ class DeformableRun:
     def answer(self) -> Answer:
         """The answer that does not depend on the solver; its report says more of the scene."""
         count_materials(self.scene, "averaging_radius")
-        count_materials(self.scene, "density")  # of the mass
-        count(self.scene.limits, *LimitsSection.model_fields)
         return answer_of(
             self.solution,
             self.errors,

@@ -133,17 +133,20 @@ def run_as_asked(
     run = run_scene(name, scene)
     if scene.fem.error_estimate:
         run = replace(run, errors=estimated_errors(run))
-    return with_factors(run)
+    return run
 
 
 def with_factors(run: DeformableRun) -> DeformableRun:
-    """Add the load factors at first cracking and crushing to a static run; see `fem.accuracy`.
+    """Return a run whose whole answer is shown: a static one has the load factors of strengths.
+
+    The density counts as read: the answer has the mass.
 
     Raises
     ------
     InputError
         Blocks of different strengths.
     """
+    count_materials(run.scene, "density")
     if run.solution.static is None:
         return run
     with stages() as watch:
@@ -297,7 +300,7 @@ def run_converged(
         friction = _friction_of(problem, scene, result, options)
         if friction is not None:
             watch.lap("range of friction")
-    run = DeformableRun(
+    return DeformableRun(
         name=name,
         scene=scene,
         problem=problem,
@@ -309,7 +312,6 @@ def run_converged(
         refinement=result.report,
         friction=friction,
     )
-    return with_factors(run)
 
 
 def _friction_of(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import Any, Literal
 
 from rich.console import Console
 
-from geometry.answer import FORCES, MOTIONS, TITLES, Answer, Measure
+from geometry.answer import EVERY_TITLE, FACTORS, Answer, Measure, Title
 from validation.errors import InputError
 from validation.output.console import listing
 from validation.output.files import write_csv
@@ -57,20 +58,31 @@ def _rigid(file: SceneFile) -> Answer:
 
 
 def _deformable(file: SceneFile) -> Answer:
-    from validation.run.solve import run_as_asked
+    from validation.run.solve import run_as_asked, with_factors
 
-    return run_as_asked(file.name, file.scene, {}).answer
+    return with_factors(run_as_asked(file.name, file.scene, {})).answer
 
 
 def envelope(answers: Mapping[str, Answer]) -> dict[str, tuple[str, Measure]]:
-    """Combination and value with the largest size of each measure."""
+    """Combination that governs each measure, and its value.
+
+    That is the largest size, of load factors the least that there is.
+    """
     names = dict.fromkeys(name for answer in answers.values() for name in answer.measures)
     result = {}
     for measure in names:
         having = {name: a.measures[measure] for name, a in answers.items() if measure in a.measures}
-        governing = max(having, key=lambda name: abs(having[name].value))
+        if measure in FACTORS:
+            governing = min(having, key=lambda name: _or_infinite(having[name].value))
+        else:
+            governing = max(having, key=lambda name: abs(having[name].value))
         result[measure] = governing, having[governing]
     return result
+
+
+def _or_infinite(factor: float) -> float:
+    """A load factor; ∞ where there is none."""
+    return math.inf if math.isnan(factor) else factor
 
 
 def combinations_json(answers: Mapping[str, Answer]) -> dict[str, Any]:
@@ -86,14 +98,13 @@ def combinations_json(answers: Mapping[str, Answer]) -> dict[str, Any]:
 
 def print_combinations(name: str, answers: Mapping[str, Answer], console: Console) -> None:
     """Print each measure under each combination, and which one governs."""
-    titles = TITLES | FORCES | MOTIONS
-    table = listing(f"{name}: load combinations", "", numbers=(*answers, "largest"))
+    table = listing(f"{name}: load combinations", "", numbers=(*answers, "governing"))
     for measure, (governing, _) in envelope(answers).items():
         values = [
             a.measures[measure].value_words if measure in a.measures else "–"
             for a in answers.values()
         ]
-        words = titles[measure].words if measure in titles else measure
+        words = EVERY_TITLE.get(measure, Title(measure)).words
         table.add_row(words, *values, governing)
     console.print(table)
 

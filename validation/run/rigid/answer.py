@@ -28,8 +28,6 @@ from validation.run.rigid.further import Further, further_answers, further_json
 from validation.scene.family import AssemblyScene, RoundScene
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene, SceneFile
-from validation.scene.sections import LimitsSection
-from validation.scene.usage import count
 
 #: Load cases that put the ring of a tube under pressure: the loaded face, and what the ring gets.
 _RINGS = {"pipe": ("inner", "tension"), "tunnel": ("outer", "compression")}
@@ -85,9 +83,6 @@ class RigidAnswer:
             seconds["total"] += further.cpu_seconds
         run = cls(result=result, further=further, cpu_seconds=seconds, **stated)
         _ = run.sections  # what it reads of the scene
-        with named(stated["name"]):
-            _ = compressive_strength(scene)
-        count(scene.limits, *LimitsSection.model_fields)
         return run
 
     @cached_property
@@ -135,7 +130,8 @@ class RigidAnswer:
 
         Rigid contact forces are proportional to the loads. Nothing without a strength.
         """
-        strength = compressive_strength(self.scene)
+        with named(self.name):
+            strength = compressive_strength(self.scene)
         peak = found.measures.get("p_max_facet")
         if strength is None or peak is None or peak.place is None or not peak.value > 0.0:
             return {}
