@@ -15,6 +15,7 @@ What most need::
 | `plot` | a field of an answer as a matplotlib figure |
 | `section` | normal force, shear forces and moments through planes |
 | `compare` | answers of several solvers beside each other |
+| `report` | one page about a scene that can be sent |
 | `sweep` | a scene with every combination of some values |
 | `cost` | error against CPU time of every method and mesh |
 """
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
         load_scene,
         plot,
         read_answer,
+        report,
         section,
         sweep,
         write,
@@ -44,6 +46,7 @@ __all__ = [
     "load_scene",
     "plot",
     "read_answer",
+    "report",
     "section",
     "sweep",
     "write",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,16 +67,9 @@ def load_scene(source: str | Path, settings: Mapping[str, Any] | None = None) ->
 
 def _overrides(settings: Mapping[str, Any] | None) -> list[str]:
     """Settings as the command line has them."""
-    return [f"{key}={_toml(value)}" for key, value in (settings or {}).items()]
+    from validation.scene.keys.toml_text import toml_value
 
-
-def _toml(value: Any) -> str:
-    """Value as TOML."""
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{k} = {_toml(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, Path):
-        return json.dumps(str(value))
-    return json.dumps(value.tolist() if hasattr(value, "tolist") else value, ensure_ascii=False)
+    return [f"{key}={toml_value(value)}" for key, value in (settings or {}).items()]
 
 
 def write(answer: Answer, folder: str | Path) -> tuple[Path, ...]:
@@ -117,6 +109,42 @@ def plot(answer: Answer, field: str, *, layer: int | None = None, unrolled: bool
     from validation.output.plot import plot as draw
 
     return draw(_answer(answer), field, layer=layer, unrolled=unrolled)
+
+
+def report(
+    scene: str | Path | Scene | Problem,
+    page: str | Path,
+    settings: Mapping[str, Any] | None = None,
+    *,
+    quick: bool = False,
+) -> Path:
+    """Write one page about a scene that can be sent: what `tubelock report` writes.
+
+    Parameters
+    ----------
+    scene, settings
+        As `sweep`.
+    page
+        HTML file to write.
+    quick
+        Rigid blocks only.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    InputError
+        A scene that neither rigid nor deformable blocks answer, or a file that cannot be written.
+    """
+    from validation.output.files import prepare_file
+    from validation.pages.report import report_scene, write_page
+
+    path = prepare_file(Path(page))
+    write_page(report_scene(_scene(scene, settings).file, deformable=not quick), path)
+    return path
 
 
 def section(

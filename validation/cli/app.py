@@ -61,6 +61,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "fem": fem.fem,
         "compare": compare.compare,
         "explode": rigid.explode,
+        "report": look.report,
     },
     "Study": {
         "studies": study.studies,

@@ -1,4 +1,4 @@
-"""Commands that list, print and draw scenes."""
+"""Commands that list, print and draw scenes, and make pages about them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from validation.cli.completion import complete_scenes
-from validation.cli.options import SceneArgument, SetOption, print_builtin
+from validation.cli.options import JsonOption, SceneArgument, SetOption, print_builtin
 
 if TYPE_CHECKING:
     from validation.scene.read import SceneFile
@@ -104,3 +104,48 @@ def _draw_one_block(file: SceneFile, output: Path) -> None:
     assembly = build_scene(file, command="show").assembly
     title = f"{file.name}: Sine Block TSB(h, a, f, s, n, r_i, t)"
     draw_block(assembly, file.scene.shape, output, title=title)
+
+
+def report(
+    scene: SceneArgument,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--output", metavar="FILE.html", help="Page to write; out/SCENE/report.html."
+        ),
+    ] = None,
+    settings: SetOption = None,
+    json: JsonOption = None,
+    *,
+    quick: Annotated[bool, typer.Option("--quick", help="Rigid blocks only: seconds.")] = False,
+) -> None:
+    """Write one page about a scene that can be sent: pictures, verdicts, error bars, loads, tables.
+
+    The page needs no network. Loads side by side are the combinations of the scene; of tubes
+    without combinations, the five load cases.
+    """
+    from validation.errors import InputError
+    from validation.output.console import status, told_of_compilation
+    from validation.output.files import PAGES
+    from validation.output.outputs import Outputs
+    from validation.pages.report import report_scene, write_page
+    from validation.scene.read import load_scene
+    from validation.scene.usage import recording
+
+    file = load_scene(scene, settings or ())
+    page = Path("out") / file.name / "report.html" if output is None else output
+    if page.suffix.lower() not in PAGES:
+        raise InputError(f"-o {page}: expected a file name that ends in .html")
+    with Outputs(json, files={"-o": page}, scene=file) as outputs:
+        with status(outputs.console, file.name) as tell, told_of_compilation():
+            with recording(file.scene) as use:
+                result = report_scene(file, deformable=not quick, tell=tell)
+                data = result.as_dict()  # what it reads of the scene
+            use.count(file.scene.limits)
+            tell(f"{file.name}: pictures")
+            write_page(result, page)
+        for verdict in result.verdicts:
+            outputs.console.print(f"{verdict.question:24} {verdict.words}")
+        outputs.tell_unused(use)
+        outputs.say("page", page)
+        outputs.write_json(data)

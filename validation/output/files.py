@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 #: Endings of the pictures that can be written.
 PICTURES = (".png", ".svg", ".pdf")
+#: Endings of pages, which have pictures inside.
+PAGES = (".html", ".htm")
 
 
 def prepare_folder(folder: Path) -> Path:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Self
 from validation.errors import InputError
 from validation.output.answer_files import answer_files
 from validation.output.console import text_console
-from validation.output.files import PICTURES, output_folder, prepare_file, write_json
+from validation.output.files import PAGES, PICTURES, output_folder, prepare_file, write_json
 from validation.output.pictures.look import Look, looking
 from validation.output.provenance import Provenance, stamp_vtu, stamped
 
@@ -143,7 +143,7 @@ class Outputs:
         """Whether pictures are among what is written."""
         single = [path.name for path in self.files.values() if path is not None]
         names = single if self.folder is None else [*single, *self.names]
-        return any(Path(name).suffix.lower() in PICTURES for name in names)
+        return any(Path(name).suffix.lower() in (*PICTURES, *PAGES) for name in names)
 
     @cached_property
     def _look(self) -> Look:

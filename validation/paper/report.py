@@ -6,12 +6,8 @@ network; the folder keeps the pictures in full size and the numbers as data.
 
 from __future__ import annotations
 
-import base64
-import datetime
-import os
-import platform
 import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -21,12 +17,10 @@ from rich.console import Console
 
 from geometry.files.whole import write_whole
 from validation.output.files import prepare_folder, write_json
-from validation.output.pictures.bodies import EYE, coloured_blocks, interface_facets, outlines
-from validation.output.pictures.canvas import Part, View
-from validation.output.pictures.scales import PRESSURE_MAP, scale_from_zero
-from validation.output.pictures.tubes import all_faces, stress_scale
-from validation.output.pictures.view_3d import View3d, make_view, viewer_page, webp
-from validation.output.provenance import Provenance, program, stamped
+from validation.output.pictures.view_3d import View3d, viewer_page
+from validation.output.provenance import Provenance, stamped
+from validation.pages.page import page_text
+from validation.pages.views import pressure_view, stress_view
 from validation.paper.claims.claim import Truth
 from validation.paper.claims.judge import claims, judge_claims
 from validation.paper.errata import show_errata
@@ -34,9 +28,6 @@ from validation.paper.evidence import Evidence
 from validation.paper.figures import CostRow, FigureFile, cost_rows, draw_figures
 from validation.paper.reading import Sensitivity, sensitivity
 from validation.paper.tables import compute_tables, count_words, lines_by_block
-from validation.run.deformable import DeformableRun
-from validation.run.measures import drawing_scale
-from validation.run.rigid.answer import RigidRun
 
 
 class Extent(StrEnum):
@@ -125,7 +116,7 @@ def report_evidence(evidence: Evidence, folder: Path, *, extent: Extent) -> Path
     )
     _write_data(report, data)
     page = folder / "index.html"
-    write_whole(page, lambda path: path.write_text(page_text(report), "utf-8"))
+    write_whole(page, lambda path: path.write_text(_page(report), "utf-8"))
     return page
 
 
@@ -147,97 +138,43 @@ def _write_data(report: Report, folder: Path) -> None:
 # ---------------------------------------------------------------------------------------------
 # 3D views
 
+#: Layers shown: the middle of the tube, large enough to see.
+_SHOWN = (6, 7, 8)
 _VIEW_MESH = ("mesh.around=36", "mesh.radial=4", "mesh.axial=10")
 
 
 def _views(evidence: Evidence) -> list[View3d]:
+    middle = f"layers {_SHOWN[0]} to {_SHOWN[-1]}"
+    pipe = evidence.rigid("tsb1-pipe", *_VIEW_MESH)
+    tunnel = evidence.rigid("thb0-tunnel", "mesh.edge=12", "mesh.radial=4")
+    titles = (
+        f"TSB1 under internal pressure, {middle}",
+        f"Hexagon-based block under external pressure, {middle}",
+    )
     result = [
-        _pressure_view(
-            evidence.rigid("tsb1-pipe", *_VIEW_MESH), "TSB1 under internal pressure", "rigid-pipe"
-        ),
-        _pressure_view(
-            evidence.rigid("thb0-tunnel", "mesh.edge=12", "mesh.radial=4"),
-            "Hexagon-based block under external pressure",
-            "rigid-tunnel",
-        ),
+        pressure_view(pipe, titles[0], "rigid-pipe", _SHOWN),
+        pressure_view(tunnel, titles[1], "rigid-tunnel", _SHOWN),
     ]
     if evidence.deformable:
-        result.append(_stress_view(evidence.fem("TSB1", "pipe")))
+        run = evidence.fem("TSB1", "pipe")
+        result.append(stress_view(run, titles[0], "stress-pipe", _SHOWN))
     return result
-
-
-#: Layers shown: the middle of the tube, large enough to see.
-_SHOWN = (6, 7, 8)
-
-
-def _pressure_view(run: RigidRun, title: str, name: str) -> View3d:
-    """Contact facets of the middle layers, coloured by pressure."""
-    interfaces, layer = run.assembly.interfaces, run.assembly.layer
-    index = run.result.contact_index
-    touches = np.isin(layer[interfaces.block_m[index]], _SHOWN) | np.isin(
-        layer[interfaces.block_s[index]], _SHOWN
-    )
-    pressures = run.result.contact_pressures[touches]
-    facets = interface_facets(run.assembly, index[touches], pressures)
-    scale = scale_from_zero("MPa", PRESSURE_MAP, [pressures])
-    shown = np.flatnonzero(np.isin(layer, _SHOWN)).tolist()
-    parts: list[Part] = [
-        facets.surface(np.arange(len(pressures)), scale),
-        outlines(run.assembly, shown),
-    ]
-    return make_view(
-        name,
-        f"{title}, layers {_SHOWN[0]} to {_SHOWN[-1]}",
-        "Rigid blocks: the faces that can meet another block, coloured by contact pressure.",
-        View(parts, EYE),
-        scale=scale,
-    )
-
-
-def _stress_view(run: DeformableRun) -> View3d:
-    """All faces of the middle layers' blocks, coloured by σ₁, moved by exaggerated displacement."""
-    solution, deformable = run.solution, run.solution.deformable
-    scale, factor = replace(stress_scale(solution), label="MPa"), drawing_scale(solution)
-    surface = coloured_blocks(
-        deformable.assembly,
-        np.flatnonzero(np.isin(deformable.assembly.layer, _SHOWN)).tolist(),
-        lambda block: solution.principal(block)[:, 0],
-        scale,
-        nodes=lambda block: deformable.positions(block) + factor * solution.displacement(block),
-        faces=all_faces(solution),
-    )
-    return make_view(
-        "stress-pipe",
-        f"TSB1 under internal pressure, layers {_SHOWN[0]} to {_SHOWN[-1]}, displacements × "
-        f"{factor:g}",
-        "Deformable blocks: maximum principal stress σ₁; red is tension.",
-        View([surface], EYE),
-        scale=scale,
-    )
 
 
 # ---------------------------------------------------------------------------------------------
 # The page
 
 
-def page_text(report: Report) -> str:
+def _page(report: Report) -> str:
     """Return the whole page."""
-    from jinja2 import Environment, PackageLoader
-
-    pages = Environment(loader=PackageLoader("validation", "paper"), autoescape=True)
-    pages.filters["base64"] = lambda content: base64.b64encode(content).decode()
-    pages.filters["percent"] = lambda share: "" if share is None else f"{100 * share:+.1f} %"
-    pages.filters["webp"] = _webp_of
-    return pages.get_template("report.html").render(
+    return page_text(
+        "report.html",
         report=report,
+        views=report.views,
         blocks=lines_by_block(report.tables),
         met=count_words(report.tables),
         truths=Truth,
         deformable={claim.name for claim in claims() if claim.deformable},
-        program=program(),
-        today=datetime.datetime.now(tz=datetime.UTC).date().isoformat(),
-        machine=f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
-        viewer=(viewer_page() or "").encode(),
     )
 
 
@@ -252,11 +189,3 @@ def half_block_words(evidence: Evidence) -> str:
         f"{100 * ratio.mean():.0f} % ({100 * ratio.min():.0f} to {100 * ratio.max():.0f} %); the "
         f"lowest of all designs is {min(half.values()):.3f} instead of {min(one.values()):.3f} MPa."
     )
-
-
-def _webp_of(path: Path) -> bytes:
-    """Picture of a figure, to stand in the page: it is sent alone."""
-    import matplotlib.image
-
-    pixels = matplotlib.image.imread(path)
-    return webp((255 * pixels[..., :3]).astype(np.uint8))

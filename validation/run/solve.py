@@ -115,11 +115,13 @@ def run_as_asked(
     scene: DeformableScene,
     stated: Mapping[str, float],
     default: Mapping[str, float] = DEFAULT_TARGETS,
+    progress: Callable[[Refinement], None] | None = None,
 ) -> DeformableRun:
     """Solve a scene on finer and finer meshes, or on its own with the error bars that it asks for.
 
     ``stated`` are relative errors to reach by measure, however long it takes; where none are
-    stated, the ``default`` ones are sought within a fixed amount of work.
+    stated, the ``default`` ones are sought within a fixed amount of work. ``progress`` is called
+    before each mesh of a refinement.
 
     Raises
     ------
@@ -129,7 +131,9 @@ def run_as_asked(
     problem = refined(name, scene, stated)
     if problem is not None:
         most = None if stated else MOST_WORK
-        return run_converged(name, scene, stated or default, most_work=most, problem=problem)
+        return run_converged(
+            name, scene, stated or default, most_work=most, progress=progress, problem=problem
+        )
     run = run_scene(name, scene)
     if scene.fem.error_estimate:
         run = replace(run, errors=estimated_errors(run))

@@ -15,9 +15,10 @@ from validation.errors import InputError
 from validation.output.console import listing
 from validation.output.files import write_csv
 from validation.scene.combinations import combined
-from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import SceneFile
 
+#: Measures that govern where they are small.
+_LEAST = (*FACTORS, "least_joint_force")
 #: What answers of blocks are asked for.
 Kind = Literal["rigid", "fem"]
 
@@ -44,20 +45,21 @@ def combination_answers(
         if tell is not None:
             tell(f"{file.name}: {name}")
         one = replace(file, name=f"{file.name}, {name}", scene=scene)
-        yield name, _rigid(one) if kind == "rigid" else _deformable(one)
+        yield name, answer_to(one, kind)
 
 
-def _rigid(file: SceneFile) -> Answer:
-    if isinstance(file.scene, PolyhedralScene):
-        from validation.run.rigid.polyhedra import run_polyhedra
+def answer_to(file: SceneFile, kind: Kind) -> Answer:
+    """Answer to a scene, as `tubelock mbd` or `fem` gives it.
 
-        return run_polyhedra(file, file.scene).answer
-    from validation.run.rigid.answer import run_rigid
+    Raises
+    ------
+    InputError
+        A scene that cannot be solved.
+    """
+    if kind == "rigid":
+        from validation.run.rigid.polyhedra import rigid_answer
 
-    return run_rigid(file).answer
-
-
-def _deformable(file: SceneFile) -> Answer:
+        return rigid_answer(file).answer
     from validation.run.solve import run_as_asked, with_factors
 
     return with_factors(run_as_asked(file.name, file.scene, {})).answer
@@ -66,13 +68,13 @@ def _deformable(file: SceneFile) -> Answer:
 def envelope(answers: Mapping[str, Answer]) -> dict[str, tuple[str, Measure]]:
     """Combination that governs each measure, and its value.
 
-    That is the largest size, of load factors the least that there is.
+    That is the largest size, of load factors and of the least force of a joint the least.
     """
     names = dict.fromkeys(name for answer in answers.values() for name in answer.measures)
     result = {}
     for measure in names:
         having = {name: a.measures[measure] for name, a in answers.items() if measure in a.measures}
-        if measure in FACTORS:
+        if measure in _LEAST:
             governing = min(having, key=lambda name: _or_infinite(having[name].value))
         else:
             governing = max(having, key=lambda name: abs(having[name].value))
@@ -99,14 +101,19 @@ def combinations_json(answers: Mapping[str, Answer]) -> dict[str, Any]:
 def print_combinations(name: str, answers: Mapping[str, Answer], console: Console) -> None:
     """Print each measure under each combination, and which one governs."""
     table = listing(f"{name}: load combinations", "", numbers=(*answers, "governing"))
+    for row in combination_rows(answers):
+        table.add_row(*row)
+    console.print(table)
+
+
+def combination_rows(answers: Mapping[str, Answer]) -> Iterator[list[str]]:
+    """Title of each measure, its value under each combination, and which one governs."""
     for measure, (governing, _) in envelope(answers).items():
         values = [
             a.measures[measure].value_words if measure in a.measures else "–"
             for a in answers.values()
         ]
-        words = EVERY_TITLE.get(measure, Title(measure)).words
-        table.add_row(words, *values, governing)
-    console.print(table)
+        yield [EVERY_TITLE.get(measure, Title(measure)).words, *values, governing]
 
 
 def write_combinations(answers: Mapping[str, Answer], path: Path) -> None:

@@ -65,7 +65,7 @@ def write_run_files(run: DeformableRun, outputs: Outputs) -> None:
     if run.solution.deformable.meets:
         write_joints(run.solution.joints, outputs, run.solution.deformable.assembly.names)
     write_sections(run.sections, outputs)
-    for file, draw in _pictures(run).items():
+    for file, draw in run_pictures(run).items():
         outputs.write("picture", file, partial(draw, run))
     if run.solution.push_curves:
         _write_motions(run, outputs)
@@ -74,7 +74,7 @@ def write_run_files(run: DeformableRun, outputs: Outputs) -> None:
     _name_frames(run.scene.fem, outputs)
 
 
-def _pictures(state: DeformableRun) -> dict[str, Callable[[DeformableRun, Path], None]]:
+def run_pictures(state: DeformableRun) -> dict[str, Callable[[DeformableRun, Path], None]]:
     """Pictures of a state; sections and the view along an axis are those of tubes."""
     pictures: dict[str, Callable[[DeformableRun, Path], None]] = {}
     if state.solution.deformable.meets:

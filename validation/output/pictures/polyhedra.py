@@ -31,7 +31,7 @@ from validation.output.pictures.canvas import (
     View,
 )
 from validation.output.pictures.gallery import Panel, gallery
-from validation.output.pictures.scales import PRESSURE_MAP, VERMILION, scale_from_zero
+from validation.output.pictures.scales import PRESSURE_MAP, VERMILION, Scale, scale_from_zero
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,7 +39,8 @@ if TYPE_CHECKING:
     from validation.run.rigid.explosion import Explosion
     from validation.run.rigid.polyhedra import PolyhedralRun
 
-_EYE: Direction = (1.0, -1.9, 1.5)
+#: From the side, a little above.
+FROM_THE_SIDE: Direction = (1.0, -1.9, 1.5)
 _PALE = "#9ECAE1"
 #: Panels of an explosion, in wall thicknesses.
 PANELS = (0.0, 0.25, 0.5, 1.0)
@@ -63,7 +64,7 @@ def draw_blocks(
 ) -> None:
     """Draw the blocks where they stand."""
     free, fixed = int((~assembly.fixed).sum()), int(assembly.fixed.sum())
-    view = View(polyhedra_parts(assembly), _EYE, weight=weight)
+    view = View(polyhedra_parts(assembly), FROM_THE_SIDE, weight=weight)
     words = f"{_count(free, 'free block')}, {fixed} fixed"
     panel = with_labels(Panel(words, view), assembly, range(assembly.n_blocks))
     gallery([[panel]], title, path, height=6.5, legend=block_legend())
@@ -73,24 +74,32 @@ def _count(n: int, what: str) -> str:
     return f"{n} {what}{'' if n == 1 else 's'}"
 
 
+def contact_parts(run: PolyhedralRun) -> tuple[list[Part], Scale]:
+    """Contact interfaces in the colours of their pressures, within the edges of the blocks."""
+    interfaces = run.assembly.interfaces
+    pressures = run.patch_pressures if run.carried.holds else np.zeros(0)
+    label = "mean contact pressure [MPa]"
+    scale = scale_from_zero(label, PRESSURE_MAP, [pressures], nothing="open joint")
+    triangles, owner = interfaces.polygons.triangles
+    colour: Any = _PALE
+    if scale.reached[1] > 0.0:
+        colour = scale.of(pressures[interfaces.polygons.patch[owner]])
+    every = range(run.assembly.n_blocks)
+    parts: list[Part] = [outlines(run.assembly, every, width=1.4, opacity=0.35)]
+    if len(triangles):
+        parts.append(Surface(interfaces.polygons.corners, triangles, colour, lit=False))
+    return parts, scale
+
+
 def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
     """Draw the blocks, and beside them the contacts that were found."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
     assembly, interfaces, result = run.assembly, run.assembly.interfaces, run.result
-    pressures = run.patch_pressures if run.carried.holds else np.zeros(0)
-    label = "mean contact pressure [MPa]"
-    scale = scale_from_zero(label, PRESSURE_MAP, [pressures], nothing="open joint")
+    contacts, scale = contact_parts(run)
     pressed = scale.reached[1] > 0.0
-    triangles, owner = run.assembly.interfaces.polygons.triangles
-    colour: Any = _PALE
-    if pressed:
-        colour = scale.of(pressures[interfaces.polygons.patch[owner]])
     every = range(assembly.n_blocks)
-    contacts: list[Part] = [outlines(assembly, every, width=1.4, opacity=0.35)]
-    if len(triangles):
-        contacts.append(Surface(interfaces.polygons.corners, triangles, colour, lit=False))
     legend = block_legend()
     row = chain(run.joints) if pressed else None
     if row is not None:
@@ -111,12 +120,12 @@ def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
     requested = run.scene.rigid.friction is not None
     answer = run.carried.words if requested else f"{verdict} ({result.mechanism})"
     weight = run.scene.weight
-    blocks = Panel("blocks", View(polyhedra_parts(assembly), _EYE, weight=weight))
+    blocks = Panel("blocks", View(polyhedra_parts(assembly), FROM_THE_SIDE, weight=weight))
     counts = (result.n_blocks, "free block"), (interfaces.n_contacts, "contact point")
     gallery(
         [
             [with_labels(blocks, assembly, every)],
-            [Panel("contact interfaces", View(contacts, _EYE, weight=weight))],
+            [Panel("contact interfaces", View(contacts, FROM_THE_SIDE, weight=weight))],
         ],
         f"{run.name}: {run.scene.load_words}; {answer}\n"
         f"{', '.join(_count(*count) for count in counts)}",
@@ -136,7 +145,7 @@ def draw_polyhedral_mechanism(run: PolyhedralRun, motion: FloatArray, path: Path
         arm = assembly.points(block) - assembly.centroids[block]
         moved = motion[block, :3] + np.cross(motion[block, 3:], arm)
         places.append(assembly.points(block) + scale * moved)
-    view = View(polyhedra_parts(assembly, places), _EYE, weight=run.scene.weight)
+    view = View(polyhedra_parts(assembly, places), FROM_THE_SIDE, weight=run.scene.weight)
     draw_motion(run, view, scale, path, height=6.5, legend=block_legend())
 
 

@@ -57,7 +57,8 @@ def make_view(
     bar = None
     if scale is not None:
         low, high = (f"{value:.3g}" for value in (scale.low, scale.high))
-        bar = (colour_gradient(scale), low, f"{high} {scale.label}")
+        unit = scale.label.rpartition("[")[2].rstrip("]")
+        bar = (colour_gradient(scale), low, f"{high} {unit}")
     width, height = view.size
     longest = 700.0 / max(width, height)
     pixels = view.render(round(longest * width), round(longest * height))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -42,12 +45,21 @@ FILES = (
 
 def write_rigid(run: RigidRun, outputs: Outputs) -> None:
     """Write pictures and joints beside the answer; nothing without a folder."""
+    for name, draw in rigid_pictures(run).items():
+        outputs.write("picture", name, draw)
     if run.carried.holds:
-        outputs.write("picture", "contact_pressures.png", lambda path: draw_pressures(run, path))
         write_joints(run.joints, outputs, run.assembly.names)
         write_sections(run.sections, outputs)
+
+
+def rigid_pictures(run: RigidRun) -> dict[str, Callable[[Path], None]]:
+    """Pictures of a rigid result by the names of their files."""
+    result: dict[str, Callable[[Path], None]] = {}
+    if run.carried.holds:
+        result["contact_pressures.png"] = partial(draw_pressures, run)
     if "mechanism" in run.answer.fields:
-        outputs.write("picture", "mechanism.png", lambda path: draw_mechanism(run, path))
+        result["mechanism.png"] = partial(draw_mechanism, run)
+    return result
 
 
 def print_rigid(run: RigidRun, console: Console) -> None:

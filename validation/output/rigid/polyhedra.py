@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -48,15 +50,20 @@ FILES = (
 def write_polyhedra(run: PolyhedralRun, outputs: Outputs) -> None:
     """Write contacts as field and picture, and the mechanism where there is one."""
     outputs.write("contacts", "contacts.vtu", lambda path: write_contacts(run, path))
-    outputs.write("picture", "contacts.png", lambda path: draw_polyhedra(run, path))
+    for name, draw in polyhedral_pictures(run).items():
+        outputs.write("picture", name, draw)
     if run.carried.holds:
         write_joints(run.joints, outputs, run.assembly.names)
         write_sections(run.sections, outputs)
+
+
+def polyhedral_pictures(run: PolyhedralRun) -> dict[str, Callable[[Path], None]]:
+    """Pictures of a rigid result by the names of their files."""
+    result: dict[str, Callable[[Path], None]] = {"contacts.png": partial(draw_polyhedra, run)}
     motion = mechanism_motion(run)
     if motion is not None:
-        outputs.write(
-            "picture", "mechanism.png", lambda path: draw_polyhedral_mechanism(run, motion, path)
-        )
+        result["mechanism.png"] = partial(draw_polyhedral_mechanism, run, motion)
+    return result
 
 
 def print_polyhedra(run: PolyhedralRun, console: Console) -> None:

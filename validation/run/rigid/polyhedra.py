@@ -18,7 +18,7 @@ from mbd.push import PushLimit, at_rest
 from validation.build.doubts import doubts
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
 from validation.build.supports import stated_load
-from validation.run.rigid.answer import RigidAnswer
+from validation.run.rigid.answer import RigidAnswer, run_rigid
 from validation.run.rigid.push import push_json, rigid_push
 from validation.run.stages import stages
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
@@ -119,6 +119,19 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
     total = before.pop("total") + spent.pop("total")
     seconds = before | spent | {"total": total}
     return replace(run, faces=faces, cpu_seconds=seconds)
+
+
+def rigid_answer(file: SceneFile) -> RigidAnswer:
+    """Build, check and analyse rigid blocks of any kind.
+
+    Raises
+    ------
+    InputError
+        When the scene describes nothing that can be built.
+    """
+    if isinstance(file.scene, PolyhedralScene):
+        return run_polyhedra(file, file.scene)
+    return run_rigid(file)
 
 
 def class_by_faces(run: PolyhedralRun) -> Classification:

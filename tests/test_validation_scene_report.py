@@ -1,0 +1,134 @@
+"""The page about a scene: it stands alone, says what the answers say, and in which order."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from html import unescape
+
+import pytest
+
+from geometry.loads import CASES
+from validation import report
+from validation.errors import InputError
+from validation.pages.report import report_scene
+from validation.run.rigid.answer import run_rigid
+from validation.scene.keys.toml_text import toml_text
+from validation.scene.read import check_scene, load_scene
+
+COARSE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 2}
+SETTINGS = [f"{key}={value}" for key, value in COARSE.items()]
+#: Two cubes, one on the other: groups of an OBJ file.
+CUBES = "".join(
+    f"o cube{k}\n"
+    + "".join(f"v {x} {y} {z}\n" for z in (10 * k, 10 * k + 10) for y in (0, 10) for x in (0, 10))
+    + "".join(
+        "f " + " ".join(str(8 * k + i) for i in quad) + "\n"
+        for quad in (
+            (1, 3, 4, 2),
+            (5, 6, 8, 7),
+            (1, 2, 6, 5),
+            (3, 7, 8, 4),
+            (1, 5, 7, 3),
+            (2, 4, 8, 6),
+        )
+    )
+    for k in range(2)
+)
+OWN = """
+[block]
+type = "mesh"
+units = "mm"
+[[parts]]
+file = "cubes.obj"
+[assembly]
+fixed = ["cube0"]
+[effects]
+gravity = [0, 0, -9810]
+[combinations.light]
+weight = 0.5
+[combinations.heavy]
+weight = 2.0
+[limits]
+least_wall = 12.0
+"""
+
+
+def text_of(page) -> str:
+    """Page without its pictures, as a reader sees its words."""
+    return unescape(re.sub(r"data:image/webp;base64,[^\"]*|<[^>]*>", " ", page.read_text("utf-8")))
+
+
+def test_the_page_of_a_tube(tmp_path) -> None:
+    page = report("tsb1-pipe", tmp_path / "tube.html", COARSE, quick=True)
+    html = page.read_text("utf-8")
+    sources = re.findall(
+        r'(?:src|href)="([^"#][^"]*)"', re.sub(r"<script.*?</script>", "", html, flags=re.S)
+    )
+    assert sources
+    assert all(source.startswith("data:image/webp;base64,") for source in sources)
+    # Picture, answers, loads, tables, in this order.
+    places = [html.index(part) for part in ("<img", 'id="answers"', 'id="loads"', 'id="tables"')]
+    assert places == sorted(places)
+    words = text_of(page)
+    answer = run_rigid(load_scene("tsb1-pipe", SETTINGS)).answer
+    assert answer.measures["p_max_facet"].value_words in words
+    assert all(re.search(rf"<th>{case}</th>", html) for case in CASES)
+    # What is missing for a load factor is named with its key.
+    assert "needs material.tensile_strength [MPa]" in words
+    assert "not checked: set limits.least_wall" in words
+
+
+def test_every_load_case_has_its_own_answer() -> None:
+    file = load_scene("tsb1-pipe", SETTINGS)
+    (table,) = report_scene(file, deformable=False).loads
+    assert not table.failed
+    for case, answer in table.answers.items():
+        own = run_rigid(load_scene("tsb1-pipe", [*SETTINGS, f"load.case={case}"])).answer
+        assert answer["p_max"].value == own["p_max"].value
+
+
+def test_the_page_of_own_blocks(tmp_path) -> None:
+    (tmp_path / "cubes.obj").write_text(CUBES)
+    (tmp_path / "own.toml").write_text(OWN)
+    page = report(tmp_path / "own.toml", tmp_path / "own.html", quick=True)
+    words = text_of(page)
+    # Weight of 1000 mm³ of the default density on 100 mm², once, and in both combinations.
+    density = load_scene(str(tmp_path / "own.toml")).scene.material.density
+    pressure = density * 9810.0 * 10.0
+    for factor in (1.0, 0.5, 2.0):
+        assert f"{factor * pressure:.5g} MPa" in words
+    assert "TOO THIN, limits.least_wall is 12 mm" in words
+    # The scene on the page is the scene, without folders of this machine.
+    assert str(tmp_path) not in words
+    (pre,) = re.findall(r"<pre>(.*?)</pre>", page.read_text("utf-8"), flags=re.S)
+    stated = tomllib.loads(unescape(pre))
+    assert stated["parts"] == [{"file": "cubes.obj"}]
+    assert stated["combinations"] == {"light": {"weight": 0.5}, "heavy": {"weight": 2.0}}
+
+
+def test_an_answer_that_is_missing_says_why(tmp_path) -> None:
+    # One cube that nothing holds: rigid blocks have an answer, deformable ones none.
+    (tmp_path / "cubes.obj").write_text(CUBES)
+    loose = OWN.replace("gravity = [0, 0, -9810]", "gravity = [0, 0, 9810]")
+    (tmp_path / "own.toml").write_text(loose)
+    result = report_scene(load_scene(str(tmp_path / "own.toml")))
+    verdicts = {verdict.question: verdict for verdict in result.verdicts}
+    assert verdicts["Does it carry the load?"].words == "no"
+    assert verdicts["Deformable blocks?"].lines == (result.failed["fem"],)
+    assert verdicts["Where and how much?"].words == "no forces: the load is not carried"
+
+
+def test_a_scene_without_any_answer_is_rejected(tmp_path) -> None:
+    with pytest.raises(InputError, match="one deformable body without contacts"):
+        report("cantilever", tmp_path / "page.html", quick=True)
+    assert not (tmp_path / "page.html").exists()
+
+
+@pytest.mark.quick
+def test_toml_text_is_read_back() -> None:
+    scene = load_scene("wall").scene
+    data = scene.model_dump(mode="json", exclude_unset=True)
+    assert check_scene(tomllib.loads(toml_text(data))) == scene
+    odd = {"a": {"b c": 'quo"te\n', "d": [1, 2.5e-9, {"e": True}]}, "list": [[1], [2]]}
+    assert tomllib.loads(toml_text(odd)) == odd

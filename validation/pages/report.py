@@ -1,0 +1,306 @@
+"""`tubelock report`: one page about one scene that can be sent: pictures inside, tables last."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+from geometry.answer import Answer
+from geometry.errors import RefusedError
+from geometry.files.whole import write_whole
+from validation.errors import InputError
+from validation.output.deformable.answers import print_run, run_pictures
+from validation.output.pictures.bodies import middle_layer
+from validation.output.pictures.view_3d import View3d, viewer_page
+from validation.output.provenance import Provenance
+from validation.output.rigid.assembly import print_rigid, rigid_pictures
+from validation.pages.page import PrintedTable, page_text, printed_tables, webp_of
+from validation.pages.verdicts import Verdict, verdicts
+from validation.pages.views import pressure_view, stress_view
+from validation.run.accuracy import progress_words
+from validation.run.deformable import DeformableRun
+from validation.run.rigid.answer import RigidAnswer, RigidRun
+from validation.run.rigid.polyhedra import PolyhedralRun, rigid_answer
+from validation.run.solve import run_as_asked, with_factors
+from validation.scene.combinations import combined
+from validation.scene.family import RoundScene
+from validation.scene.keys.toml_text import toml_text
+from validation.scene.read import DeformableScene, SceneFile
+from validation.study.combinations import answer_to, combination_rows
+
+Tell = Callable[[str], None]
+
+#: What pictures show, by the names of their files, in the order of the page.
+_CAPTIONS = {
+    "assembly": "Blocks, fixed blocks and load.",
+    "contacts": "Blocks and contact interfaces.",
+    "contact_pressures": "Contact pressures.",
+    "mechanism": "Mechanism: how the blocks move.",
+    "stresses": "Principal stresses and deformed shape.",
+    "principal_stresses": "Directions of the principal stresses.",
+    "sections": "Stresses in horizontal sections.",
+    "displacement": "Displacement.",
+}
+#: Layers on each side of the middle one that 3-D views of tubes show.
+_AROUND = 1
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture of the page."""
+
+    caption: str
+    content: bytes
+    """WebP."""
+
+
+@dataclass(frozen=True)
+class LoadTable:
+    """Answers to several loads side by side."""
+
+    kind: str
+    """``rigid`` or ``fem``."""
+    answers: Mapping[str, Answer]
+    failed: Mapping[str, str]
+    """Why a load has no answer."""
+
+    @property
+    def rows(self) -> list[list[str]]:
+        """Title, value under each load, governing load."""
+        return list(combination_rows(self.answers)) if self.answers else []
+
+
+@dataclass(frozen=True)
+class SceneReport:
+    """Everything that the page shows."""
+
+    file: SceneFile
+    rigid: RigidAnswer | None
+    deformable: DeformableRun | None
+    failed: Mapping[str, str] = field(default_factory=dict)
+    """Why there is no rigid or no deformable answer, by its kind."""
+    loads: tuple[LoadTable, ...] = ()
+    loads_title: str = ""
+
+    @cached_property
+    def verdicts(self) -> list[Verdict]:
+        """Answers to what a reader asks first."""
+        return verdicts(self.file.scene, self.rigid, self.deformable, self.failed)
+
+    @property
+    def title(self) -> str:
+        """Scene and load."""
+        return f"{self.file.name}: {self.file.scene.load_words}"
+
+    @cached_property
+    def tables(self) -> list[PrintedTable]:
+        """All that `tubelock mbd` and `tubelock fem` print."""
+        tables = []
+        if self.rigid is not None:
+            tables += printed_tables(lambda console: _print_rigid(self.rigid, console))
+        if self.deformable is not None:
+            run = self.deformable
+            tables += printed_tables(lambda console: print_run(run, console))
+        return tables
+
+    def as_dict(self) -> dict[str, Any]:
+        """Answers as plain data."""
+        return {
+            "scene": self.file.name,
+            "verdicts": {verdict.question: verdict.words for verdict in self.verdicts},
+            "rigid": None if self.rigid is None else self.rigid.answer.as_dict(),
+            "deformable": None if self.deformable is None else self.deformable.answer.as_dict(),
+            "failed": dict(self.failed),
+            "loads": {
+                table.kind: {name: answer.as_dict() for name, answer in table.answers.items()}
+                for table in self.loads
+            },
+        }
+
+
+def report_scene(
+    file: SceneFile, *, deformable: bool = True, tell: Tell = lambda _: None
+) -> SceneReport:
+    """Compute the answers that a report shows; ``tell`` is called with a line before each.
+
+    Raises
+    ------
+    InputError
+        A scene that neither rigid nor deformable blocks answer.
+    """
+    failed: dict[str, str] = {}
+    tell(f"{file.name}: rigid blocks")
+    rigid = _tried(failed, "rigid", lambda: rigid_answer(file))
+    run = None
+    if deformable:
+        tell(f"{file.name}: deformable blocks")
+        run = _tried(failed, "fem", lambda: _deformable(file, tell))
+    if rigid is None and run is None:
+        raise InputError(next(iter(failed.values())))
+    title, scenes = load_scenes(file.scene)
+    known = {"rigid": rigid, "fem": run}
+    loads = [
+        _side_by_side(file, scenes, kind, answered.answer, tell)
+        for kind, answered in known.items()
+        if answered is not None and scenes
+    ]
+    return SceneReport(file, rigid, run, failed, tuple(loads), title)
+
+
+def _tried(failed: dict[str, str], kind: str, solve: Callable[[], Any]) -> Any:
+    """An answer, or None and the line that says why there is none."""
+    try:
+        return solve()
+    except RefusedError as error:
+        failed[kind] = str(error)
+        return None
+
+
+def _deformable(file: SceneFile, tell: Tell) -> DeformableRun:
+    run = run_as_asked(
+        file.name,
+        file.scene,
+        {},
+        progress=lambda now: tell(f"{file.name}: {progress_words(now)}"),
+    )
+    return with_factors(run)
+
+
+def load_scenes(scene: DeformableScene) -> tuple[str, dict[str, DeformableScene]]:
+    """Return what is compared, and the scene under each load: its combinations, or load cases."""
+    from geometry.loads import CASES
+
+    if scene.combinations:
+        return "Load combinations", {name: combined(scene, name) for name in scene.combinations}
+    if isinstance(scene, RoundScene):
+        cases: dict[str, DeformableScene] = {
+            name: scene.changed({"load.case": name}) for name in CASES
+        }
+        return "The five load cases, same pressure", cases
+    return "", {}
+
+
+def _side_by_side(
+    file: SceneFile, scenes: Mapping[str, DeformableScene], kind: Any, known: Answer, tell: Tell
+) -> LoadTable:
+    """Answers under each load; that of the scene itself is known."""
+    answers: dict[str, Answer] = {}
+    failed: dict[str, str] = {}
+    for name, scene in scenes.items():
+        tell(f"{file.name}: {name}, {'rigid' if kind == 'rigid' else 'deformable'} blocks")
+        one = replace(file, name=f"{file.name}, {name}", scene=scene)
+        solve = partial(answer_to, one, kind)
+        answer = known if scene == file.scene else _tried(failed, name, solve)
+        if answer is not None:
+            answers[name] = answer
+    return LoadTable(kind, answers, failed)
+
+
+def _print_rigid(run: Any, console: Any) -> None:
+    if isinstance(run, PolyhedralRun):
+        from validation.output.rigid.polyhedra import print_polyhedra
+
+        print_polyhedra(run, console)
+    else:
+        print_rigid(run, console)
+
+
+# ---------------------------------------------------------------------------------------------
+# Pictures
+
+
+def _pictures(report: SceneReport) -> Iterator[tuple[str, str, Callable[[Path], None]]]:
+    """Kind of blocks, name and drawing of each picture."""
+    rigid, run = report.rigid, report.deformable
+    if run is not None:
+        for name, draw in run_pictures(run).items():
+            yield "deformable", Path(name).stem, partial(draw, run)
+    if isinstance(rigid, PolyhedralRun):
+        from validation.output.rigid.polyhedra import polyhedral_pictures
+
+        for name, drawn in polyhedral_pictures(rigid).items():
+            yield "rigid", Path(name).stem, drawn
+    elif isinstance(rigid, RigidRun):
+        yield "all", "assembly", lambda path: _draw_assembly(rigid, path)
+        for name, drawn in rigid_pictures(rigid).items():
+            yield "rigid", Path(name).stem, drawn
+
+
+def _draw_assembly(run: RigidRun, path: Path) -> None:
+    from validation.output.pictures.assemblies import draw_assembly
+
+    title = f"{run.name}: {run.scene.load_words}"
+    draw_assembly(run.assembly, run.load, path, title=title, weight=run.scene.weight)
+
+
+def figures(report: SceneReport) -> list[Figure]:
+    """Pictures of the page, the contact pressures first."""
+    result = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for kind, name, draw in _pictures(report):
+            path = Path(folder) / f"{kind}-{name}.png"
+            draw(path)
+            blocks = "" if kind == "all" else f" {kind.capitalize()} blocks."
+            result[kind, name] = Figure(f"{_CAPTIONS[name]}{blocks}", webp_of(path))
+    first = ("contact_pressures", "contacts", "assembly")
+    order = sorted(result, key=lambda key: [*first, *_CAPTIONS].index(key[1]))
+    return [result[key] for key in order]
+
+
+def _views(report: SceneReport) -> list[View3d]:
+    """3-D views; none without the library."""
+    views: list[View3d] = []
+    if viewer_page() is None:
+        return views
+    rigid, run = report.rigid, report.deformable
+    if rigid is not None:
+        layers = _middle(rigid.scene, rigid.assembly)
+        words = "Contact pressures" if rigid.carried.holds else "Blocks"
+        views.append(pressure_view(rigid, words + _of(layers), "rigid", layers))
+    if run is not None:
+        layers = _middle(run.scene, run.solution.deformable.assembly)
+        views.append(stress_view(run, "σ₁" + _of(layers), "deformable", layers))
+    return views
+
+
+def _middle(scene: DeformableScene, assembly: Any) -> range | None:
+    """Layers of a long tube that are large enough to see; None: all."""
+    if not isinstance(scene, RoundScene) or assembly.n_layers <= 2 * _AROUND + 1:
+        return None
+    middle = middle_layer(assembly)
+    return range(middle - _AROUND, middle + _AROUND + 1)
+
+
+def _of(layers: range | None) -> str:
+    return "" if layers is None else f", layers {layers[0]} to {layers[-1]}"
+
+
+# ---------------------------------------------------------------------------------------------
+# The page
+
+
+def write_page(report: SceneReport, path: Path) -> None:
+    """Write the page, whole or not at all."""
+    text = report_page(report)
+    write_whole(path, lambda partial: partial.write_text(text, "utf-8"))
+
+
+def report_page(report: SceneReport) -> str:
+    """Return the page as text: it needs no network and no other file."""
+    stated = Provenance(report.file).as_json()["scene"]
+    stated.pop("name")
+    for part in stated.get("parts", ()):  # the page is sent: folders of this machine are not
+        part["file"] = Path(part["file"]).name
+    pictures = figures(report)
+    return page_text(
+        "scene.html",
+        report=report,
+        lead=pictures[0] if pictures else None,
+        figures=pictures[1:],
+        views=_views(report),
+        scene=toml_text(stated),
+    )

@@ -1,0 +1,194 @@
+"""What a reader asks first of an assembly, answered from its rigid and deformable answers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from rich.table import Table
+
+from geometry.answer import EVERY_TITLE, FACTORS, Answer, Measure, measure_rows
+from mbd import MechanismClass
+from validation.output.console import add_dimensions
+from validation.output.rigid.words import CLASS_WORDS, certificate_words
+from validation.run.accuracy import reached_rows
+from validation.run.deformable import DeformableRun
+from validation.run.rigid.answer import RigidAnswer
+from validation.run.rigid.polyhedra import PolyhedralRun
+from validation.scene.read import DeformableScene
+
+#: Whether an answer is good news, bad news or neither, as pages colour it.
+GOOD, BAD, OPEN = "true", "false", "open"
+_GOOD = (MechanismClass.LOCKED, MechanismClass.SUPPRESSED)
+#: Measures of the summary, of deformable and of rigid blocks.
+_SHOWN = ("p_max_point", "sigma_1_averaged", "max_displacement")
+_SHOWN_RIGID = ("p_max_facet", "largest_joint_force")
+#: Key of a scene that each load factor needs, and a value to begin with [MPa].
+_STRENGTHS = {
+    "cracking_factor": ("tensile_strength", 3),
+    "crushing_factor": ("compressive_strength", 30),
+}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A question and its answer."""
+
+    question: str
+    words: str
+    """The answer in short."""
+    tone: str = OPEN
+    """`GOOD`, `BAD` or `OPEN`."""
+    lines: tuple[str, ...] = ()
+    """What stands below it."""
+
+
+def verdicts(
+    scene: DeformableScene,
+    rigid: RigidAnswer | None,
+    run: DeformableRun | None,
+    failed: Mapping[str, str],
+) -> list[Verdict]:
+    """Answer the questions of a reader; ``failed`` says why an answer is missing, by its kind."""
+    result = [] if rigid is None else [_locked(rigid), _carried(rigid)]
+    if "rigid" in failed:
+        result.append(Verdict("Rigid blocks?", "no answer", OPEN, (failed["rigid"],)))
+    if "fem" in failed:
+        result.append(Verdict("Deformable blocks?", "no answer", BAD, (failed["fem"],)))
+    result.append(_how_much(rigid, run))
+    result.append(_how_sure(run))
+    answer = run.answer if run is not None else None if rigid is None else rigid.answer
+    assert answer is not None
+    result += [_strength(scene, answer, computed=run is not None), castable(scene, answer)]
+    return result
+
+
+def _locked(rigid: RigidAnswer) -> Verdict:
+    """Say whether a mechanism exists."""
+    found = rigid.result.classification
+    if isinstance(rigid, PolyhedralRun):
+        from validation.output.rigid.polyhedra import verdict_words
+
+        words = verdict_words(rigid)
+    else:
+        words = CLASS_WORDS[found.mechanism]
+    lines = [f"Proof: {certificate_words(found)}."]
+    supported = rigid.result.supported_classification
+    if supported is not found:
+        lines.append(f"With the supports of this load: {CLASS_WORDS[supported.mechanism]}.")
+    tone = GOOD if found.mechanism is MechanismClass.LOCKED else OPEN
+    return Verdict("Is it locked?", words, tone, tuple(lines))
+
+
+def _carried(rigid: RigidAnswer) -> Verdict:
+    """Say whether rigid blocks carry the load, and up to which limit."""
+    carried, further = rigid.carried, rigid.further
+    lines = [f"Load: {rigid.scene.load_words}."]
+    if carried.friction is None:
+        lines.append(f"Rigid blocks without friction: {rigid.result.equilibrium.status}.")
+    else:
+        lines.append(f"Rigid blocks: {carried.words}.")
+    if further is not None and further.collapse is not None:
+        lines.append(f"Limit load: {further.collapse.status}.")
+    if further is not None and further.sliding is not None:
+        lines.append(f"Non-associated limit load: {further.sliding.status}.")
+    words = "yes" if carried.holds else "no"
+    return Verdict("Does it carry the load?", words, GOOD if carried.holds else BAD, tuple(lines))
+
+
+def _rows(answer: Answer, names: tuple[str, ...]) -> list[str]:
+    """Some measures in words, a line each."""
+    found = {name: answer.measures[name] for name in names if name in answer.measures}
+    return [f"{title}: {words}" for title, words in measure_rows(found)]
+
+
+def _how_much(rigid: RigidAnswer | None, run: DeformableRun | None) -> Verdict:
+    """State the largest pressure, tension and displacement, and where they are."""
+    lines = [] if run is None else _rows(run.answer, _SHOWN)
+    of_rigid = [] if rigid is None else _rows(rigid.answer, _SHOWN_RIGID)
+    lines += [f"Rigid blocks, {line}" for line in of_rigid]
+    words = lines.pop(0) if lines else "no forces: the load is not carried"
+    return Verdict("Where and how much?", words, OPEN, tuple(lines))
+
+
+def _how_sure(run: DeformableRun | None) -> Verdict:
+    """State error bars, or what the rigid answer rests on."""
+    if run is None:
+        plain = (
+            "Forces between rigid blocks are not unique: those of least norm are shown.",
+            "Pressures are means over facets: they depend on the facet size.",
+        )
+        return Verdict("How sure is it?", "rigid blocks have no error bars", OPEN, plain)
+    measures = run.answer.measures
+    accuracy = run.refinement.get("accuracy")
+    lines = [] if accuracy is None else _reached(measures, accuracy["requested"])
+    if accuracy is not None:
+        lines.append(f"The refinement ended by: {accuracy['ended_by']}.")
+    unusable = [name for name in measures if not measures[name].is_number]
+    unusable = [title for title, _ in measure_rows({n: measures[n] for n in unusable})]
+    if unusable:
+        lines.append(f"Not resolved: {', '.join(unusable)}.")
+    if run.solution.large_motion is not None:
+        lines.append("Motions are large, but counted as small: see the table.")
+    if not any(measure.error is not None for measure in measures.values()):
+        words, tone = "no error bars: the scene sets one mesh without an estimate", BAD
+    else:
+        named = [measures[name] for name in _SHOWN if name in measures]
+        sure = sum(measure.is_number for measure in named)
+        words = f"{sure} of the {len(named)} numbers above have usable error bars"
+        tone = GOOD if sure == len(named) else OPEN
+    return Verdict("How sure is it?", words, tone, tuple(lines))
+
+
+def _reached(measures: Mapping[str, Measure], requested: Mapping[str, float]) -> list[str]:
+    """Repeat each request with its error bar, by the title of its measure."""
+    rows = (row.partition("=") for row in reached_rows(measures, requested))
+    return [f"{EVERY_TITLE[name].words}, requested ± {rest}" for name, _, rest in rows]
+
+
+def _strength(scene: DeformableScene, answer: Answer, *, computed: bool) -> Verdict:
+    """State the load factors at cracking and crushing, or the keys that they need."""
+    lines, factors = [], [name for name in FACTORS if name in answer.measures]
+    for title, words in measure_rows({name: answer.measures[name] for name in factors}):
+        lines.append(f"{title}: {words}")
+    values = [answer.measures[name].value for name in factors]
+    below = [value for value in values if value < 1.0]
+    for name, (key, value) in _STRENGTHS.items():
+        if name in factors:
+            continue
+        if getattr(scene.material, key) is not None:
+            why = "only static deformable blocks have it" if not computed else "not computed"
+            lines.append(f"{FACTORS[name].words}: {why}")
+            continue
+        lines.append(
+            f"{FACTORS[name].words}: needs material.{key} [MPa]; add it to the scene, or "
+            f"--set material.{key}={value}"
+        )
+    if not factors:
+        return Verdict("When does it crack?", "not computed", OPEN, tuple(lines))
+    words = lines.pop(0)
+    return Verdict("When does it crack?", words, BAD if below else GOOD, tuple(lines))
+
+
+def castable(scene: DeformableScene, answer: Answer) -> Verdict:
+    """Say whether walls and joints keep the limits of the scene, with what is built."""
+    lines = dimension_lines(scene, answer)
+    limits = scene.limits
+    exceeded = [line for line in lines if "TOO " in line]
+    if limits.least_wall is None and limits.steepest_joint is None:
+        words = "not checked: set limits.least_wall [mm] and limits.steepest_joint [degrees]"
+        return Verdict("Can it be cast?", words, OPEN, tuple(lines))
+    if exceeded:
+        others = tuple(line for line in lines if line not in exceeded)
+        return Verdict("Can it be cast?", f"no: {'; '.join(exceeded)}", BAD, others)
+    return Verdict("Can it be cast?", "yes, within the limits of the scene", GOOD, tuple(lines))
+
+
+def dimension_lines(scene: DeformableScene, answer: Answer) -> list[str]:
+    """Volume, mass, contact area, least wall and steepest joint, as tables print them."""
+    table = Table("", "")
+    add_dimensions(table, answer.report["dimensions"], scene.limits)
+    cells: list[list[Any]] = [list(column.cells) for column in table.columns]
+    lines = [f"{title}: {words}" for title, words in zip(*cells, strict=True)]
+    return lines if scene.caution is None else [*lines, scene.caution]

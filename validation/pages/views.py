@@ -1,0 +1,118 @@
+"""3-D views of answers for pages: contact pressures, and stresses of deformable blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from validation.output.pictures.bodies import (
+    PressedFacets,
+    block_surfaces,
+    coloured_blocks,
+    colours_of_blocks,
+    eye,
+    interface_facets,
+    outlines,
+    turns,
+)
+from validation.output.pictures.canvas import Part, View
+from validation.output.pictures.polyhedra import FROM_THE_SIDE, contact_parts, polyhedra_parts
+from validation.output.pictures.scales import Scale
+from validation.output.pictures.tubes import all_faces, stress_scale
+from validation.output.pictures.view_3d import View3d, make_view
+from validation.run.deformable import DeformableRun
+from validation.run.measures import drawing_scale
+from validation.run.rigid.answer import RigidAnswer, RigidRun
+from validation.run.rigid.polyhedra import PolyhedralRun
+
+
+def pressed_facets(run: RigidRun) -> PressedFacets:
+    """Contact facets of a rigid result with their pressures."""
+    pressures = run.answer.contacts["pressure"]
+    return interface_facets(run.assembly, run.result.contact_index, pressures)
+
+
+def pressed(facets: PressedFacets, layers: Sequence[int] | None = None) -> tuple[View, Scale]:
+    """Contact facets in the colours of their pressures, of some layers or of all."""
+    assembly, scale = facets.assembly, facets.scale
+    blocks = _in_layers(assembly.layer, layers)
+    rows = np.flatnonzero(np.isin(facets.block_m, blocks) | np.isin(facets.block_s, blocks))
+    if layers is not None:
+        scale = replace(facets, pressures=facets.pressures[rows]).scale
+    parts: list[Part] = [facets.surface(rows, scale), facets.outlines(blocks)]
+    return View(parts, eye(assembly)), scale
+
+
+def rigid_view(
+    run: RigidAnswer, layers: Sequence[int] | None = None
+) -> tuple[View, Scale | None, str]:
+    """Contact pressures of rigid blocks with their scale, or the blocks where none are carried.
+
+    The last value says in words what is shown.
+    """
+    words = "faces that can meet another block, coloured by contact pressure"
+    if isinstance(run, PolyhedralRun):
+        parts, scale = contact_parts(run)
+        view = View(parts, FROM_THE_SIDE)
+        if scale.reached[1] > 0.0:
+            return view, scale, "contact interfaces, coloured by mean contact pressure"
+        return View(polyhedra_parts(run.assembly), FROM_THE_SIDE), None, "blocks; fixed ones grey"
+    assert isinstance(run, RigidRun)
+    if run.carried.holds:
+        view, scale = pressed(pressed_facets(run), layers)
+        return view, scale, words
+    blocks = _in_layers(run.assembly.layer, layers)
+    colours = colours_of_blocks(run.load.fixed, turns(run.assembly))
+    drawn: list[Part] = [
+        block_surfaces(run.assembly, blocks, colours),
+        outlines(run.assembly, blocks),
+    ]
+    return View(drawn, eye(run.assembly)), None, "blocks; fixed ones grey"
+
+
+def pressure_view(
+    run: RigidAnswer, title: str, name: str, layers: Sequence[int] | None = None
+) -> View3d:
+    """Contact facets, coloured by pressure."""
+    view, scale, words = rigid_view(run, layers)
+    return make_view(name, title, f"Rigid blocks: {words}.", view, scale=scale)
+
+
+def stressed(run: DeformableRun, layers: Sequence[int] | None = None) -> tuple[View, Scale]:
+    """All faces of deformable blocks, coloured by σ₁, moved by exaggerated displacement."""
+    solution, deformable = run.solution, run.solution.deformable
+    scale, factor = stress_scale(solution), drawing_scale(solution)
+    shown = np.intersect1d(
+        deformable.deformable_blocks, _in_layers(deformable.assembly.layer, layers)
+    )
+    surface = coloured_blocks(
+        deformable.drawn,
+        shown.tolist(),
+        lambda block: solution.principal(block)[:, 0],
+        scale,
+        nodes=lambda block: deformable.positions(block) + factor * solution.displacement(block),
+        faces=all_faces(solution),
+    )
+    return View([surface], eye(deformable.drawn)), scale
+
+
+def stress_view(
+    run: DeformableRun, title: str, name: str, layers: Sequence[int] | None = None
+) -> View3d:
+    """Stresses of deformable blocks to turn."""
+    view, scale = stressed(run, layers)
+    return make_view(
+        name,
+        f"{title}, displacement scaled × {drawing_scale(run.solution):g}",
+        "Deformable blocks: maximum principal stress σ₁; red is tension.",
+        view,
+        scale=scale,
+    )
+
+
+def _in_layers(layer: np.ndarray, layers: Sequence[int] | None) -> list[int]:
+    """Blocks of some layers, or all."""
+    every = np.arange(len(layer))
+    return (every if layers is None else every[np.isin(layer, list(layers))]).tolist()
