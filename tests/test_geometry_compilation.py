@@ -79,6 +79,75 @@ def test_an_edit_of_a_helpers_constant_changes_the_answer(package: Path) -> None
     assert len(kernels(package)) == 2
 
 
+CLOSURES = """
+import math
+import sys
+
+from geometry.compilation import njit
+
+
+def make(factor):
+    @njit()
+    def scaled(values, i):
+        if values[i] > 9.0:  # too long to be inlined
+            values[i] = math.sin(values[i]) * math.exp(-values[i]) + math.cos(values[i] + i)
+            for k in range(i):
+                values[i] += math.cos(values[k] + k) * math.tan(values[i])
+        elif values[i] < -9.0:
+            values[i] = math.cos(values[i]) / math.exp(values[i]) - math.sin(values[i] - i)
+            for k in range(i):
+                values[i] -= math.sin(values[k] + k) * math.tan(values[i])
+        else:
+            values[i] *= factor
+    return scaled
+
+
+twice, thrice = make(2.0), make(3.0)
+
+
+@njit(cache=True)
+def ascending(values, i):
+    twice(values, i)
+    twice(values, i + 1)
+    thrice(values, i + 2)
+    thrice(values, i + 3)
+
+
+@njit(cache=True)
+def descending(values, i):
+    thrice(values, i)
+    thrice(values, i + 1)
+    twice(values, i + 2)
+    twice(values, i + 3)
+
+
+if __name__ == "__main__":
+    import closures
+    import numpy as np
+
+    for name in sys.argv[1:]:
+        values = np.ones(4)
+        getattr(closures, name)(values, 0)
+        print(name, *values.astype(int))
+"""
+
+
+def test_code_of_two_processes_is_not_mixed(tmp_path: Path) -> None:
+    """Closures of one factory differ in nothing but a number that each process counted anew.
+
+    The code that was loaded second called the closures of the first: 2 2 3 3 twice.
+    """
+    file = tmp_path / "closures.py"
+    file.write_text(CLOSURES)
+    environment = {k: v for k, v in os.environ.items() if k not in CHOICES}
+    environment |= {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
+    answers = {"ascending": "ascending 2 2 3 3", "descending": "descending 3 3 2 2"}
+    for names in (["ascending"], ["descending"], [*answers]):
+        command = [sys.executable, str(file), *names]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        assert done.stdout.splitlines() == [answers[name] for name in names]
+
+
 def test_damaged_files_are_compiled_anew(package: Path) -> None:
     run(package)
     files = kernels(package)

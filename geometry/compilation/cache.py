@@ -5,8 +5,8 @@ file leaves the old machine code running, and the index that leads from a form o
 its code can lead to the code of another form while two processes write it. Here the name of a
 file *is* what is in it: a digest of the sources the function reads (its module and all it imports
 from its own package and from `geometry`), of the types of its arguments, the processor, the options
-and the versions of the compiler. There is no index to swap, two processes that write one file write
-the same, and a damaged file is compiled anew. Where a source was edited after the program had
+and the versions of the compiler. There is no index to swap, each of two processes that write one file
+writes a full one, and a damaged file is compiled anew. Where a source was edited after the program had
 started, what runs is not what it says: such code is neither kept nor taken.
 """
 
@@ -19,6 +19,7 @@ import hashlib
 import logging
 import os
 import pickle
+import secrets
 import stat
 import sys
 import tempfile
@@ -28,7 +29,7 @@ from typing import Any
 
 import llvmlite
 import numba
-from numba.core import config, event
+from numba.core import bytecode, config, event
 from numba.core.caching import CompileResultCacheImpl, NullCache
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
@@ -60,6 +61,11 @@ class _Watch(event.Listener):  # type: ignore[misc]
 
 
 event.register("numba:compile", _Watch())
+
+# Numba counts the functions of a process, and the count is what tells the names of two closures of
+# one factory apart. Code of two processes, loaded together, had one name for two functions: the
+# linker took the first for both, without a word (https://github.com/numba/numba/issues/10486).
+bytecode.FunctionIdentity._unique_ids = iter(lambda: secrets.randbits(64), None)
 
 
 class KernelCache(NullCache):  # type: ignore[misc]
