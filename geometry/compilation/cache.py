@@ -5,9 +5,9 @@ file leaves the old machine code running, and the index that leads from a form o
 its code can lead to the code of another form while two processes write it. Here the name of a
 file *is* what is in it: a digest of the sources the function reads (its module and all it imports
 from its own package and from `geometry`), of the types of its arguments, the processor, the options
-and the versions of the compiler. There is no index to swap, each of two processes that write one file
-writes a full one, and a damaged file is compiled anew. Where a source was edited after the program had
-started, what runs is not what it says: such code is neither kept nor taken.
+and the versions of the compiler. There is no index to swap, a file is written whole or not at all,
+and a damaged one is compiled anew. Where a source was edited after the program had started, what
+runs is not what it says: such code is neither kept nor taken.
 """
 
 from __future__ import annotations
