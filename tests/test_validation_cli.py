@@ -191,6 +191,7 @@ def test_tables_come_out_of_the_open_code(tubelock) -> None:
         # Truth is no number, though Python reads it as 1.
         (["mbd", "tsb1-pipe", "--set", "block.amplitude=true"], "amplitude: got True; expected a"),
         (["fem", "tsb1-pipe", "--set", "effects.gravity=[0,true,1]"], "expected a number"),
+        (["fem", "tsb1-pipe", "--set", "combinations.all.load=true"], "load: got True; exp"),
         (["fem", "tsb1-pipe", "--set", "effects.gravity=[0,0]"], "a value is missing at the end"),
         (["fem", "tsb1-pipe", "--set", "effects.gravity=9.81"], "list of values in brackets"),
         (["fem", "tsb1-pipe", "--set", "effects.friction=0.1"], "a section with coefficient"),

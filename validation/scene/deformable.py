@@ -369,12 +369,14 @@ class DeformableSections(WholeScene):
 
     @field_validator("combinations", mode="before")
     @classmethod
-    def _with_the_same_supports(cls, value: Any) -> Any:
-        """Reject combinations that state supports of their own."""
+    def _factors_of_loads(cls, value: Any) -> Any:
+        """Reject combinations that state supports of their own, and truth for a factor."""
         for name, factors in value.items() if isinstance(value, Mapping) else ():
             for key, factor in factors.items() if isinstance(factors, Mapping) else ():
                 if key in NOT_LOADS and not is_number(factor):
                     raise ValueError(f"combinations.{name}.{key}: {SAME_SUPPORTS}")
+                if isinstance(factor, bool):
+                    raise ValueError(f"combinations.{name}.{key}: got {factor}; expected a number")
         return value
 
     @field_validator("materials", mode="wrap")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
@@ -65,6 +65,15 @@ def _as_number(value: Any, unit: Unit) -> Any:
     return value if number is None else number
 
 
+def entries(value: Any) -> Iterator[Any]:
+    """Return what nested lists are made of, or the value itself."""
+    if not isinstance(value, list | tuple):
+        yield value
+        return
+    for entry in value:
+        yield from entries(entry)
+
+
 class Section(Recorded):
     """Base of all sections: frozen, and unknown keys are errors."""
 
@@ -75,8 +84,11 @@ class Section(Recorded):
     def _no_truth_for_a_number(cls, value: Any, info: ValidationInfo) -> Any:
         """Reject true and false where a number is meant; they would be read as 1 and 0."""
         kinds = leaves(cls.model_fields[str(info.field_name)].annotation)
-        given = value if isinstance(value, list | tuple) else (value,)
-        if kinds & {int, float} and bool not in kinds and any(isinstance(v, bool) for v in given):
+        if (
+            kinds & {int, float}
+            and bool not in kinds
+            and any(isinstance(v, bool) for v in entries(value))
+        ):
             raise ValueError("expected a number")
         return value
 
