@@ -34,6 +34,7 @@ def solve_explicit(
     residual: float = RESIDUAL,
     ramp_time: float | None = None,
     end_time: float | None = None,
+    mass_scaling: float | None = None,
     symmetry: Literal["auto", "none", "sector"] = "auto",
     threads: int = 1,
 ) -> Answer:
@@ -50,6 +51,8 @@ def solve_explicit(
         Unbalanced over applied force at which a run to the static state stops [-].
     ramp_time, end_time
         Smooth step of the loads and latest end [s]; None: from the lowest excited frequency.
+    mass_scaling
+        Time step that every element is to allow, over the least one [-]; None: masses stay.
     symmetry
         Whether one block of each layer may stand for all.
     threads
@@ -90,6 +93,7 @@ def solve_explicit(
         symmetry=symmetry,
         ramp_time=ramp_time,
         end_time=end_time,
+        mass_scaling=mass_scaling,
         motion=problem.motion,
     )
     result = explicit_answer(

@@ -145,6 +145,162 @@ def test_parts_and_instances_are_the_flat_deck() -> None:
     assert top_moves(deck) == pytest.approx(-0.008, rel=1e-9)
 
 
+#: The upper of `CUBES` on a rigid plate with a reference node.
+ON_RIGID = """*Part, name=PLATE
+*Node
+1, -1.3, -1.1, 1.
+2, 2.2, -1.1, 1.
+3, 2.2, 2.4, 1.
+4, -1.3, 2.4, 1.
+9, 0., 0., 0.
+*Element, type=R3D4, elset=PLATE
+1, 1, 2, 3, 4
+*Surface, name=TOP
+PLATE, SPOS
+*End Part
+*Part, name=CUBE
+*Node
+1, 0., 0., 1.
+2, 1., 0., 1.
+3, 1., 1., 1.
+4, 0., 1., 1.
+5, 0., 0., 2.
+6, 1., 0., 2.
+7, 1., 1., 2.
+8, 0., 1., 2.
+*Element, type=C3D8, elset=CUBE
+1, 1, 2, 3, 4, 5, 6, 7, 8
+*Solid Section, elset=CUBE, material=M
+*Surface, name=UNDER
+CUBE, S1
+*End Part
+*Assembly, name=A
+*Instance, name=LOW, part=PLATE
+*End Instance
+*Instance, name=UP, part=CUBE
+*End Instance
+*Rigid Body, ref node=LOW.9, elset=LOW.PLATE
+*End Assembly
+*Material, name=M
+*Elastic
+1000., 0.
+*Surface Interaction, name=I
+*Surface Behavior, pressure-overclosure=LINEAR
+500.
+*Contact Pair, interaction=I, type=SURFACE TO SURFACE
+UP.UNDER, LOW.TOP
+*Boundary
+UP.1, 1, 2
+UP.2, 2
+LOW.9, ENCASTRE
+*Step
+*Static
+*Dload
+UP.CUBE, P2, 2.
+*End Step
+""".splitlines()
+
+
+def test_a_cube_on_a_rigid_plate() -> None:
+    """A bar and the contact, p L / E + p / k; the plate of triangles and from below alike."""
+    assert top_moves(deck_of_lines(ON_RIGID)) == pytest.approx(-0.006, rel=1e-9)
+    halves = changed("R3D4", "R3D3", ON_RIGID)
+    halves = changed("1, 1, 2, 3, 4\n*Surface", "1, 1, 2, 3\n2, 1, 3, 4\n*Surface", halves)
+    assert top_moves(deck_of_lines(halves)) == pytest.approx(-0.006, rel=1e-9)
+    below = changed("1, 1, 2, 3, 4\n*Surface", "1, 4, 3, 2, 1\n*Surface", ON_RIGID)
+    below = changed("SPOS", "SNEG", below)
+    assert top_moves(deck_of_lines(below)) == pytest.approx(-0.006, rel=1e-9)
+
+
+def test_a_rigid_plate_that_moves_takes_its_cube_along() -> None:
+    """The reference node goes up by 0.01 mm: so does the cube, which is pressed as before."""
+    up = changed("LOW.9, ENCASTRE", "LOW.9, 1, 2\nLOW.9, 3, 3, 0.01\nLOW.9, 4, 6", ON_RIGID)
+    assert top_moves(deck_of_lines(up)) == pytest.approx(0.004, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("LOW.9, ENCASTRE", "LOW.9, 1, 3", "may move along components 4, 5, 6"),
+        ("SPOS", "SNEG\nPLATE, SPOS", "both of its sides meet blocks"),
+        ("PLATE, SPOS", "PLATE", "no .Surface names its side"),
+        ("*Rigid Body, ref node=LOW.9, elset=LOW.PLATE\n", "", r"without a \*Rigid Body"),
+    ],
+)
+def test_rigid_bodies_that_are_not_covered_are_rejected(old, new, message) -> None:
+    with pytest.raises(DeckError, match=rf"^line \d+: .*{message}"):
+        deck_of_lines(changed(old, new, ON_RIGID)).validate()
+
+
+def test_springs_to_the_ground_are_in_series_with_the_cubes() -> None:
+    """Four springs of 250 N/mm below the foot instead of a support: F / Σk = 2 / 1000 mm more."""
+    springs = (
+        "*Element, type=SPRING1, elset=G\n91, 1\n92, 2\n93, 3\n94, 4\n*Spring, elset=G\n3\n250."
+    )
+    lines = changed("*Boundary\nFOOT, 1, 3", f"{springs}\n*Boundary\nFOOT, 1, 2")
+    deck = deck_of_lines(lines)
+    assert top_moves(deck) == pytest.approx(-0.010, rel=1e-7)
+    again = deck_of_lines(list(deck_lines(rewritten(deck))))
+    assert top_moves(again) == pytest.approx(-0.010, rel=1e-6)
+
+
+def test_components_along_transformed_axes() -> None:
+    """Local axis 1 is z: holding it and pulling the top along it is what z was."""
+    turn = "*Transform, nset={}\n0., 0., 1., 1., 0., 0.\n"
+    lids = "*Nset, nset=LID\n15, 16, 17, 18\n" + turn.format("LID") + turn.format("FOOT")
+    lines = changed("*Boundary\n", f"{lids}*Boundary\n")
+    lines = changed("FOOT, 1, 3", "FOOT, 1\n1, 2, 3\n2, 3", lines)
+    lines = changed("*Dload\nUPPER, P2, 2.", "*Cload\nLID, 1, -0.5", lines)
+    assert top_moves(deck_of_lines(lines)) == pytest.approx(-0.008, rel=1e-9)
+    wheel = changed(
+        "*Boundary\n", "*Transform, type=C, nset=ALL\n0.5, 0.5, 0., 0.5, 0.5, 1.\n*Boundary\n"
+    )
+    wheel = changed("11, 1, 2\n12, 2", "11, 2\n12, 2\n13, 2", wheel)
+    assert top_moves(deck_of_lines(wheel)) == pytest.approx(-0.008, rel=1e-9)
+
+
+def test_steps_follow_each_other() -> None:
+    """Loads stay, are stated anew or go with op=NEW; without friction the last state counts."""
+    second = "*End Step\n*Step\n*Static\n*Dload{}\n{}\n*End Step"
+    added = changed("*End Step", second.format("", "UPPER, BZ, -1."))
+    assert top_moves(deck_of_lines(added)) == pytest.approx(-0.0115, rel=1e-9)
+    anew = changed("*End Step", second.format("", "UPPER, P2, 1."))
+    deck = deck_of_lines(anew)
+    assert top_moves(deck) == pytest.approx(-0.004, rel=1e-9)
+    assert any("end of step 2" in note for note in deck.model.notes)
+    other = changed("*End Step", second.format(", op=NEW", "2, P2, 3."))
+    assert top_moves(deck_of_lines(other)) == pytest.approx(-0.012, rel=1e-9)
+    with pytest.raises(DeckError, match="shares members with a load of an earlier step"):
+        deck_of_lines(changed("*End Step", second.format("", "2, P2, 3."))).problem()
+    rough = changed("500.\n", "500.\n*Friction\n0.2, 5000.\n", anew)
+    with pytest.raises(DeckError, match=r"second \*Step with friction"):
+        deck_of_lines(rough).problem()
+
+
+def test_words_of_symmetry_hold_the_components_of_their_planes() -> None:
+    lines = changed("FOOT, 1, 3", "FOOT, ZSYMM\n1, XSYMM\n1, YSYMM\n2, YSYMM")
+    assert top_moves(deck_of_lines(lines)) == pytest.approx(-0.008, rel=1e-9)
+
+
+@pytest.mark.parametrize("flavour", ["pairs", "general", "calculix"])
+def test_a_spinning_block_is_read_back(flavour) -> None:
+    """Velocity and spin, of the words for it in Abaqus and of all nodes in CalculiX."""
+    file = load_scene("spinning-block", ["fem.element=full"] if flavour == "calculix" else [])
+    stated = scene_problem(file.scene, "a").motion
+    read = deck_of_lines(list(deck_lines(build_deck(file, Flavour(flavour))))).problem().motion
+    assert stated is not None
+    assert read is not None
+    assert read.velocity == pytest.approx(stated.velocity, abs=1e-9)
+    assert read.angular_velocity == pytest.approx(stated.angular_velocity, rel=1e-9, abs=1e-9)
+
+
+def test_scaled_masses_are_read_back() -> None:
+    changes = ["fem.method=explicit", "fem.mass_scaling=3.0", "fem.end_time=1.0"]
+    file = load_scene("tsb1-pipe", [*COARSE, *changes])
+    deck = deck_of_lines(list(deck_lines(build_deck(file, Flavour("general")))))
+    assert deck.explicit_options()["mass_scaling"] == pytest.approx(3.0, rel=1e-9)
+
+
 @pytest.mark.parametrize("kind", ["C3D4", "C3D10"])
 def test_tetrahedra_fill_the_same_cube(kind) -> None:
     """A cube of six tetrahedra, split into hexahedra: its volume, and uniform stress exactly."""
@@ -274,6 +430,7 @@ def test_surfaces_that_touch_without_a_pair_are_rejected() -> None:
     lines = changed("*Element, type=C3D8, elset=LOWER", f"{more}\n*Element, type=C3D8, elset=LOWER")
     third = "*Element, type=C3D8, elset=THIRD\n3, 21, 22, 23, 24, 25, 26, 27, 28\n*Nset, nset=FOOT"
     lines = changed("*Nset, nset=FOOT", third, lines)
+    lines = changed("UPPER, S1", "UPPER, S1\nUPPER, S4", lines)
     section = "*Solid Section, elset=THIRD, material=M\n*Surface, name=SIDE\nTHIRD, S6\n"
     lines = changed("*Surface Interaction", f"{section}*Surface Interaction", lines)
     lines = changed("*Boundary", "SIDE, TOP\n*Boundary", lines)

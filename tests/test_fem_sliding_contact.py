@@ -328,6 +328,18 @@ def test_agrees_with_matched_facets_where_nothing_slides():
     assert np.sqrt(np.mean((pressures[1] - pressures[0]) ** 2)) < 1e-3 * scale
 
 
+def test_closest_points_of_skewed_facets():
+    """Facets of split triangles, angles from 45 to 135 degrees: every point is its own closest."""
+    kite = np.array([[-1.3, -1.1, 1.0], [0.45, 0.65, 1.0], [-0.13, 1.23, 1.0], [-1.3, 0.65, 1.0]])
+    stated = np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 9)]), axis=-1).reshape(-1, 2)
+    shapes, _ = bilinear(stated)
+    for corners in (kite, kite[::-1], kite * [3.0, 1.0, 1.0]):
+        points = shapes @ corners + [0.0, 0.0, 0.01]
+        xi, gap, _ = closest_points(np.tile(corners, (len(points), 1, 1)), points)
+        np.testing.assert_allclose(xi, stated, atol=1e-9)
+        np.testing.assert_allclose(np.abs(gap), 0.01, rtol=1e-9)
+
+
 def test_closest_points_of_a_warped_facet():
     """The way from the closest point stands on both tangents, to the accuracy of Newton."""
     rng = np.random.default_rng(4)

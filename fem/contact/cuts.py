@@ -97,13 +97,17 @@ def closest_point(corners, point, xi, work):
     d = work[8]
     for _ in range(SEARCH_STEPS):
         _frame(corners, xi, values, x, first, second)
-        twist = 0.0
+        _cross(first, second, normal)
+        along, mixed = 0.0, 0.0
         for i in range(3):
             d[i] = point[i] - x[i]
-            mixed = corners[0, i] - corners[1, i] + corners[2, i] - corners[3, i]
-            twist += 0.25 * mixed * d[i]
+            along += d[i] * normal[i]
+            twist = corners[0, i] - corners[1, i] + corners[2, i] - corners[3, i]
+            mixed += 0.25 * twist * normal[i]
         a, b, c = _dot(first, first), _dot(first, second), _dot(second, second)
-        b -= twist
+        # Of the distance the part along the normal: the rest vanishes where the iteration ends, and
+        # on its way leads away from points of skewed facets.
+        b -= mixed * along / (a * c - b * b)
         p, q = _dot(d, first), _dot(d, second)
         scale = a * c - b * b
         r = min(max(xi[0] + (c * p - b * q) / scale, -2.0), 2.0)

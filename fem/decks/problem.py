@@ -285,13 +285,19 @@ def around_as_forces(deck: Deck) -> tuple[Deck, list[str]]:
 _SINGLE_PRECISION = 3.0e5
 
 
-def element_time_step(deck: Deck) -> float:
-    """Least time step of an element as Abaqus/Explicit estimates it, without contact [s]."""
+def element_time_step(deck: Deck, *, moving: bool = False) -> float:
+    """Least time step of an element as Abaqus/Explicit estimates it, without contact [s].
+
+    Of all blocks, or of those that are not held.
+    """
+    blocks = np.arange(deck.assembly.n_blocks)
+    blocks = np.setdiff1d(blocks, deck.held_blocks) if moving else blocks
+    used = np.unique(deck.assembly.shape_of[blocks]).tolist()
     viscosity = deck.effects.bulk_viscosity
     linear = 0.0 if viscosity is None else viscosity.linear_bulk_viscosity
     return min(
         characteristic_time_step(shape.mesh, material, linear_bulk_viscosity=linear)
-        for shape, material in zip(deck.assembly.shapes, deck.materials, strict=True)
+        for shape, material in ((deck.assembly.shapes[k], deck.materials[k]) for k in used)
     )
 
 

@@ -16,7 +16,7 @@ from fem.element.lagrange_mesh import SerendipityMesh
 from fem.problem.loads import traction_forces
 from geometry.assembly import Assembly
 from geometry.mesh import IntArray
-from geometry.parts.regions import region_nodes, region_quads
+from geometry.parts.regions import Points, region_nodes, region_quads
 from geometry.parts.supports import HeldFace
 
 #: Directions that lean from a world axis by less lie along it [-].
@@ -105,8 +105,12 @@ def springs_on_ground(
                 f"support {support.title}: got springs below C3D20, whose corners have negative "
                 "shares of an area; expected fem.degree = 1"
             )
-        quads = mesh.facet_nodes(region_quads(assembly, support.block, support.face))
-        share = traction_forces(mesh.nodes, quads, np.array([support.spring, 0.0, 0.0]))[:, 0]
+        if isinstance(support.face, Points):
+            share = np.zeros(mesh.n_nodes)
+            share[region_nodes(assembly, support.block, support.face)] = support.spring
+        else:
+            quads = mesh.facet_nodes(region_quads(assembly, support.block, support.face))
+            share = traction_forces(mesh.nodes, quads, np.array([support.spring, 0.0, 0.0]))[:, 0]
         for axis in _world_axes(support):
             for node in np.flatnonzero(share).tolist():
                 result.append(GroundSpring(support.block, node, axis, float(share[node])))

@@ -1,22 +1,26 @@
-"""Springs between the surface of a block and the ground: a bed of stiffness per area."""
+"""Springs between the surface of a block and the ground: beds of stiffness per area, at nodes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 from scipy.sparse import bsr_array, coo_array
 
 from fem.element.facet import basis_of, facet_area_vectors
-from geometry.mesh import FloatArray, HexMesh, IntArray, ReadOnlyArrays
+from geometry.mesh import FloatArray, HexMesh, IntArray, ReadOnlyArrays, boundary_quads
 from geometry.meshing.charts import facet_elements
 
 
 @dataclass(frozen=True)
 class Springs(ReadOnlyArrays):
-    """Beds of springs on facets of a block, as stiffness of the elements that have these facets."""
+    """Springs on facets of a block, as stiffness of the elements that have these facets.
+
+    A spring at a node is one on a facet that has the node.
+    """
 
     element: IntArray
     """Element of each facet, (n,)."""
@@ -67,10 +71,22 @@ class Springs(ReadOnlyArrays):
         return bound
 
 
-def springs_on(
-    mesh: HexMesh, beds: Sequence[tuple[str, IntArray, float, FloatArray]]
-) -> Springs | None:
-    """Consistent stiffness of beds of springs, ∫ k N_a N_b d dᵀ dA; None without any.
+#: Name of the springs, corners of facets (n, 4) or nodes (n,), stiffness, directions (k, 3).
+Bed: TypeAlias = tuple[str, IntArray, float, FloatArray]
+
+
+def facets_at(mesh: HexMesh, nodes: IntArray) -> IntArray:
+    """Corners of a facet of the surface that has each of some nodes, (n, 4)."""
+    corners = boundary_quads(mesh)
+    quads = mesh.facet_nodes(corners)
+    first = [int((quads == node).any(axis=1).argmax()) for node in nodes.tolist()]
+    return corners[first]
+
+
+def springs_on(mesh: HexMesh, beds: Sequence[Bed]) -> Springs | None:
+    """Consistent stiffness of beds of springs, ∫ k N_a N_b d dᵀ dA, and k d dᵀ at nodes.
+
+    None without any.
 
     Parameters
     ----------
@@ -78,18 +94,23 @@ def springs_on(
         Of the block.
     beds
         Name, corners of facets (n, 4), stiffness per area [N/mm³] and unit directions in the
-        block's frame (k, 3) of each.
+        block's frame (k, 3) of each; or nodes of the surface (n,) and the stiffness at each [N/mm].
     """
     if not beds:
         return None
     element, nodes, places, matrices = [], [], [], []
     names: list[str] = []
-    for name, corners, stiffness, directions in beds:
+    for name, where, stiffness, directions in beds:
+        corners = where if where.ndim == 2 else facets_at(mesh, where)
         names += [name] * len(corners)
         quads = mesh.facet_nodes(corners)
-        area = np.linalg.norm(facet_area_vectors(mesh.nodes, quads), axis=-1)
-        values = basis_of(quads).values
-        product = stiffness * np.einsum("fp,pa,pb->fab", area, values, values)
+        if where.ndim == 2:
+            area = np.linalg.norm(facet_area_vectors(mesh.nodes, quads), axis=-1)
+            values = basis_of(quads).values
+            product = stiffness * np.einsum("fp,pa,pb->fab", area, values, values)
+        else:
+            here = (quads == where[:, None]).astype(np.float64)
+            product = stiffness * np.einsum("fa,fb->fab", here, here)
         blocks = np.einsum("fab,ij->faibj", product, directions.T @ directions)
         size = 3 * quads.shape[1]
         of, _ = facet_elements(mesh, corners)

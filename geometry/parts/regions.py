@@ -57,6 +57,10 @@ class Box(ReadOnlyArrays):
         return f"the box from {self.low.tolist()} to {self.high.tolist()}"
 
 
+#: The whole surface.
+EVERYWHERE = Box(np.full(3, -np.inf), np.full(3, np.inf))
+
+
 @dataclass(frozen=True)
 class Points(ReadOnlyArrays):
     """Nodes by their places, such as a set of nodes of another program; inner ones too."""

@@ -136,7 +136,7 @@ def _with_mass_scaling(deck: Deck, factor: float) -> Deck:
             f"fem.mass_scaling: got {factor:g} with --flavour calculix, which scales no single "
             "elements; remove it, or choose --flavour general"
         )
-    scaled = factor * element_time_step(deck)
+    scaled = factor * element_time_step(deck, moving=True)
     return replace(deck, step=replace(deck.step, scaled_time_step=scaled))
 
 

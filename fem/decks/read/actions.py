@@ -1,4 +1,4 @@
-"""Supports and loads of a step as those of a problem."""
+"""Supports of the last step of a deck: what holds, moves and springs its nodes."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from fem.decks.keywords import DeckError
 from fem.decks.read.bodies import Blocks
 from fem.decks.read.cards import Card
-from fem.decks.read.model import ModelLines, Step, path_of
+from fem.decks.read.model import ModelLines, Step, path_of, smooth_time
 from geometry.files.named_sets import face_name
-from geometry.loads import CircumferentialLoad, FaceLoad, PressureLoad, TractionLoad
+from geometry.loads import FaceLoad
 from geometry.mesh import FloatArray, IntArray
 from geometry.parts.forces import NodeForces
 from geometry.parts.regions import Points, Where
@@ -23,13 +23,17 @@ _Value = tuple[float, tuple[tuple[float, float], ...]]
 
 @dataclass
 class Actions:
-    """What supports and loads the blocks of a deck."""
+    """What supports and loads the blocks of a deck at the end of its last step."""
 
     blocks: Blocks
     model: ModelLines
-    step: Step
+    steps: tuple[Step, ...]
     held: dict[tuple[int, int], dict[int, _Value]] = field(default_factory=dict)
     """Components of each block and node of its part."""
+    axes: dict[tuple[int, int], FloatArray] = field(default_factory=dict)
+    """Local axes of nodes that *Transform turns, unit vectors, each (3, 3)."""
+    reference: dict[tuple[int, int], dict[int, _Value]] = field(default_factory=dict)
+    """Components 0 to 5 of reference nodes of rigid bodies, by instance and number."""
     names: dict[tuple[int, int], str] = field(default_factory=dict)
     faces: list[FaceLoad] = field(default_factory=list)
     forces: list[tuple[int, FloatArray, FloatArray]] = field(default_factory=list)
@@ -43,6 +47,11 @@ class Actions:
     """Smooth step of an explicit run [s]."""
 
     @property
+    def step(self) -> Step:
+        """The last step."""
+        return self.steps[-1]
+
+    @property
     def nodes(self) -> tuple[NodeForces, ...]:
         """Forces on nodes."""
         if not self.forces:
@@ -50,65 +59,117 @@ class Actions:
         block, places, forces = zip(*self.forces, strict=True)
         return (NodeForces(np.array(block), np.array(places), np.array(forces)),)
 
+    def ramp(self, card: Card, ramp: float) -> None:
+        """Keep the smooth step of an explicit run.
 
-def read_actions(blocks: Blocks, model: ModelLines, step: Step) -> Actions:
-    """Read supports and loads of the model data and of the step.
+        Raises
+        ------
+        DeckError
+            A second one.
+        """
+        if self.ramp_time not in {None, ramp}:
+            raise DeckError(
+                f"{card.at()}: loads of an explicit step have several amplitudes; expected one"
+            )
+        self.ramp_time = ramp
+
+
+def read_supports(actions: Actions) -> None:
+    """Read supports of the model data and of all steps, each after the one before.
 
     Raises
     ------
     DeckError
         Naming the line of the first that cannot be solved.
     """
-    actions = Actions(blocks, model, step)
-    for card in [*model.other, *step.cards]:
-        if card.option("OP") == "NEW" and card in step.cards and card.keyword == "BOUNDARY":
-            actions.held.clear()
-        reader = {"BOUNDARY": _boundary, "CLOAD": _cload, "DLOAD": _dload, "DSLOAD": _dsload}
-        if card.keyword in reader:
-            reader[card.keyword](actions, card)
-    return actions
+    _transforms(actions)
+    _reference_nodes(actions)
+    for card in actions.model.other:
+        if card.keyword == "BOUNDARY":
+            _boundary(actions, card, None)
+    for step in actions.steps:
+        for number, card in enumerate(c for c in step.cards if c.keyword == "BOUNDARY"):
+            if card.option("OP") == "NEW" and not number:
+                actions.held.clear()
+                for held in actions.reference.values():
+                    held.clear()
+            _boundary(actions, card, step)
 
 
-def _share(actions: Actions, card: Card) -> float:
-    """Share of a load at the end of the step."""
-    step = actions.step
-    path = path_of(actions.model, card, explicit=step.explicit)
-    if path is None:
-        ramp = 0.0 if step.explicit else None
-    else:
-        ramp = float(path[1, 0]) if step.explicit else None
-    if step.explicit:
-        if actions.ramp_time not in {None, ramp}:
+def _transforms(actions: Actions) -> None:
+    """Read *Transform: axes of the components of nodes."""
+    for card in actions.model.other:
+        if card.keyword != "TRANSFORM":
+            continue
+        kind, values = card.option("TYPE") or "R", card.numbers()
+        a, b = values[:3], values[3:6]
+        turned = np.cross(a, b) if kind == "R" else b - a
+        if kind not in {"R", "C"} or len(values) != 6 or not turned.any():
             raise DeckError(
-                f"{card.at()}: loads of an explicit step have several amplitudes; expected one"
+                f"{card.at()}: *Transform of type {kind} with {len(values)} numbers; expected R "
+                "or C with two points that are apart"
             )
-        actions.ramp_time = ramp
-    if path is None or step.explicit:
-        return 1.0
-    return float(np.interp(step.duration, path[:, 0], path[:, 1]))
+        nodes = actions.blocks.places.members(card, card.line, card.parameter("NSET"), nodes=True)
+        for block, indices in actions.blocks.located(nodes).items():
+            places = actions.blocks.coordinates(block, indices)
+            for node, place in zip(indices.tolist(), places, strict=True):
+                # R: x through the first point, the second beside it; C: radius, around, along.
+                along = b - a
+                first = (
+                    a
+                    if kind == "R"
+                    else place - a - along * ((place - a) @ along) / (along @ along)
+                )
+                third = turned
+                if not first.any():
+                    raise DeckError(
+                        f"{card.at()}: a node lies on the axis of *Transform; expected none there"
+                    )
+                x, z = first / np.linalg.norm(first), third / np.linalg.norm(third)
+                actions.axes[block, node] = np.array([x, np.cross(z, x), z])
 
 
-def _boundary(actions: Actions, card: Card) -> None:
+def _reference_nodes(actions: Actions) -> None:
+    """Find the reference node of each *Rigid Body."""
+    places = actions.blocks.places
+    for card in actions.model.rigid:
+        nodes = places.members(card, card.line, card.parameter("REF NODE"), nodes=True)
+        if len(set(nodes)) != 1:
+            raise DeckError(f"{card.at()}: got {len(nodes)} reference nodes; expected one")
+        actions.reference.setdefault(nodes[0], {})
+
+
+def _boundary(actions: Actions, card: Card, step: Step | None) -> None:
     if card.option("TYPE") not in {"", "DISPLACEMENT"}:
         raise DeckError(
             f"{card.at()}: *Boundary of type {card.option('TYPE')} is not covered; expected "
             "displacements"
         )
-    path = path_of(actions.model, card, explicit=actions.step.explicit)
+    last = actions.steps[-1] if step is None else step
+    path = path_of(actions.model, card)
+    smooth = smooth_time(actions.model, card) if last.explicit else None
     for line, row in card.rows():
-        first, last, value = _components(card, line, row)
+        components, value = _components(card, line, row)
         nodes = actions.blocks.places.members(card, line, row[0], nodes=True)
         times: tuple[tuple[float, float], ...] = ()
-        if path is not None and value:
-            times = _path(actions.step, path)
+        if smooth is not None and value:
+            actions.ramp(card, smooth)
+        elif path is not None and value:
+            times = _path(last, path)
+        if len(actions.steps) > 1 and times:
+            value, times = value * times[-1][1], ()
         name = row[0].strip('"').lower()
         if name.isdigit():
             name = f"boundary-{card.line}"
+        stated = dict.fromkeys(components, (value, times))
+        for node in nodes:
+            if node in actions.reference:
+                actions.reference[node].update(stated)
+        in_solids = {k: v for k, v in stated.items() if k < 3}
         for block, indices in actions.blocks.located(nodes).items():
-            for node in indices.tolist():
-                here = actions.held.setdefault((block, node), {})
-                actions.names.setdefault((block, node), name)
-                here.update(dict.fromkeys(range(first - 1, last), (value, times)))
+            for index in indices.tolist():
+                actions.names.setdefault((block, index), name)
+                actions.held.setdefault((block, index), {}).update(in_solids)
 
 
 def _path(step: Step, path: FloatArray) -> tuple[tuple[float, float], ...]:
@@ -121,75 +182,131 @@ def _path(step: Step, path: FloatArray) -> tuple[tuple[float, float], ...]:
     return tuple((time, share) for time, share in rows)
 
 
-#: What Abaqus calls some supports, by their components.
-_WORDS = {"ENCASTRE": (1, 3), "PINNED": (1, 3)}
+#: Components of supports that Abaqus names, from 1: u1 to u3, ur1 to ur3.
+_WORDS = {
+    "ENCASTRE": (1, 2, 3, 4, 5, 6),
+    "PINNED": (1, 2, 3),
+    "XSYMM": (1, 5, 6),
+    "YSYMM": (2, 4, 6),
+    "ZSYMM": (3, 4, 5),
+    "XASYMM": (2, 3, 4),
+    "YASYMM": (1, 3, 5),
+    "ZASYMM": (1, 2, 6),
+}
 
 
-def _components(card: Card, line: int, row: list[str]) -> tuple[int, int, float]:
-    """First and last component and value of a line of *Boundary."""
+def _components(card: Card, line: int, row: list[str]) -> tuple[list[int], float]:
+    """Components, from 0, and value of a line of *Boundary; rotations of solids do nothing."""
     word = row[1].upper() if len(row) > 1 else ""
     if word in _WORDS and len(row) == 2:
-        return *_WORDS[word], 0.0
+        return [number - 1 for number in _WORDS[word]], 0.0
     if not word.isdigit():
         raise DeckError(
             f"{card.at(line)}: got {', '.join(row)}; expected a node or a set, a first component, "
-            "a last one and a displacement, or ENCASTRE"
+            f"a last one and a displacement, or one of {', '.join(_WORDS)}"
         )
     first = card.whole(line, word)
     last = card.whole(line, row[2]) if len(row) > 2 and row[2] else first
     value = card.number(line, row[3]) if len(row) > 3 and row[3] else 0.0
-    if not 1 <= first <= last or (last > 3 and value):
+    if not 1 <= first <= last <= 6 or (last > 3 and value):
         raise DeckError(
             f"{card.at(line)}: got components {first} to {last}; expected 1 to 3: solids have no "
             "rotations at nodes"
         )
-    return first, min(last, 3), value
+    return list(range(first - 1, last)), value
+
+
+# ---------------------------------------------------------------------------------------------
+# As supports of blocks
+
+_STILL: _Value = (0.0, ())
 
 
 def held_blocks(actions: Actions) -> tuple[list[int], list[HeldFace]]:
     """Blocks of which every node stays, and parts of the others that are held or moved."""
-    fixed, faces = [], []
+    fixed, faces = _rigid_blocks(actions)
     for block in range(len(actions.blocks.owners)):
+        if block in fixed or any(face.block == block for face in faces):
+            continue
         solid = actions.blocks.solid(block)
         every = np.concatenate([solid.nodes, solid.others])
         local = actions.blocks.places.instances[actions.blocks.owners[block][0]].part
         own = every[every < len(local.places)].tolist()
-        still: dict[int, _Value] = dict.fromkeys(range(3), (0.0, ()))
+        still = dict.fromkeys(range(3), _STILL)
         if all(actions.held.get((block, node)) == still for node in own):
             fixed.append(block)
         else:
             faces += _held_faces(actions, block)
+    return fixed, faces + _springs(actions)
+
+
+def _rigid_blocks(actions: Actions) -> tuple[list[int], list[HeldFace]]:
+    """Blocks of rigid bodies, whose reference nodes are held or moved without turning.
+
+    Raises
+    ------
+    DeckError
+        A body that may move by itself, or that turns.
+    """
+    fixed, faces = list[int](), list[HeldFace]()
+    places = actions.blocks.places
+    for card in actions.model.rigid:
+        node = places.members(card, card.line, card.parameter("REF NODE"), nodes=True)[0]
+        stated = actions.reference[node]
+        free = [str(k + 1) for k in range(6) if k not in stated]
+        if free:
+            raise DeckError(
+                f"{card.at()}: the rigid body may move along components {', '.join(free)} of its "
+                "reference node; expected all six held or moved by *Boundary: rigid bodies that "
+                "move by themselves are not covered"
+            )
+        elements = places.members(card, card.line, card.parameter("ELSET"), nodes=False)
+        moved = np.array([stated[k][0] for k in range(3)])
+        paths = {stated[k][1] for k in range(3) if stated[k][0]}
+        if len(paths) > 1:
+            raise DeckError(
+                f"{card.at()}: components of the reference node have several amplitudes; expected "
+                "one"
+            )
+        for block in actions.blocks.whole(card, card.line, elements):
+            if not moved.any():
+                fixed.append(block)
+                continue
+            everywhere = Points(
+                actions.blocks.coordinates(block, actions.blocks.solid(block).nodes)
+            )
+            path = next(iter(paths), ())
+            faces.append(HeldFace(block, everywhere, None, moved, path, name="rigid body"))
     return fixed, faces
 
 
 def _held_faces(actions: Actions, block: int) -> list[HeldFace]:
     """Supports of a block: nodes that are held alike in one."""
-    alike: dict[tuple[str, tuple[tuple[int, _Value], ...]], list[int]] = {}
+    alike: dict[tuple[str, bytes, tuple[tuple[int, _Value], ...]], list[int]] = {}
     for (number, node), stated in actions.held.items():
-        if number == block and stated:
-            key = (actions.names[block, node], tuple(sorted(stated.items())))
-            alike.setdefault(key, []).append(node)
+        if number != block or not stated:
+            continue
+        name, axes = actions.names[block, node], actions.axes.get((block, node))
+        if axes is None or stated == dict.fromkeys(range(3), _STILL):
+            alike.setdefault((name, b"", tuple(sorted(stated.items()))), []).append(node)
+            continue
+        for component, value in stated.items():
+            along = (np.round(axes[component], 12) + 0.0).tobytes()
+            alike.setdefault((name, along, ((0, value),)), []).append(node)
     result = []
-    for (name, components), nodes in alike.items():
-        by_path: dict[tuple[tuple[float, float], ...], list[tuple[int, float]]] = {}
-        for component, (value, path) in components:
-            by_path.setdefault(path if value else (), []).append((component, value))
+    for (name, direction, components), nodes in alike.items():
         where = _where(actions.blocks, block, np.array(sorted(nodes)), name)
+        local = np.frombuffer(direction).reshape(-1, 3) if direction else np.eye(3)
+        local = local / np.linalg.norm(local, axis=1, keepdims=True)
+        by_path: dict[tuple[tuple[float, float], ...], list[tuple[int, float]]] = {}
+        for component, (moved, path) in components:
+            by_path.setdefault(path if moved else (), []).append((component, moved))
         for path, parts in by_path.items():
-            moved = np.zeros(3)
-            for component, value in parts:
-                moved[component] = value
-            axes = np.eye(3)[sorted(component for component, _ in parts)]
-            result.append(
-                HeldFace(
-                    block,
-                    where,
-                    None if len(axes) == 3 else axes,
-                    moved if moved.any() else None,
-                    path,
-                    name=name,
-                )
-            )
+            rows = local[[component for component, _ in parts]]
+            way = np.array([moved for _, moved in parts]) @ rows
+            held = None if len(rows) == 3 else rows
+            there = way if way.any() else None
+            result.append(HeldFace(block, where, held, there, path, name=name))
     return result
 
 
@@ -206,153 +323,38 @@ def _where(blocks: Blocks, block: int, nodes: IntArray, name: str) -> Where:
     return Points(blocks.coordinates(block, np.union1d(nodes, corners)))
 
 
-# ---------------------------------------------------------------------------------------------
-# Loads
-
-
-def _cload(actions: Actions, card: Card) -> None:
-    share = _share(actions, card)
-    for line, row in card.rows():
-        component = card.whole(line, row[1]) if len(row) > 2 else 0
-        if not 1 <= component <= 3:
-            raise DeckError(
-                f"{card.at(line)}: got {', '.join(row)}; expected a node or a set, a component "
-                "from 1 to 3 and a force"
-            )
-        force = np.zeros(3)
-        force[component - 1] = share * card.number(line, row[2])
-        nodes = actions.blocks.places.members(card, line, row[0], nodes=True)
-        located = actions.blocks.located(nodes)
-        if not located:
-            raise DeckError(
-                f"{card.at(line)}: no node of {row[0]!r} is of an element; expected one"
-            )
-        for block, indices in located.items():
-            for place in actions.blocks.coordinates(block, indices):
-                actions.forces.append((block, place, force))
-
-
-def _dload(actions: Actions, card: Card) -> None:
-    for number, (line, row) in enumerate(card.rows()):
-        kind = row[1].upper() if len(row) > 2 else ""
-        share = _gravity_share(actions, card) if kind == "GRAV" else _share(actions, card)
-        value = share * card.number(line, row[2]) if kind else 0.0
-        elements = actions.blocks.places.members(card, line, row[0], nodes=False)
-        name = f"load-{card.line}-{number + 1}"
-        if kind.startswith("P") and kind[1:].isdigit():
-            faces = actions.blocks.sides(card, line, elements, kind)
-            _press(actions, faces, name, value)
-        elif kind in {"BX", "BY", "BZ"}:
-            force = np.zeros(3)
-            force["XYZ".index(kind[1])] = value
-            for block in _whole(actions, card, line, elements):
-                actions.bodies[block] = actions.bodies.get(block, np.zeros(3)) + force
-        elif kind == "GRAV" and len(row) == 6:
-            along = np.array([card.number(line, text) for text in row[3:]])
-            length = float(np.linalg.norm(along))
-            actions.gravity_at = card.at(line)
-            for block in _whole(actions, card, line, elements):
-                here = actions.gravity.get(block, np.zeros(3))
-                actions.gravity[block] = here + value * along / (length or 1.0)
-        else:
-            raise DeckError(
-                f"{card.at(line)}: got load {kind or ', '.join(row)!r}; expected P1 to P6, "
-                "GRAV, BX, BY or BZ"
-            )
-
-
-def _gravity_share(actions: Actions, card: Card) -> float:
-    """Share of gravity, which explicit runs have from the beginning."""
-    if not actions.step.explicit:
-        return _share(actions, card)
-    if card.option("AMPLITUDE"):
-        raise DeckError(
-            f"{card.at()}: gravity of an explicit step has an amplitude; expected it from the "
-            "beginning, without one"
-        )
-    return 1.0
-
-
-def _whole(actions: Actions, card: Card, line: int, elements: list[tuple[int, int]]) -> list[int]:
-    """Blocks of elements, all of each."""
-    count: dict[int, int] = {}
-    for instance, label in dict.fromkeys(elements):
-        body = actions.blocks.bodies[instance]
-        element = actions.blocks.places.instances[instance].part.element_index[label]
-        block = actions.blocks.numbers[instance, int(body.solid_of[element])]
-        count[block] = count.get(block, 0) + 1
-    for block, n in count.items():
-        instance, solid = actions.blocks.owners[block]
-        if n != int((actions.blocks.bodies[instance].solid_of == solid).sum()):
-            raise DeckError(
-                f"{card.at(line)}: the load acts on part of a block; expected whole blocks"
-            )
-    return list(count)
-
-
-def _press(actions: Actions, faces: dict[int, IntArray], name: str, pressure: float) -> None:
-    turns = actions.step.large_rotations
-    last = actions.faces[-1] if actions.faces else None
-    blocks = list(faces)
-    if (
-        isinstance(last, PressureLoad)
-        and last.pressure == pressure
-        and str(last.face).rpartition("-")[0] == name.rpartition("-")[0]
-        and not np.isin(blocks, last.blocks).any()
-    ):
-        # The same pressure on many blocks is one load.
-        name, blocks = str(last.face), [*last.blocks.tolist(), *blocks]
-        actions.faces.pop()
-    for block, rows in faces.items():
-        actions.blocks.add_face(block, name, rows)
-    actions.faces.append(PressureLoad(np.array(sorted(blocks)), name, pressure, turns))
-
-
-def _dsload(actions: Actions, card: Card) -> None:
-    share = _share(actions, card)
-    for number, (line, row) in enumerate(card.rows()):
-        kind = row[1].upper() if len(row) > 2 else ""
-        value = share * card.number(line, row[2]) if kind else 0.0
-        faces = actions.blocks.surface(card, line, row[0])
-        name = f"load-{card.line}-{number + 1}"
-        if kind == "P":
-            _press(actions, faces, name, value)
+def _springs(actions: Actions) -> list[HeldFace]:
+    """Springs between nodes and the ground: SPRING1, a component and a stiffness of each set."""
+    nodes: dict[str, list[tuple[int, int]]] = {}
+    places, result = actions.blocks.places, list[HeldFace]()
+    for card in actions.model.other:
+        if card.keyword == "ELEMENT":
+            for line, row in card.rows():
+                if len(row) != 2:
+                    raise DeckError(f"{card.at(line)}: got {', '.join(row)}; expected one node")
+                found = places.members(card, line, row[1], nodes=True)
+                nodes.setdefault(card.parameter("ELSET"), []).extend(found)
+    for card in actions.model.other:
+        if card.keyword != "SPRING":
             continue
-        along = np.array([card.number(line, text) for text in row[3:]])
-        if kind != "TRVEC" or along.shape != (3,) or not along.any():
+        name = card.parameter("ELSET")
+        rows = [(line, [text for text in row if text]) for line, row in card.rows()]
+        if [len(row) for _, row in rows] != [1, 1] or name not in nodes:
             raise DeckError(
-                f"{card.at(line)}: got load {kind or ', '.join(row)!r}; expected P, or TRVEC "
-                "with a direction"
+                f"{card.at()}: *Spring of the set {name}; expected a set of SPRING1, a line with a "
+                "component and one with a stiffness"
             )
-        if card.option("FOLLOWER") != "NO" and actions.step.large_rotations:
-            actions.model.note("loads: a traction keeps its direction, blocks turn little")
-        for block, rows in faces.items():
-            actions.blocks.add_face(block, name, rows)
-        along *= value / np.linalg.norm(along)
-        chosen = np.array(sorted(faces))
-        if "ORIENTATION" not in card.parameters:
-            actions.faces.append(TractionLoad(chosen, name, along))
-        elif along[0] == along[2] == 0.0:
-            actions.faces.append(CircumferentialLoad(chosen, name, float(along[1])))
-        else:
+        component = card.whole(rows[0][0], rows[0][1][0])
+        stiffness = card.number(rows[1][0], rows[1][1][0])
+        if component not in {1, 2, 3} or stiffness <= 0.0:
             raise DeckError(
-                f"{card.at(line)}: got the direction {row[3:]} in an orientation; expected the "
-                "second one of a cylinder, 0., 1., 0."
+                f"{card.at()}: got component {component} and {stiffness:g} N/mm; expected 1, 2 or "
+                "3 and a positive stiffness"
             )
-
-
-def orientation_of(actions: Actions) -> tuple[FloatArray, FloatArray]:
-    """Axis and a point of it, of the cylinder that tractions go round; else z through 0."""
-    for card in actions.step.cards:
-        if card.keyword != "DSLOAD" or "ORIENTATION" not in card.parameters:
-            continue
-        stated = actions.model.orientations.get(card.option("ORIENTATION"))
-        values = np.zeros(0) if stated is None else stated.numbers()
-        if stated is None or stated.option("SYSTEM") != "CYLINDRICAL" or len(values) < 6:
-            raise DeckError(
-                f"{card.at()}: got orientation {card.option('ORIENTATION')}; expected a "
-                "cylindrical one with two points"
-            )
-        axis = values[3:6] - values[:3]
-        return axis / np.linalg.norm(axis), values[:3]
-    return np.array([0.0, 0.0, 1.0]), np.zeros(3)
+        along = np.eye(3)[[component - 1]]
+        for block, indices in actions.blocks.located(nodes.pop(name)).items():
+            where = Points(actions.blocks.coordinates(block, indices))
+            result.append(HeldFace(block, where, along, spring=stiffness, name=name.lower()))
+    if nodes:
+        raise DeckError(f"SPRING1 elements of the set {next(iter(nodes))} have no *Spring")
+    return result

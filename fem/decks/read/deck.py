@@ -90,6 +90,7 @@ class InputDeck:
             "damping": effects_of(self.model, step),
             "ramp_time": self.built.ramp_time or 0.0,
             "end_time": step.duration,
+            "mass_scaling": self.built.mass_scaling,
         }
 
 
@@ -158,7 +159,7 @@ def _cap(heading: Card) -> float:
 
 
 #: Keywords of meshes, and what reads them.
-_MESH = {"NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "SOLID SECTION", "SPRING"}
+_MESH = {"NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "SOLID SECTION"}
 #: Model data that may stand in a step too.
 _NAMED = {"SURFACE INTERACTION", "SURFACE BEHAVIOR", "FRICTION", "AMPLITUDE"}
 
@@ -189,6 +190,12 @@ class _Reader:
             self._begin(card)
         elif self.inside == "STEP":
             self._in_step(card)
+        elif word == "SPRING" or (word == "ELEMENT" and card.option("TYPE") == "SPRING1"):
+            if self.inside in {"PART", "INSTANCE"}:
+                raise DeckError(
+                    f"{card.at()}: springs of a part are not covered; expected them in *Assembly"
+                )
+            self.model.other.append(card)
         elif word in _MESH:
             self._mesh(card)
         elif self.inside in {"PART", "INSTANCE"}:
@@ -200,7 +207,7 @@ class _Reader:
             add_model(self.model, card)
 
     def _in_step(self, card: Card) -> None:
-        if card.keyword in _MESH:
+        if card.keyword in _MESH | {"SPRING", "RIGID BODY", "TRANSFORM"}:
             raise DeckError(f"{card.at()}: {card.title} stands in a step; expected it before")
         if (
             card.keyword in {"SURFACE INTERACTION", "SURFACE BEHAVIOR", "FRICTION"}
@@ -226,7 +233,8 @@ class _Reader:
                 raise DeckError(f"{card.at()}: *Part {name} is there twice; expected it once")
             self.part = self.parts[name] = Part(name)
         elif word == "STEP":
-            self.steps.append(Step(card))
+            large = any("NLGEOM" in s.card.parameters and s.large_rotations for s in self.steps)
+            self.steps.append(Step(card, follows_large=large))
         elif word == "INSTANCE":
             self._instance(card)
 
@@ -273,8 +281,6 @@ class _Reader:
             part.surfaces[card.parameter("NAME")] = card
         elif word == "SOLID SECTION":
             part.sections.append(card)
-        elif word == "SPRING":
-            raise DeckError(f"{card.at()}: *Spring is not covered; expected supports at nodes")
         else:
             add_set(part, card)
 

@@ -22,6 +22,8 @@ VOLUMES = {
     "C3D10M": 10,
     "C3D10T": 10,
 }
+#: Facets of rigid surfaces.
+RIGID = {"R3D3": 3, "R3D4": 4}
 #: Hexahedra of degree 1 by dialect: C3D8 averages the dilatation in Abaqus (its manual: selectively
 #: reduced integration), and is integrated fully in CalculiX.
 KINDS = {
@@ -53,6 +55,8 @@ class Hexahedra:
     """Element of each hexahedron, (n_hexahedra,)."""
     sides: IntArray
     """Corners of the facets of each side of each element, (n_elements, n_sides, n_facets, 4)."""
+    positive: bool = True
+    """Of a rigid surface: whether the side that meets others is the positive one, SPOS."""
 
 
 def as_hexahedra(nodes: FloatArray, elements: IntArray) -> Hexahedra:
@@ -74,8 +78,8 @@ def as_hexahedra(nodes: FloatArray, elements: IntArray) -> Hexahedra:
 def _split(nodes: FloatArray, elements: IntArray) -> Hexahedra:
     corners = elements[:, :4]
     ends = np.sort(corners[:, _EDGES], axis=2)
-    nodes, edges = _middles(nodes, ends, elements[:, 4:] if elements.shape[1] == 10 else None)
-    nodes, faces = _middles(nodes, np.sort(corners[:, TET_SIDES], axis=2), None)
+    nodes, edges = middles(nodes, ends, elements[:, 4:] if elements.shape[1] == 10 else None)
+    nodes, faces = middles(nodes, np.sort(corners[:, TET_SIDES], axis=2), None)
     centre = len(nodes) + np.arange(len(elements))
     nodes = np.concatenate([nodes, nodes[corners].mean(axis=1)])
     edge = {frozenset(pair): k for k, pair in enumerate(_EDGES.tolist())}
@@ -111,7 +115,7 @@ def _split(nodes: FloatArray, elements: IntArray) -> Hexahedra:
     )
 
 
-def _middles(
+def middles(
     nodes: FloatArray, groups: IntArray, there: IntArray | None
 ) -> tuple[FloatArray, IntArray]:
     """Nodes in the middle of groups of nodes (n, m, k), added once each, or those that are there.

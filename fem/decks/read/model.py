@@ -70,6 +70,10 @@ class ModelLines:
     interactions: dict[str, Interaction] = field(default_factory=dict)
     amplitudes: dict[str, Card] = field(default_factory=dict)
     orientations: dict[str, Card] = field(default_factory=dict)
+    total_time: list[Card] = field(default_factory=list)
+    """Amplitudes in total time, which is that of the step where there is one step."""
+    rigid: list[Card] = field(default_factory=list)
+    """Rigid bodies."""
     other: list[Card] = field(default_factory=list)
     """Cards that are read where a problem is made: supports, contact, motions."""
     notes: list[str] = field(default_factory=list)
@@ -103,6 +107,8 @@ def add_model(model: ModelLines, card: Card) -> None:
         _last(card, model.interactions, "*Surface Interaction").friction = card
     elif word == "AMPLITUDE":
         model.amplitudes[_new(card, model.amplitudes)] = card
+    elif word == "RIGID BODY":
+        model.rigid.append(card)
     elif word == "ORIENTATION":
         model.orientations[_new(card, model.orientations)] = card
     else:
@@ -255,10 +261,14 @@ class Step:
 
     card: Card
     cards: list[Card] = field(default_factory=list)
+    follows_large: bool = False
+    """Whether a step before takes forces in the deformed position; then this one does too."""
 
     @property
     def large_rotations(self) -> bool:
         """Whether forces are taken in the deformed position; explicit steps do by default."""
+        if self.follows_large:
+            return True
         stated = self.card.option("NLGEOM")
         if "NLGEOM" in self.card.parameters:
             return stated != "NO"
@@ -321,14 +331,8 @@ def effects_of(model: ModelLines, step: Step) -> Effects:
     return Effects(rayleigh=next(iter(dampings), None), bulk_viscosity=viscosity)
 
 
-def path_of(model: ModelLines, card: Card, *, explicit: bool) -> FloatArray | None:
-    """Times and values of the amplitude that a card names, (n, 2); None: it names none.
-
-    Raises
-    ------
-    DeckError
-        An amplitude that is not defined, or of another kind than a table or a smooth step.
-    """
+def _amplitude(model: ModelLines, card: Card) -> tuple[Card, str, FloatArray] | None:
+    """Amplitude that a card names, its definition, and its times and values, (n, 2)."""
     name = card.option("AMPLITUDE")
     if not name:
         return None
@@ -340,23 +344,64 @@ def path_of(model: ModelLines, card: Card, *, explicit: bool) -> FloatArray | No
     stated = model.amplitudes[name]
     kind = stated.option("DEFINITION") or "TABULAR"
     values = stated.numbers()
-    smooth = kind == "SMOOTH STEP" and model.dialect is Dialect.ABAQUS
-    if kind == "SMOOTH STEP" and not smooth:
+    if kind == "SMOOTH STEP" and model.dialect is not Dialect.ABAQUS:
+        kind = "TABULAR"
         model.note("amplitude: CalculiX reads a smooth step as straight lines")
+    elif kind == "EQUALLY SPACED" and "FIXED INTERVAL" in stated.parameters:
+        kind, values = "TABULAR", _spaced(stated, values)
     elif kind not in {"TABULAR", "SMOOTH STEP"} or stated.option("VALUE") not in {"", "RELATIVE"}:
         raise DeckError(
             f"{stated.at()}: got an amplitude of definition {kind}, value "
             f"{stated.option('VALUE') or 'RELATIVE'}; expected a relative table or a smooth step"
         )
+    if stated.option("TIME") not in {"", "STEP TIME"}:
+        model.total_time.append(stated)
     table = values.reshape(-1, 2) if len(values) % 2 == 0 and len(values) else np.zeros((0, 2))
     if len(table) < 2 or (np.diff(table[:, 0]) <= 0.0).any():
         raise DeckError(
             f"{stated.at()}: got {len(values)} numbers; expected two pairs or more of a time and a "
             "share, at rising times"
         )
-    if explicit and not (smooth and np.array_equal(table[[0, 0, 1], [0, 1, 1]], (0, 0, 1))):
-        raise DeckError(
-            f"{stated.at()}: explicit runs have a smooth step from 0 at time 0 to 1 as amplitude; "
-            "expected definition=SMOOTH STEP and 0., 0., T, 1."
-        )
-    return table
+    return stated, kind, table
+
+
+def _spaced(card: Card, values: FloatArray) -> FloatArray:
+    """Times and values of an amplitude at equal intervals, one after the other."""
+    interval = card.number(card.line, card.parameters["FIXED INTERVAL"])
+    begin = card.number(card.line, card.parameters.get("BEGIN", "0."))
+    times = begin + interval * np.arange(len(values))
+    return np.asarray(np.column_stack([times, values]).ravel())
+
+
+def path_of(model: ModelLines, card: Card) -> FloatArray | None:
+    """Times and values of the amplitude that a card names, (n, 2); None: it names none.
+
+    Raises
+    ------
+    DeckError
+        An amplitude that is not defined, or of another kind than a table or a smooth step.
+    """
+    amplitude = _amplitude(model, card)
+    return None if amplitude is None else amplitude[2]
+
+
+def smooth_time(model: ModelLines, card: Card) -> float | None:
+    """Length of the smooth step by which what a card states grows [s]; None: it names no step.
+
+    Raises
+    ------
+    DeckError
+        Loads of an explicit step with a table; and as `path_of`.
+    """
+    amplitude = _amplitude(model, card)
+    if amplitude is None:
+        return None
+    stated, kind, table = amplitude
+    if kind == "SMOOTH STEP" and np.array_equal(table[[0, 0, 1], [0, 1, 1]], (0, 0, 1)):
+        return float(table[1, 0])
+    if card.keyword == "BOUNDARY" and kind == "TABULAR":
+        return None
+    raise DeckError(
+        f"{stated.at()}: explicit runs have a smooth step from 0 at time 0 to 1 as amplitude of "
+        "loads; expected definition=SMOOTH STEP and 0., 0., T, 1."
+    )

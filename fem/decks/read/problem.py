@@ -8,26 +8,35 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial import KDTree
 
-from fem.assembly.statement import Motion, Problem
+from fem.assembly.statement import Problem
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw
 from fem.contact.pair_laws import PairLaws
 from fem.decks.keywords import DeckError
-from fem.decks.read.actions import Actions, held_blocks, orientation_of, read_actions
+from fem.decks.read.actions import Actions, held_blocks, read_supports
 from fem.decks.read.bodies import CONTACT, Blocks, Body, body_of
 from fem.decks.read.cards import Card
-from fem.decks.read.elements import KINDS, VOLUMES
+from fem.decks.read.elements import KINDS, RIGID, VOLUMES
+from fem.decks.read.loads import orientation_of, read_loads
 from fem.decks.read.mesh import Part, Places
 from fem.decks.read.model import Interaction, MaterialLines, ModelLines, Step, friction_of, law_of
+from fem.decks.read.motion import initial_motion, mass_scaling
 from fem.decks.read.words import Dialect
 from fem.element.hexahedron import ElementType
 from geometry.assembly import Assembly, UnmatchedJoint
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
-from geometry.polyhedra.assembly import as_polyhedral, contact_distance, unmatched_joints
+from geometry.polyhedra.assembly import (
+    PolyhedralAssembly,
+    as_polyhedral,
+    contact_distance,
+    unmatched_joints,
+)
 
 #: Surfaces without a contact pair that are closer than this, in edges of their facets, could touch.
 _NEAR = 0.5
+#: Cosine of the angle between facets that face each other, at least.
+_FACING = 0.7
 #: Gravity of blocks that differs by less is the same.
 _SAME = 1e-9
 
@@ -39,6 +48,8 @@ class Built:
     problem: Problem
     ramp_time: float | None
     """Smooth step of the loads of an explicit run [s]; None: it names no load."""
+    mass_scaling: float | None = None
+    """Time step that every element of an explicit run is to allow, over the least."""
 
 
 def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Step, ...]) -> Built:
@@ -49,14 +60,13 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
     RefusedError
         Naming the line of what is not covered.
     """
-    if len(steps) > 1:
-        raise DeckError(
-            f"{steps[1].card.at()}: a second *Step is not covered; expected one step from rest"
-        )
-    step = steps[0]
-    blocks = Blocks(places, _bodies(places, name))
-    contact = _read_contact(model, step, blocks)
-    actions = read_actions(blocks, model, step)
+    _check_steps(steps)
+    step = steps[-1]
+    blocks = Blocks(places, _bodies(places, model, name))
+    contact = _read_contact(model, steps, blocks)
+    actions = Actions(blocks, model, steps)
+    read_supports(actions)
+    read_loads(actions)
     fixed, held = held_blocks(actions)
     axis, origin = orientation_of(actions)
     assembly = blocks.assembly(name, fixed, axis, origin)
@@ -64,6 +74,7 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
     if contact.pairs or contact.everywhere:
         assembly = replace(assembly, layer=contact_distance(surfaces))
         _check_unpaired(blocks, contact, assembly)
+        _note_unpaired(model, blocks, contact, surfaces, assembly)
     load = LoadCase(
         assembly,
         "deck",
@@ -73,7 +84,7 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
         nodes=actions.nodes,
         body_wrenches=_body_forces(actions, assembly),
     )
-    kinds = {i.part.kind for i in places.instances if i.part.volumes}
+    kinds = {i.part.kind for i in places.instances if i.part.volumes} - set(RIGID)
     degree, element = _element(kinds, model)
     if degree > 1 and step.explicit:
         raise DeckError(
@@ -99,14 +110,43 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
         finite_sliding=sliding,
         finite_rotation=step.large_rotations,
         gravity=_gravity(actions, assembly.n_blocks),
-        motion=_motion(model, blocks),
+        motion=initial_motion(model, blocks, assembly),
     )
     _check_order(step, problem)
-    return Built(problem, actions.ramp_time)
+    if len(steps) > 1:
+        _check_history(model, steps, problem)
+        model.note(
+            f"steps: the state at the end of step {len(steps)}; without friction it does not "
+            "depend on the way there"
+        )
+    return Built(problem, actions.ramp_time, mass_scaling(model, step, problem))
+
+
+def _check_steps(steps: tuple[Step, ...]) -> None:
+    """Reject steps of explicit dynamics one after the other."""
+    if len(steps) > 1 and any(step.explicit for step in steps):
+        raise DeckError(
+            f"{steps[1].card.at()}: a step before or after one of explicit dynamics is not "
+            "covered; expected one step from rest, or static steps"
+        )
+
+
+def _check_history(model: ModelLines, steps: tuple[Step, ...], problem: Problem) -> None:
+    """Reject friction in several steps: the state depends on all; amplitudes in total time."""
+    if model.total_time:
+        raise DeckError(
+            f"{model.total_time[0].at()}: an amplitude in total time in a deck of several steps "
+            "is not covered; expected step time"
+        )
+    if problem.coulomb is not None:
+        raise DeckError(
+            f"{steps[1].card.at()}: a second *Step with friction, which remembers the first, is "
+            "not covered; expected one step, or no friction"
+        )
 
 
 def _material(model: ModelLines, blocks: Blocks, block: int) -> MaterialLines:
-    """Material of a block."""
+    """Material of a block, by its section."""
     part, name = blocks.instance(block).part, blocks.solid(block).material
     if name not in model.materials:
         card = next(card for card in part.sections if card.parameter("MATERIAL") == name)
@@ -142,7 +182,10 @@ def _check_order(step: Step, problem: Problem) -> None:
 # Blocks
 
 
-def _bodies(places: Places, path: str) -> list[Body]:
+def _bodies(places: Places, model: ModelLines, path: str) -> list[Body]:
+    surfaces = [card for i in places.instances for card in i.part.surfaces.values()]
+    rows = [row for card in [*surfaces, *places.surfaces.values()] for _, row in card.rows()]
+    sides = frozenset(row[1].upper() for row in rows if len(row) > 1) & {"SPOS", "SNEG"}
     result: dict[int, Body] = {}
     for instance in places.instances:
         part = instance.part
@@ -152,12 +195,26 @@ def _bodies(places: Places, path: str) -> list[Body]:
                     f"part {part.name or 'of the deck'}: no elements with volume; expected "
                     f"{', '.join(VOLUMES)}"
                 )
-            result[id(part)] = body_of(part, _sections(part), path)
+            if part.kind in RIGID:
+                _check_rigid(part, model)
+            materials = _sections(part, model)
+            result[id(part)] = body_of(part, materials, path, sides)
     return [result[id(instance.part)] for instance in places.instances]
 
 
-def _sections(part: Part) -> list[str]:
-    """Material of each element of a part."""
+def _check_rigid(part: Part, model: ModelLines) -> None:
+    """Reject rigid elements without a rigid body."""
+    if not model.rigid or not model.materials:
+        raise DeckError(
+            f"{part.kind_at}: rigid elements without a *Rigid Body, or no *Material of other "
+            "blocks; expected both"
+        )
+
+
+def _sections(part: Part, model: ModelLines) -> list[str]:
+    """Material of each element of a part; of rigid ones the first, which has no influence."""
+    if part.kind in RIGID:
+        return [next(iter(model.materials))] * len(part.volumes)
     materials = [""] * len(part.volumes)
     for card in part.sections:
         name = card.parameter("ELSET")
@@ -179,6 +236,8 @@ def _sections(part: Part) -> list[str]:
 
 def _element(kinds: set[str], model: ModelLines) -> tuple[int, ElementType]:
     """Degree and hexahedron of the elements of a deck."""
+    if not kinds:
+        return 1, ElementType.INCOMPATIBLE
     if len(kinds) > 1:
         raise DeckError(f"elements of the types {', '.join(sorted(kinds))}; expected one type")
     kind = kinds.pop()
@@ -249,10 +308,10 @@ class _Contact:
         return {"law": PairLaws(law, tuple(laws)) if laws else law, "friction": coulomb}
 
 
-def _read_contact(model: ModelLines, step: Step, blocks: Blocks) -> _Contact:
+def _read_contact(model: ModelLines, steps: tuple[Step, ...], blocks: Blocks) -> _Contact:
     contact = _Contact()
     clearances: set[float] = set()
-    for card in [*model.other, *step.cards]:
+    for card in [*model.other, *(card for step in steps for card in step.cards)]:
         if card.keyword == "CONTACT PAIR":
             _pairs(contact, model, blocks, card)
         elif card.keyword == "CONTACT":
@@ -285,7 +344,7 @@ def _inclusions(blocks: Blocks, card: Card) -> None:
             "EXTERIOR, or *Contact Pair"
         )
     for block in range(len(blocks.owners)):
-        blocks.add_face(block, CONTACT, np.arange(len(blocks.solid(block).outer)))
+        blocks.add_face(block, CONTACT, blocks.exterior(block))
 
 
 def _interaction(model: ModelLines, card: Card, line: int, name: str) -> Interaction:
@@ -354,29 +413,51 @@ def _pairs(contact: _Contact, model: ModelLines, blocks: Blocks, card: Card) -> 
 
 
 def _check_unpaired(blocks: Blocks, contact: _Contact, assembly: Assembly) -> None:
-    """Reject surfaces that could touch and have no contact pair: here they would press."""
+    """Reject surfaces that face each other and have no contact pair: here they would press."""
     if contact.everywhere is not None:
         return
-    size = _facet_size(assembly)
-    trees = {}
+    reach = _NEAR * _facet_size(assembly)
+    near = {}
     for block in range(assembly.n_blocks):
         shape = assembly.shape(block)
         if CONTACT in shape.faces:
-            nodes = np.unique(shape.faces[CONTACT])
-            trees[block] = KDTree(assembly.nodes(block)[nodes])
-    for (a, one), (b, other) in combinations(trees.items(), 2):
+            corners = assembly.nodes(block)[shape.faces[CONTACT]]
+            normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+            normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+            near[block] = KDTree(corners.reshape(-1, 3)), np.repeat(normals, 4, axis=0)
+    for (a, (one, normal)), (b, (other, opposite)) in combinations(near.items(), 2):
         if (a, b) in contact.pairs or (assembly.fixed[a] and assembly.fixed[b]):
             continue
-        if one.sparse_distance_matrix(other, _NEAR * size).nnz:
+        close = enumerate(one.query_ball_tree(other, reach))
+        if any((opposite[there] @ normal[k] < -_FACING).any() for k, there in close if there):
             raise DeckError(
-                f"{assembly.name}: surfaces of {blocks.name(a)} and {blocks.name(b)} touch or "
-                "nearly so, and no *Contact Pair has both; expected one, or surfaces that are "
-                "apart"
+                f"{assembly.name}: surfaces of {blocks.name(a)} and {blocks.name(b)} face each "
+                "other, touch or nearly so, and no *Contact Pair has both; expected one, or "
+                "surfaces that are apart"
             )
 
 
+def _note_unpaired(
+    model: ModelLines,
+    blocks: Blocks,
+    contact: _Contact,
+    surfaces: PolyhedralAssembly,
+    assembly: Assembly,
+) -> None:
+    """Name blocks that touch outside all contact pairs: there they pass through each other."""
+    patches = surfaces.interfaces.patches
+    for m, s in np.unique(np.column_stack([patches.block_m, patches.block_s]), axis=0).tolist():
+        pair = min(m, s), max(m, s)
+        if contact.everywhere or pair in contact.pairs or assembly.fixed[[m, s]].all():
+            continue
+        model.note(
+            f"contact: {blocks.name(m)} and {blocks.name(s)} touch and no *Contact Pair has both: "
+            "they do not press on each other"
+        )
+
+
 # ---------------------------------------------------------------------------------------------
-# Forces on blocks, motion
+# Forces on blocks
 
 
 def _gravity(actions: Actions, n_blocks: int) -> FloatArray | None:
@@ -400,31 +481,3 @@ def _body_forces(actions: Actions, assembly: Assembly) -> FloatArray | None:
     for block, density in actions.bodies.items():
         wrenches[block, :3] = density * assembly.shape(block).volume
     return wrenches
-
-
-def _motion(model: ModelLines, blocks: Blocks) -> Motion | None:
-    """Motion of all blocks at time 0."""
-    moving: dict[int, FloatArray] = {}
-    at = ""
-    for card in model.other:
-        if card.keyword != "INITIAL CONDITIONS":
-            continue
-        at = card.at()
-        if card.option("TYPE") != "VELOCITY":
-            raise DeckError(
-                f"{at}: *Initial Conditions of type {card.option('TYPE')} is not covered; expected "
-                "velocities"
-            )
-        for line, row in card.rows():
-            component = card.whole(line, row[1]) if len(row) > 2 else 0
-            if component not in {1, 2, 3}:
-                raise DeckError(f"{card.at(line)}: expected a set, a component and a velocity")
-            value = card.number(line, row[2])
-            for block in blocks.located(blocks.places.members(card, line, row[0], nodes=True)):
-                moving.setdefault(block, np.zeros(3))[component - 1] = value
-    if not moving:
-        return None
-    values = [moving.get(block, np.zeros(3)) for block in range(len(blocks.owners))]
-    if any((value != values[0]).any() for value in values):
-        raise DeckError(f"{at}: blocks move at several velocities; expected one for all")
-    return Motion(values[0], np.zeros(3))

@@ -5,7 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from fem.decks.placement import canonical
-from fem.decks.problem import contact_notes, deck_of, quadratic, with_notes
+from fem.decks.problem import (
+    contact_notes,
+    deck_of,
+    element_time_step,
+    quadratic,
+    with_notes,
+)
 from fem.decks.read.deck import InputDeck
 from fem.decks.read.model import effects_of
 from fem.decks.read.words import Dialect
@@ -41,4 +47,7 @@ def rewritten(deck: InputDeck, flavour: Flavour | None = None) -> Deck:
         meets=meets,
         searched=problem.finite_sliding,
     )
+    if deck.built.mass_scaling is not None:
+        scaled = deck.built.mass_scaling * element_time_step(result, moving=True)
+        result = replace(result, step=replace(result.step, scaled_time_step=scaled))
     return with_notes(result, [*contact_notes(result, static=not step.explicit), *deck.model.notes])

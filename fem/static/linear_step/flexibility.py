@@ -49,6 +49,8 @@ def block_motions(group: BlockGroup, nodes: IntArray) -> FloatArray:
 
 def symmetric_pseudo_inverse(stiffness: FloatArray, rigid: FloatArray) -> FloatArray:
     """(S + s R̂ R̂ᵀ)⁻¹ - R̂ R̂ᵀ / s with R̂ an orthonormal basis of the rigid motions."""
+    if not stiffness.size:  # supports prescribe every node
+        return stiffness
     shifted = np.array(stiffness, order="F")
     scale = float(np.diag(stiffness).mean())
     basis = np.linalg.qr(rigid)[0] if rigid.shape[1] else rigid

@@ -1,0 +1,150 @@
+"""What an explicit step of a deck has beside loads: initial velocities, masses that are scaled."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fem.assembly.statement import Motion, Problem
+from fem.decks.keywords import DeckError
+from fem.decks.read.bodies import Blocks
+from fem.decks.read.cards import Card
+from fem.decks.read.model import ModelLines, Step, effects_of
+from fem.problem.time_step import characteristic_time_step
+from geometry.assembly import Assembly
+from geometry.mesh import FloatArray
+
+#: Velocities that differ from those of a rigid motion by less, relative to the largest, are its.
+_SAME = 1e-6
+
+
+def initial_motion(model: ModelLines, blocks: Blocks, assembly: Assembly) -> Motion | None:
+    """Motion of all blocks at time 0.
+
+    Raises
+    ------
+    DeckError
+        Velocities that are no rigid motion, the same for all blocks that may move.
+    """
+    cards = [card for card in model.other if card.keyword == "INITIAL CONDITIONS"]
+    moving: dict[tuple[int, int], FloatArray] = {}
+    for card in cards:
+        kind = card.option("TYPE")
+        if kind not in {"VELOCITY", "ROTATING VELOCITY"}:
+            raise DeckError(
+                f"{card.at()}: *Initial Conditions of type {kind} is not covered; expected "
+                "velocities"
+            )
+        (_velocities if kind == "VELOCITY" else _rotating)(card, blocks, moving)
+    if not moving:
+        return None
+    motions = []
+    for block in np.flatnonzero(~assembly.fixed).tolist():
+        solid = blocks.solid(block)
+        part = blocks.instance(block).part
+        nodes = solid.nodes[solid.nodes < len(part.places)]
+        places = blocks.coordinates(block, nodes)
+        values = np.array([moving.get((block, n), np.zeros(3)) for n in nodes.tolist()])
+        centre = assembly.nodes(block).mean(axis=0)
+        motions.append(_rigid(cards[-1], places - centre, values))
+    first = motions[0]
+    size = max(float(np.abs(one).max()) for one in motions)
+    if any(np.abs(one - first).max() > _SAME * size for one in motions):
+        raise DeckError(
+            f"{cards[-1].at()}: blocks move at several velocities; expected one for all"
+        )
+    return Motion(first[:3], first[3:])
+
+
+def _velocities(card: Card, blocks: Blocks, moving: dict[tuple[int, int], FloatArray]) -> None:
+    """Read a component on nodes: a set, a component and a velocity."""
+    for line, row in card.rows():
+        component = card.whole(line, row[1]) if len(row) > 2 else 0
+        if component not in {1, 2, 3}:
+            raise DeckError(f"{card.at(line)}: expected a set, a component and a velocity")
+        value = card.number(line, row[2])
+        nodes = blocks.places.members(card, line, row[0], nodes=True)
+        for block, indices in blocks.located(nodes).items():
+            for node in indices.tolist():
+                moving.setdefault((block, node), np.zeros(3))[component - 1] = value
+
+
+def _rotating(card: Card, blocks: Blocks, moving: dict[tuple[int, int], FloatArray]) -> None:
+    """Read a spin and a velocity of nodes, and the two points of the axis of the spin."""
+    rows = list(card.rows())
+    if len(rows) % 2 or any(len(row) != (5, 6)[k % 2] for k, (_, row) in enumerate(rows)):
+        raise DeckError(
+            f"{card.at()}: expected lines with a set, a spin and a velocity, each before one with "
+            "two points of the axis"
+        )
+    for (line, row), (below, points) in zip(rows[::2], rows[1::2], strict=True):
+        spin, *velocity = (card.number(line, text) for text in row[1:])
+        ends = np.array([card.number(below, text) for text in points]).reshape(2, 3)
+        along = ends[1] - ends[0]
+        length = float(np.linalg.norm(along))
+        if length == 0.0:
+            raise DeckError(f"{card.at(below)}: the axis has no length; expected two points")
+        nodes = blocks.places.members(card, line, row[0], nodes=True)
+        for block, indices in blocks.located(nodes).items():
+            arms = blocks.coordinates(block, indices) - ends[0]
+            values = np.array(velocity) + np.cross(spin / length * along, arms)
+            for node, value in zip(indices.tolist(), values, strict=True):
+                moving[block, node] = value
+
+
+def _rigid(card: Card, arms: FloatArray, values: FloatArray) -> FloatArray:
+    """Velocity of the mean of a block's nodes and spin, (6,), of nodes at arms from it.
+
+    Raises
+    ------
+    DeckError
+        Nodes that do not move as a rigid block.
+    """
+    # v = v0 + w x r: three columns of the velocity, three of the spin.
+    rows = np.zeros((*arms.shape, 6))
+    rows[:, :, :3] = np.eye(3)
+    for k, axis in enumerate(np.eye(3)):
+        rows[:, :, 3 + k] = np.cross(axis, arms)
+    result, *_ = np.linalg.lstsq(rows.reshape(-1, 6), values.ravel())
+    size = float(np.abs(values).max())
+    result[np.abs(result) <= _SAME * np.abs(result).max()] = 0.0
+    if np.abs(rows @ result - values).max() > _SAME * size:
+        raise DeckError(
+            f"{card.at()}: nodes of a block do not move as a rigid block; expected one velocity "
+            "and one spin on all its nodes"
+        )
+    return np.asarray(result)
+
+
+def mass_scaling(model: ModelLines, step: Step, problem: Problem) -> float | None:
+    """Time step that every element is to allow, over the least; None: no element gets mass.
+
+    Raises
+    ------
+    DeckError
+        Scaling of another kind, or beside gravity.
+    """
+    cards = [card for card in step.cards if card.keyword == "FIXED MASS SCALING"]
+    if not cards:
+        return None
+    card = cards[-1]
+    kind = card.option("TYPE")
+    if len(cards) > 1 or kind != "BELOW MIN" or set(card.parameters) != {"TYPE", "DT"}:
+        raise DeckError(
+            f"{card.at()}: got *Fixed Mass Scaling of type {kind or 'none'} with "
+            f"{', '.join(map(str.lower, card.parameters))}; expected type=BELOW MIN and dt for all "
+            "elements, once"
+        )
+    if problem.gravity is not None:
+        raise DeckError(
+            f"{card.at()}: *Fixed Mass Scaling beside gravity: added mass would weigh; expected "
+            "one of the two"
+        )
+    viscosity = effects_of(model, step).bulk_viscosity
+    linear = 0.0 if viscosity is None else viscosity.linear_bulk_viscosity
+    blocks, materials = problem.blocks, problem.materials
+    least = min(
+        characteristic_time_step(blocks.shape(b).mesh, materials[b], linear_bulk_viscosity=linear)
+        for b in np.flatnonzero(problem.deforming).tolist()
+    )
+    factor = card.number(card.line, card.parameters["DT"]) / least
+    return factor if factor > 1.0 else None
