@@ -11,7 +11,7 @@ OUT    ?= out/demo
 export OMP_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: setup demo test processor check lint types floors spelling format bench benchmark fuzz mutation docs wheel clean
+.PHONY: setup demo test processor check lint types floors spelling format bench benchmark fuzz mutation docs pages wheel clean
 
 setup: $(VENV)/.installed
 
@@ -78,6 +78,11 @@ docs: setup
 	@echo "the first build takes about half an hour; GALLERY=cached shows cached runs only"
 	$(BIN)/sphinx-build --fail-on-warning --quiet docs docs/_build/html
 	@echo "docs/_build/html/index.html"
+
+# Pages of commands, scene keys and public names, which are in the repository: no run, seconds.
+pages: setup
+	cd docs && ../$(BIN)/python -m ext.pages
+	$(BIN)/jupytext --quiet --to notebook docs/tutorials/notebook.md
 
 wheel: setup
 	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import re
 import shlex
 import sys
@@ -176,6 +177,33 @@ def test_every_link_inside_the_site_leads_somewhere() -> None:
             if "://" not in target and not path.is_file() and not generated:
                 lost.append((page.name, target))
     assert lost == []
+
+
+def _named(text: str) -> set[str]:
+    """First cells of tables, with the heads above them: commands, options, keys, public names."""
+    return set(re.findall(r"^(?:#.*|\| `[^|]*`|\| \[`[^|]*`)", text, re.MULTILINE))
+
+
+def test_reference_pages_in_the_repository_name_all_that_there_is(tmp_path: Path) -> None:
+    """`make pages` writes them again."""
+    from ext.pages import write_reference
+
+    write_reference(tmp_path)
+    pages = [path.relative_to(tmp_path) for path in tmp_path.rglob("*.md")]
+    assert len(pages) > 15
+    lost = [str(page) for page in pages if not (DOCS / page).is_file()]
+    assert lost == [], "run `make pages`"
+    for page in pages:
+        new, stored = (_named((at / page).read_text("utf-8")) for at in (tmp_path, DOCS))
+        assert stored == new, f"{page}: run `make pages`, commit docs"
+
+
+def test_the_notebook_has_the_code_of_its_page() -> None:
+    page = DOCS / "tutorials" / "notebook.md"
+    code = re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
+    cells = json.loads(page.with_suffix(".ipynb").read_text("utf-8"))["cells"]
+    stored = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    assert stored == [text.rstrip() for text in code], "run `make pages`"
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ _INNER = ("fem/explicit/kernels",)
 def write_api(folder: Path) -> None:
     """Write the public names, and one page for each folder; `API=off` leaves those pages out."""
     emptied(folder)
-    public = "\n".join(_public_rows())
+    write_public(folder / "index.md")
     rooms: list[Path] = []
     if os.environ.get("API") != "off":
         rooms = [room for package in _SHOWN for room in _rooms(ROOT / package)]
@@ -27,15 +27,19 @@ def write_api(folder: Path) -> None:
     rows = [f"| [`{_name(room)}`]({_name(room)}.md) | {_first(_name(room))} |" for room in rooms]
     listed = "\n".join(_name(room) for room in rooms)
     modules = _MODULES.format(rows="\n".join(rows), names=listed) if rooms else _NO_MODULES
-    (folder / "index.md").write_text(_INDEX.format(public=public) + modules, "utf-8")
+    (folder / "modules.md").write_text(modules, "utf-8")
+
+
+def write_public(path: Path) -> None:
+    """Write the page of the public names."""
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(_INDEX.format(public="\n".join(_public_rows())), "utf-8")
 
 
 #: The packages whose `__all__` is the public interface.
 _PUBLIC = ("geometry", "fem", "mbd")
 
-_INDEX = """# API
-
-## Public names
+_INDEX = """# Public API
 
 These names are the public interface. Arrays are `(n, 3)`, units mm, N, MPa, s, tonne. Docstrings
 give shapes, units, errors and sources.
@@ -43,10 +47,15 @@ give shapes, units, errors and sources.
 | import | definition | purpose |
 |---|---|---|
 {public}
+
+```{{toctree}}
+:hidden:
+
+modules
+```
 """
 
-_MODULES = """
-## All modules
+_MODULES = """# All modules
 
 The modules behind the public names, for development.
 
@@ -61,7 +70,7 @@ The modules behind the public names, for development.
 ```
 """
 
-_NO_MODULES = "\nThe pages of all modules are not part of this build (`API=off`).\n"
+_NO_MODULES = "# All modules\n\nThe pages of all modules are not part of this build (`API=off`).\n"
 
 
 def _public_rows() -> Iterator[str]:

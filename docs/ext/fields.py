@@ -12,6 +12,7 @@ import re
 import types
 import typing
 from collections.abc import Iterator
+from functools import cache
 from typing import Any
 
 from pydantic import BaseModel
@@ -48,8 +49,13 @@ def is_section(annotation: Any) -> bool:
     )
 
 
-def keys(section: type) -> Iterator[Key]:
-    """Yield the keys of a section in the order in which they are stated."""
+@cache
+def keys(section: type) -> tuple[Key, ...]:
+    """Return the keys of a section in the order in which they are stated."""
+    return tuple(_keys(section))
+
+
+def _keys(section: type) -> Iterator[Key]:
     hints = typing.get_type_hints(section, include_extras=True)
     about = field_docstrings(section)
     for name, default in _defaults(section):

@@ -1,4 +1,8 @@
-"""Writes the generated pages before Sphinx reads any."""
+"""Writes the generated pages before Sphinx reads any.
+
+``python -m ext.pages`` in docs (`make pages`) writes those that need no run: they are in the
+repository.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +16,24 @@ DOCS = Path(__file__).parents[1]
 def write_pages(_app: Any = None) -> None:
     """Write API, scene reference, commands, gallery and results from models, commands and runs."""
     from ext.api import write_api
-    from ext.commands import write_commands
     from ext.gallery import write_gallery
     from ext.results import write_results
-    from ext.scenes import write_scenes
 
+    write_reference(DOCS)
     write_api(DOCS / "api")
-    write_commands(DOCS / "commands.md")
-    write_scenes(DOCS / "scenes")
     write_gallery(DOCS / "gallery")
     write_results(DOCS / "results")
+
+
+def write_reference(folder: Path) -> None:
+    """Write the pages of commands, scene keys and public names: no run, no docstring pages."""
+    from ext.api import write_public
+    from ext.commands import write_commands
+    from ext.scenes import write_scenes
+
+    write_commands(folder / "commands.md")
+    write_scenes(folder / "scenes")
+    write_public(folder / "api" / "index.md")
 
 
 def copy_views(app: Any, error: Exception | None) -> None:
@@ -36,3 +48,7 @@ def setup(app: Any) -> dict[str, bool]:
     app.connect("builder-inited", write_pages)
     app.connect("build-finished", copy_views)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+if __name__ == "__main__":
+    write_reference(DOCS)

@@ -30,7 +30,10 @@ def compare(
     auto: AutoOption = None,
     keep: KeepOption = None,
 ) -> None:
-    """Compare rigid, static and explicit results on the same facets."""
+    """Compare rigid and finite-element results on the same facets.
+
+    Prints tables, the influence of each modelling assumption, and a conclusion.
+    """
     from validation.build.cell import refuse_cell
     from validation.calls import compare as compared
     from validation.output.console import explicit_progress, status, told_of_compilation

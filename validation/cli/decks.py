@@ -39,7 +39,10 @@ def export(
     ] = None,
     settings: SetOption = None,
 ) -> None:
-    """Write an input deck for Abaqus or CalculiX, or the blocks as OBJ or compas JSON."""
+    """Write an input deck, or the blocks as OBJ or compas JSON.
+
+    Decks are for Abaqus/Standard, Abaqus/Explicit or CalculiX.
+    """
     from fem.decks.statement import Flavour
     from validation.output.decks import export_deck, print_export
     from validation.output.outputs import Outputs
@@ -100,7 +103,7 @@ def check(
     up: UpOption = "z",
     json: JsonOption = None,
 ) -> None:
-    """Say what is wrong with the blocks of a file, block by block."""
+    """Check the blocks of a file; list the faults of each block."""
     from validation.output.outputs import Outputs
     from validation.output.solids import check_file
 
@@ -124,7 +127,10 @@ def repair(
     up: UpOption = "z",
     json: JsonOption = None,
 ) -> None:
-    """Drop double triangles, turn wrong ones, close flat holes; say what was changed."""
+    """Repair blocks: duplicate or turned triangles, flat holes.
+
+    Prints what was changed, block by block.
+    """
     from validation.output.outputs import Outputs
     from validation.output.solids import write_repaired
 
@@ -157,7 +163,7 @@ def deck(
     ] = None,
     json: JsonOption = None,
 ) -> None:
-    """Read an input deck of Abaqus or CalculiX, check it and print a summary."""
+    """Read an Abaqus or CalculiX deck, check it, print a summary."""
     from validation.output.decks import input_json, input_table, read_file, rewrite, solve_deck
     from validation.output.outputs import Outputs
 

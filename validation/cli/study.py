@@ -153,7 +153,7 @@ def combinations(
     json: JsonOption = None,
     output: Annotated[Path | None, folder_option("the table", "out/SCENE-combinations")] = None,
 ) -> None:
-    """Answers under the load combinations of a scene, and their envelope.
+    """Solve the load combinations of a scene, with their envelope.
 
     Sections [combinations.NAME] give factors of named loads: weight, load and those of [[loads]].
     """

@@ -27,7 +27,7 @@ def stability(
     ] = False,
     json: JsonOption = None,
 ) -> None:
-    """Run the numerical robustness suite (not a buckling analysis).
+    """Run the numerical robustness suite (no buckling analysis).
 
     Each case has a law, the numbers that verify it, and a verdict.
     """

@@ -11,14 +11,14 @@ from typing import Any
 
 
 class Verdict(StrEnum):
-    """What became of a case."""
+    """Outcome of a case."""
 
     GREEN = "green"
     """The law held."""
     REFUSED = "refused"
-    """The program said, as it should, that it has no answer, why, and what to do."""
+    """The input was rejected, as it must be, with the reason and the remedy."""
     RED = "red"
-    """The law did not hold, or the program failed otherwise."""
+    """The law did not hold, or the program failed in another way."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Case:
-    """A hard case."""
+    """A robustness case."""
 
     name: str
     """What `tubelock stability --only` takes."""
@@ -103,7 +103,7 @@ class Case:
 
 
 def run_case(case: Case) -> dict[str, Any]:
-    """Run one case; whatever it raises makes it red, never the suite: verdict, proof, CPU time."""
+    """Run one case; an exception fails the case, never the suite: verdict, proof, CPU time."""
     start = time.process_time()
     try:
         finding = case.run()

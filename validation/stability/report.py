@@ -14,6 +14,7 @@ from validation.output.console import progress
 from validation.stability.case import Case, Verdict, run_case
 
 _STYLES = {Verdict.GREEN: "green", Verdict.REFUSED: "cyan", Verdict.RED: "bold red"}
+_WORDS = {Verdict.GREEN: "passed", Verdict.REFUSED: "rejected", Verdict.RED: "failed"}
 
 
 def list_cases(cases: Sequence[Case], console: Console) -> None:
@@ -26,7 +27,7 @@ def run_cases(cases: Sequence[Case]) -> dict[str, Any]:
     """Run the cases one after another, with a bar; count the verdicts."""
     result: list[dict[str, Any]] = []
     with progress(*Progress.get_default_columns()) as bar:
-        task = bar.add_task("hard cases", total=len(cases))
+        task = bar.add_task("robustness cases", total=len(cases))
         for case in cases:
             result.append(run_case(case))
             bar.update(task, advance=1, description=case.name)
@@ -37,16 +38,17 @@ def run_cases(cases: Sequence[Case]) -> dict[str, Any]:
 
 def print_cases(found: dict[str, Any], console: Console) -> None:
     """Print the outcomes as a table, and how many of each kind there are."""
-    table = Table(title="hard cases", title_justify="left", show_lines=True)
+    table = Table(title="robustness cases", title_justify="left", show_lines=True)
     table.add_column("verdict", no_wrap=True)
     table.add_column("case", no_wrap=True)
-    table.add_column("what must hold", ratio=2)
+    table.add_column("law", ratio=2)
     table.add_column("proof", ratio=3)
     table.add_column("CPU s", justify="right", no_wrap=True)
     for row in found["cases"]:
-        verdict = Text(row["verdict"], _STYLES[Verdict(row["verdict"])])
+        kind = Verdict(row["verdict"])
+        verdict = Text(_WORDS[kind], _STYLES[kind])
         name, seconds = f"{row['subject']}\n{row['name']}", f"{row['cpu_seconds']:.2f}"
         table.add_row(verdict, name, row["law"], row["proof"], seconds)
     console.print(table)
-    parts = ", ".join(f"{count} {verdict}" for verdict, count in found["counts"].items())
-    console.print(f"{len(found['cases'])} cases: {parts}; {found['cpu_seconds']:.1f} CPU s")
+    parts = ", ".join(f"{count} {_WORDS[verdict]}" for verdict, count in found["counts"].items())
+    console.print(f"of {len(found['cases'])}: {parts}; {found['cpu_seconds']:.1f} CPU s")

@@ -190,9 +190,10 @@ def print_run(run: DeformableRun, console: Console) -> None:
     table = two_columns(run.title)
     add_measures(table, run.answer.measures)
     add_sections(table, run.sections)
-    _add_accuracy(table, run)
     _add_supports(table, run)
     _add_motion(table, run)
+    table.add_section()
+    _add_accuracy(table, run)
     if run.solution.deformable.meets:
         _add_contact(table, run)
     if run.solution.explicit is not None:
@@ -205,6 +206,7 @@ def print_run(run: DeformableRun, console: Console) -> None:
         table.add_row(row, words)
     deformable = run.solution.deformable
     model = deformable.model
+    table.add_section()
     add_dimensions(table, run.answer.report["dimensions"], run.scene.limits)
     table.add_row("method, element", f"{run.answer.method}, {element_words(model.groups[0])}")
     table.add_row(

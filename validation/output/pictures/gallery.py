@@ -101,7 +101,8 @@ def gallery(
     widest
         Of the figure [in].
     scale
-        Colours that all panels share: one bar at the side. Several: one for each row of panels.
+        Colours that all panels share: one bar at the side. Several: one for each row of panels;
+        rows with the same colours share a bar.
     legend
         Handles of matplotlib.
     """
@@ -428,13 +429,22 @@ class _Page:
     def _draw_bars(self) -> None:
         """Draw bars beside all panels, or beside each row of them."""
         shared = len(self.scales) == 1
+        # Columns with fewer panels than there are scales have rows of their own.
+        last = {(d.row, d.column): d.place for d in self.drawings}
         for row in sorted({drawing.row for drawing in self.drawings}):
-            for place, scale in enumerate(self.scales):
+            for scale in dict.fromkeys(self.scales):
+                places = {k for k, other in enumerate(self.scales) if other == scale}
                 boxes = [
                     drawing.axes.get_position()
                     for drawing in self.drawings
-                    if shared or (drawing.row, drawing.place) == (row, place)
+                    if shared
+                    or (
+                        (drawing.row == row and drawing.place in places)
+                        and last[row, drawing.column] == len(self.scales) - 1
+                    )
                 ]
+                if not boxes:
+                    continue
                 low = min(box.y0 for box in boxes) * self.size[1]
                 high = max(box.y1 for box in boxes) * self.size[1]
                 long = min((0.6 if shared else 0.9) * (high - low), _LONGEST_BAR * self.zoom)

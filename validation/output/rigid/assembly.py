@@ -77,6 +77,7 @@ def print_rigid(run: RigidRun, console: Console) -> None:
     if ring is not None:
         table.add_row("hoop stress p·r/t", ring_words(ring))
     add_further_rows(table, run.further)
+    table.add_section()
     table.add_row("proof", certificate_words(result.classification))
     if run.carried.measures is not None:
         add_paper_rows(table, run.carried.measures, scene.rigid.norm)

@@ -77,6 +77,7 @@ def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
     add_further_rows(table, run.further)
     if run.push is not None:
         table.add_row("limit of the push", f"{limit_words(run.push)} (by faces alone)")
+    table.add_section()
     table.add_row("proof", certificate_words(result.classification))
     if run.faces is not None:
         table.add_row("by faces alone", CLASS_WORDS[run.faces.mechanism])
@@ -88,6 +89,7 @@ def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
         table.add_row("largest contact force", f"{forces.max():.5g} N")
         for words, value in joint_words(run.joints):
             table.add_row(words, value)
+    table.add_section()
     bare = bare_words(run)
     points = f", of which {bare}" if bare else ""
     table.add_row(

@@ -57,6 +57,7 @@ def add_first_rows(table: Table, run: RigidAnswer) -> None:
     """Add the main results: equilibrium, largest pressure, forces, reaction."""
     if run.further is None or run.further.friction is None:
         table.add_row("in equilibrium", run.result.equilibrium.status)
+    _add_limits(table, run.further)
     result = run.answer.measures
     if "p_max_facet" in result:
         table.add_row("largest contact pressure", pressure_words(result["p_max_facet"]))
@@ -128,8 +129,8 @@ def range_words(ranges: ForceRanges) -> str:
     )
 
 
-def add_further_rows(table: Table, further: Further | None) -> None:
-    """Add a row for each answer to a table of words and values."""
+def _add_limits(table: Table, further: Further | None) -> None:
+    """Add whether friction carries the load, and the loads at which the assembly collapses."""
     if further is None:
         return
     if further.friction is not None:
@@ -147,6 +148,12 @@ def add_further_rows(table: Table, further: Further | None) -> None:
         table.add_row("limit load", c.status + proof)
     if further.sliding is not None:
         table.add_row("non-associated limit load", further.sliding.status)
+
+
+def add_further_rows(table: Table, further: Further | None) -> None:
+    """Add the ranges of joint forces and the margin, where the scene requests them."""
+    if further is None:
+        return
     if further.ranges is not None:
         table.add_row("joint forces", range_words(further.ranges))
     if further.margin is not None:

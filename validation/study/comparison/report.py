@@ -159,8 +159,9 @@ def _draw(found: ComparedAnswers, path: Path) -> None:
         f"{found.static.title}; contact pressure ({found.names[found.reference]}), and differences "
         "from it; r: Pearson correlation of the facet pressures"
     )
-    columns = draw(found, [k for k in range(len(found.names)) if k != found.reference])
-    gallery(columns, title, path, height=2.7 * max(len(column) for column in columns))
+    others = [k for k in range(len(found.names)) if k != found.reference]
+    columns, scales = draw(found, others)
+    gallery(columns, title, path, height=2.7 * max(map(len, columns)), scale=scales)
 
 
 def _pressed(found: ComparedAnswers, rows: IntArray, pressures: FloatArray) -> PressedFacets:
@@ -188,13 +189,18 @@ def _difference(
     every = np.concatenate([np.zeros(1), *changes.values()])
     reach = max(float(np.abs(every).max()), least, 1e-300)
     change = changes[other]
-    reached = (float(change.min(initial=0.0)), float(change.max(initial=0.0)))
-    label = f"{found.names[other]} − {found.names[found.reference]} [MPa]"
+    reached = (float(every.min()), float(every.max()))
+    label = f"difference from {found.names[found.reference]} [MPa]"
     return change, Scale(label, STRESS_MAP, -reach, reach, reached, diverging=True)
 
 
-def _tube_columns(found: ComparedAnswers, others: Sequence[int]) -> list[list[Panel]]:
-    """Pressures of the middle layer's joints, in 3-D and unrolled; differences, unrolled."""
+def _tube_columns(
+    found: ComparedAnswers, others: Sequence[int]
+) -> tuple[list[list[Panel]], list[Scale] | None]:
+    """Pressures of the middle layer's joints, in 3-D and unrolled; differences, unrolled.
+
+    With the colours of each row.
+    """
     pressures, name = found.pressures[found.reference], found.names[found.reference]
     facets = _pressed(found, found.faces["all"], pressures)
     joints = {"top": found.layer, "bottom": found.layer - 1}
@@ -202,22 +208,24 @@ def _tube_columns(found: ComparedAnswers, others: Sequence[int]) -> list[list[Pa
     label = "contact pressure [MPa]"
     scale = scale_from_zero(label, PRESSURE_MAP, [pressures[shown]], nothing="open joint")
     panels = [ring_panel(facets, k, side, scale, found.layer) for side, k in joints.items()]
-    columns = [panels]
+    columns, scales = [panels], [scale]
     for number, (side, lower) in enumerate(joints.items()):
         flat = unrolled_panel(facets, lower, side, scale, title=f"{side} faces: {name}")
-        column = [replace(flat, scale=scale)]
+        column = [flat]
         for other in others:
             change, colours = _difference(found, other, others, shown)
             agreed = found.agreement[found.names[other]][1 + number]["correlation"]
             words = f"{side} faces: {found.names[other]} − {name}, r = {agreed:.3f}"
             pressed = _pressed(found, shown, change)
-            panel = unrolled_panel(pressed, lower, side, colours, title=words)
-            column.append(replace(panel, scale=colours))
+            column.append(unrolled_panel(pressed, lower, side, colours, title=words))
+            scales += [] if number else [colours]
         columns.append(column)
-    return columns
+    return columns, scales
 
 
-def _wall_columns(found: ComparedAnswers, others: Sequence[int]) -> list[list[Panel]]:
+def _wall_columns(
+    found: ComparedAnswers, others: Sequence[int]
+) -> tuple[list[list[Panel]], list[Scale] | None]:
     """Pressures of all joints, and differences, from above and from below."""
     everything = found.faces["all"]
 
@@ -235,4 +243,4 @@ def _wall_columns(found: ComparedAnswers, others: Sequence[int]) -> list[list[Pa
     for other in others:
         change, colours = _difference(found, other, others, everything)
         columns.append(column(found.names[other], change, colours))
-    return columns
+    return columns, None

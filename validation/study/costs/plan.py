@@ -157,7 +157,7 @@ def full_plan(name: str, scene: AssemblyScene, *, others: bool = False) -> CostP
         result += calculix_settings(left_out, (1, 2, 3))
     why = _why_no_ladder(name, scene)
     if why is not None:
-        left_out.append(("the ladder of `fem --accuracy`", why))
+        left_out.append(("mesh sequence of `fem --accuracy`", why))
         result += [degree_setting(degree, k) for degree in (2, 3) for k in (1, 2, 3)[: 5 - degree]]
         judges = (*extrapolated(base, (3, 4, 6, 8)), by_degree(2, (2, 3, 4)))
         return CostPlan(base, tuple(result), judges, tuple(left_out))

@@ -113,7 +113,7 @@ def cell_table(name: str, found: dict[str, Any]) -> Table:
         ("error of the middle layers", "error_of_middle_layers", "{:+.2f} %", 100.0),
         ("difference from the whole tube", "difference_from_whole_tube", "{:+.2f} %", 100.0),
     ]
-    title = f"{name}: periodic cell beside {found['layers']} layers, static, {found['mesh']}"
+    title = f"{name}: periodic cell and {found['layers']} layers, static, {found['mesh']}"
     table = listing(title, "", "p_max, MPa", "p_eff, MPa", "u, mm", "CPU s")
     for words, key, form, factor in rows:
         numbers = (form.format(factor * value) for value in found[key].values())
