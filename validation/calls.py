@@ -266,7 +266,9 @@ class SweepResult:
     summary: dict[str, Any]
     """How many designs were computed and failed, and their CPU time [s]."""
     study: Study
-    """What was asked."""
+    """What was requested."""
+    table: str
+    """Designs and measures as `tubelock sweep` prints them."""
 
     def plot(self, parameter: str, measure: str) -> Any:
         """Draw a measure against a parameter, one curve for each combination of the others.
@@ -286,16 +288,8 @@ class SweepResult:
         return study_figure(self.study, self.rows, parameter, measure)
 
     def __repr__(self) -> str:
-        """Return the numbers of the designs, a line each."""
-        shown = ("scene_digest", "program", "unused", "cpu_seconds", "message")
-        return "\n".join(
-            ", ".join(
-                f"{k} {v:.5g}" if isinstance(v, float) else f"{k} {v}"
-                for k, v in row.items()
-                if k not in shown and v is not None
-            )
-            for row in self.rows
-        )
+        """Return the table of the designs."""
+        return self.table
 
 
 def sweep(
@@ -334,10 +328,12 @@ def sweep(
         Parameters that a scene does not have, a problem that no scene states, or a store of
         another study.
     """
+    from io import StringIO
     from tempfile import TemporaryDirectory
     from time import perf_counter
 
-    from validation.study.report import summary
+    from validation.output.console import plain_console
+    from validation.study.report import print_table, summary
     from validation.study.run import LocalRunner
     from validation.study.run import sweep as run_study
     from validation.study.store import ResultFile
@@ -357,4 +353,5 @@ def sweep(
             start = perf_counter()
             tally = run_study(results, LocalRunner(study, workers))
             reported = summary(results, tally, perf_counter() - start)
-            return SweepResult(tuple(results.rows()), reported, study)
+            print_table(results, plain_console(table := StringIO()))
+            return SweepResult(tuple(results.rows()), reported, study, table.getvalue().rstrip())

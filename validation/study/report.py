@@ -226,7 +226,7 @@ def print_summary(results: ResultFile, found: dict[str, Any], console: Console) 
     """Print what a sweep did."""
     study = results.study
     run = found["this_run"]
-    table = two_columns(f"{study.name}: {study.quantity}")
+    table = two_columns(f"{study.name}: how it was computed")
     table.add_row("parameters", _parameter_words(study))
     table.add_row("designs", f"{study.n_designs}, of which {run['computed']} computed now")
     table.add_row("failed", _failure_words(results, found["n_failed"]))

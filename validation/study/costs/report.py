@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _TITLES = {
-    "p_max_point": "p_max, largest pressure at a point",
+    "p_max_point": "p_max_point, largest pressure at a point",
     "p_eff": "p_eff, effective mean pressure",
-    "sigma_1_averaged": "largest σ₁ averaged over a ball",
+    "sigma_1_averaged": "max. principal stress, averaged over a sphere",
     "max_displacement": "largest displacement",
     "pressure_l2": "contact pressure field, L2",
 }
@@ -207,10 +207,15 @@ def _draw_panel(axes: Axes, study: CostStudy, quantity: str) -> None:
         x, y = [row.cost for row in best], [max(row.errors[quantity], bottom) for row in best]
         if best:
             axes.plot(x, y, "o-", color=colour, lw=1.2, markersize=5, label=label)
-            for row in (best[0], best[-1]):
+            below = {"ha": "right", "va": "top"} if method != "explicit" else {"ha": "right"}
+            for row, offset, place in (
+                (best[0], (4, 5), {}),
+                (best[-1], (-5, -3 if method != "explicit" else 5), below),
+            ):
                 words = row.setting.mesh_words.removeprefix("mesh ").replace(" of degree ", ", ")
                 where = row.cost, max(row.errors[quantity], bottom)
-                axes.annotate(words, where, (4, 5), textcoords="offset points", fontsize=8)
+                options = {"textcoords": "offset points", "fontsize": 8, "color": colour}
+                axes.annotate(words, where, offset, **options, **place)
     axes.set_ylim(bottom, 1.6 * max(errors))
     axes.margins(x=0.08)
     axes.set_title(_TITLES[quantity], fontsize=11, loc="left")
