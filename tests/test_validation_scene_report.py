@@ -130,5 +130,5 @@ def test_toml_text_is_read_back() -> None:
     scene = load_scene("wall").scene
     data = scene.model_dump(mode="json", exclude_unset=True)
     assert check_scene(tomllib.loads(toml_text(data))) == scene
-    odd = {"a": {"b c": 'quo"te\n', "d": [1, 2.5e-9, {"e": True}]}, "list": [[1], [2]]}
+    odd = {"a": {"b c": 'so "called"\n', "d": [1, 2.5e-9, {"e": True}]}, "list": [[1], [2]]}
     assert tomllib.loads(toml_text(odd)) == odd
