@@ -13,7 +13,7 @@ from validation.output.pictures.scales import BLUE, GREEN, ORANGE, VERMILION
 from validation.output.provenance import Provenance
 from validation.study.costs.measure import SCALARS
 from validation.study.costs.plan import QUANTITIES
-from validation.study.costs.study import TARGETS, CostStudy, answer, percent
+from validation.study.costs.study import TARGETS, CostStudy, Row, answer, percent
 from validation.study.study import UNITS
 
 if TYPE_CHECKING:
@@ -204,18 +204,11 @@ def _draw_panel(axes: Axes, study: CostStudy, quantity: str) -> None:
     )
     for method, (label, colour) in _CURVES.items():
         best = [row for row in study.front(quantity, method) if quantity in row.errors]
-        x, y = [row.cost for row in best], [max(row.errors[quantity], bottom) for row in best]
+        points = [(row.cost, max(row.errors[quantity], bottom)) for row in best]
         if best:
-            axes.plot(x, y, "o-", color=colour, lw=1.2, markersize=5, label=label)
-            below = {"ha": "right", "va": "top"} if method != "explicit" else {"ha": "right"}
-            for row, offset, place in (
-                (best[0], (4, 5), {}),
-                (best[-1], (-5, -3 if method != "explicit" else 5), below),
-            ):
-                words = row.setting.mesh_words.removeprefix("mesh ").replace(" of degree ", ", ")
-                where = row.cost, max(row.errors[quantity], bottom)
-                options = {"textcoords": "offset points", "fontsize": 8, "color": colour}
-                axes.annotate(words, where, offset, **options, **place)
+            style: dict[str, Any] = {"color": colour, "label": label, "lw": 1.2, "markersize": 5}
+            axes.plot(*zip(*points, strict=True), "o-", **style)
+            _name_ends(axes, best, points, colour, above=method == "explicit")
     axes.set_ylim(bottom, 1.6 * max(errors))
     axes.margins(x=0.08)
     axes.set_title(_TITLES[quantity], fontsize=11, loc="left")
@@ -227,3 +220,16 @@ def _draw_panel(axes: Axes, study: CostStudy, quantity: str) -> None:
     seconds = twos_and_fives(lambda value: f"{value:g}")
     axes.xaxis.set_minor_formatter(seconds if highest < 1e3 * lowest else NullFormatter())
     axes.yaxis.set_minor_formatter(twos_and_fives(lambda value: f"{100 * value:g}"))
+
+
+def _name_ends(
+    axes: Axes, best: list[Row], points: list[tuple[float, float]], colour: str, *, above: bool
+) -> None:
+    """Write the meshes of the cheapest and the most accurate setting beside their points."""
+    options: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8, "color": colour}
+    names = [
+        row.setting.mesh_words.removeprefix("mesh ").replace(" of degree ", ", ") for row in best
+    ]
+    axes.annotate(names[0], points[0], (4, 5), **options)
+    end: dict[str, Any] = {"va": "bottom" if above else "top", "ha": "right"}
+    axes.annotate(names[-1], points[-1], (-5, 4 if above else -3), **options, **end)
