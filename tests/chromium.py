@@ -99,9 +99,10 @@ class Page:
         elif method == "Network.requestWillBeSent":
             self.requests.append(what["request"]["url"][:100])
 
-    async def open(self, path: Path) -> None:
-        """Load a file and wait until it is there."""
-        await self.call("Page.navigate", url=path.resolve().as_uri())
+    async def open(self, place: Path | str) -> None:
+        """Load a file or an address and wait until it is there."""
+        url = place if isinstance(place, str) else place.resolve().as_uri()
+        await self.call("Page.navigate", url=url)
         await self.wait("document.readyState === 'complete'")
 
     async def evaluate(self, expression: str) -> Any:

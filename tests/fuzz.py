@@ -79,7 +79,7 @@ _WRITES = {"--json": "result.json", "--csv": "rows.csv", "--parquet": "rows.parq
 _WEIGHTS = {
     "mbd": 8.0, "fem": 6.0, "sweep": 4.0, "show": 3.0, "deck": 4.0, "export": 3.0, "explode": 2.0,
     "demo": 0.1, "cost": 0.3, "convergence": 0.2, "peaks": 0.2, "clearance": 0.3, "effects": 0.3,
-    "cell": 0.3,
+    "cell": 0.3, "report": 0.3, "explore": 0.0,  # serves until it is interrupted
 }  # fmt: skip
 #: What commands name, and what files they read, beside those that take a scene.
 _NAMED = {"studies": ("paper-480",), "scenes": ("arch",), "reproduce": ("nothing", "--nothing")}

@@ -62,6 +62,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "compare": compare.compare,
         "explode": rigid.explode,
         "report": look.report,
+        "explore": look.explore,
     },
     "Study": {
         "studies": study.studies,

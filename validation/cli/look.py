@@ -149,3 +149,43 @@ def report(
         outputs.tell_unused(use)
         outputs.say("page", page)
         outputs.write_json(data)
+
+
+def explore(
+    scene: SceneArgument,
+    settings: SetOption = None,
+    *,
+    host: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Address to listen to; others may reach it.")
+    ] = "127.0.0.1",
+    port: Annotated[
+        int, typer.Option(metavar="N", min=0, max=65535, help="Port; 0: a free one.")
+    ] = 0,
+) -> None:
+    """Serve a page on this machine: sliders, contact pressures that follow, downloads. Ctrl-C ends.
+
+    Rigid blocks follow the sliders; a button solves deformable ones.
+    """
+    from importlib.util import find_spec
+
+    from validation.errors import InputError
+    from validation.output.console import text_console
+    from validation.scene.read import load_scene
+
+    file = load_scene(scene, settings or ())
+    if find_spec("tornado") is None:
+        raise InputError(
+            "explore: the library tornado is not installed: pip install 'tubelock[explore]'"
+        )
+    from validation.pages.explore.server import explore_until_stopped
+
+    console = text_console()
+    if host not in ("127.0.0.1", "localhost", "::1"):
+        console.print(
+            f"warning: {host}: everyone who can reach this address can use the page, see the scene "
+            "and spend CPU time of this machine; there is no password"
+        )
+    explore_until_stopped(
+        file, host, port, lambda place: console.print(f"{file.name}: {place} (Ctrl-C ends)")
+    )
+    console.print("stopped")

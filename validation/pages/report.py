@@ -14,13 +14,12 @@ from geometry.errors import RefusedError
 from geometry.files.whole import write_whole
 from validation.errors import InputError
 from validation.output.deformable.answers import print_run, run_pictures
-from validation.output.pictures.bodies import middle_layer
 from validation.output.pictures.view_3d import View3d, viewer_page
 from validation.output.provenance import Provenance
 from validation.output.rigid.assembly import print_rigid, rigid_pictures
 from validation.pages.page import PrintedTable, page_text, printed_tables, webp_of
 from validation.pages.verdicts import Verdict, verdicts
-from validation.pages.views import pressure_view, stress_view
+from validation.pages.views import layer_words, middle_layers, pressure_view, stress_view
 from validation.run.accuracy import progress_words
 from validation.run.deformable import DeformableRun
 from validation.run.rigid.answer import RigidAnswer, RigidRun
@@ -45,8 +44,6 @@ _CAPTIONS = {
     "sections": "Stresses in horizontal sections.",
     "displacement": "Displacement.",
 }
-#: Layers on each side of the middle one that 3-D views of tubes show.
-_AROUND = 1
 
 
 @dataclass(frozen=True)
@@ -258,25 +255,13 @@ def _views(report: SceneReport) -> list[View3d]:
         return views
     rigid, run = report.rigid, report.deformable
     if rigid is not None:
-        layers = _middle(rigid.scene, rigid.assembly)
+        layers = middle_layers(rigid.scene, rigid.assembly)
         words = "Contact pressures" if rigid.carried.holds else "Blocks"
-        views.append(pressure_view(rigid, words + _of(layers), "rigid", layers))
+        views.append(pressure_view(rigid, words + layer_words(layers), "rigid", layers))
     if run is not None:
-        layers = _middle(run.scene, run.solution.deformable.assembly)
-        views.append(stress_view(run, "σ₁" + _of(layers), "deformable", layers))
+        layers = middle_layers(run.scene, run.solution.deformable.assembly)
+        views.append(stress_view(run, "σ₁" + layer_words(layers), "deformable", layers))
     return views
-
-
-def _middle(scene: DeformableScene, assembly: Any) -> range | None:
-    """Layers of a long tube that are large enough to see; None: all."""
-    if not isinstance(scene, RoundScene) or assembly.n_layers <= 2 * _AROUND + 1:
-        return None
-    middle = middle_layer(assembly)
-    return range(middle - _AROUND, middle + _AROUND + 1)
-
-
-def _of(layers: range | None) -> str:
-    return "" if layers is None else f", layers {layers[0]} to {layers[-1]}"
 
 
 # ---------------------------------------------------------------------------------------------

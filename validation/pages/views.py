@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from validation.output.pictures.bodies import (
     colours_of_blocks,
     eye,
     interface_facets,
+    middle_layer,
     outlines,
     turns,
 )
@@ -26,6 +28,11 @@ from validation.run.deformable import DeformableRun
 from validation.run.measures import drawing_scale
 from validation.run.rigid.answer import RigidAnswer, RigidRun
 from validation.run.rigid.polyhedra import PolyhedralRun
+from validation.scene.family import RoundScene
+from validation.scene.read import DeformableScene
+
+#: Layers on each side of the middle one that views of long tubes show.
+_AROUND = 1
 
 
 def pressed_facets(run: RigidRun) -> PressedFacets:
@@ -39,8 +46,9 @@ def pressed(facets: PressedFacets, layers: Sequence[int] | None = None) -> tuple
     assembly, scale = facets.assembly, facets.scale
     blocks = _in_layers(assembly.layer, layers)
     rows = np.flatnonzero(np.isin(facets.block_m, blocks) | np.isin(facets.block_s, blocks))
-    if layers is not None:
-        scale = replace(facets, pressures=facets.pressures[rows]).scale
+    if layers is not None:  # colours of what is shown; the bar says how far others go
+        shown = replace(facets, pressures=facets.pressures[rows]).scale
+        scale = replace(shown, reached=scale.reached)
     parts: list[Part] = [facets.surface(rows, scale), facets.outlines(blocks)]
     return View(parts, eye(assembly)), scale
 
@@ -110,6 +118,19 @@ def stress_view(
         view,
         scale=scale,
     )
+
+
+def middle_layers(scene: DeformableScene, assembly: Any) -> range | None:
+    """Layers of a long tube that are large enough to see; None: all."""
+    if not isinstance(scene, RoundScene) or assembly.n_layers <= 2 * _AROUND + 1:
+        return None
+    middle = middle_layer(assembly)
+    return range(middle - _AROUND, middle + _AROUND + 1)
+
+
+def layer_words(layers: Sequence[int] | None) -> str:
+    """Layers that are shown, to follow other words; nothing where all are."""
+    return "" if layers is None else f", layers {layers[0]} to {layers[-1]}"
 
 
 def _in_layers(layer: np.ndarray, layers: Sequence[int] | None) -> list[int]:

@@ -1,0 +1,1 @@
+"""`tubelock explore`: a page on this machine with sliders for the parameters of a scene."""
