@@ -103,7 +103,8 @@ class Page:
         """Load a file or an address and wait until it is there."""
         url = place if isinstance(place, str) else place.resolve().as_uri()
         await self.call("Page.navigate", url=url)
-        await self.wait("document.readyState === 'complete'")
+        there = f"location.href.startsWith({json.dumps(url)})"
+        await self.wait(f"{there} && document.body && document.readyState === 'complete'")
 
     async def evaluate(self, expression: str) -> Any:
         """Value of a JavaScript expression."""

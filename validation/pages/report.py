@@ -18,11 +18,12 @@ from validation.output.pictures.view_3d import View3d, viewer_page
 from validation.output.provenance import Provenance
 from validation.output.rigid.assembly import print_rigid, rigid_pictures
 from validation.pages.page import PrintedTable, page_text, printed_tables, webp_of
-from validation.pages.verdicts import Verdict, verdicts
+from validation.pages.verdicts import OPEN, Verdict, verdicts
 from validation.pages.views import layer_words, middle_layers, pressure_view, stress_view
 from validation.run.accuracy import progress_words
 from validation.run.deformable import DeformableRun
 from validation.run.rigid.answer import RigidAnswer, RigidRun
+from validation.run.rigid.changed import frame_warning
 from validation.run.rigid.polyhedra import PolyhedralRun, rigid_answer
 from validation.run.solve import run_as_asked, with_factors
 from validation.scene.combinations import combined
@@ -82,11 +83,16 @@ class SceneReport:
     """Why there is no rigid or no deformable answer, by its kind."""
     loads: tuple[LoadTable, ...] = ()
     loads_title: str = ""
+    warning: str | None = None
+    """That the end rings alone lock a short tube."""
 
     @cached_property
     def verdicts(self) -> list[Verdict]:
         """Answers to what a reader asks first."""
-        return verdicts(self.file.scene, self.rigid, self.deformable, self.failed)
+        found = verdicts(self.file.scene, self.rigid, self.deformable, self.failed)
+        if self.warning:
+            found[0] = replace(found[0], tone=OPEN, lines=(self.warning, *found[0].lines))
+        return found
 
     @property
     def title(self) -> str:
@@ -145,7 +151,10 @@ def report_scene(
         for kind, answered in known.items()
         if answered is not None and scenes
     ]
-    return SceneReport(file, rigid, run, failed, tuple(loads), title)
+    warning = None
+    if rigid is not None and file.scene.frames_may_lock:
+        warning = frame_warning(file, rigid)
+    return SceneReport(file, rigid, run, failed, tuple(loads), title, warning)
 
 
 def _tried(failed: dict[str, str], kind: str, solve: Callable[[], Any]) -> Any:

@@ -1,15 +1,15 @@
 """What is seen, from where, and how large: bodies rendered off screen in parallel projection.
 
 A view is a list of parts, each one set of polygons or lines however many blocks are in it, so a
-tube of sixty blocks costs as much as one body. One window renders all views of a program. VTK is
+tube of sixty blocks costs as much as one body. One window renders all views of a thread. VTK is
 used without pyvista: importing that takes longer than drawing most pictures.
 """
 
 from __future__ import annotations
 
-import functools
 import os
 import sys
+import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -163,9 +163,18 @@ def quiet(number: int = 2) -> Iterator[None]:
         os.close(saved)
 
 
-@functools.cache
+#: Windows of threads: what renders belongs to the thread that made it.
+_WINDOWS = threading.local()
+
+
 def _window() -> Any:
-    """The window of all views."""
+    """The window of all views of this thread."""
+    if not hasattr(_WINDOWS, "window"):
+        _WINDOWS.window = _made_window()
+    return _WINDOWS.window
+
+
+def _made_window() -> Any:
     import vtkmodules.vtkRenderingOpenGL2  # noqa: F401 - what renders
     from vtkmodules.vtkRenderingCore import vtkRenderWindow
 

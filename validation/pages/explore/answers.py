@@ -30,6 +30,7 @@ from validation.scene.read import SceneFile
 from validation.scene.usage import recording
 
 _STRESS = "maximum principal stress σ₁, red is tension"
+_FRAMES = "end rings may lock a short tube whose blocks alone are not: `tubelock mbd` checks it"
 #: Most pixels along one side of a picture, and the farthest that the eye comes near.
 _LARGEST, _NEAREST = 2000, 8.0
 
@@ -69,6 +70,7 @@ def rigid_shown(file: SceneFile) -> tuple[RigidAnswer, Shown]:
         "verdicts": found,
         "measures": measure_rows(run.answer.measures),
         "ignored": ignored,
+        "note": _FRAMES if file.scene.frames_may_lock else "",
         "mesh": _mesh_words(run),
         "milliseconds": 1e3 * (time.process_time() - start),
     }

@@ -136,6 +136,7 @@ class _Channel(WebSocketHandler):
         coarse = data.get("fine") is not True
         stated = changed(self.file, self.known, values, coarse=False)
         one = changed(self.file, self.known, values, coarse=True) if coarse else stated
+        stopped = stated.scene != self.current.scene and self.process is not None
         if stated.scene != self.current.scene:
             self._stop()
             self.deformable = None
@@ -143,7 +144,7 @@ class _Channel(WebSocketHandler):
         self.run, self.rigid = rigid_shown(one)
         picture = drawn(self.rigid, view)
         spent = {"milliseconds": 1e3 * (time.thread_time() - start)}
-        return {"fine": not coarse, **self.rigid.facts, **picture, **spent}
+        return {"fine": not coarse, "stopped": stopped, **self.rigid.facts, **picture, **spent}
 
     def _shown(self, data: dict[str, Any]) -> Shown | None:
         return self.deformable if data.get("blocks") == "deformable" else self.rigid
