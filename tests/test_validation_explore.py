@@ -23,6 +23,7 @@ from tests.chromium import BROWSER, Page
 from tests.test_validation_report import open_pixels
 from validation.cli.look import explore
 from validation.errors import InputError
+from validation.output.pictures.canvas import Surface, View
 from validation.pages.explore.sliders import COARSE, changed, controls
 from validation.run.rigid.answer import run_rigid
 from validation.scene.read import load_scene
@@ -261,6 +262,18 @@ def test_a_missing_extra_is_one_line(monkeypatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     with pytest.raises(InputError, match=r"pip install 'tubelock\[explore\]'"):
         explore("tsb1-pipe")
+
+
+@pytest.mark.quick
+def test_every_thread_draws_the_same_picture() -> None:
+    corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
+    square = Surface(corners, np.array([[0, 1, 2, 3]]), "#0072B2", lit=False)
+    view = View([square], (0.0, 0.0, 1.0))
+    here = view.render(60, 40)
+    for _ in range(2):
+        with ThreadPoolExecutor(1) as pool:
+            assert np.array_equal(pool.submit(view.render, 60, 40).result(), here)
+    assert np.array_equal(view.render(60, 40), here)
 
 
 # ---------------------------------------------------------------------------------------------

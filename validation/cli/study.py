@@ -172,7 +172,8 @@ def combinations(
         ):
             answers = dict(study.combination_answers(file, method, tell))
             data = study.combinations_json(answers)
-        study.print_combinations(file.name, answers, outputs.console)
+        use.count(file.scene.limits)
+        study.print_combinations(file, answers, outputs.console)
         outputs.tell_unused(use)
         outputs.write("table", name, lambda path: study.write_combinations(answers, path))
         outputs.write_json({"scene": file.name, **data})

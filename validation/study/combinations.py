@@ -12,7 +12,7 @@ from rich.console import Console
 
 from geometry.answer import EVERY_TITLE, FACTORS, Answer, Measure, Title
 from validation.errors import InputError
-from validation.output.console import listing
+from validation.output.console import add_dimensions, listing, two_columns
 from validation.output.files import write_csv
 from validation.scene.combinations import combined
 from validation.scene.read import SceneFile
@@ -98,12 +98,16 @@ def combinations_json(answers: Mapping[str, Answer]) -> dict[str, Any]:
     }
 
 
-def print_combinations(name: str, answers: Mapping[str, Answer], console: Console) -> None:
-    """Print each measure under each combination, and which one governs."""
-    table = listing(f"{name}: load combinations", "", numbers=(*answers, "governing"))
+def print_combinations(file: SceneFile, answers: Mapping[str, Answer], console: Console) -> None:
+    """Print each measure under each combination, which one governs, and what is built."""
+    table = listing(f"{file.name}: load combinations", "", numbers=(*answers, "governing"))
     for row in combination_rows(answers):
         table.add_row(*row)
     console.print(table)
+    built = two_columns("what is built")
+    first = next(iter(answers.values()))
+    add_dimensions(built, first.report["dimensions"], file.scene.limits)
+    console.print(built)
 
 
 def combination_rows(answers: Mapping[str, Answer]) -> Iterator[list[str]]:
@@ -117,10 +121,17 @@ def combination_rows(answers: Mapping[str, Answer]) -> Iterator[list[str]]:
 
 
 def write_combinations(answers: Mapping[str, Answer], path: Path) -> None:
-    """Write value and error bar of each measure under each combination as CSV."""
-    rows = [
+    """Write value and error bar of each measure under each combination as CSV; dimensions too."""
+    rows: list[tuple[Any, ...]] = [
         (name, measure, result.value, result.error, result.unit)
         for name, answer in answers.items()
         for measure, result in answer.measures.items()
     ]
+    for name, answer in answers.items():
+        found = answer.report["dimensions"]
+        rows += [
+            (name, key, found[key], None, unit)
+            for key, unit in found["units"].items()
+            if not isinstance(found[key], dict)
+        ]
     write_csv(path, ("combination", "measure", "value", "error", "unit"), rows)
