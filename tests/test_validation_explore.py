@@ -59,7 +59,7 @@ def test_every_number_of_a_tube_has_a_slider_around_its_value() -> None:
         "limits.least_wall",
     } == keys
     assert found.case == "pipe"
-    for slider in found.sliders:
+    for slider in (*found.sliders, *controls(load_scene("wall")).sliders):
         assert slider.low <= slider.value <= slider.high
         # The value of the scene is one that the slider can stand at.
         steps = (slider.value - slider.low) / slider.step
@@ -84,6 +84,9 @@ def test_values_of_the_page_make_the_scene_that_set_makes() -> None:
         load_scene("wall"), controls(load_scene("wall")), {"block.size.1": 120}, coarse=True
     )
     assert parts.scene.block.size == (240.0, 120.0, 71.0)
+    pushed = load_scene("wall", ["load.forces=[{block = 3, force = [0.0, 0.0, -200.0]}]"])
+    more = changed(pushed, controls(pushed), {"load.forces.0.force.2": -350.0}, coarse=True)
+    assert more.scene.load.forces[0].force == (0.0, 0.0, -350.0)
 
 
 @pytest.mark.quick

@@ -18,7 +18,7 @@ from validation.scene.read import SceneFile, TubeScene, check_scene
 from validation.scene.sections import Section, TubeLoadSection
 
 #: Sections whose numbers have sliders.
-_SECTIONS = ("block", "assembly", "load", "limits", "rigid")
+_SECTIONS = ("block", "assembly", "load", "loads", "limits", "rigid")
 #: Least, largest value and step of keys whose value says nothing of their range.
 _RANGES = {
     "block.frequency": (0.5, 4.0, 0.5),
@@ -86,17 +86,20 @@ def controls(file: SceneFile) -> Controls:
     scene = file.scene
     found = []
     for name in _SECTIONS:
-        section = scene.__dict__.get(name)
-        if isinstance(section, Section):
-            found += list(_sliders(section, name))
+        found += list(_sliders(scene.__dict__.get(name), name))
     load = scene.__dict__.get("load")
     if isinstance(scene, AssemblyScene) and isinstance(load, TubeLoadSection):
         return Controls(tuple(found), tuple(CASES), load.case)
     return Controls(tuple(found))
 
 
-def _sliders(section: Section, place: str) -> Iterator[Slider]:
-    """Sliders for the numbers of a section, parts of vectors too."""
+def _sliders(section: Any, place: str) -> Iterator[Slider]:
+    """Sliders for the numbers of a section or of a list of them, parts of vectors too."""
+    if isinstance(section, tuple):
+        for k, one in enumerate(section):
+            yield from _sliders(one, f"{place}.{k}")
+    if not isinstance(section, Section):
+        return
     about = field_docstrings(type(section))
     for name, field in type(section).model_fields.items():
         value = section.__dict__[name]
@@ -109,6 +112,8 @@ def _sliders(section: Section, place: str) -> Iterator[Slider]:
                 yield from _slider(
                     f"{place}.{name}.{k}", (f"{words[0]} {'xyz'[k % 3]}", words[1]), part, least
                 )
+        elif isinstance(value, tuple):
+            yield from _sliders(value, f"{place}.{name}")
         else:
             yield from _slider(f"{place}.{name}", words, value, least)
 
@@ -132,6 +137,10 @@ def _slider(key: str, words: tuple[str, str], value: Any, least: Any) -> Iterato
             low, high = -high, -low
     else:
         return
+    # The value of the scene is one that the slider can stand at.
+    steps = (value - low) / step
+    if abs(steps - round(steps)) > 1e-6:
+        low = value - math.floor(steps) * step
     yield Slider(key, *words, low, high, step, value, whole)
 
 
@@ -152,12 +161,13 @@ def changed(
         A key that has no slider, a value out of its range, or a scene that cannot be.
     """
     data = file.scene.model_dump(mode="json", exclude_unset=True)
+    every = file.scene.model_dump(mode="json")
     sliders = {slider.key: slider for slider in known.sliders}
     for key, value in values.items():
         if key == "load.case" and value in known.cases:
             data["load"]["case"] = value
         elif key in sliders:
-            _put(data, key.split("."), sliders[key].checked(value))
+            _put(data, every, key.split("."), sliders[key].checked(value))
         else:
             names = ", ".join(sliders)
             raise InputError(f"{str(key)[:60]}: got a key without a slider; expected {names}")
@@ -168,11 +178,13 @@ def changed(
     return replace(file, scene=scene)
 
 
-def _put(data: Any, keys: list[str], value: float) -> None:
-    """Put a value into plain data."""
+def _put(data: Any, every: Any, keys: list[str], value: float) -> None:
+    """Put a value into plain data, which takes lists that it does not state from all data."""
     *places, last = keys
     for key in places:
-        data = data.setdefault(key, {})
+        every = every[int(key)] if isinstance(every, list) else every[key]
+        stated = every if isinstance(every, list) else {}
+        data = data[int(key)] if isinstance(data, list) else data.setdefault(key, stated)
     if isinstance(data, list):
         data[int(last)] = value
     else:
