@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from html import unescape
 
 import pytest
 
+from geometry.answer import Measure
 from geometry.loads import CASES
 from validation import report
 from validation.errors import InputError
 from validation.pages.report import report_scene
+from validation.pages.verdicts import BAD, GOOD, OPEN, strength_verdict
 from validation.run.rigid.answer import run_rigid
 from validation.scene.keys.toml_text import toml_text
 from validation.scene.read import check_scene, load_scene
@@ -117,6 +120,21 @@ def test_an_answer_that_is_missing_says_why(tmp_path) -> None:
     assert verdicts["Does it carry the load?"].words == "no"
     assert verdicts["Deformable blocks?"].lines == (result.failed["fem"],)
     assert verdicts["Where and how much?"].words == "no forces: the load is not carried"
+
+
+@pytest.mark.quick
+@pytest.mark.parametrize(
+    ("factor", "remark", "tone"),
+    [(2.0, "", GOOD), (0.5, "", BAD), (math.nan, "none: no tension", OPEN)],
+)
+def test_only_a_factor_below_one_is_bad_news(factor: float, remark: str, tone: str) -> None:
+    measure = Measure(factor, "times the load", remark=remark)
+    scene = load_scene("tsb1-pipe", [*SETTINGS, "material.tensile_strength=3"]).scene
+    found = strength_verdict(scene, {"cracking_factor": measure}, computed=True)
+    assert found.tone == tone
+    assert (remark or measure.value_words) in found.words
+    # What is not stated is asked for by its key, what is stated is not.
+    assert [line.split()[-1] for line in found.lines] == ["material.compressive_strength=30"]
 
 
 def test_a_scene_without_any_answer_is_rejected(tmp_path) -> None:

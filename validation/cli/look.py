@@ -170,9 +170,10 @@ def explore(
 
     from validation.errors import InputError
     from validation.output.console import text_console
-    from validation.scene.read import load_scene
+    from validation.scene.read import load_scene, require_deformable
 
     file = load_scene(scene, settings or ())
+    require_deformable(file, "explore")
     if find_spec("tornado") is None:
         raise InputError(
             "explore: the library tornado is not installed: pip install 'tubelock[explore]'"

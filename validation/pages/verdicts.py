@@ -60,7 +60,10 @@ def verdicts(
     result.append(_how_sure(run))
     answer = run.answer if run is not None else None if rigid is None else rigid.answer
     assert answer is not None
-    result += [_strength(scene, answer, computed=run is not None), castable(scene, answer)]
+    result += [
+        strength_verdict(scene, answer.measures, computed=run is not None),
+        castable(scene, answer),
+    ]
     return result
 
 
@@ -147,13 +150,16 @@ def _reached(measures: Mapping[str, Measure], requested: Mapping[str, float]) ->
     return [f"{EVERY_TITLE[name].words}, requested ± {rest}" for name, _, rest in rows]
 
 
-def _strength(scene: DeformableScene, answer: Answer, *, computed: bool) -> Verdict:
+def strength_verdict(
+    scene: DeformableScene, measures: Mapping[str, Measure], *, computed: bool
+) -> Verdict:
     """State the load factors at cracking and crushing, or the keys that they need."""
-    lines, factors = [], [name for name in FACTORS if name in answer.measures]
-    for title, words in measure_rows({name: answer.measures[name] for name in factors}):
+    lines, factors = [], [name for name in FACTORS if name in measures]
+    for title, words in measure_rows({name: measures[name] for name in factors}):
         lines.append(f"{title}: {words}")
-    values = [answer.measures[name].value for name in factors]
-    below = [value for value in values if value < 1.0]
+    values = [measures[name].value for name in factors]
+    tone = GOOD if all(value >= 1.0 for value in values) else OPEN  # none where there is no factor
+    tone = BAD if any(value < 1.0 for value in values) else tone
     for name, (key, value) in _STRENGTHS.items():
         if name in factors:
             continue
@@ -168,7 +174,7 @@ def _strength(scene: DeformableScene, answer: Answer, *, computed: bool) -> Verd
     if not factors:
         return Verdict("When does it crack?", "not computed", OPEN, tuple(lines))
     words = lines.pop(0)
-    return Verdict("When does it crack?", words, BAD if below else GOOD, tuple(lines))
+    return Verdict("When does it crack?", words, tone, tuple(lines))
 
 
 def castable(scene: DeformableScene, answer: Answer) -> Verdict:
