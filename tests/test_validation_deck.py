@@ -211,7 +211,7 @@ def test_scene_sections_reach_the_deck(tubelock) -> None:
     assert cards["FRICTION"].data == ["0.01,"]
     assert cards["ELEMENT"].parameters["TYPE"] == "C3D8R"
     assert cards["SECTION CONTROLS"].parameters["HOURGLASS"] == "STIFFNESS"
-    assert cards["DLOAD"].data[0] == "BLOCK-000.ALL, GRAV, -9810.0, 0.0, 0.0, 1.0"
+    assert cards["DLOAD"].data[0] == "FRAME, GRAV, -9810.0, 0.0, 0.0, 1.0"
     assert "number interval=10" in Path("a.inp").read_text()
     assert "spacing of the blocks: 0.03" in heading("a.inp")
 

@@ -29,6 +29,7 @@ from fem.decks.statement import (
     CONTACT,
     CYLINDRICAL,
     ELEMENT_NAMES,
+    FRAME,
     GAP,
     HOURGLASS,
     JOINT,
@@ -66,6 +67,8 @@ def abaqus_lines(deck: Deck) -> Iterator[str]:
     check_abaqus(deck)
     patches = contact_patches(deck) if _has_patches(deck) else None
     yield from heading_lines(deck)
+    yield "**"
+    yield "** Parts: one for each distinct block"
     for number, shape in enumerate(deck.assembly.shapes):
         yield from _part(deck, number, shape, patches)
     yield from _assembly(deck)
@@ -212,6 +215,7 @@ def _assembly(deck: Deck) -> Iterator[str]:
     assembly = deck.assembly
     places = assembly.translations + deck.offsets
     yield "**"
+    yield "** Assembly: blocks by layer and position, FRAME the fixed ones, TUBE all others"
     yield keyword("Assembly", name=label(assembly.name))
     for block in range(assembly.n_blocks):
         part = label(assembly.shape(block).name)
@@ -222,9 +226,10 @@ def _assembly(deck: Deck) -> Iterator[str]:
     for layer in np.unique(assembly.layer).tolist():
         yield keyword("Elset", elset=f"LAYER-{layer:02d}")
         yield from _members(deck, np.flatnonzero(assembly.layer == layer))
-    if assembly.fixed.any():
-        yield keyword("Elset", elset="FRAME")
-        yield from _members(deck, np.flatnonzero(assembly.fixed))
+    for name, blocks in deck.sets.items():
+        for kind in ("Elset", "Nset"):
+            yield keyword(kind, **{kind.lower(): name})
+            yield from _members(deck, blocks)
     for name, hold in region_sets(deck).items():
         yield keyword("Nset", nset=name, instance=block_label(deck, hold.block))
         yield from node_entries(hold.nodes or ())
@@ -249,6 +254,7 @@ _AXIS_LENGTH = 1000.0
 def model_lines(deck: Deck) -> Iterator[str]:
     """Material, surface interaction, amplitude and initial motion."""
     yield "**"
+    yield "** Material, contact properties and amplitudes"
     if deck.element is ElementType.REDUCED:
         yield "** Stiffness control, as the reduced element of tubelock has."
         yield keyword("Section Controls", name=HOURGLASS, hourglass="STIFFNESS")
@@ -321,7 +327,9 @@ def _interaction(deck: Deck) -> Iterator[str]:
         yield from law_lines(
             joint.law.members[law], explicit=deck.step.procedure is Procedure.EXPLICIT
         )
-        if friction is not None:
+        if friction is None:
+            yield "** frictionless"
+        else:
             yield keyword("Friction", **slope)
             yield f"{real(friction)},"
 
@@ -333,8 +341,8 @@ def _initial_motion(deck: Deck) -> Iterator[str]:
     spin = float(np.linalg.norm(angular))
     if spin == 0.0:
         yield keyword("Initial Conditions", type="VELOCITY")
-        for block in range(assembly.n_blocks):
-            yield from component_lines(f"{block_label(deck, block)}.{ALL}", motion.velocity)
+        for name in deck.sets:
+            yield from component_lines(name, motion.velocity)
         return
     yield keyword("Initial Conditions", type="ROTATING VELOCITY")
     for block in range(assembly.n_blocks):
@@ -366,6 +374,7 @@ def step_lines(deck: Deck, patches: Patches | None) -> Iterator[str]:
     if patches is not None and static:
         yield from _contact_pairs(deck, patches)
     yield "**"
+    yield f"** Step of {deck.program}"
     yield keyword("Step", name="LOAD", nlgeom="YES" if step.large_rotations else "NO")
     if static:
         yield from static_lines(step)
@@ -373,14 +382,13 @@ def step_lines(deck: Deck, patches: Patches | None) -> Iterator[str]:
         yield from _explicit(deck)
     if patches is not None and not static:
         yield from _contact_pairs(deck, patches)
+    yield "**"
+    yield "** Loads"
     yield from moved_lines(deck, lambda hold: _held_set(deck, hold))
     for load in deck.loads:
         yield from _load(deck, load)
     if deck.effects.gravity is not None:
-        yield from gravity_lines(
-            deck.effects.gravity,
-            [f"{block_label(deck, b)}.{ALL}" for b in range(deck.assembly.n_blocks)],
-        )
+        yield from gravity_lines(deck.effects.gravity, list(deck.sets))
     yield from _output(deck)
     yield keyword("End Step")
 
@@ -506,23 +514,29 @@ def gravity_lines(gravity: FloatArray, targets: list[str]) -> Iterator[str]:
 
 
 def _output(deck: Deck) -> Iterator[str]:
-    step = deck.step
-    contact = deck.joint is not None
-    if step.procedure is Procedure.EXPLICIT:
-        yield f"*Output, field, number interval={step.field_intervals}"
-    else:
-        yield "*Output, field"
+    step, contact = deck.step, deck.joint is not None
+    explicit = step.procedure is Procedure.EXPLICIT
+    yield "**"
+    yield "** Output"
+    yield (
+        f"*Output, field, number interval={step.field_intervals}" if explicit else "*Output, field"
+    )
     yield keyword("Node Output")
-    yield "U"
+    yield "U, RF"
     yield keyword("Element Output")
     yield "S"
     if contact:
-        yield "** CSTRESS: CPRESS and the frictional shear stresses."
+        yield "** CSTRESS: CPRESS and CSHEAR. CDISP: COPEN and CSLIP."
         yield keyword("Contact Output")
-        yield "CSTRESS"
-    if step.procedure is Procedure.EXPLICIT:
-        yield f"*Output, history, time interval={real(step.end_time / step.history_intervals)}"
-    else:
-        yield "*Output, history"
+        yield "CSTRESS, CDISP"
+    every = f", time interval={real(step.end_time / step.history_intervals)}" if explicit else ""
+    yield f"*Output, history{every}"
+    if FRAME in deck.sets:
+        yield keyword("Node Output", nset=FRAME)
+        yield "RF1, RF2, RF3"
+    if contact and not explicit:
+        yield "** Resultants of pressure and friction of every contact pair."
+        yield keyword("Contact Output")
+        yield "CFN, CFS"
     yield keyword("Energy Output")
     yield ", ".join(ENERGIES)

@@ -38,6 +38,7 @@ from fem.decks.keywords import (
 from fem.decks.laws import law_table
 from fem.decks.model import block_nodes, nodal_forces
 from fem.decks.statement import (
+    FRAME,
     LOADING,
     MATERIAL,
     Deck,
@@ -49,7 +50,14 @@ from fem.decks.statement import (
     element_name,
     named_face,
 )
-from fem.decks.supports import held_lines, moved_lines, node_entries, path_lines, spring_lines
+from fem.decks.supports import (
+    held_lines,
+    holds_frame,
+    moved_lines,
+    node_entries,
+    path_lines,
+    spring_lines,
+)
 from fem.element.hexahedron import ELEMENTS, ElementType
 from fem.problem.loads import SmoothStepAmplitude
 from geometry.loads import PressureLoad
@@ -73,6 +81,7 @@ def calculix_lines(deck: Deck) -> Iterator[str]:
     yield from held_set_lines(deck, starts)
     yield from flat_surface_lines(deck, starts, patches)
     yield "**"
+    yield "** Material"
     yield from _material(deck)
     if patches is not None:
         yield from _contact(deck, patches)
@@ -143,7 +152,9 @@ def _contact(deck: Deck, patches: Patches) -> Iterator[str]:
         yield "*Surface Behavior, pressure-overclosure=TABULAR"
         for row in law_table(joint.law.members[law], deck.clearance).tolist():
             yield reals(row)
-        if friction is not None:
+        if friction is None:
+            yield "** frictionless"
+        else:
             assert joint.stick_stiffness is not None
             yield keyword("Friction")
             yield reals([friction, joint.stick_stiffness])
@@ -193,6 +204,7 @@ def _nodal_lines(values: FloatArray, start: int) -> Iterator[str]:
 def _step(deck: Deck, starts: Starts) -> Iterator[str]:
     step = deck.step
     yield "**"
+    yield f"** Step of {deck.program}"
     geometry: dict[str, str | None] = {"nlgeom": None} if step.large_rotations else {}
     yield keyword("Step", **geometry, inc="1000000")
     if step.procedure is Procedure.STATIC:
@@ -278,8 +290,9 @@ def mesh_lines(deck: Deck, starts: Starts) -> Iterator[str]:
     yield f"1, {starts.element[-1]}, 1"
     for layer in np.unique(assembly.layer).tolist():
         yield from _block_set(deck, f"LAYER-{layer:02d}", assembly.layer == layer, starts)
-    if assembly.fixed.any():
-        yield from _block_set(deck, "FRAME", assembly.fixed, starts)
+    for name, blocks in deck.sets.items():
+        chosen = np.isin(np.arange(assembly.n_blocks), blocks)
+        yield from _block_set(deck, name, chosen, starts)
 
 
 def _block_set(deck: Deck, name: str, chosen: BoolArray, starts: Starts) -> Iterator[str]:
@@ -305,7 +318,7 @@ def held_name(deck: Deck, hold: Hold) -> str:
 
 
 def held_set_lines(deck: Deck, starts: Starts) -> Iterator[str]:
-    """Sets of held nodes."""
+    """Sets of held nodes, those of all fixed blocks together too."""
     for name, hold in {held_name(deck, hold): hold for hold in deck.holds}.items():
         first, end = starts.node[hold.block], starts.node[hold.block + 1]
         if hold.nodes is not None:
@@ -319,6 +332,9 @@ def held_set_lines(deck: Deck, starts: Starts) -> Iterator[str]:
             shape = deck.assembly.shape(hold.block)
             held = shape.mesh.facet_nodes(shape.faces[hold.face])
             yield from entry_lines(np.unique(held) + first + 1)
+    if holds_frame(deck):
+        yield keyword("Nset", nset=FRAME)
+        yield from entry_lines(held_name(deck, hold) for hold in deck.holds if hold.whole)
 
 
 def flat_surface_lines(deck: Deck, starts: Starts, patches: Patches | None) -> Iterator[str]:

@@ -7,8 +7,11 @@ most 256 characters (CalculiX: 132), at most 16 entries on a line of labels, a n
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Iterator
+
+import numpy as np
 
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
@@ -18,6 +21,9 @@ LINE_LENGTH = 132
 
 #: Longest number: both programs read the first 20 characters of a field and no more.
 NUMBER_LENGTH = 20
+
+#: Digits of coordinates, counted from the largest: rounding is below 1e-13 of the size.
+_DIGITS = 14
 
 #: Entries on a line of node or element numbers.
 ENTRIES_PER_LINE = 16
@@ -120,8 +126,9 @@ def reals(values: Iterable[float]) -> str:
 
 
 def node_lines(coordinates: FloatArray, first: int = 1) -> Iterator[str]:
-    """Data lines of ``*Node``: number and coordinates [mm]."""
-    rows = coordinates.tolist()
+    """Data lines of ``*Node``: number and coordinates [mm], rounded to what they are exact to."""
+    size = float(np.abs(coordinates).max(initial=0.0)) or 1.0
+    rows = (np.round(coordinates, _DIGITS - math.ceil(math.log10(size))) + 0.0).tolist()
     for number, (x, y, z) in enumerate(rows, start=first):
         yield f"{number}, {real(x)}, {real(y)}, {real(z)}"
 

@@ -1,11 +1,10 @@
-"""Contact laws in the words of decks: written for Abaqus, as a table for CalculiX, read back.
+"""Contact laws in the words of decks: written for Abaqus, as a table for CalculiX.
 
 Reference: Abaqus Analysis User's Guide, "Contact pressure-overclosure relationships".
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import isfinite
 
 import numpy as np
@@ -89,36 +88,6 @@ def law_notes(law: ContactLaw, *, static: bool) -> list[str]:
         "contact: the law has no maximum stiffness; Abaqus/Explicit takes one of its own where "
         "penalty contact is given none: contact.maximum_stiffness defines one for both"
     ]
-
-
-def read_law(
-    kind: str, values: list[float], *, line: int, maximum_stiffness: Callable[[], float]
-) -> ContactLaw:
-    """Law of a deck.
-
-    Parameters
-    ----------
-    kind
-        Value of ``pressure-overclosure``.
-    values, line
-        Numbers of the data line, and where it stands.
-    maximum_stiffness
-        Of the heading [MPa/mm], where the data line has none.
-
-    Raises
-    ------
-    DeckError
-        For another law.
-    """
-    if kind == "EXPONENTIAL" and len(values) in {2, 3}:
-        cap = values[2] if len(values) == 3 else maximum_stiffness()
-        return ExponentialLaw(values[0], values[1], cap)
-    if kind == "LINEAR" and len(values) == 1:
-        return LinearPenalty(values[0])
-    raise DeckError(
-        f"line {line}: got {kind} with {len(values)} values; expected EXPONENTIAL with 2 or 3, or "
-        "LINEAR with 1"
-    )
 
 
 def law_table(law: ContactLaw, clearance: float = 0.0) -> FloatArray:

@@ -108,13 +108,3 @@ def placement_rows(rotation: FloatArray, translation: FloatArray) -> list[list[f
         translation.tolist(),
         [*translation.tolist(), *(translation + reach * axis).tolist(), degrees],
     ]
-
-
-def placement(rows: list[list[float]]) -> tuple[FloatArray, FloatArray]:
-    """Rotation (3, 3) and translation (3,) of ``*Instance`` data lines of that form."""
-    translation = np.array(rows[0][:3]) if rows else np.zeros(3)
-    if len(rows) < 2:
-        return np.eye(3), translation
-    first, second, degrees = np.array(rows[1][:3]), np.array(rows[1][3:6]), rows[1][6]
-    turn = rotation_matrix(*canonical_axis_angle(rotation_matrix(second - first, degrees)))
-    return turn, turn @ (translation - first) + first

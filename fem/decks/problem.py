@@ -301,18 +301,36 @@ def element_time_step(deck: Deck, *, moving: bool = False) -> float:
     )
 
 
-def _increment_notes(deck: Deck) -> list[str]:
-    """How many increments an explicit step takes, and what precision they need."""
+def increments(deck: Deck) -> tuple[float, float] | None:
+    """Number of increments of an explicit step and their length [s]; None: of a static one."""
     step = deck.step
     if step.procedure is not Procedure.EXPLICIT:
-        return []
+        return None
     least = step.scaled_time_step or element_time_step(deck)
     increment = step.time_step or (step.safety_factor or 1.0) * least
-    count = step.end_time / increment
+    return step.end_time / increment, increment
+
+
+def needs_double(deck: Deck) -> bool:
+    """Whether an explicit step has so many increments that single precision loses digits."""
+    counted = increments(deck)
+    return (
+        deck.flavour is not Flavour.CALCULIX
+        and counted is not None
+        and counted[0] > _SINGLE_PRECISION
+    )
+
+
+def _increment_notes(deck: Deck) -> list[str]:
+    """How many increments an explicit step takes, and what precision they need."""
+    counted = increments(deck)
+    if counted is None:
+        return []
+    count, increment = counted
     text = f"step: {count:.2g} increments of {increment:.2g} s"
-    if step.time_step is None:
+    if deck.step.time_step is None:
         text += ", more where contact shortens them"
-    if deck.flavour is not Flavour.CALCULIX and count > _SINGLE_PRECISION:
+    if needs_double(deck):
         text += "; single precision loses digits in so many: run abaqus with double=both"
     return [text]
 

@@ -19,7 +19,7 @@ from fem.assembly.deformable import block_load_forces
 from fem.assembly.statement import Motion
 from fem.contact.law import ContactLaw
 from fem.contact.pair_laws import PairLaws
-from fem.decks.keywords import DeckError
+from fem.decks.keywords import DeckError, safe_names
 from fem.element.hexahedron import ELEMENTS, ElementType
 from fem.element.lagrange_mesh import SerendipityMesh
 from fem.element.material import Material, each_material
@@ -109,6 +109,11 @@ class Hold:
     """By which they move, one component alone [mm]; 0: they stay."""
     path: tuple[tuple[float, float], ...] = ()
     """Times [s] and shares of it; (): with the loads."""
+
+    @property
+    def whole(self) -> bool:
+        """Whether it holds every node of its block in all directions."""
+        return self.face is None and self.nodes is None and self.components == (0, 1, 2)
 
 
 @dataclass(frozen=True)
@@ -234,6 +239,26 @@ class Deck:
         """Translation of each block from its conforming place, (n_blocks, 3) [mm]."""
         return spacing_offsets(self.assembly, self.spacing)
 
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """Name of the instance of each block, (n_blocks,)."""
+        return _labels(self.assembly)
+
+    @cached_property
+    def sets(self) -> dict[str, IntArray]:
+        """Blocks of the sets FRAME, the fixed ones, and TUBE, all others; none is empty."""
+        fixed = self.assembly.fixed
+        sets = {FRAME: np.flatnonzero(fixed), TUBE: np.flatnonzero(~fixed)}
+        return {name: blocks for name, blocks in sets.items() if len(blocks)}
+
+    @property
+    def program(self) -> str:
+        """Program that runs it."""
+        if self.flavour is Flavour.CALCULIX:
+            return "CalculiX"
+        static = self.step.procedure is Procedure.STATIC
+        return "Abaqus/Standard" if static else "Abaqus/Explicit"
+
     @property
     def materials(self) -> tuple[Material, ...]:
         """Of each shape, (n_shapes,)."""
@@ -250,11 +275,7 @@ class Deck:
     @property
     def held_blocks(self) -> IntArray:
         """Blocks of which every node is held in all directions, (n,)."""
-        held = {
-            h.block
-            for h in self.holds
-            if h.face is None and h.nodes is None and h.components == (0, 1, 2)
-        }
+        held = {h.block for h in self.holds if h.whole}
         return np.array(sorted(held), dtype=np.int64)
 
 
@@ -323,6 +344,8 @@ JOINT = "JOINT"
 GAP = "GAP"
 LOADING = "LOADING"
 CYLINDRICAL = "TUBE-AXIS"
+FRAME = "FRAME"
+TUBE = "TUBE"
 HOURGLASS = "HOURGLASS"
 
 
@@ -335,8 +358,40 @@ def element_name(deck: Deck, elements: Mapping[ElementType, str], shape: Block) 
 
 def block_label(deck: Deck, block: int) -> str:
     """Name of the instance of a block."""
-    digits = max(3, len(str(deck.assembly.n_blocks - 1)))
-    return f"BLOCK-{block:0{digits}d}"
+    return deck.labels[block]
+
+
+#: Names of sets of several blocks, which no block has.
+_RESERVED = ("all", "eall", "nall", "frame", "tube")
+
+
+def _labels(assembly: Assembly) -> tuple[str, ...]:
+    """Names of blocks: their own, else by layer and position, such as L01-B03 and FRAME-TOP-B01."""
+    if assembly.names:
+        return tuple(name.upper() for name in safe_names((*_RESERVED, *assembly.names)))[
+            len(_RESERVED) :
+        ]
+    result = [""] * assembly.n_blocks
+    for layer in np.unique(assembly.layer).tolist():
+        blocks = np.flatnonzero(assembly.layer == layer)
+        for fixed in (True, False):
+            mine = blocks[assembly.fixed[blocks] == fixed].tolist()
+            if not mine:
+                continue
+            title = _frame_title(assembly, layer) if fixed else f"L{layer:02d}"
+            for position, block in enumerate(mine, start=1):
+                alone = title.startswith(f"{FRAME}-") and len(mine) == 1
+                result[block] = title if alone else f"{title}-B{position:02d}"
+    return tuple(result)
+
+
+def _frame_title(assembly: Assembly, layer: int) -> str:
+    """Name of the fixed blocks of a layer: of several layers the first is below, the last above."""
+    layers = np.unique(assembly.layer[assembly.fixed]).tolist()
+    if len(layers) == 1:
+        return FRAME
+    ends = {layers[0]: f"{FRAME}-BOTTOM", layers[-1]: f"{FRAME}-TOP"}
+    return ends.get(layer, f"{FRAME}-L{layer:02d}")
 
 
 def check_deck(deck: Deck, elements: Mapping[ElementType, str] = ELEMENT_NAMES) -> None:

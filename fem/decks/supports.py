@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from fem.decks.keywords import DeckError, entry_lines, keyword, real, reals
-from fem.decks.statement import LOADING, Deck, Flavour, GroundSpring, Hold, Procedure
+from fem.decks.statement import FRAME, LOADING, Deck, Flavour, GroundSpring, Hold, Procedure
 from fem.element.lagrange_mesh import SerendipityMesh
 from fem.problem.loads import traction_forces
 from geometry.assembly import Assembly
@@ -155,11 +155,21 @@ def path_lines(deck: Deck) -> Iterator[str]:
             yield reals(flat[start : start + 8])
 
 
+def holds_frame(deck: Deck) -> bool:
+    """Whether all fixed blocks are held with all their nodes, and no others."""
+    return FRAME in deck.sets and np.array_equal(deck.held_blocks, deck.sets[FRAME])
+
+
 def held_lines(deck: Deck, target: Callable[[Hold], str]) -> Iterator[str]:
     """Components that stay where they are; ``target`` names the nodes of a support."""
     still = [hold for hold in deck.holds if not hold.displacement]
     if still:
+        yield "**"
+        yield "** Boundary conditions"
         yield keyword("Boundary")
+    if holds_frame(deck):
+        yield f"{FRAME}, 1, 3"
+        still = [hold for hold in still if not hold.whole]
     for hold in still:
         yield f"{target(hold)}, {hold.components[0] + 1}, {hold.components[-1] + 1}"
 

@@ -266,7 +266,7 @@ def tube_rows(folder: Path, divisions: SineBlockDivisions) -> list[CheckRow]:
     push = (surfaces.weights * ours.pressures)[:, :, None] * surfaces.normals
     below = deck.assembly.layer[surfaces.block_m] == 0
     axial = float(push[below].sum(axis=(0, 1))[2])
-    frame = sum(float(theirs.reactions[f"BLOCK-00{k}_ALL"][2]) for k in range(4))
+    frame = sum(float(theirs.reactions[f"FRAME-BOTTOM-B0{k}_ALL"][2]) for k in range(1, 5))
     case = f"tube, {divisions.around} x {divisions.radial} x {divisions.axial}"
     return [
         _row(case, "largest displacement [mm]", largest, angle, cpu),

@@ -38,6 +38,9 @@ def export(
         ),
     ] = None,
     settings: SetOption = None,
+    verbose: Annotated[
+        bool, typer.Option("-v", "--verbose", help="Print how often each keyword occurs.")
+    ] = False,
 ) -> None:
     """Write an input deck, or the blocks as OBJ or compas JSON.
 
@@ -60,7 +63,7 @@ def export(
     with Outputs(files={"-o": output}, scene=file) as outputs:
         with recording(file.scene) as use:
             written = export_deck(file, None if flavour is None else Flavour(flavour), output)
-        print_export(written, outputs.console)
+        print_export(written, outputs.console, verbose=verbose)
         outputs.tell_unused(use)
 
 
@@ -164,7 +167,14 @@ def deck(
     json: JsonOption = None,
 ) -> None:
     """Read an Abaqus or CalculiX deck, check it, print a summary."""
-    from validation.output.decks import input_json, input_table, read_file, rewrite, solve_deck
+    from validation.output.decks import (
+        input_json,
+        input_table,
+        read_file,
+        rewrite,
+        run_command,
+        solve_deck,
+    )
     from validation.output.outputs import Outputs
 
     if dialect is not None:
@@ -176,8 +186,13 @@ def deck(
         if write is not None:
             written = rewrite(stated, write)
             outputs.say(f"{written.n_bytes / 1e6:.3g} MB", write)
+            outputs.console.print(f"{'run it':9} {run_command(written.deck, write)}")
         if run:
+            before = len(stated.model.notes)
             answer = solve_deck(stated)
             outputs.console.print(str(answer))
+            for note in stated.model.notes[before:]:
+                outputs.console.print(note)
+            data["remarks"] = stated.model.notes
             data["measures"] = answer.as_dict()["measures"]
         outputs.write_json(data)

@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from fem.assembly.statement import Problem
+from fem.decks.problem import increments, needs_double
 from fem.decks.read.deck import InputDeck, read_deck
 from fem.decks.read.rewrite import rewritten
 from fem.decks.statement import Deck, Flavour, element_name
@@ -24,6 +27,11 @@ from validation.errors import InputError, named
 from validation.output.console import two_columns
 from validation.output.files import prepare_file
 from validation.scene.read import SceneFile
+
+#: Largest strain of linear elasticity: products of strains are a fiftieth of it [-].
+LARGEST_STRAIN = 0.02
+#: Time that an explicit program takes for an element and an increment, by experience [s].
+_ELEMENT_INCREMENT = 1.0e-6
 
 
 @dataclass(frozen=True)
@@ -71,15 +79,32 @@ def _write(deck: Deck, path: Path, start: float) -> WrittenDeck:
     return WrittenDeck(deck, path, path.stat().st_size, keywords, time.process_time() - start)
 
 
-def print_export(written: WrittenDeck, console: Console) -> None:
-    """Print the contents of a deck that was written."""
+def print_export(written: WrittenDeck, console: Console, *, verbose: bool = False) -> None:
+    """Print the contents of a deck that was written, and how to run it."""
     deck = written.deck
-    table = _description(deck, f"{deck.name}: deck, flavour {deck.flavour}")
+    table = _description(deck, f"{deck.name}: deck for {deck.program}, flavour {deck.flavour}")
     table.add_row("file", f"{written.path}, {written.n_bytes / 1e6:.3g} MB")
-    words = (f"{word} ({count})" for word, count in written.keywords.items())
-    table.add_row("keywords", ", ".join(words))
+    table.add_row("run it", run_command(deck, written.path))
+    counted = increments(deck)
+    if counted is not None:
+        hours = counted[0] * deck_json(deck)["n_elements"] * _ELEMENT_INCREMENT / 3600.0
+        table.add_row(
+            "expected",
+            f"{counted[0]:.2g} increments, {hours:.2g} core hours at 1 µs an element and increment",
+        )
+    if verbose:
+        words = (f"{word} ({count})" for word, count in written.keywords.items())
+        table.add_row("keywords", ", ".join(words))
     table.add_row("CPU seconds", f"{written.cpu_seconds:.3f}")
     console.print(table)
+
+
+def run_command(deck: Deck, path: Path) -> str:
+    """Command that runs a deck."""
+    if deck.flavour is Flavour.CALCULIX:
+        return f"ccx {path.with_suffix('')}"
+    double = " double=both" if needs_double(deck) else ""
+    return f"abaqus job={path.stem} input={path}{double}"
 
 
 # ---------------------------------------------------------------------------------------------
@@ -106,7 +131,7 @@ def read_file(path: Path, dialect: str | None) -> InputDeck:
 
 
 def solve_deck(deck: InputDeck) -> Answer:
-    """Solve the step of a deck: static equilibrium or explicit dynamics.
+    """Solve a deck on its own mesh: static equilibrium or explicit dynamics.
 
     Raises
     ------
@@ -117,8 +142,29 @@ def solve_deck(deck: InputDeck) -> Answer:
 
     problem = deck.problem()
     if deck.steps[-1].explicit:
-        return solve_explicit(problem, **deck.explicit_options())
-    return solve_static(problem)
+        answer = solve_explicit(problem, **deck.explicit_options())
+    else:
+        of_mesh = bool(problem.load_case.nodes)
+        if of_mesh:
+            deck.model.note("error bars: none, forces on nodes belong to the mesh of the deck")
+        answer = solve_static(problem, mesh="scene", error_bars=not of_mesh)
+    strain = largest_strain(problem, answer)
+    if strain > LARGEST_STRAIN:
+        deck.model.note(
+            f"strain: {strain:.2g} at the most, above {LARGEST_STRAIN:g}: strains are linear here, "
+            "and the answer has left their range"
+        )
+    return answer
+
+
+def largest_strain(problem: Problem, answer: Answer) -> float:
+    """Largest principal strain of an answer, of its sign regardless [-]."""
+    stress = answer.fields["principal_stress"]
+    ratio = np.array([material.poisson_ratio for material in problem.materials])
+    modulus = np.array([material.young_modulus for material in problem.materials])
+    nu, e = ratio[answer.block_of_point, None], modulus[answer.block_of_point, None]
+    strain = ((1.0 + nu) * stress - nu * stress.sum(axis=1, keepdims=True)) / e
+    return float(np.abs(strain).max())
 
 
 def rewrite(deck: InputDeck, path: Path) -> WrittenDeck:
