@@ -21,6 +21,7 @@ from rich.table import Table
 
 from tests.verification import (
     calculix,
+    changed_decks,
     decks,
     error_bars,
     first_answers,
@@ -40,13 +41,14 @@ TABLES: dict[str, tuple[str, Callable[[], Iterable[Row]]]] = {
     "hertz": ("Hertz and Cattaneo–Mindlin: off the closed form [%]", test_hertz.rows),
     "friction": ("Friction: static against explicit", test_friction.rows),
     "accuracy": ("An accuracy on demand, start of the program included", test_accuracy.rows),
+    "changed-decks": ("Random changes of a deck, judged by CalculiX", changed_decks.rows),
     "first-answers": ("Answers by default, and before", first_answers.rows),
     "error-bars": ("Error bars of twenty problems", error_bars.rows),
     "error-bars-problems": ("Each problem with its reference", error_bars.problems),
     "error-bars-summary": ("Error bars: how many hold, how wide they are", error_bars.summary),
 }
 #: Tables that are made where they are named.
-LONG = ("error-bars", "error-bars-problems", "error-bars-summary", "first-answers")
+LONG = ("error-bars", "error-bars-problems", "error-bars-summary", "first-answers", "changed-decks")
 
 
 def word(value: Any) -> str:
