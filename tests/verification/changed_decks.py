@@ -1,8 +1,8 @@
 """Random changes of valid decks: none ends in a fault; CalculiX judges those that are accepted.
 
 ``python -m tests.verification changed-decks``: each deck has one to three
-changes of its lines. A deck that is read and solved is run by CalculiX on the changed text. Verdicts
-are
+changes of its lines. A deck that is read and solved is run by CalculiX on the changed text.
+Verdicts are
 *same* (largest displacement within `_SAME`), *other*, and *CalculiX rejects it*.
 """
 
