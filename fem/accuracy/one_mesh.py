@@ -10,7 +10,8 @@ steep law, above it: an error bar is at least the distance. Stresses inside elem
 corners lie on the same side: what an element hides comes on top of what the mesh leaves out.
 
 Elements of degree two and more are judged by the same elements of one degree less, whose error is
-taken as twice as large: means over facets are those over the same facets then. All else has the
+taken as twice as large: means over facets are those over the same facets then. Curved hexahedra
+of degree two are judged by degree three, since degree one straightens their edges. All else has the
 larger estimate of degrees and of meshes. Stresses at a point gain least: what the degree and what
 the mesh leave out add up. Values that a few elements decide have bars of `SHARED` of the widest
 relative one of their kind at least: two degrees may agree by chance.
@@ -35,11 +36,12 @@ from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.result import StaticError, StaticResult
 from fem.static.solve import StaticOptions, solve_static
 from geometry.answer import Measure
+from geometry.block import Block
 from geometry.errors import RefusedError
 
 #: Elements along an edge of the coarser meshes over those of the run.
 SHARES = (2.0 / 3.0, 0.5)
-#: Error of elements of one degree less over that of a run, at least.
+#: Error of elements of one degree less over that of one degree more, at least.
 _DEGREE = 2.0
 #: Parts of the way of supports that move.
 MOTION_STEPS = 20
@@ -89,7 +91,9 @@ def static_solution(
 
 
 def estimated_errors(
-    solution: Solution, on_others: Iterable[Solution], less: Solution | None = None
+    solution: Solution,
+    on_others: Iterable[Solution],
+    of_degree: tuple[Solution, float] | None = None,
 ) -> dict[str, float]:
     """Estimate the error of each measure, in its unit; empty without another mesh.
 
@@ -99,15 +103,18 @@ def estimated_errors(
         On the mesh whose errors are asked for.
     on_others
         The same problem on coarser meshes, or on a finer one.
-    less
-        The same with elements of one degree less; None for degree one.
+    of_degree
+        The same with elements of another degree, and its error over that of the solution; None for
+        degree one.
     """
     measures = measures_of(solution)
     of_meshes = _of_meshes(solution, measures, on_others)
     steps = load_step_change(solution) if solution.static is not None else {}
-    if less is not None:
-        before = measures_of(less)
-        degrees = {n: error_bar([before[n].value, m.value], [_DEGREE]) for n, m in measures.items()}
+    if of_degree is not None:
+        other, reduction = measures_of(of_degree[0]), of_degree[1]
+        degrees = {
+            n: error_bar([other[n].value, m.value], [reduction]) for n, m in measures.items()
+        }
         bars = {n: _both(n, bar, of_meshes.get(n, 0.0)) for n, bar in degrees.items()}
         sizes = {n: abs(m.value) for n, m in measures.items() if n in LOCAL or n in AT_EDGES}
         least = SHARED * max(
@@ -157,15 +164,22 @@ def static_errors(
     Of elements of degree one without a coarser mesh, such as hexahedra of one's own, the static
     state is solved on a finer one, where this takes no more than seconds.
     """
-    less = None
+    of_degree = None
     if problem.degree > 1:
-        less = solve(replace(problem, degree=problem.degree - 1))
+        more = problem.degree == 2 and any(map(_is_straightened, problem.blocks.shapes))
+        degree, reduction = problem.degree + (1 if more else -1), 1 / _DEGREE if more else _DEGREE
+        of_degree = solve(replace(problem, degree=degree)), reduction
     others = list(_coarser_solutions(problem, solve))
     few = 8 * solution.deformable.model.n_elements <= _MOST_ELEMENTS
-    if not others and less is None and few and solution.static is not None:
+    if not others and of_degree is None and few and solution.static is not None:
         with suppress(RefusedError):
             others = [solve(split(problem, 2, 1))]
-    return estimated_errors(solution, others, less)
+    return estimated_errors(solution, others, of_degree)
+
+
+def _is_straightened(block: Block) -> bool:
+    """Whether elements of degree one lose the shape of a block: curved hexahedra of one's own."""
+    return block.curve is not None and block.charts is None
 
 
 def _coarser_solutions(
