@@ -10,8 +10,17 @@ import pytest
 
 from fem import Problem, concrete
 from fem.accuracy.converge import LEAST_MESHES, TARGETS, growing, is_reached
-from fem.accuracy.errors import ALTERNATING, SAFETY, Falls, falling_bar
-from fem.accuracy.ladder import LADDER, PRESSURES, coarser, on_mesh, split
+from fem.accuracy.errors import SAFETY, sequence_bar
+from fem.accuracy.ladder import (
+    LADDER,
+    PRESSURES,
+    Rung,
+    coarser,
+    fineness,
+    on_mesh,
+    on_rung,
+    split,
+)
 from fem.accuracy.statics import solve_static
 from fem.contact.law import LinearPenalty
 from geometry import SineBlock, pipe, tube
@@ -21,35 +30,45 @@ from tests.verification.concentric import Shells
 from tests.verification.error_problems import Case, cases
 from validation import load_scene
 
-FALLS = Falls(1.5, 3.0)
 NAMES = ("tube 5: weight", "heavy boxes")
 
 
-def test_a_geometric_sequence_has_its_own_limit_within_the_bar() -> None:
-    """Changes that fall by R: the rest of the series is the last change over R - 1."""
-    for fall in (1.6, 2.0, 2.9):
-        values = [sum(fall**-k for k in range(n)) for n in (3, 4, 5)]
-        rest = 1.0 / (1.0 - 1.0 / fall) - values[-1]
-        assert falling_bar(values, FALLS) == pytest.approx(SAFETY * rest)
+#: Fineness of meshes that double.
+DOUBLED = (1.0, 2.0, 4.0, 8.0, 16.0)
 
 
-def test_changes_that_do_not_fall_take_the_least_factor() -> None:
-    assert falling_bar([1.0, 2.0, 3.5], FALLS) == pytest.approx(SAFETY * 1.5 / 0.5)
-    assert falling_bar([1.0, 2.0], FALLS) == pytest.approx(SAFETY * 1.0 / 0.5)
+@pytest.mark.parametrize("rate", [1.0, 1.25, 2.0])
+@pytest.mark.parametrize("n", [2, 3, 5])
+def test_an_error_that_falls_by_the_rate_lies_within_its_bar_by_the_safety(
+    rate: float, n: int
+) -> None:
+    """Whatever the meshes: errors of 7 over the fineness to the rate."""
+    sizes = (1.0, 2.25, 3.0, 7.0, 8.0)[:n]
+    values = [3.0 + 7.0 / size**rate for size in sizes]
+    assert sequence_bar(values, sizes, rate) == pytest.approx(SAFETY * (values[-1] - 3.0))
 
 
 def test_a_single_agreement_of_two_meshes_is_no_convergence() -> None:
-    """The change before is remembered: it may have fallen by the largest factor twice."""
-    assert falling_bar([1.0, 2.0, 2.0], FALLS) == pytest.approx(SAFETY * 1.0 / 8.0)
-    assert falling_bar([1.0, 1.0, 1.0], FALLS) == 0.0
+    """The change before is remembered: it has fallen by the rate twice."""
+    assert sequence_bar([1.0, 2.0, 2.0], DOUBLED[:3], 1.0) == pytest.approx(SAFETY / 3.0)
+    assert sequence_bar([1.0, 1.0, 1.0], DOUBLED[:3], 1.0) == 0.0
     exact = {name: Measure(1.0, "MPa", error=0.0) for name in TARGETS}
     assert not is_reached(exact, TARGETS, LEAST_MESHES - 1)
     assert is_reached(exact, TARGETS, LEAST_MESHES)
 
 
-def test_changes_of_alternating_sign_are_not_taken_for_fast_convergence() -> None:
-    expected = SAFETY * 0.1 / (ALTERNATING - 1.0)
-    assert falling_bar([1.0, 1.3, 1.2], FALLS) == pytest.approx(expected)
+def test_a_finer_mesh_leaves_less_of_the_same_change() -> None:
+    """A jump to a much finer mesh contains nearly all of the error before it."""
+    near, far = (sequence_bar([1.0, 2.0], (1.0, size), 1.25) for size in (1.5, 6.0))
+    assert near > 5.0 * far
+
+
+def test_fineness_counts_the_degree_twice_and_elements_once() -> None:
+    """One element a box; a box of two by two by two whose elements are split again."""
+    problem = _case("heavy boxes").problem()
+    coarse, fine = on_rung(problem, Rung(2, 1, 1, 1, 1.0, 1.0)), split(problem, 2, 3)
+    assert fineness(coarse) == pytest.approx(4.0 * 1.0)
+    assert fineness(fine) == pytest.approx(9.0 * 4.0)
 
 
 def _measures(**values: float) -> dict[str, Measure]:
@@ -59,16 +78,16 @@ def _measures(**values: float) -> dict[str, Measure]:
 def test_a_local_value_is_not_known_better_than_others_settle() -> None:
     """Averaged tension that agrees while p_eff changes by a tenth."""
     found = [_measures(p_eff=p, sigma_1_averaged=1.0) for p in (0.7, 0.9, 1.0)]
-    assert LADDER.error_bars(found)["sigma_1_averaged"] == pytest.approx(0.3 * 0.1)
+    assert LADDER.error_bars(found, DOUBLED[:3])["sigma_1_averaged"] == pytest.approx(0.3 * 0.1)
 
 
 def test_stresses_at_edges_are_not_resolved_before_the_mesh_is_finer_there() -> None:
     """The first meshes have as many elements between the upper and lower faces."""
     found = [_measures(sigma_1_max=2.0)] * 5
-    assert PRESSURES.error_bars(found[:4])["sigma_1_max"] > WIDEST * 2.0
-    assert PRESSURES.error_bars(found)["sigma_1_max"] == 0.0
-    assert LADDER.error_bars(found[:3])["sigma_1_max"] > WIDEST * 2.0
-    assert LADDER.error_bars(found[:4])["sigma_1_max"] == 0.0
+    assert PRESSURES.error_bars(found[:4], DOUBLED[:4])["sigma_1_max"] > WIDEST * 2.0
+    assert PRESSURES.error_bars(found, DOUBLED)["sigma_1_max"] == 0.0
+    assert LADDER.error_bars(found[:3], DOUBLED[:3])["sigma_1_max"] > WIDEST * 2.0
+    assert LADDER.error_bars(found[:4], DOUBLED[:4])["sigma_1_max"] == 0.0
 
 
 def test_round_off_needs_no_finer_mesh() -> None:
@@ -159,8 +178,8 @@ def test_a_value_that_an_earlier_mesh_did_not_resolve_is_no_number_yet() -> None
     found = [
         {"p_max_point": Measure(value, "MPa", resolved=k > 0)} for k, value in enumerate(values)
     ]
-    assert PRESSURES.error_bars(found[:3])["p_max_point"] > WIDEST * 49.5
-    assert PRESSURES.error_bars(found[:4])["p_max_point"] < WIDEST * 49.6
+    assert PRESSURES.error_bars(found[:3], DOUBLED[:3])["p_max_point"] > WIDEST * 49.5
+    assert PRESSURES.error_bars(found[:4], DOUBLED[:4])["p_max_point"] < WIDEST * 49.6
 
 
 def test_a_number_has_a_bar_that_leaves_it_one() -> None:

@@ -11,7 +11,14 @@ import pytest
 
 from fem.accuracy.converge import LEAST_MESHES, climbed, converge, relative, unmet
 from fem.accuracy.errors import SAFETY, error_bar
-from fem.accuracy.ladder import DEGREES, LADDER, PRESSURES, graded_to_both_ends, graded_to_one_end
+from fem.accuracy.ladder import (
+    DEGREES,
+    LADDER,
+    PRESSURES,
+    fineness,
+    graded_to_both_ends,
+    graded_to_one_end,
+)
 from fem.assembly.statement import Problem
 from geometry.answer import Measure
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
@@ -104,10 +111,11 @@ def test_error_bars_cover_nine_of_ten_errors() -> None:
         tube = stated(name, "assembly.layers=2")
         known = references()[f"{name}, assembly.layers = 2"]
         for ladder, first in ((LADDER, LEAST_MESHES), (PRESSURES, LEAST_MESHES), (DEGREES, 4)):
-            found = [s.measures for s in climbed(tube, ladder.rungs[:4])]
+            solved = list(climbed(tube, ladder.rungs[:4]))
+            found, of_meshes = [s.measures for s in solved], [fineness(s.problem) for s in solved]
             assert known.keys() <= found[0].keys()
             for k in range(first, 5):
-                bars = ladder.error_bars(found[:k])
+                bars = ladder.error_bars(found[:k], of_meshes[:k])
                 for key, reference in known.items():
                     judged += 1
                     error = abs(found[k - 1][key].value - reference.value)

@@ -17,6 +17,7 @@ from fem.accuracy.ladder import (
     NEGLIGIBLE,
     Ladder,
     Rung,
+    fineness,
     ladder_for,
     on_rung,
 )
@@ -241,7 +242,7 @@ def converge(
         values.append(last.measures)
         if number < _FOR_BARS:
             continue
-        errors = bars_of(ladder, values, last.steps)
+        errors = bars_of(ladder, values, [mesh["fineness"] for mesh in meshes], last.steps)
         if is_reached(_with_errors(last.measures, errors), targets, number):
             ended = "the requested accuracy"
             break
@@ -291,7 +292,10 @@ def _among(targets: Mapping[str, float], measures: Mapping[str, Measure]) -> dic
 
 
 def bars_of(
-    ladder: Ladder, found: Sequence[Mapping[str, Measure]], steps: Mapping[str, float]
+    ladder: Ladder,
+    found: Sequence[Mapping[str, Measure]],
+    of_meshes: Sequence[float],
+    steps: Mapping[str, float],
 ) -> dict[str, float]:
     """Error bars of the last of some meshes, with friction those of its load steps on top.
 
@@ -301,10 +305,12 @@ def bars_of(
         Whose first meshes they are.
     found
         Measures on each, at least two.
+    of_meshes
+        Fineness of each mesh.
     steps
         What half as many load steps change on the last, in the unit of each measure.
     """
-    bars = ladder.error_bars(found)
+    bars = ladder.error_bars(found, of_meshes)
     return {name: bar + steps.get(name, 0.0) for name, bar in bars.items()}
 
 
@@ -525,6 +531,7 @@ def _row(solved: Solved) -> dict[str, Any]:
     """What the answer says of a mesh, as plain data."""
     return {
         "degree": solved.rung.degree,
+        "fineness": fineness(solved.problem),
         "elements_per_block": solved.problem.blocks.shapes[0].mesh.n_elements,
         "unknowns": solved.unknowns,
         "cpu_seconds": solved.seconds,

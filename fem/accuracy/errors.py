@@ -5,23 +5,22 @@ change between them over R - 1. Changes may vanish by chance and coarse meshes n
 asymptotic range: so earlier meshes are asked too, the largest estimate counts, and a factor of
 safety comes on top (as in Roache's grid convergence index).
 
-Coarser meshes of a stated one have assumed factors (`error_bar`). Meshes of a ladder have the
-factor by which the last two changes fell, within bounds (`falling_bar`): changes that do not fall
-give a wide bar, and one small change after a large one is no convergence.
+Factors are those of the meshes: a power of the size of their elements, over the square of the
+degree in a sequence of growing degree (`sequence_bar`). Errors at edges fall so: the h-p-version
+converges by h over p² where a solution is not smooth.
 
-Reference: P. J. Roache, Perspective: a method for uniform reporting of grid refinement studies,
-J. Fluids Eng. 116 (1994) 405-413.
+References: P. J. Roache, Perspective: a method for uniform reporting of grid refinement studies,
+J. Fluids Eng. 116 (1994) 405-413; I. Babuška, M. Suri, The h-p version of the finite element method
+with quasiuniform meshes, ESAIM: M2AN 21 (1987) 199-238.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 #: Factor of safety; `tests/verification/error_bars.py` measures how often it suffices.
 SAFETY = 1.5
-#: Factor that errors are taken to fall by at most where changes alternate in sign.
-ALTERNATING = 2.0
 
 
 def error_bar(
@@ -47,35 +46,19 @@ def error_bar(
     return SAFETY * max(changes)
 
 
-class Falls(NamedTuple):
-    """Factors by which an error is taken to fall from one mesh of a ladder to the next."""
-
-    least: float
-    """Where changes fall by less, or nothing is known of them."""
-    most: float
-    """Where changes fall by more."""
-
-
-def falling_bar(values: Sequence[float], falls: Falls) -> float:
+def sequence_bar(values: Sequence[float], fineness: Sequence[float], rate: float) -> float:
     """Estimated error of the last of some values on finer and finer meshes.
 
-    With R the factor by which the last change is smaller than the one before, within bounds, it is
-    the safety times the larger of the last change over R - 1 and of the change over both meshes
-    over most² - 1. Changes of alternating sign are no sequence whose limit is known by its factor:
-    R is then at most `ALTERNATING`.
+    Both meshes before it are compared, so that one agreement by chance is no convergence.
 
     Parameters
     ----------
     values
         From the coarsest to the finest mesh, two or more.
-    falls
-        Bounds of R, more than 1.
+    fineness
+        Of each mesh: squared degree over the length of the shortest elements.
+    rate
+        Power of the fineness by which the error falls.
     """
-    change = values[-1] - values[-2]
-    if len(values) == 2:
-        return error_bar(values, [falls.least])
-    before = values[-2] - values[-3]
-    most = min(falls.most, ALTERNATING) if before * change < 0.0 else falls.most
-    seen = abs(before / change) if change else most
-    fall = min(max(seen, falls.least), most)
-    return error_bar(values[-3:], [falls.most**2, fall])
+    reductions = [(fineness[-1] / of) ** rate for of in fineness[-3:-1]]
+    return error_bar(values[-3:], reductions)

@@ -9,9 +9,9 @@ of few large elements. Where nothing else is requested, that ladder is taken. A 
 gains most with elements along and across a joint, a stress at an edge with those towards it: it has
 a ladder of its own.
 
-An error bar follows the factor by which changes fall (`fem.accuracy.errors.falling_bar`). Its
-bounds were chosen on problems that ``python -m tests.verification error-bars`` solves; which ones
-judge them is stated in docs/theory/measures.md and docs/trust/error-bars.md.
+An error bar compares meshes by their fineness (`fem.accuracy.errors.sequence_bar`). Rates were
+chosen on one half of the problems that ``python -m tests.verification error-bars`` solves, and
+judged on the other half: docs/trust/error-bars.md.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fem.accuracy.errors import Falls, falling_bar
+from fem.accuracy.errors import sequence_bar
 from fem.assembly.statement import Problem
 from geometry.answer import Measure
 from geometry.assembly import Assembly, AssemblyError
@@ -49,6 +49,8 @@ OF_FACETS = frozenset({"p_eff", "p_max", "p_max_facet"})
 SHARED = 0.3
 #: The same of means over facets, which elements in one direction alone may not change.
 SHARED_OF_FACETS = 0.1
+#: Power of the fineness of a mesh by which errors fall, and those of stresses at edges.
+_RATE, _RATE_AT_EDGES = 1.25, 1.0
 #: Stresses below this share of the largest one need no finer mesh [-].
 NEGLIGIBLE = 1e-3
 #: Elements along a wave at least.
@@ -96,8 +98,12 @@ class Ladder:
 
     rungs: tuple[Rung, ...]
 
-    def error_bars(self, found: Sequence[Mapping[str, Measure]]) -> dict[str, float]:
+    def error_bars(
+        self, found: Sequence[Mapping[str, Measure]], fineness: Sequence[float]
+    ) -> dict[str, float]:
         """Estimated errors of the measures of the last of its first two rungs or more.
+
+        Each rung has the `fineness` of its mesh.
 
         A value that a few elements decide has a bar of `SHARED` of the largest last change at
         least, relative to each value, of the displacement, p_eff and values of its kind, a mean
@@ -109,7 +115,7 @@ class Ladder:
         """
         last, before = found[-1], found[-2]
         bars = {
-            name: falling_bar([measures[name].value for measures in found], falls_of(name))
+            name: sequence_bar([measures[name].value for measures in found], fineness, _rate(name))
             for name in last
         }
         change = _largest_change(before, last)
@@ -138,13 +144,15 @@ def _largest_change(before: Mapping[str, Measure], last: Mapping[str, Measure]) 
     return max(changes, default=0.0)
 
 
-def falls_of(name: str) -> Falls:
-    """How the error of a measure falls from one rung to the next."""
-    if name in AT_EDGES:
-        return Falls(1.5, 2.0)
-    if name == "max_displacement":
-        return Falls(1.6, 2.3)
-    return Falls(1.6, 3.2) if name in OF_FACETS else Falls(1.6, 2.0)
+def _rate(name: str) -> float:
+    return _RATE_AT_EDGES if name in AT_EDGES else _RATE
+
+
+def fineness(problem: Problem) -> float:
+    """Squared degree over the mean length of the shortest elements of a block along its lines."""
+    charts = charts_of(problem.blocks.shapes[0])
+    shortest = [np.diff(line).min() for line in charts.lines]
+    return float(problem.degree**2 / np.cbrt(np.prod(shortest) / len(charts.elements)))
 
 
 #: Share of the extent of a face that coarse meshes keep at least; rounding of an extent.
@@ -209,6 +217,8 @@ def graded_to_one_end(n: int, grading: float) -> FloatArray:
 
 def graded_to_both_ends(n: int, grading: float) -> FloatArray:
     """Ends of n elements on [0, 1], by a hyperbolic tangent; its slopes' ratio is the grading."""
+    if grading == 1.0:
+        return np.linspace(0.0, 1.0, n + 1)
     x = np.arccosh(np.sqrt(grading)) * np.linspace(-1.0, 1.0, n + 1)
     result: FloatArray = 0.5 * (np.tanh(x) / np.tanh(x[-1]) + 1.0)
     return result

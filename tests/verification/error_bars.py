@@ -101,7 +101,8 @@ def default_answer(meshes: Sequence[Mapping[str, Any]]) -> tuple[int, dict[str, 
     """Number of the meshes after which `converge` stops, and the answer there."""
     history = [measured(mesh) for mesh in meshes]
     for n in range(2, len(meshes) + 1):
-        bars = bars_of(DEFAULT, history[:n], meshes[n - 1]["load_step_changes"])
+        of_meshes = [mesh["fineness"] for mesh in meshes[:n]]
+        bars = bars_of(DEFAULT, history[:n], of_meshes, meshes[n - 1]["load_step_changes"])
         remarks = growing(history[:n])
         answer = {
             name: replace(m, error=bars[name], remark=remarks.get(name, ""))
