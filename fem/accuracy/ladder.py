@@ -48,7 +48,7 @@ OF_FACETS = frozenset({"p_eff", "p_max", "p_max_facet"})
 #: Part of the largest last change that a local value is not known better than.
 SHARED = 0.3
 #: The same of means over facets, which elements in one direction alone may not change.
-SHARED_OF_FACETS = 0.1
+SHARED_OF_FACETS = 0.03
 #: Power of the fineness of a mesh by which errors fall, and those of stresses at edges.
 _RATE, _RATE_AT_EDGES = 1.25, 1.0
 #: Stresses below this share of the largest one need no finer mesh [-].

@@ -13,7 +13,9 @@ from itertools import pairwise
 
 import pytest
 
+from fem.accuracy.statics import solve_static
 from fem.measures import load_step_change
+from tests.verification.error_problems import PRESSED, exact_push, pushed_box
 from validation.run.friction_path import PAST_AND_BACK
 from validation.run.solve import run_explicit, run_static
 from validation.scene.read import load_scene
@@ -95,6 +97,17 @@ def verdict(runs):
 )
 def test_static_and_explicit_answers_meet_or_lie_in_the_set(case, expected):
     assert verdict(solved(*case)[0]) == expected
+
+
+def test_a_box_that_is_pushed_sideways_sticks_by_the_closed_form():
+    """Uniform pressure and shear, the elastic slip of the joint; any mesh contains the solution.
+
+    The solver leaves 1e-8 of the forces, and pressures follow the joint by its steep law.
+    """
+    found = solve_static(pushed_box(), mesh="scene", error_bars=False)
+    for name, value in exact_push().items():
+        scale = value if name == "max_displacement" else PRESSED
+        assert abs(found[name].value - value) < 1e-5 * scale, name
 
 
 def rows():
