@@ -10,7 +10,7 @@ import pytest
 
 from fem import Problem, concrete
 from fem.accuracy.converge import LEAST_MESHES, TARGETS, growing, is_reached
-from fem.accuracy.errors import SAFETY, sequence_bar
+from fem.accuracy.errors import OF_SEQUENCES, sequence_bar
 from fem.accuracy.ladder import (
     LADDER,
     PRESSURES,
@@ -45,12 +45,12 @@ def test_an_error_that_falls_by_the_rate_lies_within_its_bar_by_the_safety(
     """Whatever the meshes: errors of 7 over the fineness to the rate."""
     sizes = (1.0, 2.25, 3.0, 7.0, 8.0)[:n]
     values = [3.0 + 7.0 / size**rate for size in sizes]
-    assert sequence_bar(values, sizes, rate) == pytest.approx(SAFETY * (values[-1] - 3.0))
+    assert sequence_bar(values, sizes, rate) == pytest.approx(OF_SEQUENCES * (values[-1] - 3.0))
 
 
 def test_a_single_agreement_of_two_meshes_is_no_convergence() -> None:
     """The change before is remembered: it has fallen by the rate twice."""
-    assert sequence_bar([1.0, 2.0, 2.0], DOUBLED[:3], 1.0) == pytest.approx(SAFETY / 3.0)
+    assert sequence_bar([1.0, 2.0, 2.0], DOUBLED[:3], 1.0) == pytest.approx(OF_SEQUENCES / 3.0)
     assert sequence_bar([1.0, 1.0, 1.0], DOUBLED[:3], 1.0) == 0.0
     exact = {name: Measure(1.0, "MPa", error=0.0) for name in TARGETS}
     assert not is_reached(exact, TARGETS, LEAST_MESHES - 1)

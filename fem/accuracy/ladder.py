@@ -49,8 +49,8 @@ OF_FACETS = frozenset({"p_eff", "p_max", "p_max_facet"})
 SHARED = 0.3
 #: The same of means over facets, which elements in one direction alone may not change.
 SHARED_OF_FACETS = 0.03
-#: Power of the fineness of a mesh by which errors fall, and those of stresses at edges.
-_RATE, _RATE_AT_EDGES = 1.25, 1.0
+#: Power of the fineness of a mesh by which errors fall; of values that few elements decide.
+_RATE, _RATE_OF_FEW = 1.25, 1.0
 #: Stresses below this share of the largest one need no finer mesh [-].
 NEGLIGIBLE = 1e-3
 #: Elements along a wave at least.
@@ -145,7 +145,7 @@ def _largest_change(before: Mapping[str, Measure], last: Mapping[str, Measure]) 
 
 
 def _rate(name: str) -> float:
-    return _RATE_AT_EDGES if name in AT_EDGES else _RATE
+    return _RATE_OF_FEW if name in LOCAL or name in AT_EDGES else _RATE
 
 
 def fineness(problem: Problem) -> float:
