@@ -110,15 +110,33 @@ class LagrangeElement:
         MeshError
             An element that folds at one of the points.
         """
-        jacobian = coordinates.T @ at.slopes
+        jacobian, volumes = self._jacobians(coordinates[None], at)
+        return at.slopes @ np.linalg.inv(jacobian[0]), volumes[0]
+
+    def volumes(self, coordinates: FloatArray, at: TensorPoints) -> FloatArray:
+        """Volumes of points of elements, (n_elements, n_functions, 3) to (n, n_points) [mm³].
+
+        Raises
+        ------
+        MeshError
+            As `gradients`.
+        """
+        return self._jacobians(coordinates, at)[1]
+
+    def _jacobians(
+        self, coordinates: FloatArray, at: TensorPoints
+    ) -> tuple[FloatArray, FloatArray]:
+        n_points, n_functions, _ = at.slopes.shape
+        slopes = at.slopes.transpose(1, 0, 2).reshape(n_functions, -1)
+        products = np.swapaxes(coordinates, 1, 2).reshape(-1, n_functions) @ slopes
+        jacobian = products.reshape(len(coordinates), 3, n_points, 3).swapaxes(1, 2)
         determinant = np.linalg.det(jacobian)
         if not (determinant > 0.0).all():
             raise MeshError(
                 f"isoparametric element: Jacobian {determinant.min():.3g} mm³; expected positive "
                 "Jacobians: use more elements, or less grading"
             )
-        gradients = at.slopes @ np.linalg.inv(jacobian)
-        return gradients, determinant * at.weights
+        return jacobian, determinant * at.weights
 
     def stiffness(self, coordinates: FloatArray) -> FloatArray:
         """Stiffness of elements, (n_elements, n_functions, 3) to (n, 3 n_f, 3 n_f) [N/mm]."""

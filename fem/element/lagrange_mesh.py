@@ -206,9 +206,9 @@ def block_lumped_mass(mesh: LagrangeMesh, density: float) -> FloatArray:
     """
     element = LagrangeElement(mesh.degree, _NO_MATTER)
     mass = np.zeros(mesh.n_nodes)
-    for members in mesh.members:
-        _, volume = element.gradients(mesh.nodes[members], element.quadrature)
-        mass[members] += density * volume @ element.quadrature.values
+    for members in np.array_split(mesh.members, max(1, mesh.members.size // 4000)):
+        volumes = element.volumes(mesh.nodes[members], element.quadrature)
+        np.add.at(mass, members, density * volumes @ element.quadrature.values)
     if not (mass > 0.0).all():
         raise MeshError(
             f"elements of degree {mesh.degree}: node {int(mass.argmin())} would have no mass; "
