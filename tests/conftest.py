@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -16,6 +16,7 @@ from geometry.compilation import compiling
 from geometry.families.boxes import brick_stack
 from geometry.families.sine_block import TSB1, SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
+from tests.fixtures.commands import undrawn
 
 #: CPU seconds that a test marked ``quick`` may take, not counting what is compiled; one that takes
 #: longer is marked ``slow`` beside it.
@@ -72,6 +73,13 @@ def plain_ring() -> Assembly:
 def two_bricks() -> Assembly:
     """Two bricks, one on the other, between fixed bricks."""
     return brick_stack((100.0, 60.0, 50.0), (4, 3, 2), columns=1, layers=2)
+
+
+@pytest.fixture(name="undrawn")
+def _undrawn() -> Iterator[None]:
+    """Pictures of a command are empty files."""
+    with undrawn():
+        yield
 
 
 def random_rotation(seed: int) -> np.ndarray:

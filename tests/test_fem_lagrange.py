@@ -214,11 +214,11 @@ def test_two_independent_discretisations_agree(case: str, more: tuple[str, ...])
     Both converge to the same state; the trilinear one, extrapolated from its two meshes with an
     error in proportion to the size of an element, is known to the size of that extrapolation.
     """
-    answer = solve_static(curved(2, 2, *more, case=case))
+    answer = solve_static(curved(2, 1, *more, case=case))
     found = []
-    for around, radial, axial in ((24, 4, 8), (36, 6, 12)):
+    for around, radial, axial in ((24, 2, 8), (36, 3, 12)):
         mesh = (f"mesh.around={around}", f"mesh.radial={radial}", f"mesh.axial={axial}")
-        scene = deformable(f"tsb1-{case}", "assembly.layers=2", *mesh, *more)
+        scene = deformable(f"tsb1-{case}", "assembly.layers=1", *mesh, *more)
         found.append(run_static("trilinear", scene).solution.largest_displacement)
     step = 2.0 * abs(found[1] - found[0])
     measure = answer["max_displacement"]
@@ -229,14 +229,16 @@ def test_two_independent_discretisations_agree(case: str, more: tuple[str, ...])
 
 def test_the_change_of_degree_covers_the_error() -> None:
     """Degree two judged by degree three on the same elements."""
-    answer, reference = solve_static(curved(2)), solve_static(curved(3), error_bars=False)
+    coarse = ("mesh.radial=1", "mesh.axial=2")
+    answer = solve_static(curved(2, 1, *coarse))
+    reference = solve_static(curved(3, 1, *coarse), error_bars=False)
     for name, measure in answer.measures.items():
         assert measure.error is not None
         assert abs(measure.value - reference[name].value) < measure.error, name
 
 
 def test_a_cap_says_where_it_acted_and_lowers_the_peak() -> None:
-    mesh = ("mesh.around=12", "mesh.radial=2", "mesh.axial=4", "assembly.layers=1")
+    mesh = ("mesh.around=12", "mesh.radial=1", "mesh.axial=2", "assembly.layers=1")
 
     def answer(*settings: str):  # type: ignore[no-untyped-def]
         return run_static("tube", deformable("tsb1-pipe", *mesh, *settings)).answer.as_dict()

@@ -171,6 +171,7 @@ def scene(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("command", ["fem", "mbd"])
+@pytest.mark.usefixtures("undrawn")
 def test_a_scene_names_its_sections(command, scene, tmp_path, tubelock) -> None:  # noqa: F811
     data, out = tmp_path / "data.json", tmp_path / "out"
     status, shown, _ = tubelock(command, str(scene), "-o", str(out), "--json", str(data))

@@ -256,6 +256,7 @@ def test_a_full_disk_is_one_line(tubelock, monkeypatch) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_printed_times_count_error_bars_and_what_was_loaded(tubelock) -> None:
     """The stages add up to the total; the process has spent at least that."""
     settings = ("assembly.layers=1", "mesh.around=12", 'fem.mesh="scene"')

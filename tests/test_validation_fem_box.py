@@ -160,6 +160,7 @@ def test_copies_move_as_one_block_does() -> None:
         )
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_interrupted_and_continued_run_ends_in_the_same_bits(tubelock, monkeypatch) -> None:  # noqa: F811
     """Ctrl-C in the loop: status 130, a checkpoint, the remedy; then the same bits."""
     arguments = ["fem", "cantilever", "--set", "mesh.divisions=[8,2,2]", "--set", "fem.frames=0"]

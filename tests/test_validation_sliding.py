@@ -134,6 +134,7 @@ def test_random_motions_of_boxes_that_do_not_match_balance() -> None:
     assert np.abs(np.cross(position, force).sum(axis=0)).max() < 1e-12 * 150.0 * size
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_rigid_blocks_meet_where_a_search_finds_facets(tubelock) -> None:  # noqa: F811
     """Joints that do not match: a uniform pressure on each, to rounding, and the force of the load,
     which the static answer passes to its residual of 1e-8."""
@@ -162,6 +163,7 @@ def test_decks_of_joints_that_do_not_match(tubelock) -> None:  # noqa: F811
     assert tubelock("show", "column-nonmatching", "-o", "column.png")[0] == 0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_built_in_column_from_the_command_line(tubelock) -> None:  # noqa: F811
     files = ("-o", "run", "--json", "run.json")
     status, out, _ = tubelock("fem", "column-nonmatching", "--no-static-reference", *files)

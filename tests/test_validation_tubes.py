@@ -114,6 +114,7 @@ def test_json_and_files_of_a_static_tube(tubelock) -> None:  # noqa: F811
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("undrawn")
 def test_interrupted_tube_continues_to_the_same_bits(tubelock, monkeypatch) -> None:  # noqa: F811
     arguments = ["fem", "tsb1-pipe", *SETTINGS, "--set", "fem.method=explicit"]
     arguments += ["--set", "fem.sample_interval=20"]
