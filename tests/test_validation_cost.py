@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import re
+from copy import deepcopy
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,6 +51,8 @@ from validation.study.costs.plan import (
     quick_plan,
 )
 from validation.study.costs.settings import (
+    BaseMesh,
+    CostSetting,
     base_mesh,
     calculix_setting,
     curved_setting,
@@ -290,7 +294,24 @@ def small_plan(scene: AssemblyScene) -> CostPlan:
     return CostPlan(base, settings, extrapolated(base, (1, 2, 3)))
 
 
-def test_hit_gives_the_same_bits_and_no_new_run(tmp_path, monkeypatch) -> None:
+#: What was measured, by the type of the scene; its tests ask for one scene of each.
+_MEASURED: dict[tuple[type, CostSetting], dict[str, Any]] = {}
+
+
+def once(name: str, scene: AssemblyScene, base: BaseMesh, setting: CostSetting) -> dict[str, Any]:
+    """`measure` without its second run; what a test has measured serves the others."""
+    key = (type(scene), setting)
+    if key not in _MEASURED:
+        _MEASURED[key] = measure(name, scene, base, setting, repeats=1)
+    return deepcopy(_MEASURED[key])
+
+
+@pytest.fixture
+def measured_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cost, "measure", once)
+
+
+def test_hit_gives_the_same_bits_and_no_new_run(tmp_path, monkeypatch, measured_once) -> None:
     scene, store = tube(), CostStore(tmp_path / "cost.sqlite")
     plan = small_plan(scene)
     first = cost.run_cost("a", scene, plan, store)
@@ -346,7 +367,9 @@ def test_the_reference_is_curved_where_a_run_climbs_so_far() -> None:
 
 
 @pytest.mark.parametrize("name", ["thb0-tunnel", "planar-sine"])
-def test_other_families_are_measured_and_say_what_is_left_out(name, tmp_path) -> None:
+def test_other_families_are_measured_and_say_what_is_left_out(
+    name, tmp_path, measured_once
+) -> None:
     """Without a grading the reference of every quantity is extrapolated from plain meshes."""
     scene, store = other(name), CostStore(tmp_path / "cost.sqlite")
     left_out = dict(full_plan("a", scene).left_out).keys()
@@ -363,7 +386,7 @@ def test_other_families_are_measured_and_say_what_is_left_out(name, tmp_path) ->
     assert all(row.found["processor"] and row.found["date"] for row in found.rows)
 
 
-def test_degrees_judge_points_and_fields_where_there_is_no_ladder(tmp_path) -> None:
+def test_degrees_judge_points_and_fields_where_there_is_no_ladder(tmp_path, measured_once) -> None:
     """Of two degrees the higher is right, to 1.5 times the change; means over facets are not its.
 
     Trilinear blocks of the same mesh are further from it than it is uncertain.
@@ -449,17 +472,16 @@ def test_calculix_converges_to_what_we_find() -> None:
     assert all(fine < coarse for coarse, fine in apart.values())
 
 
-def test_killed_run_resumes_where_it_was(tmp_path, monkeypatch) -> None:
+def test_killed_run_resumes_where_it_was(tmp_path, monkeypatch, measured_once) -> None:
     scene, store = tube(), CostStore(tmp_path / "cost.sqlite")
     plan = small_plan(scene)
     done: list[str] = []
-    real = cost.measure
 
     def counted(name, scene, base, setting):
         if len(done) == 2:
             raise KeyboardInterrupt
         done.append(setting.name)
-        return real(name, scene, base, setting)
+        return once(name, scene, base, setting)
 
     with monkeypatch.context() as patch:
         patch.setattr(cost, "measure", counted)
@@ -479,12 +501,11 @@ def test_killed_run_resumes_where_it_was(tmp_path, monkeypatch) -> None:
 def test_a_setting_without_an_answer_is_told_and_the_rest_stands(tmp_path, monkeypatch) -> None:
     scene, store = tube(), CostStore(tmp_path / "cost.sqlite")
     plan = small_plan(scene)
-    real = cost.measure
 
     def broken(name, scene, base, setting):
         if setting.method == "rigid":
             raise InputError("went unstable")
-        return real(name, scene, base, setting)
+        return once(name, scene, base, setting)
 
     monkeypatch.setattr(cost, "measure", broken)
     found = cost.run_cost("a", scene, plan, store)

@@ -9,7 +9,7 @@ from validation.errors import InputError
 from validation.scene.read import load_scene
 from validation.study.effects.costs import bare, effect_costs
 
-TINY = ["assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4"]
+TINY = ["assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2"]
 
 
 def test_base_has_no_effect() -> None:
