@@ -14,6 +14,7 @@ from fem.assembly.statement import Motion
 from geometry import Answer, SineBlock, pipe, tube
 from mbd import analyse
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+from tests.test_validation_study import Here
 from validation import compare, cost, load_scene, plot, read_answer, sweep, write
 
 COARSE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 2}
@@ -168,11 +169,12 @@ def test_a_sweep_is_a_call(tmp_path: Path) -> None:
     ]
 
 
-def test_a_problem_is_swept_as_the_scene_that_states_it(problem) -> None:
+def test_a_problem_is_swept_as_the_scene_that_states_it(problem, monkeypatch) -> None:
     """From parameters, from a scene, and as a scene: one study, and its designs are problems."""
     block = SineBlock(
         height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
     )
+    monkeypatch.setattr("validation.study.run.LocalRunner", lambda study, _: Here(study))
     made = Problem(tube(block, layers=1, mesh=(12, 2, 2)), pipe(0.01), concrete)
     values = {"block.amplitude": [10.0, 20.0]}
     norm = {"rigid.norm": "pressure"}
