@@ -142,8 +142,10 @@ def _fem_run(study: Study, file: SceneFile) -> DeformableRun:
     from validation.run.accuracy import DEFAULT_TARGETS
     from validation.run.solve import run_as_asked
 
-    stated = {} if study.accuracy is None else dict.fromkeys(DEFAULT_TARGETS, study.accuracy)
-    return run_as_asked(file.name, file.scene, stated, dict.fromkeys(DEFAULT_TARGETS, RANKING))
+    ranking, stated = dict.fromkeys(DEFAULT_TARGETS, RANKING), study.accuracy
+    if isinstance(stated, float):
+        stated = dict.fromkeys(DEFAULT_TARGETS, stated)
+    return run_as_asked(file.name, file.scene, stated or {}, ranking)
 
 
 def _fem_results(study: Study, file: SceneFile) -> tuple[dict[str, Any], list[str]]:

@@ -27,7 +27,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-from geometry.answer import TITLES
+from geometry.answer import ALIASES, TITLES
 from geometry.errors import unreadable
 from validation.errors import InputError
 from validation.scene.builtin import builtin_text
@@ -102,9 +102,9 @@ class Study:
     """Data of the scene, settings applied."""
     parameters: tuple[tuple[str, tuple[Value, ...]], ...]
     """``section.key`` and its values, in the order of the file."""
-    accuracy: float | None = None
-    """Requested relative error bars of the measures of deformable designs [-]; None: `RANKING`,
-    within a limit of work."""
+    accuracy: float | Mapping[str, float] | None = None
+    """Requested relative error bars of deformable designs [-], the same for the default measures
+    or by measure; None: `RANKING`, within a limit of work."""
     reads: tuple[Path, ...] = ()
     """Files that say what the study is: its own and that of its scene."""
 
@@ -322,9 +322,9 @@ def _values(place: str, given: Any) -> tuple[Value, ...]:
     return tuple(given)
 
 
-def _accuracy(name: str, given: Any, quantity: Quantity) -> float:
+def _accuracy(name: str, given: Any, quantity: Quantity) -> float | dict[str, float]:
     """Read the error bars that a study requests of its deformable designs."""
-    share = parse_share(given)
+    share = _shares(given) if isinstance(given, Mapping) else parse_share(given)
     if quantity != "fem":
         raise InputError(
             f"{name}: accuracy: rigid designs have no error bars; remove the key, or write "
@@ -332,9 +332,21 @@ def _accuracy(name: str, given: Any, quantity: Quantity) -> float:
         )
     if share is None:
         raise InputError(
-            f'{name}: accuracy: got {given!r}, expected a share between 0 and 1, e.g. "10%"'
+            f'{name}: accuracy: got {given!r}, expected a share between 0 and 1, e.g. "10%", or '
+            f'such shares by measure, e.g. {{ p_eff = "10%" }}: {", ".join(("u", *TITLES))}'
         )
     return share
+
+
+def _shares(given: Mapping[str, Any]) -> dict[str, float] | None:
+    """Read shares by measure; None where a name or a share is wrong, or none is given."""
+    result: dict[str, float] = {}
+    for name, value in given.items():
+        measure, share = ALIASES.get(name, name), parse_share(value)
+        if measure not in TITLES or measure in result or share is None:
+            return None
+        result[measure] = share
+    return result or None
 
 
 def value_text(value: Value) -> str:
