@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
+from geometry.parts.dimensions import dimensions
 from validation.errors import InputError
 from validation.scene.read import SceneFile
 from validation.scene.sections import RigidSection
 from validation.scene.usage import recording, uncounted
-from validation.study.study import RANKING, Study, Value
+from validation.study.study import BUILT, COLUMNS, RANKING, Study, Value
 
 if TYPE_CHECKING:
     from validation.build.blocks import BuiltScene
@@ -129,7 +131,11 @@ def _rigid_results(file: SceneFile) -> dict[str, Any]:
         "n_blocks": result.n_blocks,
         "n_contacts": result.n_contacts,
         "iterations": result.equilibrium.iterations,
+        **_built(dimensions(run.assembly).as_json()),
     }
+    if file.scene.material is not None and file.scene.material.compressive_strength is not None:
+        crushing = run.answer.measures.get("crushing_factor")
+        found["crushing_factor"] = None if crushing is None else crushing.value
     measures = run.carried.measures
     names = ("effective_count_percent", "effective_area_percent", "p_eff", "p_eff_pooled", "p_max")
     for name in names:
@@ -137,15 +143,23 @@ def _rigid_results(file: SceneFile) -> dict[str, Any]:
     return found
 
 
+def _built(report: Mapping[str, Any]) -> dict[str, Any]:
+    """What is built, from the dimensions of an answer."""
+    return {name: report.get(name) for name in BUILT}
+
+
 def _fem_run(study: Study, file: SceneFile) -> DeformableRun:
     """Solve a design as `tubelock fem` does: on finer and finer meshes, or on its own."""
     from validation.run.accuracy import DEFAULT_TARGETS
-    from validation.run.solve import run_as_asked
+    from validation.run.solve import run_as_asked, with_factors
 
     ranking, stated = dict.fromkeys(DEFAULT_TARGETS, RANKING), study.accuracy
     if isinstance(stated, float):
         stated = dict.fromkeys(DEFAULT_TARGETS, stated)
-    return run_as_asked(file.name, file.scene, stated or {}, ranking)
+    run = run_as_asked(file.name, file.scene, stated or {}, ranking)
+    material = file.scene.material
+    strengths = material is not None and (material.tensile_strength, material.compressive_strength)
+    return with_factors(run) if strengths and any(strengths) else run
 
 
 def _fem_results(study: Study, file: SceneFile) -> tuple[dict[str, Any], list[str]]:
@@ -159,6 +173,8 @@ def _fem_results(study: Study, file: SceneFile) -> tuple[dict[str, Any], list[st
     measures, result = run.answer.measures, dict[str, Any]()
     named: dict[str, list[str]] = {}
     for name, measure in measures.items():
+        if name not in COLUMNS["fem"]:
+            continue
         if measure.remark:
             named.setdefault(measure.remark, []).append(name)
         usable = measure.resolved and not measure.remark
@@ -170,6 +186,7 @@ def _fem_results(study: Study, file: SceneFile) -> tuple[dict[str, Any], list[st
         "residual": run.solution.residual,
         "energy_balance": run.solution.energy_balance,
         "n_elements": run.solution.deformable.model.n_elements,
+        **_built(run.answer.report["dimensions"]),
     }
     remarks = [f"{', '.join(names)}: {remark}" for remark, names in named.items()]
     return result, [*reached_rows(measures, missed), *remarks]

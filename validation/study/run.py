@@ -81,8 +81,11 @@ def sweep(
     *,
     retry_failed: bool = False,
     on_row: Callable[[Row], None] | None = None,
+    numbers: Iterator[int] | None = None,
 ) -> Tally:
     """Compute the designs that the result file lacks, and write each row when it is there.
+
+    ``numbers`` are the designs to compute, asked for one by one; None: all.
 
     Raises
     ------
@@ -96,7 +99,8 @@ def sweep(
     with results.alone():
         # Another process may have added rows before this one was alone.
         done = results.done(failed_too=not retry_failed)
-        missing = (number for number, there in enumerate(done) if not there)
+        asked = range(len(done)) if numbers is None else numbers
+        missing = (number for number in asked if not done[number])
         with closing(runner.rows(missing)) as rows:
             for row in rows:
                 results.add(row)

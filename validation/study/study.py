@@ -27,8 +27,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-from geometry.answer import ALIASES, TITLES
+from geometry.answer import ALIASES, FACTORS, TITLES
 from geometry.errors import unreadable
+from geometry.parts.dimensions import UNITS as DIMENSIONS
 from validation.errors import InputError
 from validation.scene.builtin import builtin_text
 from validation.scene.deformable import parse_share
@@ -40,6 +41,8 @@ Quantity = Literal["rigid", "fem"]
 Value = Any
 """A value of a scene: number, string, boolean or a list of them."""
 
+#: What is built, of every design.
+BUILT = ("volume", "least_wall", "steepest_joint")
 #: Columns of each kind of answer, with their SQLite types.
 COLUMNS: dict[Quantity, dict[str, str]] = {
     "rigid": {
@@ -51,12 +54,15 @@ COLUMNS: dict[Quantity, dict[str, str]] = {
         "p_eff": "REAL",
         "p_eff_pooled": "REAL",
         "p_max": "REAL",
+        "crushing_factor": "REAL",
+        **dict.fromkeys(BUILT, "REAL"),
         "n_blocks": "INTEGER",
         "n_contacts": "INTEGER",
         "iterations": "INTEGER",
     },
     "fem": {
-        **{name: "REAL" for measure in TITLES for name in (measure, f"{measure}_error")},
+        **{name: "REAL" for of in (*TITLES, *FACTORS) for name in (of, f"{of}_error")},
+        **dict.fromkeys(BUILT, "REAL"),
         "residual": "REAL",
         "energy_balance": "REAL",
         "n_elements": "INTEGER",
@@ -74,6 +80,7 @@ UNITS = {
     "effective_count_percent": "%",
     "effective_area_percent": "%",
     "cpu_seconds": "s",
+    **{name: DIMENSIONS[name] for name in BUILT},
 }
 #: Relative error bars of deformable designs where the study states none [-]: enough to rank them.
 RANKING = 0.1
@@ -87,7 +94,7 @@ _MOST_VALUES = 100_000
 #: Values of one parameter that are tried before a study begins.
 _MOST_TRIED = 500
 #: Most designs of one study, and the CPU time of the quickest ones [s].
-_MOST_DESIGNS, _QUICKEST_DESIGN = 10_000_000, 0.05
+MOST_DESIGNS, _QUICKEST_DESIGN = 10_000_000, 0.05
 
 
 @dataclass(frozen=True)
@@ -262,7 +269,7 @@ def check_study(
         if not isinstance(data.get(section, {}), dict):
             raise InputError(f"{name}: [{section}]: expected a section of section.key = values")
     parameters = tuple(
-        (path, _values(f"{name}: {path}", given))
+        (path, parameter_values(f"{name}: {path}", given))
         for path, given in _flat(data.get("parameters", {}), ())
     )
     if not parameters:
@@ -304,7 +311,7 @@ def _flat(data: Mapping[str, Any], above: tuple[str, ...]) -> Iterator[tuple[str
             yield ".".join(place), value
 
 
-def _values(place: str, given: Any) -> tuple[Value, ...]:
+def parameter_values(place: str, given: Any) -> tuple[Value, ...]:
     """Values of a parameter, from a list or a range."""
     if _is_range(given):
         return _range(place, given)
@@ -413,13 +420,13 @@ def _assignments(values: Mapping[str, Value]) -> list[str]:
 
 def _check_count(study: Study) -> None:
     """Refuse a study that nobody lives to see the end of."""
-    if study.n_designs <= _MOST_DESIGNS:
+    if study.n_designs <= MOST_DESIGNS:
         return
     counts = " × ".join(str(len(values)) for _, values in study.parameters)
     years = study.n_designs * _QUICKEST_DESIGN / (365.0 * 86400.0)
     raise InputError(
         f"{study.name}: got {counts} = {study.n_designs:.2g} designs, some {years:.2g} CPU years "
-        f"at {_QUICKEST_DESIGN:g} CPU s each; expected at most {_MOST_DESIGNS:.0e}: take fewer "
+        f"at {_QUICKEST_DESIGN:g} CPU s each; expected at most {MOST_DESIGNS:.0e}: take fewer "
         "values ([parameters]), or larger steps"
     )
 

@@ -1,0 +1,1 @@
+"""Which block to build: what matters (`sensitivity`), and the best design (`search`)."""

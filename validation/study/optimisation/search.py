@@ -1,0 +1,397 @@
+"""The search itself: optuna asks for designs, the engine of studies computes them, rows are told.
+
+optuna: ask and tell, whole and real variables, limits and two measures in one well-kept library.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from validation.errors import InputError
+from validation.study.design import Row, run_design
+from validation.study.optimisation.statement import Limit, Optimisation
+from validation.study.run import DaskRunner, LocalRunner, Runner, Tally, sweep
+from validation.study.store import ResultFile
+from validation.study.study import Study
+
+Places = tuple[int, ...]
+#: Measures of which the least value is the worst one.
+_LEAST_COUNTS = ("cracking_factor", "crushing_factor", "least_wall")
+#: Designs at random before the sampler learns, and those that all fail before a search ends.
+_STARTS, _ALL_FAILED = 10, 20
+#: Times that the sampler may ask again for known designs before the nearest new one is taken.
+_REPEATS = 20
+
+
+@dataclass(frozen=True)
+class Point:
+    """One design with the worst of its cases."""
+
+    places: Places
+    """Place of each variable's value in its list."""
+    row: dict[str, Any]
+    """Columns of its rows: of each measure the worst case; ``status`` and ``message``."""
+    excess: tuple[float, ...]
+    """By how much each limit is exceeded [-]; 0: it is met."""
+
+    @property
+    def failed(self) -> bool:
+        """Whether nothing could be computed."""
+        return bool(self.row["status"] == "failed")
+
+    @property
+    def feasible(self) -> bool:
+        """Whether it was computed and meets all limits."""
+        return not self.failed and not any(self.excess)
+
+    def scores(self, measures: Iterable[str]) -> tuple[float, ...] | None:
+        """Values to minimise; None where there are none."""
+        values = tuple(self.row.get(name) for name in measures)
+        return None if self.failed or None in values else tuple(map(float, values))  # type: ignore[arg-type]
+
+
+def worst_of(rows: list[Mapping[str, Any]]) -> dict[str, Any]:
+    """Worst value of each column over the cases of a design, with its own error bar.
+
+    A case that failed or lacks a value leaves none.
+    """
+    failed = next((row for row in rows if row["status"] == "failed"), None)
+    result = dict(rows[0] if failed is None else failed)
+    if failed is not None or len(rows) == 1:
+        return result
+    for name in result:
+        values = [row[name] for row in rows]
+        if name.endswith("_error") or not all(isinstance(v, int | float | None) for v in values):
+            continue
+        if None in values:
+            result |= {name: None} | ({f"{name}_error": None} if f"{name}_error" in result else {})
+            continue
+        of = (min if name in _LEAST_COUNTS else max)(range(len(rows)), key=lambda k: values[k])
+        result[name] = values[of]
+        if f"{name}_error" in result:
+            result[f"{name}_error"] = rows[of][f"{name}_error"]
+    mechanisms = {row.get("mechanism") for row in rows} - {"locked"}
+    if "mechanism" in result and mechanisms:
+        result["mechanism"] = mechanisms.pop()
+    result["message"] = "; ".join(dict.fromkeys(r["message"] for r in rows if r["message"]))
+    return result
+
+
+class SerialRunner:
+    """Computes designs in this process, one after another."""
+
+    def __init__(self, study: Study) -> None:
+        self.study = study
+
+    def rows(self, numbers: Iterable[int]) -> Generator[Row, None, None]:
+        """Rows in the order of the numbers."""
+        for number in numbers:
+            yield run_design(self.study, number)
+
+
+@dataclass
+class Search:
+    """A search under way: what is known, and which design comes next."""
+
+    stated: Optimisation
+    points: dict[Places, Point] = field(default_factory=dict)
+    """Designs whose cases are all computed, in the order in which they were."""
+    _rows: dict[int, Mapping[str, Any]] = field(default_factory=dict)
+    _asked: dict[Places, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        optuna = _optuna()
+        sampler = optuna.samplers.TPESampler(
+            seed=self.stated.seed,
+            n_startup_trials=_STARTS,
+            multivariate=True,
+        )
+        self._space = {
+            path: optuna.distributions.IntDistribution(0, len(values) - 1)
+            for path, values in self.stated.variables
+        }
+        self._study = optuna.create_study(
+            sampler=sampler, directions=["minimize"] * len(self.stated.measures)
+        )
+
+    # ------------------------------------------------------------------------------------------
+
+    def remember(self, rows: Iterable[Mapping[str, Any]]) -> None:
+        """Take in rows of an earlier run."""
+        for row in rows:
+            self.take(row)
+
+    def take(self, row: Mapping[str, Any]) -> Point | None:
+        """Take in a row; returns its design when all of its cases are there."""
+        self._rows[row["number"]] = row
+        places = self.stated.places(row["number"])
+        numbers = self.stated.numbers(places)
+        if places in self.points or not all(number in self._rows for number in numbers):
+            return None
+        of = worst_of([self._rows[number] for number in numbers])
+        excess = (
+            ()
+            if of["status"] == "failed"
+            else tuple(limit.excess(of) for limit in self.stated.limits)
+        )
+        point = Point(places, of, excess)
+        self.points[places] = point
+        self._tell(point)
+        return point
+
+    def _tell(self, point: Point) -> None:
+        """Tell the sampler; a design without an answer exceeds every limit."""
+        trial = self._asked.pop(point.places, None)
+        scores, constraints = self._lesson(point)
+        if trial is not None:
+            self._end(trial, scores, constraints)
+        elif scores is not None:
+            told = _optuna().trial.create_trial(
+                params=dict(zip(self._space, point.places, strict=True)),
+                distributions=self._space,
+                values=list(scores),
+                constraints=constraints,
+            )
+            self._study.add_trial(told)
+
+    def _lesson(self, point: Point) -> tuple[tuple[float, ...] | None, dict[str, float]]:
+        """Values and excess over the limits that the sampler learns from a design.
+
+        One without values counts as the worst one known, outside the limits.
+        """
+        scores = point.scores(self.stated.measures)
+        excess = point.excess if scores is not None else (1.0,) * len(self.stated.limits)
+        names = [limit.name for limit in self.stated.limits]
+        constraints = dict(zip(names, excess, strict=False)) | {"answer": float(scores is None)}
+        if scores is None:
+            known = [p.scores(self.stated.measures) for p in self.points.values()]
+            answered = [s for s in known if s is not None]
+            scores = tuple(map(max, zip(*answered, strict=True))) if answered else None
+        return scores, constraints
+
+    def _end(
+        self, trial: Any, scores: tuple[float, ...] | None, constraints: Mapping[str, float]
+    ) -> None:
+        """End a trial of the sampler; without values it has failed."""
+        for name, value in constraints.items():
+            trial.set_constraint(name, value)
+        if scores is None:
+            self._study.tell(trial, state=_optuna().trial.TrialState.FAIL)
+        else:
+            self._study.tell(trial, list(scores))
+
+    def numbers(self) -> Iterator[int]:
+        """Designs of the study to compute next, all cases of one point together."""
+        while (places := self._next()) is not None:
+            for number in self.stated.numbers(places):
+                if number not in self._rows:
+                    yield number
+
+    def _next(self) -> Places | None:
+        """Next point; None where the evaluations are spent or all designs are known."""
+        if len(self.points) + len(self._asked) >= min(self.stated.evaluations, self._count):
+            return None
+        self._stop_where_all_fail()
+        for _ in range(_REPEATS):
+            trial = self._study.ask(self._space)
+            places = tuple(trial.params[path] for path in self._space)
+            if places not in self.points and places not in self._asked:
+                self._asked[places] = trial
+                return places
+            known = self.points.get(places)
+            self._end(trial, *((None, {}) if known is None else self._lesson(known)))
+        best = [p.places for p in self.feasible[:1]]
+        places = self._nearest_new(best[0] if best else places)
+        self._asked[places] = None
+        return places
+
+    @property
+    def _count(self) -> int:
+        """Designs that there are."""
+        return self.stated.study.n_designs // self.stated.n_cases
+
+    def _nearest_new(self, places: Places) -> Places:
+        """Design nearest to one that is known already, by steps of the lists."""
+        rim, seen = [places], {places}
+        sizes = [len(values) for _, values in self.stated.variables]
+        for at in rim:
+            if at not in self.points and at not in self._asked:
+                return at
+            for axis, size in enumerate(sizes):
+                for step in (-1, 1):
+                    near = (*at[:axis], at[axis] + step, *at[axis + 1 :])
+                    if 0 <= near[axis] < size and near not in seen:
+                        seen.add(near)
+                        rim.append(near)
+        return places
+
+    def _stop_where_all_fail(self) -> None:
+        if len(self.points) >= _ALL_FAILED and all(p.failed for p in self.points.values()):
+            raise no_design(self)
+
+    # ------------------------------------------------------------------------------------------
+
+    @property
+    def feasible(self) -> list[Point]:
+        """Designs that meet all limits, the least first measure first."""
+        measures = self.stated.measures
+        result = [p for p in self.points.values() if p.feasible and p.scores(measures) is not None]
+        return sorted(result, key=lambda p: (p.scores(measures), p.places))
+
+    @property
+    def best(self) -> list[Point]:
+        """The Pareto front; of one measure the designs with the least value."""
+        return front(self.feasible, self.stated.measures)
+
+    @property
+    def finalists(self) -> list[Point]:
+        """Designs that are judged again: the front first, evenly along it, then the next ones."""
+        count, best = self.stated.finalists, self.best
+        if len(self.stated.measures) == 2 and len(best) > count > 1:
+            return [best[round(k * (len(best) - 1) / (count - 1))] for k in range(count)]
+        others = [p for p in self.feasible if p not in best]
+        return [*best, *others][:count]
+
+
+def front(points: list[Point], measures: tuple[str, ...]) -> list[Point]:
+    """Points that no other one beats in one measure without loss in the others."""
+    scores = {p.places: p.scores(measures) for p in points}
+
+    def beaten(mine: tuple[float, ...]) -> bool:
+        return any(
+            other != mine and all(o <= m for o, m in zip(other, mine, strict=True))
+            for other in scores.values()
+            if other is not None
+        )
+
+    return [p for p in points if not beaten(scores[p.places] or ())]
+
+
+def run_search(
+    search: Search,
+    results: ResultFile,
+    runner: Runner,
+    on_point: Callable[[], None] | None = None,
+) -> Tally:
+    """Compute designs until the evaluations are spent; rows that the file holds count.
+
+    Raises
+    ------
+    InputError
+        Where no design can be computed or meets the limits: with the nearest one.
+    """
+    search.remember(results.rows())
+
+    def take(row: Row) -> None:
+        point = search.take(row.parameters | row.results | vars(row))
+        if on_point is not None and point is not None:
+            on_point()
+
+    tally = sweep(results, runner, on_row=take, numbers=search.numbers())
+    if not search.feasible:
+        raise no_design(search)
+    return tally
+
+
+def no_design(search: Search) -> InputError:
+    """One line: what stands against every design, and the nearest that can be met."""
+    stated, points = search.stated, list(search.points.values())
+    name, computed = stated.study.name, [p for p in points if not p.failed]
+    if not computed:
+        words = f"{name}: none of {len(points)} designs can be computed; the first: "
+        return InputError(words + f"{points[0].row['message']}; expected other [variables]")
+    answered = [p for p in computed if p.scores(stated.measures) is not None]
+    if not answered:
+        return InputError(
+            f"{name}: none of {len(computed)} designs has {' and '.join(stated.measures)}: "
+            "the load is not carried, or the mesh does not resolve it"
+        )
+    nearest = min(answered, key=lambda p: (sum(p.excess), p.places))
+    met = [limit.words for limit, e in zip(stated.limits, nearest.excess, strict=True) if e > 0.0]
+    at = ", ".join(
+        f"{path} = {value:g}" if isinstance(value, float) else f"{path} = {value}"
+        for path, value in stated.values(nearest.places).items()
+    )
+    return InputError(
+        f"{name}: none of {len(answered)} designs meets {' and '.join(met)}; the nearest has "
+        f"{', '.join(_value_words(limit, nearest.row) for limit in _unmet(stated, nearest))} ({at})"
+    )
+
+
+def _unmet(stated: Optimisation, point: Point) -> list[Limit]:
+    return [limit for limit, e in zip(stated.limits, point.excess, strict=True) if e > 0.0]
+
+
+def _value_words(limit: Limit, row: Mapping[str, Any]) -> str:
+    if limit.name == "locked":
+        return f"mechanism {row['mechanism']}"
+    value = row[limit.name]
+    return f"{limit.name} {'no value' if value is None else f'{value:.5g}'}"
+
+
+def judged(search: Search, results: ResultFile, runner: Runner) -> list[Point]:
+    """Compute the finalists with the answer that decides, best first; failed ones last."""
+    stated = search.stated
+    wanted = [p.places for p in search.finalists]
+    numbers = [number for places in wanted for number in stated.numbers(places)]
+    sweep(results, runner, numbers=iter(numbers))
+    rows = {row["number"]: row for row in results.rows()}
+    points = [
+        Point(places, worst_of([rows[n] for n in stated.numbers(places)]), ()) for places in wanted
+    ]
+    return sorted(
+        points, key=lambda p: (p.scores(stated.measures) is None, p.scores(stated.measures) or ())
+    )
+
+
+def _optuna() -> Any:
+    try:
+        import optuna
+    except ImportError:
+        raise InputError(
+            "optimise: needs the library optuna: pip install 'tubelock[optimise]'"
+        ) from None
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    return optuna
+
+
+def runner_for(study: Study, workers: int = 1, scheduler: str | None = None) -> Runner:
+    """Where designs are computed: this process, several of this machine, or a Dask cluster."""
+    if scheduler is not None:
+        return DaskRunner(study, scheduler)
+    return SerialRunner(study) if workers == 1 else LocalRunner(study, workers)
+
+
+def optimise(
+    stated: Optimisation,
+    path: Path,
+    final_path: Path,
+    runner: Callable[[Study], Runner],
+    progress: Callable[[str], None] | None = None,
+) -> tuple[Search, list[Point]]:
+    """Search, and judge the last few designs again; rows are kept in two files of results.
+
+    Raises
+    ------
+    InputError
+        A file of another search, or no design that can be computed or meets the limits.
+    """
+    search = Search(stated)
+
+    def tell() -> None:
+        if progress is not None:
+            best = search.feasible[:1]
+            scores = best[0].scores(stated.measures) if best else None
+            least = "none within the limits yet" if scores is None else f"best {scores[0]:.4g}"
+            words = f"{stated.study.name}: {len(search.points)} of {stated.evaluations}"
+            progress(f"{words}, {least}")
+
+    with ResultFile(path, stated.study) as results:
+        run_search(search, results, runner(stated.study), tell)
+    if stated.judge is None:
+        return search, []
+    with ResultFile(final_path, stated.judge) as results:
+        return search, judged(search, results, runner(stated.judge))

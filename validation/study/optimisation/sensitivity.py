@@ -1,0 +1,457 @@
+"""`tubelock sensitivity`: difference quotients of the measures, with their errors.
+
+Both sides of a difference have the same mesh. The error of a quotient is the change from the
+double step; of deformable blocks the change from the coarser mesh is added. Whole numbers, and
+values that no small step can change, go by whole steps: their error is half of the difference
+between the quotients of both sides.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import Any, Literal
+
+from rich.console import Console
+
+from geometry.answer import EVERY_TITLE, Measure
+from geometry.errors import RefusedError
+from validation.errors import InputError
+from validation.output.console import listing
+from validation.output.files import write_csv
+from validation.output.pictures.gallery import save_figure, subplots
+from validation.output.pictures.scales import BLUE, VERMILION
+from validation.scene.keys.docstrings import field_docstrings
+from validation.scene.keys.quantities import unit_of
+from validation.scene.read import SceneFile, require_deformable
+from validation.study.combinations import answer_to
+
+Method = Literal["rigid", "fem"]
+Values = dict[str, Measure]
+#: Measures in the order of the table.
+_MEASURES = (
+    "p_max",
+    "p_eff",
+    "sigma_1_averaged",
+    "max_displacement",
+    "cracking_factor",
+    "crushing_factor",
+    "volume",
+)
+#: Whose place says that a measure's maximum has moved.
+_PLACED = {"p_max": "p_max_facet"}
+#: Sections whose numbers are parameters unless others are named; strengths alone matter to rigid
+#: blocks of the material.
+_SECTIONS = {"rigid": ("block", "assembly"), "fem": ("block", "assembly", "material")}
+_RIGID_MATERIAL = ("compressive_strength",)
+#: Numbers of [material] that no static answer depends on.
+_NOT_STATIC = ("density",)
+#: Steps of values that small steps cannot change, the first that makes a tube.
+_WHOLE_STEPS = (0.5, 1.0)
+#: A place has moved by more than this part of its radius or a block's size [-].
+_MOVED = 0.05
+#: Rounding of a measure, relative [-].
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Slope:
+    """Derivative of one measure with respect to one parameter."""
+
+    parameter: str
+    value: float
+    """Of the parameter in the scene."""
+    unit: str
+    """Of the parameter; empty where it has none."""
+    step: float
+    """Half of the difference of both sides, in the unit of the parameter."""
+    measure: str
+    base: float
+    """Of the measure in the scene."""
+    measure_unit: str
+    derivative: float
+    """In the unit of the measure over that of the parameter."""
+    error: float
+    """Of the derivative."""
+    remark: str
+    """Where the maximum changes place, or one side has no answer."""
+
+    @property
+    def elasticity(self) -> float:
+        """Relative change of the measure over that of the parameter [-]; NaN where one is 0."""
+        return self.derivative * self.value / self.base if self.value and self.base else math.nan
+
+    @property
+    def elasticity_error(self) -> float:
+        """Error of `elasticity` [-]."""
+        return abs(self.error * self.value / self.base) if self.value and self.base else math.nan
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Derivatives of all measures of a scene."""
+
+    name: str
+    method: Method
+    slopes: tuple[Slope, ...]
+    failed: Mapping[str, str]
+    """Parameters without a derivative, and why."""
+
+    def print(self, console: Console) -> None:
+        """Print one row for each measure and parameter, the largest elasticity first."""
+        heads = ("parameter", "value", "step", "derivative", "elasticity", "remark")
+        for measure in dict.fromkeys(s.measure for s in self.slopes):
+            of = self.of(measure)
+            unit = of[0].measure_unit
+            title = EVERY_TITLE[measure].words if measure in EVERY_TITLE else measure
+            words = f"{self.name} ({self.method}): {title} = {of[0].base:.5g} {unit}"
+            table = listing(words, *heads[:1], numbers=heads[1:5])
+            table.add_column(heads[5])
+            for slope in of:
+                unit_words = f" {slope.unit}" if slope.unit else ""
+                table.add_row(
+                    slope.parameter,
+                    f"{slope.value:g}{unit_words}",
+                    f"± {slope.step:.3g}",
+                    _with_error(slope.derivative, slope.error),
+                    "–"
+                    if math.isnan(slope.elasticity)
+                    else _with_error(slope.elasticity, slope.elasticity_error),
+                    slope.remark,
+                )
+            console.print(table)
+        for parameter, why in self.failed.items():
+            console.print(f"{parameter}: no derivative: {why}")
+
+    def of(self, measure: str) -> list[Slope]:
+        """Slopes of one measure, the largest elasticity first; those without one last."""
+        result = [slope for slope in self.slopes if slope.measure == measure]
+        without = [s for s in result if math.isnan(s.elasticity)]
+        having = [s for s in result if not math.isnan(s.elasticity)]
+        return [*sorted(having, key=lambda s: -abs(s.elasticity)), *without]
+
+    def write(self, path: Path) -> None:
+        """Write all numbers as CSV."""
+        rows = [
+            (*asdict(slope).values(), slope.elasticity, slope.elasticity_error)
+            for slope in self.slopes
+        ]
+        heads = (*Slope.__dataclass_fields__, "elasticity", "elasticity_error")
+        write_csv(path, heads, rows)
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain data."""
+
+        def number(value: float) -> float | None:
+            return value if math.isfinite(value) else None
+
+        return {
+            "scene": self.name,
+            "method": self.method,
+            "slopes": [
+                asdict(s)
+                | {
+                    "elasticity": number(s.elasticity),
+                    "elasticity_error": number(s.elasticity_error),
+                }
+                for s in self.slopes
+            ],
+            "failed": dict(self.failed),
+        }
+
+    def draw(self, path: Path) -> None:
+        """Draw a tornado of elasticities for each measure, with error bars."""
+        measures = list(dict.fromkeys(s.measure for s in self.slopes))
+        figure, axes = subplots(1, len(measures), size=(4.2 * len(measures), 4.2), squeeze=False)
+        for panel, measure in zip(axes.flat, measures, strict=True):
+            of = [s for s in reversed(self.of(measure)) if math.isfinite(s.elasticity)]
+            values = [s.elasticity for s in of]
+            panel.barh(
+                [s.parameter.partition(".")[2] for s in of],
+                values,
+                xerr=[s.elasticity_error for s in of],
+                color=[VERMILION if v > 0.0 else BLUE for v in values],
+                capsize=3,
+            )
+            panel.axvline(0.0, color="black", linewidth=0.8)
+            panel.set_title(measure, loc="left")
+            panel.set_xlabel("elasticity [-]")
+            panel.grid(alpha=0.3, axis="x")
+        figure.suptitle(f"{self.name}: what matters ({self.method} blocks)", x=0.02, ha="left")
+        save_figure(figure, path)
+
+    def __repr__(self) -> str:
+        """Return a line for each derivative."""
+        return "\n".join(
+            f"d {s.measure} / d {s.parameter} = {_with_error(s.derivative, s.error)}"
+            + (f" ({s.remark})" if s.remark else "")
+            for s in self.slopes
+        )
+
+
+def _with_error(value: float, error: float) -> str:
+    """Value and error with the digits that the error leaves."""
+    if not error > 0.0:
+        return f"{value:.4g}"
+    digits = max(0, 1 - math.floor(math.log10(error)))
+    if digits > 6:
+        return f"{value:.3g} ± {error:.1g}"
+    return f"{value:.{digits}f} ± {error:.{digits}f}"
+
+
+# ---------------------------------------------------------------------------------------------
+# Computation
+
+
+def sensitivity_of(
+    file: SceneFile,
+    method: Method = "rigid",
+    parameters: list[str] | None = None,
+    step: float = 0.01,
+    tell: Callable[[str], None] | None = None,
+) -> Sensitivity:
+    """Differentiate the measures of a scene.
+
+    Parameters
+    ----------
+    file
+        The scene.
+    method
+        ``rigid`` or ``fem``.
+    parameters
+        ``section.key`` of numbers; None: all of block, assembly and (deformable) material.
+    step
+        Relative step of real parameters [-]; of a value of 0 the step itself.
+    tell
+        Called with a line before each parameter.
+
+    Raises
+    ------
+    InputError
+        A key that is no number of the scene, a step that is none, or a scene without an answer.
+    """
+    if not 0.0 < step <= 0.2:
+        raise InputError(f"--step {step:g}: expected a share above 0 and at most 0.2")
+    chosen = _numbers_of(file, method) if parameters is None else parameters
+    for path in chosen:
+        _number(file, path)
+    base = answers_at(file, method)
+    slopes, failed = list[Slope](), dict[str, str]()
+    for path in chosen:
+        if tell is not None:
+            tell(f"{file.name}: {path}")
+        try:
+            slopes += _slopes(file, method, path, step, base)
+        except RefusedError as error:
+            failed[path] = str(error)
+    return Sensitivity(file.name, method, tuple(slopes), failed)
+
+
+def _numbers_of(file: SceneFile, method: Method) -> list[str]:
+    """All numbers of the sections that describe a block, in the order of the scene."""
+    result = []
+    for name in _SECTIONS[method]:
+        section = getattr(file.scene, name, None)
+        for key in type(section).model_fields if section is not None else ():
+            value = getattr(section, key)
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                result.append(f"{name}.{key}")
+    if method == "rigid":
+        material = getattr(file.scene, "material", None)
+        named = (k for k in _RIGID_MATERIAL if getattr(material, k, None) is not None)
+        return [*result, *(f"material.{key}" for key in named)]
+    return [path for path in result if path.partition(".")[2] not in _NOT_STATIC]
+
+
+def _number(file: SceneFile, path: str) -> float:
+    value: Any = file.scene
+    for key in path.split("."):
+        value = getattr(value, key, None)
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        known = ", ".join(_numbers_of(file, "fem"))
+        raise InputError(
+            f"{file.name}: {path}: got {value!r}, expected a number of the scene, such as {known}"
+        )
+    return value
+
+
+def _unit(file: SceneFile, path: str) -> str:
+    *sections, key = path.split(".")
+    section: Any = file.scene
+    for name in sections:
+        section = getattr(section, name)
+    unit = unit_of(field_docstrings(type(section)).get(key, ""))
+    return "" if unit is None else unit.name
+
+
+def answers_at(file: SceneFile, method: Method, meshes: int = 2) -> list[Values]:
+    """Measures of a scene on so many meshes from coarse to fine; rigid blocks have the scene's own.
+
+    Raises
+    ------
+    InputError
+        A scene without an answer.
+    """
+    if method == "fem":
+        return list(_deformable(file, meshes))
+    answer = answer_to(file, "rigid")
+    built = answer.report["dimensions"]
+    values = dict(answer.measures) | {"volume": Measure(built["volume"], built["units"]["volume"])}
+    if "p_max" not in values:
+        raise InputError(f"{file.name}: rigid blocks do not carry the load: no pressures")
+    return [values]
+
+
+def _deformable(file: SceneFile, meshes: int) -> Iterator[Values]:
+    """Measures on the first meshes of the sequence for means over facets and averaged tension."""
+    from fem.accuracy.converge import climbed
+    from fem.accuracy.ladder import ladder_for
+    from fem.accuracy.strength import strength_factors
+    from geometry.parts.dimensions import dimensions
+    from validation.build.deformable import fem_section
+    from validation.errors import named
+    from validation.run.accuracy import refinable
+    from validation.run.solve import static_options
+
+    scene = require_deformable(file, "sensitivity --method fem")
+    problem, why = refinable(file.name, scene)
+    if problem is None or why is not None:
+        raise InputError(f"{file.name}: sensitivity: got {why}, whose mesh is not refined")
+    ladder = ladder_for(("p_max", "p_eff", "sigma_1_averaged", "max_displacement"), problem)
+    options = static_options(scene, fem_section(scene, file.name))
+    volume = Measure(dimensions(problem.blocks).volume, "mm³")
+    with named(file.name):
+        for solved in islice(climbed(problem, ladder.rungs, options), meshes):
+            factors = strength_factors(solved.solution, solved.measures, options)
+            yield dict(solved.measures) | factors | {"volume": volume}
+
+
+@dataclass(frozen=True)
+class _Parameter:
+    """A number of a scene that is changed."""
+
+    path: str
+    value: float
+    unit: str
+    base: list[Values]
+    """Measures of the scene as it is."""
+
+    def slope(self, name: str, step: float, derivative: float, error: float, remark: str) -> Slope:
+        """Derivative of one measure."""
+        of = self.base[-1][name]
+        known = (self.path, self.value, self.unit, step, name, of.value, of.unit)
+        return Slope(*known, derivative, error, remark)
+
+
+def _slopes(
+    file: SceneFile, method: Method, path: str, share: float, base: list[Values]
+) -> list[Slope]:
+    """Derivatives with respect to one parameter."""
+    value = _number(file, path)
+    parameter = _Parameter(path, value, _unit(file, path), base)
+
+    def at(other: float, meshes: int = 2) -> list[Values]:
+        changed: float = round(other) if isinstance(value, int) else other
+        name = f"{file.name}, {path} = {changed:.6g}"
+        one = replace(file, name=name, scene=file.scene.changed({path: changed}))
+        return answers_at(one, method, meshes)
+
+    small = share * abs(value) if value else share
+    if not isinstance(value, int):
+        try:
+            return _of_small_step(parameter, small, at)
+        except RefusedError as error:
+            steps, why = _WHOLE_STEPS, error
+    else:
+        steps, why = (1.0,), None
+    for step in steps:
+        sides: list[list[Values] | None] = []
+        for sign in (-1, 1):
+            try:
+                sides.append(at(value + sign * step))
+            except RefusedError as error:
+                sides.append(None)
+                why = why or error
+        if any(sides):
+            return _of_whole_step(parameter, step, sides)
+    raise why or InputError(f"{path}: no step makes a tube")
+
+
+def _of_small_step(of: _Parameter, step: float, at: Callable[..., list[Values]]) -> list[Slope]:
+    """Central quotients; the double step, on the coarsest mesh, bounds what the step leaves out."""
+    value, base = of.value, of.base
+    low, high = at(value - step), at(value + step)
+    low2, high2 = at(value - 2 * step, 1)[0], at(value + 2 * step, 1)[0]
+    result = []
+    for name in _common(base, low, high):
+        quotients = [
+            (b[name].value - a[name].value) / (2 * step) for a, b in zip(low, high, strict=True)
+        ]
+        if name not in low2 or name not in high2:
+            continue
+        double = (high2[name].value - low2[name].value) / (4 * step)
+        size = abs(base[-1][name].value)
+        error = abs(quotients[0] - double) + abs(quotients[-1] - quotients[0])
+        error += _ROUNDING * size / step
+        remark = _moved(name, low[-1], base[-1], high[-1])
+        result.append(of.slope(name, step, quotients[-1], error, remark))
+    return result
+
+
+def _of_whole_step(of: _Parameter, step: float, sides: list[list[Values] | None]) -> list[Slope]:
+    """Quotients of whole steps, of one side where the other has no answer."""
+    low, high = sides
+    base = of.base
+    result = []
+    for name in _common(base, *(side for side in sides if side is not None)):
+        middle = base[-1][name].value
+        both = []
+        if low is not None:
+            both.append((middle - low[-1][name].value) / step)
+        if high is not None:
+            both.append((high[-1][name].value - middle) / step)
+        remark = _moved(name, *(side[-1] for side in (low, base, high) if side is not None))
+        if len(both) == 1:
+            one = "upward" if low is None else "downward"
+            remark = "; ".join(filter(None, (f"a step {one} alone", remark)))
+        error = abs(both[-1] - both[0]) / 2 if len(both) == 2 else abs(both[0])
+        derivative = sum(both) / len(both)
+        result.append(of.slope(name, step, derivative, error, remark))
+    return result
+
+
+def _common(*answers: list[Values]) -> list[str]:
+    """Measures that all answers have on every mesh, as numbers."""
+    every = [values for answer in answers for values in answer]
+    return [
+        name
+        for name in _MEASURES
+        if all(name in v and not v[name].remark and math.isfinite(v[name].value) for v in every)
+    ]
+
+
+def _moved(name: str, *answers: Values) -> str:
+    """Say from where to where a maximum moves, copies by symmetry aside; nothing if it stays."""
+    places = [a[_PLACED.get(name, name)].place for a in answers if _PLACED.get(name, name) in a]
+    known = [place for place in places if place is not None and "position" in place]
+    if len(known) < len(answers):
+        return ""
+    words = []
+    for key in ("layer", "face", "radius", "height"):
+        values = [place[key] for place in known if place.get(key) is not None]
+        if len(values) < len(known) or not _differ(values, known[0].get("radius", math.inf)):
+            continue
+        shown = [f"{v:.0f}" if isinstance(v, float) else str(v) for v in values]
+        unit = " mm" if isinstance(values[0], float) else ""
+        words.append(f"{key} {' → '.join(shown)}{unit}")
+    return f"the maximum changes place: {', '.join(words)}" if words else ""
+
+
+def _differ(values: list[Any], size: float) -> bool:
+    """Whether names or numbers differ, lengths by more than a part of a size [mm]."""
+    if not isinstance(values[0], float):
+        return len(set(values)) > 1
+    return max(values) - min(values) > _MOVED * max(abs(size), *map(abs, values))
