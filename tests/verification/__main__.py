@@ -30,6 +30,7 @@ from tests.verification import (
     test_friction,
     test_hertz,
     test_masonry,
+    test_optimiser,
 )
 
 Row = Mapping[str, Any]
@@ -42,6 +43,7 @@ TABLES: dict[str, tuple[str, Callable[[], Iterable[Row]]]] = {
     "friction": ("Friction: static against explicit", test_friction.rows),
     "accuracy": ("An accuracy on demand, start of the program included", test_accuracy.rows),
     "changed-decks": ("Random changes of a deck, judged by CalculiX", changed_decks.rows),
+    "optimiser": ("Searches of 48 among 480 designs", test_optimiser.rows),
     "first-answers": ("Answers by default, and before", first_answers.rows),
     "error-bars": ("Error bars of twenty problems", error_bars.rows),
     "error-bars-problems": ("Each problem with its reference", error_bars.problems),

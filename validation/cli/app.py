@@ -95,6 +95,7 @@ _PARTS: tuple[Callable[..., None], ...] = (
     paper.tables,
     paper.figures,
     paper.claims,
+    paper.deformable,
     paper.errata,
     paper.report,
 )

@@ -107,6 +107,35 @@ def claims(
         outputs.write_json(result)
 
 
+def deformable(
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the figures.")
+    ] = _DATA,
+    *,
+    rows: Annotated[
+        Path | None,
+        typer.Option(
+            "--rows",
+            metavar="FILE.csv",
+            help="Rows of `tubelock sweep paper-480-fem --csv`; by default those in tubelock.",
+        ),
+    ] = None,
+    json: JsonOption = None,
+) -> None:
+    """Judge the paper's geometric statements by rigid and by deformable blocks."""
+    from validation.output.outputs import Outputs
+    from validation.paper import deformable_study as study
+
+    reads = () if rows is None else (rows,)
+    with Outputs(json, output, ("deformable-study-*.png",), reads=reads) as outputs:
+        compared = study.Compared(rows)
+        data = study.as_json(compared)
+        study.print_study(data, outputs.console)
+        for name, draw in study.draw_study(compared):
+            outputs.write("picture", name, draw)
+        outputs.write_json(data)
+
+
 def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
     """List the errors in the paper, each with a computation."""
     from validation.output.outputs import Outputs

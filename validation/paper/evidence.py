@@ -36,7 +36,7 @@ Design = tuple[float, float, int, float, float]
 STUDY = "paper-480"
 #: Its designs with f = 2, every second layer turned by half a block instead of one wave.
 HALF_BLOCK_STUDY = "half-block-160"
-_PATHS = (
+PATHS = (
     "block.shift",
     "block.frequency",
     "block.blocks_per_layer",
@@ -91,7 +91,7 @@ def read_table(results: ResultFile) -> StudyTable:
     InputError
         When a design failed.
     """
-    rows = {_design(row[path] for path in _PATHS): row for row in results.rows()}
+    rows = {_design(row[path] for path in PATHS): row for row in results.rows()}
     failed = next((row for row in rows.values() if row["status"] != "ok"), None)
     if failed is not None:
         raise InputError(
@@ -101,7 +101,7 @@ def read_table(results: ResultFile) -> StudyTable:
     values = dict(results.study.parameters)
     mesh = results.study.scene_file(0).scene.model_dump()["mesh"]
     words = f"{mesh['around']} × {mesh['radial']} × {mesh['axial']}"
-    return StudyTable(rows, tuple(tuple(values[path]) for path in _PATHS), words)
+    return StudyTable(rows, tuple(tuple(values[path]) for path in PATHS), words)
 
 
 @dataclass
@@ -174,7 +174,7 @@ class Evidence:
 
     def tsb(self, design: Design) -> RigidRun:
         """Rigid-block result of a design of the study at the resolution of the tables."""
-        values = [f"{path}={value}" for path, value in zip(_PATHS, design, strict=True)]
+        values = [f"{path}={value}" for path, value in zip(PATHS, design, strict=True)]
         turn = f'assembly.turn="{self.turn}"'
         return self.rigid("tsb1-pipe", *MESH_OF_TABLES["TSB"], turn, *values)
 

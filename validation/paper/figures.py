@@ -59,18 +59,24 @@ def write_curves(table: StudyTable, shift: float, path: Path) -> None:
     write_csv(path, ("s", "f", "n", "t_mm", "a_mm", "p_max_MPa"), rows)
 
 
-def draw_parameter_study(table: StudyTable, shift: float, path: Path) -> None:
+def draw_parameter_study(
+    table: StudyTable, shift: float, path: Path, *, dashed: StudyTable | None = None
+) -> None:
     """Draw p_max over a: a row for each frequency, a column for each thickness, a line for each n.
 
-    The curves are those of one shift.
+    The curves are those of one shift; those of deformable blocks have the rigid ones beside them,
+    ``dashed``.
     """
     _, frequencies, numbers, thicknesses, amplitudes = table.axes
     shape = len(frequencies), len(thicknesses)
     figure, axes = subplots(*shape, size=(12, 9.5), sharex=True, sharey=True, squeeze=False)
     panels = dict(zip(product(frequencies, thicknesses), axes.flat, strict=True))
     curves = parameter_curves(table, shift)
+    other = {} if dashed is None else parameter_curves(dashed, shift)
     for (f, t, n), curve in curves.items():
         colour, mark = _LINES[numbers.index(n) % len(_LINES)]
+        if other:
+            panels[f, t].plot(amplitudes, other[f, t, n], color=colour, linestyle="--", linewidth=1)
         panels[f, t].plot(
             amplitudes,
             curve,
@@ -103,7 +109,11 @@ def draw_parameter_study(table: StudyTable, shift: float, path: Path) -> None:
             panel.set_xlabel("amplitude a [mm]")
     name = "Sine Block, s = 0" if shift == 0 else f"Cosine Block, s = {shift:g}"
     title = f"{name}: max–mean contact pressure under internal pressure "
-    title += f"(rigid blocks, {table.mesh} elements per block)"
+    title += (
+        f"(rigid blocks, {table.mesh} elements per block)"
+        if dashed is None
+        else ("(deformable blocks; dashed: rigid)")
+    )
     figure.suptitle(title, fontsize=13, x=0.05, ha="left")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(

@@ -1,0 +1,334 @@
+"""The paper's parameter study with deformable blocks, and its geometric conclusions judged by it.
+
+The rows are those of `tubelock sweep paper-480` and `tubelock sweep paper-480-fem`, as CSV beside
+the studies. The claims are judged by the judges of `validation.paper.claims`.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from importlib import resources
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from validation.errors import InputError
+from validation.output.console import listing, tabled
+from validation.output.pictures.gallery import save_figure, subplots
+from validation.output.pictures.scales import OF_LINES
+from validation.paper.claims.claim import Truth, Verdict, judged
+from validation.paper.claims.rigid import RIGID_CLAIMS
+from validation.paper.evidence import PATHS, Design, Evidence, StudyTable
+from validation.paper.figures import draw_parameter_study
+from validation.scene.read import read_text
+
+RIGID, DEFORMABLE = "paper-480", "paper-480-fem"
+#: Folder of the built-in studies and their rows.
+_STUDIES = Path(str(resources.files("validation"))) / "studies"
+#: Claims that the rows of a study decide.
+GEOMETRIC = (
+    "falls-with-amplitude",
+    "flattens",
+    "falls-with-thickness",
+    "thick-depends-less",
+    "fine-is-worse",
+    "wave-threshold",
+    "fewer-larger",
+    "fewer-larger-example",
+    "cosine-lower",
+)
+#: What each claim is judged by: title, and whether the rows are those of deformable blocks.
+JUDGED = {
+    "p_max": ("rigid p_max", False),
+    "p_max_fem": ("deformable p_max", True),
+    "p_eff": ("rigid p_eff", False),
+    "p_eff_fem": ("deformable p_eff", True),
+    "sigma_1_averaged_fem": ("deformable averaged tension", True),
+    "max_displacement_fem": ("deformable displacement", True),
+}
+_AXES = ("shift s", "frequency f", "blocks n", "thickness t", "amplitude a")
+_BEST: Design = (0.5, 2.0, 2, 60.0, 25.0)
+
+Rows = dict[Design, dict[str, Any]]
+
+
+def read_rows(path: Path) -> Rows:
+    """Rows of a study from the CSV that `tubelock sweep --csv` writes, by design.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, or has other columns.
+    """
+    result: Rows = {}
+    for row in csv.DictReader(StringIO(read_text(path, "rows of a study as CSV"))):
+        named = {head.partition(" [")[0]: value for head, value in row.items()}
+        try:
+            design = [float(named[p]) for p in PATHS]
+            key: Design = (design[0], design[1], int(design[2]), design[3], design[4])
+            result[key] = {name: _value(value) for name, value in named.items()}
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(
+                f"{path}: no rows of {DEFORMABLE}: {error}; expected what "
+                f"`tubelock sweep {DEFORMABLE} --csv FILE` writes"
+            ) from None
+    return result
+
+
+def _value(text: str) -> Any:
+    try:
+        return float(text) if text else None
+    except ValueError:
+        return text
+
+
+class Compared:
+    """Rows of rigid and of deformable blocks for the same designs."""
+
+    def __init__(self, path: Path | None = None) -> None:
+        """Read the rows: those in the program, deformable ones from another file if named."""
+        rigid = read_rows(_STUDIES / f"{RIGID}.csv")
+        self.source = _STUDIES / f"{DEFORMABLE}.csv" if path is None else path
+        deformable = read_rows(self.source)
+        self.unresolved = {
+            key: str(row["message"] or "p_max is not resolved")
+            for key, row in deformable.items()
+            if row["status"] != "ok" or row["p_max"] is None or row["sigma_1_averaged"] is None
+        }
+        """Designs without the measures, and why."""
+        self.n_computed = len(deformable)
+        self.rows: Rows = {
+            key: {**rigid[key], **{f"{name}_fem": value for name, value in row.items()}}
+            for key, row in deformable.items()
+            if key in rigid and key not in self.unresolved
+        }
+        """Complete rows; columns of deformable blocks end in ``_fem``."""
+        if not self.rows:
+            raise InputError(f"{self.source}: no design has all measures; expected more rows")
+        self.axes = complete_axes(self.rows)
+        self.rows = {
+            key: row
+            for key, row in self.rows.items()
+            if all(value in axis for value, axis in zip(key, self.axes, strict=True))
+        }
+
+    def table(self, measure: str) -> StudyTable:
+        """Parameter study whose p_max is another measure."""
+        rows = {key: row | {"p_max": row[measure]} for key, row in self.rows.items()}
+        return StudyTable(rows, self.axes, "84 × 10 × 20")
+
+    def values(self, measure: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """A measure of all designs, in their order."""
+        return np.array([row[measure] for row in self.rows.values()], dtype=float)
+
+    @property
+    def scope(self) -> str:
+        """How many designs there are, of which values."""
+        values = ", ".join(
+            f"{name} ∈ {{{', '.join(f'{v:g}' for v in axis)}}}"
+            for name, axis in zip(_AXES, self.axes, strict=True)
+        )
+        return f"{len(self.rows)} of the paper's 480 designs ({values})"
+
+
+def complete_axes(keys: Iterable[Design]) -> tuple[tuple[float, ...], ...]:
+    """Values of each parameter of which every combination is there: the emptiest ones are left out.
+
+    A study that is still running, or was ended early, is judged by the part that is complete.
+    """
+    keys = set(keys)
+    axes = [sorted({key[axis] for key in keys}) for axis in range(5)]
+    while len(keys) < math.prod(map(len, axes)):
+        share = {
+            (axis, value): sum(key[axis] == value for key in keys) * len(axes[axis])
+            for axis in range(5)
+            for value in axes[axis]
+            if len(axes[axis]) > 1
+        }
+        axis, value = min(share, key=lambda place: share[place])
+        axes[axis].remove(value)
+        keys = {key for key in keys if key[axis] != value}
+    return tuple(map(tuple, axes))
+
+
+def judge_geometry(compared: Compared) -> list[dict[str, Any]]:
+    """Judge each geometric claim by each measure: verdict and number."""
+    claims = {claim.name: claim for claim in RIGID_CLAIMS}
+    result = []
+    for name in GEOMETRIC:
+        for measure, (title, _) in JUDGED.items():
+            verdict = _verdict(claims[name].judge, compared, measure)
+            result.append(_row(name, claims[name].statement, title, verdict))
+    for measure, (title, _) in JUDGED.items():
+        verdict = _best(compared, measure)
+        result.append(_row("best", claims["best"].statement, title, verdict))
+    return result
+
+
+def _row(name: str, statement: str, title: str, verdict: Verdict) -> dict[str, Any]:
+    return {
+        "claim": name,
+        "statement": statement,
+        "measure": title,
+        "verdict": str(verdict.truth),
+        "number": verdict.number.replace("p_max", "the measure"),
+    }
+
+
+def _verdict(judge: Callable[[Evidence], Verdict], compared: Compared, measure: str) -> Verdict:
+    """Judge a claim by another measure; rows that it needs and that are missing leave it open."""
+    evidence = Evidence(Path(), Console(quiet=True))
+    evidence.__dict__["study"] = compared.table(measure)
+    try:
+        return judge(evidence)
+    except KeyError as missing:
+        return Verdict(Truth.NOT_COMPUTED, f"needs the design {missing}", {})
+
+
+def _best(compared: Compared, measure: str) -> Verdict:
+    """Ask whether the design that the paper names has the least value of the rows."""
+    values = compared.table(measure).p_max
+    if _BEST not in values:
+        return Verdict(Truth.NOT_COMPUTED, f"needs the design {_BEST}", {})
+    best = min(values, key=lambda key: values[key])
+    s, f, n, t, a = best
+    rank = 1 + sum(value < values[_BEST] for value in values.values())
+    words = f"least at s = {s:g}, f = {f:g}, n = {n}, t = {t:g}, a = {a:g}: {values[best]:.4g}; "
+    words += f"the paper's design is number {rank} of {len(values)}: {values[_BEST]:.4g}"
+    return judged(best == _BEST, words)
+
+
+def effects(compared: Compared) -> list[dict[str, Any]]:
+    """Steps of each parameter over which each measure falls or rises, beyond the error bars."""
+    result = []
+    for axis, parameter in enumerate(_AXES):
+        for measure, (title, deformable) in JUDGED.items():
+            table = compared.table(measure)
+            pairs = [(a, b) for a, b in table.pairs(axis) if a in table.rows and b in table.rows]
+            if not pairs:
+                continue
+            change = np.array([table.p_max[b] - table.p_max[a] for a, b in pairs])
+            ratio = np.array([table.p_max[b] / table.p_max[a] for a, b in pairs])
+            bars = np.zeros(len(pairs))
+            if deformable:
+                of = f"{measure.removesuffix('_fem')}_error_fem"
+                bars = np.array([sum(table.rows[k][of] or 0.0 for k in pair) for pair in pairs])
+            result.append(
+                {
+                    "parameter": parameter,
+                    "measure": title,
+                    "steps": len(pairs),
+                    "falls": int((change < -bars).sum()),
+                    "rises": int((change > bars).sum()),
+                    "within error bars": int((np.abs(change) <= bars).sum()),
+                    "mean ratio": float(np.exp(np.log(ratio).mean())),
+                }
+            )
+    return result
+
+
+def rank_correlations(compared: Compared) -> list[dict[str, Any]]:
+    """Spearman's rank correlation of each two measures."""
+    from scipy.stats import spearmanr
+
+    names = list(JUDGED)
+    ranks = spearmanr(np.column_stack([compared.values(name) for name in names])).statistic
+    return [
+        {"measure": JUDGED[name][0]}
+        | {JUDGED[other][0]: float(ranks[i, j]) for j, other in enumerate(names)}
+        for i, name in enumerate(names)
+    ]
+
+
+def as_json(compared: Compared) -> dict[str, Any]:
+    """Everything as plain data."""
+    return {
+        "designs": len(compared.rows),
+        "computed": compared.n_computed,
+        "scope": compared.scope,
+        "unresolved": [[*key, why] for key, why in compared.unresolved.items()],
+        "claims": judge_geometry(compared),
+        "effects": effects(compared),
+        "rank_correlations": rank_correlations(compared),
+    }
+
+
+def print_study(data: Mapping[str, Any], console: Console) -> None:
+    """Print verdicts, effects of parameters and rank correlations."""
+    heads = list(dict.fromkeys(row["measure"] for row in data["claims"]))
+    table = listing("The paper's geometric claims", "claim", *heads, show_lines=True)
+    for name in dict.fromkeys(row["claim"] for row in data["claims"]):
+        rows = [row for row in data["claims"] if row["claim"] == name]
+        table.add_row(
+            f"{name}: {rows[0]['statement']}", *(f"{r['verdict']}: {r['number']}" for r in rows)
+        )
+    console.print(table)
+    columns = {head: f"{{{head}}}" for head in data["effects"][0]}
+    columns["mean ratio"] = "{mean ratio:.3f}"
+    title = "Change by one step of each parameter (deformable: beyond the error bars)"
+    console.print(tabled(title, data["effects"], columns, words=2))
+    ranks = data["rank_correlations"]
+    columns = {"measure": "{measure}"} | {
+        row["measure"]: f"{{{row['measure']}:.2f}}" for row in ranks
+    }
+    console.print(tabled("Spearman's rank correlation", ranks, columns))
+    console.print(data["scope"])
+    for *key, why in data["unresolved"]:
+        console.print(f"not resolved: s, f, n, t, a = {key}: {why}")
+
+
+def draw_study(compared: Compared) -> Iterator[tuple[str, Callable[[Path], object]]]:
+    """Names of the figures and what draws them."""
+    for shift, name in ((0.0, "sine"), (0.5, "cosine")):
+        if shift in compared.axes[0]:
+            tables = compared.table("p_max_fem"), compared.table("p_max")
+            draw = partial(draw_parameter_study, tables[0], shift, dashed=tables[1])
+            yield f"deformable-study-{name}.png", draw
+    yield "deformable-study-ranks.png", partial(draw_ranks, compared)
+
+
+def draw_ranks(compared: Compared, path: Path) -> None:
+    """Draw deformable against rigid p_max, and the averaged tension against both."""
+    figure, axes = subplots(1, 3, size=(13, 4.4))
+    panels = (
+        ("p_max", "p_max_fem"),
+        ("p_max", "sigma_1_averaged_fem"),
+        ("p_max_fem", "sigma_1_averaged_fem"),
+    )
+    ranks = {row["measure"]: row for row in rank_correlations(compared)}
+    frequencies = [key[1] for key in compared.rows]
+    for panel, (x, y) in zip(axes, panels, strict=True):
+        titles = JUDGED[x][0], JUDGED[y][0]
+        for colour, f in zip(OF_LINES, compared.axes[1], strict=False):
+            mine = [k for k, frequency in enumerate(frequencies) if frequency == f]
+            bars = [
+                list(compared.rows.values())[k][f"{y.removesuffix('_fem')}_error_fem"] for k in mine
+            ]
+            panel.errorbar(
+                compared.values(x)[mine],
+                compared.values(y)[mine],
+                yerr=bars,
+                fmt="o",
+                markersize=3.5,
+                elinewidth=0.8,
+                color=colour,
+                label=f"f = {f:g}",
+            )
+        if y == "p_max_fem":
+            ends = compared.values(x).min(), compared.values(x).max()
+            panel.plot(ends, ends, color="#999999", linewidth=0.8)
+        panel.set_xscale("log")
+        panel.set_yscale("log")
+        panel.set_xlabel(f"{titles[0]} [MPa]")
+        panel.set_ylabel(f"{titles[1]} [MPa]")
+        panel.set_title(f"rank correlation {ranks[titles[0]][titles[1]]:.2f}", loc="left")
+        panel.grid(alpha=0.3)
+    axes[0].legend(frameon=False)
+    figure.suptitle(f"{len(compared.rows)} designs under internal pressure", x=0.02, ha="left")
+    save_figure(figure, path)
