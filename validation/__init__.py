@@ -17,6 +17,8 @@ What most need::
 | `compare` | answers of several solvers beside each other |
 | `report` | one page about a scene that can be sent |
 | `sweep` | a scene with every combination of some values |
+| `sensitivity` | derivatives of the measures with respect to the parameters |
+| `optimise` | the best design under limits |
 | `cost` | error against CPU time of every method and mesh |
 """
 
@@ -31,10 +33,12 @@ if TYPE_CHECKING:
         compare,
         cost,
         load_scene,
+        optimise,
         plot,
         read_answer,
         report,
         section,
+        sensitivity,
         sweep,
         write,
     )
@@ -44,10 +48,12 @@ __all__ = [
     "compare",
     "cost",
     "load_scene",
+    "optimise",
     "plot",
     "read_answer",
     "report",
     "section",
+    "sensitivity",
     "sweep",
     "write",
 ]

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from validation.scene.read import SceneFile
     from validation.study.comparison.report import Comparison
     from validation.study.costs.study import CostStudy
+    from validation.study.optimisation.sensitivity import Sensitivity
     from validation.study.study import Study
 
 
@@ -355,3 +356,79 @@ def sweep(
             reported = summary(results, tally, perf_counter() - start)
             print_table(results, plain_console(table := StringIO()))
             return SweepResult(tuple(results.rows()), reported, study, table.getvalue().rstrip())
+            return SweepResult(tuple(results.rows()), reported, study)
+
+
+def sensitivity(
+    scene: str | Path | Scene | Problem,
+    settings: Mapping[str, Any] | None = None,
+    *,
+    method: Literal["rigid", "fem"] = "rigid",
+    parameters: Sequence[str] | None = None,
+    step: float = 0.01,
+) -> Sensitivity:
+    """Differentiate the measures of a scene with respect to its parameters.
+
+    ``print`` shows the derivatives; ``draw(path)`` the elasticities.
+
+    Parameters
+    ----------
+    scene, settings
+        As `sweep`.
+    method
+        ``rigid`` or ``fem``.
+    parameters
+        Keys such as ``block.amplitude``; None: all numbers of block, assembly and material.
+    step
+        Relative step of real parameters [-].
+
+    Raises
+    ------
+    InputError
+        A key that is no number of the scene, or a scene without an answer.
+    """
+    from validation.study.optimisation.sensitivity import sensitivity_of
+
+    named = None if parameters is None else list(parameters)
+    return sensitivity_of(_scene(scene, settings).file, method, named, step)
+
+
+def optimise(
+    stated: Mapping[str, Any] | str | Path,
+    store: str | Path | None = None,
+    *,
+    workers: int = 1,
+) -> dict[str, Any]:
+    """Find the best design: what `tubelock optimise` writes as JSON.
+
+    Parameters
+    ----------
+    stated
+        TOML file of `tubelock optimise`, or its content as a mapping.
+    store
+        SQLite file of the rows, which a later call goes on with; judged rows lie beside it.
+        None: nothing is kept.
+    workers
+        Processes.
+
+    Raises
+    ------
+    InputError
+        A search that is not stated well, or no design that meets its limits.
+    """
+    from tempfile import TemporaryDirectory
+
+    from validation.study.optimisation import report as reports
+    from validation.study.optimisation import search, statement
+
+    if isinstance(stated, Mapping):
+        checked = statement.check_optimisation(stated)
+    else:
+        checked = statement.load_optimisation(str(stated))
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "search.sqlite" if store is None else Path(store)
+        judged = path.with_name(f"{path.stem}-judge.sqlite")
+        result, final = search.optimise(
+            checked, path, judged, lambda study: search.runner_for(study, workers)
+        )
+        return reports.search_json(result, final)

@@ -20,7 +20,7 @@ from validation.paper.deformable_study import read_rows
 from validation.study.optimisation.search import Search
 from validation.study.optimisation.statement import Optimisation, check_optimisation
 
-PARAMETERS = {
+PARAMETERS: dict[str, list[Any]] = {
     "block.shift": [0.0, 0.5],
     "block.frequency": [1.0, 1.5, 2.0],
     "block.blocks_per_layer": [2, 3, 4, 5, 6],

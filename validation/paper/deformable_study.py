@@ -238,7 +238,8 @@ def rank_correlations(compared: Compared) -> list[dict[str, Any]]:
     from scipy.stats import spearmanr
 
     names = list(JUDGED)
-    ranks = spearmanr(np.column_stack([compared.values(name) for name in names])).statistic
+    of = np.column_stack([compared.values(name) for name in names])
+    ranks = np.asarray(spearmanr(of).statistic)
     return [
         {"measure": JUDGED[name][0]}
         | {JUDGED[other][0]: float(ranks[i, j]) for j, other in enumerate(names)}
@@ -295,6 +296,8 @@ def draw_study(compared: Compared) -> Iterator[tuple[str, Callable[[Path], objec
 
 def draw_ranks(compared: Compared, path: Path) -> None:
     """Draw deformable against rigid p_max, and the averaged tension against both."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
     figure, axes = subplots(1, 3, size=(13, 4.4))
     panels = (
         ("p_max", "p_max_fem"),
@@ -325,6 +328,10 @@ def draw_ranks(compared: Compared, path: Path) -> None:
             panel.plot(ends, ends, color="#999999", linewidth=0.8)
         panel.set_xscale("log")
         panel.set_yscale("log")
+        for axis in (panel.xaxis, panel.yaxis):
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+            axis.set_minor_formatter(NullFormatter())
         panel.set_xlabel(f"{titles[0]} [MPa]")
         panel.set_ylabel(f"{titles[1]} [MPa]")
         panel.set_title(f"rank correlation {ranks[titles[0]][titles[1]]:.2f}", loc="left")

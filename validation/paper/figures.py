@@ -98,7 +98,7 @@ def draw_parameter_study(
     )
     for (f, t), panel in panels.items():
         panel.set_yscale("log")
-        panel.set_yticks([0.1, 0.2, 0.5, 1.0, 2.0], ["0.1", "0.2", "0.5", "1", "2"])
+        panel.set_yticks([0.1, 0.2, 0.5, 1.0, 2.0, 5.0], ["0.1", "0.2", "0.5", "1", "2", "5"])
         panel.minorticks_off()
         panel.set_xticks(amplitudes)
         panel.grid(color="#DDDDDD", linewidth=0.6)

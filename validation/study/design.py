@@ -133,7 +133,7 @@ def _rigid_results(file: SceneFile) -> dict[str, Any]:
         "iterations": result.equilibrium.iterations,
         **_built(dimensions(run.assembly).as_json()),
     }
-    if file.scene.material is not None and file.scene.material.compressive_strength is not None:
+    if file.scene.material.compressive_strength is not None:
         crushing = run.answer.measures.get("crushing_factor")
         found["crushing_factor"] = None if crushing is None else crushing.value
     measures = run.carried.measures
@@ -158,8 +158,8 @@ def _fem_run(study: Study, file: SceneFile) -> DeformableRun:
         stated = dict.fromkeys(DEFAULT_TARGETS, stated)
     run = run_as_asked(file.name, file.scene, stated or {}, ranking)
     material = file.scene.material
-    strengths = material is not None and (material.tensile_strength, material.compressive_strength)
-    return with_factors(run) if strengths and any(strengths) else run
+    strong = any((material.tensile_strength, material.compressive_strength))
+    return with_factors(run) if strong else run
 
 
 def _fem_results(study: Study, file: SceneFile) -> tuple[dict[str, Any], list[str]]:

@@ -283,7 +283,8 @@ def _unit(file: SceneFile, path: str) -> str:
     section: Any = file.scene
     for name in sections:
         section = getattr(section, name)
-    unit = unit_of(field_docstrings(type(section)).get(key, ""))
+    kind: type = type(section)
+    unit = unit_of(field_docstrings(kind).get(key, ""))
     return "" if unit is None else unit.name
 
 
@@ -360,13 +361,13 @@ def _slopes(
         return answers_at(one, method, meshes)
 
     small = share * abs(value) if value else share
+    steps: tuple[float, ...] = (1.0,)
+    why: RefusedError | None = None
     if not isinstance(value, int):
         try:
             return _of_small_step(parameter, small, at)
         except RefusedError as error:
             steps, why = _WHOLE_STEPS, error
-    else:
-        steps, why = (1.0,), None
     for step in steps:
         sides: list[list[Values] | None] = []
         for sign in (-1, 1):

@@ -343,7 +343,7 @@ def _bound(place: str, key: str, given: Any, study: Study) -> Limit:
 def _require_strength(place: str, factor: str, study: Study) -> None:
     strength = "tensile_strength" if factor == "cracking_factor" else "compressive_strength"
     material = study.scene_file(0).scene.material
-    if material is None or getattr(material, strength) is None:
+    if getattr(material, strength) is None:
         raise InputError(
             f"{place}: needs material.{strength} [MPa]; set it in [settings] or in the scene"
         )

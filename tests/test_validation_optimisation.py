@@ -1,0 +1,150 @@
+"""Sensitivities against closed forms, searches against all designs, and their messages."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from validation import optimise, sensitivity, sweep
+from validation.errors import InputError
+from validation.study.optimisation.search import Search, worst_of
+from validation.study.optimisation.statement import check_optimisation
+
+pytestmark = pytest.mark.quick
+
+COARSE = {
+    "assembly.layers": 1,
+    "mesh.around": 12,
+    "mesh.radial": 2,
+    "mesh.axial": 2,
+}
+VARIABLES: dict[str, Any] = {
+    "block.amplitude": [10.0, 20.0],
+    "block.blocks_per_layer": [3, 4, 5],
+}
+
+
+def stated(**more: Any) -> dict[str, Any]:
+    """Search among six coarse tubes."""
+    base = {"scene": "tsb1-pipe", "minimise": "p_max", "settings": COARSE, "evaluations": 6}
+    return base | {"variables": VARIABLES} | more
+
+
+def test_the_volume_of_a_tube_has_its_elasticities_by_hand() -> None:
+    """V ∝ h ((r + t)² − r²): 1 for h, 2 t (r + t) / (t (2 r + t)) for t, by one part in 1e4."""
+    result = sensitivity(
+        "tsb1-pipe", COARSE, parameters=["block.height", "block.thickness", "block.inner_radius"]
+    )
+    slopes = {s.parameter: s for s in result.slopes if s.measure == "volume"}
+    r, t = 120.0, 40.0
+    assert slopes["block.height"].elasticity == pytest.approx(1.0, abs=1e-6)
+    by_hand = 2 * (r + t) / (2 * r + t)
+    thick = slopes["block.thickness"]
+    assert abs(thick.elasticity - by_hand) <= 1e-4 * by_hand + thick.elasticity_error
+    assert slopes["block.inner_radius"].elasticity == pytest.approx(2 * r / (2 * r + t), rel=1e-4)
+
+
+def test_rigid_pressures_are_proportional_to_the_load() -> None:
+    """Elasticity 1 of p_max and p_eff, 0 of the volume."""
+    result = sensitivity("tsb1-pipe", COARSE, parameters=["load.pressure"])
+    values = {s.measure: s.elasticity for s in result.slopes}
+    assert values == pytest.approx({"p_max": 1.0, "p_eff": 1.0, "volume": 0.0}, abs=1e-6)
+
+
+def test_whole_numbers_and_half_waves_go_by_whole_steps() -> None:
+    """Quotients are those of the answers beside; 2 f stays whole."""
+    result = sensitivity(
+        "tsb1-pipe", COARSE, parameters=["block.blocks_per_layer", "block.frequency"]
+    )
+    steps = {s.parameter: s for s in result.slopes if s.measure == "p_max"}
+    assert steps["block.blocks_per_layer"].step == 1.0
+    assert steps["block.frequency"].step == 0.5
+    rows = sweep("tsb1-pipe", {"block.blocks_per_layer": [3, 5]}, COARSE).rows
+    central = (rows[1]["p_max"] - rows[0]["p_max"]) / 2
+    assert steps["block.blocks_per_layer"].derivative == pytest.approx(central, rel=1e-6)
+
+
+def test_a_parameter_that_is_no_number_is_rejected() -> None:
+    """One line with the numbers that there are."""
+    with pytest.raises(InputError, match=r"block\.type: got 'sine', expected a number"):
+        sensitivity("tsb1-pipe", COARSE, parameters=["block.type"])
+
+
+def test_a_search_of_all_designs_finds_the_best_and_goes_on(tmp_path: Path) -> None:
+    """The best is that of the study of all; a second call computes nothing again."""
+    rows = sweep("tsb1-pipe", VARIABLES, COARSE).rows
+    best = min(rows, key=lambda row: row["p_max"])
+    store = tmp_path / "search.sqlite"
+    first, second = (optimise(stated(), store) for _ in range(2))
+    assert first["best"][0]["variables"] == {path: best[path] for path in VARIABLES}
+    assert first["best"][0]["row"]["p_max"] == pytest.approx(best["p_max"], rel=1e-9)
+    assert second["evaluations"] == 6
+    assert {d["row"]["cpu_seconds"] for d in second["designs"]} == {
+        d["row"]["cpu_seconds"] for d in first["designs"]
+    }
+
+
+def test_a_limit_that_no_design_meets_names_the_nearest() -> None:
+    """The nearest value is that of a design."""
+    with pytest.raises(InputError, match=r"none of 6 designs meets volume at most 1000; the near"):
+        optimise(stated(limits={"volume": {"most": 1000.0}}))
+
+
+def test_designs_that_cannot_be_built_do_not_end_a_search() -> None:
+    """They are rows with their message."""
+    some = VARIABLES | {"block.frequency": [1.5, 1.3]}
+    result = optimise(stated(variables=some, evaluations=12))
+    failed = [d for d in result["designs"] if d["row"]["status"] == "failed"]
+    assert len(failed) == 6
+    assert all("2 f whole" in d["row"]["message"] for d in failed)
+    assert result["best"][0]["variables"]["block.frequency"] == 1.5
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"variables": {"block.amplitud": [1.0, 2.0]}}, "did you mean 'amplitude'"),
+        ({"variables": {"block.amplitude": {"from": 20, "to": 10}}}, "from below to"),
+        ({"minimise": "beauty"}, "got 'beauty', expected one of p_max"),
+        ({"limits": {"cracking_factor": {"least": 1.0}}}, "no measure of this search"),
+        ({"limits": {"crushing_factor": {"least": 1.0}}}, "needs material.compressive_strength"),
+        ({"limits": {"castable": True}}, "limits.least_wall"),
+        ({"evaluation": 3}, "did you mean 'evaluations'"),
+    ],
+)
+def test_bad_searches_are_rejected_in_one_line(changed: dict[str, Any], words: str) -> None:
+    """What was got, what is expected."""
+    with pytest.raises(InputError) as error:
+        check_optimisation(stated(**changed))
+    assert words in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_the_front_of_two_measures_is_that_of_all_points() -> None:
+    """No design of the front is beaten in both measures, and every other one is."""
+    search = Search(check_optimisation(stated(minimise=["p_max", "p_eff"])))
+    for k, number in enumerate(search.numbers()):
+        values = {"p_max": float((3 * k) % 7), "p_eff": float((5 * k) % 7)}
+        search.take({"number": number, "status": "ok", "message": "", **values})
+    points = {p.scores(search.stated.measures): p for p in search.points.values()}
+    best = {p.scores(search.stated.measures) for p in search.best}
+    for mine, other in product(points, points):
+        assert mine is not None
+        assert other is not None
+        if mine in best and other != mine:
+            assert not all(o <= m for o, m in zip(other, mine, strict=True))
+
+
+def test_the_worst_case_of_a_design_counts_with_its_own_error() -> None:
+    """Largest pressure, least load factor; a missing one leaves none."""
+    rows = [
+        {"status": "ok", "message": "", "p_max": p, "p_max_error": e, "cracking_factor": c}
+        for p, e, c in ((1.0, 0.5, 4.0), (2.0, 0.1, 3.0))
+    ]
+    worst = worst_of(rows)
+    assert (worst["p_max"], worst["p_max_error"], worst["cracking_factor"]) == (2.0, 0.1, 3.0)
+    rows[1]["p_max"] = None
+    assert worst_of(rows)["p_max"] is None
