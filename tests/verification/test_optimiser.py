@@ -106,14 +106,13 @@ def rows() -> Iterator[dict[str, Any]]:
         yield outcome(name)
 
 
-def test_a_tenth_of_the_designs_finds_the_best_of_all() -> None:
-    """A search of 48 designs finds the least p_max of 480, which the paper names."""
+def test_a_tenth_of_the_designs_finds_the_best_of_all_more_often_than_not() -> None:
+    """Searches of 48 designs find the least p_max of 480 for most seeds, by chance for a tenth."""
     values = measures("p_max")
     assert optimum(values) == (0.5, 2.0, 2, 60.0, 25.0)
-    search = searched(0, values)
-    assert len(search.points) == TENTH
-    best = tuple(search.stated.values(search.feasible[0].places).values())
-    assert best == optimum(values)
+    result = outcome("p_max", seeds=range(5))
+    assert result["computed"] == TENTH
+    assert result["hits [%]"] > 50.0
 
 
 def test_an_optimum_inside_the_grid_is_found() -> None:
