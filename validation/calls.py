@@ -356,7 +356,6 @@ def sweep(
             reported = summary(results, tally, perf_counter() - start)
             print_table(results, plain_console(table := StringIO()))
             return SweepResult(tuple(results.rows()), reported, study, table.getvalue().rstrip())
-            return SweepResult(tuple(results.rows()), reported, study)
 
 
 def sensitivity(
