@@ -34,8 +34,9 @@ from mbd.options import FrictionLaw
 
 #: Change of the limits over the largest one at which they are those of the forces.
 _SETTLED = 1e-3
-#: Part of the way to the next limits, and the least part that is tried before giving up.
-_STEP, _LEAST_STEP = 0.5, 0.02
+#: Part of the way to the next limits: all of it while changes shrink by this much, else half of it;
+#: and the least part that is tried before giving up.
+_SHRINKS, _STEP, _LEAST_STEP = 0.7, 0.5, 0.02
 _MOST_STEPS = 100
 #: More contacts than this are not asked: the quadratic programs take minutes.
 MOST_CONTACTS = 20_000
@@ -98,7 +99,7 @@ def squeeze(
     if len(forces) > MOST_CONTACTS:
         return Squeeze(needed=None, programs=0)
     unit, limits = load / size, mu * forces[:, 0] / size
-    step, programs = _STEP, 0
+    step, programs, before = 1.0, 0, np.inf
     normal = forces[:, 0] / size
     last = limits
     while programs < _MOST_STEPS:
@@ -114,8 +115,12 @@ def squeeze(
             continue
         normal, last = result[:, 0], limits
         change = mu * normal - limits
-        if np.abs(change).max() <= _SETTLED * max(limits.max(), (mu * normal).max()):
+        largest = float(np.abs(change).max())
+        if largest <= _SETTLED * max(limits.max(), (mu * normal).max()):
             return Squeeze(needed=False, programs=programs)
+        if largest > _SHRINKS * before:
+            step = min(step, _STEP)
+        before = largest
         limits = limits + step * change
     return Squeeze(needed=None, programs=programs)
 

@@ -66,7 +66,7 @@ def scene_of(file: Path, *lines: str) -> Path:
                 *(line for line in lines if line.startswith(("up", "repair"))),
                 "[[parts]]",
                 f'file = "{file.name}"',
-                *(line for line in lines if line.startswith("places")),
+                *(line for line in lines if line.startswith(("places", "leave_out"))),
                 "[assembly]",
                 *(line for line in lines if line.startswith("fixed")),
                 "[effects]",
@@ -417,3 +417,22 @@ def test_the_density_of_the_material_is_that_of_the_weight(tmp_path: Path) -> No
     run = run_polyhedra(loaded, loaded.scene)  # type: ignore[arg-type]
     weight = 7.85e-9 * 2e6 * 9810.0
     assert run.carried.normal_forces.sum() == pytest.approx(weight, rel=1e-9)
+
+
+def test_faulty_solids_are_left_out_by_name_or_number(tmp_path: Path) -> None:
+    # Beside the stack stands a box without a lid.
+    lid = ([400.0, 0.0, 0.0], [50.0, 50.0, 50.0])
+    file = obj(tmp_path / "a.obj", STACK | {"extra": lid})
+    lines = file.read_text().splitlines()
+    file.write_text("\n".join(lines[:-1]))  # one side of the last box is lost
+    with pytest.raises(RefusedError, match=r"extra.*open.*parts\.leave_out = \[2\]"):
+        rigid(file, "fixed = [0]")
+    for which in ('"extra"', "2"):
+        run = rigid(file, "fixed = [0]", f"leave_out = [{which}]")
+        assert run.assembly.names == ("base", "block")
+        assert run.doubts["left out"] == f"a.obj: {which.strip(chr(34))}"
+        assert run.carried.holds
+    with pytest.raises(RefusedError, match=r"parts\.leave_out: got block 'lid'"):
+        rigid(file, "fixed = [0]", 'leave_out = ["lid"]')
+    with pytest.raises(RefusedError, match="names all 3 solids"):
+        rigid(file, "fixed = [0]", "leave_out = [0, 1, 2]")

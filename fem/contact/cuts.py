@@ -52,6 +52,9 @@ _UNCOVERED = 1e-6
 #: A point whose closest point lies this far outside a facet, in natural coordinates, faces another.
 _RIM = 0.1
 
+#: First steps of the search for a closest point, that stay on the facet.
+_STEPS_INSIDE = 4
+
 #: Facets that look at each other: least cosine between one normal and the other's opposite. What
 #: leans more touches along an edge or at a corner: where edges cross, depth does not follow from
 #: area, and the pressure has no bound.
@@ -90,12 +93,14 @@ def _frame(corners, xi, values, x, first, second):
 def closest_point(corners, point, xi, work):
     """Closest point of a facet or of its bilinear continuation, within twice its size.
 
-    Newton from ``xi``, updated; returns the gap and leaves the normal in ``work[5]``.
+    Newton from ``xi``, updated; returns the gap and leaves the normal in ``work[5]``. The first
+    steps stay on the facet: the continuation of one that tapers folds, and Newton stops there.
     """
     values = work[:4]
     x, normal, first, second = work[4], work[5], work[6], work[7]
     d = work[8]
-    for _ in range(SEARCH_STEPS):
+    for step in range(SEARCH_STEPS):
+        most = 1.0 if step < _STEPS_INSIDE else 2.0
         _frame(corners, xi, values, x, first, second)
         _cross(first, second, normal)
         along, mixed = 0.0, 0.0
@@ -110,11 +115,11 @@ def closest_point(corners, point, xi, work):
         b -= mixed * along / (a * c - b * b)
         p, q = _dot(d, first), _dot(d, second)
         scale = a * c - b * b
-        r = min(max(xi[0] + (c * p - b * q) / scale, -2.0), 2.0)
-        s = min(max(xi[1] + (a * q - b * p) / scale, -2.0), 2.0)
+        r = min(max(xi[0] + (c * p - b * q) / scale, -most), most)
+        s = min(max(xi[1] + (a * q - b * p) / scale, -most), most)
         way = abs(r - xi[0]) + abs(s - xi[1])
         xi[0], xi[1] = r, s
-        if way < CLOSE_ENOUGH:
+        if way < CLOSE_ENOUGH and (most > 1.0 or max(abs(r), abs(s)) < 1.0):
             break
     _frame(corners, xi, values, x, first, second)
     _cross(first, second, normal)

@@ -40,9 +40,10 @@ _SHORTEST = 1e-4
 #: follow [skins]: pressures at edges where surfaces end change in proportion to it, by a sixth.
 _MAX_SEARCHES = 12
 _FOLLOWED = 1e-6
-#: Searches in a row that may bring no shorter motion than one before: points at edges where
-#: surfaces end then come and go, and further searches lead around.
+#: Searches in a row that may bring no motion shorter than this share of one before: points at edges
+#: where surfaces end then come and go, and further searches lead around.
 _AROUND = 2
+_SHORTER = 0.9
 #: Searches on the way of blocks that nothing holds, for each joint that they find.
 _MAX_TRIES = 2
 
@@ -117,20 +118,24 @@ def _along(
 ) -> tuple[StaticProblem, StaticState]:
     """Take steps one after the other; those of a motion that fail are cut.
 
-    A step of a motion starts where the one before leads to, if supports go on as before: contact
-    laws are stiff over lengths that are far shorter than a step. Where the shortest has no
-    equilibrium either, what was reached before is an answer.
+    A step starts where the one before leads to, if loads grow or supports go on as before: contact
+    laws are stiff over lengths that are far shorter than a step. Where the shortest of a motion has
+    no equilibrium either, what was reached before is an answer.
     """
     ahead, shortest = path[::-1], _SHORTEST * (path[-1][1] or 0.0)
     rate: FloatArray | None = None
+    done: _Target | None = None if state.displacement.any() else (0.0, None)
     while ahead:
         factor, moment = ahead.pop()
         guess = replace(state, load_factor=factor, time=moment, converged=False)
-        if moment:
+        length = _length(done, (factor, moment))
+        leads = rate is not None and length > 0.0 and bool(moment) == bool(done and done[1])
+        if moment or leads:
             pressures = problem.system.law.pressure(state.kinematics.overclosure)
-            guess = replace(guess, pressed=float(pressures.max(initial=0.0)))
-        if rate is not None and moment:
-            guess = _led_on(problem, guess, (moment - (state.time or 0.0)) * rate)
+            more = 1.0 if moment else factor / state.load_factor
+            guess = replace(guess, pressed=more * float(pressures.max(initial=0.0)))
+        if rate is not None and leads:
+            guess = _led_on(problem, guess, length * rate)
         try:
             there, reached, goes_on = step(problem, guess, state.displacement)
         except StaticError:
@@ -148,12 +153,19 @@ def _along(
             if any(time for time, _ in state.pushed):
                 return problem, replace(state, stopped=moment)
             return there, reached
-        if moment:
-            rate = (reached.displacement - state.displacement) / (moment - (state.time or 0.0))
+        rate = (reached.displacement - state.displacement) / length if length > 0.0 else None
+        done = (factor, moment)
         problem, state = there, _recorded(there, reached, options)
         if not goes_on:
             break
     return problem, state
+
+
+def _length(done: _Target | None, aim: _Target) -> float:
+    """How much a step adds to the load, or to the time [s]; 0: the step before leads nowhere."""
+    if aim[1]:
+        return aim[1] - ((done[1] if done else None) or 0.0)
+    return max(aim[0] - done[0], 0.0) if done else 0.0
 
 
 def _led_on(problem: StaticProblem, state: StaticState, way: FloatArray) -> StaticState:
@@ -263,7 +275,7 @@ def follow_up(
                 on_the_way = before + reached * (state.displacement - before)
                 state, tries = replace(state, displacement=on_the_way), tries - 1
                 continue
-            least, around = (moved, 0) if moved < least else (least, around + 1)
+            least, around = (moved, 0) if moved < _SHORTER * least else (least, around + 1)
             settled = 2.0 * moved <= _FOLLOWED * points.skin
             if not state.converged or settled or (around >= _AROUND and 2.0 * moved <= points.skin):
                 break

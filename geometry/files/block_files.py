@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +17,7 @@ from geometry.files.obj import read_obj
 from geometry.files.repair import repaired, turned_alike
 from geometry.files.stl import is_text, read_stl_text
 from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray, MeshError, check_mesh
+from geometry.parts.chosen import numbers_of
 from geometry.polyhedra.polygons import surface_of_polygons
 from geometry.polyhedra.polyhedron import (
     Polyhedron,
@@ -255,7 +256,12 @@ class _Solid:
 
 
 def read_blocks(
-    path: Path, *, units: str = "mm", element_size: float | None = None, repair: bool = False
+    path: Path,
+    *,
+    units: str = "mm",
+    element_size: float | None = None,
+    repair: bool = False,
+    leave_out: Sequence[int | str] = (),
 ) -> list[Polyhedron]:
     """Read the solids of a file: each closed surface is one block shape.
 
@@ -275,21 +281,36 @@ def read_blocks(
         Largest triangle on curved STEP faces [mm].
     repair
         Whether to mend surfaces as `geometry.files.repair.repaired` does.
+    leave_out
+        Solids that are not wanted, faulty ones too: numbers in the file, or names.
 
     Raises
     ------
     MeshError
         When the file cannot be read, or its surface bounds no solid.
+    AssemblyError
+        For a number or a name to leave out that no solid has.
     """
     solids, straightened = _solids(path, units, element_size, repair=repair)
-    blocks = []
-    for solid in solids:
-        if solid.fault:
-            raise MeshError(solid.fault)
-        block = replace(solid.block(), straightened=straightened)
+    names = [solid.given_name for solid in solids]
+    out = {k for one in leave_out for k in numbers_of("parts.leave_out", one, names)}
+    if len(out) == len(solids):
+        raise MeshError(f"{path}: parts.leave_out names all {len(solids)} solids; expected some")
+    kept = [k for k in range(len(solids)) if k not in out]
+    return [replace(_checked(solids, k), straightened=straightened) for k in kept]
+
+
+def _checked(solids: Sequence[_Solid], k: int) -> Polyhedron:
+    """One of the solids of a file as a block, checked; where it is faulty, how to go on without."""
+    without = f"; or leave it out: parts.leave_out = [{k}] (`tubelock check` lists all faults)"
+    try:
+        if solids[k].fault:
+            raise MeshError(solids[k].fault)
+        block = solids[k].block()
         check_polyhedron(block)
-        blocks.append(block)
-    return blocks
+    except MeshError as error:
+        raise MeshError(f"{error}{without if len(solids) > 1 else ''}") from None
+    return block
 
 
 def diagnosed_blocks(

@@ -16,9 +16,14 @@ _ASIDE = 0.25
 
 
 def doubts(scene: PolyhedralScene, assembly: AnyBlocks, folder: Path) -> dict[str, str]:
-    """Rows that say what was changed in files, and what looks turned; by the name of the row."""
+    """Rows that say what was changed or left out of files, and what looks turned; by name."""
     rows = {}
     if isinstance(scene, MeshScene):
+        left_out = [
+            f"{Path(part.file).name}: {one}" for part in scene.parts for one in part.leave_out
+        ]
+        if left_out:
+            rows["left out"] = ", ".join(left_out)
         if scene.block.repair:
             rows["repaired"] = _repairs(scene, folder)
         aside = _supports_aside(scene, assembly)
@@ -30,8 +35,8 @@ def doubts(scene: PolyhedralScene, assembly: AnyBlocks, folder: Path) -> dict[st
 def _repairs(scene: MeshScene, folder: Path) -> str:
     changed = [
         f"{solid.name}: {', '.join(solid.repairs)}"
-        for file in dict.fromkeys(part.file for part in scene.parts)
-        for solid in file_solids(scene, folder / file)
+        for part in {part.file: part for part in scene.parts}.values()
+        for solid in file_solids(scene, part, folder)
         if solid.repairs
     ]
     return "; ".join(changed) or "nothing had to be changed"

@@ -9,7 +9,7 @@ import numpy as np
 from fem.element.material import Material, one_strength
 from geometry.assembly import AnyBlocks
 from geometry.mesh import FloatArray
-from validation.build.chosen import numbers_of
+from geometry.parts.chosen import numbers_of
 from validation.errors import InputError
 from validation.scene.deformable import MaterialSection
 from validation.scene.polyhedra import MeshScene

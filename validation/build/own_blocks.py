@@ -33,7 +33,7 @@ from validation.build.polyhedra import (
 from validation.build.supports import stated_load
 from validation.errors import InputError
 from validation.scene.plausibility import check_block_size
-from validation.scene.polyhedra import MeshScene, PolyhedralScene
+from validation.scene.polyhedra import MeshScene, PartSection, PolyhedralScene
 
 
 def build_own_blocks(scene: PolyhedralScene, name: str) -> HexahedralBlocks:
@@ -76,7 +76,7 @@ def _assembly(scene: PolyhedralScene, name: str) -> Assembly:
             fixed=solids.fixed,
             unmatched_allowed=True,
         )
-    placed = placed_blocks(scene, lambda file: _part_blocks(Path(file), scene))
+    placed = placed_blocks(scene, lambda part: _part_blocks(part, scene))
     fixed = placed.fixed
     if fixed.all() or not (fixed.any() or scene.supports):
         raise AssemblyError(
@@ -100,9 +100,9 @@ def _assembly(scene: PolyhedralScene, name: str) -> Assembly:
     )
 
 
-def _part_blocks(path: Path, scene: MeshScene) -> Sequence[tuple[Block, Polyhedron]]:
-    units, mesh = scene.block.units, scene.mesh
-    solids = file_solids(scene, path)
+def _part_blocks(part: PartSection, scene: MeshScene) -> Sequence[tuple[Block, Polyhedron]]:
+    units, mesh, path = scene.block.units, scene.mesh, Path(part.file)
+    solids = file_solids(scene, part, Path())
     blocks = file_blocks(path, solids, units=units, divisions=mesh.divisions, size=mesh.size)
     return list(zip(blocks, solids, strict=True))
 

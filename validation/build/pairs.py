@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from fem.contact.law import ContactLaw
 from geometry.assembly import AnyBlocks
 from geometry.mesh import BoolArray
+from geometry.parts.chosen import numbers_of
 from geometry.parts.pairs import OfPairs, PairError
-from validation.build.chosen import numbers_of
 from validation.build.materials import material_names
 from validation.scene.contact import ContactPairSection, ContactSection
 from validation.scene.read import DeformableScene

@@ -19,12 +19,12 @@ from geometry.files.block_files import read_blocks
 from geometry.files.named_surfaces import Y_UP
 from geometry.loads import LoadCase
 from geometry.mesh import BoolArray, FloatArray
+from geometry.parts.chosen import numbers_of
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import check_assembly
 from geometry.polyhedra.polyhedron import Polyhedron
 from validation.build.blocks import body_forces, build_weight
-from validation.build.chosen import numbers_of
 from validation.errors import InputError
 from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import (
@@ -33,6 +33,7 @@ from validation.scene.polyhedra import (
     DetectionSection,
     MeshScene,
     OctahedraScene,
+    PartSection,
     PlaceSection,
     PolyhedralScene,
     TetrahedraScene,
@@ -126,8 +127,8 @@ def motion(place: PlaceSection) -> tuple[FloatArray, FloatArray]:
 
 
 def _from_files(scene: MeshScene, folder: Path, detection: DetectionOptions) -> PolyhedralAssembly:
-    def read(file: str) -> Sequence[tuple[Polyhedron, Polyhedron]]:
-        return [(solid, solid) for solid in file_solids(scene, folder / file)]
+    def read(part: PartSection) -> Sequence[tuple[Polyhedron, Polyhedron]]:
+        return [(solid, solid) for solid in file_solids(scene, part, folder)]
 
     placed = placed_blocks(scene, read)
     assembly = polyhedral_assembly(
@@ -141,11 +142,15 @@ def _from_files(scene: MeshScene, folder: Path, detection: DetectionOptions) -> 
     return replace(assembly, parts=placed.parts)
 
 
-def file_solids(scene: MeshScene, path: Path) -> list[Polyhedron]:
+def file_solids(scene: MeshScene, part: PartSection, folder: Path) -> list[Polyhedron]:
     """Solids of one of the files of a scene."""
     block = scene.block
     return read_blocks(
-        path, units=block.units, element_size=block.element_size, repair=block.repair
+        folder / part.file,
+        units=block.units,
+        element_size=block.element_size,
+        repair=block.repair,
+        leave_out=part.leave_out,
     )
 
 
@@ -164,7 +169,7 @@ class Placed(Generic[Shape]):
 
 
 def placed_blocks(
-    scene: MeshScene, read: Callable[[str], Sequence[tuple[Shape, Polyhedron]]]
+    scene: MeshScene, read: Callable[[PartSection], Sequence[tuple[Shape, Polyhedron]]]
 ) -> Placed[Shape]:
     """Place the blocks of all parts.
 
@@ -173,7 +178,7 @@ def placed_blocks(
     scene
         Its parts.
     read
-        Reads the blocks of a file, and the solids that it gives.
+        Reads the blocks of a part's file, and the solids that it gives.
 
     Raises
     ------
@@ -186,7 +191,7 @@ def placed_blocks(
     upright = Y_UP if scene.block.up == "y" else np.eye(3)
     parts: list[int] = []
     for number, part in enumerate(scene.parts):
-        result = read(part.file)
+        result = read(part)
         for place in part.places:
             turn, shift = motion(place)
             blocks += [(shape, turn @ upright, shift) for shape, _ in result]

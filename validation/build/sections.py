@@ -6,7 +6,7 @@ import numpy as np
 
 from geometry.assembly import AnyBlocks
 from geometry.measures import Planes, planes
-from validation.build.chosen import chosen_blocks
+from geometry.parts.chosen import chosen_blocks
 from validation.scene.sections import WholeScene
 
 

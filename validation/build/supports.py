@@ -10,6 +10,7 @@ from geometry.assembly import AnyBlocks
 from geometry.files.named_sets import face_name
 from geometry.loads import FaceLoad, LineLoad, LoadCase, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, IntArray, QuadSurface
+from geometry.parts.chosen import chosen_block, chosen_blocks
 from geometry.parts.regions import (
     Box,
     Plane,
@@ -21,7 +22,6 @@ from geometry.parts.regions import (
     region_quads,
 )
 from geometry.parts.supports import HeldFace
-from validation.build.chosen import chosen_block, chosen_blocks
 from validation.errors import InputError
 from validation.scene.family import AssemblyScene
 from validation.scene.read import DeformableScene

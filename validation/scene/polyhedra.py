@@ -281,6 +281,9 @@ class PartSection(Section):
     folder. Each closed object, group or surface in it is a block."""
     fixed: bool = False
     """Whether all its copies are fixed."""
+    leave_out: tuple[Annotated[int, Field(ge=0)] | str, ...] = ()
+    """Solids of the file that are no blocks: numbers as ``tubelock check`` prints them, or names of
+    the file's objects."""
     material: str | None = None
     """Of its blocks: a section [materials.NAME], "concrete" or "steel"; by default [material]."""
     places: Annotated[tuple[PlaceSection, ...], Field(min_length=1)] = (PlaceSection(),)
