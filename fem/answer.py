@@ -114,7 +114,9 @@ def report_of(
         "max_displacement": solution.largest_displacement,
         "principal_stress": {"max": float(largest), "min": float(least)},
         "dimensions": dimensions(
-            result.assembly if facets is None else facets[0], result.densities
+            result.assembly if facets is None else facets[0],
+            result.densities,
+            contact_area=_searched_area(solution),
         ).as_json(),
         **({"large_motion": solution.large_motion} if solution.large_motion else {}),
         **beside,
@@ -122,6 +124,13 @@ def report_of(
         **_static_report(solution),
         **_explicit_report(solution),
     }
+
+
+def _searched_area(solution: Solution) -> float | None:
+    """Area of all facets that face another at the end [mm²]; None where facets match."""
+    if not (solution.deformable.meets and solution.deformable.contact.finite_sliding):
+        return None
+    return float(solution.contact_state.areas.sum())
 
 
 def contact_report(

@@ -58,7 +58,11 @@ class Dimensions:
         return known | {"block_volume": volumes, "units": {name: UNITS[name] for name in known}}
 
 
-def dimensions(blocks: AnyBlocks, density: float | FloatArray | None = None) -> Dimensions:
+def dimensions(
+    blocks: AnyBlocks,
+    density: float | FloatArray | None = None,
+    contact_area: float | None = None,
+) -> Dimensions:
     """Measure the free blocks.
 
     Parameters
@@ -67,6 +71,8 @@ def dimensions(blocks: AnyBlocks, density: float | FloatArray | None = None) -> 
         All blocks.
     density
         Of all blocks, or of each one, (n_blocks,) [t/mm³].
+    contact_area
+        Of all joints, each once, where facets do not match [mm²]; None: of the facets that match.
     """
     free = blocks.free_blocks
     volumes = blocks.volumes[free]
@@ -84,7 +90,7 @@ def dimensions(blocks: AnyBlocks, density: float | FloatArray | None = None) -> 
     return Dimensions(
         block_volume=(float(volumes.min()), float(volumes.max())),
         volume=float(volumes.sum()),
-        contact_area=float(blocks.interfaces.areas.sum()),
+        contact_area=float(blocks.interfaces.areas.sum() if contact_area is None else contact_area),
         least_wall=wall if np.isfinite(wall) else None,
         steepest_joint=max((angle for angle in angles if angle is not None), default=None),
         mass=mass,
