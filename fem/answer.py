@@ -127,10 +127,10 @@ def report_of(
 
 
 def _searched_area(solution: Solution) -> float | None:
-    """Area of all facets that face another at the end [mm²]; None where all facets match."""
+    """Area of all facets that face another at the end [mm²]; None where facets match."""
     result = solution.deformable
     searched = result.meets and result.contact.finite_sliding
-    if not (searched and result.assembly.unmatched_allowed):
+    if not searched or result.assembly.interfaces.areas.size:
         return None
     return float(solution.contact_state.areas.sum())
 
