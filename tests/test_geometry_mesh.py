@@ -13,6 +13,7 @@ from geometry.files.mesh_io import read_hex_mesh, write_hex_mesh
 from geometry.mesh import (
     CORNERS,
     HEX_EDGES,
+    HEX_TETRAHEDRA,
     HexMesh,
     MeshError,
     QuadSurface,
@@ -133,6 +134,17 @@ def test_jacobians_of_corners_are_those_of_the_mapping(seed: int) -> None:
     mesh = distorted_box(seed)
     mapped = jacobians(mesh, CORNERS)
     np.testing.assert_allclose(corner_jacobians(mesh), mapped, rtol=1e-12, atol=1e-14)
+
+
+def test_six_tetrahedra_fill_a_cube_without_overlap() -> None:
+    """Each has a sixth of the volume, none is turned, and a point inside lies in one of them."""
+    corners = (0.5 * (CORNERS + 1.0))[HEX_TETRAHEDRA]
+    edges = np.swapaxes(corners[:, 1:] - corners[:, :1], 1, 2)
+    np.testing.assert_allclose(np.linalg.det(edges) / 6, 1 / 6, rtol=8 * EPS)
+    inside = np.random.default_rng(7).uniform(size=(100, 1, 3))
+    shares = np.linalg.solve(edges, (inside - corners[:, 0])[..., None])[..., 0]
+    within = (shares > 0.0).all(axis=2) & (shares.sum(axis=2) < 1.0)
+    assert within.sum(axis=1).tolist() == [1] * 100
 
 
 def test_twelve_edges_join_corners_that_differ_in_one_coordinate() -> None:

@@ -21,6 +21,7 @@ from geometry.files.mesh_io import read_hex_mesh, write_hex_mesh
 from geometry.mesh import FloatArray, IntArray, MeshError, boundary_quads
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.box_tree import overlapping_boxes
+from geometry.polyhedra.facet_contact import ContactPolygons
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import check_assembly, find_overlaps
 from geometry.polyhedra.polyhedron import (
@@ -354,3 +355,17 @@ def test_surface_that_encloses_nothing_warns_of_nothing() -> None:
     mixed = turned_outward("mixed", points, triangles)
     assert mixed.mass_properties.volume == 0.0
     assert np.isfinite(mixed.mass_properties.centroid).all()
+
+
+def test_centroid_of_a_patch_is_that_of_its_polygons_by_area() -> None:
+    """An L of two rectangles, 2 × 1 and 1 × 3, beside a patch of one triangle."""
+    rectangles = [[0, 0], [2, 0], [2, 1], [0, 1], [0, 1], [1, 1], [1, 4], [0, 4]]
+    flat = np.array([*rectangles, [10, 0], [13, 0], [10, 3]], dtype=np.float64)
+    polygons = ContactPolygons(
+        corners=np.column_stack([flat, np.full(len(flat), 5.0)]),
+        start=np.array([0, 4, 8, 11]),
+        areas=np.array([2.0, 3.0, 4.5]),
+        patch=np.array([0, 0, 1]),
+    )
+    expected = [[(2 * 1.0 + 3 * 0.5) / 5, (2 * 0.5 + 3 * 2.5) / 5, 5.0], [11.0, 1.0, 5.0]]
+    np.testing.assert_allclose(polygons.patch_centroids, expected, rtol=1e-14)
