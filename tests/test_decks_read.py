@@ -438,6 +438,23 @@ def test_surfaces_that_touch_without_a_pair_are_rejected() -> None:
         deck_of_lines(lines).problem()
 
 
+@pytest.mark.parametrize("pairs", ["UNDER, TOP\nUNDER, TOP", "UNDER, TOP\ntop, under"])
+def test_a_pair_that_is_there_twice_is_rejected(pairs: str) -> None:
+    """CalculiX (2.20) presses with twice the stiffness then: 6e-3 instead of 8e-3 mm here."""
+    with pytest.raises(DeckError, match="is there twice; expected it once"):
+        deck_of_lines(changed("UNDER, TOP", pairs)).problem()
+
+
+def test_a_second_interaction_of_two_blocks_is_rejected() -> None:
+    second = "*Surface Interaction, name=J\n*Surface Behavior, pressure-overclosure=LINEAR\n50.\n"
+    lines = changed(
+        "*Surface Interaction", f"*Surface, name=TOP2\nLOWER, S2\n{second}*Surface Interaction"
+    )
+    lines = changed("*Boundary", "*Contact Pair, interaction=J\nUNDER, TOP2\n*Boundary", lines)
+    with pytest.raises(DeckError, match="two blocks meet by several interactions"):
+        deck_of_lines(lines).problem()
+
+
 BESIDE = [(x, y, z) for z in (1, 2) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
 _TEXT = "\n".join(CUBES)
 _LINES = list(deck_lines(rewritten(deck_of_lines(CUBES))))

@@ -273,6 +273,8 @@ class _Contact:
     """Of all surfaces."""
     clearance: float = 0.0
     small_sliding: bool = False
+    surfaces: set[frozenset[str]] = field(default_factory=set)
+    """Names of the two surfaces of each pair."""
 
     def slides(self, assembly: Assembly, unmatched: tuple[UnmatchedJoint, ...]) -> bool:
         """Whether points are searched: facets of blocks that can meet do not match."""
@@ -401,6 +403,7 @@ def _pairs(contact: _Contact, model: ModelLines, blocks: Blocks, card: Card) -> 
                 "self-contact is not covered"
             )
         ends = [blocks.surface(card, line, text) for text in row[:2]]
+        _check_new(contact, stated, card.at(line), row, ends)
         if ends[0].keys() == ends[1].keys() and len(ends[0]) == 1:
             raise DeckError(
                 f"{card.at(line)}: both surfaces are of one block; expected two blocks, "
@@ -410,6 +413,21 @@ def _pairs(contact: _Contact, model: ModelLines, blocks: Blocks, card: Card) -> 
             for block, rows in end.items():
                 blocks.add_face(block, CONTACT, rows)
         _join(contact, stated, *ends)
+
+
+def _check_new(
+    contact: _Contact, stated: Interaction, at: str, row: list[str], ends: list[dict[int, IntArray]]
+) -> None:
+    """Reject a pair of surfaces that is there already, and a second interaction of two blocks."""
+    names = frozenset(text.upper() for text in row[:2])
+    if names in contact.surfaces:
+        raise DeckError(f"{at}: the pair {', '.join(row[:2])} is there twice; expected it once")
+    contact.surfaces.add(names)
+    blocks = {(min(a, b), max(a, b)) for a in ends[0] for b in ends[1]}
+    if any(contact.pairs.get(pair, stated) is not stated for pair in blocks):
+        raise DeckError(
+            f"{at}: two blocks meet by several interactions; expected one for all their surfaces"
+        )
 
 
 def _check_unpaired(blocks: Blocks, contact: _Contact, assembly: Assembly) -> None:
