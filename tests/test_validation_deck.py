@@ -53,7 +53,9 @@ def heading(path: str) -> str:
 
 @pytest.mark.parametrize("flavour", ["general", "pairs", "calculix"])
 def test_an_exported_deck_is_read(tubelock, flavour) -> None:
-    status, out, _ = tubelock("export", "tsb1-pipe", *SMALL, "-o", "a.inp", "--flavour", flavour)
+    status, out, _ = tubelock(
+        "export", "tsb1-pipe", *SMALL, "-o", "a.inp", "--flavour", flavour, "-v"
+    )
     assert status == 0
     assert "*Surface Interaction (1)" in out
     status, out, _ = tubelock("deck", "a.inp", "--json", "a.json")
