@@ -374,7 +374,7 @@ def test_other_families_are_measured_and_say_what_is_left_out(
     scene, store = other(name), CostStore(tmp_path / "cost.sqlite")
     left_out = dict(full_plan("a", scene).left_out).keys()
     assert "graded meshes" in left_out
-    assert ("the ladder of `fem --accuracy`" in left_out) == (name == "thb0-tunnel")
+    assert ("mesh sequence of `fem --accuracy`" in left_out) == (name == "thb0-tunnel")
     plan = small_plan(scene)
     assert len(plan.judges) == 1
     found = cost.run_cost("a", scene, plan, store)
