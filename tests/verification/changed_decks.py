@@ -21,34 +21,11 @@ from fem import solve_static
 from fem.decks.read.deck import deck_of_lines
 from fem.decks.read.words import Dialect
 from geometry.errors import RefusedError
-from tests.test_decks_read import CUBES
+from tests.test_decks_read import CUBES, changed_lines
 
 #: Relative difference of the largest displacement that counts as none: CalculiX presses at nodes
 #: and has tension at open springs.
 _SAME = 0.02
-
-
-def changed_lines(lines: list[str], source: random.Random) -> list[str]:
-    """One to three lines dropped, doubled, swapped, cut short or with another entry."""
-    lines = list(lines)
-    for _ in range(source.randint(1, 3)):
-        at = source.randrange(len(lines))
-        kind = source.choice(["drop", "double", "swap", "cut", "entry", "entry"])
-        if kind == "drop" and len(lines) > 1:
-            del lines[at]
-        elif kind == "double":
-            lines.insert(at, lines[at])
-        elif kind == "swap":
-            lines[at], lines[at - 1] = lines[at - 1], lines[at]
-        elif kind == "cut":
-            end = source.choice(["", ",", "*", "=", "é", " 9"])
-            lines[at] = lines[at][: source.randint(0, len(lines[at]))] + end
-        else:
-            words = lines[at].split(",")
-            entries = ["", "0", "-1", "1", "2", "0.5", "1e400", "nan", "99", "x", "C3D8I", "FOOT"]
-            words[source.randrange(len(words))] = source.choice(entries)
-            lines[at] = ",".join(words)
-    return lines
 
 
 def verdict(lines: list[str], folder: Path) -> str:
