@@ -419,6 +419,7 @@ def optimise(
 
     from validation.study.optimisation import report as reports
     from validation.study.optimisation import search, statement
+    from validation.study.run import runner_for
 
     if isinstance(stated, Mapping):
         checked = statement.check_optimisation(stated)
@@ -428,6 +429,6 @@ def optimise(
         path = Path(folder) / "search.sqlite" if store is None else Path(store)
         judged = path.with_name(f"{path.stem}-judge.sqlite")
         result, final = search.optimise(
-            checked, path, judged, lambda study: search.runner_for(study, workers)
+            checked, path, judged, lambda study: runner_for(study, workers)
         )
         return reports.search_json(result, final)

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 import typer.core
 
-from validation.cli import compare, cost, decks, fem, look, optimise, paper, rigid, study, trust
+from validation.cli import compare, cost, decks, fem, look, paper, rigid, study, trust
 from validation.cli.options import command
 from validation.cli.usage import Command, Group
 from validation.errors import run_command
@@ -69,8 +69,8 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "sweep": study.sweep,
         "rescue": study.rescue,
         "combinations": study.combinations,
-        "sensitivity": optimise.sensitivity,
-        "optimise": optimise.optimise,
+        "sensitivity": study.sensitivity,
+        "optimise": study.optimise,
         "clearance": compare.clearance,
         "effects": trust.effects,
         "cost": cost.cost,

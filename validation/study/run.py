@@ -179,6 +179,18 @@ def _start_worker(stop: Event) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
+class SerialRunner:
+    """Computes designs in this process, one after another."""
+
+    def __init__(self, study: Study) -> None:
+        self.study = study
+
+    def rows(self, numbers: Iterable[int]) -> Generator[Row, None, None]:
+        """Rows in the order of the numbers."""
+        for number in numbers:
+            yield run_design(self.study, number)
+
+
 class LocalRunner:
     """Worker processes on this machine; a design that kills its worker is recorded as failed."""
 
@@ -353,3 +365,10 @@ class DaskRunner:
                 f"({type(error).__name__}: {error}); install the same tubelock there"
             ) from None
         return row
+
+
+def runner_for(study: Study, workers: int = 1, scheduler: str | None = None) -> Runner:
+    """Where designs are computed: this process, several of this machine, or a Dask cluster."""
+    if scheduler is not None:
+        return DaskRunner(study, scheduler)
+    return SerialRunner(study) if workers == 1 else LocalRunner(study, workers)

@@ -7,15 +7,15 @@ search of one measure ends with a compass search around the best design.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from validation.errors import InputError
-from validation.study.design import Row, run_design
+from validation.study.design import Row
 from validation.study.optimisation.statement import Limit, Optimisation
-from validation.study.run import DaskRunner, LocalRunner, Runner, Tally, sweep
+from validation.study.run import Runner, Tally, sweep
 from validation.study.store import ResultFile
 from validation.study.study import Study
 
@@ -84,18 +84,6 @@ def worst_of(rows: list[Mapping[str, Any]]) -> dict[str, Any]:
         result["mechanism"] = mechanisms.pop()
     result["message"] = "; ".join(dict.fromkeys(r["message"] for r in rows if r["message"]))
     return result
-
-
-class SerialRunner:
-    """Computes designs in this process, one after another."""
-
-    def __init__(self, study: Study) -> None:
-        self.study = study
-
-    def rows(self, numbers: Iterable[int]) -> Generator[Row, None, None]:
-        """Rows in the order of the numbers."""
-        for number in numbers:
-            yield run_design(self.study, number)
 
 
 @dataclass
@@ -394,13 +382,6 @@ def _optuna() -> Any:
         ) from None
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     return optuna
-
-
-def runner_for(study: Study, workers: int = 1, scheduler: str | None = None) -> Runner:
-    """Where designs are computed: this process, several of this machine, or a Dask cluster."""
-    if scheduler is not None:
-        return DaskRunner(study, scheduler)
-    return SerialRunner(study) if workers == 1 else LocalRunner(study, workers)
 
 
 def optimise(
