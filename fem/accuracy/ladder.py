@@ -10,8 +10,8 @@ gains most with elements along and across a joint, a stress at an edge with thos
 a ladder of its own.
 
 An error bar compares meshes by their fineness (`fem.accuracy.errors.sequence_bar`). Rates were
-chosen on one half of the problems that ``python -m tests.verification error-bars`` solves, and
-judged on the other half: docs/trust/error-bars.md.
+chosen on problems that ``python -m tests.verification error-bars`` solves; docs/trust/error-bars.md
+states how they are judged.
 """
 
 from __future__ import annotations
