@@ -279,3 +279,27 @@ def test_keys_are_the_content() -> None:
     rng = random.Random(0)
     keys = {content_key([rng.random()]) for _ in range(1000)}
     assert len(keys) == 1000
+
+
+def test_rows_of_a_csv_are_not_computed_again(walls, tmp_path) -> None:
+    """What ``--csv`` wrote, without numbers of its own, is what a new store begins with."""
+    with ResultFile(tmp_path / "walls.sqlite", walls) as results:
+        sweep(results, Here(walls, limit=6))
+        write_csv(results, tmp_path / "rows.csv", digits=6)
+        computed = list(results.rows())
+    with ResultFile(tmp_path / "new.sqlite", walls, Older.KEEP) as results:
+        results.take(tmp_path / "rows.csv")
+        results.take(tmp_path / "rows.csv")
+        for old, new in zip(computed, results.rows(), strict=True):
+            assert new.pop("program") == "rows.csv"
+            numbers = {name: v for name, v in old.items() if isinstance(v, float)}
+            assert {name: new[name] for name in numbers} == pytest.approx(numbers, rel=1e-5)
+            assert new | numbers == old
+        assert sweep(results, Here(walls)).computed == 10
+    text = (tmp_path / "rows.csv").read_text()
+    (tmp_path / "rows.csv").write_text(text.replace("status", "state"))
+    with (
+        ResultFile(tmp_path / "new.sqlite", walls, Older.KEEP) as results,
+        pytest.raises(InputError, match=r"rows.csv: no rows of walls: 'status'; expected what"),
+    ):
+        results.take(tmp_path / "rows.csv")

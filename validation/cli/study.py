@@ -70,6 +70,13 @@ def sweep(
     parquet: Annotated[
         Path | None, typer.Option("--parquet", metavar="FILE", help="Export all rows as Parquet.")
     ] = None,
+    digits: Annotated[
+        int, typer.Option(metavar="N", min=1, max=17, help="Significant digits of --csv.")
+    ] = 17,
+    rows: Annotated[
+        Path | None,
+        typer.Option("--rows", metavar="FILE.csv", help="Rows computed already: what --csv wrote."),
+    ] = None,
     plot: Annotated[
         tuple[str, str] | None,
         typer.Option(
@@ -107,11 +114,15 @@ def sweep(
     path = Path("out") / f"{stated.name}.sqlite" if output is None else output
     if older is not None and older not in set(Older):
         raise InputError(f"--older {older}: expected one of {', '.join(Older)}")
+    if rows is not None and older == Older.RENEW:
+        raise InputError("--rows keeps rows, --older renew recomputes them: give one of the two")
+    kept = Older.KEEP if rows is not None else None if older is None else Older(older)
     if plot is not None:
         check_axes(stated, *plot)
     picture = _picture(path, asked=plot is not None)
+    reads = stated.reads if rows is None else (*stated.reads, rows)
     files = {"--csv": csv, "--parquet": parquet, "--plot": picture}
-    with Outputs(json, files=files, stores={"-o": path}, reads=stated.reads) as outputs:
+    with Outputs(json, files=files, stores={"-o": path}, reads=reads) as outputs:
         if parquet is not None:
             require_parquet()
         if not path.exists():
@@ -123,7 +134,9 @@ def sweep(
             if scheduler is None
             else runs.DaskRunner(stated, scheduler)
         )
-        with ResultFile(path, stated, None if older is None else Older(older)) as results:
+        with ResultFile(path, stated, kept) as results:
+            if rows is not None:
+                results.take(rows)
             start = time.perf_counter()
             with (
                 report.goes_on(results),
@@ -135,7 +148,7 @@ def sweep(
             if picture is not None:
                 report.draw(results, plot, picture, outputs)
             report.print_summary(results, summary, outputs.console)
-            report.export(results, csv, parquet, outputs)
+            report.export(results, csv, parquet, outputs, digits)
             if json is not None:
                 outputs.write_json(summary | {"rows": list(results.rows())})
             if summary["n_failed"] == stated.n_designs:

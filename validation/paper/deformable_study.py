@@ -6,12 +6,10 @@ the studies. The claims are judged by the judges of `validation.paper.claims`.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from importlib import resources
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +24,7 @@ from validation.paper.claims.claim import Truth, Verdict, judged
 from validation.paper.claims.rigid import RIGID_CLAIMS
 from validation.paper.evidence import PATHS, Design, Evidence, StudyTable
 from validation.paper.figures import draw_parameter_study
-from validation.scene.read import read_text
+from validation.study.store import read_csv
 
 RIGID, DEFORMABLE = "paper-480", "paper-480-fem"
 #: Folder of the built-in studies and their rows.
@@ -67,25 +65,16 @@ def read_rows(path: Path) -> Rows:
         A file that cannot be read, or has other columns.
     """
     result: Rows = {}
-    for row in csv.DictReader(StringIO(read_text(path, "rows of a study as CSV"))):
-        named = {head.partition(" [")[0]: value for head, value in row.items()}
+    for row in read_csv(path):
         try:
-            design = [float(named[p]) for p in PATHS]
-            key: Design = (design[0], design[1], int(design[2]), design[3], design[4])
-            result[key] = {name: _value(value) for name, value in named.items()}
+            s, f, n, t, a = (float(row[p]) for p in PATHS)
+            result[s, f, int(n), t, a] = row
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
                 f"{path}: no rows of {DEFORMABLE}: {error}; expected what "
                 f"`tubelock sweep {DEFORMABLE} --csv FILE` writes"
             ) from None
     return result
-
-
-def _value(text: str) -> Any:
-    try:
-        return float(text) if text else None
-    except ValueError:
-        return text
 
 
 class Compared:

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -135,7 +136,9 @@ def draw(results: ResultFile, axes: tuple[str, str] | None, path: Path, outputs:
     outputs.say("picture", path)
 
 
-def export(results: ResultFile, csv: Path | None, parquet: Path | None, outputs: Outputs) -> None:
+def export(
+    results: ResultFile, csv: Path | None, parquet: Path | None, outputs: Outputs, digits: int = 17
+) -> None:
     """Write all rows to the files asked for.
 
     Raises
@@ -143,7 +146,8 @@ def export(results: ResultFile, csv: Path | None, parquet: Path | None, outputs:
     InputError
         Where one cannot be written; all rows stay in the result file.
     """
-    for words, target, write in (("CSV", csv, write_csv), ("Parquet", parquet, write_parquet)):
+    as_csv = partial(write_csv, digits=digits)
+    for words, target, write in (("CSV", csv, as_csv), ("Parquet", parquet, write_parquet)):
         if target is None:
             continue
         try:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from enum import StrEnum
-from itertools import chain
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from validation.errors import InputError
 from validation.output.files import write_csv as write_table
 from validation.output.provenance import version
 from validation.output.store import PROVEN, Layout, Store, content_key, quoted
+from validation.scene.read import read_text
 from validation.study.design import Row
 from validation.study.study import COLUMNS, MEASURES, Study, Value
 
@@ -136,6 +138,30 @@ class ResultFile(Store):
         """Write one row, in the place of an earlier one of the same design (`put`)."""
         self.put(self.key(row.number), row.parameters | row.results | vars(row))
 
+    def take(self, path: Path) -> None:
+        """Add the rows of a CSV that `write_csv` wrote; designs that have a row keep it.
+
+        Raises
+        ------
+        InputError
+            A file that cannot be read, or rows that are no designs of this study.
+        """
+        done = self.done()
+        with self.alone(), self._clear_errors(), self._transaction():
+            for row in read_csv(path):
+                try:
+                    number = self.study.number(row)
+                    status = {name: name for name in ("ok", "failed")}[row["status"]]
+                    own = {"number": number, "key": self.key(number), "status": status}
+                    own |= {"message": row["message"] or ""}
+                    if not done[number]:
+                        self._insert({"program": path.name} | row | own)
+                except (KeyError, TypeError, ValueError) as error:
+                    raise InputError(
+                        f"{path}: no rows of {self.study.name}: {error}; expected what "
+                        f"`tubelock sweep {self.study.name} --csv FILE` writes"
+                    ) from None
+
     def done(self, *, failed_too: bool = True) -> bytearray:
         """Which designs have a row that counts: one byte per design, 1 if so."""
         result = bytearray(self.study.n_designs)
@@ -225,11 +251,36 @@ def _short(value: Any) -> str:
 # Exports
 
 
-def write_csv(results: ResultFile, path: Path) -> None:
-    """Write all rows as CSV; the header names the units."""
+def write_csv(results: ResultFile, path: Path, digits: int = 17) -> None:
+    """Write all rows as CSV, numbers with so many digits; the header names the units."""
     columns = results.shown
     heads = [results.study.head(name) for name in columns]
-    write_table(path, heads, chain.from_iterable(results.batches("number", columns)))
+    rows = (row for batch in results.batches("number", columns) for row in batch)
+    write_table(path, heads, ([_rounded(value, digits) for value in row] for row in rows))
+
+
+def _rounded(value: Any, digits: int) -> Any:
+    return float(f"{value:.{digits}g}") if isinstance(value, float) else value
+
+
+def read_csv(path: Path) -> Iterator[dict[str, Any]]:
+    """Read rows of a study from what `write_csv` wrote, by the names of columns without units.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read.
+    """
+    for row in csv.DictReader(StringIO(read_text(path, "rows of a study as CSV"))):
+        yield {str(head).partition(" [")[0]: _read(value) for head, value in row.items()}
+
+
+def _read(text: Any) -> Any:
+    """Value of a cell: a number, a list or text as `Store` keeps it; nothing: None."""
+    try:
+        return json.loads(text) if text else None
+    except (TypeError, ValueError):
+        return text
 
 
 def require_parquet() -> None:
