@@ -79,12 +79,11 @@ def test_a_search_of_all_designs_finds_the_best_and_goes_on(tmp_path: Path) -> N
     best = min(rows, key=lambda row: row["p_max"])
     store = tmp_path / "search.sqlite"
     first, second = (optimise(stated(), store) for _ in range(2))
-    assert first["best"][0]["variables"] == {path: best[path] for path in VARIABLES}
-    assert first["best"][0]["row"]["p_max"] == pytest.approx(best["p_max"], rel=1e-9)
-    assert second["evaluations"] == 6
-    assert {d["row"]["cpu_seconds"] for d in second["designs"]} == {
-        d["row"]["cpu_seconds"] for d in first["designs"]
-    }
+    assert {path: first.best[0][path] for path in VARIABLES} == {p: best[p] for p in VARIABLES}
+    assert first.best[0]["p_max"] == pytest.approx(best["p_max"], rel=1e-9)
+    assert len(second.rows) == 6
+    assert {r["cpu_seconds"] for r in second.rows} == {r["cpu_seconds"] for r in first.rows}
+    assert "6 designs computed, 6 within the limits, 0 failed" in repr(second)
 
 
 def test_a_limit_that_no_design_meets_names_the_nearest() -> None:
@@ -97,10 +96,10 @@ def test_designs_that_cannot_be_built_do_not_end_a_search() -> None:
     """They are rows with their message."""
     some = VARIABLES | {"block.frequency": [1.5, 1.3]}
     result = optimise(stated(variables=some, evaluations=12))
-    failed = [d for d in result["designs"] if d["row"]["status"] == "failed"]
+    failed = [row for row in result.rows if row["status"] == "failed"]
     assert len(failed) == 6
-    assert all("2 f whole" in d["row"]["message"] for d in failed)
-    assert result["best"][0]["variables"]["block.frequency"] == 1.5
+    assert all("2 f whole" in row["message"] for row in failed)
+    assert result.best[0]["block.frequency"] == 1.5
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from validation.scene.read import SceneFile
     from validation.study.comparison.report import Comparison
     from validation.study.costs.study import CostStudy
+    from validation.study.optimisation.report import SearchResult
     from validation.study.optimisation.sensitivity import Sensitivity
     from validation.study.study import Study
 
@@ -397,8 +398,11 @@ def optimise(
     store: str | Path | None = None,
     *,
     workers: int = 1,
-) -> dict[str, Any]:
-    """Find the best design: what `tubelock optimise` writes as JSON.
+) -> SearchResult:
+    """Find the best design under limits.
+
+    ``print`` shows the best designs; ``rows`` are all that were computed, ``best`` the best ones,
+    ``judged`` those with the answer that decides; ``draw(path)`` the course of the search.
 
     Parameters
     ----------
@@ -417,8 +421,8 @@ def optimise(
     """
     from tempfile import TemporaryDirectory
 
-    from validation.study.optimisation import report as reports
-    from validation.study.optimisation import search, statement
+    from validation.study.optimisation import report as search
+    from validation.study.optimisation import statement
     from validation.study.run import runner_for
 
     if isinstance(stated, Mapping):
@@ -428,7 +432,4 @@ def optimise(
     with TemporaryDirectory() as folder:
         path = Path(folder) / "search.sqlite" if store is None else Path(store)
         judged = path.with_name(f"{path.stem}-judge.sqlite")
-        result, final = search.optimise(
-            checked, path, judged, lambda study: runner_for(study, workers)
-        )
-        return reports.search_json(result, final)
+        return search.optimise(checked, path, judged, lambda study: runner_for(study, workers))

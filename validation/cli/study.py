@@ -294,7 +294,7 @@ def optimise(
     An interrupted search continues with the same command.
     """
     from validation.output.outputs import Outputs
-    from validation.study.optimisation import report, search
+    from validation.study.optimisation import report
     from validation.study.optimisation.statement import load_optimisation
     from validation.study.run import runner_for
 
@@ -308,12 +308,12 @@ def optimise(
         return runner_for(study, workers, scheduler)
 
     with Outputs(json, files={"picture": picture}, stores=stores, reads=stated.study.reads) as out:
-        result, final = search.optimise(stated, path, final_path, runner, _progress)
-        report.print_search(result, final, out.console)
-        report.draw_search(result, final, picture)
+        result = report.optimise(stated, path, final_path, runner, _progress)
+        result.print(out.console)
+        result.draw(picture)
         out.say("picture", picture)
         out.say("results", path)
-        out.write_json(report.search_json(result, final))
+        out.write_json(result.as_json())
 
 
 def _progress(words: str) -> None:

@@ -41,6 +41,12 @@ class Row:
     unused: tuple[str, ...] = ()
     """Keys of its scene on which its results do not depend; empty if failed."""
 
+    @property
+    def flat(self) -> dict[str, Any]:
+        """Parameters, results and what became of it, by the columns of a store."""
+        own = ("number", "status", "message", "cpu_seconds")
+        return self.parameters | self.results | {name: getattr(self, name) for name in own}
+
 
 def run_design(study: Study, number: int) -> Row:
     """Compute one design, counted from 0; whatever goes wrong with it becomes its message."""

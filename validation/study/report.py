@@ -166,11 +166,11 @@ def print_table(results: ResultFile, console: Console) -> None:
     whole = total <= _WHOLE
     shown = results.ranked(_WHOLE if whole else _BEST, status="ok")
     shown += results.ranked(_WHOLE if whole else _FAILED, status="failed")
-    columns = {"design": _cell("number")}
-    columns |= {_head(study, path): _cell(path) for path in study.varied}
+    columns = {"design": cell("number")}
+    columns |= {lines_of_head(study, path): cell(path) for path in study.varied}
     for name in _STATES[study.quantity] + MEASURES[study.quantity]:
         if any(row[name] is not None for row in shown):
-            columns[_head(study, name)] = _cell(name)
+            columns[lines_of_head(study, name)] = cell(name)
     if shown and shown[-1]["status"] == "failed":
         columns["message"] = lambda row: row["message"] if row["status"] == "failed" else ""
     console.print(tabled(_table_title(results, len(shown)), shown, columns))
@@ -185,16 +185,16 @@ def _table_title(results: ResultFile, n_shown: int) -> str:
     return f"{results.study.name}: {count} designs{order}"
 
 
-def _head(study: Study, column: str) -> str:
+def lines_of_head(study: Study, column: str) -> str:
     """Name of a column, its section above and its unit below."""
     return study.head(column).replace(" [", "\n[").replace(".", ".\n")
 
 
-def _cell(name: str) -> Callable[[Mapping[str, Any]], str]:
+def cell(name: str) -> Callable[[Mapping[str, Any]], str]:
     """Return what makes the words of a column: value and error bar; the unit is in the head."""
 
     def words(row: Mapping[str, Any]) -> str:
-        value, error = row[name], row.get(f"{name}_error")
+        value, error = row.get(name), row.get(f"{name}_error")
         if isinstance(value, float):
             return Measure(value, "", error).value_words.rstrip()
         return "–" if value is None else str(value)

@@ -136,7 +136,7 @@ class ResultFile(Store):
 
     def add(self, row: Row) -> None:
         """Write one row, in the place of an earlier one of the same design (`put`)."""
-        self.put(self.key(row.number), row.parameters | row.results | vars(row))
+        self.put(self.key(row.number), row.flat)
 
     def take(self, path: Path) -> None:
         """Add the rows of a CSV that `write_csv` wrote; designs that have a row keep it.

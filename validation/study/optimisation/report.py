@@ -1,131 +1,170 @@
-"""What a search found: table, picture, plain data."""
+"""What a search found: rows, table, picture, plain data."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-from geometry.answer import Measure
-from validation.output.console import listing
+from validation.output.console import plain_console, tabled
 from validation.output.pictures.gallery import save_figure, subplots
 from validation.output.pictures.scales import BLUE, VERMILION
-from validation.study.optimisation.search import Point, Search
+from validation.study.optimisation.search import Point, Search, judged, run_search
+from validation.study.optimisation.statement import Optimisation
+from validation.study.report import cell, lines_of_head
+from validation.study.run import Runner
+from validation.study.store import ResultFile
 from validation.study.study import Study
 
 #: Rows of the table of a search.
 _SHOWN = 10
 
 
-def print_search(search: Search, final: list[Point], console: Console) -> None:
-    """Print the best designs of the search, then those that were judged again."""
-    stated = search.stated
-    best = search.best if len(stated.measures) == 2 else search.feasible
-    kind = "Pareto front" if len(stated.measures) == 2 else "best designs of the search"
-    console.print(_table(search, best[:_SHOWN], f"{stated.study.name}: {kind}", stated.study))
-    failed = sum(p.failed for p in search.points.values())
-    console.print(
-        f"{len(search.points)} designs computed, {len(search.feasible)} within the limits, "
-        f"{failed} failed"
-    )
-    if stated.judge is not None and final:
-        words = f"{stated.study.name}: judged again ({stated.judge.quantity})"
-        console.print(_table(search, final, words, stated.judge))
-        console.print(verdict(search, final))
+def optimise(
+    stated: Optimisation,
+    path: Path,
+    final_path: Path,
+    runner: Callable[[Study], Runner],
+    progress: Callable[[str], None] | None = None,
+) -> SearchResult:
+    """Search, and judge the last few designs again; rows are kept in two files of results.
+
+    Raises
+    ------
+    InputError
+        A file of another search, or no design that can be computed or meets the limits.
+    """
+    search = Search(stated)
+
+    def tell() -> None:
+        if progress is not None:
+            best = search.feasible[:1]
+            scores = best[0].scores(stated.measures) if best else None
+            least = "none within the limits yet" if scores is None else f"best {scores[0]:.4g}"
+            words = f"{stated.study.name}: {len(search.points)} of {stated.evaluations}"
+            progress(f"{words}, {least}")
+
+    with ResultFile(path, stated.study) as results:
+        run_search(search, results, runner(stated.study), tell)
+    if stated.judge is None:
+        return SearchResult(search, [])
+    with ResultFile(final_path, stated.judge) as results:
+        return SearchResult(search, judged(search, results, runner(stated.judge)))
 
 
-def _table(search: Search, points: list[Point], title: str, study: Study) -> Table:
-    stated = search.stated
-    shown = [*stated.measures, *(n for n in _limit_columns(search) if n in points[0].row)]
-    heads = [path for path, _ in stated.variables]
-    table = listing(title, numbers=[study.head(n).replace(" [", "\n[") for n in (*heads, *shown)])
-    for point in points:
-        values = stated.values(point.places)
-        cells = [f"{v:g}" if isinstance(v, float) else str(v) for v in values.values()]
-        table.add_row(*cells, *(_words(point, name) for name in shown))
-    return table
+@dataclass(frozen=True, repr=False)
+class SearchResult:
+    """Designs of a search; rows are those of a study, of several cases with the worst of each."""
 
+    search: Search
+    """What was requested and every design that was computed."""
+    final: list[Point]
+    """Designs that were judged again, the best first."""
 
-def _limit_columns(search: Search) -> list[str]:
-    names = [
-        "mechanism" if limit.name == "locked" else limit.name for limit in search.stated.limits
-    ]
-    return [n for n in dict.fromkeys(names) if n not in search.stated.measures]
+    @property
+    def rows(self) -> tuple[dict[str, Any], ...]:
+        """One for each design computed: variables, measures, ``status``, ``message``, `feasible`.
 
+        ``pandas.DataFrame(result.rows)`` is a table.
+        """
+        return self._rows(self.search.points.values())
 
-def _words(point: Point, name: str) -> str:
-    value, error = point.row.get(name), point.row.get(f"{name}_error")
-    if isinstance(value, float):
-        return Measure(value, "", error).value_words.rstrip()
-    return (point.row["message"] or "–") if value is None else str(value)
+    @property
+    def best(self) -> tuple[dict[str, Any], ...]:
+        """Rows of the least value, or of the Pareto front."""
+        return self._rows(self.search.best)
 
+    @property
+    def judged(self) -> tuple[dict[str, Any], ...]:
+        """Rows with the answer that decides, the best first."""
+        return self._rows(self.final)
 
-def verdict(search: Search, final: list[Point]) -> str:
-    """Say which judged design is best, and whether its error bar tells it from the next."""
-    name = search.stated.measures[0]
-    answered = [p for p in final if p.row.get(name) is not None]
-    if not answered:
-        return f"none of the judged designs has {name}"
-    best = answered[0]
-    at = ", ".join(f"{k} = {_value(v)}" for k, v in search.stated.values(best.places).items())
-    words = f"best: {at}; {name} {_words(best, name)}"
-    close = [p for p in answered[1:] if _overlap(best, p, name)]
-    if close:
-        words += f"; error bars do not tell it from {len(close)} of the others"
-    return words
+    def _rows(self, points: Iterable[Point]) -> tuple[dict[str, Any], ...]:
+        of = self.search.stated.values
+        return tuple(p.row | of(p.places) | {"feasible": p.feasible} for p in points)
 
+    def print(self, console: Console) -> None:
+        """Print the best designs of the search, then those that were judged again."""
+        stated, name = self.search.stated, self.search.stated.study.name
+        two = len(stated.measures) == 2
+        best = self.best if two else self._rows(self.search.feasible[:_SHOWN])
+        kind = "Pareto front" if two else "best designs of the search"
+        console.print(self._table(best[:_SHOWN], f"{name}: {kind}", stated.study))
+        failed = sum(p.failed for p in self.search.points.values())
+        console.print(
+            f"{len(self.search.points)} designs computed, {len(self.search.feasible)} within the "
+            f"limits, {failed} failed"
+        )
+        if stated.judge is not None and self.final:
+            words = f"{name}: judged again ({stated.judge.quantity})"
+            console.print(self._table(self.judged, words, stated.judge))
+            console.print(self.verdict)
 
-def _overlap(one: Point, other: Point, name: str) -> bool:
-    bars = sum(p.row.get(f"{name}_error") or 0.0 for p in (one, other))
-    return bool(other.row[name] - one.row[name] <= bars)
+    def _table(self, rows: Sequence[dict[str, Any]], title: str, study: Study) -> Table:
+        stated = self.search.stated
+        limited = ("mechanism" if x.name == "locked" else x.name for x in stated.limits)
+        shown = dict.fromkeys((*stated.measures, *(n for n in limited if n in rows[0])))
+        names = [*(path for path, _ in stated.variables), *shown]
+        columns = {lines_of_head(study, name): cell(name) for name in names}
+        if any(row.get(stated.measures[0]) is None for row in rows):
+            columns["message"] = cell("message")
+        return tabled(title, rows, columns, words=0)
 
+    @property
+    def verdict(self) -> str:
+        """Which judged design is best, and whether its error bar tells it from the next."""
+        stated = self.search.stated
+        name = stated.measures[0]
+        answered = [row for row in self.judged if row.get(name) is not None]
+        if not answered:
+            return f"none of the judged designs has {name}"
+        best = answered[0]
+        at = ", ".join(f"{path} = {cell(path)(best)}" for path, _ in stated.variables)
+        words = f"best: {at}; {name} {cell(name)(best)}"
+        close = [row for row in answered[1:] if _overlap(best, row, name)]
+        if close:
+            words += f"; error bars do not tell it from {len(close)} of the others"
+        return words
 
-def _value(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def search_json(search: Search, final: list[Point]) -> dict[str, Any]:
-    """Everything as plain data."""
-    stated = search.stated
-
-    def data(point: Point) -> dict[str, Any]:
-        row = {k: v for k, v in point.row.items() if k not in ("number", "worker", "unused")}
+    def as_json(self) -> dict[str, Any]:
+        """Plain data."""
         return {
-            "variables": stated.values(point.places),
-            "feasible": point.feasible,
-            "row": {k: v for k, v in row.items() if _plain(v)},
+            "minimise": list(self.search.stated.measures),
+            "limits": [limit.words for limit in self.search.stated.limits],
+            "evaluations": len(self.search.points),
+            "best": list(self.best),
+            "designs": list(self.rows),
+            "judged": list(self.judged),
         }
 
-    return {
-        "minimise": list(stated.measures),
-        "limits": [limit.words for limit in stated.limits],
-        "evaluations": len(search.points),
-        "best": [data(p) for p in search.best],
-        "designs": [data(p) for p in search.points.values()],
-        "judged": [data(p) for p in final],
-    }
+    def draw(self, path: Path) -> None:
+        """Draw the course of a search, or the two measures with their front."""
+        figure, axes = subplots(1, 1, size=(8.0, 4.8))
+        stated = self.search.stated
+        two = len(stated.measures) == 2
+        (_draw_front if two else _draw_course)(self.search, axes)
+        if not two and stated.judge is not None:
+            _draw_judged(self.search, self.final, axes)
+        axes.grid(alpha=0.3)
+        axes.legend(frameon=False)
+        axes.set_title(f"{stated.study.name}: {len(self.search.points)} designs", loc="left")
+        save_figure(figure, path)
+
+    def __repr__(self) -> str:
+        """Return what `print` prints."""
+        self.print(plain_console(text := StringIO()))
+        return text.getvalue().rstrip()
 
 
-def _plain(value: Any) -> bool:
-    return value is None or isinstance(value, str | int | float | bool | Mapping)
-
-
-def draw_search(search: Search, final: list[Point], path: Path) -> None:
-    """Draw the course of a search, or the two measures with their front."""
-    figure, axes = subplots(1, 1, size=(8.0, 4.8))
-    stated = search.stated
-    two = len(stated.measures) == 2
-    (_draw_front if two else _draw_course)(search, axes)
-    if not two and stated.judge is not None:
-        _draw_judged(search, final, axes)
-    axes.grid(alpha=0.3)
-    axes.legend(frameon=False)
-    axes.set_title(f"{stated.study.name}: {len(search.points)} designs", loc="left")
-    save_figure(figure, path)
+def _overlap(one: Mapping[str, Any], other: Mapping[str, Any], name: str) -> bool:
+    bars = sum(row.get(f"{name}_error") or 0.0 for row in (one, other))
+    return bool(other[name] - one[name] <= bars)
 
 
 def _draw_front(search: Search, axes: Any) -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from validation.errors import InputError
@@ -17,7 +16,6 @@ from validation.study.design import Row
 from validation.study.optimisation.statement import Limit, Optimisation
 from validation.study.run import Runner, Tally, sweep
 from validation.study.store import ResultFile
-from validation.study.study import Study
 
 Places = tuple[int, ...]
 #: Measures of which the least value is the worst one.
@@ -312,7 +310,7 @@ def run_search(
     search.remember(results.rows())
 
     def take(row: Row) -> None:
-        point = search.take(row.parameters | row.results | vars(row))
+        point = search.take(row.flat)
         if on_point is not None and point is not None:
             on_point()
 
@@ -382,35 +380,3 @@ def _optuna() -> Any:
         ) from None
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     return optuna
-
-
-def optimise(
-    stated: Optimisation,
-    path: Path,
-    final_path: Path,
-    runner: Callable[[Study], Runner],
-    progress: Callable[[str], None] | None = None,
-) -> tuple[Search, list[Point]]:
-    """Search, and judge the last few designs again; rows are kept in two files of results.
-
-    Raises
-    ------
-    InputError
-        A file of another search, or no design that can be computed or meets the limits.
-    """
-    search = Search(stated)
-
-    def tell() -> None:
-        if progress is not None:
-            best = search.feasible[:1]
-            scores = best[0].scores(stated.measures) if best else None
-            least = "none within the limits yet" if scores is None else f"best {scores[0]:.4g}"
-            words = f"{stated.study.name}: {len(search.points)} of {stated.evaluations}"
-            progress(f"{words}, {least}")
-
-    with ResultFile(path, stated.study) as results:
-        run_search(search, results, runner(stated.study), tell)
-    if stated.judge is None:
-        return search, []
-    with ResultFile(final_path, stated.judge) as results:
-        return search, judged(search, results, runner(stated.judge))
