@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,9 @@ import numpy as np
 import pytest
 
 from fem import Material, Problem, concrete, solve_static
+from fem.accuracy.strength import _BoundError, _scaled_until
 from geometry import SineBlock, pipe, tube
+from geometry.answer import Measure
 from geometry.errors import RefusedError
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import face_pressure
@@ -90,3 +93,38 @@ def test_strengths_that_cannot_be_used_are_rejected() -> None:
     mixed = replace(problem, material=[*problem.materials[:-1], other])
     with pytest.raises(RefusedError, match="tensile_strength: got different ones"):
         solve_static(mixed, mesh="scene", error_bars=False)
+
+
+def scaled(stress: Callable[[float], float], most: float = np.inf) -> tuple[float, list[float]]:
+    """Factor at which a stress by load is 3 MPa, and the loads that were solved.
+
+    Above ``most`` there is no state.
+    """
+    loads: list[float] = []
+
+    def at(factor: float) -> Measure:
+        loads.append(factor)
+        if factor > most:
+            raise RefusedError("blocks move away")
+        return Measure(stress(factor), "MPa")
+
+    return _scaled_until(3.0, Measure(stress(1.0), "MPa"), at)[0], loads
+
+
+@pytest.mark.quick
+def test_a_factor_is_found_beside_loads_without_a_state() -> None:
+    """Stress ∝ load^0.7 reaches 3 at 30^(1/0.7) = 129; the first stride would go beyond 150."""
+    factor, loads = scaled(lambda load: 0.1 * load**0.7, most=150.0)
+    assert factor == pytest.approx(30.0 ** (1 / 0.7), rel=1e-3)
+    assert len(loads) <= 12
+
+
+@pytest.mark.quick
+def test_a_search_without_end_says_between_which_loads() -> None:
+    """Above loads that are solved, whether the stress falls again or nothing more is held."""
+    with pytest.raises(_BoundError, match=r"above 1\d+ times .* 0.\d+ of 3 MPa \(it does not grow"):
+        scaled(lambda load: 0.1 * load * np.exp(-load / 10.0))
+    with pytest.raises(_BoundError, match=r"above 4.\d+ times .*no static state at .*move away"):
+        scaled(lambda load: 0.1 * load, most=5.0)
+    with pytest.raises(_BoundError, match=r"^below 0.75 times .* 4 of 3 MPa"):
+        scaled(lambda _: 4.0)

@@ -27,8 +27,8 @@ JUDGED = {
     "compressive_strength": ("crushing_factor", ("sigma_3_min", "p_max_point")),
 }
 #: Logarithm of strength over stress from which the last secant is followed without solving again
-#: (it leaves out the curvature, about its square), and most solutions.
-_NEAR, _MOST = 0.03, 8
+#: (it leaves out the curvature, about its square), and most loads that are tried.
+_NEAR, _MOST = 0.03, 12
 #: The same without any secant.
 _SAME = 1e-6
 #: Loads are scaled by this factor at most in one step.
@@ -71,7 +71,7 @@ def strength_factors(
     if not any(strengths.values()):
         return {}
     store = FlexibilityStore()
-    options = StaticOptions() if options is None else replace(options, load_path=None)
+    options = replace(options or StaticOptions(), load_path=None, like=solution.static)
 
     last, state = 1.0, solution.static
     path_counts = solution.deformable.contact.friction is not None
@@ -118,26 +118,57 @@ def _judged(
         return _none("none: no stress")
     try:
         factor, reached = _scaled_until(strength, stress, lambda f: at(f)[name])
-    except RefusedError as error:
-        return _none(f"none: no static state under the scaled load ({error})")
+    except _BoundError as error:
+        return _none(f"none: {error}")
     bar = None if stress.error is None else factor * stress.error / abs(stress.value)
     return Measure(factor, "times the load", bar, place={**(reached.place or {}), "stress": name})
+
+
+class _BoundError(RefusedError):
+    """A strength that the search did not reach: on which side of which load it lies, and why."""
 
 
 def _scaled_until(
     strength: float, stress: Measure, at: Callable[[float], Measure]
 ) -> tuple[float, Measure]:
-    """Factor at which the size of a stress is a strength, by secants in logarithms."""
+    """Factor at which the size of a stress is a strength, by secants in logarithms.
+
+    A load without a state halves the steps. Where the stress falls while the load grows, the
+    search ends: what lies beyond would not be first cracking.
+    """
     factor, slope, result = 1.0, 1.0, stress
-    for solved in range(_MOST):
+    solved = {factor: abs(stress.value)}
+    stride, why = math.log(_STRIDE), f"{_MOST} loads were tried"
+    for count in range(_MOST):
         short = math.log(strength / abs(result.value))
-        step = min(max(short / slope, -math.log(_STRIDE)), math.log(_STRIDE))
-        factor *= math.exp(step)
-        if abs(short) <= (_NEAR if solved else _SAME):
-            return factor, result
-        before, result = result, at(factor)
-        slope = min(max(math.log(abs(result.value / before.value)) / step, 0.2), 5.0)
-    raise RefusedError(f"the stress does not approach {strength:g} MPa")
+        step = min(max(short / slope, -stride), stride)
+        tried = factor * math.exp(step)
+        if abs(short) <= (_NEAR if count else _SAME):
+            return tried, result
+        try:
+            after = at(tried)
+        except RefusedError as error:
+            stride, why = 0.5 * abs(step), f"no static state at {tried:.4g} times the load: {error}"
+            continue
+        solved[tried] = abs(after.value)
+        if (solved[tried] - solved[factor]) * step <= 0.0:
+            why = "it does not grow with the load"
+            break
+        slope = min(max(math.log(solved[tried] / solved[factor]) / step, 0.2), 5.0)
+        factor, result = tried, after
+    raise _BoundError(f"{_bounds(strength, solved)} ({why})")
+
+
+def _bounds(strength: float, solved: Mapping[float, float]) -> str:
+    """Say between which loads a stress may be the strength, from loads and stresses [MPa]."""
+    below = max((f for f, stress in solved.items() if stress < strength), default=None)
+    above = min((f for f, stress in solved.items() if stress >= strength), default=None)
+    words = []
+    if below is not None:
+        words.append(f"above {below:.4g} times the load, where the stress is {solved[below]:.3g}")
+    if above is not None:
+        words.append(f"below {above:.4g} times the load, where the stress is {solved[above]:.3g}")
+    return f"{' and '.join(words)} of {strength:g} MPa"
 
 
 def _none(why: str) -> Measure:

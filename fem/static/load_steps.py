@@ -26,7 +26,7 @@ from fem.static.newton import (
     has_potential,
     support_forces,
 )
-from fem.static.result import StaticError, load_factors
+from fem.static.result import StaticError, StaticResult, load_factors
 from geometry.errors import is_number
 from geometry.mesh import FloatArray, IntArray
 
@@ -92,6 +92,9 @@ class StaticOptions:
     motion_steps: int | None = None
     """Parts of the way of supports that move, after the load; the times of their tables come on
     top. None: all their way at once, with the load."""
+    like: StaticResult | None = None
+    """A result whose solver alone is used, once. None: what does not converge is tried in other
+    ways, in smaller load steps or along the energy, which takes long."""
 
     def __post_init__(self) -> None:
         if not (is_number(self.tolerance) and self.tolerance > 0.0):
@@ -193,7 +196,7 @@ def load_up(
         if problem.friction is not None and reached.residuals[-1] > _HISTORY:
             # What follows would start from a history that no equilibrium has.
             return problem, reached, False
-        if not reached.converged and has_potential(problem):
+        if not reached.converged and options.like is None and has_potential(problem):
             reached = descend(problem, replace(state, residuals=reached.residuals))
         return problem, _advance_friction(problem, reached, begin), True
 

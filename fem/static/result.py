@@ -92,6 +92,8 @@ class StaticResult(ReadOnlyArrays):
     """What faces what at the end, where a search found it; None: matched facets."""
     searched: SearchedSurfaces | None = None
     """The same points as facets."""
+    in_contact_forces: bool = False
+    """Whether the unknowns were the forces of contact points (`fem.static.contact_forces`)."""
 
     @property
     def surfaces(self) -> ContactSurfaces | SearchedSurfaces:

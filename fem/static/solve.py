@@ -123,10 +123,13 @@ def _load(
     """Apply the load in the requested parts."""
     clock = time.process_time()
     orbits = _orbits(deformable, options.symmetry)
-    grids = grid_blocks(deformable) if options.method is StaticMethod.CONDENSED else None
+    like = options.like
+    in_forces = options.method is StaticMethod.CONDENSED and (not like or like.in_contact_forces)
+    grids = grid_blocks(deformable) if in_forces else None
     if grids is not None:
         half = with_half_turn(deformable, orbits) if options.symmetry is None else orbits
-        with contextlib.suppress(StaticError):  # what it does not solve, the general solver may
+        # What it does not solve, the general solver may.
+        with contextlib.nullcontext() if like else contextlib.suppress(StaticError):
             return _in_contact_forces(local_system(deformable, half), options, grids, start)
     points = None
     if deformable.contact.finite_sliding:
@@ -140,7 +143,7 @@ def _load(
         slips = np.zeros_like(first.displacement) if slips_from_rest else first.displacement
         way = partial(follow_up, options=options, points=points, search_anew=anew, begin=slips)
     problem, state = way(problem, first, options.load_steps)
-    more = options.load_steps < _FALLBACK_LOAD_STEPS and options.load_path is None
+    more = options.load_steps < _FALLBACK_LOAD_STEPS and options.load_path is None and like is None
     if more and not state.converged:
         once, again = (problem, state), replace(first, residuals=state.residuals)
         if points is not None:
@@ -207,7 +210,7 @@ def _in_contact_forces(
     spent = time.process_time() - clock
     seconds = {"setup": 0.0, "newton": spent, "recovery": 0.0, "total": spent}
     outcome = _Outcome(result.displacement, result.internal_force, state, seconds)
-    return _result(system, options, outcome, searched=False)
+    return replace(_result(system, options, outcome, searched=False), in_contact_forces=True)
 
 
 def _problem(
