@@ -32,7 +32,7 @@ _PAGES = (
         "convergence",
         "Convergence orders",
         "Errors of the elements against mesh size, of the time integration against the time step.",
-        "convergence -o convergence.png",
+        "convergence",
     ),
     (
         "peaks",

@@ -14,6 +14,7 @@ from validation.cli.options import (
     SceneArgument,
     SetOption,
     folder_option,
+    folder_outputs,
     scene_outputs,
 )
 
@@ -118,15 +119,11 @@ def clearance(
 
 
 def convergence(
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="FILE.png|svg|pdf", help="Picture to write.")
-    ] = Path("convergence.png"),
+    output: Annotated[Path | None, folder_option("the figure", "out/convergence")] = None,
     json: JsonOption = None,
 ) -> None:
     """Measure convergence orders in mesh size and time step."""
     from validation.output.console import status
-    from validation.output.files import require_picture
-    from validation.output.outputs import Outputs
     from validation.study.convergence import (
         draw_convergence,
         mesh_curves,
@@ -134,11 +131,10 @@ def convergence(
         time_step_curve,
     )
 
-    require_picture(output)
-    with Outputs(json, files={"-o": output}) as outputs:
+    names = ("convergence.png",)
+    with folder_outputs("convergence", json, output, names) as outputs:
         with status(outputs.console, "measuring"):
             curves = [*mesh_curves(), time_step_curve()]
         print_convergence(curves, outputs.console)
-        draw_convergence(curves, output)
-        outputs.say("picture", output)
+        outputs.write("picture", names[0], lambda path: draw_convergence(curves, path))
         outputs.write_json(curves)

@@ -82,11 +82,17 @@ def scene_outputs(
     **more: Any,
 ) -> Outputs:
     """Outputs of a scene, in the folder asked for; ``out/SCENE`` where neither that nor JSON is."""
+    return folder_outputs(f"{file.name}{ending}", json, output, names, scene=file, **more)
+
+
+def folder_outputs(
+    default: str, json: str | None, output: Path | None, names: tuple[str, ...], **more: Any
+) -> Outputs:
+    """Outputs in the folder asked for; in ``out/DEFAULT`` where neither that nor JSON is."""
     from validation.output.outputs import Outputs
 
-    default = Path("out") / f"{file.name}{ending}"
-    folder = default if output is None and json is None else output
-    return Outputs(json, folder, names, scene=file, **more)
+    folder = Path("out") / default if output is None and json is None else output
+    return Outputs(json, folder, names, **more)
 
 
 def print_builtin(kind: str, name: str | None) -> None:
