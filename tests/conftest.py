@@ -16,7 +16,7 @@ from geometry.compilation import compiling
 from geometry.families.boxes import brick_stack
 from geometry.families.sine_block import TSB1, SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_tube
-from tests.fixtures.commands import undrawn
+from tests.fixtures.commands import small_meshes, undrawn
 
 #: CPU seconds that a test marked ``quick`` may take, not counting what is compiled; one that takes
 #: longer is marked ``slow`` beside it.
@@ -79,6 +79,13 @@ def two_bricks() -> Assembly:
 def _undrawn() -> Iterator[None]:
     """Pictures of a command are empty files."""
     with undrawn():
+        yield
+
+
+@pytest.fixture(name="small_meshes")
+def _small_meshes() -> Iterator[None]:
+    """Refined answers take meshes of a few elements."""
+    with small_meshes():
         yield
 
 

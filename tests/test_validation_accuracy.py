@@ -102,26 +102,31 @@ def test_an_error_bar_is_the_largest_that_earlier_meshes_tell() -> None:
 
 @pytest.mark.slow
 def test_error_bars_cover_nine_of_ten_errors() -> None:
-    """Three tubes on the first rungs, judged by values of meshes of four times the unknowns.
+    """Three tubes on the first rungs, judged by values of meshes of many times the unknowns.
 
-    From the third mesh on: before it no bar is believed.
+    From the third mesh on: before it no bar is believed. Stresses at edges have one from the fourth
+    mesh of their ladder on, which one of the tubes climbs. A rung of two ladders is solved once.
     """
     missed, judged = [], 0
     for name in ("tsb1-pipe", "tsb2-pipe", "tsb1-tunnel"):
         tube = stated(name, "assembly.layers=2")
         known = references()[f"{name}, assembly.layers = 2"]
-        for ladder, first in ((LADDER, LEAST_MESHES), (PRESSURES, LEAST_MESHES), (DEGREES, 4)):
-            solved = list(climbed(tube, ladder.rungs[:4]))
+        last = 4 if name == "tsb1-pipe" else 3
+        climbs = ((LADDER, LEAST_MESHES, last), (PRESSURES, LEAST_MESHES, 3), (DEGREES, 4, 4))
+        rungs = dict.fromkeys(rung for ladder, _, n in climbs for rung in ladder.rungs[:n])
+        by_rung = dict(zip(rungs, climbed(tube, rungs), strict=True))
+        for ladder, first, n in climbs:
+            solved = [by_rung[rung] for rung in ladder.rungs[:n]]
             found, of_meshes = [s.measures for s in solved], [fineness(s.problem) for s in solved]
             assert known.keys() <= found[0].keys()
-            for k in range(first, 5):
+            for k in range(first, n + 1):
                 bars = ladder.error_bars(found[:k], of_meshes[:k])
                 for key, reference in known.items():
                     judged += 1
                     error = abs(found[k - 1][key].value - reference.value)
                     if error > bars[key] + reference.uncertainty:
                         missed.append((name, k, key))
-    assert judged == 105
+    assert judged == 70
     assert len(missed) <= judged // 10, missed
 
 

@@ -325,6 +325,7 @@ def deformable(**changes: object) -> Study:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("small_meshes")
 def test_a_deformable_design_is_refined_as_the_command_does() -> None:
     from validation.run.accuracy import DEFAULT_TARGETS
     from validation.run.solve import run_converged
@@ -337,7 +338,8 @@ def test_a_deformable_design_is_refined_as_the_command_does() -> None:
     for name in DEFAULT_TARGETS:
         value, error = row.results[name], row.results[f"{name}_error"]
         assert (value, error) == (reference[name].value, reference[name].error)
-        assert error <= 0.3 * abs(value)
+    # What was requested, not the default, ends the refinement.
+    assert row.results["max_displacement_error"] <= 0.3 * row.results["max_displacement"]
 
 
 @pytest.mark.parametrize("settings", [{"fem.mesh": "scene"}, {"fem.element": "incompatible"}])
