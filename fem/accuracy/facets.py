@@ -30,6 +30,9 @@ from geometry.mesh import BoolArray, FloatArray, IntArray, grid_points
 from geometry.meshing.charts import Charts, facet_elements, places_in
 from geometry.meshing.refinement import charts_as, charts_of
 
+#: Points on facets that are evaluated at a time: what a cache holds.
+_AT_ONCE = 1 << 16
+
 
 def pressures_on_facets(
     facets: Assembly,
@@ -54,18 +57,33 @@ def pressures_on_facets(
     """
     result = facets.interfaces
     alike = representatives(solved, symmetry)
-    kinds = (
-        *(alike[result.block_m], unique_rows(result.quads_m)[1]),
-        *(alike[result.block_s], unique_rows(result.quads_s)[1]),
-    )
+    quads = unique_rows(result.quads_m)[1], unique_rows(result.quads_s)[1]
+    # The same facets of all blocks stand together: those at a time share their interpolation.
+    kinds = *quads, alike[result.block_m], alike[result.block_s]
     chosen, which = unique_rows(np.stack(kinds, axis=1))
+    order = np.lexsort((quads[1][chosen], quads[0][chosen]))
     degree = max(degree_of(shape.mesh) for shape in solved.assembly.shapes)
-    basis = BILINEAR if degree == 1 else lagrange_basis(degree)
     at = _nodes_of_parts(_parts(facets, solved.assembly), degree)
+    state = solved, displacements, alike
+    groups = np.array_split(order, math.ceil(len(order) * len(at) / _AT_ONCE) or 1)
+    pressures = np.empty(len(chosen))
+    for group in groups:
+        pressures[group] = _pressures(facets, state, chosen[group], (at, degree))
+    return pressures[which]
+
+
+def _pressures(
+    facets: Assembly,
+    state: tuple[DeformableAssembly, tuple[FloatArray, ...], IntArray],
+    chosen: IntArray,
+    parts: tuple[FloatArray, int],
+) -> FloatArray:
+    """Mean pressures of some facets, (n,) [MPa], from the nodes of parts of a degree on each."""
+    (solved, _, _), result, (at, degree) = state, facets.interfaces, parts
+    basis = BILINEAR if degree == 1 else lagrange_basis(degree)
     n_parts = len(at) // len(basis.values[0])
     blocks = result.block_m[chosen], result.block_s[chosen]
     sides = zip(blocks, (result.quads_m[chosen], result.quads_s[chosen]), strict=True)
-    state = solved, displacements, alike
     shape = (len(chosen) * n_parts, -1, 3)
     (nodes_m, u_m), (nodes_s, u_s) = (
         tuple(values.reshape(shape) for values in _at_facets(facets, state, side, at))
@@ -76,11 +94,9 @@ def pressures_on_facets(
     moved = np.concatenate([u_m, u_s], axis=1)
     overclosures = point_overclosures(surfaces, moved, solved.contact.normals)
     law = solved.contact.law.on(surfaces.block_m, surfaces.block_s)
-    parts = facet_pressures(surfaces, law.pressure(overclosures))
-    pressures = np.average(
-        parts.reshape(-1, n_parts), axis=1, weights=surfaces.areas.reshape(-1, n_parts)
-    )
-    return pressures[which]
+    of_part = facet_pressures(surfaces, law.pressure(overclosures))
+    areas = surfaces.areas.reshape(-1, n_parts)
+    return np.asarray(np.average(of_part.reshape(-1, n_parts), axis=1, weights=areas))
 
 
 def _parts(facets: Assembly, solved: Assembly) -> int:

@@ -49,7 +49,9 @@ def interpolation(block: Block, places: Places) -> csr_array:
     else:
         values, members = shape_values(natural), mesh.elements[element]
     pointer = values.shape[1] * np.arange(len(values) + 1)
-    return csr_array((values.ravel(), members.ravel(), pointer), (len(values), mesh.n_nodes))
+    result = csr_array((values.ravel(), members.ravel(), pointer), (len(values), mesh.n_nodes))
+    result.eliminate_zeros()  # on a face all but its own nodes
+    return result
 
 
 def transferred(
@@ -72,7 +74,8 @@ def transferred(
     result = []
     for number, u in enumerate(displacements):
         to = interpolation(_shape(source, number), node_places(_shape(target, number)))
-        result.append(np.stack([to @ copy for copy in u]))
+        moved = to @ np.concatenate(u, axis=1)
+        result.append(np.stack(np.split(moved, len(u), axis=1)))
     return tuple(result)
 
 

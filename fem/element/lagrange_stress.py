@@ -109,12 +109,14 @@ def sampled_stress(bodies: MovedBodies, elements: IntArray, at: TensorPoints) ->
     nodes = bodies.positions[members]
     jacobian = np.einsum("eai,pak->epik", nodes, at.slopes, optimize=True)
     inverse = np.linalg.inv(jacobian)
-    moved = bodies.displacements[:, members]
-    slopes = np.einsum("leai,pak->lepik", moved, at.slopes, optimize=True)
+    stress = np.empty((len(bodies.displacements), *jacobian.shape[:2], 6))
+    for body, moved in enumerate(bodies.displacements):  # all at once are too many for a cache
+        slopes = np.einsum("eai,pak->epik", moved[members], at.slopes, optimize=True)
+        stress[body] = stress_of_gradient(slopes @ inverse, element.material)
     return SampledStress(
         np.einsum("pa,eai->epi", at.values, nodes, optimize=True),
         np.linalg.det(jacobian) * at.weights,
-        stress_of_gradient(slopes @ inverse, element.material),
+        stress,
     )
 
 
