@@ -119,7 +119,7 @@ def _judged(
     try:
         factor, reached = _scaled_until(strength, stress, lambda f: at(f)[name])
     except _BoundError as error:
-        return _none(f"none: {error}")
+        return _none(str(error))
     bar = None if stress.error is None else factor * stress.error / abs(stress.value)
     return Measure(factor, "times the load", bar, place={**(reached.place or {}), "stress": name})
 
@@ -152,7 +152,7 @@ def _scaled_until(
             continue
         solved[tried] = abs(after.value)
         if (solved[tried] - solved[factor]) * step <= 0.0:
-            why = "it does not grow with the load"
+            why = "it does not grow with the load there"
             break
         slope = min(max(math.log(solved[tried] / solved[factor]) / step, 0.2), 5.0)
         factor, result = tried, after
@@ -160,15 +160,18 @@ def _scaled_until(
 
 
 def _bounds(strength: float, solved: Mapping[float, float]) -> str:
-    """Say between which loads a stress may be the strength, from loads and stresses [MPa]."""
+    """Say between which loads a stress may be a strength, from the stresses by load [MPa]."""
     below = max((f for f, stress in solved.items() if stress < strength), default=None)
     above = min((f for f, stress in solved.items() if stress >= strength), default=None)
-    words = []
-    if below is not None:
-        words.append(f"above {below:.4g} times the load, where the stress is {solved[below]:.3g}")
-    if above is not None:
-        words.append(f"below {above:.4g} times the load, where the stress is {solved[above]:.3g}")
-    return f"{' and '.join(words)} of {strength:g} MPa"
+    if below is not None and above is not None:
+        return f"between {below:.4g} and {above:.4g} times the load"
+    if below is None:
+        return f"below {above:.4g} times the load: at that the stress is more than {strength:g} MPa"
+    most = max(stress for f, stress in solved.items() if f <= below)
+    return (
+        f"above {below:.4g} times the load, if at all: up to that the stress is at most "
+        f"{most:.3g} of {strength:g} MPa"
+    )
 
 
 def _none(why: str) -> Measure:
