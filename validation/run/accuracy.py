@@ -101,7 +101,7 @@ def refined(name: str, scene: DeformableScene, targets: Mapping[str, float]) -> 
     except RefusedError:
         return None  # the run rejects it
     if why is None:
-        if "error_estimate" in fem.model_fields_set:
+        if not fem.error_estimate:
             raise InputError(
                 f'{name}: fem.error_estimate: applies to fem.mesh = "scene" alone; a run that '
                 "refines always has error bars: remove the key, or add fem.mesh"
