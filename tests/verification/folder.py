@@ -1,14 +1,19 @@
 """Files of blocks in a folder: which are answered, repaired or rejected, and why: ``folder``.
 
-Each command runs in a process of its own and is stopped after ten CPU minutes. Supports are those
-of the file; an assembly without any stands on its lowest blocks, a panel is held by its rim. The
-load is the weight, the coefficient of friction 0.6, the unit that `tubelock check` suggests.
+Files that are numbered from 0 or 1 on, one block in each, are one assembly. Supports are those of
+the file; an assembly without any stands on its lowest blocks, a panel is held by its rim. The load
+is the weight, the coefficient of friction 0.6, the unit that `tubelock check` suggests.
+
+Each command runs in a process of its own. The deformable answer is that of one coarse mesh, without
+error bars: two elements along each edge of blocks with six flat sides, tetrahedra of the size of
+the block, each split into four hexahedra, in others. It is stopped after two CPU minutes.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -21,12 +26,14 @@ from typing import Any
 import numpy as np
 
 from geometry.files.block_files import diagnosed_blocks
-from geometry.mesh import BoolArray, FloatArray
+from geometry.mesh import BoolArray, FloatArray, MeshError
 
 SUFFIXES = {".stl", ".obj", ".ply", ".off", ".step", ".stp", ".json", ".glb", ".gltf", ".3mf"}
 SUFFIXES |= {".3dm"}
-#: CPU time after which a command is stopped [s].
-LIMIT = 600
+#: CPU time after which a command is stopped, and a deformable answer [s].
+LIMIT, DEFORMABLE_LIMIT = 600, 120
+#: Fewer numbered files are files of their own.
+_SEVERAL = 8
 #: Blocks are lowest, or outermost, to this share of the size of the assembly.
 _LEVEL = 1e-3
 
@@ -42,29 +49,73 @@ class Ran:
     """What it wrote as JSON."""
     error: str
     """Its last line on standard error."""
+    memory: float
+    """Peak resident memory [MB]."""
 
 
-def ran(*command: str) -> Ran:
+def ran(*command: str, limit: int = LIMIT) -> Ran:
     """Run `tubelock` with JSON output."""
     with TemporaryDirectory() as folder:
         path, errors = Path(folder, "answer.json"), Path(folder, "errors")
         words = [sys.executable, "-m", "validation.cli", *command, "--json", str(path)]
         with errors.open("w") as stream:
             process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=stream)
-            resource.prlimit(process.pid, resource.RLIMIT_CPU, (LIMIT, LIMIT))
+            resource.prlimit(process.pid, resource.RLIMIT_CPU, (limit, limit))
             _, status, used = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         lines = errors.read_text("utf-8").strip().splitlines()
         answer = json.loads(path.read_text("utf-8")) if path.exists() else {}
     cpu = used.ru_utime + used.ru_stime
-    stopped = f"stopped after {LIMIT} CPU s" if process.returncode < 0 else ""
-    return Ran(process.returncode, cpu, answer, stopped or (lines[-1] if lines else ""))
+    stopped = f"stopped after {limit} CPU s" if process.returncode < 0 else ""
+    error = stopped or (lines[-1] if lines else "")
+    return Ran(process.returncode, cpu, answer, error, used.ru_maxrss / 1024)
 
 
 def rows(folder: Path) -> Iterator[dict[str, Any]]:
     """One row for each file of blocks in a folder and its folders."""
+    for name, files in assemblies(folder).items():
+        if len(files) == 1:
+            yield {"file": name, **fate(files[0])}
+            continue
+        with TemporaryDirectory() as place:
+            together = Path(place, "together.obj")
+            try:
+                _unite(files, together)
+            except MeshError as error:
+                yield {"file": name, "fate": "rejected", "why": str(error)}
+            else:
+                yield {"file": name, **fate(together)}
+
+
+def assemblies(folder: Path) -> dict[str, list[Path]]:
+    """Files of each assembly in a folder and its folders, by name."""
+    result: dict[str, list[Path]] = {}
+    numbered: dict[str, dict[int, Path]] = {}
     for path in sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES):
-        yield {"file": str(path.relative_to(folder)), **fate(path)}
+        name = str(path.relative_to(folder))
+        result[name] = [path]
+        number = re.search(r"(\d+)$", path.stem)
+        if number is not None:
+            family = f"{name.removesuffix(path.name)}{path.stem[: number.start()]}*{path.suffix}"
+            numbered.setdefault(family, {})[int(number[1])] = path
+    for family, files in numbered.items():
+        if len(files) >= _SEVERAL and min(files) <= 1 and max(files) < 2 * len(files):
+            for path in files.values():
+                del result[str(path.relative_to(folder))]
+            result[family] = [files[k] for k in sorted(files)]
+    return dict(sorted(result.items()))
+
+
+def _unite(files: list[Path], output: Path) -> None:
+    """Write the blocks of some files, faulty ones too, as objects of one OBJ file."""
+    lines, first = [], 1
+    for path in files:
+        for block, _ in diagnosed_blocks(path):
+            lines.append(f"o {path.stem}")
+            lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in block.points.tolist()]
+            lines += [f"f {a} {b} {c}" for a, b, c in (block.triangles + first).tolist()]
+            first += len(block.points)
+    output.write_text("\n".join(lines), "utf-8")
 
 
 def fate(path: Path) -> dict[str, Any]:
@@ -117,6 +168,7 @@ def _scene(path: Path, units: str) -> str:
         f'[block]\ntype = "mesh"\nunits = "{units}"\n[[parts]]\nfile = "{path.resolve()}"\n'
         f"{fixed}[effects]\ngravity = [0.0, 0.0, -9810.0]\n"
         "[effects.friction]\ncoefficient = 0.6\n[rigid]\nfriction = 0.6\n"
+        '[mesh]\ndivisions = 2\n[fem]\nmesh = "scene"\nerror_estimate = false\n'
     )
 
 
@@ -132,7 +184,8 @@ def _stand(low: FloatArray, high: FloatArray) -> BoolArray:
 
 def _answers(scene: Path) -> dict[str, Any]:
     """Rigid and deformable answers to a scene."""
-    rigid, deformable = ran("mbd", str(scene)), ran("fem", str(scene))
+    rigid = ran("mbd", str(scene))
+    deformable = ran("fem", str(scene), limit=DEFORMABLE_LIMIT)
     friction = rigid.answer.get("friction")
     verdict = rigid.error if friction is None else friction["status"].partition(":")[0]
     moved = deformable.answer.get("measures", {}).get("max_displacement")
@@ -146,4 +199,5 @@ def _answers(scene: Path) -> dict[str, Any]:
         "rigid CPU s": rigid.cpu,
         "deformable": words,
         "deformable CPU s": deformable.cpu,
+        "MB": max(rigid.memory, deformable.memory),
     }

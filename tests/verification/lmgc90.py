@@ -1,0 +1,138 @@
+"""A barrel vault beside a stored run of LMGC90: ``python -m tests.verification --lmgc90 FILE``.
+
+The file is ``DEM_results.json`` of the barrel vault among the analyses that compas_dem publishes:
+blocks, and the contact forces that LMGC90 found by dynamics with friction 0.5, 2000 kg/m³. Rigid
+blocks have many states in equilibrium. Thrust is the horizontal force of one abutment; the least
+and the largest follow from cone programs over all admissible states.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from geometry.mesh import BoolArray, FloatArray
+from mbd import block_wrenches, contact_jacobian
+from mbd.contact_jacobian import Contacts
+from mbd.force_range import DETERMINED
+from mbd.friction import FrictionalContacts, _cones, frictional_contacts, solve_conic
+from validation.run.rigid.polyhedra import PolyhedralRun, rigid_answer
+from validation.scene.read import load_scene
+
+#: Of the stored run; density in t/mm³.
+FRICTION, DENSITY = 0.5, 2e-9
+
+
+def stored(path: Path) -> dict[tuple[int, int], tuple[FloatArray, float]]:
+    """Force on the first block of each joint (3,) and its normal part, by numbers of nodes [N]."""
+    data = json.loads(path.read_text("utf-8"))["data"]["model"]["data"]["graph"]
+    graph = data.get("data", data)
+    return {
+        (int(a), int(b)): (np.array(joint["force"]), float(sum(joint["force_normal"])))
+        for a, others in graph["edge"].items()
+        for b, joint in others.items()
+    }
+
+
+def analysed(path: Path) -> PolyhedralRun:
+    """Our answer to the same blocks, with the range of each joint's force."""
+    with TemporaryDirectory() as folder:
+        scene = Path(folder, "vault.toml")
+        scene.write_text(
+            f'[block]\ntype = "mesh"\nunits = "m"\n[[parts]]\nfile = "{path.resolve()}"\n'
+            f"[material]\ndensity = {DENSITY}\n[effects]\ngravity = [0.0, 0.0, -9810.0]\n"
+            f"[rigid]\nfriction = {FRICTION}\nranges = true\n",
+            "utf-8",
+        )
+        run = rigid_answer(load_scene(str(scene)))
+    assert isinstance(run, PolyhedralRun)
+    return run
+
+
+def extreme_thrust(
+    contacts: Contacts, frictional: FrictionalContacts, load: FloatArray, along: FloatArray
+) -> float:
+    """Least along · λ over all admissible forces, (3 n_contacts,); -inf where there is none [N]."""
+    size = float(np.linalg.norm(load))
+    rows, cones = _cones(frictional)
+    n = 3 * len(contacts.index)
+    result = solve_conic(
+        quadratic=np.zeros((n, n)),
+        cost=along,
+        equal=frictional.matrix,
+        target=-load / size,
+        rows=rows,
+        cones=cones,
+    )
+    return size * float(along @ np.asarray(result.x)) if "Solved" in str(result.status) else -np.inf
+
+
+def _abutment(run: PolyhedralRun) -> BoolArray:
+    """Contacts of free blocks on the fixed blocks at small x, (n_contacts,)."""
+    assembly, found = run.assembly, run.assembly.interfaces
+    middle = assembly.centroids[:, 0].mean()
+    held = assembly.fixed & (assembly.centroids[:, 0] < middle)
+    return (held[found.block_m] != held[found.block_s])[run.result.contact_index]
+
+
+def _thrusts(run: PolyhedralRun) -> dict[str, float]:
+    """Thrust of the least-norm answer, the least and the largest one [N]."""
+    assembly, load = run.assembly, run.load
+    contacts = contact_jacobian(assembly, load.fixed, load.held)
+    frictional = frictional_contacts(assembly, contacts, FRICTION)
+    force = block_wrenches(assembly, load)[contacts.free_blocks]
+    force[:, 3:] /= contacts.length
+    here = _abutment(run)
+    held = assembly.fixed[contacts.block_s[here]]
+    normals = assembly.interfaces.normals[contacts.index]
+    axes = np.concatenate([normals[:, None], frictional.tangents], axis=1)[:, :, 0]
+    along = np.zeros_like(axes)
+    along[here] = np.where(held, -1.0, 1.0)[:, None] * axes[here]
+    shown = run.carried.forces[here] * np.where(held, -1.0, 1.0)[:, None]
+    flat = along.ravel()
+    return {
+        "least-norm": float(shown[:, 0].sum()),
+        "least": extreme_thrust(contacts, frictional, force.ravel(), flat),
+        "largest": -extreme_thrust(contacts, frictional, force.ravel(), -flat),
+    }
+
+
+def rows(path: Path) -> Iterator[dict[str, Any]]:
+    """Weight, thrust and joint forces of both programs."""
+    theirs, run = stored(path), analysed(path)
+    assembly, further = run.assembly, run.further
+    assert further is not None
+    assert further.ranges is not None
+    held = np.flatnonzero(assembly.fixed & (assembly.centroids[:, 0] < assembly.centroids[:, 0].mean()))
+    total, weight = np.zeros(3), 0.0
+    for (a, b), (force, _) in theirs.items():
+        total += force * (int(a in held) - int(b in held))
+        weight += force[2] * (int(assembly.fixed[b]) - int(assembly.fixed[a]))
+    yield {"quantity": "weight of the free blocks [N]", "LMGC90": weight, "tubelock": run.reaction}
+    thrust = _thrusts(run)
+    yield {
+        "quantity": "thrust of one abutment [N]",
+        "LMGC90": abs(total[0]),
+        "tubelock": thrust["least-norm"],
+        "least": thrust["least"],
+        "largest": thrust["largest"],
+    }
+    ranges = further.ranges
+    inside = missing = 0
+    for m, s, least, largest in zip(
+        ranges.block_m, ranges.block_s, ranges.least, ranges.largest, strict=True
+    ):
+        pair = theirs.get((int(m), int(s))) or theirs.get((int(s), int(m)))
+        slack = DETERMINED * ranges.load
+        missing += pair is None
+        inside += pair is not None and least - slack <= pair[1] <= largest + slack
+    yield {
+        "quantity": "joints whose normal force lies between ours, of those that both have",
+        "LMGC90": f"{len(theirs)} joints",
+        "tubelock": f"{inside} of {len(ranges.block_m) - missing}",
+    }
