@@ -245,10 +245,13 @@ class _Solid:
     fault: str = ""
     """Why its surface could not be taken apart into solids; empty where it could."""
 
-    def block(self) -> Polyhedron:
+    def block(self, *, straightened: bool = False) -> Polyhedron:
         """As a block, not checked."""
-        return replace(
-            turned_outward(self.name, self.points, self.triangles),
+        return turned_outward(
+            self.name,
+            self.points,
+            self.triangles,
+            straightened=straightened,
             given_name=self.given_name,
             held=self.held,
             repairs=self.repairs,
@@ -297,16 +300,16 @@ def read_blocks(
     if len(out) == len(solids):
         raise MeshError(f"{path}: parts.leave_out names all {len(solids)} solids; expected some")
     kept = [k for k in range(len(solids)) if k not in out]
-    return [replace(_checked(solids, k), straightened=straightened) for k in kept]
+    return [_checked(solids, k, straightened=straightened) for k in kept]
 
 
-def _checked(solids: Sequence[_Solid], k: int) -> Polyhedron:
+def _checked(solids: Sequence[_Solid], k: int, *, straightened: bool) -> Polyhedron:
     """One of the solids of a file as a block, checked; where it is faulty, how to go on without."""
     without = f"; or leave it out: parts.leave_out = [{k}] (`tubelock check` lists all faults)"
     try:
         if solids[k].fault:
             raise MeshError(solids[k].fault)
-        block = solids[k].block()
+        block = solids[k].block(straightened=straightened)
         check_polyhedron(block)
     except MeshError as error:
         raise MeshError(f"{error}{without if len(solids) > 1 else ''}") from None

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -15,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, cKDTree
 
 from geometry.block import Block
-from geometry.mesh import FloatArray, IntArray, MassProperties, MeshError
+from geometry.mesh import FloatArray, IntArray, MassProperties, MeshError, cross
 from geometry.polyhedra.box_tree import BoxTree, boxes_of_triangles
 from geometry.polyhedra.polygons import surface_of_polygons
 from geometry.polyhedra.solids import across_matter
@@ -61,7 +62,7 @@ class Polyhedron:
     def area_vectors(self) -> FloatArray:
         """Outward vector areas, (n_triangles, 3) [mm²]."""
         p = self.corners
-        return 0.5 * np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+        return 0.5 * cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
 
     @cached_property
     def areas(self) -> FloatArray:
@@ -103,7 +104,7 @@ class Polyhedron:
         """
         reference = self.points.mean(axis=0)
         p = self.corners - reference
-        volume6 = np.einsum("ti,ti->t", p[:, 0], np.cross(p[:, 1], p[:, 2]))
+        volume6 = np.einsum("ti,ti->t", p[:, 0], cross(p[:, 1], p[:, 2]))
         volume = float(volume6.sum()) / 6.0
         total = p.sum(axis=1)
         first = np.einsum("t,ti->i", volume6, total) / 24.0
@@ -134,7 +135,7 @@ class Polyhedron:
         along = self.points[directed[one, 1]] - self.points[directed[one, 0]]
         along /= np.linalg.norm(along, axis=1, keepdims=True)
         # Walking along the first triangle's edge, a convex edge turns the normal towards +along.
-        sine = np.einsum("ei,ei->e", np.cross(normals[:, 0], normals[:, 1]), along)
+        sine = np.einsum("ei,ei->e", cross(normals[:, 0], normals[:, 1]), along)
         cosine = np.einsum("ei,ei->e", normals[:, 0], normals[:, 1])
         sharp = (sine > 0) & (cosine < np.cos(np.radians(_SHARP)))
         return directed[one][sharp], normals[sharp]
@@ -291,13 +292,18 @@ def merged_polyhedron(name: str, points: FloatArray, triangles: IntArray) -> Pol
     return block
 
 
-def turned_outward(name: str, points: FloatArray, triangles: IntArray) -> Polyhedron:
-    """Block of the points that are used, not checked; turned as a whole where it faces inward."""
+def turned_outward(
+    name: str, points: FloatArray, triangles: IntArray, **stated: Any
+) -> Polyhedron:
+    """Block of the points that are used, not checked; turned as a whole where it faces inward.
+
+    ``stated`` are its other fields.
+    """
     used, inverse = np.unique(triangles, return_inverse=True)
     points, triangles = points[used], inverse.reshape(triangles.shape).astype(np.int64)
-    block = Polyhedron(name, points, triangles)
+    block = Polyhedron(name, points, triangles, **stated)
     if len(triangles) >= 4 and block.mass_properties.volume < 0:
-        block = Polyhedron(name, points, np.ascontiguousarray(triangles[:, ::-1]))
+        block = Polyhedron(name, points, np.ascontiguousarray(triangles[:, ::-1]), **stated)
     return block
 
 
@@ -313,7 +319,7 @@ def convex_polyhedron(name: str, points: FloatArray | Sequence[Sequence[float]])
     """
     p = np.asarray(points, dtype=np.float64)
     hull = ConvexHull(p)
-    outward = np.cross(
+    outward = cross(
         p[hull.simplices[:, 1]] - p[hull.simplices[:, 0]],
         p[hull.simplices[:, 2]] - p[hull.simplices[:, 0]],
     )

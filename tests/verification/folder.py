@@ -6,7 +6,7 @@ is the weight, the coefficient of friction 0.6, the unit that `tubelock check` s
 
 Each command runs in a process of its own. The deformable answer is that of one coarse mesh, without
 error bars: two elements along each edge of blocks with six flat sides, tetrahedra of the size of
-the block, each split into four hexahedra, in others. It is stopped after two CPU minutes.
+the block, each split into four hexahedra, in others. It is stopped after half a CPU minute.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from geometry.mesh import BoolArray, FloatArray, MeshError
 SUFFIXES = {".stl", ".obj", ".ply", ".off", ".step", ".stp", ".json", ".glb", ".gltf", ".3mf"}
 SUFFIXES |= {".3dm"}
 #: CPU time after which a command is stopped, and a deformable answer [s].
-LIMIT, DEFORMABLE_LIMIT = 600, 120
+LIMIT, DEFORMABLE_LIMIT = 600, 30
 #: Fewer numbered files are files of their own.
 _SEVERAL = 8
 #: Blocks are lowest, or outermost, to this share of the size of the assembly.
