@@ -13,7 +13,7 @@ from geometry.measures import BlockMeasures, Measures, facet_measures
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 from mbd.contact_jacobian import contact_jacobian, generalized_force
 from mbd.equilibrium import Equilibrium, column_weights, equilibrium
-from mbd.mechanism import Classification, MechanismClass, classify
+from mbd.mechanism import MANY_BLOCKS, Classification, MechanismClass, classify
 from mbd.options import Norm, Solver
 
 
@@ -135,16 +135,17 @@ def rigid_result(
     contacts = contact_jacobian(assembly, load.fixed, load.held)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
     lap("jacobian")
-    supported = framed = classify(contacts.jacobian, force)
+    weights = column_weights(norm, contacts.areas)
+    balance = equilibrium(contacts.jacobian, force, solver=solver, weights=weights)
+    pressures = balance.forces / contacts.areas
+    lap("equilibrium")
+    many = len(contacts.free_blocks) > MANY_BLOCKS
+    supported = framed = classify(contacts.jacobian, force, balance if many else None)
     if (load.fixed != assembly.fixed).any():
         held = contact_jacobian(assembly, supports=load.held)
         pushed = generalized_force(assembly, load, held.free_blocks, held.length)
         framed = classify(held.jacobian, pushed)
     lap("mechanism")
-    weights = column_weights(norm, contacts.areas)
-    balance = equilibrium(contacts.jacobian, force, solver=solver, weights=weights)
-    pressures = balance.forces / contacts.areas
-    lap("equilibrium")
     per_block, overall = None, None
     if balance.holds:
         per_block, overall = facet_measures(assembly, contacts.index, pressures)

@@ -33,6 +33,10 @@ from mbd.equilibrium import (
 
 #: Singular values of G below this fraction of the largest count as zero.
 RANK_TOLERANCE = 1e-10
+#: Of more free blocks than this, motions of single ones are looked for before motions of all.
+MANY_BLOCKS = 100
+#: A motion is that of one block where no gap closes faster than this part of the load's work.
+_CLOSING = 1e-10
 
 
 class MechanismClass(StrEnum):
@@ -157,8 +161,14 @@ def _largest_singular_value(jacobian: ContactJacobian) -> float:
     return float(np.sqrt(max(value, 0.0)))
 
 
-def classify(jacobian: ContactJacobian, load: FloatArray) -> Classification:
-    """Mechanism class of an assembly under a load (n_rows,) [N], with a certificate."""
+def classify(
+    jacobian: ContactJacobian, load: FloatArray, known: Equilibrium | None = None
+) -> Classification:
+    """Mechanism class of an assembly under a load (n_rows,) [N], with a certificate.
+
+    ``known`` is its answer to the load, by whatever weights: what that proves is not proved again,
+    which saves most of the time where there are more than `MANY_BLOCKS`.
+    """
     _, n_contacts = jacobian.shape
     ones = np.ones(n_contacts)
     admissible: FloatArray
@@ -167,6 +177,9 @@ def classify(jacobian: ContactJacobian, load: FloatArray) -> Classification:
     if n_contacts == 0:
         admissible = _some_motion(jacobian)
     else:
+        opposed = None if known is None else single_motion(jacobian, -load)
+        if opposed is not None:
+            return classify_opposed(jacobian, load, opposed, known)
         self_load = jacobian.resultant(ones)
         stress = _judged(jacobian, self_load)
         if not stress.holds and stress.mechanism is None:
@@ -178,6 +191,34 @@ def classify(jacobian: ContactJacobian, load: FloatArray) -> Classification:
             return Classification(MechanismClass.LOCKED, SelfStress(forces, float(residual), ratio))
         admissible = vector if stress.mechanism is None else stress.mechanism
     return _classify_unlocked(jacobian, load, admissible)
+
+
+def single_motion(jacobian: ContactJacobian, load: FloatArray) -> FloatArray | None:
+    """Motion of one block, all others at rest, that a load drives; None where there is none.
+
+    It is what remains of that block's part of the load (n_rows,) [N] when contact forces have
+    balanced as much of it as they can.
+    """
+    # Loaded here: assemblies of few blocks do without.
+    from scipy.optimize import nnls
+
+    matrix = scipy.sparse.csr_array(jacobian.to_matrix())
+    for first in range(0, len(load), 6):
+        own, pushed = matrix[first : first + 6], load[first : first + 6]
+        size = load_size(pushed)
+        if size == 0.0:
+            continue
+        wrenches = own[:, np.unique(own.indices)].toarray()
+        forces, rest = nnls(wrenches, -pushed / size)
+        if rest <= EQUILIBRIUM_TOLERANCE:
+            continue
+        direction = (wrenches @ forces + pushed / size) / rest
+        work = float(direction @ pushed) / size
+        if (wrenches.T @ direction).min(initial=0.0) >= -_CLOSING * work:
+            motion = np.zeros(len(load))
+            motion[first : first + 6] = direction
+            return motion
+    return None
 
 
 def _judged(jacobian: ContactJacobian, load: FloatArray) -> Equilibrium:
@@ -208,6 +249,25 @@ def _classify_unlocked(
             MechanismClass.SUPPRESSED, as_mechanism(jacobian, opposed.mechanism, load)
         )
     return Classification(MechanismClass.NEUTRAL, as_mechanism(jacobian, admissible, load))
+
+
+def classify_opposed(
+    jacobian: ContactJacobian, load: FloatArray, opposed: FloatArray, known: Equilibrium | None
+) -> Classification:
+    """Class of an assembly with a mechanism, (n_rows,), that the load works against.
+
+    It proves that the assembly is not locked, and that the load opposes a mechanism: the load
+    remains, whose equilibrium may be ``known``.
+    """
+    driven = known
+    if driven is None or not (driven.holds or driven.mechanism is not None):
+        driven = _judged(jacobian, load)
+    if driven.mechanism is not None:
+        return Classification(
+            MechanismClass.ACTIVATED, as_mechanism(jacobian, driven.mechanism, load)
+        )
+    kind = MechanismClass.SUPPRESSED if driven.holds else MechanismClass.UNDECIDED
+    return Classification(kind, as_mechanism(jacobian, opposed, load))
 
 
 @dataclass(frozen=True)

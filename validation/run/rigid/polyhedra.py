@@ -14,6 +14,7 @@ from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
 from mbd import Classification, block_wrenches, classify, contact_jacobian, generalized_force
 from mbd.answer import certificate_report
+from mbd.mechanism import Mechanism, MechanismClass, classify_opposed
 from mbd.push import PushLimit, at_rest
 from validation.build.doubts import doubts
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
@@ -138,11 +139,17 @@ def class_by_faces(run: PolyhedralRun) -> Classification:
     """Mechanism class where blocks press on each other's faces alone, all held blocks fixed.
 
     Edges that cross and corners that stand have no area: a chamfer removes them, and no finite
-    pressure acts there.
+    pressure acts there. A motion that opens or leaves all contacts does so with fewer of them.
     """
+    full = run.result.classification
+    if full.mechanism is MechanismClass.ACTIVATED:
+        return full
     bare = run.assembly.with_faces_alone()
     contacts = contact_jacobian(bare, supports=run.load.held)
     force = generalized_force(bare, run.load, contacts.free_blocks, contacts.length)
+    if full.mechanism is MechanismClass.SUPPRESSED and isinstance(full.certificate, Mechanism):
+        opposed = full.certificate.virtual_displacement.ravel()
+        return classify_opposed(contacts.jacobian, force, opposed, None)
     return classify(contacts.jacobian, force)
 
 
