@@ -103,13 +103,13 @@ def held_against(assembly: AnyBlocks, load: LoadCase) -> dict[str, bool]:
     contacts = contact_jacobian(assembly, load.fixed, load.held)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
     size = float(np.linalg.norm(force)) or 1.0
-    held = {}
+    held, start = {}, newton_equilibrium(contacts.jacobian, force).multiplier
     for k, name in enumerate(_WAYS):
         push = np.zeros((len(contacts.free_blocks), 6))
         push[:, k // 2] = (-1.0) ** k * assembly.volumes[contacts.free_blocks]
         push *= _PUSH * size / np.linalg.norm(push)
         pushed = force + contacts.jacobian.admissible(push.ravel())
-        equilibrium = newton_equilibrium(contacts.jacobian, pushed)
+        equilibrium = newton_equilibrium(contacts.jacobian, pushed, start=start)
         if equilibrium.holds or equilibrium.mechanism is not None:
             held[name] = equilibrium.holds
     return held

@@ -112,7 +112,8 @@ def friction_rows(system: LocalSystem, friction: CoulombFriction) -> FrictionRow
     first = first / np.linalg.norm(first, axis=2, keepdims=True)
     tangents = np.stack([first, np.cross(surfaces.normals, first)], axis=2)
     world = np.einsum("fpa,fpki->fpkai", surfaces.difference, tangents)
-    world = world.reshape(len(tangents), -1, *world.shape[3:])
+    # Without points, too: a load may have opened all contacts.
+    world = world.reshape(len(world), world.shape[1] * world.shape[2], *world.shape[3:])
     result = friction.on(surfaces.block_m, surfaces.block_s)
     coefficient = result if isinstance(result, float | int) else result[:, None]
     return FrictionRows(system, friction, tangents, system.local_gradient(world), coefficient)

@@ -235,8 +235,10 @@ def six_sided_hexahedra(solid: Polyhedron, divisions: int) -> HexMesh | None:
 
     None for a solid of another kind, and where the sides are so oblique that hexahedra fold.
     """
-    sides = [flat_side(solid, plane) for plane in range(int(solid.plane_of.max()) + 1)]
-    if len(sides) != 6 or any(len(corners) != 4 for corners in sides):
+    if int(solid.plane_of.max()) != 5:
+        return None
+    sides = [flat_side(solid, plane) for plane in range(6)]
+    if any(len(corners) != 4 for corners in sides):
         return None
     cube = _cube_corners(sides)
     if cube is None:

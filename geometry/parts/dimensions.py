@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.block import Block
@@ -105,7 +104,7 @@ def least_wall(shape: Any) -> float:
     points, quads, face = _surface(shape)
     corners = points[quads]
     normals = _units(np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]))
-    meets = _meeting(quads, face, len(points))
+    touched = _points_of_faces(quads, face)
     halves = [quads[:, :3], quads[:, [0, 2, 3]]] if quads.shape[1] == 4 else [quads]
     locator = vtkStaticCellLocator()
     locator.SetDataSet(as_surface(points, np.concatenate(halves)))
@@ -116,7 +115,8 @@ def least_wall(shape: Any) -> float:
         locator.IntersectWithLine(start, start - reach * normal, 1e-9 * size, places, cells)
         for i in range(cells.GetNumberOfIds()):
             hit = cells.GetId(i) % len(quads)
-            if normals[hit] @ normal < _FACING and not meets[face[hit], face[k]]:
+            apart = touched[face[hit]].isdisjoint(touched[face[k]])
+            if apart and normals[hit] @ normal < _FACING:
                 least = min(least, float(np.linalg.norm(start - places.GetPoint(i))))
         reach = min(reach, least)
     return least
@@ -141,12 +141,12 @@ def _has_faces(shape: Block) -> bool:
     return len(shape.contact_faces) > 1
 
 
-def _meeting(facets: IntArray, face: IntArray, n_points: int) -> csr_array:
-    """Whether two faces share a point, (n_faces, n_faces)."""
-    size, corners = int(face.max()) + 1, facets.shape[1]
-    ones = np.ones(facets.size, dtype=np.int64)
-    at = csr_array((ones, (np.repeat(face, corners), facets.ravel())), shape=(size, n_points))
-    return csr_array(at @ at.T > 0)
+def _points_of_faces(facets: IntArray, face: IntArray) -> list[set[int]]:
+    """Points of each face."""
+    points: list[set[int]] = [set() for _ in range(int(face.max()) + 1)]
+    for number, corners in zip(face.tolist(), facets.tolist(), strict=True):
+        points[number].update(corners)
+    return points
 
 
 def steepest_joint(shape: Any, axis: FloatArray) -> float | None:

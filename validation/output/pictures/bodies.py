@@ -263,11 +263,8 @@ def outlines(
     opacity: float = 1.0,
 ) -> Lines:
     """Sharp edges of some blocks, as assembled or with the nodes given."""
-    edges = {
-        number: block_edges(shape)
-        for number, shape in enumerate(assembly.shapes)
-        if number in set(assembly.shape_of[list(blocks)].tolist())
-    }
+    shapes = set(assembly.shape_of[list(blocks)].tolist())
+    edges = {number: block_edges(assembly.shapes[number]) for number in sorted(shapes)}
     bodies = []
     for block in blocks:
         used, ends = _used([edges[int(assembly.shape_of[block])]])
