@@ -376,7 +376,7 @@ def grid_faces(n_u: int, n_v: int, n_w: int) -> dict[str, IntArray]:
 
 
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """a × b, (..., 3) each, as `numpy.cross`, which takes four times as long for a few vectors."""
+    """A × b, (..., 3) each, as `numpy.cross`, which takes four times as long for a few vectors."""
     after, before = [1, 2, 0], [2, 0, 1]
     product: FloatArray = a[..., after] * b[..., before]
     product -= a[..., before] * b[..., after]

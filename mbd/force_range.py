@@ -19,6 +19,7 @@ References: eq. SCP-linear of the paper; Kao, Iannuzzo, Thomaszewski, Coros, Van
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -164,6 +165,7 @@ def force_ranges(
     *,
     frictional: FrictionalContacts | None = None,
     plane: PlaneProblem | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> ForceRanges | None:
     """Least and largest normal force of every joint.
 
@@ -182,6 +184,8 @@ def force_ranges(
         The same contacts with friction; None for none.
     plane
         The same problem in its plane, where it is plane: the same ranges in a fraction of the time.
+    progress
+        Called with the number of joints that are done and that of all.
 
     Returns
     -------
@@ -204,6 +208,8 @@ def force_ranges(
     programs = _Programs(matrix, -load / size if size > 0.0 else -load)
     least, largest = np.zeros(n_joints), np.full(n_joints, np.inf)
     for k in range(n_joints):
+        if progress is not None:
+            progress(k, n_joints)
         result = programs.least((of == k).astype(np.float64))
         if result is None:
             return None

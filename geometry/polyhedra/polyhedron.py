@@ -292,9 +292,7 @@ def merged_polyhedron(name: str, points: FloatArray, triangles: IntArray) -> Pol
     return block
 
 
-def turned_outward(
-    name: str, points: FloatArray, triangles: IntArray, **stated: Any
-) -> Polyhedron:
+def turned_outward(name: str, points: FloatArray, triangles: IntArray, **stated: Any) -> Polyhedron:
     """Block of the points that are used, not checked; turned as a whole where it faces inward.
 
     ``stated`` are its other fields.

@@ -33,7 +33,9 @@ _WAVE, _SHIFT = 60.0, 0.08
 def surfaces(rows: int) -> FloatArray:
     """Corners of the blocks below and above, (2, rows + 1, 2 rows + 1, 3) [mm]."""
     rng = np.random.default_rng(1)
-    v, u = np.meshgrid(np.linspace(-1, 1, rows + 1), np.linspace(-1, 1, 2 * rows + 1), indexing="ij")
+    v, u = np.meshgrid(
+        np.linspace(-1, 1, rows + 1), np.linspace(-1, 1, 2 * rows + 1), indexing="ij"
+    )
     u, v = u.copy(), v.copy()
     inside = (slice(1, -1), slice(1, -1))
     u[inside] += _SHIFT / rows * rng.uniform(-1, 1, u[inside].shape)

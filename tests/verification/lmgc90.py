@@ -45,7 +45,7 @@ def analysed(path: Path) -> PolyhedralRun:
         scene = Path(folder, "vault.toml")
         scene.write_text(
             f'[block]\ntype = "mesh"\nunits = "m"\n[[parts]]\nfile = "{path.resolve()}"\n'
-            f"[material]\ndensity = {DENSITY}\n[effects]\ngravity = [0.0, 0.0, -9810.0]\n"
+            f"[material]\nyoung_modulus = 20000.0\npoisson_ratio = 0.2\ndensity = {DENSITY}\n[effects]\ngravity = [0.0, 0.0, -9810.0]\n"
             f"[rigid]\nfriction = {FRICTION}\nranges = true\n",
             "utf-8",
         )
@@ -108,7 +108,9 @@ def rows(path: Path) -> Iterator[dict[str, Any]]:
     assembly, further = run.assembly, run.further
     assert further is not None
     assert further.ranges is not None
-    held = np.flatnonzero(assembly.fixed & (assembly.centroids[:, 0] < assembly.centroids[:, 0].mean()))
+    held = np.flatnonzero(
+        assembly.fixed & (assembly.centroids[:, 0] < assembly.centroids[:, 0].mean())
+    )
     total, weight = np.zeros(3), 0.0
     for (a, b), (force, _) in theirs.items():
         total += force * (int(a in held) - int(b in held))

@@ -107,13 +107,15 @@ def check(
     json: JsonOption = None,
 ) -> None:
     """Check the blocks of a file; list the faults of each block."""
+    from validation.output.console import status
     from validation.output.outputs import Outputs
     from validation.output.solids import check_file
 
     _one_of("--units", units, ("mm", "cm", "m", "inch"))
     _one_of("--up", up, ("y", "z"))
     with Outputs(json, reads=(file,)) as outputs:
-        result = check_file(file, units=units, up=up, repair=False)
+        with status(outputs.console, f"{file.name}: reads the blocks and finds where they touch"):
+            result = check_file(file, units=units, up=up, repair=False)
         outputs.console.print(result.table())
         outputs.write_json(result.as_dict())
     if not result.clean:
@@ -134,13 +136,15 @@ def repair(
 
     Prints what was changed, block by block.
     """
+    from validation.output.console import status
     from validation.output.outputs import Outputs
     from validation.output.solids import write_repaired
 
     _one_of("--units", units, ("mm", "cm", "m", "inch"))
     _one_of("--up", up, ("y", "z"))
     with Outputs(json, files={"-o": output}, reads=(file,)) as outputs:
-        result = write_repaired(file, output, units=units, up=up)
+        with status(outputs.console, f"{file.name}: repairs the blocks"):
+            result = write_repaired(file, output, units=units, up=up)
         outputs.console.print(result.table())
         outputs.write_json(result.as_dict())
         outputs.say(f"{len(result.blocks)} blocks", output)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -125,12 +124,14 @@ def _of_triangles(scene: PolyhedralScene) -> _Output:
     from validation.output.console import status, told_of_compilation
     from validation.output.rigid import polyhedra
     from validation.run.rigid.polyhedra import run_polyhedra
+    from validation.run.stages import telling
 
     def run(file: SceneFile, console: Console) -> RigidAnswer:
-        words = f"{file.name}: reads the blocks and finds where they touch"
-        with contextlib.ExitStack() as stack:
-            stack.enter_context(status(console, words))
-            stack.enter_context(told_of_compilation())
+        with (
+            status(console, file.name) as show,
+            telling(lambda words: show(f"{file.name}: {words}")),
+            told_of_compilation(),
+        ):
             return run_polyhedra(file, scene)
 
     return _Output(polyhedra.FILES, run, polyhedra.print_polyhedra, polyhedra.write_polyhedra)

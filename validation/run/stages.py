@@ -4,11 +4,33 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 
 from geometry.compilation import compiling
 from geometry.compilation.clocks import Compiling
+
+_TELL: ContextVar[Callable[[str], None] | None] = ContextVar(
+    "what shows the progress", default=None
+)
+
+
+@contextmanager
+def telling(show: Callable[[str], None]) -> Iterator[None]:
+    """Show what a run inside is at."""
+    token = _TELL.set(show)
+    try:
+        yield
+    finally:
+        _TELL.reset(token)
+
+
+def tell(words: str) -> None:
+    """State what the run is at now, where anything shows it."""
+    show = _TELL.get()
+    if show is not None:
+        show(words)
 
 
 class Stages:

@@ -25,6 +25,7 @@ from validation.build.sections import scene_planes
 from validation.build.supports import stated_load
 from validation.errors import named
 from validation.run.rigid.further import Further, further_answers, further_json
+from validation.run.stages import tell
 from validation.scene.family import AssemblyScene, RoundScene
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene, SceneFile
@@ -61,6 +62,7 @@ class RigidAnswer:
         building them [s].
         """
         scene, assembly, load = (stated[name] for name in ("scene", "assembly", "load"))
+        tell(f"{int((~load.fixed).sum())} free blocks: equilibrium and mechanisms")
         result = rigid_result(assembly, load, norm=scene.rigid.norm, solver=scene.rigid.solver)
         with named(stated["name"]):
             rubbing = scene.rigid.friction is not None

@@ -30,6 +30,7 @@ from mbd.sliding_collapse import SlidingCollapse, sliding_collapse
 from mbd.squeeze import Squeeze, squeeze
 from validation.errors import named
 from validation.run.rigid.sliding_state import SlidingState, sliding_state
+from validation.run.stages import tell
 from validation.scene.sections import RigidSection
 
 
@@ -99,18 +100,22 @@ def further_answers(
         given = pair_values(section.friction or 0.0, of_pairs, contacts.block_m, contacts.block_s)
         frictional = frictional_contacts(assembly, contacts, given, section.friction_law)
         if section.friction is not None:
+            tell("equilibrium with friction")
             friction = frictional_equilibrium(frictional, dead + live, weights=weights)
             if friction.holds:
                 normals = assembly.interfaces.normals[contacts.index]
                 forces = frictional.world(friction.forces, normals)
                 pressed = Squeeze(needed=False, programs=0)
                 if not frictionless:
+                    tell("whether the load presses the joints that need friction")
                     pressed = squeeze(
                         contacts, frictional, dead + live, friction.forces, weights=weights
                     )
         if section.collapse:
+            tell("load factor at collapse")
             collapse = collapse_load(frictional, dead, live)
         if section.sliding:
+            tell("collapse by sliding without dilation")
             sliding, state = _sliding(assembly, contacts, frictional, (dead, live), wrenches)
     if section.margin:
         margin = interlocking_margin(contacts.jacobian, contacts.areas)
@@ -187,10 +192,18 @@ def _ranges(
         frictional, carried_by = friction
         plane = _plane(assembly, contacts, frictional, (load,))
         shown = carried_by.forces[:, 0]
-        return force_ranges(contacts, load, shown, frictional=frictional, plane=plane)
+        return force_ranges(
+            contacts, load, shown, frictional=frictional, plane=plane, progress=_tell_joints
+        )
     weights = column_weights(section.norm, contacts.areas)
     smallest = equilibrium(contacts.jacobian, load, solver=section.solver, weights=weights)
-    return force_ranges(contacts, load, smallest.forces) if smallest.holds else None
+    if not smallest.holds:
+        return None
+    return force_ranges(contacts, load, smallest.forces, progress=_tell_joints)
+
+
+def _tell_joints(done: int, joints: int) -> None:
+    tell(f"range of the forces of joints: {done} of {joints}")
 
 
 def _generalized(contacts: Contacts, wrench: FloatArray) -> FloatArray:

@@ -21,7 +21,7 @@ from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhe
 from validation.build.supports import stated_load
 from validation.run.rigid.answer import RigidAnswer, run_rigid
 from validation.run.rigid.push import push_json, rigid_push
-from validation.run.stages import stages
+from validation.run.stages import stages, tell
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 from validation.scene.read import SceneFile
 
@@ -93,6 +93,7 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
         When it describes nothing that can be meant.
     """
     with stages() as watch:
+        tell("reads the blocks and finds where they touch")
         assembly = build_polyhedra(scene, file.folder)
         loads = build_body_loads(scene, assembly)
         stated = stated_load(scene, assembly, loads.load_case(assembly))
@@ -113,6 +114,7 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
     )
     if not sum(run.bare_contacts.values()):
         return run
+    tell("class by faces alone")
     with stages() as watch:
         faces = class_by_faces(run)
         watch.lap("faces alone")
