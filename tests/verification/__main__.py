@@ -4,7 +4,8 @@ Without names all tables but the long ones, four CPU minutes; CalculiX and compa
 are installed. ``error-bars`` takes an hour, goes on where it was stopped, gives up a problem after
 ten CPU minutes, and keeps what ``error-bars-problems`` lists and ``error-bars-summary`` sums up.
 ``first-answers`` runs commands with their defaults, five minutes. ``--folder PATH`` tries all files
-of blocks in a folder instead, ``--decks PATH`` all input decks in one.
+of blocks in a folder instead, ``--decks PATH`` all input decks in one, ``--lmgc90 FILE`` the barrel
+vault that compas_dem publishes with its forces.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from tests.verification import (
     error_bars,
     first_answers,
     folder,
+    lmgc90,
     test_accuracy,
     test_friction,
     test_hertz,
@@ -76,6 +78,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--folder", type=Path, metavar="PATH", help="of files of blocks")
     parser.add_argument("--decks", type=Path, metavar="PATH", help="of input decks")
+    parser.add_argument("--lmgc90", type=Path, metavar="FILE", help="results of compas_dem")
     asked = parser.parse_args()
     unknown = [name for name in asked.names if name not in TABLES]
     if unknown:
@@ -88,6 +91,9 @@ def main() -> None:
     if asked.decks is not None:
         tables = {"decks": ("Input decks", partial(decks.rows, asked.decks))}
         names = ["decks"]
+    if asked.lmgc90 is not None:
+        tables = {"lmgc90": ("A barrel vault: LMGC90", partial(lmgc90.rows, asked.lmgc90))}
+        names = ["lmgc90"]
     for name in names:
         title, make = tables[name]
         found[name] = list(make())
