@@ -23,6 +23,7 @@ from mbd import (
     classify,
     contact_jacobian,
     generalized_force,
+    newton_equilibrium,
     rigid_result,
     solve_linear_programs,
 )
@@ -83,6 +84,25 @@ def test_work_of_a_mechanism_is_over_the_load(size: float) -> None:
     assert found.mechanism is MechanismClass.ACTIVATED
     assert isinstance(found.certificate, Mechanism)
     assert found.certificate.work == pytest.approx(0.6, rel=1e-9)
+
+
+@given(seed=st.integers(0, 10_000), rows=st.integers(2, 14), extra=st.integers(-1, 30))
+@settings(max_examples=60, deadline=None)
+def test_what_an_equilibrium_proves_gives_the_same_class(seed: int, rows: int, extra: int) -> None:
+    rng = np.random.default_rng(seed)
+    matrix = rng.standard_normal((rows, rows + extra))
+    # Loads that contacts carry, and not: motions of single blocks are found for the first.
+    forces = np.maximum(rng.standard_normal(rows + extra), 0.0)
+    load = -matrix @ forces if seed % 2 else rng.standard_normal(rows)
+    jacobian = as_jacobian(matrix)
+    found = classify(jacobian, load, newton_equilibrium(jacobian, load))
+    assert found.mechanism is classify(jacobian, load).mechanism
+    if isinstance(found.certificate, Mechanism):
+        motion = found.certificate.virtual_displacement.ravel()
+        assert (matrix.T @ motion).min() >= -1e-9
+        assert np.sign(found.certificate.work) == {"activated": 1, "suppressed": -1}.get(
+            str(found.mechanism), 0
+        )
 
 
 def test_strictly_positive_self_stress_without_full_rank_is_not_locked() -> None:

@@ -7,7 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.verification.folder import rows
+from geometry.files.block_files import read_blocks
+from geometry.polyhedra.assembly import polyhedral_assembly
+from geometry.polyhedra.overlap import check_assembly
+from tests.benchmarks.shell import write_shell
+from tests.verification.folder import assemblies, rows
 
 pytestmark = pytest.mark.slow
 
@@ -37,3 +41,26 @@ def test_files_of_a_folder_are_answered_repaired_or_rejected(tmp_path: Path) -> 
     assert found["twice.obj"]["why"] == "a single block"
     assert found["stack.obj"]["rigid"].startswith("statically admissible")
     assert found["stack.obj"]["deformable"].startswith("u ")
+
+
+def test_numbered_files_of_a_folder_are_one_assembly(tmp_path: Path) -> None:
+    for number in (*range(8), 9):
+        (tmp_path / f"Part_{number:02d}.obj").touch()
+    for name in ("sphere-1.stl", "sphere-2.stl", "lid.obj"):
+        (tmp_path / name).touch()
+    found = {name: len(files) for name, files in assemblies(tmp_path).items()}
+    assert found == {"Part_*.obj": 9, "lid.obj": 1, "sphere-1.stl": 1, "sphere-2.stl": 1}
+
+
+def test_blocks_of_the_shell_are_closed_and_stand_side_by_side(tmp_path: Path) -> None:
+    rim = write_shell(tmp_path / "shell.obj", 4)
+    blocks = read_blocks(tmp_path / "shell.obj")
+    assert 0 < len(rim) < len(blocks)
+    # Above and below a plan of 12 m × 10 m, thicker where it is steep.
+    assert sum(block.volume for block in blocks) > 12e3 * 10e3 * 300.0
+    assembly = polyhedral_assembly(
+        "shell",
+        [(block, np.eye(3), np.zeros(3)) for block in blocks],
+        np.isin(np.arange(len(blocks)), rim),
+    )
+    check_assembly(assembly)
