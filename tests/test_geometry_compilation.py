@@ -5,6 +5,7 @@ import shutil
 import stat
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -62,6 +63,15 @@ def run(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
         text=True,
         check=True,
     )
+
+
+def test_processes_that_start_together_compile_each_form_once(package: Path) -> None:
+    """Both forms are loaded by the process that came second; they were compiled by both."""
+    with ThreadPoolExecutor() as pool:
+        together = list(pool.map(lambda _: run(package).stdout.split(), range(2)))
+    assert [answer[:2] for answer in together] == [["6.0", "6.0"]] * 2
+    assert sum(int(answer[2]) for answer in together) == 2
+    assert not list(package.rglob("*.lock"))
 
 
 def kernels(folder: Path) -> list[Path]:

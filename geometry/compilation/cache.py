@@ -7,7 +7,8 @@ file *is* what is in it: a digest of the sources the function reads (its module 
 from its own package and from `geometry`), of the types of its arguments, the processor, the options
 and the versions of the compiler. There is no index to swap, a file is written whole or not at all,
 and a damaged one is compiled anew. Where a source was edited after the program had started, what
-runs is not what it says: such code is neither kept nor taken.
+runs is not what it says: such code is neither kept nor taken. Processes that need the same form at
+the same time wait for the one that compiles it.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from typing import Any
 
 import llvmlite
 import numba
+from filelock import FileLock, Timeout
 from numba.core import bytecode, config, event
 from numba.core.caching import CompileResultCacheImpl, NullCache
 from numba.core.runtime import rtsys
@@ -45,6 +47,12 @@ _SWITCHES = ("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "DEBUGINFO
 
 _DIGEST_LENGTH = hashlib.sha256().digest_size
 
+#: Longest wait for another process that compiles the same form [s]; then both compile it.
+_LONGEST_WAIT = 120.0
+
+#: Forms that this process compiles now, by file name.
+_TURNS: dict[str, FileLock] = {}
+
 
 class _Watch(event.Listener):  # type: ignore[misc]
     """Passes on when compilation starts and ends."""
@@ -55,9 +63,12 @@ class _Watch(event.Listener):  # type: ignore[misc]
             clock.start()
 
     def on_end(self, _: Any) -> None:
-        """Stop them."""
+        """Stop them; where compilation fails, other processes wait no longer."""
         for clock in CLOCKS:
             clock.stop()
+        if sys.exc_info()[0] is not None:
+            for name in list(_TURNS):
+                _end_turn(name)
 
 
 event.register("numba:compile", _Watch())
@@ -93,17 +104,30 @@ class KernelCache(NullCache):  # type: ignore[misc]
         name = self._file_name(sig, target_context.codegen())
         if name is None:
             return None
-        for folder in [*self._folders(), *self._temporary(create=False)]:
-            content = _read(folder / name)
-            if content is not None:
-                return CompileResultCacheImpl.rebuild(None, target_context, content)
-        return None
+        content = self._content(name)
+        if content is None:
+            _take_turn(self._folders(), name)
+            content = self._content(name)
+        if content is None:
+            return None
+        _end_turn(name)
+        return CompileResultCacheImpl.rebuild(None, target_context, content)
+
+    def _content(self, name: str) -> Any:
+        folders = [*self._folders(), *self._temporary(create=False)]
+        found = (_read(folder / name) for folder in folders)
+        return next((content for content in found if content is not None), None)
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a compiled form in the first folder that can be written."""
         name = self._file_name(sig, data.codegen)
-        if name is None or data.library.has_dynamic_globals or data.lifted:
+        if name is None:
             return
+        if not data.library.has_dynamic_globals and not data.lifted:
+            self._keep(name, data)
+        _end_turn(name)
+
+    def _keep(self, name: str, data: Any) -> None:
         content = dumps(CompileResultCacheImpl.reduce(None, data))
         folders = self._folders()
         folder = next((f for f in folders if _write(f / name, content)), None)
@@ -226,6 +250,29 @@ def _write(file: Path, content: bytes) -> bool:
             unique.unlink()
         return False
     return True
+
+
+def _take_turn(folders: list[Path], name: str) -> None:
+    """Wait until no other process compiles a form; nobody waits where no file can be written."""
+    for folder in folders if name not in _TURNS else []:
+        lock = FileLock(folder / f"{name}.lock")
+        try:
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            lock.acquire(timeout=_LONGEST_WAIT)
+        except Timeout:
+            return
+        except OSError:
+            continue
+        _TURNS[name] = lock
+        return
+
+
+def _end_turn(name: str) -> None:
+    lock = _TURNS.pop(name, None)
+    if lock is not None:
+        # Who waits for a file that is gone finds the code.
+        Path(lock.lock_file).unlink(missing_ok=True)
+        lock.release()
 
 
 def _private_temporary(*, create: bool) -> Path | None:
