@@ -11,7 +11,7 @@ OUT    ?= out/demo
 export OMP_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: setup demo test processor check lint types floors spelling format bench benchmark fuzz mutation docs pages wheel clean
+.PHONY: setup demo test processor check quick lint types floors spelling format bench benchmark fuzz mutation docs pages wheel clean
 
 setup: $(VENV)/.installed
 
@@ -33,7 +33,11 @@ PROCESSOR_TESTS ?= tests/test_fem_kernels.py tests/test_fem_contact_law.py \
 processor: setup
 	NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= $(BIN)/python -m pytest -n 2 $(PROCESSOR_TESTS)
 
-check: setup lint types floors
+# Types take one core for a minute: the rest goes on beside them.
+check: setup
+	$(MAKE) --no-print-directory --jobs 2 types lint floors quick
+
+quick: setup
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m "quick and not slow"
 
 lint: setup
