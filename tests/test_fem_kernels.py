@@ -6,7 +6,7 @@ from fem.element.hexahedron import ElementType, block_stiffness
 from fem.element.material import Material
 from fem.explicit import kernels
 from fem.explicit.body import element_viscosity
-from fem.explicit.kernels import PARALLEL, SERIAL
+from fem.explicit.kernels import PARALLEL, SERIAL, widths
 from fem.explicit.kernels.layout import (
     BlockRows,
     aligned_zeros,
@@ -154,6 +154,7 @@ def test_update_is_one_central_difference_step(dtype):
     new_u, new_v = u.copy(), v.copy()
     SERIAL.update(
         lanes,
+        *widths(lanes),
         chunks,
         kinetic.ravel(),
         work.ravel(),
@@ -354,7 +355,18 @@ def test_block_frames_are_their_plain_statements(dtype, n_copies):
     def velocity(inner, *placing):
         moved, v = np.zeros_like(f), np.zeros_like(f)
         SERIAL.update(
-            *(lanes, rows.chunks, None, None, None, dtype(1.0), dtype(1.0), None, mass),
+            *(
+                lanes,
+                *widths(lanes),
+                rows.chunks,
+                None,
+                None,
+                None,
+                dtype(1.0),
+                dtype(1.0),
+                None,
+                mass,
+            ),
             *(inner.ravel(), *placing, None, None, None, None, None, moved.ravel(), v.ravel()),
             None,
         )

@@ -362,6 +362,7 @@ def test_no_words_of_a_picture_overlap_or_leave_the_page(
 
 
 @pytest.mark.parametrize("pressure", [1e-6, 0.01, 1.0])
+@pytest.mark.usefixtures("small_meshes")
 def test_no_words_of_a_comparison_overlap_or_leave_the_page(
     pressure: float, figures: list[Figure], tmp_path: Path
 ) -> None:
@@ -502,8 +503,8 @@ def test_pictures_have_the_width_and_the_font_that_a_scene_asks_for(kind, tubelo
     for width in (170, 90):
         keys = (f"width={width}", f"format={kind}", "font_size=8", "font=DejaVu Serif")
         settings = _set(COARSE + tuple(f"pictures.{key}" for key in keys))
-        status, said, _ = tubelock("mbd", "tsb1-pipe", *settings, "-o", "out")
-        path = Path("out", f"contact_pressures.{kind}")
+        status, said, _ = tubelock("show", "tsb1-pipe", *settings)
+        path = Path("out", "tsb1-pipe", f"assembly.{kind}")
         assert status == 0
         assert str(path) in said
         inches = width / 25.4
@@ -519,6 +520,16 @@ def test_pictures_have_the_width_and_the_font_that_a_scene_asks_for(kind, tubelo
             assert page_size(path)[0] == pytest.approx(72 * inches, rel=1e-4)
 
 
+@pytest.mark.parametrize("kind", ["svg", "pdf"])
+@pytest.mark.usefixtures("undrawn")
+def test_pictures_in_a_folder_have_the_format_that_a_scene_asks_for(kind, tubelock) -> None:  # noqa: F811
+    settings = _set((*COARSE, f"pictures.format={kind}"))
+    status, said, _ = tubelock("mbd", "tsb1-pipe", *settings, "-o", "out")
+    assert status == 0
+    assert Path("out", f"contact_pressures.{kind}").exists()
+    assert f"contact_pressures.{kind}" in said
+
+
 def test_a_name_and_a_scene_that_ask_for_two_formats_are_refused(tubelock) -> None:  # noqa: F811
     pdf = _set((*COARSE, "pictures.format=pdf"))
     for command, name in (("show", "assembly"), ("explode", "explosion")):
@@ -531,6 +542,7 @@ def test_a_name_and_a_scene_that_ask_for_two_formats_are_refused(tubelock) -> No
         assert found.read_bytes()[:4] == b"%PDF"
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_keys_of_pictures_are_unused_where_none_is_drawn(tubelock) -> None:  # noqa: F811
     wide = _set((*COARSE, "pictures.width=90"))
     for options, unused in ((("--json", "a.json"), True), (("-o", "out"), False)):

@@ -16,7 +16,16 @@ import numpy as np
 
 from fem.explicit import block_frame
 from fem.explicit.body import Body, BodyLoad
-from fem.explicit.kernels import KernelSet, add_at, dot_at, dot_lanes, enforce, hold, viscous_power
+from fem.explicit.kernels import (
+    KernelSet,
+    add_at,
+    dot_at,
+    dot_lanes,
+    enforce,
+    hold,
+    viscous_power,
+    widths,
+)
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.state import BodyState, State
 from fem.problem.model import InteractionModel, Model, ModelError
@@ -328,6 +337,7 @@ def advance(
     damped = mass_damping is not None
     system.kernels.update(
         body.lanes,
+        *widths(body.lanes),
         body.rows.chunks,
         _flat(now.kinetic if sample else None),
         _flat(None if before is None else before.work),

@@ -19,6 +19,7 @@ from scipy.sparse import csr_array
 
 from fem.element.hexahedron import ElementType, element_stiffness
 from fem.element.material import Material
+from fem.explicit.kernels import widths
 from fem.explicit.output.checkpoint import state_arrays
 from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import State
@@ -183,6 +184,7 @@ def bare_seconds(system: System, state: State) -> float:
         )
         system.kernels.update(
             body.lanes,
+            *widths(body.lanes),
             rows.chunks,
             *(None, None, None),
             real(system.time_step),

@@ -157,6 +157,7 @@ class _BoundContact:
         self._laws = statement.law.members
         self._constants = compiled_law(self._law, statement.clearance)
         self._work = _unit_work(self._data)
+        self._widths = _compiled_widths(self._data)
         self._normals = (
             _reference_normals(statement.pairs)
             if statement.normals is ContactNormals.REFERENCE
@@ -183,6 +184,7 @@ class _BoundContact:
             self._normals,
             self._slip,
             self._sliding,
+            *self._widths,
         )
         for body, now, result in zip(system.bodies, state.bodies, self._collections, strict=True):
             if result is None or now.applied_force is None:
@@ -334,6 +336,16 @@ def _unit_arrays(pairs: tuple[AlikePairs, ...], bodies: tuple[Body, ...]) -> Uni
         copies=np.ascontiguousarray(np.concatenate(copies).T),
         lanes=np.array([body.lanes for body in bodies], dtype=np.int64),
     )
+
+
+def _compiled_widths(data: UnitArrays) -> tuple[int | None, int | None, int | None]:
+    """`WIDEST`, 4 and 1 where units are so wide; None, which compiles no loops for it, elsewhere.
+
+    Where the widest are 4 wide, one loop is enough.
+    """
+    there = set(data.units[:, 1].tolist())
+    wide, four, one = (width if width in there else None for width in (WIDEST, 4, 1))
+    return wide, None if WIDEST == 4 else four, one
 
 
 def _unit_slices(n_pairs: int) -> list[tuple[int, int]]:

@@ -458,37 +458,42 @@ _gather_1, _facets_1, _part_1 = _unit_loops(1)
 
 
 @njit(**OPTIONS)
-def _unit(unit, thread, data, displacements, work, law, normals, slip, sliding):
+def _unit(unit, thread, data, displacements, work, law, normals, slip, sliding, wide, four, one):
     kind, width = data.units[unit, 0], data.units[unit, 1]
     u_m = displacements[data.alike[kind, 2]]
     u_s = displacements[data.alike[kind, 3]]
     d, m = work.scratch[thread, 0], work.scratch[thread, 1]
     on_d, on_m = work.scratch[thread, 2], work.scratch[thread, 3]
-    if width == WIDEST:
-        _gather(unit, data, u_m, u_s, d, m)
-        _facets(unit, data, work, law, normals, slip, sliding, d, m, on_d, on_m)
-        _part(unit, data, work, normals, on_d, on_m)
-    elif width == 4:
-        _gather_4(unit, data, u_m, u_s, d, m)
-        _facets_4(unit, data, work, law, normals, slip, sliding, d, m, on_d, on_m)
-        _part_4(unit, data, work, normals, on_d, on_m)
-    else:
-        _gather_1(unit, data, u_m, u_s, d, m)
-        _facets_1(unit, data, work, law, normals, slip, sliding, d, m, on_d, on_m)
-        _part_1(unit, data, work, normals, on_d, on_m)
+    if wide is not None:
+        if width == WIDEST:
+            _gather(unit, data, u_m, u_s, d, m)
+            _facets(unit, data, work, law, normals, slip, sliding, d, m, on_d, on_m)
+            _part(unit, data, work, normals, on_d, on_m)
+    if four is not None:
+        if width == 4:
+            _gather_4(unit, data, u_m, u_s, d, m)
+            _facets_4(unit, data, work, law, normals, slip, sliding, d, m, on_d, on_m)
+            _part_4(unit, data, work, normals, on_d, on_m)
+    if one is not None:
+        if width == 1:
+            _gather_1(unit, data, u_m, u_s, d, m)
+            _facets_1(unit, data, work, law, normals, slip, sliding, d, m, on_d, on_m)
+            _part_1(unit, data, work, normals, on_d, on_m)
 
 
 @njit(**OPTIONS)
-def _units_of(thread, threads, data, displacements, work, law, normals, slip, sliding):
+def _units_of(
+    thread, threads, data, displacements, work, law, normals, slip, sliding, wide, four, one
+):
     """Every unit whose turn it is; a range, whose step might be zero, could raise."""
     unit = thread
     while unit < len(data.units):
-        _unit(unit, thread, data, displacements, work, law, normals, slip, sliding)
+        _unit(unit, thread, data, displacements, work, law, normals, slip, sliding, wide, four, one)
         unit += threads
 
 
 @serial_and_parallel
-def contact_forces(data, displacements, work, law, normals, slip, sliding):
+def contact_forces(data, displacements, work, law, normals, slip, sliding, wide, four, one):
     """Gaps, pressures and forces of all units.
 
     Parameters
@@ -507,10 +512,25 @@ def contact_forces(data, displacements, work, law, normals, slip, sliding):
     sliding
         None, or friction coefficient and stick stiffness, (2,) or (n_units, 2), and the energy
         dissipated so far, flat (n_units, 8) [N mm].
+    wide, four, one
+        None where no unit is `WIDEST`, 4 or 1 wide: its loops are not compiled, a third of all.
     """
     threads = len(work.scratch)
     for thread in prange(threads):
-        _units_of(np.int64(thread), threads, data, displacements, work, law, normals, slip, sliding)
+        _units_of(
+            np.int64(thread),
+            threads,
+            data,
+            displacements,
+            work,
+            law,
+            normals,
+            slip,
+            sliding,
+            wide,
+            four,
+            one,
+        )
 
 
 @njit(**OPTIONS)

@@ -19,7 +19,7 @@ from dataclasses import dataclass, fields
 from fem.explicit.kernels import damping, frame, motion, stiffness, viscosity
 from fem.explicit.kernels.forms import Forms
 from fem.explicit.kernels.frame import fit_frames, place_force, set_spins
-from fem.explicit.kernels.motion import dot_lanes, enforce, viscous_power
+from fem.explicit.kernels.motion import dot_lanes, enforce, viscous_power, widths
 from fem.explicit.kernels.runs import add_at, dot_at, hold
 
 __all__ = [
@@ -35,6 +35,7 @@ __all__ = [
     "place_force",
     "set_spins",
     "viscous_power",
+    "widths",
 ]
 
 

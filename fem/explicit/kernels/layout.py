@@ -66,8 +66,8 @@ class BlockRows:
     shared: IntArray | None
     """Half rows: first block (the diagonal) and end of those that stand for both rows of a pair,
     (n_nodes, 2): all blocks, where there is one copy. None: whole rows."""
-    reach: int
-    """Half rows of one copy: largest distance of two rows that share a block; else 0."""
+    reach: int | None
+    """Half rows of one copy: largest distance of two rows that share a block; else None."""
     column: npt.NDArray[np.int32]
     """Row number of the neighbour of each block, (n_blocks,); ascends in a row."""
     blocks: LaneArray
@@ -83,8 +83,13 @@ class BlockRows:
 
     @property
     def packed(self) -> tuple[Any, ...]:
-        """First arguments of `fem.explicit.kernels.stiffness.stiffness_product`."""
-        return self.chunks, self.pointer, self.shared, self.reach, self.column, self.blocks
+        """First arguments of `fem.explicit.kernels.stiffness.stiffness_product`.
+
+        What rows are not (whole, half of several copies, half of one) is None, and not compiled.
+        """
+        whole = 1 if self.shared is None else None
+        shared = self.shared if self.reach is None else None
+        return self.chunks, self.pointer, whole, shared, self.reach, self.column, self.blocks
 
 
 def node_order(stiffness: bsr_array) -> IntArray:
@@ -135,16 +140,16 @@ def block_rows(
         half = _half_is_faster(bandwidth, lanes, dtype)
     chunks = equal_work(pointer, _half_chunks(len(order), bandwidth) if half else N_CHUNKS)
     kept: Any = slice(None)
-    shared, reach = None, 0
+    shared, reach = None, None
     if half:
         # One copy sends to rows of later chunks, too.
         within = chunks if lanes > 1 else chunks[[0, -1]]
         kept, pointer, shared = _half_rows(pointer, column, within)
         column = column[kept]
-        reach = bandwidth if lanes == 1 else 0
+        reach = bandwidth if lanes == 1 else None
     blocks = aligned_zeros((9 * len(column),), dtype)
     entries = stiffness.data[numbered.data[kept]]
-    blocks[:] = (entries if reach else entries.transpose(0, 2, 1)).ravel()
+    blocks[:] = (entries.transpose(0, 2, 1) if reach is None else entries).ravel()
     return BlockRows(order, row, pointer, shared, reach, column, blocks, chunks)
 
 

@@ -128,8 +128,13 @@ def _update_lanes(width: int) -> Callable[..., None]:
 _update_4, _update_1 = _update_lanes(4), _update_lanes(1)
 
 
+def widths(lanes: int) -> tuple[int | None, int | None]:
+    """`update`'s arguments ``fours`` and ``ones`` for a padded number of copies."""
+    return (4, None) if lanes % 4 == 0 else (None, 1)
+
+
 @serial_and_parallel
-def update(lanes, chunks, *motion):
+def update(lanes, fours, ones, chunks, *motion):
     """Advance velocity to the next half step and displacement to the next step, in place.
 
     v ← keep · v + gain (f_applied - f_internal) / m + gain · g,   u ← u + Δt v,
@@ -141,6 +146,8 @@ def update(lanes, chunks, *motion):
     ----------
     lanes
         Padded number of copies.
+    fours, ones
+        One of the two is None: copies are worked four at a time, or one by one (`widths`).
     chunks
         Row boundaries.
     motion
@@ -169,9 +176,9 @@ def update(lanes, chunks, *motion):
         - loss: α Δt / 2 in float64 where there is ``dissipated``.
     """
     for c in prange(len(chunks) - 1):
-        if lanes % 4 == 0:
+        if fours is not None:
             _update_4(np.int64(c), lanes, chunks, *motion)
-        else:
+        if ones is not None:
             _update_1(np.int64(c), lanes, chunks, *motion)
 
 

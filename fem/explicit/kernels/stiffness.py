@@ -225,23 +225,26 @@ def _single_sent(chunks, ring, reach, displacement, force, torque):
 
 @njit(**OPTIONS)
 def _product_chunk(
-    c, chunks, pointer, shared, ring, column, blocks, displacement, force, torque, lanes
+    c, chunks, pointer, whole, shared, ring, column, blocks, displacement, force, torque, lanes
 ):
+    """Only one of whole, shared and ring is not None: the loops of the others are not compiled."""
     begin, end = chunks[c], chunks[c + 1]
     if torque is not None:
         torque[3 * c * lanes : 3 * (c + 1) * lanes] = 0.0
-    # Torques of some rows while they are near, not row by row: registers are too few for both.
-    strip = _STRIP if shared is None else end - begin
+    strip = end - begin
+    if whole is not None:
+        # Torques of some rows while they are near, not row by row: registers are too few for both.
+        strip = _STRIP
     first = begin
     while first < end:
         after = min(first + strip, end)
-        if shared is None:
+        if whole is not None:
             for row in range(first, after):
                 start, stop = pointer[row], pointer[row + 1]
                 _whole_rows(0, lanes, row, start, stop, column, blocks, displacement, force)
-        elif lanes == 1:
+        if ring is not None:
             _single_half(c, first, after, pointer, ring, column, blocks, displacement, force)
-        else:
+        if shared is not None:
             _half_rows(0, lanes, first, after, pointer, shared, column, blocks, displacement, force)
         if torque is not None:
             _torques(0, lanes, c, first, after, displacement, force, torque)
@@ -250,13 +253,13 @@ def _product_chunk(
 
 @serial_and_parallel
 def stiffness_product(
-    chunks, pointer, shared, reach, column, blocks, displacement, force, torque, lanes
+    chunks, pointer, whole, shared, reach, column, blocks, displacement, force, torque, lanes
 ):
     """Internal force K u of every copy; overwrites ``force``.
 
     Parameters
     ----------
-    chunks, pointer, shared, reach, column, blocks
+    chunks, pointer, whole, shared, reach, column, blocks
         The packed stiffness (`fem.explicit.kernels.layout.BlockRows`).
     displacement, force
         Flat views of (n_rows, 3, lanes).
@@ -265,23 +268,15 @@ def stiffness_product(
     lanes
         Padded number of copies.
     """
-    size = 16
-    while size < 4 * (reach + 1):
-        size *= 2
-    ring = np.zeros((len(chunks) - 1 if reach > 0 else 0, size), displacement.dtype)
-    for c in prange(len(chunks) - 1):
-        _product_chunk(
-            np.int64(c),
-            chunks,
-            pointer,
-            shared,
-            ring,
-            column,
-            blocks,
-            displacement,
-            force,
-            torque,
-            lanes,
-        )
-    if reach > 0:
+    rest = (column, blocks, displacement, force, torque, lanes)
+    if reach is None:
+        for c in prange(len(chunks) - 1):
+            _product_chunk(np.int64(c), chunks, pointer, whole, shared, None, *rest)
+    else:
+        size = 16
+        while size < 4 * (reach + 1):
+            size *= 2
+        ring = np.zeros((len(chunks) - 1, size), displacement.dtype)
+        for c in prange(len(chunks) - 1):
+            _product_chunk(np.int64(c), chunks, pointer, None, None, ring, *rest)
         _single_sent(chunks, ring, reach, displacement, force, torque)
