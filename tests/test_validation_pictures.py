@@ -574,10 +574,10 @@ def test_columns_are_as_high_as_their_room_allows(shape: float) -> None:
 
 
 @settings(
-    max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(
-    st.lists(st.lists(st.floats(0.1, 8.0), min_size=1, max_size=3), min_size=1, max_size=4),
+    st.lists(st.lists(st.floats(0.1, 8.0), min_size=1, max_size=2), min_size=1, max_size=4),
     st.floats(40.0, 400.0),
     st.floats(4.0, 14.0),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from fem.accuracy.converge import MOST_WORK
+from tests.fixtures.commands import small_meshes
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation import compare
 from validation.run.accuracy import DEFAULT_TARGETS
@@ -26,6 +28,13 @@ def column(*settings: str) -> DeformableScene:
     scene = load_scene("column", settings).scene
     assert isinstance(scene, DeformableScene)
     return scene
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _small() -> Iterator[None]:
+    """Which meshes they are does not matter here."""
+    with small_meshes():
+        yield
 
 
 @pytest.fixture(scope="module")
