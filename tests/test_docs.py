@@ -107,9 +107,14 @@ def _lines() -> Iterator[tuple[Path, list[str]]]:
                 yield page, words[1:]
 
 
+@cache
+def _commands() -> Any:
+    return typer.main.get_command(app)
+
+
 def _command(words: list[str]) -> tuple[Any, list[str]]:
     """The command that words call, and what is left of them."""
-    command: Any = typer.main.get_command(app)
+    command = _commands()
     while words and hasattr(command, "commands") and words[0] in command.commands:
         command, words = command.commands[words[0]], words[1:]
     return command, words
@@ -216,5 +221,5 @@ def test_python_of_a_page_runs(page: Path, tmp_path: Path, monkeypatch: pytest.M
     """With one layer where it has two."""
     monkeypatch.chdir(tmp_path)
     code = "\n".join(re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.DOTALL))
-    code = code.replace("layers=2", "layers=1")
+    code = code.replace("layers=2", "layers=1").replace('layers": 2', 'layers": 1')
     exec(compile(code, str(page), "exec"), {"__name__": "page"})

@@ -547,7 +547,7 @@ def test_key_is_the_content(tmp_path) -> None:
 
 
 @pytest.mark.slow
-def test_quick_command(tubelock) -> None:  # noqa: F811
+def test_quick_command(tubelock, measured_once) -> None:  # noqa: F811
     status, out, _ = tubelock(
         "cost", "tsb1-pipe", *SETTINGS, "--quick", "-o", "run", "--json", "cost.json"
     )
