@@ -33,7 +33,7 @@ def column(*settings: str) -> DeformableScene:
 @pytest.fixture(scope="module", autouse=True)
 def _small() -> Iterator[None]:
     """Which meshes they are does not matter here."""
-    with small_meshes():
+    with small_meshes(1, 2, 3):
         yield
 
 
