@@ -92,24 +92,30 @@ _PUSH = 1e-3
 _WAYS = ("+x", "-x", "+y", "-y", "+z", "-z")
 
 
-def held_against(assembly: AnyBlocks, load: LoadCase) -> dict[str, bool]:
+def held_against(
+    assembly: AnyBlocks,
+    load: LoadCase,
+    norm: Norm = Norm.FORCE,
+    start: FloatArray | None = None,
+) -> dict[str, bool]:
     """Whether blocks without friction stay where a small push acts beside their load.
 
     All free blocks are pushed at once, each by its volume. By duality a push that is not carried
     drives a motion that the load does not hinder: along it the blocks are free, however well the
     load is carried. Keys are +x, -x and so on; a direction that is neither proved held nor free is
-    left out.
+    left out. ``start`` is the multiplier of the equilibrium under the load in a norm, (n_rows,):
+    those of the pushes are a few steps away.
     """
     contacts = contact_jacobian(assembly, load.fixed, load.held)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
     size = float(np.linalg.norm(force)) or 1.0
-    held, start = {}, newton_equilibrium(contacts.jacobian, force).multiplier
+    held, weights = {}, column_weights(norm, contacts.areas)
     for k, name in enumerate(_WAYS):
         push = np.zeros((len(contacts.free_blocks), 6))
         push[:, k // 2] = (-1.0) ** k * assembly.volumes[contacts.free_blocks]
         push *= _PUSH * size / np.linalg.norm(push)
         pushed = force + contacts.jacobian.admissible(push.ravel())
-        equilibrium = newton_equilibrium(contacts.jacobian, pushed, start=start)
+        equilibrium = newton_equilibrium(contacts.jacobian, pushed, weights=weights, start=start)
         if equilibrium.holds or equilibrium.mechanism is not None:
             held[name] = equilibrium.holds
     return held

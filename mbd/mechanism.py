@@ -178,10 +178,12 @@ def classify(
         admissible = _some_motion(jacobian)
     else:
         opposed = None if known is None else single_motion(jacobian, -load)
-        if opposed is not None:
-            return classify_opposed(jacobian, load, opposed, known)
+        if known is not None and opposed is not None:
+            decided = known.holds or known.mechanism is not None
+            driven = known if decided else judged(jacobian, load)
+            return classify_opposed(jacobian, load, opposed, driven)
         self_load = jacobian.resultant(ones)
-        stress = _judged(jacobian, self_load)
+        stress = judged(jacobian, self_load)
         if not stress.holds and stress.mechanism is None:
             return Classification(MechanismClass.UNDECIDED, None)
         ratio, vector = smallest_singular_pair(jacobian)
@@ -221,13 +223,21 @@ def single_motion(jacobian: ContactJacobian, load: FloatArray) -> FloatArray | N
     return None
 
 
-def _judged(jacobian: ContactJacobian, load: FloatArray) -> Equilibrium:
+def judged(
+    jacobian: ContactJacobian,
+    load: FloatArray,
+    *,
+    weights: FloatArray | None = None,
+    start: FloatArray | None = None,
+) -> Equilibrium:
     """Equilibrium under a load or the mechanism it drives, by Newton's method where that decides.
+
+    Weights and start are those of `newton_equilibrium`.
 
     On degenerate contacts it may end without either; the interior point method is slower and
     seldom does.
     """
-    equilibrium = newton_equilibrium(jacobian, load)
+    equilibrium = newton_equilibrium(jacobian, load, weights=weights, start=start)
     if equilibrium.holds or equilibrium.mechanism is not None:
         return equilibrium
     return clarabel_equilibrium(jacobian, load)
@@ -236,12 +246,12 @@ def _judged(jacobian: ContactJacobian, load: FloatArray) -> Equilibrium:
 def _classify_unlocked(
     jacobian: ContactJacobian, load: FloatArray, admissible: FloatArray
 ) -> Classification:
-    driven = _judged(jacobian, load)
+    driven = judged(jacobian, load)
     if driven.mechanism is not None:
         return Classification(
             MechanismClass.ACTIVATED, as_mechanism(jacobian, driven.mechanism, load)
         )
-    opposed = _judged(jacobian, -load)
+    opposed = judged(jacobian, -load)
     if not (driven.holds and (opposed.holds or opposed.mechanism is not None)):
         return Classification(MechanismClass.UNDECIDED, as_mechanism(jacobian, admissible, load))
     if opposed.mechanism is not None:
@@ -252,16 +262,13 @@ def _classify_unlocked(
 
 
 def classify_opposed(
-    jacobian: ContactJacobian, load: FloatArray, opposed: FloatArray, known: Equilibrium | None
+    jacobian: ContactJacobian, load: FloatArray, opposed: FloatArray, driven: Equilibrium
 ) -> Classification:
     """Class of an assembly with a mechanism, (n_rows,), that the load works against.
 
-    It proves that the assembly is not locked, and that the load opposes a mechanism: the load
-    remains, whose equilibrium may be ``known``.
+    It proves that the assembly is not locked, and that the load opposes a mechanism; ``driven`` is
+    the equilibrium under the load.
     """
-    driven = known
-    if driven is None or not (driven.holds or driven.mechanism is not None):
-        driven = _judged(jacobian, load)
     if driven.mechanism is not None:
         return Classification(
             MechanismClass.ACTIVATED, as_mechanism(jacobian, driven.mechanism, load)

@@ -30,15 +30,19 @@ def distinct_rows(rows: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """
     size, digits = int(rows.max(initial=0)) + 1, np.arange(rows.shape[1])[::-1]
     if rows.min(initial=0) >= 0 and size ** len(digits) < 2**63:
-        rows = (rows @ size**digits)[:, None]  # one number sorts in half the time
-    order = np.lexsort(rows.T[::-1])
-    ordered = rows[order]
-    change = np.ones(len(rows), dtype=bool)
-    change[1:] = (ordered[1:] != ordered[:-1]).any(axis=1)
-    start = np.flatnonzero(change)
+        keys = rows @ size**digits  # one number sorts in half the time
+        order = np.argsort(keys, kind="stable")
+        ordered = keys[order]
+        change = ordered[1:] != ordered[:-1]
+    else:
+        order = np.lexsort(rows.T[::-1])
+        ordered = rows[order]
+        change = (ordered[1:] != ordered[:-1]).any(axis=1)
+    start = np.concatenate([[0], np.flatnonzero(change) + 1])[: len(rows)]
+    count = np.diff(start, append=len(rows))
     inverse = np.empty(len(rows), dtype=np.int64)
-    inverse[order] = np.cumsum(change) - 1
-    return order[start], inverse, np.diff(np.append(start, len(rows)))
+    inverse[order] = np.repeat(np.arange(len(start)), count)
+    return order[start], inverse, count
 
 
 def _neighbours(triangles: IntArray) -> IntArray:

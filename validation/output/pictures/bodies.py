@@ -15,6 +15,7 @@ from geometry.files.mesh_io import interface_surface
 from geometry.loads import LoadCase
 from geometry.measures import facets_between
 from geometry.mesh import FloatArray, IntArray
+from geometry.polyhedra.assembly import PolyhedralAssembly
 from validation.output.pictures.canvas import (
     Direction,
     Lines,
@@ -142,14 +143,11 @@ def sharp_edges(
     return np.asarray(ends[first[pair[turned]]])
 
 
-def block_edges(shape: Any) -> IntArray:
+def block_edges(shape: Block) -> IntArray:
     """Edges between the faces of a shape, both ends of each, (n, 2)."""
-    points, faces = reference(shape)
-    polygons = np.concatenate(list(faces.values()))
-    if not isinstance(shape, Block):
-        return sharp_edges(points, polygons, angle=25.0)
-    group = np.repeat(np.arange(len(faces)), [len(quads) for quads in faces.values()])
-    return sharp_edges(points, polygons, group=group)
+    polygons = np.concatenate(list(shape.faces.values()))
+    group = np.repeat(np.arange(len(shape.faces)), [len(quads) for quads in shape.faces.values()])
+    return sharp_edges(shape.mesh.nodes, polygons, group=group)
 
 
 def colours_of_blocks(fixed: npt.NDArray[np.bool_], turn: IntArray) -> list[str]:
@@ -263,17 +261,34 @@ def outlines(
     opacity: float = 1.0,
 ) -> Lines:
     """Sharp edges of some blocks, as assembled or with the nodes given."""
+    if not isinstance(assembly, Assembly):
+        return _outlines_of_triangles(assembly, blocks, nodes, width, opacity)
     shapes = set(assembly.shape_of[list(blocks)].tolist())
     edges = {number: block_edges(assembly.shapes[number]) for number in sorted(shapes)}
     bodies = []
     for block in blocks:
         used, ends = _used([edges[int(assembly.shape_of[block])]])
         if nodes is None:
-            placed = assembly.place(block, reference(assembly.shape(block))[0][used])
+            placed = assembly.place(block, assembly.shape(block).mesh.nodes[used])
         else:
             placed = nodes(block)[used]
         bodies.append((placed, ends))
     return Lines(*merged(bodies, 2), width=width, opacity=opacity)
+
+
+def _outlines_of_triangles(
+    assembly: PolyhedralAssembly,
+    blocks: Sequence[int],
+    nodes: Places | None,
+    width: float,
+    opacity: float,
+) -> Lines:
+    """The same of triangulated blocks, found at once for all of them."""
+    shapes = [assembly.shape(block) for block in blocks]
+    points, triangles = merged([(shape.points, shape.triangles) for shape in shapes], 3)
+    used, ends = _used([sharp_edges(points, triangles, angle=25.0)])
+    places = [(assembly.points if nodes is None else nodes)(block) for block in blocks]
+    return Lines(np.concatenate(places)[used], ends, width=width, opacity=opacity)
 
 
 def coloured_blocks(

@@ -165,7 +165,10 @@ class RigidAnswer:
         requested = self.further is not None and self.further.friction is not None
         if requested or self.result.supported_classification.locked:
             return None
-        return held_against(self.assembly, self.load) if self.result.equilibrium.holds else None
+        balance = self.result.equilibrium
+        if not balance.holds:
+            return None
+        return held_against(self.assembly, self.load, self.result.norm, balance.multiplier)
 
     @cached_property
     def joints(self) -> JointResultants:

@@ -14,7 +14,8 @@ from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
 from mbd import Classification, block_wrenches, classify, contact_jacobian, generalized_force
 from mbd.answer import certificate_report
-from mbd.mechanism import Mechanism, MechanismClass, classify_opposed
+from mbd.equilibrium import column_weights
+from mbd.mechanism import Mechanism, MechanismClass, classify_opposed, judged
 from mbd.push import PushLimit, at_rest
 from validation.build.doubts import doubts
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
@@ -151,7 +152,11 @@ def class_by_faces(run: PolyhedralRun) -> Classification:
     force = generalized_force(bare, run.load, contacts.free_blocks, contacts.length)
     if full.mechanism is MechanismClass.SUPPRESSED and isinstance(full.certificate, Mechanism):
         opposed = full.certificate.virtual_displacement.ravel()
-        return classify_opposed(contacts.jacobian, force, opposed, None)
+        same = bool((run.load.fixed == bare.fixed).all())
+        start = run.result.equilibrium.multiplier if same else None
+        weights = column_weights(run.result.norm, contacts.areas) if same else None
+        driven = judged(contacts.jacobian, force, weights=weights, start=start)
+        return classify_opposed(contacts.jacobian, force, opposed, driven)
     return classify(contacts.jacobian, force)
 
 
