@@ -261,7 +261,7 @@ def outlines(
     opacity: float = 1.0,
 ) -> Lines:
     """Sharp edges of some blocks, as assembled or with the nodes given."""
-    if not isinstance(assembly, Assembly):
+    if isinstance(assembly, PolyhedralAssembly):
         return _outlines_of_triangles(assembly, blocks, nodes, width, opacity)
     shapes = set(assembly.shape_of[list(blocks)].tolist())
     edges = {number: block_edges(assembly.shapes[number]) for number in sorted(shapes)}
