@@ -91,8 +91,8 @@ def draw_parameter_study(
     panels[best[:2]].annotate(
         f"lowest: {curves[best][at]:.3f} MPa",
         (amplitudes[at], curves[best][at]),
-        (-150, -3),
-        textcoords="offset points",
+        (0.03, 0.05),
+        textcoords="axes fraction",
         fontsize=9,
         arrowprops={"arrowstyle": "->", "color": "black"},
     )
