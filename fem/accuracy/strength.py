@@ -31,6 +31,8 @@ JUDGED = {
 _NEAR, _MOST = 0.03, 12
 #: The same without any secant.
 _SAME = 1e-6
+#: Tension below this share of the largest stress is rounding.
+_ROUNDING = 1e-9
 #: Loads are scaled by this factor at most in one step.
 _STRIDE = 10.0
 #: Loads that differ by less than this factor have states from which each other's is found.
@@ -112,7 +114,8 @@ def _judged(
         return _none(f"none: {names[0]} is not resolved on this mesh")
     name = usable[0]
     stress = measures[name]
-    if name == "sigma_1_averaged" and stress.value <= 0.0:
+    largest = max(abs(m.value) for m in measures.values() if m.is_number and m.unit == "MPa")
+    if name == "sigma_1_averaged" and stress.value <= _ROUNDING * largest:
         return _none("none: no tension")
     if stress.value == 0.0:
         return _none("none: no stress")
