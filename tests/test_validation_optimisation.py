@@ -84,6 +84,8 @@ def test_a_search_of_all_designs_finds_the_best_and_goes_on(tmp_path: Path) -> N
     assert len(second.rows) == 6
     assert {r["cpu_seconds"] for r in second.rows} == {r["cpu_seconds"] for r in first.rows}
     assert "6 designs computed, 6 within the limits, 0 failed" in repr(second)
+    second.draw(str(tmp_path / "search.png"))
+    assert (tmp_path / "search.png").stat().st_size > 1000
 
 
 def test_a_limit_that_no_design_meets_names_the_nearest() -> None:

@@ -143,7 +143,7 @@ class SearchResult:
             "judged": list(self.judged),
         }
 
-    def draw(self, path: Path) -> None:
+    def draw(self, path: str | Path) -> None:
         """Draw the course of a search, or the two measures with their front."""
         figure, axes = subplots(1, 1, size=(8.0, 4.8))
         stated = self.search.stated
@@ -154,7 +154,7 @@ class SearchResult:
         axes.grid(alpha=0.3)
         axes.legend(frameon=False)
         axes.set_title(f"{stated.study.name}: {len(self.search.points)} designs", loc="left")
-        save_figure(figure, path)
+        save_figure(figure, Path(path))
 
     def __repr__(self) -> str:
         """Return what `print` prints."""

@@ -162,7 +162,7 @@ class Sensitivity:
             "failed": dict(self.failed),
         }
 
-    def draw(self, path: Path) -> None:
+    def draw(self, path: str | Path) -> None:
         """Draw a tornado of elasticities for each measure, with error bars."""
         measures = list(dict.fromkeys(s.measure for s in self.slopes))
         figure, axes = subplots(1, len(measures), size=(4.2 * len(measures), 4.2), squeeze=False)
@@ -181,7 +181,7 @@ class Sensitivity:
             panel.set_xlabel("elasticity [-]")
             panel.grid(alpha=0.3, axis="x")
         figure.suptitle(f"{self.name}: what matters ({self.method} blocks)", x=0.02, ha="left")
-        save_figure(figure, path)
+        save_figure(figure, Path(path))
 
     def __repr__(self) -> str:
         """Return a line for each derivative."""
