@@ -23,6 +23,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
+from typing import Any
 
 from cosmic_ray.ast import ast_nodes, get_ast
 from cosmic_ray.mutating import mutate_code
@@ -203,19 +204,19 @@ def made(path: str, operator: str, number: int) -> Change | None:
     return None
 
 
-def passed(folder: Path, tests: tuple[str, ...], limit: float, marks: str) -> tuple[bool, float]:
+def passed(folder: Path, tests: tuple[str, ...], limit: float, quick: bool) -> tuple[bool, float]:
     """Whether tests pass in a folder, and their CPU time [s]; those that do not end do not pass."""
     start = resource.getrusage(resource.RUSAGE_CHILDREN)
     child = os.fork()
     if not child:
-        _test(folder, tests, limit, marks)
+        _test(folder, tests, limit, quick)
     _, status = os.waitpid(child, 0)
     end = resource.getrusage(resource.RUSAGE_CHILDREN)
     used = end.ru_utime + end.ru_stime - start.ru_utime - start.ru_stime
     return os.WIFEXITED(status) and os.WEXITSTATUS(status) == 0, used
 
 
-def _test(folder: Path, tests: tuple[str, ...], limit: float, marks: str) -> None:
+def _test(folder: Path, tests: tuple[str, ...], limit: float, quick: bool) -> None:
     output = os.open(folder / "output", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(output, 1)
     os.dup2(output, 2)
@@ -225,8 +226,16 @@ def _test(folder: Path, tests: tuple[str, ...], limit: float, marks: str) -> Non
     sys.path.insert(0, str(folder))
     import pytest
 
-    options = ("-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-m", marks)
-    os._exit(int(pytest.main([*options, *(f"tests/{name}" for name in tests)])))
+    options = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-m", "not slow"]
+    options += ["--timeout=0", *(f"tests/{name}" for name in tests)]
+    os._exit(int(pytest.main(options, plugins=[_Quick()] if quick else [])))
+
+
+class _Quick:
+    """Only quick tests, without their limit of CPU time: ``-m quick`` would watch it."""
+
+    def pytest_collection_modifyitems(self, items: list[Any]) -> None:
+        items[:] = [item for item in items if item.get_closest_marker("quick") is not None]
 
 
 def _warm() -> None:
@@ -245,7 +254,7 @@ def _warm() -> None:
     import typer.testing  # noqa: F401
 
 
-def try_subject(subject: str, count: int, seed: int, marks: str) -> tuple[int, int]:
+def try_subject(subject: str, count: int, seed: int, quick: bool) -> tuple[int, int]:
     """Try a sample of the changes of a subject; how many were tried, and how many noticed."""
     patterns, tests = SUBJECTS[subject]
     every = list(changes(patterns))
@@ -257,7 +266,7 @@ def try_subject(subject: str, count: int, seed: int, marks: str) -> tuple[int, i
             # With the machine code, which is named by its sources: compiling takes minutes.
             shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("*.pyc"))
         shutil.copy(ROOT / "pyproject.toml", folder)
-        holds, seconds = passed(folder, tests, 600.0, marks)
+        holds, seconds = passed(folder, tests, 900.0, quick)
         print(
             f"{subject}: {len(every)} changes; tests pass: {holds}, {seconds:.1f} CPU s", flush=True
         )
@@ -273,7 +282,7 @@ def try_subject(subject: str, count: int, seed: int, marks: str) -> tuple[int, i
             target = folder / change.path
             kept = target.read_text("utf-8")
             target.write_text(change.source, "utf-8")
-            survived, used = passed(folder, tests, 3.0 * seconds + 20.0, marks)
+            survived, used = passed(folder, tests, 3.0 * seconds + 20.0, quick)
             target.write_text(kept, "utf-8")
             noticed += not survived
             fate = "passed unnoticed" if survived else "noticed"
@@ -287,7 +296,7 @@ def main() -> None:
     parser.add_argument("--subject", choices=SUBJECTS, action="append")
     parser.add_argument("--count", type=int, default=20, help="changes of each subject")
     parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--marks", default="not slow", help="which tests, as pytest -m")
+    parser.add_argument("--quick", action="store_true", help="judge by quick tests alone")
     asked = parser.parse_args()
     os.environ.setdefault("MPLBACKEND", "Agg")
     sys.path = [
@@ -297,7 +306,7 @@ def main() -> None:
     total = caught = 0
     for subject in asked.subject or SUBJECTS:
         start = time.monotonic()
-        tried, noticed = try_subject(subject, asked.count, asked.seed, asked.marks)
+        tried, noticed = try_subject(subject, asked.count, asked.seed, asked.quick)
         total, caught = total + tried, caught + noticed
         print(
             f"{subject}: {noticed} of {tried} noticed, {time.monotonic() - start:.0f} s", flush=True

@@ -10,7 +10,7 @@ from tests.test_validation_own_fem import column, deformable
 from validation.build.deformable import build_deformable
 from validation.output.deformable.answers import print_run
 from validation.run.deformable import DeformableRun
-from validation.run.solve import estimated_errors, run_explicit, run_static
+from validation.run.solve import estimated_errors, ramp_change, run_explicit, run_static
 from validation.study.costs.references import references
 
 #: Scenes of the coverage: three shapes under three loads, contact on slopes, waves and flanks.
@@ -127,6 +127,23 @@ def transient(mesh: tuple[int, int, int], times: dict[str, float]) -> Deformable
     stated = [f"mesh.{name}={count}" for name, count in counts]
     scene = deformable("tsb1-pipe", "assembly.layers=1", "fem.method=explicit", *stated)
     return run_explicit("transient", scene.changed({"fem.damping": None, "fem": times}))
+
+
+def test_bars_of_explicit_friction_hold_the_drag_of_damping() -> None:
+    """Friction keeps what mass-proportional damping drags back, which slow static loading has not.
+
+    The drag falls with the rate of loading: half of the ramp shows that of the whole.
+    """
+    mesh = ("assembly.layers=4", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
+    friction = ("effects.friction.coefficient=0.1", "fem.error_estimate=false")
+    slow = run_static("slow", deformable("tsb1-pipe", *mesh, *friction, "fem.load_steps=32"))
+    run = run_explicit("run", deformable("tsb1-pipe", *mesh, *friction, "fem.method=explicit"))
+    dragged = ramp_change(run)
+    for name in ("max_displacement", "p_eff"):
+        value = run.answer[name].value
+        assert abs(slow.answer[name].value - value) < dragged[name] * value, name
+    assert dragged["max_displacement"] < 0.05
+    assert ramp_change(slow) == {}
 
 
 def test_errors_of_a_transient_are_those_in_time_and_mesh() -> None:
