@@ -132,7 +132,7 @@ def transient(mesh: tuple[int, int, int], times: dict[str, float]) -> Deformable
 def test_bars_of_explicit_friction_hold_the_drag_of_damping() -> None:
     """Friction keeps what mass-proportional damping drags back, which slow static loading has not.
 
-    The drag falls with the rate of loading: half of the ramp shows that of the whole.
+    The drag falls with the rate of loading: that of the ramp is what half of it changes.
     """
     mesh = ("assembly.layers=4", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
     friction = ("effects.friction.coefficient=0.1", "fem.error_estimate=false")
