@@ -175,22 +175,21 @@ def test_right_angles_are_exact() -> None:
 def decks(tube: Assembly) -> dict[str, Deck]:
     return {
         "pipe": tube_deck(tube),
-        "pairs": tube_deck(tube, flavour=Flavour.PAIRS, step=STATIC),
-        "explicit pairs": tube_deck(tube, flavour=Flavour.PAIRS),
+        "pairs": tube_deck(tube, flavour=Flavour.STANDARD, step=STATIC),
         "friction": tube_deck(tube, joint=Joint(ExponentialLaw(), 0.01, 500.0)),
         "shaft": tube_deck(tube, "shaft"),
-        "nodal shaft": nodal(tube_deck(tube, "shaft", flavour=Flavour.PAIRS, step=STATIC)),
+        "nodal shaft": nodal(tube_deck(tube, "shaft", flavour=Flavour.STANDARD, step=STATIC)),
         "shaft as printed": tube_deck(tube, "shaft", as_printed=True),
         "beam": tube_deck(tube, "beam"),
         "body force": tube_deck(tube, loads=(BODY_FORCE,)),
         "no cap": tube_deck(tube, joint=Joint(ExponentialLaw(1e-3, 1e-4, np.inf))),
         "pairs, cap": tube_deck(
-            tube, flavour=Flavour.PAIRS, step=STATIC, joint=Joint(ExponentialLaw(1e-3, 1e-4, 77.0))
+            tube, flavour=Flavour.STANDARD, step=STATIC, joint=Joint(ExponentialLaw(1e-3, 1e-4, 77.0))
         ),
         "pillar": tube_deck(tube, "pillar", joint=Joint(LinearPenalty(123.4))),
         "spacing": tube_deck(tube, spacing=0.03),
         "pairs, clearance": tube_deck(
-            tube, flavour=Flavour.PAIRS, step=STATIC, clearance=0.02, spacing=0.03
+            tube, flavour=Flavour.STANDARD, step=STATIC, clearance=0.02, spacing=0.03
         ),
         "elastic frame": tube_deck(
             tube,
@@ -202,7 +201,7 @@ def decks(tube: Assembly) -> dict[str, Deck]:
         "boxes": box_deck(),
         "spinning boxes": box_deck(motion=Motion(np.ones(3), np.array([10.0, 0.1, -3.0]))),
         "static boxes": box_deck(
-            flavour=Flavour.PAIRS,
+            flavour=Flavour.STANDARD,
             step=STATIC,
             motion=None,
             effects=Effects(),
@@ -212,7 +211,7 @@ def decks(tube: Assembly) -> dict[str, Deck]:
 
 
 DECK_NAMES = (
-    *("pipe", "pairs", "explicit pairs", "friction", "shaft", "nodal shaft", "shaft as printed"),
+    *("pipe", "pairs", "friction", "shaft", "nodal shaft", "shaft as printed"),
     *(
         "beam",
         "body force",
@@ -457,7 +456,7 @@ def test_explicit_deck_says_the_physics(tube) -> None:
 
 def test_an_imported_deck_gives_the_same_static_state(tube) -> None:
     """Coordinates differ by rounding (1e-13), the law is stiff: 1e-6 of the displacement."""
-    deck = tube_deck(tube, flavour=Flavour.PAIRS, step=STATIC)
+    deck = tube_deck(tube, flavour=Flavour.STANDARD, step=STATIC)
     again = deck_of_lines(text_of(deck)).problem()
     ours = solve_static(deck_assembly(deck))
     theirs = solve_static(again.deformable)
@@ -483,7 +482,7 @@ def test_an_imported_deck_gives_the_same_explicit_model() -> None:
 
 def test_every_truncation_is_noticed(tube) -> None:
     """Cut anywhere, the error names a line of the file; nothing is returned."""
-    lines = text_of(tube_deck(tube, flavour=Flavour.PAIRS, step=STATIC))
+    lines = text_of(tube_deck(tube, flavour=Flavour.STANDARD, step=STATIC))
     for end in range(3, len(lines) - 1, 37):
         with pytest.raises(DeckError, match=r"^line \d+: "):
             deck_of_lines(lines[:end])
@@ -501,7 +500,7 @@ def test_an_edited_value_is_read_and_kept(tube) -> None:
 
 def test_a_removed_contact_pair_is_named(tube) -> None:
     """Its surfaces are in no other pair: the blocks pass through each other there, as in Abaqus."""
-    lines = text_of(tube_deck(tube, flavour=Flavour.PAIRS, step=STATIC))
+    lines = text_of(tube_deck(tube, flavour=Flavour.STANDARD, step=STATIC))
     first = next(k for k, line in enumerate(lines) if line.startswith("*Contact Pair"))
     whole, less = deck_of_lines(lines), deck_of_lines(lines[:first] + lines[first + 2 :])
     n_contacts = [deck.problem().deformable.surfaces.n_facets for deck in (whole, less)]

@@ -184,12 +184,12 @@ def test_column_whose_facets_do_not_match(tmp_path: Path) -> None:
         assert row.agrees, row
 
 
-@pytest.mark.parametrize("flavour", [Flavour.GENERAL, Flavour.PAIRS])
+@pytest.mark.parametrize("flavour", [Flavour.GENERAL, Flavour.STANDARD])
 def test_instance_decks_remember_that_facets_do_not_match(flavour) -> None:
     """One pair of whole faces, the finer one slave; what is read back is solved by the search."""
     lines = list(deck_lines(crossing_deck(flavour)))
     pairs = [k for k, line in enumerate(lines) if line.startswith("*Contact Pair")]
-    assert len(pairs) == (flavour is Flavour.PAIRS)
+    assert len(pairs) == (flavour is Flavour.STANDARD)
     for k in pairs:
         assert "type=SURFACE TO SURFACE" in lines[k]
         assert lines[k + 1] == "L01-B01.Z-MIN, L00-B01.Z-MAX"
@@ -256,7 +256,7 @@ def test_converter_expands_every_instance_and_drops_nothing(tmp_path: Path, case
 
     assembly = canonical(sine_tube(tsb(), COARSE, 2))
     load = load_case(assembly, case, 0.01)
-    deck = replace(tube_deck(COARSE, Flavour.PAIRS), assembly=assembly, loads=loads_of_case(load))
+    deck = replace(tube_deck(COARSE, Flavour.STANDARD), assembly=assembly, loads=loads_of_case(load))
     if case == "shaft":
         # As the scene's deck: the converter has no traction in a cylindrical system.
         deck = replace(deck, loads=(as_nodal_forces(deck, deck.loads[0]),))

@@ -70,7 +70,7 @@ def test_lists_keep_their_entries_on_lines_that_programs_read(lengths: list[int]
     assert all(line.count(",") < ENTRIES_PER_LINE for line in lines)
 
 
-@pytest.mark.parametrize("flavour", [Flavour.PAIRS, Flavour.CALCULIX])
+@pytest.mark.parametrize("flavour", [Flavour.STANDARD, Flavour.CALCULIX])
 @pytest.mark.parametrize("sliding", ["false", "true"])
 def test_decks_define_the_surfaces_that_they_name(flavour: Flavour, sliding: str) -> None:
     """Those of contact pairs and of pressures; no pair of two fixed blocks."""

@@ -56,7 +56,7 @@ def test_forces_on_tetrahedra_have_the_same_resultant_and_moment() -> None:
 
 @pytest.mark.parametrize(
     ("flavour", "name"),
-    [(Flavour.CALCULIX, "C3D10"), (Flavour.PAIRS, "C3D10"), (Flavour.GENERAL, "C3D10M")],
+    [(Flavour.CALCULIX, "C3D10"), (Flavour.STANDARD, "C3D10"), (Flavour.GENERAL, "C3D10M")],
 )
 def test_deck_names_tetrahedra_and_that_our_elements_are_others(flavour, name) -> None:
     deck = problem_deck(octahedra(), flavour)

@@ -51,7 +51,7 @@ def heading(path: str) -> str:
     return Path(path).read_text().split("**")[0]
 
 
-@pytest.mark.parametrize("flavour", ["general", "pairs", "calculix"])
+@pytest.mark.parametrize("flavour", ["general", "standard", "calculix"])
 def test_an_exported_deck_is_read(tubelock, flavour) -> None:
     status, out, _ = tubelock(
         "export", "tsb1-pipe", *SMALL, "-o", "a.inp", "--flavour", flavour, "-v"
@@ -69,7 +69,7 @@ def test_an_exported_deck_is_read(tubelock, flavour) -> None:
 
 def test_a_deck_is_written_again_and_solved(tubelock) -> None:
     small = (*SMALL, "--set", "assembly.layers=1", "--set", "mesh.radial=1")
-    tubelock("export", "tsb1-pipe", *small, "-o", "a.inp", "--flavour", "pairs")
+    tubelock("export", "tsb1-pipe", *small, "-o", "a.inp", "--flavour", "standard")
     found = []
     for words in (("a.inp", "--write", "b.inp"), ("b.inp",)):
         assert tubelock("deck", *words, "--run", "--json", "a.json")[0] == 0
@@ -113,7 +113,7 @@ def test_every_tube_scene_can_be_exported(tmp_path: Path) -> None:
 def test_shaft_is_a_traction_for_abaqus_and_nodal_forces_for_converters() -> None:
     file = load_scene("tsb1-shaft", COARSE)
     assert isinstance(build_deck(file, Flavour.GENERAL).loads[0], CircumferentialLoad)
-    assert isinstance(build_deck(file, Flavour.PAIRS).loads[0], NodalForceLoad)
+    assert isinstance(build_deck(file, Flavour.STANDARD).loads[0], NodalForceLoad)
 
 
 def test_static_scene_becomes_damped_dynamics_with_the_papers_damping() -> None:
@@ -136,7 +136,7 @@ EXPLICIT = [*COARSE, "fem.method=explicit", "fem.damping=paper", "fem.end_time=1
 def test_a_deck_follows_the_method_of_its_scene() -> None:
     """Static: a step of Abaqus/Standard without damping, which the scene does not name."""
     static = build_deck(load_scene("tsb1-pipe", COARSE))
-    assert static.flavour is Flavour.PAIRS
+    assert static.flavour is Flavour.STANDARD
     assert static.step.procedure is Procedure.STATIC
     assert static.effects == Effects()
     assert not any("Explicit" in note for note in static.notes)
@@ -151,7 +151,7 @@ def test_general_contact_has_a_clearance_on_every_joint(tubelock) -> None:
     assigned = []
     for flavour, keyword in (
         ("general", "CONTACT CLEARANCE ASSIGNMENT"),
-        ("pairs", "CONTACT PAIR"),
+        ("standard", "CONTACT PAIR"),
     ):
         assert tubelock("export", "tsb1-pipe", *SMALL, *where, flavour)[0] == 0
         cards = read_cards(Path("a.inp").read_text().splitlines())
@@ -220,7 +220,7 @@ def test_scene_sections_reach_the_deck(tubelock) -> None:
 
 def test_elastic_frame_is_held_at_its_outer_faces() -> None:
     deck = build_deck(
-        load_scene("tsb1-pipe", [*COARSE, "effects.elastic_frame=true"]), Flavour.PAIRS
+        load_scene("tsb1-pipe", [*COARSE, "effects.elastic_frame=true"]), Flavour.STANDARD
     )
     assert {hold.face for hold in deck.holds} == {"bottom", "top"}
     assert len(deck.held_blocks) == 0

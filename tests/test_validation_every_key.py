@@ -88,7 +88,7 @@ WALKS = {
         (*TUBE, *EFFECTS, *STEPS, *JOINTS, *EXPLICIT, "load.layer=1"),
     ),
     "deck, pairs": Walk(
-        ("export", "--flavour", "pairs"),
+        ("export", "--flavour", "standard"),
         "tsb1-shaft",
         (*TUBE, *EFFECTS, *STEPS, *JOINTS, *STATIC),
     ),

@@ -38,10 +38,10 @@ GRAVITY = np.array([0.0, 0.0, -9810.0])
 @pytest.mark.parametrize(
     ("setting", "flavour"),
     [
-        ("contact.clearance=0.01", Flavour.PAIRS),
+        ("contact.clearance=0.01", Flavour.STANDARD),
         ("contact.clearance=0.01", Flavour.GENERAL),
         ("effects.gravity=[0.0, 0.0, -9.81e6]", Flavour.GENERAL),
-        ("effects.gravity=[0.0, 0.0, -9.81e6]", Flavour.PAIRS),
+        ("effects.gravity=[0.0, 0.0, -9.81e6]", Flavour.STANDARD),
     ],
 )
 def test_an_exported_deck_states_what_the_scene_solves(setting, flavour, tmp_path: Path) -> None:
@@ -80,7 +80,7 @@ def test_clearance_and_spacing_are_two_gaps() -> None:
 def test_pairs_that_slide_freely_take_no_clearance_and_general_contact_does(setting) -> None:
     settings = [*COARSE, setting, "fem.end_time=1.0", "contact.clearance=0.01"]
     with pytest.raises(InputError, match=r"clearance: got 0\.01 mm.*expected --flavour general"):
-        build_deck(load_scene("tsb1-pipe", settings), Flavour.PAIRS)
+        build_deck(load_scene("tsb1-pipe", settings), Flavour.STANDARD)
     assert build_deck(load_scene("tsb1-pipe", settings), Flavour.GENERAL).clearance == 0.01
 
 

@@ -157,7 +157,7 @@ def test_rigid_blocks_meet_where_a_search_finds_facets(tubelock) -> None:  # noq
 
 def test_decks_of_joints_that_do_not_match(tubelock) -> None:  # noqa: F811
     """All flavours write them; a picture too."""
-    for flavour in ("general", "pairs", "calculix"):
+    for flavour in ("general", "standard", "calculix"):
         export = ("export", "column-nonmatching", "--flavour", flavour, "-o", f"{flavour}.inp")
         assert tubelock(*export)[0] == 0
     assert tubelock("show", "column-nonmatching", "-o", "column.png")[0] == 0

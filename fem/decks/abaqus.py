@@ -63,7 +63,7 @@ from geometry.mesh import FloatArray, IntArray
 
 
 def abaqus_lines(deck: Deck) -> Iterator[str]:
-    """Lines of a deck with parts and instances (flavours general and pairs): see `deck_lines`."""
+    """Lines of a deck with parts and instances (flavours general and standard): see `deck_lines`."""
     check_abaqus(deck)
     patches = contact_patches(deck) if _has_patches(deck) else None
     yield from heading_lines(deck)
@@ -76,7 +76,7 @@ def abaqus_lines(deck: Deck) -> Iterator[str]:
     if deck.joint is not None and deck.flavour is Flavour.GENERAL:
         yield from _general_contact(deck, patches)
     yield from boundary_lines(deck)
-    yield from step_lines(deck, patches if deck.flavour is Flavour.PAIRS else None)
+    yield from step_lines(deck, patches if deck.flavour is Flavour.STANDARD else None)
 
 
 def check_abaqus(deck: Deck) -> None:
@@ -88,14 +88,13 @@ def check_abaqus(deck: Deck) -> None:
         By name.
     """
     check_deck(deck)
-    static = deck.step.procedure is Procedure.STATIC
     if deck.joint is not None and deck.joint.has_pairs and deck.flavour is Flavour.GENERAL:
         raise DeckError(
             "contact.pairs: general contact has one friction and one law here; remove them, or "
-            "choose --flavour pairs or calculix"
+            "choose --flavour standard or calculix"
         )
     small = deck.joint is not None and not (deck.joint.finite_sliding or deck.searched)
-    if deck.clearance != 0.0 and deck.flavour is Flavour.PAIRS and not (static and small):
+    if deck.clearance != 0.0 and deck.flavour is Flavour.STANDARD and not small:
         raise DeckError(
             f"contact.clearance: got {deck.clearance:g} mm, which contact pairs take in small "
             "sliding alone (*Clearance), and these blocks slide freely; expected --flavour general "
@@ -104,7 +103,7 @@ def check_abaqus(deck: Deck) -> None:
 
 
 def _has_patches(deck: Deck) -> bool:
-    paired = deck.flavour is Flavour.PAIRS or deck.clearance != 0.0
+    paired = deck.flavour is Flavour.STANDARD or deck.clearance != 0.0
     return deck.joint is not None and paired
 
 
@@ -368,20 +367,17 @@ ENERGIES = ("ALLAE", "ALLFD", "ALLIE", "ALLKE", "ALLSE", "ALLVD", "ALLWK", "ETOT
 
 
 def step_lines(deck: Deck, patches: Patches | None) -> Iterator[str]:
-    """Write the step, and before a static one the contact pairs, which are model data there."""
+    """Write the step, and before it the contact pairs, which are model data."""
     step = deck.step
-    static = step.procedure is Procedure.STATIC
-    if patches is not None and static:
+    if patches is not None:
         yield from _contact_pairs(deck, patches)
     yield "**"
     yield f"** Step of {deck.program}"
     yield keyword("Step", name="LOAD", nlgeom="YES" if step.large_rotations else "NO")
-    if static:
+    if step.procedure is Procedure.STATIC:
         yield from static_lines(step)
     else:
         yield from _explicit(deck)
-    if patches is not None and not static:
-        yield from _contact_pairs(deck, patches)
     yield "**"
     yield "** Loads"
     yield from moved_lines(deck, lambda hold: _held_set(deck, hold))
@@ -420,7 +416,7 @@ def _explicit(deck: Deck) -> Iterator[str]:
 
 
 def _contact_pairs(deck: Deck, patches: Patches) -> Iterator[str]:
-    """Contact pairs: slave, then master. Typed in a static step; Abaqus/Explicit has no types."""
+    """Contact pairs: slave, then master."""
     for pair in patches.pairs:
         yield pair_keyword(deck, pair)
         yield ", ".join(_sides(deck, pair))
@@ -436,9 +432,7 @@ def pair_keyword(deck: Deck, pair: PatchPair) -> str:
     """Keyword line of a contact pair."""
     assert deck.joint is not None
     name = deck.joint.interaction(pair.block_m, pair.block_s)
-    if deck.step.procedure is Procedure.EXPLICIT:
-        return f"*Contact Pair, interaction={name}, mechanical constraint=PENALTY"
-    if deck.searched and deck.flavour is Flavour.PAIRS:
+    if deck.searched and deck.flavour is Flavour.STANDARD:
         # Nodes on facets of another mesh pass no uniform pressure; surface on surface does.
         return f"*Contact Pair, interaction={name}, type=SURFACE TO SURFACE"
     line = f"*Contact Pair, interaction={name}, type=NODE TO SURFACE"

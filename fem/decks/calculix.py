@@ -121,8 +121,6 @@ def check_calculix(deck: Deck) -> None:
         )
     if explicit and deck.step.time_step is None:
         raise DeckError("fem.time_step is missing: CalculiX needs it for explicit dynamics [s]")
-    if not explicit and deck.motion is not None:
-        raise DeckError("initial: a static step has no initial motion; remove it")
 
 
 # ---------------------------------------------------------------------------------------------

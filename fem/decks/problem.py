@@ -52,7 +52,7 @@ _NOTE_WIDTH = 98
 
 Program = Literal["abaqus", "abaqus-explicit", "calculix"]
 _FLAVOURS = {
-    "abaqus": Flavour.PAIRS,
+    "abaqus": Flavour.STANDARD,
     "abaqus-explicit": Flavour.GENERAL,
     "calculix": Flavour.CALCULIX,
 }
@@ -229,12 +229,12 @@ def quadratic(assembly: Assembly, degree: int, flavour: Flavour, *, meets: bool)
     if flavour is Flavour.GENERAL:
         raise DeckError(
             "fem.degree: got 2 with --flavour general, an explicit step, which has no "
-            "C3D20; expected 1, or --flavour pairs or calculix"
+            "C3D20; expected 1, or --flavour standard or calculix"
         )
     if flavour is Flavour.CALCULIX and meets:
         raise DeckError(
             "fem.degree: got 2 with --flavour calculix, whose contact presses at nodes "
-            "and finds no increment with C3D20; expected 1, or --flavour pairs"
+            "and finds no increment with C3D20; expected 1, or --flavour standard"
         )
     return replace(assembly, shapes=tuple(serendipity_block(s) for s in assembly.shapes))
 
@@ -271,7 +271,7 @@ def contact_notes(deck: Deck, *, static: bool) -> list[str]:
 def around_as_forces(deck: Deck) -> tuple[Deck, list[str]]:
     """Tractions about the axis as nodal forces where contact pairs are written, and a note."""
     around = [load for load in deck.loads if isinstance(load, CircumferentialLoad)]
-    if deck.flavour is not Flavour.PAIRS or not around:
+    if deck.flavour is not Flavour.STANDARD or not around:
         return deck, []
     note = "loads: the traction around the axis as nodal forces, which converters take"
     loads = [

@@ -38,8 +38,8 @@ class Flavour(StrEnum):
 
     GENERAL = "general"
     """Abaqus/Explicit: parts, instances, general contact."""
-    PAIRS = "pairs"
-    """Abaqus with contact pairs, one for each joint; what abq2ccx converts."""
+    STANDARD = "standard"
+    """Abaqus/Standard: static, parts, instances, one contact pair for each joint."""
     CALCULIX = "calculix"
     """CalculiX: flat, what its input has no word for written otherwise."""
 
@@ -409,6 +409,10 @@ def check_deck(deck: Deck, elements: Mapping[ElementType, str] = ELEMENT_NAMES) 
             f"of {', '.join(repr(e.value) for e in elements)}"
         )
     _check_references(deck)
+    if deck.step.procedure is Procedure.STATIC and deck.motion is not None:
+        raise DeckError(
+            "initial: a static step has no initial motion; remove it, or choose --flavour general"
+        )
     for hold in deck.holds:
         first, last = hold.components[0], hold.components[-1]
         if hold.components != tuple(range(first, last + 1)):

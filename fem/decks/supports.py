@@ -98,7 +98,7 @@ def springs_on_ground(
         if flavour is Flavour.GENERAL:
             raise DeckError(
                 f"support {support.title}: got springs, which Abaqus/Explicit does not have to the "
-                "ground (SPRING1); expected --flavour pairs or calculix, a static step"
+                "ground (SPRING1); expected --flavour standard or calculix, a static step"
             )
         if isinstance(mesh, SerendipityMesh):
             raise DeckError(

@@ -151,7 +151,7 @@ def calculix_through_converter(deck: Deck, folder: Path) -> CalculixResult:
     import abq2ccx
 
     source, target = folder / f"{deck.name}.inp", folder / f"{deck.name}-converted.inp"
-    write_deck(source, replace(deck, flavour=Flavour.PAIRS))
+    write_deck(source, replace(deck, flavour=Flavour.STANDARD))
     text = abq2ccx.convert_file(str(source)).text
     n_nodes = sum(deck.assembly.shape(b).mesh.n_nodes for b in range(deck.assembly.n_blocks))
     every = f"*NSET, NSET=PRINTED, GENERATE\n1, {n_nodes}, 1\n"

@@ -64,7 +64,7 @@ def build_deck(file: SceneFile, flavour: Flavour | None = None) -> Deck:
 def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
     fem, effects = fem_section(scene, name), scene.effects
     if flavour is None:
-        flavour = Flavour.PAIRS if fem.method is Method.STATIC else Flavour.GENERAL
+        flavour = Flavour.STANDARD if fem.method is Method.STATIC else Flavour.GENERAL
     refuse_cell(scene, name, "export")
     blocks = build_hexahedra(scene, name)
     assembly = canonical(blocks.assembly)
@@ -75,9 +75,8 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
     with uncounted((EffectsSection, "finite_sliding")):
         problem = build_problem(scene, name, HexahedralBlocks(assembly, case, blocks.unmatched))
     # CalculiX has no contact in explicit steps; single bodies do what the scene says.
-    needs_static = flavour is Flavour.CALCULIX and scene.meets
-    asks_static = flavour is not Flavour.GENERAL and fem.method is Method.STATIC
-    static = needs_static or asks_static
+    as_stated = flavour is Flavour.CALCULIX and not scene.meets
+    static = fem.method is Method.STATIC if as_stated else flavour is not Flavour.GENERAL
     _count_keys(scene, flavour, static=static)
     large = scene.meets or effects.finite_rotation
     step = _static_step(effects) if static else _explicit_step(name, fem, large_rotations=large)
@@ -151,7 +150,7 @@ def _count_keys(scene: DeformableScene, flavour: Flavour, *, static: bool) -> No
     """Count the keys that a deck states, though not every answer to its problem depends on them."""
     count_materials(scene, "density")
     if static and flavour is not Flavour.GENERAL:
-        # Elsewhere blocks slide as far as they do: general contact, and pairs in explicit steps.
+        # In general contact blocks slide as far as they do.
         count(scene.effects, "finite_sliding")
 
 

@@ -28,12 +28,12 @@ def export(
     flavour: Annotated[
         str | None,
         typer.Option(
-            metavar="general|pairs|calculix",
-            help="general: Abaqus/Explicit, general contact; pairs: Abaqus with contact pairs; "
-            "calculix: no parts or instances. Default: as fem.method; static: pairs, a step of "
-            "Abaqus/Standard; explicit: general.",
+            metavar="general|standard|calculix",
+            help="general: Abaqus/Explicit, general contact; standard: Abaqus/Standard, a static "
+            "step, contact pairs; calculix: no parts or instances. Default: as fem.method; static: "
+            "standard, explicit: general.",
             autocompletion=lambda incomplete: [
-                word for word in ("general", "pairs", "calculix") if word.startswith(incomplete)
+                word for word in ("general", "standard", "calculix") if word.startswith(incomplete)
             ],
         ),
     ] = None,

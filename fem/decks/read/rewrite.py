@@ -30,7 +30,7 @@ def rewritten(deck: InputDeck, flavour: Flavour | None = None) -> Deck:
     step, problem = deck.steps[-1], deck.problem()
     if flavour is None and deck.dialect is Dialect.CALCULIX:
         flavour = Flavour.CALCULIX
-    flavour = flavour or (Flavour.GENERAL if step.explicit else Flavour.PAIRS)
+    flavour = flavour or (Flavour.GENERAL if step.explicit else Flavour.STANDARD)
     assembly = canonical(problem.blocks)
     meets = problem.deformable.meets
     if problem.degree > 1:
