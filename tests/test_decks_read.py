@@ -24,6 +24,7 @@ from fem.static.solve import solve_static
 from geometry.errors import RefusedError
 from validation.build.deck import build_deck
 from validation.build.deformable import scene_problem
+from validation.output.decks import solve_deck
 from validation.scene.read import load_scene
 from validation.study.comparison.calculix import calculix_available, run_calculix
 
@@ -109,6 +110,7 @@ def test_spelling_does_not_matter(tmp_path: Path) -> None:
     first = CUBES.index("*Element, type=C3D8, elset=LOWER")
     (tmp_path / "mesh.inc").write_text("\n".join(CUBES[:first]))
     rest = [line.lower().replace(",", " ,  ") for line in CUBES[first:]]
+    rest = [line.replace("*solid section", "*SolidSection") for line in rest]
     spelt = ["** a comment", "*INCLUDE, INPUT=mesh.inc", "", *rest]
     where = spelt.index("*contact pair ,   interaction=i ,   type=surface to surface")
     spelt[where : where + 1] = ["*contact  pair,", "interaction = i, type=surface to surface"]
@@ -260,6 +262,34 @@ def test_components_along_transformed_axes() -> None:
     assert top_moves(deck_of_lines(wheel)) == pytest.approx(-0.008, rel=1e-9)
 
 
+def test_a_minimum_increment_for_which_calculix_scales_masses_is_rejected() -> None:
+    """It may take elements of 1 mm in steps of 3e-7 s here; a hundredth of it changes nothing."""
+    lines = changed("*Elastic", "*Density\n1e-10\n*Elastic")
+    start = lines.index("*Contact Pair, interaction=I, type=SURFACE TO SURFACE")
+    del lines[start : start + 2]
+    step = "*Dynamic, Explicit\n1e-8, 1e-5, {}"
+    deck_of_lines(changed("*Static", step.format("3e-9"), lines)).problem()
+    with pytest.raises(DeckError, match="CalculiX scales masses"):
+        deck_of_lines(changed("*Static", step.format("1e-5"), lines)).problem()
+
+
+def test_large_rotations_that_are_solved_linearly_are_named() -> None:
+    """A bar that turns by more than 0.02 rad has left the range of a linear answer."""
+    start = CUBES.index("*Element, type=C3D8, elset=UPPER")
+    lines = changed("*Step", "*Step, nlgeom", CUBES[:start] + CUBES[start + 2 :])
+    text = "\n".join(lines).replace("*Solid Section, elset=UPPER, material=M\n", "")
+    head, _, tail = text.partition("*Surface, name=UNDER")
+    tail = tail.partition("*Boundary")[2].replace("11, 1, 2\n12, 2\n", "")
+    tail = tail.replace("UPPER, P2, 2.", "LOWER, P6, {}")
+    material = "*Material, name=M\n*Elastic\n1000., 0.\n*Solid Section, elset=LOWER, material=M\n"
+    for pressure, left in ((1.0, False), (50.0, True)):
+        body = f"{head}{material}*Boundary{tail.format(pressure)}"
+        deck = deck_of_lines(body.splitlines())
+        solve_deck(deck)
+        assert any("linear in rotations" in note for note in deck.model.notes)
+        assert any("elements turn by" in note for note in deck.model.notes) == left
+
+
 def test_steps_follow_each_other() -> None:
     """Loads stay, are stated anew or go with op=NEW; without friction the last state counts."""
     second = "*End Step\n*Step\n*Static\n*Dload{}\n{}\n*End Step"
@@ -324,7 +354,8 @@ def test_tetrahedra_fill_the_same_cube(kind) -> None:
     lines += [f"{k + 1}, {', '.join(str(n + 1) for n in row)}" for k, row in enumerate(rows)]
     lines += ["*Nset, nset=FOOT", ", ".join(foot), "*Elset, elset=TOPS", "3, 4, 5"]
     lines += ["*Material, name=M", "*Elastic", "1000., 0.", "*Solid Section, elset=E, material=M"]
-    lines += ["*Boundary", "FOOT, 1, 3", "*Step", "*Static", "*Dload"]
+    # Node 1 is held along more directions than the rest of the foot, which is a whole face still.
+    lines += ["*Boundary", "FOOT, 3", "1, 1, 2", "2, 2", "*Step", "*Static", "*Dload"]
     # Elements 0 3 7 6, 0 7 4 6 and 0 4 5 6: their sides on z = 1 are 7 6 (none), 7 4 6 and 4 5 6.
     lines += ["4, P3, 2.", "5, P3, 2.", "*End Step"]
     deck = deck_of_lines(lines)

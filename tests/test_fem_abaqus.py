@@ -184,7 +184,10 @@ def decks(tube: Assembly) -> dict[str, Deck]:
         "body force": tube_deck(tube, loads=(BODY_FORCE,)),
         "no cap": tube_deck(tube, joint=Joint(ExponentialLaw(1e-3, 1e-4, np.inf))),
         "pairs, cap": tube_deck(
-            tube, flavour=Flavour.STANDARD, step=STATIC, joint=Joint(ExponentialLaw(1e-3, 1e-4, 77.0))
+            tube,
+            flavour=Flavour.STANDARD,
+            step=STATIC,
+            joint=Joint(ExponentialLaw(1e-3, 1e-4, 77.0)),
         ),
         "pillar": tube_deck(tube, "pillar", joint=Joint(LinearPenalty(123.4))),
         "spacing": tube_deck(tube, spacing=0.03),

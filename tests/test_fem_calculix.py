@@ -256,7 +256,9 @@ def test_converter_expands_every_instance_and_drops_nothing(tmp_path: Path, case
 
     assembly = canonical(sine_tube(tsb(), COARSE, 2))
     load = load_case(assembly, case, 0.01)
-    deck = replace(tube_deck(COARSE, Flavour.STANDARD), assembly=assembly, loads=loads_of_case(load))
+    deck = replace(
+        tube_deck(COARSE, Flavour.STANDARD), assembly=assembly, loads=loads_of_case(load)
+    )
     if case == "shaft":
         # As the scene's deck: the converter has no traction in a cylindrical system.
         deck = replace(deck, loads=(as_nodal_forces(deck, deck.loads[0]),))

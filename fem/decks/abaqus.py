@@ -63,7 +63,7 @@ from geometry.mesh import FloatArray, IntArray
 
 
 def abaqus_lines(deck: Deck) -> Iterator[str]:
-    """Lines of a deck with parts and instances (flavours general and standard): see `deck_lines`."""
+    """Lines of a deck with parts and instances, general or standard: see `deck_lines`."""
     check_abaqus(deck)
     patches = contact_patches(deck) if _has_patches(deck) else None
     yield from heading_lines(deck)
@@ -432,7 +432,7 @@ def pair_keyword(deck: Deck, pair: PatchPair) -> str:
     """Keyword line of a contact pair."""
     assert deck.joint is not None
     name = deck.joint.interaction(pair.block_m, pair.block_s)
-    if deck.searched and deck.flavour is Flavour.STANDARD:
+    if deck.joint.face_to_face or (deck.searched and deck.flavour is Flavour.STANDARD):
         # Nodes on facets of another mesh pass no uniform pressure; surface on surface does.
         return f"*Contact Pair, interaction={name}, type=SURFACE TO SURFACE"
     line = f"*Contact Pair, interaction={name}, type=NODE TO SURFACE"

@@ -14,6 +14,7 @@ from itertools import accumulate
 
 import numpy as np
 
+from fem.contact.law import ContactLaw
 from fem.decks.abaqus import (
     amplitude_parameter,
     component_lines,
@@ -35,7 +36,7 @@ from fem.decks.keywords import (
     real,
     reals,
 )
-from fem.decks.laws import law_table
+from fem.decks.laws import law_lines, law_table
 from fem.decks.model import block_nodes, nodal_forces
 from fem.decks.statement import (
     FRAME,
@@ -147,9 +148,7 @@ def _contact(deck: Deck, patches: Patches) -> Iterator[str]:
     assert joint is not None
     for (law, friction), name in joint.interactions.items():
         yield keyword("Surface Interaction", name=name)
-        yield "*Surface Behavior, pressure-overclosure=TABULAR"
-        for row in law_table(joint.law.members[law], deck.clearance).tolist():
-            yield reals(row)
+        yield from _law(deck, joint.law.members[law])
         if friction is None:
             yield "** frictionless"
         else:
@@ -162,6 +161,16 @@ def _contact(deck: Deck, patches: Patches) -> Iterator[str]:
             f"{block_label(deck, pair.block_s)}_{pair.patch_s}, "
             f"{block_label(deck, pair.block_m)}_{pair.patch_m}"
         )
+
+
+def _law(deck: Deck, law: ContactLaw) -> Iterator[str]:
+    assert deck.joint is not None
+    if deck.joint.face_to_face:
+        yield from law_lines(law, explicit=False)
+        return
+    yield "*Surface Behavior, pressure-overclosure=TABULAR"
+    for row in law_table(law, deck.clearance).tolist():
+        yield reals(row)
 
 
 def _model_data(deck: Deck, starts: Starts) -> Iterator[str]:

@@ -16,7 +16,7 @@ from fem.decks.abaqus import check_abaqus
 from fem.decks.calculix import check_calculix
 from fem.decks.keywords import DeckError, safe_names
 from fem.decks.laws import law_notes
-from fem.decks.model import as_nodal_forces
+from fem.decks.model import as_nodal_forces, deck_model
 from fem.decks.placement import canonical
 from fem.decks.statement import (
     Deck,
@@ -33,7 +33,7 @@ from fem.decks.write import write_deck as write_statement
 from fem.element.lagrange_mesh import serendipity_block
 from fem.element.material import Material
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
-from fem.problem.time_step import characteristic_time_step
+from fem.problem.time_step import characteristic_time_step, critical_time_step
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.files.whole import write_whole
@@ -251,7 +251,7 @@ def contact_notes(deck: Deck, *, static: bool) -> list[str]:
             "contact: all outer faces may meet and slide; tubelock pairs facets that match, else "
             "searches"
         )
-    if deck.flavour is Flavour.CALCULIX:
+    if deck.flavour is Flavour.CALCULIX and not deck.joint.face_to_face:
         notes += [
             "contact: the law is a table of 200 points, linear between them and above 10 MPa"
             + (", moved by the clearance" if deck.clearance else ""),
@@ -279,6 +279,16 @@ def around_as_forces(deck: Deck) -> tuple[Deck, list[str]]:
         for load in deck.loads
     ]
     return replace(deck, loads=tuple(loads)), [note]
+
+
+def with_time_step(deck: Deck, safety_factor: float) -> Deck:
+    """Choose the time step of an explicit run of CalculiX: it takes the one that a deck states."""
+    if deck.step.time_step is not None:
+        return deck
+    # The deck rejects what CalculiX cannot compute; only then is a time step worth its price.
+    critical = critical_time_step(deck_model(deck)[0]).critical_time_step
+    count = int(np.ceil(deck.step.end_time / (safety_factor * critical)))
+    return replace(deck, step=replace(deck.step, time_step=deck.step.end_time / count))
 
 
 #: Increments above which Abaqus recommends to keep all numbers in double precision.

@@ -144,6 +144,8 @@ class Joint:
     """Whether contact pairs follow blocks that slide by more than a facet."""
     of_pairs: OfPairs = ()
     """Coefficients between some pairs of blocks; 0: frictionless."""
+    face_to_face: bool = False
+    """Whether CalculiX presses on faces, as a deck that was read states it, not at nodes."""
 
     @property
     def has_pairs(self) -> bool:
@@ -210,7 +212,7 @@ class Deck:
     material: Material | tuple[Material, ...]
     """Of all blocks, or of each shape."""
     element: ElementType
-    """Of all blocks."""
+    """Of all blocks of eight nodes."""
     step: DeckStep
     """What is computed."""
     holds: tuple[Hold, ...] = ()
@@ -231,6 +233,8 @@ class Deck:
     """Whether joints do not match corner on corner: whole faces meet, wherever they are."""
     spacing: float = 0.0
     """Distance by which neighbours are moved apart [mm] (`geometry.assembly`)."""
+    reduced: bool = False
+    """Whether hexahedra of 20 nodes have 8 integration points, as in a deck that was read."""
     notes: tuple[str, ...] = ()
     """Where the deck differs from the scene, one line each."""
 
@@ -353,7 +357,9 @@ def element_name(deck: Deck, elements: Mapping[ElementType, str], shape: Block) 
     """Name of the elements of a shape: by their nodes, hexahedra of eight by their kind."""
     if isinstance(shape.mesh, TetrahedralMesh):
         return "C3D10M" if deck.flavour is Flavour.GENERAL else "C3D10"
-    return "C3D20" if isinstance(shape.mesh, SerendipityMesh) else elements[deck.element]
+    if isinstance(shape.mesh, SerendipityMesh):
+        return "C3D20R" if deck.reduced else "C3D20"
+    return elements[deck.element]
 
 
 def block_label(deck: Deck, block: int) -> str:

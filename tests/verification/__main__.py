@@ -89,8 +89,11 @@ def main() -> None:
         tables = {"folder": ("Files of blocks", partial(folder.rows, asked.folder))}
         names = ["folder"]
     if asked.decks is not None:
-        tables = {"decks": ("Input decks", partial(decks.rows, asked.decks))}
-        names = ["decks"]
+        tables = {
+            "decks": ("Input decks", partial(decks.rows, asked.decks)),
+            "fates": ("Decks by fate", lambda: decks.fates(found["decks"])),
+        }
+        names = ["decks", "fates"]
     if asked.lmgc90 is not None:
         tables = {"lmgc90": ("A barrel vault: LMGC90", partial(lmgc90.rows, asked.lmgc90))}
         names = ["lmgc90"]

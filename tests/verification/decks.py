@@ -1,30 +1,82 @@
 """Input decks in a folder: which are read and solved, which are rejected and why: ``--decks``.
 
-Decks are read in this process; those that are read are solved by `tubelock deck --run` in one of
-their own, which is stopped after ten CPU minutes. Beside the answer stands the largest displacement
-that a reference file of CalculiX (``NAME.dat.ref``) prints at its end.
+Every deck has a process of its own, which is stopped after ten CPU minutes. Beside the answer stand
+differences of displacements, node by node, over the largest: to a reference file (``NAME.dat.ref``)
+and to CalculiX on the same text; and of CalculiX on that text to CalculiX on the deck that this
+package writes of it, which judges how the deck is read.
 """
 
 from __future__ import annotations
 
+import multiprocessing
 import re
-from collections.abc import Iterator
+import resource
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from fem import read_deck
+from fem.decks.read.deck import InputDeck
+from fem.decks.read.words import Dialect
 from geometry.errors import RefusedError
-from tests.verification.folder import ran
+from tests.verification.deck_oracle import (
+    deck_nodes,
+    difference,
+    original,
+    ours,
+    printed,
+    written_again,
+)
+from tests.verification.folder import LIMIT
+from validation.output.decks import solve_deck
+from validation.study.comparison.calculix import CalculixError
 
-_TITLE = re.compile(r"displacements .*\n\n((?:\s*\d+(?:\s+\S+){3}\s*\n)+)")
+#: Places in decks, which differ where reasons do not.
+_PLACE = re.compile(r"^(\S+, )?line \d+: |[\w-]+: (?=surfaces of)")
+_NUMBER = re.compile(r"\d[\d.e+-]*")
 
 
 def rows(folder: Path) -> Iterator[dict[str, Any]]:
     """One row for each deck in a folder and its folders."""
-    for path in sorted(folder.rglob("*.inp")):
-        yield {"deck": str(path.relative_to(folder)), **fate(path)}
+    for path in sorted(p for p in folder.rglob("*") if p.suffix.lower() == ".inp"):
+        yield {"deck": str(path.relative_to(folder)), **_alone(path)}
+
+
+def fates(found: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
+    """How many decks have the same fate for the same reason."""
+    found = [(row["fate"], "" if row["fate"] == "solved" else _reason(row)) for row in found]
+    for (fate, why), count in sorted(
+        Counter(found).items(), key=lambda item: (item[0][0], -item[1])
+    ):
+        yield {"fate": fate, "why": why, "decks": count}
+
+
+def _reason(row: Mapping[str, Any]) -> str:
+    """Why, without lines, names and numbers."""
+    why = _NUMBER.sub("…", _PLACE.sub("", row["why"]))
+    return why.partition(": " if why.startswith("*Include") else " (line")[0]
+
+
+def _alone(path: Path) -> dict[str, Any]:
+    """Fate of a deck, in a process of its own."""
+    context = multiprocessing.get_context("fork")
+    here, there = context.Pipe(duplex=False)
+    process = context.Process(target=_send, args=(there, path))
+    process.start()
+    there.close()
+    try:
+        result: dict[str, Any] = here.recv()
+    except EOFError:
+        result = {"fate": "read, not solved", "why": f"stopped after {LIMIT} CPU s"}
+    process.join()
+    return result
+
+
+def _send(pipe: Any, path: Path) -> None:
+    resource.setrlimit(resource.RLIMIT_CPU, (LIMIT, LIMIT))
+    pipe.send(fate(path))
 
 
 def fate(path: Path) -> dict[str, Any]:
@@ -33,24 +85,48 @@ def fate(path: Path) -> dict[str, Any]:
         deck = read_deck(path)
         deck.validate()
     except RefusedError as error:
-        why = str(error).removeprefix(f"{path}: ")
-        return {"fate": "rejected", "why": why.partition("; expected")[0][:110]}
-    found = ran("deck", str(path), "--run")
-    moved = found.answer.get("measures", {}).get("max_displacement")
-    return {
-        "fate": "read, not solved" if moved is None else "solved",
-        "why": found.error if moved is None else "; ".join(deck.model.notes)[:110],
-        "u [mm]": None if moved is None else moved["value"],
-        "±": None if moved is None else moved.get("error"),
-        "CalculiX": largest_printed(path.with_name(f"{path.stem}.dat.ref")),
-        "CPU s": found.cpu,
+        return {"fate": "rejected", "why": _first(error, path)}
+    start = time.process_time()
+    try:
+        answer = solve_deck(deck)
+    except RefusedError as error:
+        return {"fate": "read, not solved", "why": _first(error, path)}
+    moved = answer.measures["max_displacement"]
+    found = {
+        "fate": "solved",
+        "why": "; ".join(deck.model.notes)[:110],
+        "u [mm]": moved.value,
+        "±": moved.error,
+        "CPU s": time.process_time() - start,
     }
+    if deck.dialect is Dialect.CALCULIX:
+        found |= _judged(deck, path, ours(deck_nodes(deck), answer))
+    return found
 
 
-def largest_printed(path: Path) -> float | None:
-    """Largest displacement in the last table of a reference file [mm]; None: there is none."""
-    tables = _TITLE.findall(path.read_text("latin-1")) if path.exists() else []
-    if not tables:
-        return None
-    values = np.array([line.split()[1:4] for line in tables[-1].splitlines() if line.strip()])
-    return float(np.linalg.norm(values.astype(np.float64), axis=1).max())
+def _first(error: Exception, path: Path) -> str:
+    return str(error).replace(f"{path}: ", "").replace(f"{path.parent}/", "").partition("; exp")[0]
+
+
+def _judged(deck: InputDeck, path: Path, moved: Any) -> dict[str, Any]:
+    """Differences of displacements [%], or why there is none."""
+    nodes, reference = deck_nodes(deck), path.with_name(f"{path.stem}.dat.ref")
+    found: dict[str, Any] = {}
+    where, values = printed(nodes, reference) if reference.exists() else ([], None)
+    if len(where):
+        found["off .dat.ref [%]"] = difference(moved[where], values)
+    theirs = _tried(lambda: original(nodes, path))
+    again = _tried(lambda: written_again(nodes, deck))
+    if isinstance(theirs, str):
+        return found | {"off CalculiX [%]": theirs}
+    found["off CalculiX [%]"] = difference(moved, theirs)
+    found["written again [%]"] = again if isinstance(again, str) else difference(theirs, again)
+    return found
+
+
+def _tried(run: Callable[[], Any]) -> Any:
+    """A result, or the reason for none."""
+    try:
+        return run()
+    except (RefusedError, CalculixError) as error:
+        return str(error).partition(";")[0][:60]

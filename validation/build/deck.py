@@ -8,9 +8,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
-from fem.decks.model import deck_model
 from fem.decks.placement import canonical
 from fem.decks.problem import (
     QUASI_STATIC_END,
@@ -21,12 +18,12 @@ from fem.decks.problem import (
     element_time_step,
     quadratic,
     with_notes,
+    with_time_step,
 )
 from fem.decks.statement import Deck, DeckStep, Flavour, Joint, Procedure
 from fem.decks.tetrahedra import has_tetrahedra, with_tetrahedra
 from fem.element.hexahedron import ElementType
 from fem.problem.effects import Effects
-from fem.problem.time_step import critical_time_step
 from validation.build.blocks import HexahedralBlocks
 from validation.build.cell import refuse_cell
 from validation.build.deformable import (
@@ -104,7 +101,7 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
     if not static and fem.mass_scaling is not None:
         deck = _with_mass_scaling(deck, fem.mass_scaling)
     if flavour is Flavour.CALCULIX and not static:
-        deck = _with_time_step(deck, fem)
+        deck = with_time_step(deck, fem.safety_factor)
     # Notes also say what a deck leaves out, which is no use of a key.
     with uncounted((FemSection, "symmetry"), *_idle_keys(fem, static=static)):
         notes += _step_notes(fem, effects, flavour, static=static)
@@ -152,16 +149,6 @@ def _count_keys(scene: DeformableScene, flavour: Flavour, *, static: bool) -> No
     if static and flavour is not Flavour.GENERAL:
         # In general contact blocks slide as far as they do.
         count(scene.effects, "finite_sliding")
-
-
-def _with_time_step(deck: Deck, fem: FemSection) -> Deck:
-    """Choose the time step of an explicit run of CalculiX: it takes the one it is given."""
-    if deck.step.time_step is not None:
-        return deck
-    # The deck rejects what CalculiX cannot compute; only then is a time step worth its price.
-    critical = critical_time_step(deck_model(deck)[0]).critical_time_step
-    count = int(np.ceil(deck.step.end_time / (fem.safety_factor * critical)))
-    return replace(deck, step=replace(deck.step, time_step=deck.step.end_time / count))
 
 
 # ---------------------------------------------------------------------------------------------

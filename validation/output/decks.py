@@ -28,7 +28,7 @@ from validation.output.console import two_columns
 from validation.output.files import prepare_file
 from validation.scene.read import SceneFile
 
-#: Largest strain of linear elasticity: products of strains are a fiftieth of it [-].
+#: Largest strain, and rotation [rad] where it is linear: their products are a fiftieth of them.
 LARGEST_STRAIN = 0.02
 #: Time that an explicit program takes for an element and an increment, by experience [s].
 _ELEMENT_INCREMENT = 1.0e-6
@@ -154,7 +154,24 @@ def solve_deck(deck: InputDeck) -> Answer:
             f"strain: {strain:.2g} at the most, above {LARGEST_STRAIN:g}: strains are linear here, "
             "and the answer has left their range"
         )
+    if deck.steps[-1].large_rotations and not problem.finite_rotation:
+        turned = largest_rotation(answer)
+        if turned > LARGEST_STRAIN:
+            deck.model.note(
+                f"nlgeom: elements turn by {turned:.2g} rad at the most, above {LARGEST_STRAIN:g}: "
+                "this answer is linear in rotations, and has left their range"
+            )
     return answer
+
+
+def largest_rotation(answer: Answer) -> float:
+    """Largest rotation of an element, of its displacement gradient's mean [rad]."""
+    x, u = answer.points[answer.cells], answer.fields["displacement"][answer.cells]
+    x, u = (values - values.mean(axis=1, keepdims=True) for values in (x, u))
+    inverse = np.linalg.inv(np.einsum("nki,nkj->nij", x, x))
+    gradient = np.einsum("nki,nkj->nij", u, x) @ inverse
+    turned = 0.5 * (gradient - gradient.transpose(0, 2, 1))
+    return float(np.sqrt(0.5 * (turned**2).sum(axis=(1, 2))).max())
 
 
 def largest_strain(problem: Problem, answer: Answer) -> float:

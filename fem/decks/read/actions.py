@@ -281,32 +281,34 @@ def _rigid_blocks(actions: Actions) -> tuple[list[int], list[HeldFace]]:
 
 
 def _held_faces(actions: Actions, block: int) -> list[HeldFace]:
-    """Supports of a block: nodes that are held alike in one."""
-    alike: dict[tuple[str, bytes, tuple[tuple[int, _Value], ...]], list[int]] = {}
+    """Supports of a block: for each direction the nodes held alike, then directions of the same.
+
+    Nodes at edges are held along more directions than others. Together they make faces, of which
+    elements that are split, or of degree 2, have nodes that the deck does not have.
+    """
+    alike: dict[tuple[bytes, _Value], list[int]] = {}
     for (number, node), stated in actions.held.items():
-        if number != block or not stated:
+        if number != block:
             continue
-        name, axes = actions.names[block, node], actions.axes.get((block, node))
-        if axes is None or stated == dict.fromkeys(range(3), _STILL):
-            alike.setdefault((name, b"", tuple(sorted(stated.items()))), []).append(node)
-            continue
+        still = stated == dict.fromkeys(range(3), _STILL)
+        axes = None if still else actions.axes.get((block, node))
         for component, value in stated.items():
-            along = (np.round(axes[component], 12) + 0.0).tobytes()
-            alike.setdefault((name, along, ((0, value),)), []).append(node)
+            along = np.eye(3)[component] if axes is None else np.round(axes[component], 12) + 0.0
+            alike.setdefault((along.tobytes(), value), []).append(node)
+    together: dict[tuple[tuple[int, ...], object], list[tuple[FloatArray, float]]] = {}
+    for (direction, (moved, path)), nodes in alike.items():
+        along = np.frombuffer(direction)
+        key = tuple(sorted(nodes)), path if moved else ()
+        together.setdefault(key, []).append((along / np.linalg.norm(along), moved))
     result = []
-    for (name, direction, components), nodes in alike.items():
-        where = _where(actions.blocks, block, np.array(sorted(nodes)), name)
-        local = np.frombuffer(direction).reshape(-1, 3) if direction else np.eye(3)
-        local = local / np.linalg.norm(local, axis=1, keepdims=True)
-        by_path: dict[tuple[tuple[float, float], ...], list[tuple[int, float]]] = {}
-        for component, (moved, path) in components:
-            by_path.setdefault(path if moved else (), []).append((component, moved))
-        for path, parts in by_path.items():
-            rows = local[[component for component, _ in parts]]
-            way = np.array([moved for _, moved in parts]) @ rows
-            held = None if len(rows) == 3 else rows
-            there = way if way.any() else None
-            result.append(HeldFace(block, where, held, there, path, name=name))
+    for (nodes, path), parts in together.items():
+        rows = np.array([along for along, _ in parts])
+        way = np.array([moved for _, moved in parts]) @ rows
+        name = actions.names[block, nodes[0]]
+        where = _where(actions.blocks, block, np.array(nodes), name)
+        held = None if len(rows) == 3 else rows
+        there = way if way.any() else None
+        result.append(HeldFace(block, where, held, there, path, name=name))
     return result
 
 

@@ -44,6 +44,8 @@ class Solid:
     others: IntArray
     """The part's nodes between corners, of curved elements, (n,)."""
     material: str
+    tetrahedra: float | None = None
+    """Mean edge of the tetrahedra of ten nodes that its hexahedra were split from [mm]."""
 
     @cached_property
     def outer(self) -> IntArray:
@@ -129,13 +131,16 @@ def body_of(part: Part, materials: list[str], path: str, stated: frozenset[str])
             )
         title = part.name or "block"
         title = face_name(title if int(label.max()) == 0 else f"{title}-{number + 1}")
-        solids.append(_solid(title, hexahedra, mine, str(names[0]), path))
+        split = members.shape[1] == 10
+        solids.append(_solid(title, hexahedra, mine, str(names[0]), path, split=split))
     solid_of = np.zeros(len(members), dtype=np.int64)
     solid_of[hexahedra.owner] = label
     return Body(members, hexahedra, tuple(solids), solid_of, at, rigid)
 
 
-def _solid(name: str, hexahedra: Hexahedra, mine: IntArray, material: str, path: str) -> Solid:
+def _solid(
+    name: str, hexahedra: Hexahedra, mine: IntArray, material: str, path: str, *, split: bool
+) -> Solid:
     elements = hexahedra.elements[mine]
     nodes, renumbered = np.unique(elements[:, :8], return_inverse=True)
     mesh = HexMesh(hexahedra.nodes[nodes], renumbered.reshape(-1, 8).astype(np.int64))
@@ -144,7 +149,10 @@ def _solid(name: str, hexahedra: Hexahedra, mine: IntArray, material: str, path:
     if elements.shape[1] > 8:
         places = hexahedra.nodes[elements]
         curve = quadratic_curve(path, mesh.elements, places)  # type: ignore[arg-type]
-    return Solid(name, mesh, curve, nodes, np.setdiff1d(elements, nodes), material)
+    # Four hexahedra of a regular tetrahedron of edge a have the volume a³ / (6 √2).
+    edge = float(np.cbrt(6.0 * np.sqrt(2.0) * 4.0 * mesh.extent()[0] / mesh.n_elements))
+    others = np.setdiff1d(elements, nodes)
+    return Solid(name, mesh, curve, nodes, others, material, edge if split else None)
 
 
 @dataclass
@@ -360,6 +368,7 @@ class Blocks:
                     | {face: solid.outer[rows] for face, rows in faces.items()},
                     (CONTACT,) if CONTACT in faces else (),
                     solid.curve,
+                    tetrahedra=solid.tetrahedra,
                 )
         order = {key: k for k, key in enumerate(shapes)}
         held = np.zeros(len(keys), dtype=np.bool_)

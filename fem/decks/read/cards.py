@@ -154,7 +154,7 @@ def _read(
     begun: tuple[int, str] | None = None
     for number, raw in enumerate(lines, start=1):
         text = raw.strip()
-        if not text or text.startswith("**"):
+        if not text or text.startswith(("**", ">**")):  # CalculiX skips the second, too
             continue
         if begun is not None and not text.startswith("*"):
             first, head = begun

@@ -15,7 +15,7 @@ from fem.decks.read.cards import Card, deck_text, read_cards
 from fem.decks.read.mesh import Instance, Part, Places, add_elements, add_nodes, add_set, placed
 from fem.decks.read.model import ModelLines, Step, add_model, effects_of
 from fem.decks.read.problem import Built, build_problem
-from fem.decks.read.words import Dialect, check_words, dialect_of
+from fem.decks.read.words import Dialect, check_words, dialect_of, spelt
 from geometry.errors import RefusedError, unreadable
 
 
@@ -135,7 +135,7 @@ def deck_of_lines(
     dialect: Dialect | None = None,
 ) -> InputDeck:
     """Read the lines of a deck: see `read_deck`."""
-    cards = read_cards(lines, folder)
+    cards = [spelt(card) for card in read_cards(lines, folder)]
     without = check_words(cards)
     if not cards:
         raise DeckError("line 1: the file is empty; expected a deck")

@@ -9,12 +9,15 @@ from fem.decks.keywords import DeckError
 from fem.decks.read.bodies import Blocks
 from fem.decks.read.cards import Card
 from fem.decks.read.model import ModelLines, Step, effects_of
+from fem.decks.read.words import Dialect
 from fem.problem.time_step import characteristic_time_step
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
 
 #: Velocities that differ from those of a rigid motion by less, relative to the largest, are its.
 _SAME = 1e-6
+#: Share of the least time step of an element that CalculiX takes for stable without scaling.
+_STABLE = 0.5
 
 
 def initial_motion(model: ModelLines, blocks: Blocks, assembly: Assembly) -> Motion | None:
@@ -125,6 +128,7 @@ def mass_scaling(model: ModelLines, step: Step, problem: Problem) -> float | Non
     """
     cards = [card for card in step.cards if card.keyword == "FIXED MASS SCALING"]
     if not cards:
+        _check_minimum(model, step, problem)
         return None
     card = cards[-1]
     kind = card.option("TYPE")
@@ -139,12 +143,31 @@ def mass_scaling(model: ModelLines, step: Step, problem: Problem) -> float | Non
             f"{card.at()}: *Fixed Mass Scaling beside gravity: added mass would weigh; expected "
             "one of the two"
         )
+    factor = card.number(card.line, card.parameters["DT"]) / _least(model, step, problem)
+    return factor if factor > 1.0 else None
+
+
+def _least(model: ModelLines, step: Step, problem: Problem) -> float:
+    """Least time step of an element of blocks that deform [s]."""
     viscosity = effects_of(model, step).bulk_viscosity
     linear = 0.0 if viscosity is None else viscosity.linear_bulk_viscosity
     blocks, materials = problem.blocks, problem.materials
-    least = min(
+    return min(
         characteristic_time_step(blocks.shape(b).mesh, materials[b], linear_bulk_viscosity=linear)
         for b in np.flatnonzero(problem.deforming).tolist()
     )
-    factor = card.number(card.line, card.parameters["DT"]) / least
-    return factor if factor > 1.0 else None
+
+
+def _check_minimum(model: ModelLines, step: Step, problem: Problem) -> None:
+    """Reject a minimum increment for which CalculiX scales masses."""
+    rows = list(step.procedure.rows())
+    row = rows[0][1] if rows and step.explicit and model.dialect is Dialect.CALCULIX else []
+    if len(row) < 3 or not row[2] or "DIRECT" in step.procedure.parameters:
+        return
+    minimum, least = step.procedure.number(rows[0][0], row[2]), _least(model, step, problem)
+    if minimum > _STABLE * least:
+        raise DeckError(
+            f"{step.procedure.at(rows[0][0])}: for a minimum increment of {minimum:g} s CalculiX "
+            f"scales masses where elements allow less ({least:.2g} s here), in a way that is not "
+            "covered; expected a shorter one, or none"
+        )

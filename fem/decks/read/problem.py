@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 
 from fem.assembly.statement import Problem
 from fem.contact.friction import CoulombFriction
-from fem.contact.law import ContactLaw
+from fem.contact.law import ContactLaw, LinearPenalty
 from fem.contact.pair_laws import PairLaws
 from fem.decks.keywords import DeckError
 from fem.decks.read.actions import Actions, held_blocks, read_supports
@@ -26,6 +26,7 @@ from fem.element.hexahedron import ElementType
 from geometry.assembly import Assembly, UnmatchedJoint
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
+from geometry.parts.supports import HeldFace
 from geometry.polyhedra.assembly import (
     PolyhedralAssembly,
     as_polyhedral,
@@ -37,6 +38,8 @@ from geometry.polyhedra.assembly import (
 _NEAR = 0.5
 #: Cosine of the angle between facets that face each other, at least.
 _FACING = 0.7
+#: Tetrahedra of ten nodes up to which their hexahedra are of degree 2: more take gigabytes.
+_TETRAHEDRA = 2000
 #: Gravity of blocks that differs by less is the same.
 _SAME = 1e-9
 
@@ -46,8 +49,12 @@ class Built:
     """A problem and what beside it an explicit run needs."""
 
     problem: Problem
+    blocks: Blocks
+    """Where the nodes and elements of the deck are in its blocks."""
     ramp_time: float | None
     """Smooth step of the loads of an explicit run [s]; None: it names no load."""
+    face_to_face: bool = False
+    """Whether all its contact pairs are linear ones of surface on surface."""
     mass_scaling: float | None = None
     """Time step that every element of an explicit run is to allow, over the least."""
 
@@ -84,8 +91,7 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
         nodes=actions.nodes,
         body_wrenches=_body_forces(actions, assembly),
     )
-    kinds = {i.part.kind for i in places.instances if i.part.volumes} - set(RIGID)
-    degree, element = _element(kinds, model)
+    degree, element = _element(places, model, step)
     if degree > 1 and step.explicit:
         raise DeckError(
             f"{step.procedure.at()}: explicit steps have elements of degree 1; expected elements "
@@ -108,7 +114,7 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
         **joints,  # type: ignore[arg-type]
         clearance=contact.clearance,
         finite_sliding=sliding,
-        finite_rotation=step.large_rotations,
+        finite_rotation=_turns(model, step, held, meets=bool(joints)),
         gravity=_gravity(actions, assembly.n_blocks),
         motion=initial_motion(model, blocks, assembly),
     )
@@ -119,7 +125,27 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
             f"steps: the state at the end of step {len(steps)}; without friction it does not "
             "depend on the way there"
         )
-    return Built(problem, actions.ramp_time, mass_scaling(model, step, problem))
+    return Built(
+        problem,
+        blocks,
+        actions.ramp_time,
+        contact.face_to_face(problem.contact_law),
+        mass_scaling(model, step, problem),
+    )
+
+
+def _turns(model: ModelLines, step: Step, held: list[HeldFace], *, meets: bool) -> bool:
+    """Whether rotations of blocks are finite: in static steps with contact, supports that stay."""
+    if not step.large_rotations or step.explicit:
+        return step.large_rotations
+    why = ""
+    if not meets:
+        why = "without contact"
+    elif any(one.moves for one in held):
+        why = "with supports that move"
+    if why:
+        model.note(f"nlgeom: static answers {why} are linear in rotations, too")
+    return not why
 
 
 def _check_steps(steps: tuple[Step, ...]) -> None:
@@ -234,16 +260,21 @@ def _sections(part: Part, model: ModelLines) -> list[str]:
     return materials
 
 
-def _element(kinds: set[str], model: ModelLines) -> tuple[int, ElementType]:
+def _element(places: Places, model: ModelLines, step: Step) -> tuple[int, ElementType]:
     """Degree and hexahedron of the elements of a deck."""
+    parts = [one.part for one in places.instances if one.part.volumes]
+    kinds = {part.kind for part in parts} - set(RIGID)
     if not kinds:
         return 1, ElementType.INCOMPATIBLE
     if len(kinds) > 1:
         raise DeckError(f"elements of the types {', '.join(sorted(kinds))}; expected one type")
     kind = kinds.pop()
     if VOLUMES[kind] in {4, 10}:
-        model.note(f"elements: each {kind} is split into four hexahedra (incompatible modes)")
-        return 1, ElementType.INCOMPATIBLE
+        few = sum(len(part.volumes) for part in parts) <= _TETRAHEDRA
+        degree = 2 if VOLUMES[kind] == 10 and few and not step.explicit else 1
+        how = "of degree 2" if degree == 2 else "with incompatible modes, stiffer in bending"
+        model.note(f"elements: each {kind} is split into four hexahedra {how}")
+        return degree, ElementType.INCOMPATIBLE
     if VOLUMES[kind] > 8:
         if kind == "C3D20R":
             model.note("elements: C3D20R are integrated fully")
@@ -275,6 +306,13 @@ class _Contact:
     small_sliding: bool = False
     surfaces: set[frozenset[str]] = field(default_factory=set)
     """Names of the two surfaces of each pair."""
+    types: set[str] = field(default_factory=set)
+    """Types of the pairs."""
+
+    def face_to_face(self, law: ContactLaw) -> bool:
+        """Whether all pairs are linear ones of surface on surface."""
+        linear = all(isinstance(one, LinearPenalty) for one in law.members)
+        return linear and not self.clearance and self.types == {"SURFACE TO SURFACE"}
 
     def slides(self, assembly: Assembly, unmatched: tuple[UnmatchedJoint, ...]) -> bool:
         """Whether points are searched: facets of blocks that can meet do not match."""
@@ -396,6 +434,7 @@ def _pairs(contact: _Contact, model: ModelLines, blocks: Blocks, card: Card) -> 
         )
     stated = _interaction(model, card, card.line, card.option("INTERACTION"))
     contact.small_sliding |= "SMALL SLIDING" in card.parameters
+    contact.types.add(kind)
     for line, row in card.rows():
         if len(row) < 2 or not row[1]:
             raise DeckError(

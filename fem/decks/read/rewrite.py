@@ -11,12 +11,17 @@ from fem.decks.problem import (
     element_time_step,
     quadratic,
     with_notes,
+    with_time_step,
 )
 from fem.decks.read.deck import InputDeck
 from fem.decks.read.model import effects_of
 from fem.decks.read.words import Dialect
 from fem.decks.statement import Deck, DeckStep, Flavour, Procedure
+from fem.decks.tetrahedra import has_tetrahedra, with_tetrahedra
 from fem.problem.effects import Effects
+
+#: Share of the critical time step that an explicit step for CalculiX takes.
+_SAFETY = 0.9
 
 
 def rewritten(deck: InputDeck, flavour: Flavour | None = None) -> Deck:
@@ -33,8 +38,9 @@ def rewritten(deck: InputDeck, flavour: Flavour | None = None) -> Deck:
     flavour = flavour or (Flavour.GENERAL if step.explicit else Flavour.STANDARD)
     assembly = canonical(problem.blocks)
     meets = problem.deformable.meets
-    if problem.degree > 1:
-        assembly = quadratic(assembly, problem.degree, flavour, meets=meets)
+    on_faces = flavour is Flavour.CALCULIX and deck.built.face_to_face
+    if problem.degree > 1 and not has_tetrahedra(assembly):
+        assembly = quadratic(assembly, problem.degree, flavour, meets=meets and not on_faces)
     load = replace(problem.load_case, assembly=assembly)
     stated = replace(problem, blocks=assembly, load=load, degree=1, check_blocks=False)
     ramp = deck.built.ramp_time or 0.0
@@ -47,7 +53,15 @@ def rewritten(deck: InputDeck, flavour: Flavour | None = None) -> Deck:
         meets=meets,
         searched=problem.finite_sliding,
     )
+    reduced = any(one.part.kind == "C3D20R" for one in deck.places.instances)
+    result = replace(result, reduced=reduced)
+    if on_faces and result.joint is not None:
+        result = replace(result, joint=replace(result.joint, face_to_face=True))
+    result, notes = with_tetrahedra(result)
     if deck.built.mass_scaling is not None:
         scaled = deck.built.mass_scaling * element_time_step(result, moving=True)
         result = replace(result, step=replace(result.step, scaled_time_step=scaled))
-    return with_notes(result, [*contact_notes(result, static=not step.explicit), *deck.model.notes])
+    if flavour is Flavour.CALCULIX and step.explicit:
+        result = with_time_step(result, _SAFETY)
+    notes += [*contact_notes(result, static=not step.explicit), *deck.model.notes]
+    return with_notes(result, notes)

@@ -5,6 +5,7 @@ A keyword or a parameter that stands in no line of these tables is rejected by n
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 
 from fem.decks.keywords import DeckError
@@ -124,6 +125,15 @@ OTHER = {
     for reason, names in [block.split(":")]
     for name in _names(names)
 }
+
+
+#: Keywords by what is left without blanks, which CalculiX does not look at.
+_SPELT = {"".join(name.split()): name for name in (*READ, *IDLE, *OTHER)}
+
+
+def spelt(card: Card) -> Card:
+    """Card with its keyword as the tables spell it: *Nodefile is *Node File."""
+    return replace(card, keyword=_SPELT.get("".join(card.keyword.split()), card.keyword))
 
 
 def check_words(cards: list[Card]) -> tuple[str, ...]:

@@ -29,7 +29,7 @@ class CalculixResult:
     displacements: FloatArray
     """Nodes in the order of their numbers, (n_nodes, 3) [mm]; seven digits."""
     slave_nodes: IntArray
-    """Slave node of each contact element, from 0, (n_contacts,)."""
+    """Slave node of each contact element, or slave element, from 0, (n_contacts,)."""
     pressures: FloatArray
     """Contact pressure there, (n_contacts,) [MPa]."""
     reactions: dict[str, FloatArray]
@@ -96,16 +96,17 @@ def _read(path: Path, seconds: float) -> CalculixResult:
             current = []
             blocks[f"{words[0]} {name}" if words[0] == "total" else words[0]] = current
         elif words:
-            current.append([float(word) for word in words])
+            current.append([float(word) for word in words if word != "L"])  # in local axes
     moved = np.array(blocks.get("displacements", [])).reshape(-1, 4)
     if not len(moved):
         raise CalculixError(f"{path.name}: no displacements were printed")
-    contact = np.array(blocks.get("contact", [])).reshape(-1, 4)
+    # Slave node, or slave element and face; pressure and two shear stresses.
+    rows = np.array(blocks.get("contact", [])) if "contact" in blocks else np.zeros((0, 4))
     sums = {name: rows for name, rows in blocks.items() if name.startswith("total ")}
     return CalculixResult(
         displacements=moved[np.argsort(moved[:, 0], kind="stable"), 1:],
-        slave_nodes=contact[:, 0].astype(np.int64) - 1,
-        pressures=contact[:, 1],
+        slave_nodes=rows[:, 0].astype(np.int64) - 1,
+        pressures=rows[:, -3],
         reactions={name.removeprefix("total "): np.array(rows[0]) for name, rows in sums.items()},
         cpu_seconds=seconds,
     )
