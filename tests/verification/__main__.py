@@ -23,6 +23,7 @@ from rich.table import Table
 from tests.verification import (
     calculix,
     changed_decks,
+    deck_friction,
     decks,
     error_bars,
     first_answers,
@@ -45,6 +46,7 @@ TABLES: dict[str, tuple[str, Callable[[], Iterable[Row]]]] = {
     "friction": ("Friction: static against explicit", test_friction.rows),
     "accuracy": ("An accuracy on demand, start of the program included", test_accuracy.rows),
     "changed-decks": ("Random changes of a deck, judged by CalculiX", changed_decks.rows),
+    "deck-friction": ("A cube with friction on another, finer and finer", deck_friction.rows),
     "optimiser": ("Searches of 48 among 480 designs", test_optimiser.rows),
     "first-answers": ("Answers by default, and before", first_answers.rows),
     "error-bars": ("Error bars of twenty problems", error_bars.rows),
@@ -52,7 +54,10 @@ TABLES: dict[str, tuple[str, Callable[[], Iterable[Row]]]] = {
     "error-bars-summary": ("Error bars: how many hold, how wide they are", error_bars.summary),
 }
 #: Tables that are made where they are named.
-LONG = ("error-bars", "error-bars-problems", "error-bars-summary", "first-answers", "changed-decks")
+LONG = (
+    *("error-bars", "error-bars-problems", "error-bars-summary", "first-answers"),
+    *("changed-decks", "deck-friction"),
+)
 
 
 def word(value: Any) -> str:

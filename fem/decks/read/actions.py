@@ -332,8 +332,10 @@ def _springs(actions: Actions) -> list[HeldFace]:
     for card in actions.model.other:
         if card.keyword == "ELEMENT":
             for line, row in card.rows():
-                if len(row) != 2:
-                    raise DeckError(f"{card.at(line)}: got {', '.join(row)}; expected one node")
+                if len(row) != 2 or not all(text.isdigit() for text in row):
+                    raise DeckError(
+                        f"{card.at(line)}: got {', '.join(row)}; expected a number and a node"
+                    )
                 found = places.members(card, line, row[1], nodes=True)
                 nodes.setdefault(card.parameter("ELSET"), []).extend(found)
     for card in actions.model.other:

@@ -177,6 +177,13 @@ def law_of(model: ModelLines, stated: Interaction, size: float) -> ContactLaw:
     kind = "HARD" if card is None else card.option("PRESSURE-OVERCLOSURE") or "HARD"
     values = [] if card is None or kind == "HARD" else [float(v) for v in card.numbers()]
     where = stated.card if card is None else card
+    if model.dialect is Dialect.CALCULIX and (
+        card is None or "PRESSURE-OVERCLOSURE" not in card.parameters
+    ):
+        raise DeckError(
+            f"{where.at()}: no pressure-overclosure, which CalculiX requires; expected "
+            "HARD, LINEAR, EXPONENTIAL or TABULAR under *Surface Behavior"
+        )
     if kind == "HARD" or (kind == "LINEAR" and not values and model.dialect is Dialect.CALCULIX):
         return _hard(model, size)
     if kind == "LINEAR" and values:

@@ -149,7 +149,9 @@ def _turns(model: ModelLines, step: Step, held: list[HeldFace], *, meets: bool) 
 
 
 def _check_steps(steps: tuple[Step, ...]) -> None:
-    """Reject steps of explicit dynamics one after the other."""
+    """Reject steps of explicit dynamics one after the other, and lines that are no times."""
+    for step in steps:
+        step.procedure.numbers()
     if len(steps) > 1 and any(step.explicit for step in steps):
         raise DeckError(
             f"{steps[1].card.at()}: a step before or after one of explicit dynamics is not "
