@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import fem
 from fem import read_deck
 from fem.decks.keywords import DeckError
 from fem.decks.read.cards import read_cards
@@ -306,6 +307,23 @@ def test_steps_follow_each_other() -> None:
     rough = changed("500.\n", "500.\n*Friction\n0.2, 5000.\n", anew)
     with pytest.raises(DeckError, match=r"second \*Step with friction"):
         deck_of_lines(rough).problem()
+
+
+def test_loads_and_then_motions_are_two_steps_with_friction() -> None:
+    """Pressed with 2 MPa, then moved so far that the joint slides: μ p A = 0.4 N along it.
+
+    The joint tilts, so the force of its pressure has a share of it.
+    """
+    rough = changed("500.\n", "500.\n*Friction\n0.2, 5000.\n")
+    rough = changed("11, 1, 2\n12, 2", "13, 2\n14, 2\n11, 2\n12, 2", rough)
+    move = "*End Step\n*Step\n*Static\n*Boundary\n15, 1, 1, 0.02\n18, 1, 1, 0.02\n*End Step"
+    deck = deck_of_lines(changed("*End Step", move, rough))
+    answer = fem.solve_static(deck.problem(), mesh="scene", error_bars=False)
+    (pushed,) = (r for name, r in answer.report["reactions"].items() if name == "boundary-55")
+    tilted = answer.contacts["force"][:, 0].sum()
+    assert pushed["force"][0] + tilted == pytest.approx(0.4, rel=1e-3)
+    with pytest.raises(DeckError, match="loads and moves blocks at once"):
+        deck_of_lines(changed("*Dload", "*Boundary\n15, 1, 1, 0.1\n*Dload", rough)).problem()
 
 
 def test_words_of_symmetry_hold_the_components_of_their_planes() -> None:

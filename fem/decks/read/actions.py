@@ -295,10 +295,12 @@ def _held_faces(actions: Actions, block: int) -> list[HeldFace]:
         for component, value in stated.items():
             along = np.eye(3)[component] if axes is None else np.round(axes[component], 12) + 0.0
             alike.setdefault((along.tobytes(), value), []).append(node)
-    together: dict[tuple[tuple[int, ...], object], list[tuple[FloatArray, float]]] = {}
-    for (direction, (moved, path)), nodes in alike.items():
+    together: dict[
+        tuple[tuple[int, ...], tuple[tuple[float, float], ...]], list[tuple[FloatArray, float]]
+    ] = {}
+    for (direction, (moved, path)), members in alike.items():
         along = np.frombuffer(direction)
-        key = tuple(sorted(nodes)), path if moved else ()
+        key = tuple(sorted(members)), path if moved else ()
         together.setdefault(key, []).append((along / np.linalg.norm(along), moved))
     result = []
     for (nodes, path), parts in together.items():

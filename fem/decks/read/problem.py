@@ -118,13 +118,10 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
         gravity=_gravity(actions, assembly.n_blocks),
         motion=initial_motion(model, blocks, assembly),
     )
-    _check_order(step, problem)
     if len(steps) > 1:
         _check_history(model, steps, problem)
-        model.note(
-            f"steps: the state at the end of step {len(steps)}; without friction it does not "
-            "depend on the way there"
-        )
+    else:
+        _check_order(step, problem)
     return Built(
         problem,
         blocks,
@@ -160,17 +157,39 @@ def _check_steps(steps: tuple[Step, ...]) -> None:
 
 
 def _check_history(model: ModelLines, steps: tuple[Step, ...], problem: Problem) -> None:
-    """Reject friction in several steps: the state depends on all; amplitudes in total time."""
+    """Reject friction in other steps than loads and then motions; amplitudes in total time."""
     if model.total_time:
         raise DeckError(
             f"{model.total_time[0].at()}: an amplitude in total time in a deck of several steps "
             "is not covered; expected step time"
         )
-    if problem.coulomb is not None:
+    if problem.coulomb is None:
+        model.note(
+            f"steps: the state at the end of step {len(steps)}; without friction it does not "
+            "depend on the way there"
+        )
+        return
+    if len(steps) > 2 or not _loads_then_moves(model, *steps):
         raise DeckError(
             f"{steps[1].card.at()}: a second *Step with friction, which remembers the first, is "
-            "not covered; expected one step, or no friction"
+            "covered where the first has all loads and the second moves supports alone; expected "
+            "these, one step, or no friction"
         )
+    model.note("steps: the loads of the first, then the motions of the second")
+
+
+def _loads_then_moves(model: ModelLines, first: Step, second: Step) -> bool:
+    """Whether a step has all loads and no motion, and the next has motions alone."""
+    loads = {"CLOAD", "DLOAD", "DSLOAD"}
+    early = [card for card in (*model.other, *first.cards) if card.keyword == "BOUNDARY"]
+    moves = any(
+        len(row) > 3 and card.number(line, row[3] or "0")
+        for card in early
+        for line, row in card.rows()
+    )
+    later = [card for card in second.cards if card.keyword == "BOUNDARY"]
+    anew = any(card.option("OP") == "NEW" for card in later)
+    return not (moves or anew or any(card.keyword in loads for card in second.cards))
 
 
 def _material(model: ModelLines, blocks: Blocks, block: int) -> MaterialLines:
