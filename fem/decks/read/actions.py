@@ -330,14 +330,16 @@ def _where(blocks: Blocks, block: int, nodes: IntArray, name: str) -> Where:
 def _springs(actions: Actions) -> list[HeldFace]:
     """Springs between nodes and the ground: SPRING1, a component and a stiffness of each set."""
     nodes: dict[str, list[tuple[int, int]]] = {}
-    places, result = actions.blocks.places, list[HeldFace]()
+    places, result, known = actions.blocks.places, list[HeldFace](), set[str]()
     for card in actions.model.other:
         if card.keyword == "ELEMENT":
             for line, row in card.rows():
-                if len(row) != 2 or not all(text.isdigit() for text in row):
+                if len(row) != 2 or not all(text.isdigit() for text in row) or row[0] in known:
                     raise DeckError(
-                        f"{card.at(line)}: got {', '.join(row)}; expected a number and a node"
+                        f"{card.at(line)}: got {', '.join(row)}; expected a number of its own and "
+                        "a node"
                     )
+                known.add(row[0])
                 found = places.members(card, line, row[1], nodes=True)
                 nodes.setdefault(card.parameter("ELSET"), []).extend(found)
     for card in actions.model.other:

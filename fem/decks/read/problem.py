@@ -456,6 +456,8 @@ def _pairs(contact: _Contact, model: ModelLines, blocks: Blocks, card: Card) -> 
     stated = _interaction(model, card, card.line, card.option("INTERACTION"))
     contact.small_sliding |= "SMALL SLIDING" in card.parameters
     contact.types.add(kind)
+    if not card.data:
+        raise DeckError(f"{card.at()}: *Contact Pair has no surfaces; expected two in a line")
     for line, row in card.rows():
         if len(row) < 2 or not row[1]:
             raise DeckError(
