@@ -13,6 +13,7 @@ from geometry.files.block_files import SURFACES_ALONE
 from geometry.files.hexahedral_solids import six_sided_hexahedra
 from geometry.files.mesh_io import write_triangles
 from geometry.measures import JointResultants
+from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
 from validation.output import answer_files
 from validation.output.console import add_dimensions, two_columns
@@ -87,7 +88,7 @@ def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
         if not run.patch_pressures.size:
             table.add_row("largest contact pressure", "none: edges and points have no area")
         table.add_row("largest contact force", f"{forces.max():.5g} N")
-        for words, value in joint_words(run.joints):
+        for words, value in joint_words(run.joints, run.assembly):
             table.add_row(words, value)
     table.add_section()
     bare = bare_words(run)
@@ -144,7 +145,7 @@ def volume_words(run: PolyhedralRun) -> str:
     return f"{other} of {len(shapes)} shapes: tetrahedra, each split into four hexahedra"
 
 
-def joint_words(joints: JointResultants) -> list[tuple[str, str]]:
+def joint_words(joints: JointResultants, assembly: PolyhedralAssembly) -> list[tuple[str, str]]:
     """Locate the largest resultants of joints."""
     eccentricity = np.linalg.norm(joints.eccentricity, axis=1)
     rows = []
@@ -154,7 +155,7 @@ def joint_words(joints: JointResultants) -> list[tuple[str, str]]:
         ("eccentricity M/N", eccentricity, "mm"),
     ):
         k = int(np.argmax(values))
-        blocks = f"{joints.block_m[k]}–{joints.block_s[k]}"
+        blocks = "–".join(assembly.named(int(b)) for b in (joints.block_m[k], joints.block_s[k]))
         if values[k] > _NOTHING * max(float(joints.normal_force.max()), 1e-300):
             rows.append((f"largest {name}", f"{values[k]:.5g} {unit} (joint {blocks})"))
     return rows

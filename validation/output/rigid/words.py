@@ -9,6 +9,7 @@ import numpy as np
 from rich.table import Table
 
 from geometry.answer import FACTORS, Measure
+from geometry.assembly import AnyBlocks
 from mbd import Classification, Mechanism, MechanismClass, SelfStress
 from mbd.force_range import ForceRanges
 from validation.output.section_forces import add_sections
@@ -67,7 +68,7 @@ def add_first_rows(table: Table, run: RigidAnswer) -> None:
             FACTORS["crushing_factor"].words, f"{result['crushing_factor'].value_words}, {words}"
         )
     if "least_joint_force" in result:
-        table.add_row("normal forces of joints", joint_force_words(result))
+        table.add_row("normal forces of joints", joint_force_words(result, run.assembly))
     if "total_reaction" in result:
         table.add_row("total reaction", reaction_words(result, run.answer.report["reaction"]))
     add_sections(table, run.sections)
@@ -92,12 +93,12 @@ def pressure_words(peak: Measure) -> str:
     return f"{peak.value_words}, {area}: {peak.place_words}"
 
 
-def joint_force_words(found: Mapping[str, Measure]) -> str:
+def joint_force_words(found: Mapping[str, Measure], assembly: AnyBlocks) -> str:
     """Least and largest normal force between two blocks, and which blocks."""
     parts = []
     for word, name in (("least", "least_joint_force"), ("largest", "largest_joint_force")):
         where = found[name].place or {}
-        joint = "–".join(map(str, where["blocks"]))
+        joint = "–".join(map(assembly.named, where["blocks"]))
         parts.append(f"{word} {found[name].value_words} (joint {joint})")
     return ", ".join(parts)
 
