@@ -3,7 +3,8 @@
 `p_eff` and `p_max` are the paper's means over facets, `p_max_facet` is the largest mean over a
 facet, `p_max_point` the largest pressure at a point. `sigma_1_max`, `sigma_3_min` and `mises_max`
 are sampled inside elements, `sigma_1_averaged` is the first principal stress of the stress averaged
-over a ball of `Material.averaging_radius`.
+over a ball of `Material.averaging_radius`. Where meshes do not match, `largest_joint_force` is the
+largest normal force between two blocks.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from geometry.answer import (
     place,
 )
 from geometry.assembly import Assembly
-from geometry.measures import facet_measures
+from geometry.measures import facet_measures, first_largest
 from geometry.mesh import FloatArray
 
 
@@ -108,12 +109,32 @@ def _pressures(
     def of_paper() -> ContactMeasures:
         return contact_on(solution, facets)
 
-    return {
+    # Where facets do not match joints are few, and their forces known better than any pressure.
+    joints = (
+        {}
+        if solution.contact_state.position_s is None
+        else {"largest_joint_force": lambda: _largest_joint_force(solution)}
+    )
+    return joints | {
         "p_eff": lambda: Measure(of_paper().p_eff, "MPa"),
         "p_max": lambda: Measure(of_paper().p_max, "MPa"),
         "p_max_facet": largest_mean,
         "p_max_point": at_a_point,
     }
+
+
+def _largest_joint_force(solution: Solution) -> Measure:
+    """Largest normal force between two blocks, with the mean of its facets' centroids."""
+    state, assembly = solution.contact_state, solution.deformable.assembly
+    if not state.n_facets:
+        return Measure(0.0, "N")
+    pairs = np.sort(np.column_stack([state.block_m, state.block_s]), axis=1)
+    joints, of = np.unique(pairs, axis=0, return_inverse=True)
+    sums = np.bincount(of.ravel(), state.pressures * state.areas)
+    largest = first_largest(sums)
+    middle = state.centroids[of.ravel() == largest].mean(axis=0)
+    m, s = joints[largest].tolist()
+    return Measure(float(sums[largest]), "N", place=place(assembly, (m, s), middle))
 
 
 def contact_on(

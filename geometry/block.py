@@ -53,6 +53,8 @@ class Block(ReadOnlyArrays):
     """The exact shape; None: the mesh is the shape."""
     charts: Charts | None = None
     """How it is meshed anew (`geometry.meshing.charts.charts_of`); None: by its hexahedra."""
+    divided: Callable[[int], Block] | None = None
+    """Makes a block of so many elements along every edge anew; None: it is no such block."""
     tetrahedra: float | None = None
     """Size of the tetrahedra that its hexahedra were split from [mm]; None: of no tetrahedra."""
 

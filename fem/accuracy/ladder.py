@@ -16,6 +16,7 @@ states how they are judged.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -314,7 +315,10 @@ def _flattened(coarse: Block, block: Block) -> bool:
 def _with_share(block: Block, share: float) -> Block:
     charts = block.charts
     if charts is None:
-        return block
+        if block.divided is None:
+            return block
+        divisions = round(np.cbrt(block.mesh.n_elements))
+        return block.divided(max(1, math.ceil(share * divisions - 0.5)))
     first, second, third = (
         _fewer(line, parts, share) for line, parts in zip(charts.lines, charts.parts, strict=True)
     )

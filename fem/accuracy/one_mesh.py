@@ -185,8 +185,11 @@ def _is_straightened(block: Block) -> bool:
 def _coarser_solutions(
     problem: Problem, solve: Callable[[Problem], Solution]
 ) -> Iterator[Solution]:
+    solved = set[int]()
     for share in SHARES:
         stated = coarser(problem, share)
-        if stated is not None:
+        elements = 0 if stated is None else sum(s.mesh.n_elements for s in stated.blocks.shapes)
+        if stated is not None and elements not in solved:
+            solved.add(elements)
             with suppress(RefusedError):
                 yield solve(stated)

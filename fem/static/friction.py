@@ -47,7 +47,7 @@ class FrictionRows:
         return slip.reshape(*self.tangents.shape[:3])
 
     def linearise(
-        self, normal: Linearisation, displacement: FloatArray, anchor: FloatArray
+        self, normal: Linearisation, slip: FloatArray, anchor: FloatArray
     ) -> Linearisation:
         """Join the tangent of the tractions, along the slip and across it, to that of the law.
 
@@ -55,13 +55,10 @@ class FrictionRows:
         ----------
         normal
             Of the law: its pressures limit friction.
-        displacement
-            (n_nodes, 3) [mm].
-        anchor
+        slip, anchor
             (n_facets, n_points, 2) [mm].
         """
         pressure, stick = normal.pressure, self.friction.stick_stiffness
-        slip = self.slip(displacement)
         traction, moved = self.tractions(slip, anchor, pressure)
         size = np.linalg.norm(slip - anchor, axis=2)
         length = np.maximum(size, np.finfo(np.float64).tiny)
@@ -92,6 +89,49 @@ class FrictionRows:
             _joined(normal, tangential),
             push=np.concatenate([push, gradient], axis=1) if leans.any() else None,
         )
+
+    def softened(self, share: float) -> FrictionRows:
+        """The same with a share of the stick stiffness."""
+        stick = share * self.friction.stick_stiffness
+        return replace(self, friction=replace(self.friction, stick_stiffness=stick))
+
+    def with_traction_of(
+        self,
+        slip: FloatArray,
+        anchor: FloatArray,
+        pressure: FloatArray,
+        other: FrictionRows,
+        own: FloatArray,
+    ) -> FloatArray:
+        """Slips, (n, p, 2) [mm], at which points that stick have their tractions by other rows.
+
+        Slips, anchors and ``own`` anchors of the other rows are (n_facets, n_points, 2) [mm],
+        pressures (n_facets, n_points) [MPa].
+        """
+        traction, moved = self.tractions(slip, anchor, pressure)
+        sticks = (moved == anchor).all(axis=2, keepdims=True)
+        return np.where(sticks, own + traction / other.friction.stick_stiffness, slip)
+
+    def next_slip(
+        self, slip: FloatArray, at: FloatArray, anchor: FloatArray, pressure: FloatArray
+    ) -> FloatArray:
+        """Slip at which friction is linearised after a full step to ``slip``, (n, p, 2) [mm].
+
+        Stick is so stiff that a point whose slip turns back passes through all of it in one step:
+        there it sticks first, and the step after shows whether it slides, and where to.
+
+        Parameters
+        ----------
+        slip, at, anchor
+            After the step, where friction was linearised, and the anchor, (n_facets, n_points, 2)
+            [mm].
+        pressure
+            At which it was linearised, (n_facets, n_points) [MPa].
+        """
+        _, moved = self.tractions(at, anchor, pressure)
+        slid = (moved != anchor).any(axis=2)
+        back = ((slip - anchor) * (at - anchor)).sum(axis=2) < 0.0
+        return np.where((slid & back)[:, :, None], anchor, slip)
 
     def _by_tangent(self) -> FloatArray:
         return self.gradient.reshape(*self.tangents.shape[:3], *self.gradient.shape[2:])

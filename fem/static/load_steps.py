@@ -40,6 +40,8 @@ _SHORTEST = 1e-4
 #: follow [skins]: pressures at edges where surfaces end change in proportion to it, by a sixth.
 _MAX_SEARCHES = 12
 _FOLLOWED = 1e-6
+#: The same in load steps before the last one, of which only slips remain [motion of the step].
+_ON_THE_WAY = 0.02
 #: Searches in a row that may bring no motion shorter than this share of one before: points at edges
 #: where surfaces end then come and go, and further searches lead around.
 _AROUND = 2
@@ -192,7 +194,7 @@ def load_up(
     def step(
         problem: StaticProblem, state: StaticState, begin: FloatArray
     ) -> tuple[StaticProblem, StaticState, bool]:
-        reached = converge(problem, state)
+        reached = converge(problem, state, begin)
         if problem.friction is not None and reached.residuals[-1] > _HISTORY:
             # What follows would start from a history that no equilibrium has.
             return problem, reached, False
@@ -270,7 +272,7 @@ def follow_up(
                 converged=False,
             )
             before = state.displacement
-            state = converge(problem, state)
+            state = converge(problem, state, None if search else begin)
             moved = float(np.abs(state.displacement - before).max())
             if not state.converged and aim[1] is None and moved > points.skin and tries:
                 # Where blocks move to, others may stop them.
@@ -279,7 +281,11 @@ def follow_up(
                 state, tries = replace(state, displacement=on_the_way), tries - 1
                 continue
             least, around = (moved, 0) if moved < _SHORTER * least else (least, around + 1)
-            settled = 2.0 * moved <= _FOLLOWED * points.skin
+            enough = _FOLLOWED * points.skin
+            if problem.friction is not None and aim[0] < 1.0 and search:
+                way = float(np.abs(state.displacement - begin).max())
+                enough = max(enough, _ON_THE_WAY * way)
+            settled = 2.0 * moved <= enough
             if not state.converged or settled or (around >= _AROUND and 2.0 * moved <= points.skin):
                 break
         first = False

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -55,6 +56,8 @@ _MAX_RESCUES = 30
 _COARSE_ITERATIONS = 3
 #: A step is cut when the energy slope at its end exceeds this share of the slope at its start.
 _OVERSHOOT = 0.1
+#: With friction none is cut whose residual grows by no more than this factor.
+_GROWS = 2.0
 #: A linear solution farther away than this many block lengths is a motion that nothing resists.
 FARTHEST = 100.0
 #: Contact forces count this much in the size against which the residual is measured.
@@ -66,6 +69,12 @@ _EPSILON = float(np.finfo(np.float64).eps)
 _NOTHING = 1e-6
 #: Pressure of a light touch over that at which contacts begin to press.
 LIGHT_TOUCH = 10.0
+#: With friction iterations after which stick is softened to these shares of its stiffness, and the
+#: residual at which the next one follows. Stick is hundreds of times stiffer than contact that
+#: hardly presses: of many points some turn back in each step, and lines of least energy end there.
+_BEFORE_SOFTENING = 12
+_SOFT_STICK = (0.01, 0.1, 1.0)
+_SOFT_TOLERANCE = 1e-2
 #: Iterations that may bring no better residual, before and after the best is below _NEAR.
 _PATIENCE = 40
 _PATIENCE_NEAR = 10
@@ -107,6 +116,10 @@ class StaticState:
     rescues: int = 0
     coarse_iterations: int = 0
     anchor: FloatArray | None = None
+    softened: bool = False
+    """Whether a load step did not end soon with the stick of the problem."""
+    slip_at: FloatArray | None = None
+    """Slip at which friction is linearised [mm]; None: that of the displacement."""
     dissipation: float = 0.0
     residuals: tuple[float, ...] = ()
     converged: bool = False
@@ -171,14 +184,63 @@ def anchor_of(state: StaticState) -> FloatArray:
     return np.zeros((*state.at.shape, 2))
 
 
-def converge(problem: StaticProblem, state: StaticState) -> StaticState:
-    """Iterate to an equilibrium, or until nothing improves any more."""
+def slip_at(rows: FrictionRows, state: StaticState) -> FloatArray:
+    """Slip at which friction is linearised, (n_facets, n_points, 2) [mm]."""
+    return rows.slip(state.displacement) if state.slip_at is None else state.slip_at
+
+
+def converge(
+    problem: StaticProblem, state: StaticState, begin: FloatArray | None = None
+) -> StaticState:
+    """Iterate to an equilibrium, or until nothing improves any more.
+
+    ``begin`` are displacements at which a load step with friction begins: where the iteration does
+    not end soon, stick is softened first. None: the state is near its equilibrium.
+    """
+    state = replace(state, slip_at=None)
+    if begin is None or problem.friction is None:
+        return _iterated(problem, state)
+    if not state.softened:
+        few = min(_BEFORE_SOFTENING, problem.max_iterations)
+        with suppress(StaticError):
+            reached = _iterated(replace(problem, max_iterations=few), state)
+            if reached.converged or few == problem.max_iterations:
+                return reached
+            state = replace(state, residuals=reached.residuals)
+    return _stiffened(problem, problem.friction, replace(state, softened=True), begin)
+
+
+def _stiffened(
+    problem: StaticProblem, rows: FrictionRows, state: StaticState, begin: FloatArray
+) -> StaticState:
+    """Find equilibria with softer stick, then with that of the problem.
+
+    Each keeps the tractions of the load step's start, and the next is linearised at its tractions.
+    """
+    start, anchor, before = rows.slip(begin), anchor_of(state), None
+    for share in _SOFT_STICK:
+        softer, own = rows.softened(share), start + (anchor - start) / share
+        if before is not None:
+            slip = rows.slip(state.displacement)
+            pressure = problem.system.law.pressure(state.kinematics.overclosure)
+            alike = before.with_traction_of(slip, anchor_of(state), pressure, softer, own)
+            state = replace(state, slip_at=alike)
+        tolerance = problem.tolerance if share == 1.0 else _SOFT_TOLERANCE
+        softened = replace(problem, friction=softer, tolerance=tolerance)
+        few = _PATIENCE_NEAR if share < 1.0 else _PATIENCE
+        state = _iterated(softened, replace(state, anchor=own, converged=False), few)
+        before = softer
+    return state
+
+
+def _iterated(problem: StaticProblem, state: StaticState, patience: int = _PATIENCE) -> StaticState:
+    """Iterate until the residual is small, or nothing has improved for a while."""
     least, since = math.inf, 0
     for _ in range(problem.max_iterations):
         state = _iterate(problem, state)
         since = 0 if state.residuals[-1] < 0.9 * least else since + 1
         least = min(least, state.residuals[-1])
-        if state.converged or since > (_PATIENCE_NEAR if least < _NEAR else _PATIENCE):
+        if state.converged or since > (_PATIENCE_NEAR if least < _NEAR else patience):
             break
     return state
 
@@ -218,20 +280,40 @@ def descend(problem: StaticProblem, state: StaticState) -> StaticState:
 
 def _iterate(problem: StaticProblem, state: StaticState) -> StaticState:
     """One linear problem, and what follows from it."""
-    system, law = problem.system, problem.system.law
-    linear = _linearise(system, state)
+    linear = _linearise(problem.system, state)
     trial, state = _solve(problem, _linear_problem(problem, linear, state), state)
+    if problem.friction is not None:
+        full = _moved(problem, linear, state, trial, 1.0)
+        if full.residuals[-1] < _GROWS * _residual(problem, state):
+            return full  # friction has no energy: where work is least says little
     share = _step_share(problem, linear, state, trial)
+    return _moved(problem, linear, state, trial, share)
+
+
+def _moved(
+    problem: StaticProblem,
+    linear: Linearisation,
+    state: StaticState,
+    trial: FloatArray,
+    share: float,
+) -> StaticState:
+    """The state after a share of the way to the linear solution."""
+    system, law, rows = problem.system, problem.system.law, problem.friction
     displacement = state.displacement + share * (trial - state.displacement)
     pressure = linear.linear_pressure(system, displacement)
     kinematics = problem.kinematics(displacement)
     elsewhere = bounded(problem, state, kinematics.overclosure)
     same_pressure = (pressure > 0.0) & (share == 1.0)
+    turned = None
+    if rows is not None and share == 1.0:
+        slips = rows.slip(displacement), slip_at(rows, state), anchor_of(state)
+        turned = rows.next_slip(*slips, linear.pressure)
     state = replace(
         state,
         displacement=displacement,
         kinematics=kinematics,
         at=np.where(same_pressure, law.overclosure(pressure), elsewhere),
+        slip_at=turned,
         holding=max(_FADING * state.holding, _LEAST_HOLDING * state.first_holding),
         coarse_iterations=state.coarse_iterations - 1,
     )
@@ -265,7 +347,7 @@ def _linear_problem(
         return coarsened(normal)
     if problem.friction is None:
         return normal
-    return problem.friction.linearise(normal, state.displacement, anchor_of(state))
+    return problem.friction.linearise(normal, slip_at(problem.friction, state), anchor_of(state))
 
 
 def _linearise(system: LocalSystem, state: StaticState) -> Linearisation:

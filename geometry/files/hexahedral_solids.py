@@ -9,6 +9,7 @@ other solid with tetrahedra and splits each into four hexahedra.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -170,7 +171,8 @@ def solid_block(solid: Polyhedron, divisions: int, size: float | None = None) ->
     """
     mesh = six_sided_hexahedra(solid, divisions)
     if mesh is not None:
-        return hexahedral_block(solid.name, mesh)
+        anew = partial(solid_block, solid)
+        return replace(hexahedral_block(solid.name, mesh), divided=anew)
     size = size or float(np.cbrt(solid.volume))
     split = split_tetrahedra(solid, size)
     return replace(hexahedral_block(solid.name, split), tetrahedra=size)
