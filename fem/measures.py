@@ -3,8 +3,8 @@
 `p_eff` and `p_max` are the paper's means over facets, `p_max_facet` is the largest mean over a
 facet, `p_max_point` the largest pressure at a point. `sigma_1_max`, `sigma_3_min` and `mises_max`
 are sampled inside elements, `sigma_1_averaged` is the first principal stress of the stress averaged
-over a ball of `Material.averaging_radius`. Where meshes do not match, `largest_joint_force` is the
-largest normal force between two blocks.
+over a ball of `Material.averaging_radius`. Where meshes do not match and joints have friction,
+`largest_joint_force` is the largest normal force between two blocks.
 """
 
 from __future__ import annotations
@@ -109,12 +109,11 @@ def _pressures(
     def of_paper() -> ContactMeasures:
         return contact_on(solution, facets)
 
-    # Where facets do not match joints are few, and their forces known better than any pressure.
-    joints = (
-        {}
-        if solution.contact_state.position_s is None
-        else {"largest_joint_force": lambda: _largest_joint_force(solution)}
-    )
+    # With friction, pressures at sharp edges seldom converge, forces of joints do.
+    friction = solution.deformable.contact.friction is not None
+    joints = {}
+    if friction and solution.contact_state.position_s is not None:
+        joints = {"largest_joint_force": lambda: _largest_joint_force(solution)}
     return joints | {
         "p_eff": lambda: Measure(of_paper().p_eff, "MPa"),
         "p_max": lambda: Measure(of_paper().p_max, "MPa"),

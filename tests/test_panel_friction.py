@@ -1,0 +1,66 @@
+"""Panels of truncated tetrahedra with friction: softened stick, coarser meshes, joint forces."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fem import StaticOptions, solve_static
+from fem.accuracy.ladder import coarser
+from fem.assembly.statement import Problem
+from fem.static import newton
+from fem.static import solve as static
+from validation import load_scene
+
+ONE_STEP = StaticOptions(load_steps=1)
+
+
+def panel(divisions: int = 1) -> Problem:
+    """Two by two free blocks, μ 0.6."""
+    settings = {
+        "block.thickness": 60,
+        "assembly.columns": 2,
+        "assembly.rows": 2,
+        "mesh.divisions": divisions,
+        "effects.friction.coefficient": 0.6,
+    }
+    return load_scene("tetrahedra", settings).problem()
+
+
+def test_stick_that_is_softened_first_ends_at_the_same_state(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Softer stick is a way to the state of the law, not another law: residuals are 1e-8 of it."""
+    stated = panel().deformable
+    plain = static.solve_static(stated, ONE_STEP)
+    monkeypatch.setattr(newton, "_BEFORE_SOFTENING", 1)
+    softened = static.solve_static(stated, ONE_STEP)
+    assert plain.converged
+    assert softened.converged
+    assert softened.residuals[:3] != plain.residuals[:3]
+    assert softened.max_displacement == pytest.approx(plain.max_displacement, rel=1e-6)
+    assert softened.pressures.max() == pytest.approx(plain.pressures.max(), rel=1e-5)
+
+
+def test_six_sided_solids_have_coarser_meshes() -> None:
+    """Two thirds and half of three divisions are two and one: the solid itself does not change."""
+    stated = panel(3)
+    for share, divisions in ((2.0 / 3.0, 2), (0.5, 1)):
+        result = coarser(stated, share)
+        assert result is not None
+        for new, old in zip(result.blocks.shapes, stated.blocks.shapes, strict=True):
+            assert new.mesh.n_elements == divisions**3
+            assert new.volume == pytest.approx(old.volume, rel=1e-12)
+    assert coarser(panel(1), 0.5) is None
+
+
+def test_the_largest_force_of_a_joint_is_the_sum_over_its_facets() -> None:
+    answer = solve_static(panel(2), ONE_STEP, mesh="scene")
+    force = answer.contacts["pressure"] * answer.contacts["area"]
+    pairs = np.sort(answer.contacts["blocks"], axis=1)
+    _, joint = np.unique(pairs, axis=0, return_inverse=True)
+    measure = answer["largest_joint_force"]
+    assert measure.value == pytest.approx(np.bincount(joint.ravel(), force).max(), rel=1e-12)
+    # From one coarser mesh: half the elements along every edge.
+    assert measure.error is not None
+    assert 0.0 < measure.error < measure.value
