@@ -285,7 +285,7 @@ def test_header_lists_every_difference(tubelock) -> None:
         (["export", "tsb1-pipe", "-o", "/proc/nowhere/a.inp", *SMALL], "cannot be written"),
         (
             ["export", "tsb1-pipe", "-o", "a.inp", "--flavour", "nastran"],
-            "general, pairs, calculix",
+            "general, standard, calculix",
         ),
         (["export", "wall", "-o", "a.inp"], "loads on faces"),
         (["export", "tsb1-pipe", "-o", "a.inp", "--set", "fem.element=full"], "fem.element"),
