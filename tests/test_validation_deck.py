@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from fem.decks.problem import element_time_step
 from fem.decks.read.cards import read_cards
@@ -23,6 +24,8 @@ from validation.build.deformable import build_deformable, scene_problem
 from validation.cli.app import main
 from validation.errors import InputError
 from validation.output.decks import export_deck
+from validation.output.pictures.canvas import rgb
+from validation.output.pictures.scales import VERMILION
 from validation.scene.read import load_scene
 
 pytestmark = pytest.mark.quick
@@ -74,6 +77,19 @@ def test_a_deck_is_written_again_and_solved(tubelock) -> None:
         assert tubelock("deck", *words, "--run", "--json", "a.json")[0] == 0
         found.append(json.loads(Path("a.json").read_text())["measures"]["max_displacement"])
     assert found[0]["value"] == pytest.approx(found[1]["value"], rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_deck_is_drawn_with_its_load(tubelock) -> None:
+    tubelock("export", "tsb1-beam", *SMALL, "-o", "a.inp", "--flavour", "standard")
+    status, out, _ = tubelock("deck", "a.inp", "--open")
+    assert status == 0
+    assert "out/a/assembly.png" in out
+    pixels = np.asarray(Image.open("out/a/assembly.png").convert("RGB"), dtype=int)
+    arrows = np.abs(pixels - rgb(VERMILION)).max(axis=2) < 8
+    height = len(pixels)
+    assert arrows[: height // 2].sum() > 100  # on the upper free layer alone, and in the legend
+    assert not arrows[int(0.6 * height) : int(0.9 * height)].any()
 
 
 def test_the_same_scene_gives_the_same_bytes(tubelock) -> None:

@@ -169,9 +169,15 @@ def deck(
         ),
     ] = None,
     json: JsonOption = None,
+    *,
+    draw: Annotated[
+        bool,
+        typer.Option("--open", help="Draw blocks, supports and loads: out/NAME/assembly.png."),
+    ] = False,
 ) -> None:
     """Read an Abaqus or CalculiX deck, check it, print a summary."""
     from validation.output.decks import (
+        draw_deck,
         input_json,
         input_table,
         read_file,
@@ -183,7 +189,9 @@ def deck(
 
     if dialect is not None:
         _one_of("--dialect", dialect, ("abaqus", "calculix"))
-    with Outputs(json, files={"--write": write}, reads=(file,)) as outputs:
+    picture = Path("out", file.stem, "assembly.png") if draw else None
+    files = {"--write": write, "--open": picture}
+    with Outputs(json, files=files, reads=(file,)) as outputs:
         stated = read_file(file, dialect)
         outputs.console.print(input_table(stated))
         data = input_json(stated)
@@ -191,6 +199,9 @@ def deck(
             written = rewrite(stated, write)
             outputs.say(f"{written.n_bytes / 1e6:.3g} MB", write)
             outputs.console.print(f"{'run it':9} {run_command(written.deck, write)}")
+        if picture is not None:
+            draw_deck(stated, picture)
+            outputs.say("picture", picture)
         if run:
             before = len(stated.model.notes)
             answer = solve_deck(stated)

@@ -164,6 +164,15 @@ def solve_deck(deck: InputDeck) -> Answer:
     return answer
 
 
+def draw_deck(deck: InputDeck, path: Path) -> None:
+    """Draw blocks, fixed blocks and pressures of a deck, before any answer."""
+    from validation.output.pictures.assemblies import draw_assembly
+
+    problem = deck.problem()
+    title = f"{path.parent.name}: {problem.blocks.n_blocks} blocks of the input deck"
+    draw_assembly(problem.blocks, problem.load_case, path, title=title, weight=problem.gravity)
+
+
 def largest_rotation(answer: Answer) -> float:
     """Largest rotation of an element, of its displacement gradient's mean [rad]."""
     x, u = answer.points[answer.cells], answer.fields["displacement"][answer.cells]
