@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fem.decks.statement import Flavour
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
@@ -108,7 +109,7 @@ def test_explicit_runs_and_decks_name_what_only_others_have() -> None:
         explicit(file)
     assert use.words == "fem.load_steps, [rigid]"
     with recording(file.scene) as use:
-        build_deck(file, "general")  # type: ignore[arg-type]
+        build_deck(file, Flavour.GENERAL)
     assert {"fem.threads", "fem.load_steps"} <= set(use.unused)
     assert "fem.end_time" not in use.unused
 

@@ -56,7 +56,7 @@ _MAX_RESCUES = 30
 _COARSE_ITERATIONS = 3
 #: A step is cut when the energy slope at its end exceeds this share of the slope at its start.
 _OVERSHOOT = 0.1
-#: With friction none is cut whose residual grows by no more than this factor.
+#: Where stick was softened none is cut whose residual grows by no more than this factor.
 _GROWS = 2.0
 #: A linear solution farther away than this many block lengths is a motion that nothing resists.
 FARTHEST = 100.0
@@ -72,7 +72,7 @@ LIGHT_TOUCH = 10.0
 #: With friction iterations after which stick is softened to these shares of its stiffness, and the
 #: residual at which the next one follows. Stick is hundreds of times stiffer than contact that
 #: hardly presses: of many points some turn back in each step, and lines of least energy end there.
-_BEFORE_SOFTENING = 12
+_BEFORE_SOFTENING = 20
 _SOFT_STICK = (0.01, 0.1, 1.0)
 _SOFT_TOLERANCE = 1e-2
 #: Iterations that may bring no better residual, before and after the best is below _NEAR.
@@ -282,7 +282,7 @@ def _iterate(problem: StaticProblem, state: StaticState) -> StaticState:
     """One linear problem, and what follows from it."""
     linear = _linearise(problem.system, state)
     trial, state = _solve(problem, _linear_problem(problem, linear, state), state)
-    if problem.friction is not None:
+    if state.softened:
         full = _moved(problem, linear, state, trial, 1.0)
         if full.residuals[-1] < _GROWS * _residual(problem, state):
             return full  # friction has no energy: where work is least says little
