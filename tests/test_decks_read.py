@@ -248,6 +248,22 @@ def test_springs_to_the_ground_are_in_series_with_the_cubes() -> None:
     assert top_moves(again) == pytest.approx(-0.010, rel=1e-6)
 
 
+@pytest.mark.parametrize("row", ["91, 1, 2", "a, 1", "91, 1\n91, 2"])
+def test_springs_are_a_number_and_a_node(row: str) -> None:
+    springs = f"*Element, type=SPRING1, elset=G\n{row}\n*Spring, elset=G\n3\n250."
+    with pytest.raises(DeckError, match="expected a number of its own and a node"):
+        deck_of_lines(changed("*Boundary", f"{springs}\n*Boundary")).validate()
+
+
+def test_a_clearance_is_closed_first() -> None:
+    """The upper cube comes down by it, and everything is as without."""
+    clearance = "*Clearance, master=TOP, slave=UNDER, value={}\n*Boundary"
+    lines = changed("*Boundary", clearance.format(0.001))
+    assert top_moves(deck_of_lines(lines)) == pytest.approx(-0.009, rel=1e-7)
+    with pytest.raises(DeckError, match="expected one value"):
+        deck_of_lines(changed("*Boundary", clearance.format(0.002), lines)).problem()
+
+
 def test_components_along_transformed_axes() -> None:
     """Local axis 1 is z: holding it and pulling the top along it is what z was."""
     turn = "*Transform, nset={}\n0., 0., 1., 1., 0., 0.\n"

@@ -1,5 +1,6 @@
 """The answer with friction is the one that is shown: forces, joints, field and words."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import meshio
@@ -7,7 +8,13 @@ import numpy as np
 import pytest
 
 from geometry.families.masonry import circular_arch
-from geometry.measures import JointResultants, chain, joint_resultants
+from geometry.measures import (
+    JointResultants,
+    chain,
+    joint_resultants,
+    planes,
+    sections_through_joints,
+)
 from mbd import contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from tests.test_validation_own_fem import column
@@ -172,3 +179,20 @@ def test_a_tube_shows_the_answer_with_friction() -> None:
     assert largest == run.answer.contacts["pressure"].max()
     without = run_rigid(load_scene("thb0-pipe", small[:-1]))
     assert without.answer.as_dict()["joints"] == []
+
+
+def test_a_section_takes_moments_about_the_centre_of_its_joints_areas() -> None:
+    """Areas 1 and 3 mm² at x = 0 and 8 mm: the centre is at 6 mm, equal forces of 2 N have arms of
+    -6 and 2 mm."""
+    joints = replace(
+        joints_between((0, 1), (0, 2)),
+        areas=np.array([1.0, 3.0]),
+        centroids=np.array([[0.0, 0.0, 0.0], [8.0, 0.0, 0.0]]),
+        forces=np.array([[0.0, 0.0, 2.0]] * 2),
+    )
+    centroids = np.array([[4.0, 0.0, -1.0], [0.0, 0.0, 1.0], [8.0, 0.0, 1.0]])
+    found = sections_through_joints(joints, centroids, planes([4.0, 0.0, 0.0], [0.0, 0.0, 1.0]))
+    assert found.areas == pytest.approx([4.0])
+    assert found.centroids[0] == pytest.approx([6.0, 0.0, 0.0])
+    assert found.forces[0] == pytest.approx([0.0, 0.0, -4.0])  # on the part behind the plane
+    assert found.moments[0] == pytest.approx([0.0, -8.0, 0.0])

@@ -79,6 +79,38 @@ def test_a_deck_is_written_again_and_solved(tubelock) -> None:
     assert found[0]["value"] == pytest.approx(found[1]["value"], rel=1e-6)
 
 
+def test_sets_of_blocks_hold_each_element_once() -> None:
+    """FRAME, and TUBE, which are ranges or other sets."""
+    deck = build_deck(load_scene("tsb1-pipe", COARSE), Flavour.CALCULIX)
+    sets: dict[str, list[int]] = {}
+    elements = 0
+    for card in read_cards(list(deck_lines(deck))):
+        rows = [row for _, row in card.rows()]
+        if card.keyword == "ELEMENT":
+            numbers = [int(row[0]) for row in rows]
+            elements += len(numbers)
+            if "ELSET" in card.parameters:
+                sets.setdefault(card.parameter("ELSET").upper(), []).extend(numbers)
+        elif card.keyword == "ELSET":
+            members = sets.setdefault(card.parameter("ELSET").upper(), [])
+            for row in rows:
+                if "GENERATE" in card.parameters:
+                    members += range(int(row[0]), int(row[1]) + 1, int(row[2]))
+                else:
+                    for word in row:
+                        members += [int(word)] if word.isdigit() else sets[word.upper()]
+    frame, tube = sets["FRAME"], sets["TUBE"]
+    assert sorted(frame + tube) == list(range(1, elements + 1))
+    assert 2 * len(frame) == len(tube)  # two layers; an end ring on each side, half as high
+
+
+@pytest.mark.parametrize(("flavour", "count"), [(Flavour.STANDARD, 1), (Flavour.GENERAL, 0)])
+def test_static_decks_request_the_forces_of_contact_pairs(flavour, count) -> None:
+    """General contact has no pairs whose resultants could be written."""
+    lines = list(deck_lines(build_deck(load_scene("tsb1-pipe", COARSE), flavour)))
+    assert lines.count("CFN, CFS") == count
+
+
 @pytest.mark.slow
 def test_a_deck_is_drawn_with_its_load(tubelock) -> None:
     tubelock("export", "tsb1-beam", *SMALL, "-o", "a.inp", "--flavour", "standard")
