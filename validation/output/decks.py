@@ -170,7 +170,8 @@ def draw_deck(deck: InputDeck, path: Path) -> None:
 
     problem = deck.problem()
     title = f"{path.parent.name}: {problem.blocks.n_blocks} blocks of the input deck"
-    draw_assembly(problem.blocks, problem.load_case, path, title=title, weight=problem.gravity)
+    weight = None if problem.gravity is None else [float(part) for part in problem.gravity]
+    draw_assembly(problem.blocks, problem.load_case, path, title=title, weight=weight)
 
 
 def largest_rotation(answer: Answer) -> float:
