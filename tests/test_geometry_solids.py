@@ -5,17 +5,15 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from geometry.families.masonry import circular_arch
 from geometry.files import mesh_io
 from geometry.files.block_files import read_blocks
 from geometry.files.obj import read_obj
-from geometry.mesh import FloatArray, IntArray, MeshError, cross
+from geometry.mesh import FloatArray, IntArray, MeshError
 from geometry.polyhedra.polygons import surface_of_polygons
 from geometry.polyhedra.polyhedron import convex_polyhedron, polyhedron
-from geometry.polyhedra.solids import _components, one_solid
+from geometry.polyhedra.solids import one_solid
 
 pytestmark = pytest.mark.quick
 
@@ -369,17 +367,3 @@ def test_faces_of_a_ply_have_two_names(tmp_path: Path, word: str) -> None:
     rows += [f"3 {a} {b} {c}" for a, b, c in triangles.tolist()]
     (tmp_path / "a.PLY").write_text(head + "\n".join(rows) + "\n")
     assert volumes(tmp_path / "a.PLY") == pytest.approx([SIDE**3], rel=1e-6)
-
-
-@pytest.mark.parametrize("n_pairs", [0, 3, 40, 400])
-def test_components_are_those_of_a_graph_numbered_by_their_first_ones(n_pairs: int) -> None:
-    pairs = np.random.default_rng(n_pairs).integers(0, 60, (n_pairs, 2))
-    graph = coo_array((np.ones(n_pairs), pairs.T), shape=(60, 60))
-    assert (
-        _components(60, pairs).tolist() == connected_components(graph, directed=False)[1].tolist()
-    )
-
-
-def test_cross_products_are_those_of_numpy_to_the_bit() -> None:
-    a, b = np.random.default_rng(0).standard_normal((2, 7, 4, 3))
-    assert (cross(a, b) == np.cross(a, b)).all()

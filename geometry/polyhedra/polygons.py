@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError, cross
+from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError
 
 #: Smallest area of a triangle that counts, and smallest share of it that faces the right way.
 _TINY = 1e-9
@@ -60,7 +60,7 @@ def _seen_from_middle(points: FloatArray, polygons: IntArray) -> BoolArray:
     """Which polygons are warped and show all of themselves to their middle, (n_polygons,)."""
     p = points[polygons]
     arms = p - p.mean(axis=1, keepdims=True)
-    vectors = cross(arms, np.roll(arms, -1, axis=1))
+    vectors = np.cross(arms, np.roll(arms, -1, axis=1))
     total = vectors.sum(axis=1)
     area = np.maximum(np.linalg.norm(total, axis=1), np.finfo(np.float64).tiny)
     size = np.linalg.norm(arms, axis=2).max(axis=1)
@@ -128,7 +128,7 @@ def _covers(points: FloatArray, triangles: IntArray) -> BoolArray:
     Triangles (n_polygons, n, 3) that share the edges inside a polygon then lie side by side.
     """
     p = points[triangles]
-    return _same_way(cross(p[:, :, 1] - p[:, :, 0], p[:, :, 2] - p[:, :, 0]))
+    return _same_way(np.cross(p[:, :, 1] - p[:, :, 0], p[:, :, 2] - p[:, :, 0]))
 
 
 def _same_way(vectors: FloatArray) -> BoolArray:

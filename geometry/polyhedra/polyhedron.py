@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, cKDTree
 
 from geometry.block import Block
-from geometry.mesh import FloatArray, IntArray, MassProperties, MeshError, cross
+from geometry.mesh import FloatArray, IntArray, MassProperties, MeshError
 from geometry.polyhedra.box_tree import BoxTree, boxes_of_triangles
 from geometry.polyhedra.polygons import surface_of_polygons
 from geometry.polyhedra.solids import across_matter
@@ -62,7 +62,7 @@ class Polyhedron:
     def area_vectors(self) -> FloatArray:
         """Outward vector areas, (n_triangles, 3) [mm²]."""
         p = self.corners
-        return 0.5 * cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+        return 0.5 * np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
 
     @cached_property
     def areas(self) -> FloatArray:
@@ -104,7 +104,7 @@ class Polyhedron:
         """
         reference = self.points.mean(axis=0)
         p = self.corners - reference
-        volume6 = np.einsum("ti,ti->t", p[:, 0], cross(p[:, 1], p[:, 2]))
+        volume6 = np.einsum("ti,ti->t", p[:, 0], np.cross(p[:, 1], p[:, 2]))
         volume = float(volume6.sum()) / 6.0
         total = p.sum(axis=1)
         first = np.einsum("t,ti->i", volume6, total) / 24.0
@@ -135,7 +135,7 @@ class Polyhedron:
         along = self.points[directed[one, 1]] - self.points[directed[one, 0]]
         along /= np.linalg.norm(along, axis=1, keepdims=True)
         # Walking along the first triangle's edge, a convex edge turns the normal towards +along.
-        sine = np.einsum("ei,ei->e", cross(normals[:, 0], normals[:, 1]), along)
+        sine = np.einsum("ei,ei->e", np.cross(normals[:, 0], normals[:, 1]), along)
         cosine = np.einsum("ei,ei->e", normals[:, 0], normals[:, 1])
         sharp = (sine > 0) & (cosine < np.cos(np.radians(_SHARP)))
         return directed[one][sharp], normals[sharp]
@@ -317,7 +317,7 @@ def convex_polyhedron(name: str, points: FloatArray | Sequence[Sequence[float]])
     """
     p = np.asarray(points, dtype=np.float64)
     hull = ConvexHull(p)
-    outward = cross(
+    outward = np.cross(
         p[hull.simplices[:, 1]] - p[hull.simplices[:, 0]],
         p[hull.simplices[:, 2]] - p[hull.simplices[:, 0]],
     )

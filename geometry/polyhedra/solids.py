@@ -8,8 +8,10 @@ that share an edge, a corner or a whole face come apart, and one that touches it
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
-from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError, cross
+from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError
 from geometry.polyhedra.triangle_search import distinct_rows
 
 #: Faces within this angle round their edge lie on each other [rad].
@@ -105,14 +107,14 @@ def _encloses(corners: FloatArray, point: FloatArray) -> bool:
     la, lb, lc = (np.linalg.norm(x, axis=1) for x in (a, b, c))
     ab, bc, ca = (np.einsum("ti,ti->t", x, y) for x, y in ((a, b), (b, c), (c, a)))
     angle = np.arctan2(
-        np.einsum("ti,ti->t", a, cross(b, c)), la * lb * lc + ab * lc + bc * la + ca * lb
+        np.einsum("ti,ti->t", a, np.cross(b, c)), la * lb * lc + ab * lc + bc * la + ca * lb
     )
     return abs(float(angle.sum())) > np.pi  # half of each angle: 2π inside, 0 outside
 
 
 def _six_volumes(corners: FloatArray) -> FloatArray:
     """Six times the volume that each triangle spans with the origin, (n,)."""
-    return np.einsum("ti,ti->t", corners[:, 0], cross(corners[:, 1], corners[:, 2]))
+    return np.einsum("ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
 
 
 def across_matter(name: str, points: FloatArray, triangles: IntArray) -> IntArray:
@@ -166,7 +168,7 @@ def _round_edge(name: str, points: FloatArray, triangles: IntArray, uses: IntArr
     arm = points[triangles[of, (side + 2) % 3]] - points[start[0]]
     arm -= np.outer(arm @ axis, axis)
     first = arm[0] / np.linalg.norm(arm[0])
-    angle = np.arctan2(arm @ cross(axis, first), arm @ first)
+    angle = np.arctan2(arm @ np.cross(axis, first), arm @ first)
     matter = (angle[along][None] - angle[~along][:, None]) % (2 * np.pi)
     # Faces that lie on each other have no matter between them: it lies on their other sides.
     matter[matter < _SAME_PLACE] += 2 * np.pi
@@ -195,19 +197,6 @@ def _turned_outward(points: FloatArray, triangles: IntArray) -> tuple[IntArray, 
 
 
 def _components(n: int, pairs: IntArray) -> IntArray:
-    """Number of the component that each of n things belongs to, by pairs; by their first ones.
-
-    As `scipy.sparse.csgraph.connected_components`, which takes ten times as long for a block.
-    """
-    label, (a, b) = np.arange(n), pairs.T
-    while True:
-        # Each label is the least number that was reached, and its own label.
-        least = np.minimum(label[a], label[b])
-        fresh = label.copy()
-        np.minimum.at(fresh, label[a], least)
-        np.minimum.at(fresh, label[b], least)
-        while (nearer := fresh[fresh]).tobytes() != fresh.tobytes():
-            fresh = nearer
-        if (fresh == label).all():
-            return np.unique(label, return_inverse=True)[1].astype(np.int64)
-        label = fresh
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    _, label = connected_components(graph, directed=False)
+    return label.astype(np.int64)
