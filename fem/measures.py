@@ -123,18 +123,14 @@ def _pressures(
 
 
 def _largest_joint_force(solution: Solution) -> Measure:
-    """Largest normal force between two blocks, with the mean of its facets' centroids."""
-    state, assembly = solution.contact_state, solution.deformable.assembly
-    if not state.n_facets:
+    """Largest normal force of a joint, at the centroid of its facets."""
+    joints = solution.joints
+    if not len(joints.block_m):
         return Measure(0.0, "N")
-    pairs = np.sort(np.column_stack([state.block_m, state.block_s]), axis=1)
-    joints, of = np.unique(pairs, axis=0, return_inverse=True)
-    sums = np.zeros(len(joints))
-    np.add.at(sums, of.ravel(), state.pressures * state.areas)
-    largest = first_largest(sums)
-    middle = state.centroids[of.ravel() == largest].mean(axis=0)
-    m, s = joints[largest].tolist()
-    return Measure(float(sums[largest]), "N", place=place(assembly, (m, s), middle))
+    k = first_largest(joints.normal_force)
+    pair = int(joints.block_m[k]), int(joints.block_s[k])
+    where = place(solution.deformable.assembly, pair, joints.centroids[k])
+    return Measure(float(joints.normal_force[k]), "N", place=where)
 
 
 def contact_on(

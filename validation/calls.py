@@ -421,8 +421,7 @@ def optimise(
     """
     from tempfile import TemporaryDirectory
 
-    from validation.study.optimisation import report as search
-    from validation.study.optimisation import statement
+    from validation.study.optimisation import report, statement
     from validation.study.run import runner_for
 
     if isinstance(stated, Mapping):
@@ -432,4 +431,4 @@ def optimise(
     with TemporaryDirectory() as folder:
         path = Path(folder) / "search.sqlite" if store is None else Path(store)
         judged = path.with_name(f"{path.stem}-judge.sqlite")
-        return search.optimise(checked, path, judged, lambda study: runner_for(study, workers))
+        return report.optimise(checked, path, judged, lambda study: runner_for(study, workers))

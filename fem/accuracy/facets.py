@@ -61,15 +61,12 @@ def pressures_on_facets(
     # The same facets of all blocks stand together: those at a time share their interpolation.
     kinds = *quads, alike[result.block_m], alike[result.block_s]
     chosen, which = unique_rows(np.stack(kinds, axis=1))
-    order = np.lexsort((quads[1][chosen], quads[0][chosen]))
     degree = max(degree_of(shape.mesh) for shape in solved.assembly.shapes)
     at = _nodes_of_parts(_parts(facets, solved.assembly), degree)
     state = solved, displacements, alike
-    groups = np.array_split(order, math.ceil(len(order) * len(at) / _AT_ONCE) or 1)
-    pressures = np.empty(len(chosen))
-    for group in groups:
-        pressures[group] = _pressures(facets, state, chosen[group], (at, degree))
-    return pressures[which]
+    groups = np.array_split(chosen, math.ceil(len(chosen) * len(at) / _AT_ONCE) or 1)
+    pressures = [_pressures(facets, state, group, (at, degree)) for group in groups]
+    return np.concatenate(pressures)[which]
 
 
 def _pressures(

@@ -165,7 +165,7 @@ def solve_deck(deck: InputDeck) -> Answer:
 
 
 def draw_deck(deck: InputDeck, path: Path) -> None:
-    """Draw blocks, fixed blocks and pressures of a deck, before any answer."""
+    """Draw blocks, fixed blocks and loads of a deck, before any answer."""
     from validation.output.pictures.assemblies import draw_assembly
 
     problem = deck.problem()

@@ -86,7 +86,7 @@ def draw_assembly(
     legend = block_legend("fixed blocks" if load.fixed.any() else "")
     if released.any():
         legend.append(Patch(color=ORANGE, label="end ring, released"))
-    if load.facets:
+    if load.facet_forces.any():
         legend.append(Patch(color=VERMILION, label="load"))
     columns = [
         [panel("from outside", np.arange(assembly.n_blocks), EYE)],
