@@ -79,6 +79,10 @@ def solve_explicit(
             f"degree: got {problem.degree}; explicit runs have elements of degree 1: expected "
             "1, or solve_static"
         )
+    if problem.after is not None:
+        raise ProblemError(
+            "after: explicit runs begin at rest, or with a motion; expected solve_static"
+        )
     static = damping == "static"
     given = damping if isinstance(damping, Effects) else Effects()
     effects = replace(

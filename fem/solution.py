@@ -259,7 +259,7 @@ class Solution(ReadOnlyArrays):
         if self.static is None:
             return self._of_whole_run[1]
         if not self.static.pushed:
-            return ()
+            return self.static.curves
         return push_curves(self.deformable.model, self.static.pushed)
 
     @property

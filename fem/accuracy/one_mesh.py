@@ -22,7 +22,7 @@ With friction the way to the load counts: what half as many load steps change is
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -32,6 +32,7 @@ from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.statement import Problem
 from fem.measures import bracketed, load_step_change, measures_of
 from fem.solution import Solution
+from fem.static.history import solve_history
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.result import StaticError, StaticResult
 from fem.static.solve import StaticOptions, solve_static
@@ -58,11 +59,12 @@ def static_solution(
     finite_rotation: bool = False,
     store: FlexibilityStore | None = None,
     start: StaticResult | None = None,
+    before: Sequence[DeformableAssembly] = (),
 ) -> Solution:
     """Solve for the static state of blocks that are built: see `fem.solve_static`.
 
     Runs that share a ``store`` condense the same blocks once; ``start`` is a state of the same
-    model near the solution.
+    model near the solution. ``before`` are the stages from rest on that come before.
 
     Raises
     ------
@@ -70,9 +72,11 @@ def static_solution(
         As `fem.solve_static`.
     """
     options = StaticOptions() if options is None else options
-    if options.motion_steps is None and deformable.moves:
+    if options.motion_steps is None and deformable.moves and not before:
         options = replace(options, motion_steps=MOTION_STEPS)
-    if finite_rotation:
+    if before:
+        result = solve_history([*before, deformable], options, store)
+    elif finite_rotation:
         # Its internal forces are those of explicit runs, which load a compiler.
         from fem.static.rotation import solve_static_with_rotation
 
@@ -82,7 +86,7 @@ def static_solution(
     if not result.converged:
         raise StaticError(result.status)
     return Solution(
-        deformable=deformable,
+        deformable=result.deformable,
         group_displacements=result.displacements,
         contact_state=result.contact_state,
         finite_rotation=finite_rotation,

@@ -108,20 +108,20 @@ class MovingSupport:
     """Supports of its name that move."""
 
     @cached_property
-    def _largest(self) -> tuple[Support, int]:
+    def largest(self) -> tuple[Support, int]:
         """Part and component that move farthest."""
         result = max(self.parts, key=lambda s: float(np.abs(s.displacement).max()))
         return result, int(np.argmax(np.abs(result.displacement)))
 
     def force(self, forces: Forces) -> float:
         """Force on the blocks along its way, from those on all nodes [N]."""
-        part, k = self._largest
+        part, k = self.largest
         unit = part.directions[k] * np.sign(part.displacement[k])
         return float(sum((_along(s, forces) @ unit).sum() for s in self.parts))
 
     def curve(self, at: dict[float, float]) -> PushCurve:
         """Curve from its forces [N] by time [s]."""
-        part, k = self._largest
+        part, k = self.largest
         times = np.array(list(at))
         share = part.amplitude
         shares = [1.0 if share is None else share(time) for time in times.tolist()]

@@ -144,6 +144,10 @@ class Problem:
         Uniform acceleration, (3,) [mm/s²], such as ``(0, 0, -9810)``. Default None: absent.
     motion
         Rigid motion of every block at time 0, of explicit runs alone. Default None: at rest.
+    after
+        Statement of the same blocks whose static state this one begins at: its loads and supports
+        change in equal increments into these, and slips of friction stay. Of static analyses
+        alone. Default None: from rest.
     check_units
         Whether implausible wave speeds √(E/ρ) and gravity are rejected. Default True.
     check_blocks
@@ -181,6 +185,7 @@ class Problem:
     finite_rotation: bool = False
     gravity: Sequence[float] | FloatArray | None = None
     motion: Motion | None = None
+    after: Problem | None = None
     check_units: bool = True
     check_blocks: bool = True
 
@@ -212,6 +217,8 @@ class Problem:
             )
         if self.check_blocks:
             self._check_blocks()
+        if self.after is not None:
+            self._check_after(self.after)
 
     def __repr__(self) -> str:
         """The values that differ from the defaults, without arrays."""
@@ -261,6 +268,34 @@ class Problem:
             check_held(blocks, load)
         if self.clearance < 0.0 or self.spacing:
             self._surfaces(blocks, deforms)
+
+    def _check_after(self, before: Problem) -> None:
+        """Reject a statement of other blocks, contact or fixed blocks as what comes before."""
+        alike = (
+            before.blocks.n_blocks == self.blocks.n_blocks
+            and all(
+                np.array_equal(one.mesh.nodes, other.mesh.nodes)
+                for one, other in zip(self.blocks.shapes, before.blocks.shapes, strict=False)
+            )
+            and np.array_equal(before.blocks.shape_of, self.blocks.shape_of)
+            and np.array_equal(before.load_case.fixed, self.load_case.fixed)
+        )
+        same = ("degree", "element", "clearance", "spacing", "finite_sliding", "frames", "coulomb")
+        others = [name for name in same if getattr(self, name) != getattr(before, name)]
+        if not alike or others or before.contact_law != self.contact_law:
+            raise ProblemError(
+                f"after: got a statement that differs in {', '.join(others) or 'blocks or law'}; "
+                "expected the same blocks and contact, with other loads and supports"
+            )
+        if self.finite_rotation:
+            raise ProblemError(
+                "after: got finite_rotation, which no state after another has; expected it off"
+            )
+
+    @property
+    def stages(self) -> tuple[Problem, ...]:
+        """All statements from rest on, this one last."""
+        return (*(() if self.after is None else self.after.stages), self)
 
     @property
     def deforming(self) -> BoolArray:

@@ -244,13 +244,14 @@ def follow_up(
     points: FacingPoints,
     search_anew: Callable[[StaticProblem, StaticState], tuple[StaticProblem, StaticState]],
     begin: FloatArray,
+    elastic: ElasticSlips | None = None,
 ) -> tuple[StaticProblem, StaticState]:
     """Apply the load in parts; points follow the motion until they stay.
 
     ``search_anew`` gives the problem on the points of the place that a state has; slips count from
-    the displacements ``begin``.
+    the displacements ``begin``, and are ``elastic`` there.
     """
-    elastic, first, rest = _Elastic.none(points), True, begin
+    elastic, first, rest = elastic or ElasticSlips.none(points), True, begin
 
     def step(
         problem: StaticProblem, state: StaticState, begin: FloatArray
@@ -292,14 +293,14 @@ def follow_up(
         if not state.converged or 2.0 * moved > points.skin:
             return problem, replace(state, converged=False), False
         state = _advance_friction(problem, state, begin)
-        elastic = _Elastic.of(problem, points, state)
+        elastic = ElasticSlips.of(problem, points, state)
         return problem, state, True
 
     return _along(problem, state, _load_path(problem, options, parts), step, options)
 
 
 @dataclass(frozen=True)
-class _Elastic:
+class ElasticSlips:
     """Elastic slips at the end of a load step, on the points that then were."""
 
     slave: IntArray
@@ -308,13 +309,15 @@ class _Elastic:
     """World axes, in the order of the search, (n, 3) [mm]."""
 
     @classmethod
-    def none(cls, points: FacingPoints) -> _Elastic:
+    def none(cls, points: FacingPoints) -> ElasticSlips:
         """Before any load."""
         result = points.now
         return cls(result.slave.copy(), result.shapes.copy(), np.zeros((points.count, 3)))
 
     @classmethod
-    def of(cls, problem: StaticProblem, points: FacingPoints, state: StaticState) -> _Elastic:
+    def of(
+        cls, problem: StaticProblem, points: FacingPoints, state: StaticState
+    ) -> ElasticSlips:
         """After the anchors have moved."""
         result, rows = cls.none(points), problem.friction
         if rows is not None:

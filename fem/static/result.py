@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from fem.assembly.contact_state import (
     searched_state,
 )
 from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.reactions import PushCurve
 from fem.contact.search import FacingPoints, SearchedSurfaces
 from fem.contact.surfaces import ContactSurfaces, facet_pressures
 from geometry.errors import RefusedError
@@ -92,6 +94,11 @@ class StaticResult(ReadOnlyArrays):
     """What faces what at the end, where a search found it; None: matched facets."""
     searched: SearchedSurfaces | None = None
     """The same points as facets."""
+    curves: tuple[PushCurve, ...] = ()
+    """Forces of supports that move in the last stage of a history (`fem.static.history`)."""
+    slips: tuple[Any, ...] = ()
+    """Friction that a state after this one begins with: anchors of matched facets, or the elastic
+    slips of searched points (`fem.static.load_steps.ElasticSlips`); (): frictionless."""
     in_contact_forces: bool = False
     """Whether the unknowns were the forces of contact points (`fem.static.contact_forces`)."""
 

@@ -14,6 +14,7 @@ import contextlib
 import time
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -38,10 +39,17 @@ from fem.static.linear_step.condensed import CondensedStep
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.linear_step.grid_block import GridBlock
 from fem.static.linear_step.linearisation import LinearStep, SparseStep
-from fem.static.load_steps import StaticMethod, StaticOptions, follow_up, load_up
+from fem.static.load_steps import (
+    ElasticSlips,
+    StaticMethod,
+    StaticOptions,
+    follow_up,
+    load_up,
+)
 from fem.static.newton import (
     StaticProblem,
     StaticState,
+    anchor_of,
     localised,
     start_state,
     support_forces,
@@ -64,6 +72,7 @@ def solve_static(
     *,
     start: StaticResult | None = None,
     slips_from_rest: bool = False,
+    goes_on: bool = False,
     store: FlexibilityStore | None = None,
 ) -> StaticResult:
     """Find the static state of an assembly under its loads; single bodies are solved at once.
@@ -79,6 +88,8 @@ def solve_static(
     slips_from_rest
         With a start, finite sliding and friction: whether slips count from the blocks at rest, and
         the start is only where to look from; else they count from the start.
+    goes_on
+        Whether the friction of the start goes on: its points keep their anchors.
     store
         Of one call for the next: blocks that are the same are condensed once.
 
@@ -103,7 +114,8 @@ def solve_static(
     change = options.load_tolerance
     without = deformable.contact.friction is None or start is not None
     if without or change is None or options.load_path is not None:
-        return _load(deformable, options, start, store, slips_from_rest=slips_from_rest)
+        before = start.slips if goes_on and start is not None else ()
+        return _load(deformable, options, start, store, before, slips_from_rest=slips_from_rest)
 
     def in_parts(parts: int) -> StaticResult:
         return _load(deformable, replace(options, load_steps=parts), None, store)
@@ -117,10 +129,11 @@ def _load(
     options: StaticOptions,
     start: StaticResult | None,
     store: FlexibilityStore,
+    before: tuple[Any, ...] = (),
     *,
     slips_from_rest: bool = False,
 ) -> StaticResult:
-    """Apply the load in the requested parts."""
+    """Apply the load in the requested parts; ``before`` are the slips to go on with."""
     clock = time.process_time()
     orbits = _orbits(deformable, options.symmetry)
     like = options.like
@@ -141,7 +154,17 @@ def _load(
     if points is not None:
         anew = partial(_searched_anew, options=options, points=points, store=store)
         slips = np.zeros_like(first.displacement) if slips_from_rest else first.displacement
-        way = partial(follow_up, options=options, points=points, search_anew=anew, begin=slips)
+        elastic = ElasticSlips(*before) if before else None
+        way = partial(
+            follow_up,
+            options=options,
+            points=points,
+            search_anew=anew,
+            begin=slips,
+            elastic=elastic,
+        )
+    elif before:
+        first = replace(first, anchor=before[0])
     problem, state = way(problem, first, options.load_steps)
     more = options.load_steps < _FALLBACK_LOAD_STEPS and options.load_path is None and like is None
     if more and not state.converged:
@@ -165,7 +188,22 @@ def _load(
     seconds["total"] = time.process_time() - clock
     internal = system.internal_force(displacement)
     outcome = _Outcome(displacement, internal, state, seconds, forces)
-    return _result(system, options, outcome, searched=points is not None)
+    return replace(
+        _result(system, options, outcome, searched=points is not None),
+        slips=_slips(problem, points, state),
+    )
+
+
+def _slips(
+    problem: StaticProblem, points: FacingPoints | None, state: StaticState
+) -> tuple[Any, ...]:
+    """Friction at the end of the load: see `StaticResult.slips`."""
+    if problem.friction is None:
+        return ()
+    if points is None:
+        return (anchor_of(state),)
+    elastic = ElasticSlips.of(problem, points, state)
+    return elastic.slave, elastic.shapes, elastic.slip
 
 
 def _closer(
