@@ -320,26 +320,44 @@ def test_steps_follow_each_other() -> None:
     assert top_moves(deck_of_lines(other)) == pytest.approx(-0.012, rel=1e-9)
     with pytest.raises(DeckError, match="shares members with a load of an earlier step"):
         deck_of_lines(changed("*End Step", second.format("", "2, P2, 3."))).problem()
-    rough = changed("500.\n", "500.\n*Friction\n0.2, 5000.\n", anew)
-    with pytest.raises(DeckError, match=r"second \*Step with friction"):
-        deck_of_lines(rough).problem()
 
 
-def test_loads_and_then_motions_are_two_steps_with_friction() -> None:
-    """Pressed with 2 MPa, then moved so far that the joint slides: μ p A = 0.4 N along it.
+def rough_cubes() -> list[str]:
+    """Cubes with friction that tilt freely: a pusher moves the upper one along x."""
+    rough = changed("500.\n", "500.\n*Friction\n0.2, 5000.\n")
+    return changed("11, 1, 2\n12, 2", "13, 2\n14, 2\n11, 2\n12, 2", rough)
+
+
+def pushed(lines: list[str]) -> tuple[float, fem.Answer]:
+    """Force of the joint along x on the upper cube, of its friction alone [N].
 
     The joint tilts, so the force of its pressure has a share of it.
     """
-    rough = changed("500.\n", "500.\n*Friction\n0.2, 5000.\n")
-    rough = changed("11, 1, 2\n12, 2", "13, 2\n14, 2\n11, 2\n12, 2", rough)
-    move = "*End Step\n*Step\n*Static\n*Boundary\n15, 1, 1, 0.02\n18, 1, 1, 0.02\n*End Step"
-    deck = deck_of_lines(changed("*End Step", move, rough))
-    answer = fem.solve_static(deck.problem(), mesh="scene", error_bars=False)
-    (pushed,) = (r for name, r in answer.report["reactions"].items() if name == "boundary-55")
-    tilted = answer.contacts["force"][:, 0].sum()
-    assert pushed["force"][0] + tilted == pytest.approx(0.4, rel=1e-3)
-    with pytest.raises(DeckError, match="loads and moves blocks at once"):
-        deck_of_lines(changed("*Dload", "*Boundary\n15, 1, 1, 0.1\n*Dload", rough)).problem()
+    deck = deck_of_lines(lines)
+    answer = solve_deck(deck)
+    sides = [of["force"][0] for name, of in answer.report["reactions"].items() if "b" in name]
+    return sum(sides) + float(answer.contacts["force"][:, 0].sum()), answer
+
+
+#: Two nodes of the upper cube move along x by so much.
+MOVE = "15, 1, 1, {0}\n18, 1, 1, {0}\n"
+
+
+def test_loads_and_then_motions_slide_with_friction() -> None:
+    """Pressed with 2 MPa, then moved so far that the joint slides: μ p A = 0.4 N, and back.
+
+    Loads and motions at once, and one after the other by a table that turns back.
+    """
+    second = "*End Step\n*Step\n*Static\n*Boundary{}\n{}*End Step"
+    once = changed("*Dload", f"*Boundary\n{MOVE.format(0.02)}*Dload", rough_cubes())
+    table = "*Amplitude, name=A\n0., 0., 0.4, 1., 1., {}\n*Step"
+    bent = changed("*Step", table.format(-1.0), rough_cubes())
+    back = changed("*End Step", second.format(", amplitude=A", MOVE.format(0.02)), bent)
+    for lines, force in ((once, 0.4), (back, -0.4)):
+        assert pushed(lines)[0] == pytest.approx(force, rel=2e-3)
+    with pytest.raises(DeckError, match="without an amplitude beside one that bends"):
+        both = f"*Boundary, amplitude=A\n{MOVE.format(0.02)}*Dload"
+        deck_of_lines(changed("*Dload", both, bent)).problem()
 
 
 def test_words_of_symmetry_hold_the_components_of_their_planes() -> None:

@@ -20,7 +20,7 @@ from fem.accuracy.strength import strength_factors
 from fem.answer import answer_of
 from fem.assembly.statement import Problem, require_problem
 from fem.element.hexahedron import ElementType
-from fem.measures import load_step_change, measures_of
+from fem.measures import measures_of
 from fem.solution import Solution
 from fem.static.solve import StaticOptions
 from geometry.answer import Answer
@@ -55,8 +55,7 @@ def solve_static(
         displacement, p_eff, pressure at a point and averaged tension.
     error_bars
         Whether measures on the mesh of the problem have error bars, from coarser meshes, or from a
-        finer one where there is none. Those of a problem ``after`` another are what half as many
-        increments change, not what the mesh does.
+        finer one where there is none. Problems ``after`` another have none.
     max_seconds
         CPU time that refining may take [s]; None: a fixed amount of work, about 20 CPU s, so that a
         problem has one answer on every machine; no limit with an accuracy.
@@ -108,7 +107,7 @@ def solve_static(
     if problem.after is not None:
         stages = [stage.deformable for stage in problem.stages]
         solution = static_solution(stages[-1], options, before=stages[:-1])
-        return answer_of(solution, load_step_change(solution), problem=problem)
+        return answer_of(solution, problem=problem)
 
     def solve_on(stated: Problem) -> Solution:
         return static_solution(stated.deformable, options, finite_rotation=stated.finite_rotation)

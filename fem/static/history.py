@@ -8,15 +8,16 @@ halved.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.reactions import Forces, MovingSupport, PushCurve, moving_supports
 from fem.problem.loads import TabularAmplitude
-from fem.problem.model import NodalLoad, Support
+from fem.problem.model import Model, NodalLoad, Support
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.load_steps import StaticOptions
 from fem.static.result import StaticError, StaticResult, load_factors, refined
@@ -27,9 +28,8 @@ from geometry.mesh import FloatArray
 _INCREMENTS = 5
 #: Share of a stage below which an increment is not halved.
 _SHORTEST = 1e-3
-
-#: Displacements of each group, world axes, (n_copies, n_nodes, 3) [mm].
-_Displacements = tuple[FloatArray, ...]
+#: A way that is gone at the end of an increment.
+_ONCE = TabularAmplitude((0.0, 1.0), (0.0, 1.0))
 
 
 def solve_history(
@@ -53,15 +53,18 @@ def solve_history(
     StaticError
         An increment without an equilibrium; and as `fem.static.solve.solve_static`.
     """
-    store = FlexibilityStore() if store is None else store
     least = max(options.load_steps, _INCREMENTS)
-    once = replace(options, load_steps=1, load_tolerance=None, load_path=(1.0,), symmetry=1)
-    once = replace(once, motion_steps=None)
+    once = replace(
+        options, load_steps=1, load_tolerance=None, load_path=(1.0,), symmetry=1, motion_steps=None
+    )
+    store = FlexibilityStore() if store is None else store
+    solve = partial(solve_static, options=once, goes_on=True, store=store)
 
     def in_parts(parts: int) -> StaticResult:
-        result: StaticResult | None = None
-        for number in range(len(stages)):
-            result = _stage(stages, number, result, parts, once, store)
+        result, before = None, None
+        for number, problem in enumerate(stages, start=1):
+            stage = _Stage(problem, before, result, f"{number} of {len(stages)}")
+            result, before = stage.end(parts, solve), problem.model
         assert result is not None
         return replace(result, load_steps=parts)
 
@@ -71,120 +74,102 @@ def solve_history(
     return replace(result, coarser_loading=coarser)
 
 
-def _stage(
-    stages: Sequence[DeformableAssembly],
-    number: int,
-    start: StaticResult | None,
-    parts: int,
-    options: StaticOptions,
-    store: FlexibilityStore,
-) -> StaticResult:
-    """Go from the state before a stage to its end."""
-    stage, before = stages[number], stages[number - 1] if number else None
-    begin = None if start is None else start.displacements
-    ahead = list(load_factors(parts, friction=start is None))[::-1]
-    pushed: dict[float, Forces] = {0.0: () if start is None else start.support_forces}
-    lost = 0.0 if start is None else start.frictional_dissipation
-    result, done = start, 0.0
-    while ahead:
-        share = ahead.pop()
-        found = _increment(stage, before, begin, share, result, options, store)
-        if found is None:
-            middle = 0.5 * (done + share)
-            if middle - done < _SHORTEST:
-                raise StaticError(
-                    f"static: no equilibrium was found at {share:.3g} of stage {number + 1} of "
-                    f"{len(stages)}; the one before is at {done:.3g}"
-                )
-            ahead += [share, middle]
-            continue
-        lost += found.frictional_dissipation
-        pushed[share] = found.support_forces
-        result, done = found, share
-    assert result is not None
-    return replace(
-        result,
-        deformable=stage,
-        frictional_dissipation=lost,
-        curves=tuple(_curve(moving, begin, pushed) for moving in moving_supports(stage.model)),
-    )
+@dataclass(frozen=True)
+class _Stage:
+    """From the state before to the loads and supports of a problem."""
+
+    problem: DeformableAssembly
+    before: Model | None
+    """Whose loads act at the beginning; None: nothing does."""
+    start: StaticResult | None
+    """State at the beginning; None: rest."""
+    title: str
+
+    @property
+    def acts(self) -> bool:
+        """Whether there are loads, or supports that move: else one increment is enough."""
+        model = self.problem.model
+        moves = any(support.displacement.any() for support in model.supports)
+        return moves or bool(model.loads) or model.effects.gravity is not None
+
+    def end(self, parts: int, solve: Callable[..., StaticResult]) -> StaticResult:
+        """State at the end, after some increments or more.
+
+        Raises
+        ------
+        StaticError
+            An increment without an equilibrium.
+        """
+        result, done = self.start, 0.0
+        pushed: dict[float, Forces] = {0.0: () if result is None else result.support_forces}
+        lost = 0.0 if result is None else result.frictional_dissipation
+        first = result is None
+        ahead = list(load_factors(parts if self.acts or not first else 1, friction=first))[::-1]
+        while ahead:
+            share = ahead.pop()
+            try:
+                found = solve(self.at(share), start=result)
+            except StaticError:
+                if first and share == 1.0:
+                    raise
+                found = None
+            if found is None or not found.converged:
+                if share - done < _SHORTEST:
+                    raise StaticError(
+                        f"static: no equilibrium was found at {share:.3g} of stage {self.title}; "
+                        f"the one before is at {done:.3g}"
+                    )
+                ahead += [share, 0.5 * (done + share)]
+                continue
+            lost += found.frictional_dissipation
+            pushed[share] = found.support_forces
+            result, done = found, share
+        assert result is not None
+        curves = tuple(self._curve(one, pushed) for one in moving_supports(self.problem.model))
+        return replace(result, deformable=self.problem, frictional_dissipation=lost, curves=curves)
+
+    def at(self, share: float) -> DeformableAssembly:
+        """Problem at a share of the way."""
+        model, before = self.problem.model, self.before
+        loads, weight = _scaled(model, share)
+        if before is not None:
+            more, added = _scaled(before, 1.0 - share)
+            loads += more
+            weight += added
+        supports = []
+        for support in model.supports:
+            first = self._first(support)
+            there = first + share * (_last(support) - first)
+            supports.append(replace(support, displacement=there, amplitude=_ONCE))
+        effects = replace(model.effects, gravity=weight if weight.any() else None)
+        changed = replace(model, loads=loads, supports=tuple(supports), effects=effects)
+        return replace(self.problem, model=changed)
+
+    def _first(self, support: Support) -> FloatArray:
+        """Displacements along the directions of a support at the beginning, (n,) [mm]."""
+        if self.start is None:
+            return np.zeros(len(support.nodes))
+        at = self.start.displacements[support.group][support.copies, support.nodes]
+        return np.asarray(np.einsum("ni,ni->n", at, support.directions))
+
+    def _curve(self, moving: MovingSupport, pushed: dict[float, Forces]) -> PushCurve:
+        """Force of a support over its way in the stage."""
+        part, k = moving.largest
+        first, last = float(self._first(part)[k]), float(_last(part)[k])
+        shares = np.array(list(pushed))
+        ways = (first + shares * (last - first)) * np.sign(last)
+        forces = [moving.force(forces) if forces else 0.0 for forces in pushed.values()]
+        return PushCurve(part.name, shares, ways, np.array(forces))
 
 
-def _curve(
-    moving: MovingSupport, begin: _Displacements | None, pushed: dict[float, Forces]
-) -> PushCurve:
-    """Force over the way of a support in a stage, from the state before it on."""
-    part, k = moving.largest
-    first = float(_along(part, begin)[k])
-    shares = np.array(list(pushed))
-    ways = first + shares * (float(_aim(part)[k]) - first)
-    forces = [moving.force(forces) if forces else 0.0 for forces in pushed.values()]
-    return PushCurve(part.name, shares, ways * np.sign(part.displacement[k]), np.array(forces))
-
-
-def _increment(
-    stage: DeformableAssembly,
-    before: DeformableAssembly | None,
-    begin: _Displacements | None,
-    share: float,
-    start: StaticResult | None,
-    options: StaticOptions,
-    store: FlexibilityStore,
-) -> StaticResult | None:
-    """State at a share of the way from the state before a stage to its end; None: none found."""
-    model = stage.model
-    loads = _scaled(model.loads, share)
+def _scaled(model: Model, share: float) -> tuple[tuple[NodalLoad, ...], FloatArray]:
+    """Loads and gravity times a share."""
+    loads = tuple(replace(load, forces=share * load.forces) for load in model.loads if share)
     gravity = model.effects.gravity
-    weight = None if gravity is None else share * np.asarray(gravity)
-    if before is not None:
-        loads += _scaled(before.model.loads, 1.0 - share)
-        first = before.model.effects.gravity
-        if first is not None:
-            weight = (0.0 if weight is None else weight) + (1.0 - share) * np.asarray(first)
-    supports = tuple(
-        replace(support, displacement=_at(support, begin, share), amplitude=_ONCE)
-        for support in model.supports
-    )
-    there = replace(
-        stage,
-        model=replace(
-            model,
-            loads=loads,
-            supports=supports,
-            effects=replace(model.effects, gravity=weight),
-        ),
-    )
-    try:
-        result = solve_static(there, options, start=start, goes_on=True, store=store)
-    except StaticError:
-        if start is None and share == 1.0:
-            raise
-        return None
-    return result if result.converged else None
+    return loads, share * np.asarray((0.0, 0.0, 0.0) if gravity is None else gravity)
 
 
-#: A way that is gone at the end of an increment.
-_ONCE = TabularAmplitude((0.0, 1.0), (0.0, 1.0))
-
-
-def _scaled(loads: tuple[NodalLoad, ...], share: float) -> tuple[NodalLoad, ...]:
-    return tuple(replace(load, forces=share * load.forces) for load in loads if share)
-
-
-def _at(support: Support, begin: _Displacements | None, share: float) -> FloatArray:
-    """Prescribed displacements at a share of the way from those at the beginning, (n,) [mm]."""
-    first = _along(support, begin)
-    return first + share * (_aim(support) - first)
-
-
-def _aim(support: Support) -> FloatArray:
-    last = 1.0 if support.amplitude is None else support.amplitude(np.inf)
-    return last * support.displacement
-
-
-def _along(support: Support, moved: _Displacements | None) -> FloatArray:
-    """Displacements along the directions of a support, (n,) [mm]."""
-    if moved is None:
-        return np.zeros(len(support.nodes))
-    at = moved[support.group][support.copies, support.nodes]
-    return np.asarray(np.einsum("ni,ni->n", at, support.directions))
+def _last(support: Support) -> FloatArray:
+    """Displacements along the directions of a support at the end, (n,) [mm]."""
+    share = 1.0 if support.amplitude is None else support.amplitude(np.inf)
+    return share * support.displacement

@@ -315,9 +315,7 @@ class ElasticSlips:
         return cls(result.slave.copy(), result.shapes.copy(), np.zeros((points.count, 3)))
 
     @classmethod
-    def of(
-        cls, problem: StaticProblem, points: FacingPoints, state: StaticState
-    ) -> ElasticSlips:
+    def of(cls, problem: StaticProblem, points: FacingPoints, state: StaticState) -> ElasticSlips:
         """After the anchors have moved."""
         result, rows = cls.none(points), problem.friction
         if rows is not None:

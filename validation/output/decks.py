@@ -19,6 +19,7 @@ from fem.decks.read.rewrite import rewritten
 from fem.decks.statement import Deck, Flavour, element_name
 from fem.decks.write import write_deck
 from fem.element.material import Material
+from fem.measures import load_step_change
 from geometry.answer import Answer
 from geometry.errors import RefusedError
 from geometry.files.whole import write_whole
@@ -145,9 +146,11 @@ def solve_deck(deck: InputDeck) -> Answer:
         answer = solve_explicit(problem, **deck.explicit_options())
     else:
         of_mesh = bool(problem.load_case.nodes)
-        if of_mesh:
+        if problem.after is None and of_mesh:
             deck.model.note("error bars: none, forces on nodes belong to the mesh of the deck")
         answer = solve_static(problem, mesh="scene", error_bars=not of_mesh)
+        if problem.after is not None:
+            deck.model.note(f"error bars: none of the mesh; {_change_by_increments(answer)}")
     strain = largest_strain(problem, answer)
     if strain > LARGEST_STRAIN:
         deck.model.note(
@@ -162,6 +165,18 @@ def solve_deck(deck: InputDeck) -> Answer:
                 "this answer is linear in rotations, and has left their range"
             )
     return answer
+
+
+def _change_by_increments(answer: Answer) -> str:
+    """What half as many increments of each stage change."""
+    change = load_step_change(answer.details)
+    shares = (
+        f"{name} by {100.0 * change[name] / abs(answer[name].value or 1.0):.2g} %"
+        for name in ("max_displacement", "p_max_point")
+        if name in change
+    )
+    steps = answer.details.static.load_steps
+    return f"half of {steps} increments a stage would change {', '.join(shares)}"
 
 
 def draw_deck(deck: InputDeck, path: Path) -> None:

@@ -28,6 +28,8 @@ class Actions:
     blocks: Blocks
     model: ModelLines
     steps: tuple[Step, ...]
+    time: float | None = None
+    """In the last step; None: at its end."""
     held: dict[tuple[int, int], dict[int, _Value]] = field(default_factory=dict)
     """Components of each block and node of its part."""
     axes: dict[tuple[int, int], FloatArray] = field(default_factory=dict)
@@ -50,6 +52,10 @@ class Actions:
     def step(self) -> Step:
         """The last step."""
         return self.steps[-1]
+
+    def time_in(self, step: Step) -> float:
+        """Time in a step at which its loads and motions count: its end, but in the last one [s]."""
+        return self.time if step is self.step and self.time is not None else step.duration
 
     @property
     def nodes(self) -> tuple[NodeForces, ...]:
@@ -156,8 +162,9 @@ def _boundary(actions: Actions, card: Card, step: Step | None) -> None:
             actions.ramp(card, smooth)
         elif path is not None and value:
             times = _path(last, path)
-        if len(actions.steps) > 1 and times:
-            value, times = value * times[-1][1], ()
+        if times and (len(actions.steps) > 1 or actions.time is not None):
+            at = np.interp(actions.time_in(last), *np.array(times).T)
+            value, times = value * float(at), ()
         name = row[0].strip('"').lower()
         if name.isdigit():
             name = f"boundary-{card.line}"
@@ -222,25 +229,32 @@ def _components(card: Card, line: int, row: list[str]) -> tuple[list[int], float
 _STILL: _Value = (0.0, ())
 
 
-def held_blocks(actions: Actions) -> tuple[list[int], list[HeldFace]]:
-    """Blocks of which every node stays, and parts of the others that are held or moved."""
-    fixed, faces = _rigid_blocks(actions)
-    for block in range(len(actions.blocks.owners)):
-        if block in fixed or any(face.block == block for face in faces):
-            continue
+def fixed_blocks(actions: Actions) -> set[int]:
+    """Blocks of which every node stays."""
+    rigid = rigid_blocks(actions)
+    result = {block for block, face in rigid.items() if not face.moves}
+    for block in set(range(len(actions.blocks.owners))) - rigid.keys():
         solid = actions.blocks.solid(block)
         every = np.concatenate([solid.nodes, solid.others])
         local = actions.blocks.places.instances[actions.blocks.owners[block][0]].part
         own = every[every < len(local.places)].tolist()
         still = dict.fromkeys(range(3), _STILL)
         if all(actions.held.get((block, node)) == still for node in own):
-            fixed.append(block)
-        else:
-            faces += _held_faces(actions, block)
-    return fixed, faces + _springs(actions)
+            result.add(block)
+    return result
 
 
-def _rigid_blocks(actions: Actions) -> tuple[list[int], list[HeldFace]]:
+def held_faces(actions: Actions, fixed: set[int]) -> list[HeldFace]:
+    """Parts of blocks that are not fixed which are held, moved or on springs."""
+    rigid = rigid_blocks(actions)
+    result = [face for block, face in rigid.items() if block not in fixed]
+    for block in range(len(actions.blocks.owners)):
+        if block not in fixed and block not in rigid:
+            result += _held_faces(actions, block)
+    return result + _springs(actions)
+
+
+def rigid_blocks(actions: Actions) -> dict[int, HeldFace]:
     """Blocks of rigid bodies, whose reference nodes are held or moved without turning.
 
     Raises
@@ -248,7 +262,7 @@ def _rigid_blocks(actions: Actions) -> tuple[list[int], list[HeldFace]]:
     DeckError
         A body that may move by itself, or that turns.
     """
-    fixed, faces = list[int](), list[HeldFace]()
+    result = dict[int, HeldFace]()
     places = actions.blocks.places
     for card in actions.model.rigid:
         node = places.members(card, card.line, card.parameter("REF NODE"), nodes=True)[0]
@@ -269,15 +283,12 @@ def _rigid_blocks(actions: Actions) -> tuple[list[int], list[HeldFace]]:
                 "one"
             )
         for block in actions.blocks.whole(card, card.line, elements):
-            if not moved.any():
-                fixed.append(block)
-                continue
             everywhere = Points(
                 actions.blocks.coordinates(block, actions.blocks.solid(block).nodes)
             )
-            path = next(iter(paths), ())
-            faces.append(HeldFace(block, everywhere, None, moved, path, name="rigid body"))
-    return fixed, faces
+            path, there = next(iter(paths), ()), moved if moved.any() else None
+            result[block] = HeldFace(block, everywhere, None, there, path, name="rigid body")
+    return result
 
 
 def _held_faces(actions: Actions, block: int) -> list[HeldFace]:
@@ -320,7 +331,7 @@ def _where(blocks: Blocks, block: int, nodes: IntArray, name: str) -> Where:
     corners = solid.nodes[np.unique(solid.outer[rows])]
     if np.isin(np.setdiff1d(nodes, solid.others), corners).all():
         face = face_name(f"{name}-{block + 1}")
-        while face in blocks.faces[block]:
+        while not np.array_equal(blocks.faces[block].get(face, rows), rows):
             face += "x"
         blocks.add_face(block, face, rows)
         return face

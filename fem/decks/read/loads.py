@@ -90,7 +90,7 @@ def _share(actions: Actions, row: _Row) -> float:
     path = path_of(actions.model, row.card)
     if path is None:
         return 1.0
-    return float(np.interp(row.step.duration, path[:, 0], path[:, 1]))
+    return float(np.interp(actions.time_in(row.step), path[:, 0], path[:, 1]))
 
 
 def _cload(actions: Actions, stated: _Row) -> None:

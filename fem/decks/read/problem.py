@@ -13,13 +13,21 @@ from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw, LinearPenalty
 from fem.contact.pair_laws import PairLaws
 from fem.decks.keywords import DeckError
-from fem.decks.read.actions import Actions, held_blocks, read_supports
+from fem.decks.read.actions import Actions, fixed_blocks, held_faces, read_supports
 from fem.decks.read.bodies import CONTACT, Blocks, Body, body_of
 from fem.decks.read.cards import Card
 from fem.decks.read.elements import KINDS, RIGID, VOLUMES
 from fem.decks.read.loads import orientation_of, read_loads
 from fem.decks.read.mesh import Part, Places
-from fem.decks.read.model import Interaction, MaterialLines, ModelLines, Step, friction_of, law_of
+from fem.decks.read.model import (
+    Interaction,
+    MaterialLines,
+    ModelLines,
+    Step,
+    friction_of,
+    law_of,
+    path_of,
+)
 from fem.decks.read.motion import initial_motion, mass_scaling
 from fem.decks.read.words import Dialect
 from fem.element.hexahedron import ElementType
@@ -71,26 +79,22 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
     step = steps[-1]
     blocks = Blocks(places, _bodies(places, model, name))
     contact = _read_contact(model, steps, blocks)
-    actions = Actions(blocks, model, steps)
-    read_supports(actions)
-    read_loads(actions)
-    fixed, held = held_blocks(actions)
-    axis, origin = orientation_of(actions)
-    assembly = blocks.assembly(name, fixed, axis, origin)
+    rough = not step.explicit and contact.is_rough(model)
+    ends = _stage_ends(model, steps) if rough else [(len(steps), None)]
+    stages = [Actions(blocks, model, steps[:count], time) for count, time in ends]
+    for actions in stages:
+        read_supports(actions)
+        read_loads(actions)
+    actions = stages[-1]
+    fixed = set.intersection(*map(fixed_blocks, stages))
+    held = [tuple(held_faces(stage, fixed)) for stage in stages]
+    assembly = blocks.assembly(name, sorted(fixed), *orientation_of(actions))
     surfaces = as_polyhedral(assembly)
     if contact.pairs or contact.everywhere:
         assembly = replace(assembly, layer=contact_distance(surfaces))
         _check_unpaired(blocks, contact, assembly)
         _note_unpaired(model, blocks, contact, surfaces, assembly)
-    load = LoadCase(
-        assembly,
-        "deck",
-        tuple(actions.faces),
-        assembly.fixed,
-        held=tuple(held),
-        nodes=actions.nodes,
-        body_wrenches=_body_forces(actions, assembly),
-    )
+    cases = [_load_case(assembly, *one) for one in zip(stages, held, strict=True)]
     degree, element = _element(places, model, step)
     if degree > 1 and step.explicit:
         raise DeckError(
@@ -107,21 +111,23 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
             model.note("contact: facets match and stay paired (small sliding)")
     problem = Problem(
         assembly,
-        load,
+        cases[0],
         tuple(material.built() for material in materials),
         element=element,
         degree=degree,
         **joints,  # type: ignore[arg-type]
         clearance=contact.clearance,
         finite_sliding=sliding,
-        finite_rotation=_turns(model, step, held, meets=bool(joints)),
-        gravity=_gravity(actions, assembly.n_blocks),
+        finite_rotation=_turns(model, step, cases, meets=bool(joints)),
+        gravity=_gravity(stages[0], assembly.n_blocks),
         motion=initial_motion(model, blocks, assembly),
     )
-    if len(steps) > 1:
-        _check_history(model, steps, problem)
-    else:
-        _check_order(step, problem)
+    if rough:
+        problem = _from_rest(problem)
+    for stage, case in zip(stages[1:], cases[1:], strict=True):
+        gravity = _gravity(stage, assembly.n_blocks)
+        problem = replace(problem, load=case, gravity=gravity, after=problem)
+    _note_steps(model, steps, problem)
     return Built(
         problem,
         blocks,
@@ -131,15 +137,29 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
     )
 
 
-def _turns(model: ModelLines, step: Step, held: list[HeldFace], *, meets: bool) -> bool:
+def _load_case(assembly: Assembly, actions: Actions, held: tuple[HeldFace, ...]) -> LoadCase:
+    return LoadCase(
+        assembly,
+        "deck",
+        tuple(actions.faces),
+        assembly.fixed,
+        held=held,
+        nodes=actions.nodes,
+        body_wrenches=_body_forces(actions, assembly),
+    )
+
+
+def _turns(model: ModelLines, step: Step, cases: list[LoadCase], *, meets: bool) -> bool:
     """Whether rotations of blocks are finite: in static steps with contact, supports that stay."""
     if not step.large_rotations or step.explicit:
         return step.large_rotations
     why = ""
     if not meets:
         why = "without contact"
-    elif any(one.moves for one in held):
+    elif any(one.moves for case in cases for one in case.held):
         why = "with supports that move"
+    elif len(cases) > 1:
+        why = "of several stages with friction"
     if why:
         model.note(f"nlgeom: static answers {why} are linear in rotations, too")
     return not why
@@ -156,40 +176,72 @@ def _check_steps(steps: tuple[Step, ...]) -> None:
         )
 
 
-def _check_history(model: ModelLines, steps: tuple[Step, ...], problem: Problem) -> None:
-    """Reject friction in other steps than loads and then motions; amplitudes in total time."""
-    if model.total_time:
+#: Cards whose values change in a step.
+_CHANGING = {"BOUNDARY", "CLOAD", "DLOAD", "DSLOAD"}
+
+
+def _stage_ends(model: ModelLines, steps: tuple[Step, ...]) -> list[tuple[int, float | None]]:
+    """Steps up to each stage, and its end in the last of them: between them all is straight.
+
+    Friction remembers the way: stages end with the steps and where amplitudes bend.
+    """
+    result: list[tuple[int, float | None]] = []
+    for number, step in enumerate(steps):
+        cards = [card for card in step.cards if card.keyword in _CHANGING]
+        paths = [path for card in cards if (path := path_of(model, card)) is not None]
+        times = {time for path in paths for time in path[:, 0].tolist() if 0 < time < step.duration}
+        times |= {0.0 for path in paths if np.interp(0.0, *path.T)}
+        straight = [card for card in cards if not card.option("AMPLITUDE") and _acts(card)]
+        if times and straight:
+            raise DeckError(
+                f"{straight[0].at()}: {straight[0].title} without an amplitude beside one that "
+                "bends, in a step with friction, is not covered; expected amplitudes on both"
+            )
+        if number and any(card.keyword.startswith("CONTACT PAIR") for card in step.cards):
+            raise DeckError(
+                f"{step.card.at()}: a contact pair of a later step with friction is not covered; "
+                "expected it before the first step"
+            )
+        result += [(number + 1, time) for time in sorted({*times, step.duration})]
+    return result
+
+
+def _acts(card: Card) -> bool:
+    """Whether a card has loads, or supports that move."""
+    if card.keyword != "BOUNDARY":
+        return True
+    return any(len(row) > 3 and card.number(line, row[3] or "0") for line, row in card.rows())
+
+
+def _from_rest(problem: Problem) -> Problem:
+    """State of rest before a first stage in which loads, motions or an interference act at once."""
+    load = problem.load_case
+    moves = any(held.moves for held in load.held)
+    loads = len(load.block) or load.body_wrenches is not None or problem.gravity is not None
+    if not moves or not (loads or problem.clearance < 0.0):
+        return problem
+    still = tuple(replace(held, displacement=None, path=()) for held in load.held)
+    rest = replace(load, faces=(), lines=(), nodes=(), body_wrenches=None, held=still)
+    return replace(problem, after=replace(problem, load=rest, gravity=None))
+
+
+def _note_steps(model: ModelLines, steps: tuple[Step, ...], problem: Problem) -> None:
+    """Name what the answer is of; reject amplitudes in total time."""
+    if len(steps) > 1 and model.total_time:
         raise DeckError(
             f"{model.total_time[0].at()}: an amplitude in total time in a deck of several steps "
             "is not covered; expected step time"
         )
-    if problem.coulomb is None:
+    if problem.after is not None:
+        model.note(
+            f"steps: the way to the end in {len(problem.stages)} stages, each from the state and "
+            "the slips of the one before"
+        )
+    elif len(steps) > 1:
         model.note(
             f"steps: the state at the end of step {len(steps)}; without friction it does not "
             "depend on the way there"
         )
-        return
-    if len(steps) > 2 or not _loads_then_moves(model, *steps):
-        raise DeckError(
-            f"{steps[1].card.at()}: a second *Step with friction, which remembers the first, is "
-            "covered where the first has all loads and the second moves supports alone; expected "
-            "these, one step, or no friction"
-        )
-    model.note("steps: the loads of the first, then the motions of the second")
-
-
-def _loads_then_moves(model: ModelLines, first: Step, second: Step) -> bool:
-    """Whether a step has all loads and no motion, and the next has motions alone."""
-    loads = {"CLOAD", "DLOAD", "DSLOAD"}
-    early = [card for card in (*model.other, *first.cards) if card.keyword == "BOUNDARY"]
-    moves = any(
-        len(row) > 3 and card.number(line, row[3] or "0")
-        for card in early
-        for line, row in card.rows()
-    )
-    later = [card for card in second.cards if card.keyword == "BOUNDARY"]
-    anew = any(card.option("OP") == "NEW" for card in later)
-    return not (moves or anew or any(card.keyword in loads for card in second.cards))
 
 
 def _material(model: ModelLines, blocks: Blocks, block: int) -> MaterialLines:
@@ -211,18 +263,6 @@ def _check_densities(model: ModelLines, step: Step) -> None:
         raise DeckError(f"{without[0].card.at()}: explicit steps need *Density; expected one")
     if without:
         model.note("material: no density is stated, and the static answer depends on none")
-
-
-def _check_order(step: Step, problem: Problem) -> None:
-    """Reject friction where loads and motions act together: here loads act before motions."""
-    load = problem.load_case
-    moves = any(held.moves for held in load.held)
-    loads = len(load.block) or load.body_wrenches is not None or problem.gravity is not None
-    if moves and loads and problem.coulomb is not None:
-        raise DeckError(
-            f"{step.card.at()}: the step loads and moves blocks at once, with friction; here loads "
-            "act before motions, which is another problem: expected loads or motions"
-        )
 
 
 # ---------------------------------------------------------------------------------------------
@@ -343,6 +383,11 @@ class _Contact:
             and not (fixed[joint.block_m] and fixed[joint.block_s])
             for joint in unmatched
         )
+
+    def is_rough(self, model: ModelLines) -> bool:
+        """Whether any joint has friction."""
+        stated = [*self.pairs.values(), *([self.everywhere] if self.everywhere else [])]
+        return any(friction_of(model, one)[0] for one in stated)
 
     def joints(self, model: ModelLines, size: float) -> dict[str, object]:
         """Law and friction of a problem."""
