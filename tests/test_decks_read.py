@@ -355,9 +355,10 @@ def test_loads_and_then_motions_slide_with_friction() -> None:
     back = changed("*End Step", second.format(", amplitude=A", MOVE.format(0.02)), bent)
     for lines, force in ((once, 0.4), (back, -0.4)):
         assert pushed(lines)[0] == pytest.approx(force, rel=2e-3)
+    both = f"*Boundary, amplitude=A\n{MOVE.format(0.02)}*Dload"
+    deck = deck_of_lines(changed("*Dload", both, bent))
     with pytest.raises(DeckError, match="without an amplitude beside one that bends"):
-        both = f"*Boundary, amplitude=A\n{MOVE.format(0.02)}*Dload"
-        deck_of_lines(changed("*Dload", both, bent)).problem()
+        deck.problem()
 
 
 def test_words_of_symmetry_hold_the_components_of_their_planes() -> None:

@@ -493,3 +493,20 @@ def require_problem(problem: object) -> None:
             f"problem: got a {type(problem).__name__}; expected "
             "Problem(blocks, pipe(0.01), concrete)"
         )
+
+
+def before_motion(problem: Problem, *, loaded: bool) -> Problem | None:
+    """Statement with supports where they are before they move, with the loads or without.
+
+    None where no support moves, or nothing else acts, no load and no interference.
+    """
+    load = problem.load_case
+    moves = any(held.moves for held in load.held)
+    loads = len(load.block) or load.body_wrenches is not None or problem.gravity is not None
+    if not moves or not (loads or problem.clearance < 0.0):
+        return None
+    still = tuple(replace(held, displacement=None, path=()) for held in load.held)
+    if loaded:
+        return replace(problem, load=replace(load, held=still))
+    rest = replace(load, faces=(), lines=(), nodes=(), body_wrenches=None, held=still)
+    return replace(problem, load=rest, gravity=None)

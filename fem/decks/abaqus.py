@@ -6,7 +6,9 @@ pressure-overclosure relationships" and "Distributed loads" (surface tractions).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
@@ -37,7 +39,6 @@ from fem.decks.statement import (
     BodyForceLoad,
     Deck,
     DeckLoad,
-    DeckStep,
     Flavour,
     Hold,
     NodalForceLoad,
@@ -49,11 +50,11 @@ from fem.decks.statement import (
 )
 from fem.decks.supports import (
     held_lines,
-    moved_lines,
     node_entries,
     path_lines,
     region_sets,
     spring_lines,
+    step_support_lines,
 )
 from fem.element.hexahedron import ElementType
 from fem.element.tetrahedral_mesh import TetrahedralMesh
@@ -197,7 +198,7 @@ def _surface_members(name: str, faces: ElementFaces, *, prefix: str = "") -> Ite
 
 def _held_faces(deck: Deck, number: int) -> list[str]:
     """Faces of a shape whose nodes are held on some block, in the order of the shape's faces."""
-    held = {h.face for h in deck.holds if int(deck.assembly.shape_of[h.block]) == number}
+    held = {h.face for h in deck.every_hold if int(deck.assembly.shape_of[h.block]) == number}
     return [name for name in deck.assembly.shapes[number].faces if name in held]
 
 
@@ -235,7 +236,7 @@ def _assembly(deck: Deck) -> Iterator[str]:
     yield from spring_lines(
         deck.springs, 1, lambda block, node: f"{block_label(deck, block)}.{node + 1}"
     )
-    if any(isinstance(load, CircumferentialLoad) for load in deck.loads):
+    if any(isinstance(load, CircumferentialLoad) for load in deck.every_load):
         yield keyword("Orientation", name=CYLINDRICAL, system="CYLINDRICAL")
         yield reals([*assembly.origin, *(assembly.origin + assembly.axis)])
     yield keyword("End Assembly")
@@ -367,32 +368,38 @@ ENERGIES = ("ALLAE", "ALLFD", "ALLIE", "ALLKE", "ALLSE", "ALLVD", "ALLWK", "ETOT
 
 
 def step_lines(deck: Deck, patches: Patches | None) -> Iterator[str]:
-    """Write the step, and before it the contact pairs, which are model data."""
-    step = deck.step
+    """Write the steps, and before them the contact pairs, which are model data."""
     if patches is not None:
         yield from _contact_pairs(deck, patches)
+    for number, stage in enumerate(deck.stages, start=1):
+        yield from _one_step(stage, "LOAD" if number == 1 else f"LOAD-{number}")
+
+
+def _one_step(deck: Deck, name: str) -> Iterator[str]:
+    step = deck.step
     yield "**"
     yield f"** Step of {deck.program}"
-    yield keyword("Step", name="LOAD", nlgeom="YES" if step.large_rotations else "NO")
+    yield keyword("Step", name=name, nlgeom="YES" if step.large_rotations else "NO")
     if step.procedure is Procedure.STATIC:
-        yield from static_lines(step)
+        yield from static_lines(deck)
     else:
         yield from _explicit(deck)
     yield "**"
     yield "** Loads"
-    yield from moved_lines(deck, lambda hold: _held_set(deck, hold))
-    for load in deck.loads:
-        yield from _load(deck, load)
-    if deck.effects.gravity is not None:
-        yield from gravity_lines(deck.effects.gravity, list(deck.sets))
+    yield from step_support_lines(deck, lambda hold: _held_set(deck, hold))
+    yield from load_lines(deck, partial(_load, deck), list(deck.sets))
     yield from _output(deck)
     yield keyword("End Step")
 
 
-def static_lines(step: DeckStep) -> Iterator[str]:
-    """Procedure of a static step: first increment, end, least and largest increment."""
+def static_lines(deck: Deck) -> Iterator[str]:
+    """Procedure of a static step: first increment, end, least and largest increment.
+
+    Friction that remembers the way takes ten increments or more.
+    """
+    end = deck.step.end_time
     yield keyword("Static")
-    yield reals([0.1 * step.end_time, step.end_time, 1e-6 * step.end_time, step.end_time])
+    yield reals([0.1 * end, end, 1e-6 * end, (0.1 if deck.before is not None else 1.0) * end])
 
 
 def _explicit(deck: Deck) -> Iterator[str]:
@@ -441,7 +448,50 @@ def pair_keyword(deck: Deck, pair: PatchPair) -> str:
 
 def amplitude_parameter(deck: Deck) -> dict[str, str | None]:
     """Parameter that names the amplitude of the loads, if there is one."""
-    return {"amplitude": LOADING} if deck.step.ramp_time > 0.0 else {}
+    return {"amplitude": LOADING} if deck.step.ramp_time > 0.0 and deck.before is None else {}
+
+
+def load_lines(
+    deck: Deck, lines_of: Callable[[DeckLoad], Iterator[str]], elements: list[str]
+) -> Iterator[str]:
+    """Loads of a step that differ from those of the step before, gravity on sets of elements.
+
+    Loads that go are taken back by op=NEW, beside which all others are stated again.
+    """
+    before, gravity = deck.before, deck.effects.gravity
+    every = [line for load in deck.loads for line in lines_of(load)]
+    if gravity is not None:
+        every += gravity_lines(gravity, elements)
+    if before is None:
+        yield from every
+        return
+    first = before.effects.gravity
+    alike = len(before.loads) == len(deck.loads) and all(map(same_load, before.loads, deck.loads))
+    if alike and np.array_equal(
+        first if first is not None else 0, 0 if gravity is None else gravity
+    ):
+        return
+    old = [line for load in before.loads for line in lines_of(load)]
+    old += gravity_lines(first, elements) if first is not None else []
+    targets = {_target(line) for line in every}
+    if all(_target(line) in targets for line in old):
+        yield from every
+        return
+    words = dict.fromkeys(line.partition(",")[0] for line in old if line.startswith("*"))
+    yield from (f"{word}, op=NEW" for word in words)
+    yield from (f"{line}, op=NEW" if line.startswith("*") else line for line in every)
+
+
+def _target(line: str) -> tuple[str, ...]:
+    """What a line of a load acts on, without its value."""
+    return tuple(line.split(", ")[:2])
+
+
+def same_load(one: DeckLoad, other: DeckLoad) -> bool:
+    """Whether two loads are the same."""
+    return type(one) is type(other) and all(
+        np.array_equal(getattr(one, part.name), getattr(other, part.name)) for part in fields(one)
+    )
 
 
 def _load(deck: Deck, load: DeckLoad) -> Iterator[str]:

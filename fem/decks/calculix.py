@@ -10,6 +10,7 @@ takes no stiffness-proportional damping and gets C3D8I wrong.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from itertools import accumulate
 
 import numpy as np
@@ -18,8 +19,8 @@ from fem.contact.law import ContactLaw
 from fem.decks.abaqus import (
     amplitude_parameter,
     component_lines,
-    gravity_lines,
     heading_lines,
+    load_lines,
     material_lines,
     pair_keyword,
     static_lines,
@@ -54,10 +55,10 @@ from fem.decks.statement import (
 from fem.decks.supports import (
     held_lines,
     holds_frame,
-    moved_lines,
     node_entries,
     path_lines,
     spring_lines,
+    step_support_lines,
 )
 from fem.element.hexahedron import ELEMENTS, ElementType
 from fem.problem.loads import SmoothStepAmplitude
@@ -87,7 +88,8 @@ def calculix_lines(deck: Deck) -> Iterator[str]:
     if patches is not None:
         yield from _contact(deck, patches)
     yield from _model_data(deck, starts)
-    yield from _step(deck, starts)
+    for stage in deck.stages:
+        yield from _step(stage, starts)
 
 
 def check_calculix(deck: Deck) -> None:
@@ -215,7 +217,7 @@ def _step(deck: Deck, starts: Starts) -> Iterator[str]:
     geometry: dict[str, str | None] = {"nlgeom": None} if step.large_rotations else {}
     yield keyword("Step", **geometry, inc="1000000")
     if step.procedure is Procedure.STATIC:
-        yield from static_lines(step)
+        yield from static_lines(deck)
         yield keyword("Controls", parameters="FIELD")
         yield reals(_CONVERGENCE)
     else:
@@ -223,16 +225,13 @@ def _step(deck: Deck, starts: Starts) -> Iterator[str]:
         # Without the last two numbers CalculiX takes steps of zero and never ends.
         yield "*Dynamic, direct, explicit, alpha=0.0"
         yield reals([step.time_step, step.end_time, step.time_step, step.time_step])
-    yield from moved_lines(deck, lambda hold: held_name(deck, hold))
-    for load in deck.loads:
-        yield from _load(deck, load, starts)
-    if deck.effects.gravity is not None:
-        yield from gravity_lines(deck.effects.gravity, [EVERY_ELEMENT])
+    yield from step_support_lines(deck, lambda hold: held_name(deck, hold))
+    yield from load_lines(deck, partial(_load, deck, starts), [EVERY_ELEMENT])
     yield from _output(deck)
     yield keyword("End Step")
 
 
-def _load(deck: Deck, load: DeckLoad, starts: Starts) -> Iterator[str]:
+def _load(deck: Deck, starts: Starts, load: DeckLoad) -> Iterator[str]:
     amplitude = amplitude_parameter(deck)
     if isinstance(load, PressureLoad):
         yield keyword("Dsload", **amplitude)
@@ -326,7 +325,7 @@ def held_name(deck: Deck, hold: Hold) -> str:
 
 def held_set_lines(deck: Deck, starts: Starts) -> Iterator[str]:
     """Sets of held nodes, those of all fixed blocks together too."""
-    for name, hold in {held_name(deck, hold): hold for hold in deck.holds}.items():
+    for name, hold in {held_name(deck, hold): hold for hold in deck.every_hold}.items():
         first, end = starts.node[hold.block], starts.node[hold.block + 1]
         if hold.nodes is not None:
             yield keyword("Nset", nset=name)
@@ -372,7 +371,7 @@ def _shape_surfaces(deck: Deck, number: int, patches: Patches | None) -> dict[st
 def _needed_surfaces(deck: Deck, patches: Patches | None) -> list[set[str]]:
     """Labels of the surfaces of each block that the deck names."""
     needed: list[set[str]] = [set() for _ in range(deck.assembly.n_blocks)]
-    for load in deck.loads:
+    for load in deck.every_load:
         if isinstance(load, PressureLoad):
             for block in load.blocks.tolist():
                 needed[block].add(label(named_face(load.face)))

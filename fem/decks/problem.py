@@ -10,7 +10,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from fem.assembly.deformable import Frames, held_faces
-from fem.assembly.statement import Problem, require_problem
+from fem.assembly.statement import Problem, before_motion, require_problem
 from fem.contact.friction import CoulombFriction
 from fem.decks.abaqus import check_abaqus
 from fem.decks.calculix import check_calculix
@@ -136,6 +136,18 @@ def deck_of(
 ) -> Deck:
     """Deck of a problem on canonical blocks (`fem.decks.placement.canonical`)."""
     assembly, material = _of_one_material_each(problem)
+    before, earlier = None, problem.after
+    if earlier is None and step.procedure is Procedure.STATIC and problem.coulomb is not None:
+        earlier = before_motion(problem, loaded=True)  # friction remembers which comes first
+    if earlier is not None:
+        before = deck_of(
+            _on_blocks(earlier, problem),
+            flavour,
+            step,
+            effects,
+            meets=meets,
+            searched=searched,
+        )
     return Deck(
         name=problem.blocks.name,
         flavour=flavour,
@@ -143,7 +155,7 @@ def deck_of(
         material=material,
         element=problem.element,
         step=step,
-        holds=holds_of(problem),
+        holds=holds_of(problem, before),
         springs=springs_on_ground(problem.blocks, problem.load_case.held, flavour),
         loads=loads_of_case(problem.load_case),
         joint=joint_of(problem) if meets else None,
@@ -152,6 +164,21 @@ def deck_of(
         clearance=problem.clearance,
         spacing=problem.spacing,
         searched=searched,
+        before=before,
+    )
+
+
+def _on_blocks(earlier: Problem, problem: Problem) -> Problem:
+    """Earlier statement on the blocks of a later one, which may be turned or of another degree."""
+    load = replace(earlier.load_case, assembly=problem.blocks)
+    before = None if earlier.after is None else _on_blocks(earlier.after, problem)
+    return replace(
+        earlier,
+        blocks=problem.blocks,
+        load=load,
+        degree=problem.degree,
+        check_blocks=problem.check_blocks,
+        after=before,
     )
 
 
@@ -182,13 +209,15 @@ def _named_for_decks(blocks: Assembly, shapes: tuple[Block, ...], shape_of: IntA
     return replace(blocks, name=title, shapes=renamed, shape_of=shape_of)
 
 
-def holds_of(problem: Problem) -> tuple[Hold, ...]:
+def holds_of(problem: Problem, before: Deck | None = None) -> tuple[Hold, ...]:
     """Held blocks: all nodes, or the outer faces of frame blocks that deform; and held faces."""
     blocks, load = problem.blocks, problem.load_case
+    known = () if before is None else before.every_hold
+    regions = {(hold.block, hold.nodes): hold.region for hold in known if hold.nodes is not None}
     if problem.frames is Frames.DEFORMABLE:
-        return holds_on(blocks, held_faces(blocks, load))
+        return holds_on(blocks, held_faces(blocks, load), regions)
     whole = [Hold(block) for block in np.flatnonzero(load.fixed).tolist()]
-    return (*whole, *holds_on(blocks, load.held))
+    return (*whole, *holds_on(blocks, load.held, regions))
 
 
 def support_notes(deck: Deck) -> list[str]:
@@ -199,7 +228,8 @@ def support_notes(deck: Deck) -> list[str]:
             "supports: beds of springs are springs at nodes, the integral of k N dA each; over n "
             "facets they resist turning by 1 + 2/n^2 times as much as the bed"
         )
-    if any(hold.displacement for hold in deck.holds) and deck.loads:
+    moved = any(hold.displacement for hold in deck.holds)
+    if moved and deck.loads and deck.before is None:
         notes.append("supports: those that move do so while the loads grow; tubelock loads first")
     return notes
 

@@ -237,6 +237,23 @@ class Deck:
     """Whether hexahedra of 20 nodes have 8 integration points, as in a deck that was read."""
     notes: tuple[str, ...] = ()
     """Where the deck differs from the scene, one line each."""
+    before: Deck | None = None
+    """Statement of the same blocks whose supports and loads are a step before; None: from rest."""
+
+    @property
+    def stages(self) -> tuple[Deck, ...]:
+        """Statements of all steps, this one last."""
+        return (*(() if self.before is None else self.before.stages), self)
+
+    @property
+    def every_hold(self) -> tuple[Hold, ...]:
+        """Supports of all steps."""
+        return tuple(hold for stage in self.stages for hold in stage.holds)
+
+    @property
+    def every_load(self) -> tuple[DeckLoad, ...]:
+        """Loads of all steps."""
+        return tuple(load for stage in self.stages for load in stage.loads)
 
     @cached_property
     def offsets(self) -> FloatArray:
@@ -419,7 +436,7 @@ def check_deck(deck: Deck, elements: Mapping[ElementType, str] = ELEMENT_NAMES) 
         raise DeckError(
             "initial: a static step has no initial motion; remove it, or choose --flavour general"
         )
-    for hold in deck.holds:
+    for hold in deck.every_hold:
         first, last = hold.components[0], hold.components[-1]
         if hold.components != tuple(range(first, last + 1)):
             raise DeckError(f"support of block {hold.block}: components are not consecutive")
@@ -433,8 +450,8 @@ def check_deck(deck: Deck, elements: Mapping[ElementType, str] = ELEMENT_NAMES) 
 def _check_references(deck: Deck) -> None:
     """Refuse supports and loads on faces or nodes that a block does not have."""
     shape = deck.assembly.shape
-    named = [(hold.block, hold.face) for hold in deck.holds if hold.face is not None]
-    for load in deck.loads:
+    named = [(hold.block, hold.face) for hold in deck.every_hold if hold.face is not None]
+    for load in deck.every_load:
         if isinstance(load, NodalForceLoad):
             for block, node in zip(load.blocks.tolist(), load.nodes.tolist(), strict=True):
                 if not 0 <= node < shape(block).mesh.n_nodes:

@@ -25,8 +25,12 @@ _ALONG = 1e-9
 _SPRING = "SPRING1"
 
 
-def holds_on(assembly: Assembly, held: tuple[HeldFace, ...]) -> tuple[Hold, ...]:
-    """Supports without springs, components of different ways apart.
+#: Names of node sets by block and nodes.
+Regions = dict[tuple[int, tuple[int, ...]], str]
+
+
+def holds_on(assembly: Assembly, held: tuple[HeldFace, ...], regions: Regions) -> tuple[Hold, ...]:
+    """Supports without springs, components of different ways apart; new regions get a name.
 
     Raises
     ------
@@ -34,16 +38,18 @@ def holds_on(assembly: Assembly, held: tuple[HeldFace, ...]) -> tuple[Hold, ...]
         Directions that are no world axes.
     """
     result: list[Hold] = []
-    for number, support in enumerate(held, start=1):
+    for support in held:
         if support.spring is not None:
             continue
-        region = not isinstance(support.face, str)
-        nodes = region_nodes(assembly, support.block, support.face).tolist() if region else None
+        nodes, region = None, ""
+        if not isinstance(support.face, str):
+            nodes = tuple(region_nodes(assembly, support.block, support.face).tolist())
+            region = regions.setdefault((support.block, nodes), f"REGION-{len(regions) + 1}")
         base = Hold(
             support.block,
             face=None if region else str(support.face),
-            nodes=None if nodes is None else tuple(nodes),
-            region=f"REGION-{number}" if region else "",
+            nodes=nodes,
+            region=region,
             path=support.path if support.moves else (),
         )
         result += _by_components(base, support)
@@ -140,7 +146,7 @@ def spring_lines(
 
 def moving_paths(deck: Deck) -> dict[tuple[tuple[float, float], ...], str]:
     """Tables by which supports move, and the names of their amplitudes."""
-    paths = dict.fromkeys(hold.path for hold in deck.holds if hold.displacement and hold.path)
+    paths = dict.fromkeys(hold.path for hold in deck.every_hold if hold.displacement and hold.path)
     return {path: f"MOTION-{number}" for number, path in enumerate(paths, start=1)}
 
 
@@ -161,7 +167,8 @@ def holds_frame(deck: Deck) -> bool:
 
 
 def held_lines(deck: Deck, target: Callable[[Hold], str]) -> Iterator[str]:
-    """Components that stay where they are; ``target`` names the nodes of a support."""
+    """Components that stay from rest on; ``target`` names the nodes of a support."""
+    deck = deck.stages[0]
     still = [hold for hold in deck.holds if not hold.displacement]
     if still:
         yield "**"
@@ -174,21 +181,41 @@ def held_lines(deck: Deck, target: Callable[[Hold], str]) -> Iterator[str]:
         yield f"{target(hold)}, {hold.components[0] + 1}, {hold.components[-1] + 1}"
 
 
-def moved_lines(deck: Deck, target: Callable[[Hold], str]) -> Iterator[str]:
-    """Components that move in the step, with their amplitude."""
-    names = moving_paths(deck)
+def step_support_lines(deck: Deck, target: Callable[[Hold], str]) -> Iterator[str]:
+    """Components that move in the step, with their amplitude; all, if others are held than before.
+
+    Components that go are taken back by op=NEW, beside which all others are stated again.
+    """
+    names, ramp = moving_paths(deck), deck.step.ramp_time > 0.0 and deck.before is None
+    known = {} if deck.before is None else _components(deck.before)
+    anew: dict[str, str | None] = {}
+    if known.keys() - _components(deck).keys():
+        anew, known = {"op": "NEW"}, {}
     for hold in deck.holds:
-        if not hold.displacement:
+        if deck.before is None and not hold.displacement:
+            continue  # among the supports from rest on
+        if _components_of(hold).items() <= known.items():
             continue
-        name = names.get(hold.path, LOADING if deck.step.ramp_time > 0.0 else None)
-        yield keyword("Boundary", **({} if name is None else {"amplitude": name}))
-        component = hold.components[0] + 1
-        yield f"{target(hold)}, {component}, {component}, {real(hold.displacement)}"
+        name = names.get(hold.path, LOADING if ramp else None)
+        yield keyword("Boundary", **anew, **({} if name is None else {"amplitude": name}))
+        first, last = hold.components[0] + 1, hold.components[-1] + 1
+        value = f", {real(hold.displacement)}" if hold.displacement or deck.before else ""
+        yield f"{target(hold)}, {first}, {last}{value}"
+
+
+def _components_of(hold: Hold) -> dict[tuple[object, ...], tuple[object, ...]]:
+    """Where each component of a support will be, by what it holds."""
+    nodes = hold.block, hold.face, hold.nodes
+    return {(*nodes, k): (hold.displacement, hold.path) for k in hold.components}
+
+
+def _components(deck: Deck) -> dict[tuple[object, ...], tuple[object, ...]]:
+    return {key: value for h in deck.holds for key, value in _components_of(h).items()}
 
 
 def region_sets(deck: Deck) -> dict[str, Hold]:
     """Node sets of regions without a name, by theirs in the deck."""
-    return {hold.region: hold for hold in deck.holds if hold.nodes is not None}
+    return {hold.region: hold for hold in deck.every_hold if hold.nodes is not None}
 
 
 def node_entries(nodes: IntArray | tuple[int, ...]) -> Iterator[str]:

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial import KDTree
 
-from fem.assembly.statement import Problem
+from fem.assembly.statement import Problem, before_motion
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw, LinearPenalty
 from fem.contact.pair_laws import PairLaws
@@ -123,7 +123,7 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
         motion=initial_motion(model, blocks, assembly),
     )
     if rough:
-        problem = _from_rest(problem)
+        problem = replace(problem, after=before_motion(problem, loaded=False))
     for stage, case in zip(stages[1:], cases[1:], strict=True):
         gravity = _gravity(stage, assembly.n_blocks)
         problem = replace(problem, load=case, gravity=gravity, after=problem)
@@ -211,18 +211,6 @@ def _acts(card: Card) -> bool:
     if card.keyword != "BOUNDARY":
         return True
     return any(len(row) > 3 and card.number(line, row[3] or "0") for line, row in card.rows())
-
-
-def _from_rest(problem: Problem) -> Problem:
-    """State of rest before a first stage in which loads, motions or an interference act at once."""
-    load = problem.load_case
-    moves = any(held.moves for held in load.held)
-    loads = len(load.block) or load.body_wrenches is not None or problem.gravity is not None
-    if not moves or not (loads or problem.clearance < 0.0):
-        return problem
-    still = tuple(replace(held, displacement=None, path=()) for held in load.held)
-    rest = replace(load, faces=(), lines=(), nodes=(), body_wrenches=None, held=still)
-    return replace(problem, after=replace(problem, load=rest, gravity=None))
 
 
 def _note_steps(model: ModelLines, steps: tuple[Step, ...], problem: Problem) -> None:
