@@ -23,6 +23,7 @@ from fem.decks.write import deck_lines
 from fem.element.hexahedron import ElementType
 from fem.static.solve import solve_static
 from geometry.errors import RefusedError
+from tests.verification.deck_press_fit import MU, block, block_pressure
 from validation.build.deck import build_deck
 from validation.build.deformable import scene_problem
 from validation.output.decks import solve_deck
@@ -359,6 +360,19 @@ def test_loads_and_then_motions_slide_with_friction() -> None:
     deck = deck_of_lines(changed("*Dload", both, bent))
     with pytest.raises(DeckError, match="without an amplitude beside one that bends"):
         deck.problem()
+
+
+def test_a_block_is_pushed_out_of_its_fit() -> None:
+    """Interference δ / (w / E + 1 / k) in the first step, μ p A along the wall in the second.
+
+    The deck that is written again has both steps.
+    """
+    deck = deck_of_lines(block(6))
+    again = deck_of_lines(list(deck_lines(rewritten(deck))))
+    assert [len(one.steps) for one in (deck, again)] == [2, 2]
+    for one in (deck, again):
+        (curve,) = solve_deck(one).report["motions"]
+        assert abs(curve["force"][-1]) == pytest.approx(MU * block_pressure() * 16.0, rel=1e-6)
 
 
 def test_words_of_symmetry_hold_the_components_of_their_planes() -> None:

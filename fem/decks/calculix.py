@@ -112,6 +112,8 @@ def check_calculix(deck: Deck) -> None:
         raise DeckError(
             "effects.friction.stick_stiffness is missing: CalculiX has no default for it [MPa/mm]"
         )
+    if deck.clearance < 0.0:
+        _check_interference(deck)
     if explicit and rayleigh is not None and rayleigh.stiffness_proportional:
         raise DeckError(
             f"effects.rayleigh.stiffness_proportional: got {rayleigh.stiffness_proportional}; "
@@ -124,6 +126,23 @@ def check_calculix(deck: Deck) -> None:
         )
     if explicit and deck.step.time_step is None:
         raise DeckError("fem.time_step is missing: CalculiX needs it for explicit dynamics [s]")
+
+
+#: Distance over the root of a node's area beyond which CalculiX has no spring.
+_REACH = 1.0e-3
+
+
+def _check_interference(deck: Deck) -> None:
+    """Refuse an interference beyond which CalculiX loses the springs that are to press."""
+    shapes = deck.assembly.shapes
+    areas = [s.surface(face).areas.min() for s in shapes for face in s.contact_faces]
+    reach = _REACH * 0.5 * float(np.sqrt(min(areas)))
+    if -deck.clearance > reach:
+        raise DeckError(
+            f"contact.clearance: got {deck.clearance:g} mm; CalculiX loses nodes that are apart by "
+            f"more than {reach:.2g} mm on this mesh, and solves another problem without a warning: "
+            "expected --flavour standard, or a smaller interference"
+        )
 
 
 # ---------------------------------------------------------------------------------------------

@@ -244,14 +244,14 @@ def follow_up(
     points: FacingPoints,
     search_anew: Callable[[StaticProblem, StaticState], tuple[StaticProblem, StaticState]],
     begin: FloatArray,
-    elastic: ElasticSlips | None = None,
+    before: ElasticSlips | None = None,
 ) -> tuple[StaticProblem, StaticState]:
     """Apply the load in parts; points follow the motion until they stay.
 
     ``search_anew`` gives the problem on the points of the place that a state has; slips count from
-    the displacements ``begin``, and are ``elastic`` there.
+    the displacements ``begin``, and are those of ``before`` there.
     """
-    elastic, first, rest = elastic or ElasticSlips.none(points), True, begin
+    elastic, first, rest = before or ElasticSlips.none(points), True, begin
 
     def step(
         problem: StaticProblem, state: StaticState, begin: FloatArray

@@ -161,7 +161,7 @@ def _load(
             points=points,
             search_anew=anew,
             begin=slips,
-            elastic=elastic,
+            before=elastic,
         )
     elif before:
         first = replace(first, anchor=before[0])

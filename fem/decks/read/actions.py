@@ -36,7 +36,8 @@ class Actions:
     """Local axes of nodes that *Transform turns, unit vectors, each (3, 3)."""
     reference: dict[tuple[int, int], dict[int, _Value]] = field(default_factory=dict)
     """Components 0 to 5 of reference nodes of rigid bodies, by instance and number."""
-    names: dict[tuple[int, int], str] = field(default_factory=dict)
+    names: dict[tuple[int, int, int], str] = field(default_factory=dict)
+    """Of the set that first holds a component of a node."""
     faces: list[FaceLoad] = field(default_factory=list)
     forces: list[tuple[int, FloatArray, FloatArray]] = field(default_factory=list)
     """Block, place and force."""
@@ -175,7 +176,8 @@ def _boundary(actions: Actions, card: Card, step: Step | None) -> None:
         in_solids = {k: v for k, v in stated.items() if k < 3}
         for block, indices in actions.blocks.located(nodes).items():
             for index in indices.tolist():
-                actions.names.setdefault((block, index), name)
+                for component in in_solids:
+                    actions.names.setdefault((block, index, component), name)
                 actions.held.setdefault((block, index), {}).update(in_solids)
 
 
@@ -298,6 +300,7 @@ def _held_faces(actions: Actions, block: int) -> list[HeldFace]:
     elements that are split, or of degree 2, have nodes that the deck does not have.
     """
     alike: dict[tuple[bytes, _Value], list[int]] = {}
+    names: dict[tuple[bytes, _Value], str] = {}
     for (number, node), stated in actions.held.items():
         if number != block:
             continue
@@ -306,18 +309,19 @@ def _held_faces(actions: Actions, block: int) -> list[HeldFace]:
         for component, value in stated.items():
             along = np.eye(3)[component] if axes is None else np.round(axes[component], 12) + 0.0
             alike.setdefault((along.tobytes(), value), []).append(node)
+            names.setdefault((along.tobytes(), value), actions.names[block, node, component])
     together: dict[
-        tuple[tuple[int, ...], tuple[tuple[float, float], ...]], list[tuple[FloatArray, float]]
+        tuple[tuple[int, ...], str, tuple[tuple[float, float], ...]],
+        list[tuple[FloatArray, float]],
     ] = {}
     for (direction, (moved, path)), members in alike.items():
         along = np.frombuffer(direction)
-        key = tuple(sorted(members)), path if moved else ()
+        key = tuple(sorted(members)), names[direction, (moved, path)], path if moved else ()
         together.setdefault(key, []).append((along / np.linalg.norm(along), moved))
     result = []
-    for (nodes, path), parts in together.items():
+    for (nodes, name, path), parts in together.items():
         rows = np.array([along for along, _ in parts])
         way = np.array([moved for _, moved in parts]) @ rows
-        name = actions.names[block, nodes[0]]
         where = _where(actions.blocks, block, np.array(nodes), name)
         held = None if len(rows) == 3 else rows
         there = way if way.any() else None
