@@ -210,13 +210,7 @@ class Lazy(Mapping[str, Value]):
         self._names = tuple(dict.fromkeys((*self._makers, *self._known)))
 
     def __getitem__(self, name: str) -> Value:
-        """Return a value; computed once.
-
-        Raises
-        ------
-        AnswerError
-            For a name that is not there.
-        """
+        """Return a value; computed once."""
         if name not in self._known:
             if name not in self._makers:
                 raise AnswerError(f"got {name!r}; expected one of {', '.join(self._names)}")

@@ -296,13 +296,7 @@ def _loaded_facets(assembly: Assembly, load: FaceLoad) -> LoadedFacets:
 
 
 def _loaded_edges(assembly: Assembly, load: LineLoad) -> LoadedEdges:
-    """Edges of the surfaces of blocks that lie on a line.
-
-    Raises
-    ------
-    LoadCaseError
-        A line on which no edge lies.
-    """
+    """Edges of the surfaces of blocks that lie on a line."""
     block, quads, side = [], [], []
     for number in load.blocks.tolist():
         result, first = region_edges(assembly, number, load.start, load.end)

@@ -223,13 +223,7 @@ def _in_contact_forces(
     grids: tuple[GridBlock, ...],
     start: StaticResult | None,
 ) -> StaticResult:
-    """Solve frictionless structured blocks in their contact forces: no history, so no load steps.
-
-    Raises
-    ------
-    StaticError
-        Where the iteration does not converge.
-    """
+    """Solve frictionless structured blocks in their contact forces: no history, no load steps."""
     clock = time.process_time()
     solve = partial(solve_in_contact_forces, system, grids, tolerance=options.tolerance)
     before = None if start is None else localised(system, start)

@@ -100,13 +100,7 @@ def _flat(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _check_sampled(outline: WallBlock, divisions: tuple[int, int, int], profile: Profile) -> None:
-    """Reject elements whose corners meet a joint only near its zeros: the wall would be plain.
-
-    Raises
-    ------
-    AssemblyError
-        Naming the amplitude that would be left.
-    """
+    """Reject elements whose corners meet a joint only near its zeros: the wall would be plain."""
     x = np.linspace(-0.5, 0.5, divisions[0] + 1) * outline.width
     y = np.linspace(0.0, outline.thickness, divisions[1] + 1)
     reached = float(np.abs(profile(x[:, None], y)).max())

@@ -101,11 +101,6 @@ def _triangles_of_polygons(name: str, points: FloatArray, polygons: IntArray) ->
     -------
     IntArray
         (n_polygons (n_corners - 2), 3), turned as the polygons are.
-
-    Raises
-    ------
-    MeshError
-        For a polygon that crosses itself or has no area.
     """
     n = polygons.shape[1]
     if n == 3:

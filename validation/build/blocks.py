@@ -31,13 +31,7 @@ class HexahedralBlocks:
 
 
 def require_assembly(scene: DeformableScene, name: str, command: str) -> AssemblyScene:
-    """Return the scene if its blocks meet each other.
-
-    Raises
-    ------
-    InputError
-        For a scene of a single box, or of triangulated blocks.
-    """
+    """Return the scene if its blocks meet each other."""
     if isinstance(scene, AssemblyScene) and scene.meets:
         return scene
     if isinstance(scene, PolyhedralScene):
@@ -52,13 +46,7 @@ def require_assembly(scene: DeformableScene, name: str, command: str) -> Assembl
 
 
 def build_assembly(scene: AssemblyScene) -> Assembly:
-    """Build the blocks of a scene.
-
-    Raises
-    ------
-    RefusedError
-        When the parameters describe no assembly.
-    """
+    """Build the blocks of a scene."""
     assembly = scene.build()
     check_block_size(scene, assembly)
     return assembly
@@ -89,13 +77,7 @@ def build_weight(scene: DeformableScene, assembly: AnyBlocks) -> FloatArray | No
 
 
 def build_blocks(scene: AssemblyScene) -> HexahedralBlocks:
-    """Build blocks and load of a scene.
-
-    Raises
-    ------
-    RefusedError
-        When the parameters describe no assembly, or it cannot take the load.
-    """
+    """Build blocks and load of a scene."""
     assembly = build_assembly(scene)
     load = stated_load(scene, assembly, scene.build_load(assembly))
     return HexahedralBlocks(assembly, load, scene.unmatched(assembly))
@@ -113,13 +95,7 @@ class BuiltScene:
 
 
 def build_scene(file: SceneFile, *, command: str = "mbd") -> BuiltScene:
-    """Build what a scene describes; ``command`` is named where that is not enough for it.
-
-    Raises
-    ------
-    InputError
-        When it describes nothing that can be built.
-    """
+    """Build what a scene describes; ``command`` is named where that is not enough for it."""
     start = time.process_time()
     scene = require_assembly(file.scene, file.name, command)
     blocks = build_blocks(scene)

@@ -17,13 +17,7 @@ from validation.scene.read import DeformableScene
 
 
 def check_cell(scene: DeformableScene, name: str) -> RoundScene:
-    """Return the scene if a periodic cell can stand for it.
-
-    Raises
-    ------
-    InputError
-        Where the layers do not repeat: what breaks it, and what to do.
-    """
+    """Return the scene if a periodic cell can stand for it."""
     head, remedy = f'{name}: fem.symmetry = "periodic cell"', 'expected that, or "auto"'
     if not isinstance(scene, RoundScene):
         raise InputError(
@@ -59,13 +53,7 @@ def check_cell(scene: DeformableScene, name: str) -> RoundScene:
 
 
 def build_cell(scene: DeformableScene, name: str) -> Assembly:
-    """Two layers of a tube and the images that they meet.
-
-    Raises
-    ------
-    InputError
-        Where the layers do not repeat, or blocks that do not exist.
-    """
+    """Two layers of a tube and the images that they meet."""
     tube = check_cell(scene, name)
     with named(name):
         assembly = tube.build_cell()
@@ -74,13 +62,7 @@ def build_cell(scene: DeformableScene, name: str) -> Assembly:
 
 
 def refuse_cell(scene: DeformableScene, name: str, command: str) -> None:
-    """Reject a periodic cell where the whole tube is needed.
-
-    Raises
-    ------
-    InputError
-        For a scene with a periodic cell.
-    """
+    """Reject a periodic cell where the whole tube is needed."""
     if scene.is_cell:
         raise InputError(
             f'{name}: fem.symmetry: got "periodic cell"; `tubelock {command}` needs the whole '

@@ -47,11 +47,6 @@ def build_deck(file: SceneFile, flavour: Flavour | None = None) -> Deck:
 
     Without a flavour the deck follows the scene's method: static as a static step of
     Abaqus/Standard with contact pairs, explicit as Abaqus/Explicit with general contact.
-
-    Raises
-    ------
-    InputError
-        For a scene with a feature that the program has no words for, by name.
     """
     scene = file.scene
     with named(file.name):
@@ -120,13 +115,7 @@ def _as_written(joint: Joint, effects: EffectsSection) -> Joint:
 
 
 def _with_mass_scaling(deck: Deck, factor: float) -> Deck:
-    """Let every element allow a multiple of the least time step.
-
-    Raises
-    ------
-    InputError
-        For CalculiX, whose mass scaling is another one.
-    """
+    """Let every element allow a multiple of the least time step."""
     if deck.flavour is Flavour.CALCULIX:
         raise InputError(
             f"fem.mass_scaling: got {factor:g} with --flavour calculix, which scales no single "

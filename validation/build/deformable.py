@@ -38,13 +38,7 @@ from validation.scene.usage import unrecorded
 
 
 def fem_section(scene: DeformableScene, name: str) -> FemSection:
-    """How the scene is to be solved.
-
-    Raises
-    ------
-    InputError
-        Effects that are still to be decided, elements that the method lacks, or too many of them.
-    """
+    """How the scene is to be solved."""
     if scene.effects.auto is not None:
         raise InputError(
             f"{name}: effects.auto is decided by `tubelock fem` and `compare`; here, write the "
@@ -63,13 +57,7 @@ def fem_section(scene: DeformableScene, name: str) -> FemSection:
 
 
 def refuse_linear_keys(fem: FemSection, name: str) -> None:
-    """Reject kinds of elements that only those of degree 1 have.
-
-    Raises
-    ------
-    InputError
-        Naming the key.
-    """
+    """Reject kinds of elements that only those of degree 1 have."""
     for key in ("element", "precision") if fem.degree > 1 else ():
         value = getattr(fem, key)
         shown = getattr(value, "value", value)
@@ -86,15 +74,6 @@ def build_friction(
     """Friction of a scene; None where it names none.
 
     Joints that ``[[contact.pairs]]`` names have theirs; with sliding, any two blocks may meet.
-
-    Raises
-    ------
-    FrictionError
-        For a coefficient that cannot be used.
-    InputError
-        Friction of some joints without that of the others.
-    PairError
-        Joints that are none.
     """
     given = scene.effects.friction
     if given is None:
@@ -111,28 +90,14 @@ def build_friction(
 
 
 def build_law(scene: DeformableScene, assembly: AnyBlocks, *, sliding: bool) -> ContactLaw:
-    """Contact law of a scene, with those that ``[[contact.pairs]]`` have of their own.
-
-    Raises
-    ------
-    ContactLawError
-        For constants that make no law.
-    PairError
-        Joints that are none.
-    """
+    """Contact law of a scene, with those that ``[[contact.pairs]]`` have of their own."""
     law = scene.contact.built
     of_pairs = laws_of_pairs(scene, assembly, anywhere=sliding)
     return PairLaws(law, of_pairs) if of_pairs else law
 
 
 def build_effects(section: EffectsSection, fem: FemSection) -> Effects:
-    """Effects of a run.
-
-    Raises
-    ------
-    RefusedError
-        For effects that exclude each other.
-    """
+    """Effects of a run."""
     if fem.mass_scaling is not None and section.gravity is not None:
         raise InputError(
             f"fem.mass_scaling: got {fem.mass_scaling:g} beside effects.gravity; added mass would "
@@ -155,13 +120,7 @@ def build_effects(section: EffectsSection, fem: FemSection) -> Effects:
 
 
 def build_hexahedra(scene: DeformableScene, name: str) -> HexahedralBlocks:
-    """Build the blocks and the load of a scene, every block with hexahedra.
-
-    Raises
-    ------
-    InputError
-        When it describes nothing that can be built, or blocks without hexahedra.
-    """
+    """Build the blocks and the load of a scene, every block with hexahedra."""
     if scene.is_cell:
         cell = build_cell(scene, name)
         return HexahedralBlocks(cell, scene_load(scene, cell), ())
@@ -173,13 +132,7 @@ def build_hexahedra(scene: DeformableScene, name: str) -> HexahedralBlocks:
 
 
 def scene_load(scene: DeformableScene, assembly: Assembly) -> LoadCase:
-    """Build the load of a scene on blocks already built.
-
-    Raises
-    ------
-    InputError
-        When the blocks cannot take it.
-    """
+    """Build the load of a scene on blocks already built."""
     if isinstance(scene, PolyhedralScene):
         from validation.build.own_blocks import own_load
 
@@ -207,11 +160,6 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
 
     Where facets do not match, or the scene asks for it, contact searches facets that face each
     other (`Contact.finite_sliding`).
-
-    Raises
-    ------
-    InputError
-        When it describes nothing that can be solved.
     """
     fem, contact = fem_section(scene, name), scene.contact
     degree = element_degree(scene, blocks.assembly)
@@ -246,13 +194,7 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
 
 
 def scene_problem(scene: DeformableScene, name: str) -> Problem:
-    """State the problem of a scene.
-
-    Raises
-    ------
-    InputError
-        When it describes nothing that can be solved.
-    """
+    """State the problem of a scene."""
     blocks = build_hexahedra(scene, name)
     with named(name):
         problem = build_problem(scene, name, blocks)
@@ -264,13 +206,7 @@ def scene_problem(scene: DeformableScene, name: str) -> Problem:
 
 
 def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
-    """Build the deformable blocks of a scene.
-
-    Raises
-    ------
-    InputError
-        When it describes nothing that can be solved.
-    """
+    """Build the deformable blocks of a scene."""
     problem = scene_problem(scene, name)
     with named(name):
         return problem.deformable

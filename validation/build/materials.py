@@ -21,11 +21,6 @@ def build_material(section: MaterialSection) -> Material:
     """Material of a section.
 
     Its density, averaging radius and strengths count as read where answers are made with them.
-
-    Raises
-    ------
-    MaterialError
-        For constants no elastic material has.
     """
     kind = type(section)
     count(section, "name")  # constants may be those of a known name
@@ -35,15 +30,7 @@ def build_material(section: MaterialSection) -> Material:
 
 
 def build_materials(scene: DeformableScene, assembly: AnyBlocks) -> Material | tuple[Material, ...]:
-    """Material of all blocks, or of each one, (n_blocks,).
-
-    Raises
-    ------
-    InputError
-        Blocks that do not exist, blocks of two materials, materials without blocks.
-    MaterialError
-        For constants no elastic material has.
-    """
+    """Material of all blocks, or of each one, (n_blocks,)."""
     sections = _sections(scene, assembly)
     if sections is None:
         return build_material(scene.material)
@@ -55,13 +42,7 @@ def build_materials(scene: DeformableScene, assembly: AnyBlocks) -> Material | t
 
 
 def densities(scene: DeformableScene, assembly: AnyBlocks) -> float | FloatArray:
-    """Density of all blocks, or of each one, (n_blocks,) [t/mm³].
-
-    Raises
-    ------
-    InputError
-        As `build_materials`.
-    """
+    """Density of all blocks, or of each one, (n_blocks,) [t/mm³]."""
     sections = _sections(scene, assembly)
     count_materials(scene, "name")  # the density may be that of a known name
     if sections is None:
@@ -83,13 +64,7 @@ def count_materials(scene: DeformableScene, key: str) -> None:
 
 
 def compressive_strength(scene: DeformableScene) -> float | None:
-    """Compressive strength of all blocks [MPa]; None where none is stated.
-
-    Raises
-    ------
-    MaterialError
-        Blocks of different strengths.
-    """
+    """Compressive strength of all blocks [MPa]; None where none is stated."""
     key = "compressive_strength"
     sections = (scene.material, *scene.materials.values())
     strength = one_strength(key, (vars(section)[key] for section in sections))

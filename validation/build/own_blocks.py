@@ -37,13 +37,7 @@ from validation.scene.polyhedra import MeshScene, PartSection, PolyhedralScene
 
 
 def build_own_blocks(scene: PolyhedralScene, name: str) -> HexahedralBlocks:
-    """Build solids of a family or from files, with hexahedra.
-
-    Raises
-    ------
-    InputError
-        For input that describes no assembly, and for a block that cannot be meshed.
-    """
+    """Build solids of a family or from files, with hexahedra."""
     if scene.contact.spacing > 0.0:
         raise InputError(
             f"{name}: contact.spacing: got {scene.contact.spacing:g} mm, but these blocks have no "
@@ -117,13 +111,7 @@ def bare_joints(surfaces: PolyhedralAssembly) -> list[tuple[int, int]]:
 
 
 def own_load(scene: PolyhedralScene, assembly: Assembly) -> LoadCase:
-    """Variable loads on whole blocks; deformable blocks carry their weight node by node.
-
-    Raises
-    ------
-    InputError
-        A force on a block that does not exist.
-    """
+    """Variable loads on whole blocks; deformable blocks carry their weight node by node."""
     bodies = assembly
     if scene.fem.degree > 1:
         # Blocks of curved elements weigh what is within their curved faces.

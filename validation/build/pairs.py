@@ -38,13 +38,6 @@ def friction_of_pairs(
 
     ``anywhere``: any two blocks may come to touch; else those that touch are meant. Blocks that are
     named go before materials.
-
-    Raises
-    ------
-    PairError
-        Blocks or materials that do not touch, and pairs named twice.
-    AssemblyError
-        Blocks that do not exist.
     """
     given = [(p.between, p.friction) for p in stated_pairs(scene) if p.friction is not None]
     return _joints(scene, assembly, given, anywhere=anywhere)

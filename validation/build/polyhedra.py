@@ -87,13 +87,7 @@ def detection_options(section: DetectionSection) -> DetectionOptions:
 
 
 def build_polyhedra(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
-    """Build and check the blocks of a scene; names of files are relative to the folder.
-
-    Raises
-    ------
-    RefusedError
-        When the scene describes no assembly that can be meant.
-    """
+    """Build and check the blocks of a scene; names of files are relative to the folder."""
     detection = detection_options(scene.detection)
     if isinstance(scene, MeshScene):
         assembly = _from_files(scene, folder, detection)
@@ -105,13 +99,7 @@ def build_polyhedra(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
 
 
 def motion(place: PlaceSection) -> tuple[FloatArray, FloatArray]:
-    """Rotation (3, 3) and translation (3,) [mm] of a place.
-
-    Raises
-    ------
-    AssemblyError
-        An axis without direction, or an angle that no number of turns makes sense of.
-    """
+    """Rotation (3, 3) and translation (3,) [mm] of a place."""
     axis = np.array(place.axis)
     size = float(np.abs(axis).max())
     if size == 0.0:
@@ -179,11 +167,6 @@ def placed_blocks(
         Its parts.
     read
         Reads the blocks of a part's file, and the solids that it gives.
-
-    Raises
-    ------
-    AssemblyError
-        For a number or a name that no block has.
     """
     blocks: list[tuple[Shape, FloatArray, FloatArray]] = []
     held: list[bool] = []
@@ -225,26 +208,14 @@ class BodyLoads:
 
 
 def build_body_loads(scene: PolyhedralScene, assembly: AnyBlocks) -> BodyLoads:
-    """Build weight, accelerations and point forces.
-
-    Raises
-    ------
-    InputError
-        For a force on a block that does not exist.
-    """
+    """Build weight, accelerations and point forces."""
     weight = build_weight(scene, assembly)
     dead = np.zeros((assembly.n_blocks, 6)) if weight is None else weight
     return BodyLoads(dead, build_live_load(scene, assembly))
 
 
 def build_live_load(scene: PolyhedralScene, assembly: AnyBlocks) -> FloatArray:
-    """Accelerations and point forces about each block's centroid, (n_blocks, 6) [N, N mm].
-
-    Raises
-    ------
-    InputError
-        For a force on a block that does not exist.
-    """
+    """Accelerations and point forces about each block's centroid, (n_blocks, 6) [N, N mm]."""
     live = body_forces(scene, assembly, scene.load.acceleration)
     for push in scene.load.forces:
         if push.block >= assembly.n_blocks:

@@ -11,13 +11,7 @@ from validation.scene.sections import WholeScene
 
 
 def scene_planes(scene: WholeScene, assembly: AnyBlocks) -> Planes | None:
-    """Planes of a scene; None where it has none.
-
-    Raises
-    ------
-    AssemblyError, SectionError
-        A block that is not there, or what is no plane.
-    """
+    """Planes of a scene; None where it has none."""
     if not scene.sections:
         return None
     result = []

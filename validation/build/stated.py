@@ -29,13 +29,7 @@ _FAMILIES = {SineBlockParameters: "sine", HexagonBlockParameters: "hexagon"}
 
 
 def stated_scene(problem: Problem) -> dict[str, Any]:
-    """Data of the scene that states a problem.
-
-    Raises
-    ------
-    InputError
-        A problem that no scene with parameters states; the part that it lacks.
-    """
+    """Data of the scene that states a problem."""
     data = {key: value for key, value in _sections(problem).items() if value}
     scene = check_scene(data, "problem")
     assert isinstance(scene, DeformableScene)

@@ -39,15 +39,7 @@ _FLAT = 1e-6
 
 
 def stated_load(scene: DeformableScene, assembly: AnyBlocks, load: LoadCase) -> LoadCase:
-    """Put what ``[[supports]]``, ``[[loads]]`` and ``load.push`` state on top of a load.
-
-    Raises
-    ------
-    AssemblyError
-        A block that does not exist.
-    InputError
-        A region that no block has, or a block that is fixed.
-    """
+    """Put what ``[[supports]]``, ``[[loads]]`` and ``load.push`` state on top of a load."""
     supports, loads, push = scene.supports, scene.loads, scene.push
     if not (supports or loads or push):
         return load
@@ -84,13 +76,7 @@ def stated_load(scene: DeformableScene, assembly: AnyBlocks, load: LoadCase) -> 
 
 
 def _refuse_taken(assembly: AnyBlocks, load: LoadCase) -> None:
-    """Reject a load of which nothing reaches its block: supports hold its facets in its direction.
-
-    Raises
-    ------
-    InputError
-        Naming both.
-    """
+    """Reject a load that never reaches its block: supports hold its facets in its direction."""
     for held in load.held:
         if held.spring is not None:
             continue
@@ -135,13 +121,7 @@ def held_at_faces(scene: DeformableScene) -> bool:
 
 
 def _refuse_fixed(scene: DeformableScene, assembly: AnyBlocks) -> None:
-    """Reject fixed blocks that are supported, loaded or pushed: nothing would come of it.
-
-    Raises
-    ------
-    InputError
-        Naming key and block.
-    """
+    """Reject fixed blocks that are supported, loaded or pushed: nothing would come of it."""
     if held_at_faces(scene):
         return
     chosen = [(f"supports[{k}].blocks", one.blocks) for k, one in enumerate(scene.supports)]
@@ -159,13 +139,7 @@ def _refuse_fixed(scene: DeformableScene, assembly: AnyBlocks) -> None:
 
 
 def _blocks(assembly: AnyBlocks, one: RegionSection, where: Where, place: str) -> IntArray:
-    """Blocks that are meant: those that are named, else all that have the region.
-
-    Raises
-    ------
-    InputError
-        Where none has it.
-    """
+    """Blocks that are meant: those that are named, else all that have the region."""
     if one.blocks is not None:
         return chosen_blocks(f"{place}.blocks", one.blocks, assembly)
     result = blocks_with(assembly, where)

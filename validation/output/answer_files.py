@@ -110,13 +110,7 @@ def _measure(data: Mapping[str, Any]) -> Measure:
 
 
 def read_answer(folder: Path) -> Answer:
-    """Read an answer that was written; `details`, the solver's own result, is not kept.
-
-    Raises
-    ------
-    InputError
-        A folder without an answer, or a damaged one.
-    """
+    """Read an answer that was written; `details`, the solver's own result, is not kept."""
     for name in FILES[:2]:
         why = unreadable(folder / name)
         if why is not None:

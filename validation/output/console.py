@@ -68,13 +68,7 @@ def _console(*, stderr: bool = False, file: IO[str] | None = None) -> Console:
 
 
 def measuring(about: str | None, width: int, **flags: str) -> tuple[argparse.Namespace, Console]:
-    """What a program that measures is asked, and its console: ``--json FILE|-`` and flags.
-
-    Raises
-    ------
-    InputError
-        For a file that cannot be written.
-    """
+    """What a program that measures is asked, and its console: ``--json FILE|-`` and flags."""
     parser = argparse.ArgumentParser(description=about)
     parser.add_argument("--json", metavar="FILE|-")
     for flag, words in flags.items():

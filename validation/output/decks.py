@@ -52,13 +52,7 @@ class WrittenDeck:
 
 
 def export_deck(file: SceneFile, flavour: Flavour | None, path: Path) -> WrittenDeck:
-    """Write the deck of a scene, whole or not at all.
-
-    Raises
-    ------
-    InputError
-        For a scene that the program has no words for, or a path that cannot be written.
-    """
+    """Write the deck of a scene, whole or not at all."""
     start = time.process_time()
     if path.suffix.lower() != ".inp":
         raise InputError(f"-o {path}: expected a file name that ends in .inp")
@@ -113,13 +107,7 @@ def run_command(deck: Deck, path: Path) -> str:
 
 
 def read_file(path: Path, dialect: str | None) -> InputDeck:
-    """Read a deck, and check all that a solution checks before it begins.
-
-    Raises
-    ------
-    InputError
-        With the line that is not covered.
-    """
+    """Read a deck, and check all that a solution checks before it begins."""
     try:
         deck = read_deck(path, dialect=dialect)
     except RefusedError as error:
@@ -132,13 +120,7 @@ def read_file(path: Path, dialect: str | None) -> InputDeck:
 
 
 def solve_deck(deck: InputDeck) -> Answer:
-    """Solve a deck on its own mesh: static equilibrium or explicit dynamics.
-
-    Raises
-    ------
-    RefusedError
-        As `fem.solve_static` and `fem.solve_explicit`.
-    """
+    """Solve a deck on its own mesh: static equilibrium or explicit dynamics."""
     from fem import solve_explicit, solve_static
 
     problem = deck.problem()
@@ -210,13 +192,7 @@ def largest_strain(problem: Problem, answer: Answer) -> float:
 
 
 def rewrite(deck: InputDeck, path: Path) -> WrittenDeck:
-    """Write a deck that was read, in the words of its program.
-
-    Raises
-    ------
-    InputError
-        What the program has no words for.
-    """
+    """Write a deck that was read, in the words of its program."""
     start = time.process_time()
     if path.suffix.lower() != ".inp":
         raise InputError(f"--write {path}: expected a file name that ends in .inp")

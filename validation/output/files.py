@@ -26,13 +26,7 @@ PAGES = (".html", ".htm")
 
 
 def prepare_folder(folder: Path) -> Path:
-    """Create a folder and make sure that it can be written, before any work is done.
-
-    Raises
-    ------
-    InputError
-        When it cannot.
-    """
+    """Create a folder and make sure that it can be written, before any work is done."""
     taken = next((f for f in (folder, *folder.parents) if f.is_file()), None)
     if taken is not None:
         raise InputError(f"{taken}: is a file; expected a folder, or a name that is free")
@@ -68,13 +62,7 @@ def output_folder(folder: Path | None) -> Iterator[None]:
 
 
 def prepare_file(path: Path) -> Path:
-    """Make sure that a file can be written later; nothing is created but its folder.
-
-    Raises
-    ------
-    InputError
-        When it cannot.
-    """
+    """Make sure that a file can be written later; nothing is created but its folder."""
     if path.is_dir():
         raise InputError(f"{path}: is a folder; expected the name of a file to write")
     if path.exists() and not path.is_file():
@@ -96,13 +84,7 @@ def require_picture(path: Path) -> None:
 
 
 def picture_file(given: Path | None, default: Path, scene: SceneFile) -> Path:
-    """Where the picture of a scene goes: by default with the ending that the scene asks for.
-
-    Raises
-    ------
-    InputError
-        For an ending of no picture, or another than the scene asks for.
-    """
+    """Where the picture of a scene goes: by default with the ending that the scene asks for."""
     requested = scene.scene.pictures
     if given is None:
         return default.with_suffix(f".{requested.format}")

@@ -65,13 +65,7 @@ class Outputs:
         return text_console(self.json)
 
     def __enter__(self) -> Self:
-        """Reject outputs that would replace something this call needs, and make folders.
-
-        Raises
-        ------
-        InputError
-            Naming the two that are one, or what cannot be written.
-        """
+        """Reject outputs that would replace something this call needs, and make folders."""
         self.names = tuple(self._as_drawn(name) for name in self.names)
         named = list(self._named())
         self._refuse_inputs(named)

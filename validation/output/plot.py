@@ -32,11 +32,6 @@ def plot(answer: Answer, field: str, *, layer: int | None = None, unrolled: bool
     unrolled
         Whether facets of a tube lie side by side, the angle about its axis to the right and the
         height upwards.
-
-    Raises
-    ------
-    InputError
-        A field that the answer does not have, or a layer without blocks.
     """
     if field in answer.contacts and field in _of_facets(answer):
         corners, values = _of_contacts(answer, field, layer)

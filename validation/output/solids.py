@@ -134,13 +134,7 @@ class FileCheck:
 
 
 def check_file(path: Path, *, units: str, up: str, repair: bool) -> FileCheck:
-    """Read a file and look for all that keeps its blocks from being analysed.
-
-    Raises
-    ------
-    InputError
-        A file that cannot be read.
-    """
+    """Read a file and look for all that keeps its blocks from being analysed."""
     try:
         result = diagnosed_blocks(path, units=units, repair=repair)
     except MeshError as error:
@@ -213,13 +207,7 @@ def _distance(assembly: PolyhedralAssembly, a: int, b: int) -> float:
 
 
 def write_repaired(path: Path, output: Path, *, units: str, up: str) -> FileCheck:
-    """Mend the blocks of a file and write them again, in mm with z up.
-
-    Raises
-    ------
-    InputError
-        A file that cannot be read or written, or a block that stays faulty: nothing is written.
-    """
+    """Mend the blocks of a file and write them again, in mm with z up."""
     if output.suffix.lower() not in SOLID_SUFFIXES:
         raise InputError(f"-o {output}: expected a name that ends in .obj or .json (compas)")
     check = check_file(path, units=units, up=up, repair=True)

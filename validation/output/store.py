@@ -114,11 +114,6 @@ class Store:
         """Open or create the file, and check all of it.
 
         A file on a disk that cannot be written is read.
-
-        Raises
-        ------
-        InputError
-            When it cannot be read, is none of ours, of another format or layout, or damaged.
         """
         self.path = path
         self.layout = layout
@@ -254,13 +249,7 @@ class Store:
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Be the only one that computes for this file.
-
-        Raises
-        ------
-        InputError
-            When another process does, or the file cannot be written.
-        """
+        """Be the only one that computes for this file."""
         if not self.writable:
             raise InputError(
                 f"{self.path}: lies where nothing can be written, and results are missing in it; "
@@ -284,13 +273,7 @@ class Store:
     # Rows
 
     def put(self, key: str, values: Mapping[str, Any]) -> None:
-        """Write one row, in the place of an earlier one with the same key.
-
-        Raises
-        ------
-        InputError
-            When the disk is full or the file cannot be written; earlier rows stay.
-        """
+        """Write one row, in the place of an earlier one with the same key."""
         with self._clear_errors():
             self._insert({**values, "program": program(), "key": key})
 
@@ -306,13 +289,7 @@ class Store:
         )
 
     def renew(self, change: Callable[[dict[str, Any]], Mapping[str, Any]]) -> None:
-        """Make the tables anew for this layout, each row changed: all of it is done, or nothing.
-
-        Raises
-        ------
-        InputError
-            When the disk is full or the file cannot be written; it stays as it was.
-        """
+        """Make the tables anew for this layout, each row changed: all of it is done, or nothing."""
         with self._clear_errors(), self._transaction():
             cursor = self._connection.execute("SELECT * FROM rows")
             names = [column[0] for column in cursor.description]
@@ -420,11 +397,6 @@ def rescue(path: Path, new: Path) -> tuple[int, int]:
     -------
     tuple[int, int]
         Rows copied, and rows found but damaged; of a lost page nobody knows how many it held.
-
-    Raises
-    ------
-    InputError
-        When nothing can be read, or the new file is there already.
     """
     refuse_others(path)
     why = unreadable(path)

@@ -128,13 +128,7 @@ class SceneReport:
 def report_scene(
     file: SceneFile, *, deformable: bool = True, tell: Tell = lambda _: None
 ) -> SceneReport:
-    """Compute the answers that a report shows; ``tell`` is called with a line before each.
-
-    Raises
-    ------
-    InputError
-        A scene that neither rigid nor deformable blocks answer.
-    """
+    """Compute the answers that a report shows; ``tell`` is called with a line before each."""
     failed: dict[str, str] = {}
     tell(f"{file.name}: rigid blocks")
     rigid = _tried(failed, "rigid", lambda: rigid_answer(file))

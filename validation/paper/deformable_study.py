@@ -57,13 +57,7 @@ Rows = dict[Design, dict[str, Any]]
 
 
 def read_rows(path: Path) -> Rows:
-    """Rows of a study from the CSV that `tubelock sweep --csv` writes, by design.
-
-    Raises
-    ------
-    InputError
-        A file that cannot be read, or has other columns.
-    """
+    """Rows of a study from the CSV that `tubelock sweep --csv` writes, by design."""
     result: Rows = {}
     for row in read_csv(path):
         try:

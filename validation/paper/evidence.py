@@ -84,13 +84,7 @@ def _design(key: Iterable[float]) -> Design:
 
 
 def read_table(results: ResultFile) -> StudyTable:
-    """Read a finished parameter study.
-
-    Raises
-    ------
-    InputError
-        When a design failed.
-    """
+    """Read a finished parameter study."""
     rows = {_design(row[path] for path in PATHS): row for row in results.rows()}
     failed = next((row for row in rows.values() if row["status"] != "ok"), None)
     if failed is not None:

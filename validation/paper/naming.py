@@ -20,13 +20,7 @@ T = TypeVar("T", bound=Named)
 
 
 def chosen_by_name(items: Iterable[T], names: list[str] | None, kind: str) -> list[T]:
-    """Return the items of some names, in that order, or all of them.
-
-    Raises
-    ------
-    InputError
-        For a name that none has, with the known ones; ``kind`` says what it should name.
-    """
+    """Return the items of some names, in that order, or all of them."""
     known = {item.name: item for item in items}
     for name in names or ():
         if name not in known:

@@ -66,11 +66,6 @@ def write_report(
     """Compute everything and write the report folder, whose parameter study is reused.
 
     Returns the page to open.
-
-    Raises
-    ------
-    InputError
-        When the folder cannot be written.
     """
     prepare_folder(folder)
     evidence = Evidence(

@@ -18,13 +18,7 @@ DEFAULT_TARGETS = dict(TARGETS)
 
 
 def parse_targets(texts: list[str]) -> dict[str, float]:
-    """Read ``p_max_point=3%`` and the like: relative errors [-] by measure.
-
-    Raises
-    ------
-    InputError
-        For anything else, and for a measure that is requested twice.
-    """
+    """Read ``p_max_point=3%`` and the like: relative errors [-] by measure."""
     result: dict[str, float] = {}
     names = ", ".join(("u", *TITLES))
     for text in texts:
@@ -54,11 +48,6 @@ def check_request(name: str, scene: DeformableScene, targets: Mapping[str, float
 
     Effects that ``[effects] auto`` leaves out may change p_max, p_eff and u by its tolerance, which
     no error bar holds: it may not exceed a request.
-
-    Raises
-    ------
-    InputError
-        For an explicit run, for one mesh, or for a tolerance above the smallest request.
     """
     if not targets:
         return
@@ -83,13 +72,7 @@ def check_request(name: str, scene: DeformableScene, targets: Mapping[str, float
 
 
 def refined(name: str, scene: DeformableScene, targets: Mapping[str, float]) -> Problem | None:
-    """Problem of a scene that is solved on finer and finer meshes; None: on its own.
-
-    Raises
-    ------
-    InputError
-        An accuracy requested of a run that does not refine.
-    """
+    """Problem of a scene that is solved on finer and finer meshes; None: on its own."""
     check_request(name, scene, targets)
     fem = fem_section(scene, name)
     if fem.method is not Method.STATIC or fem.mesh == "scene":
@@ -115,13 +98,7 @@ def refined(name: str, scene: DeformableScene, targets: Mapping[str, float]) -> 
 
 
 def refinable(name: str, scene: DeformableScene) -> tuple[Problem | None, str | None]:
-    """Problem of a static scene, and what stands against finer meshes; None where nothing does.
-
-    Raises
-    ------
-    RefusedError
-        A scene that cannot be solved at all.
-    """
+    """Problem of a static scene, and what stands against finer meshes; None where nothing does."""
     if scene.is_cell:
         return None, "a periodic cell"
     problem = scene_problem(scene, name)

@@ -116,13 +116,7 @@ def squeeze_words(scene: DeformableScene, assembly: Assembly) -> str | None:
 
 
 def require_held_by_faces(name: str, scene: DeformableScene, assembly: Assembly) -> None:
-    """Reject a static run of own blocks whose faces alone do not carry the load.
-
-    Raises
-    ------
-    InputError
-        With the motion, where one is certified and blocks neither move far nor close gaps.
-    """
+    """Reject a static run of own blocks whose faces alone do not carry the load."""
     moves = scene.effects.finite_sliding or scene.effects.finite_rotation
     if moves or not scene.meets or scene.contact.opened:
         return

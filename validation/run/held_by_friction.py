@@ -73,11 +73,6 @@ def require_held_by_friction(name: str, scene: DeformableScene) -> None:
     """Refuse a static run of blocks that slide or tip with a coefficient of friction.
 
     Costs one rigid equilibrium where contact alone holds the load.
-
-    Raises
-    ------
-    InputError
-        With the motion, where one is certified.
     """
     words = _moving_words(name, scene, 1.0)
     if words is not None:

@@ -66,13 +66,7 @@ _FINE = 200.0
 
 
 def run_scene(name: str, scene: DeformableScene, problem: Problem | None = None) -> DeformableRun:
-    """Solve a scene, or another statement of its problem, by its own method.
-
-    Raises
-    ------
-    InputError
-        A scene that cannot be solved, or a run that was interrupted.
-    """
+    """Solve a scene, or another statement of its problem, by its own method."""
     if fem_section(scene, name).method is Method.STATIC:
         return run_static(name, scene, problem=problem)
     from fem.explicit.solve import Status
@@ -153,11 +147,6 @@ def run_as_asked(
     ``stated`` are relative errors to reach by measure, however long it takes; where none are
     stated, the ``default`` ones are sought within a fixed amount of work. ``progress`` is called
     before each mesh of a refinement.
-
-    Raises
-    ------
-    InputError
-        A scene that cannot be solved.
     """
     problem = refined(name, scene, stated)
     if problem is not None:
@@ -175,11 +164,6 @@ def with_factors(run: DeformableRun) -> DeformableRun:
     """Return a run whose whole answer is shown: a static one has the load factors of strengths.
 
     The density counts as read: the answer has the mass.
-
-    Raises
-    ------
-    InputError
-        Blocks of different strengths.
     """
     count_materials(run.scene, "density")
     if run.solution.static is None:
@@ -260,11 +244,6 @@ def run_static(
     Runs that share a ``store`` condense the same blocks once; ``on_frame`` is called with the
     states of the load steps; ``load_path`` are their load factors where the load shall not go
     straight up.
-
-    Raises
-    ------
-    InputError
-        Input that cannot be solved, or a run that found no equilibrium.
     """
     with stages() as watch:
         fem = fem_section(scene, name)
@@ -303,11 +282,6 @@ def run_converged(
     """Solve the blocks of a scene on finer and finer meshes: see `fem.accuracy.converge`.
 
     ``problem``: that of the scene, where it has been built.
-
-    Raises
-    ------
-    InputError
-        Input that cannot be solved or refined, or a run that found no equilibrium.
     """
     with stages() as watch:
         fem = fem_section(scene, name)
@@ -444,11 +418,6 @@ def scene_statement(
     """State the explicit problem of a scene.
 
     Times that the scene does not give are those that its lowest excited frequency recommends.
-
-    Raises
-    ------
-    InputError
-        When its effects or its symmetry do not fit.
     """
     from fem.explicit.setup.statement import explicit_statement
 
@@ -507,11 +476,6 @@ def run_explicit(
     resumed as `fem.explicit.solve.solve` does.
 
     A run whose contact grows stiffer than its time step allows starts again with a shorter one.
-
-    Raises
-    ------
-    InputError
-        Input that cannot be run, or a run that went unstable (with the remedy).
     """
     from fem.dynamics import explicit_answer
     from fem.explicit.solve import Output

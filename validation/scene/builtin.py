@@ -22,13 +22,7 @@ def builtin_names(kind: str = "scene") -> list[str]:
 
 
 def builtin_text(name: str, kind: str = "scene") -> str:
-    """TOML text of a built-in scene.
-
-    Raises
-    ------
-    InputError
-        For an unknown name, with the nearest ones.
-    """
+    """TOML text of a built-in scene."""
     known, folder = builtin_names(kind), _FOLDERS[kind]
     if name not in known:
         near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)

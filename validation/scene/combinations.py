@@ -30,13 +30,7 @@ def load_names(scene: DeformableSections) -> tuple[str, ...]:
 
 
 def combined(scene: AnyScene, name: str) -> AnyScene:
-    """Scene with the loads of one of its combinations.
-
-    Raises
-    ------
-    InputError
-        A combination that the scene does not have, or a name of no load in it.
-    """
+    """Scene with the loads of one of its combinations."""
     if name not in scene.combinations:
         known = ", ".join(scene.combinations) or "none"
         raise InputError(f"combinations: got {name!r}, expected one of {known}")

@@ -39,13 +39,7 @@ class _LawSection(_LawKeys):  # type: ignore[misc]
 
     @property
     def built(self) -> ContactLaw:
-        """The law itself.
-
-        Raises
-        ------
-        ContactLawError
-            For constants that make no law.
-        """
+        """The law itself."""
         law = LAWS[self.law]
         given = {c.name: getattr(self, law.keys.get(c.name, c.name)) for c in fields(law)}
         return law(**{name: value for name, value in given.items() if value is not None})

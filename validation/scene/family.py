@@ -42,23 +42,11 @@ class AssemblyScene(DeformableSections):
             cls.families[kind] = cls
 
     def build(self) -> Assembly:
-        """Build the blocks.
-
-        Raises
-        ------
-        RefusedError
-            When the parameters describe no assembly.
-        """
+        """Build the blocks."""
         raise NotImplementedError
 
     def build_load(self, assembly: Assembly) -> LoadCase:
-        """Put the load on the blocks.
-
-        Raises
-        ------
-        RefusedError
-            When they cannot take it.
-        """
+        """Put the load on the blocks."""
         from geometry.loads import load_case, named_load
 
         load = self.load
@@ -97,13 +85,7 @@ class RoundScene(AssemblyScene):
         return float(self.block.thickness)  # type: ignore[attr-defined]
 
     def build_cell(self) -> Assembly:
-        """Build the two layers that a long tube repeats, and their images.
-
-        Raises
-        ------
-        RefusedError
-            When the parameters describe no tube.
-        """
+        """Build the two layers that a long tube repeats, and their images."""
         raise NotImplementedError
 
 

@@ -89,13 +89,7 @@ def _case(scene: Any) -> str | None:
 
 
 def check_block_size(scene: WholeScene, assembly: AnyBlocks) -> None:
-    """Reject blocks that cannot be measured in millimetres, unless the scene says they are.
-
-    Raises
-    ------
-    AssemblyError
-        With what to do.
-    """
+    """Reject blocks that cannot be measured in millimetres, unless the scene says they are."""
     if _BLOCK_SIZE in scene.plausibility.accept:
         return
     try:

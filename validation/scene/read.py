@@ -77,13 +77,7 @@ def _read(source: str) -> tuple[str, str]:
 
 
 def read_text(path: Path, expected: str) -> str:
-    """Text of a file that people wrote.
-
-    Raises
-    ------
-    InputError
-        Where there is none, naming what is expected.
-    """
+    """Text of a file that people wrote."""
     why = unreadable(path)
     if why is not None:
         raise InputError(f"{path}: {why}; expected {expected}")
@@ -106,13 +100,7 @@ def _value(text: str) -> Any:
 
 
 def apply_overrides(data: Mapping[str, Any], overrides: Iterable[str]) -> dict[str, Any]:
-    """Apply ``section.key=value`` assignments to a scene's data.
-
-    Raises
-    ------
-    InputError
-        For an assignment that has not this form.
-    """
+    """Apply ``section.key=value`` assignments to a scene's data."""
     result: dict[str, Any] = json.loads(json.dumps(data))
     for override in overrides:
         path, equals, text = override.partition("=")
@@ -137,11 +125,6 @@ def load_scene(source: str, overrides: Iterable[str] = ()) -> SceneFile:
     """Read and check a scene.
 
     It is a TOML file or built in; overrides, ``section.key=value``, replace or add values.
-
-    Raises
-    ------
-    InputError
-        One line: what was got, what is expected, what to do.
     """
     name, data = scene_data(source)
     scene = check_scene(apply_overrides(data, overrides), source)
@@ -153,13 +136,7 @@ def load_scene(source: str, overrides: Iterable[str] = ()) -> SceneFile:
 
 
 def require_deformable(file: SceneFile, command: str) -> DeformableScene:
-    """Scene of a file, where it can have deformable blocks in contact.
-
-    Raises
-    ------
-    InputError
-        Where it has none; the command that needs them is named.
-    """
+    """Scene of a file, where it can have deformable blocks in contact."""
     if not file.scene.meets:
         raise InputError(
             f"{file.name}: block.type {file.scene.block.type!r} has no deformable blocks in "
@@ -172,11 +149,6 @@ def with_auto(file: SceneFile, tolerance: str | None, keep: Iterable[str] = ()) 
     """Scene whose effects are decided before a run, as ``[effects.auto]`` would say.
 
     A tolerance is such as ``1%``, None that of the scene; effects to keep are not decided.
-
-    Raises
-    ------
-    InputError
-        A tolerance that is none, names of no effect, or a scene without contact.
     """
     names = tuple(keep)
     if tolerance is None and not names:
@@ -205,13 +177,7 @@ def with_auto(file: SceneFile, tolerance: str | None, keep: Iterable[str] = ()) 
 
 
 def scene_data(source: str) -> tuple[str, dict[str, Any]]:
-    """Name and unchecked data of a built-in scene or a TOML file.
-
-    Raises
-    ------
-    InputError
-        When there is none, or it is not TOML.
-    """
+    """Name and unchecked data of a built-in scene or a TOML file."""
     name, text = _read(source)
     try:
         return name, tomllib.loads(text)
@@ -228,13 +194,7 @@ def _example(kind: str) -> dict[str, Any]:
 
 
 def check_scene(data: Mapping[str, Any], source: str = "scene") -> DeformableScene:
-    """Check a scene's data.
-
-    Raises
-    ------
-    InputError
-        One line naming the first wrong value (and how many more there are).
-    """
+    """Check a scene's data."""
     block = data.get("block")
     kind = block.get("type") if isinstance(block, dict) else None
     if not isinstance(kind, str) or kind not in SCENE_TYPES:

@@ -116,11 +116,6 @@ class Section(Recorded):
         values
             By place, such as ``fem.method``; a mapping changes the keys of a section, a section
             stands in its place.
-
-        Raises
-        ------
-        InputError
-            A key that is not known, or a value that cannot be.
         """
         result = {name: self.__dict__[name] for name in self.model_fields_set}
         inside: dict[str, dict[str, Any]] = {}

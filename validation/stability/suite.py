@@ -34,13 +34,7 @@ def cases() -> tuple[Case, ...]:
 
 
 def chosen(names: Sequence[str]) -> tuple[Case, ...]:
-    """Cases whose name or subject is in ``names``; all where it is empty.
-
-    Raises
-    ------
-    InputError
-        For a name that is neither.
-    """
+    """Cases whose name or subject is in ``names``; all where it is empty."""
     every = cases()
     known = {case.name for case in every} | {case.subject for case in every}
     for name in names:

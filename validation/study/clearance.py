@@ -32,13 +32,7 @@ GAPS = (0.0, 0.003, 0.01, 0.03, 0.1)
 def clearance_rows(
     name: str, scene: DeformableScene, gaps: tuple[float, ...], kind: Kind = "clearance"
 ) -> list[dict[str, Any]]:
-    """Solve the scene with every initial gap: lengths in mm, pressures and stresses in MPa.
-
-    Raises
-    ------
-    InputError
-        For gaps that are none, or a scene that cannot be solved.
-    """
+    """Solve the scene with every initial gap: lengths in mm, pressures and stresses in MPa."""
     if not gaps or not all(np.isfinite(gaps)) or min(gaps) < 0:
         raise InputError(f"--gap: got {list(gaps)}, expected one or more lengths in mm, 0 or up")
     fem_section(scene, name)

@@ -29,11 +29,6 @@ def combination_answers(
     """Answer to each combination of a scene, as `tubelock mbd` or `fem` gives it.
 
     ``tell`` is called with a line before each.
-
-    Raises
-    ------
-    InputError
-        A scene without combinations, or one that cannot be solved.
     """
     if not file.scene.combinations:
         raise InputError(
@@ -49,13 +44,7 @@ def combination_answers(
 
 
 def answer_to(file: SceneFile, kind: Kind) -> Answer:
-    """Answer to a scene, as `tubelock mbd` or `fem` gives it.
-
-    Raises
-    ------
-    InputError
-        A scene that cannot be solved.
-    """
+    """Answer to a scene, as `tubelock mbd` or `fem` gives it."""
     if kind == "rigid":
         from validation.run.rigid.polyhedra import rigid_answer
 

@@ -23,13 +23,7 @@ _STYLES, _MARKERS = ("-", "--", ":"), "os^Dv"
 
 
 def check_axes(study: Study, parameter: str, measure: str) -> None:
-    """Reject what a study cannot draw.
-
-    Raises
-    ------
-    InputError
-        A parameter that does not vary, or a column that is no number.
-    """
+    """Reject what a study cannot draw."""
     if parameter not in study.varied:
         raise InputError(
             f"--plot {parameter} {measure}: {parameter} does not vary in {study.name}; expected "
@@ -48,11 +42,6 @@ def study_figure(
     """Draw a measure against a parameter, one curve for each combination of the others.
 
     Rows have the names of `ResultFile.rows`. Designs without the measure leave gaps.
-
-    Raises
-    ------
-    InputError
-        A parameter that does not vary, or a column that is no number.
     """
     check_axes(study, parameter, measure)
     result = {row["number"]: row for row in rows}

@@ -139,13 +139,7 @@ def draw(results: ResultFile, axes: tuple[str, str] | None, path: Path, outputs:
 def export(
     results: ResultFile, csv: Path | None, parquet: Path | None, outputs: Outputs, digits: int = 17
 ) -> None:
-    """Write all rows to the files asked for.
-
-    Raises
-    ------
-    InputError
-        Where one cannot be written; all rows stay in the result file.
-    """
+    """Write all rows to the files asked for."""
     as_csv = partial(write_csv, digits=digits)
     for words, target, write in (("CSV", csv, as_csv), ("Parquet", parquet, write_parquet)):
         if target is None:

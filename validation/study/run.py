@@ -86,11 +86,6 @@ def sweep(
     """Compute the designs that the result file lacks, and write each row when it is there.
 
     ``numbers`` are the designs to compute, asked for one by one; None: all.
-
-    Raises
-    ------
-    InputError
-        When rows cannot be written or the runner is lost; what was written stays.
     """
     done = results.done(failed_too=not retry_failed)
     tally = Tally()
@@ -273,13 +268,7 @@ class DaskRunner:
     """An existing Dask cluster; Dask itself moves the designs of a lost worker to another."""
 
     def __init__(self, study: Study, address: str, *, timeout: float = 10.0) -> None:
-        """Connect to a scheduler, such as ``tcp://10.0.0.1:8786``, within a time [s].
-
-        Raises
-        ------
-        InputError
-            When ``distributed`` is not installed or nobody answers.
-        """
+        """Connect to a scheduler, such as ``tcp://10.0.0.1:8786``, within a time [s]."""
         try:
             from distributed import Client
             from distributed.comm import get_address_host_port
@@ -313,13 +302,7 @@ class DaskRunner:
             ) from None
 
     def rows(self, numbers: Iterable[int]) -> Generator[Row, None, None]:
-        """Rows in the order in which they are ready.
-
-        Raises
-        ------
-        InputError
-            When the scheduler is lost, or the workers cannot run designs at all.
-        """
+        """Rows in the order in which they are ready."""
         from distributed import CancelledError, as_completed
         from distributed.comm import CommClosedError
 

@@ -66,13 +66,7 @@ class ResultFile(Store):
     """Rows of one study in one file of results (use it as a context manager)."""
 
     def __init__(self, path: Path, study: Study, older: Older | None = None) -> None:
-        """Open or create the file; without ``older``, rows of other programs are refused.
-
-        Raises
-        ------
-        InputError
-            When it cannot be read, is damaged, no file of results, or belongs to another study.
-        """
+        """Open or create the file; without ``older``, rows of other programs are refused."""
         self.study = study
         self.older = older
         super().__init__(path, study_layout(study))
@@ -139,13 +133,7 @@ class ResultFile(Store):
         self.put(self.key(row.number), row.flat)
 
     def take(self, path: Path) -> None:
-        """Add the rows of a CSV that `write_csv` wrote; designs that have a row keep it.
-
-        Raises
-        ------
-        InputError
-            A file that cannot be read, or rows that are no designs of this study.
-        """
+        """Add the rows of a CSV that `write_csv` wrote; designs that have a row keep it."""
         done = self.done()
         with self.alone(), self._clear_errors(), self._transaction():
             for row in read_csv(path):
@@ -264,13 +252,7 @@ def _rounded(value: Any, digits: int) -> Any:
 
 
 def read_csv(path: Path) -> Iterator[dict[str, Any]]:
-    """Read rows of a study from what `write_csv` wrote, by the names of columns without units.
-
-    Raises
-    ------
-    InputError
-        A file that cannot be read.
-    """
+    """Read rows of a study from what `write_csv` wrote, by the names of columns without units."""
     for row in csv.DictReader(StringIO(read_text(path, "rows of a study as CSV"))):
         yield {str(head).partition(" [")[0]: _read(value) for head, value in row.items()}
 

@@ -173,13 +173,7 @@ class Study:
         return [path for path, values in self.parameters if len(values) > 1]
 
     def scene_file(self, number: int) -> SceneFile:
-        """Checked scene of a design.
-
-        Raises
-        ------
-        InputError
-            When its values do not go together.
-        """
+        """Checked scene of a design."""
         name = f"{self.name}[{number}]"
         return SceneFile(name=name, scene=check_scene(self._data(self.design(number)), name))
 
@@ -220,11 +214,6 @@ def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
     """Read and check a study: a TOML file or a built-in one.
 
     Overrides are ``section.key=value``, applied to the scene after ``[settings]``.
-
-    Raises
-    ------
-    InputError
-        One line: what was got, what is expected, what to do.
     """
     path = Path(source)
     builtin = path.suffix != ".toml" and unreadable(path) == "no such file"
@@ -242,13 +231,7 @@ def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
 def check_study(
     data: Mapping[str, Any], name: str, folder: Path | None = None, overrides: Iterable[str] = ()
 ) -> Study:
-    """Check a study's data; a relative scene file lies in the folder, or in the working one.
-
-    Raises
-    ------
-    InputError
-        One line naming the first thing that is wrong.
-    """
+    """Check a study's data; a relative scene file lies in the folder, or in the working one."""
     known = ["scene", "quantity", "accuracy", "parameters", "settings"]
     for key in data:
         if key not in known:

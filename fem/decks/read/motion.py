@@ -95,13 +95,7 @@ def _rotating(card: Card, blocks: Blocks, moving: dict[tuple[int, int], FloatArr
 
 
 def _rigid(card: Card, arms: FloatArray, values: FloatArray) -> FloatArray:
-    """Velocity of the mean of a block's nodes and spin, (6,), of nodes at arms from it.
-
-    Raises
-    ------
-    DeckError
-        Nodes that do not move as a rigid block.
-    """
+    """Velocity of the mean of a block's nodes and spin, (6,), of nodes at arms from it."""
     # v = v0 + w x r: three columns of the velocity, three of the spin.
     rows = np.zeros((*arms.shape, 6))
     rows[:, :, :3] = np.eye(3)

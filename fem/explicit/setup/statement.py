@@ -142,13 +142,7 @@ def explicit_statement(
 
 
 def _end_of_motion(deformable: DeformableAssembly, ramp: float) -> float:
-    """When supports that move have arrived [s]; 0 without any.
-
-    Raises
-    ------
-    TimeStepError
-        A motion without a table in no time.
-    """
+    """When supports that move have arrived [s]; 0 without any."""
     moving = [s.amplitude for s in deformable.model.supports if s.displacement.any()]
     if ramp <= 0.0 and any(share is ALL_THE_WAY for share in moving):
         raise TimeStepError(

@@ -179,13 +179,7 @@ class CondensedStep:
     def __call__(
         self, linear: Linearisation, before: FloatArray, holding: float = 0.0
     ) -> FloatArray:
-        """Displacements of the contact nodes, zero at the others; (n_nodes, 3) [mm].
-
-        Raises
-        ------
-        UnheldBlocksError
-            Blocks on which too few points press, when nothing else holds them.
-        """
+        """Displacements of the contact nodes, zero at the others; (n_nodes, 3) [mm]."""
         factored = self._factor(linear, holding)
         value = self._prescribed(linear)
         loads = self._free_forces(linear.load_factor, value)

@@ -229,13 +229,7 @@ class SparseStep:
     def __call__(
         self, linear: Linearisation, before: FloatArray, holding: float = 0.0
     ) -> FloatArray:
-        """Displacements (n_nodes, 3) [mm].
-
-        Raises
-        ------
-        UnheldBlocksError
-            A singular matrix.
-        """
+        """Displacements (n_nodes, 3) [mm]."""
         system = self._system
         rows, push = self._rows(linear)
         matrix = self._matrix(linear, rows, push, holding)

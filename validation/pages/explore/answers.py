@@ -48,13 +48,7 @@ class Shown:
 
 
 def rigid_shown(file: SceneFile) -> tuple[RigidAnswer, Shown]:
-    """Answer a scene by rigid blocks.
-
-    Raises
-    ------
-    InputError
-        A scene that cannot be built.
-    """
+    """Answer a scene by rigid blocks."""
     start = time.process_time()
     with recording(file.scene) as use:
         run = rigid_answer(file)
@@ -85,13 +79,7 @@ def _mesh_words(run: RigidAnswer) -> str:
 
 
 def camera(drawn: View, view: Mapping[str, Any]) -> tuple[View, dict[str, float]]:
-    """View from where the page looks, and its angles; where it names none, the usual ones.
-
-    Raises
-    ------
-    InputError
-        Angles or a zoom that are no finite numbers.
-    """
+    """View from where the page looks, and its angles; where it names none, the usual ones."""
     x, y, z = drawn.direction
     usual = {
         "azimuth": math.degrees(math.atan2(y, x)),
@@ -118,13 +106,7 @@ def _number(given: Mapping[str, Any], name: str, default: float) -> float:
 
 
 def drawn(shown: Shown, view: Mapping[str, Any]) -> dict[str, Any]:
-    """Picture of an answer with its colour bar, as plain data.
-
-    Raises
-    ------
-    InputError
-        As `camera`.
-    """
+    """Picture of an answer with its colour bar, as plain data."""
     from PIL import Image
 
     whole, scale, caption = shown.views[-1 if view.get("middle") is True else 0]
@@ -220,13 +202,7 @@ def _png(draw: Any) -> bytes:
 def download(
     what: str, file: SceneFile, run: RigidAnswer | None, shown: Shown | None
 ) -> tuple[str, bytes]:
-    """Name and content of what the page asks for: ``scene``, ``picture`` or ``deck``.
-
-    Raises
-    ------
-    InputError
-        Anything else, or a scene that has none.
-    """
+    """Name and content of what the page asks for: ``scene``, ``picture`` or ``deck``."""
     if what == "scene":
         data = file.scene.model_dump(mode="json", exclude_unset=True)
         return f"{file.name}.toml", toml_text(data).encode()

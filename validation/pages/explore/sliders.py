@@ -47,13 +47,7 @@ class Slider:
     whole: bool
 
     def checked(self, value: Any) -> float | int:
-        """Return a value of the page as the scene has it.
-
-        Raises
-        ------
-        InputError
-            What is no number, or out of the range of the slider.
-        """
+        """Return a value of the page as the scene has it."""
         wrong = isinstance(value, bool) or not isinstance(value, int | float)
         if wrong or not math.isfinite(value) or not self.low <= value <= self.high:
             raise InputError(
@@ -153,13 +147,7 @@ def _round_step(most: float) -> float:
 def changed(
     file: SceneFile, known: Controls, values: Mapping[str, Any], *, coarse: bool
 ) -> SceneFile:
-    """Scene with the values of a page, on its own facets or on coarse ones.
-
-    Raises
-    ------
-    InputError
-        A key that has no slider, a value out of its range, or a scene that cannot be.
-    """
+    """Scene with the values of a page, on its own facets or on coarse ones."""
     data = file.scene.model_dump(mode="json", exclude_unset=True)
     every = file.scene.model_dump(mode="json")
     sliders = {slider.key: slider for slider in known.sliders}

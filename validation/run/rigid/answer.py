@@ -239,11 +239,6 @@ class SharedTubes:
         """Build the blocks of a scene, unless another scene has the same, and rigid_result them.
 
         The CPU time of building is that of the first of them: what the scene alone would take.
-
-        Raises
-        ------
-        InputError
-            When it describes nothing that can be built.
         """
         scene = file.scene
         if not isinstance(scene, RoundScene):

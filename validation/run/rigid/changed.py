@@ -67,13 +67,7 @@ class Refinement:
 
 
 def require_mesh(file: SceneFile) -> AssemblyScene:
-    """Refuse scenes whose facets are given node by node or by triangles.
-
-    Raises
-    ------
-    InputError
-        Those, by name.
-    """
+    """Refuse scenes whose facets are given node by node or by triangles."""
     if not isinstance(file.scene, AssemblyScene) or file.scene.coarser(FACTOR) is None:
         raise InputError(
             f"{file.name}: --refine: its blocks have no mesh that could be refined; expected a "
@@ -83,13 +77,7 @@ def require_mesh(file: SceneFile) -> AssemblyScene:
 
 
 def refined(file: SceneFile, run: RigidAnswer) -> Refinement:
-    """Solve the scene on facets of half the length and compare.
-
-    Raises
-    ------
-    InputError
-        A scene without a mesh.
-    """
+    """Solve the scene on facets of half the length and compare."""
     finer = require_mesh(file).coarser(FACTOR)
     assert finer is not None
     assert isinstance(run, RigidRun)
@@ -142,13 +130,7 @@ class Unlocking:
 
 
 def require_tube(file: SceneFile) -> RoundScene:
-    """Return the scene if it is a tube.
-
-    Raises
-    ------
-    InputError
-        For any other.
-    """
+    """Return the scene if it is a tube."""
     if not isinstance(file.scene, RoundScene):
         raise InputError(
             f"{file.name}: --layers-to-unlock: block.type {file.scene.block.type!r} makes no tube; "
@@ -158,13 +140,7 @@ def require_tube(file: SceneFile) -> RoundScene:
 
 
 def class_with_layers(file: SceneFile, layers: int) -> MechanismClass:
-    """Mechanism class, frames held, of a tube with another number of layers.
-
-    Raises
-    ------
-    InputError
-        For a scene that is no tube, or cannot be built so.
-    """
+    """Mechanism class, frames held, of a tube with another number of layers."""
     scene = require_tube(file).changed({"assembly.layers": layers})
     return run_rigid(replace(file, scene=scene)).result.mechanism
 
@@ -174,11 +150,6 @@ def layers_to_unlock(file: SceneFile, most: int = 4 * LONG_TUBE) -> Unlocking:
 
     Doubled until it is not, then halved in between: a mechanism of some layers is taken to be one
     of more layers too.
-
-    Raises
-    ------
-    InputError
-        For a scene that is no tube, or cannot be built with fewer layers.
     """
     result: dict[int, MechanismClass] = {}
 

@@ -59,13 +59,7 @@ def _surface_scene(scene: RoundScene) -> RoundScene:
 
 
 def run_explosion(file: SceneFile) -> Explosion:
-    """Judge the explosion of a tube.
-
-    Raises
-    ------
-    InputError
-        For scenes that are no tubes.
-    """
+    """Judge the explosion of a tube."""
     start = time.process_time()
     scene = require_assembly(file.scene, file.name, "explode")
     if not isinstance(scene, RoundScene):

@@ -82,11 +82,6 @@ def further_answers(
     each [N, N mm]. Some pairs of blocks have their own friction. ``frictionless`` says that the
     load is carried without friction: forces that balance it are admissible whatever the limits of
     friction, so no joint needs a squeeze beforehand.
-
-    Raises
-    ------
-    InputError
-        When the collapse load is asked for, but nothing can grow or the rest is not carried.
     """
     requested = (section.collapse, section.sliding, section.ranges, section.margin)
     if section.friction is None and not any(requested):

@@ -86,13 +86,7 @@ class PolyhedralRun(RigidAnswer):
 
 
 def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
-    """Build, check and analyse a scene of triangulated blocks.
-
-    Raises
-    ------
-    InputError
-        When it describes nothing that can be meant.
-    """
+    """Build, check and analyse a scene of triangulated blocks."""
     with stages() as watch:
         tell("reads the blocks and finds where they touch")
         assembly = build_polyhedra(scene, file.folder)
@@ -126,13 +120,7 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
 
 
 def rigid_answer(file: SceneFile) -> RigidAnswer:
-    """Build, check and analyse rigid blocks of any kind.
-
-    Raises
-    ------
-    InputError
-        When the scene describes nothing that can be built.
-    """
+    """Build, check and analyse rigid blocks of any kind."""
     if isinstance(file.scene, PolyhedralScene):
         return run_polyhedra(file, file.scene)
     return run_rigid(file)

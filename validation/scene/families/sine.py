@@ -95,13 +95,7 @@ class TubeScene(RoundScene):
 
     @property
     def shape(self) -> SineBlockParameters:
-        """Of the free block.
-
-        Raises
-        ------
-        BlockParameterError
-            For parameters that describe no block.
-        """
+        """Of the free block."""
         return SineBlockParameters(**self.block.model_dump(exclude={"type"}))
 
     @property

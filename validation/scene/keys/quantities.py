@@ -92,13 +92,7 @@ def unit_of(docstring: str) -> Unit | None:
 
 
 def converted(text: str, unit: Unit) -> float | None:
-    """Number of a text with a unit, in the unit of its key; None where the text has no unit.
-
-    Raises
-    ------
-    ValueError
-        A unit that is not known, or that measures something else.
-    """
+    """Number of a text with a unit, in the unit of its key; None where the text has no unit."""
     match = _QUANTITY.fullmatch(text)
     if match is None:
         return None

@@ -311,13 +311,7 @@ def _kind(answer: Answer) -> str:
 
 
 def shared_facets(answers: Sequence[Answer]) -> tuple[IntArray, ...]:
-    """Where the contact facets that all answers share are in the contacts of each, (n,) each.
-
-    Raises
-    ------
-    InputError
-        Fewer than two answers, or answers whose contact facets are others.
-    """
+    """Where the contact facets that all answers share are in the contacts of each, (n,) each."""
     if len(answers) < 2:
         raise InputError(f"compare: got {len(answers)} answers; expected two or more")
     for answer in answers:

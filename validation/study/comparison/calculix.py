@@ -52,13 +52,7 @@ def calculix_version() -> str | None:
 
 
 def run_calculix(deck: Path, *, timeout: float = 600.0) -> CalculixResult:
-    """Run CalculiX on ``NAME.inp``, beside which it writes; it is given up after the timeout [s].
-
-    Raises
-    ------
-    CalculixError
-        Not installed, an error in the log, or no result.
-    """
+    """Run CalculiX on ``NAME.inp``, beside which it writes, for at most the timeout [s]."""
     if not calculix_available():
         raise CalculixError(f"{PROGRAM} is not installed (Debian: calculix-ccx)")
     before = children_cpu_seconds()

@@ -42,13 +42,7 @@ class Comparison(ComparedAnswers):
     """Answers to one problem; the repr is its tables and its conclusion."""
 
     def draw(self, path: str | Path) -> None:
-        """Draw the joints in the reference, and what each other answer differs by (PNG, SVG, PDF).
-
-        Raises
-        ------
-        InputError
-            Answers that were pickled or read: they do not hold the blocks.
-        """
+        """Draw the joints in the reference and how each other answer differs (PNG, SVG, PDF)."""
         _draw(self, Path(path))
 
     def __repr__(self) -> str:
@@ -59,13 +53,7 @@ class Comparison(ComparedAnswers):
 
 
 def compare_answers(answers: Sequence[Answer]) -> Comparison:
-    """Compare answers to one problem on the contact facets that they share.
-
-    Raises
-    ------
-    InputError
-        Fewer than two answers, or answers whose contact facets are others.
-    """
+    """Compare answers to one problem on the contact facets that they share."""
     return Comparison(tuple(answers), shared_facets(answers))
 
 

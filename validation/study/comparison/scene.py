@@ -39,11 +39,6 @@ def compared_runs(
     """Answer a scene by rigid blocks in both norms, and by static and ``explicit`` elements.
 
     ``progress`` is called by the explicit run, ``refinement`` before each mesh of the static one.
-
-    Raises
-    ------
-    InputError
-        Input that cannot be solved, or a load that rigid blocks do not carry.
     """
     if scene.push is not None:
         raise InputError(
@@ -71,13 +66,7 @@ def compared_runs(
 
 
 def _rigid_runs(name: str, scene: DeformableScene, problem: Problem) -> Iterator[RigidRun]:
-    """Answers of rigid blocks in both norms.
-
-    Raises
-    ------
-    InputError
-        A load that they do not carry.
-    """
+    """Answers of rigid blocks in both norms."""
     assembly: Assembly = problem.blocks
     if problem.finite_sliding:
         assembly = facing_blocks(problem.deformable.assembly)
@@ -96,13 +85,7 @@ def _rigid_runs(name: str, scene: DeformableScene, problem: Problem) -> Iterator
 
 
 def comparable_problem(scene: DeformableScene, name: str) -> Problem:
-    """State the problem that all answers share.
-
-    Raises
-    ------
-    InputError
-        When they cannot be solved.
-    """
+    """State the problem that all answers share."""
     fem_section(scene, name)
     # The method is not the scene's to choose here.
     return scene_problem(scene.changed({"fem.method": Method.STATIC}), name)

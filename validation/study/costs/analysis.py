@@ -111,11 +111,6 @@ def richardson(
         At each level, (n,).
     weights
         Of the entries in the norm √Σ w v², (n,); ones by default.
-
-    Raises
-    ------
-    ValueError
-        Fewer than three levels, or levels that do not ascend.
     """
     if len(levels) < 3 or len(levels) != len(values):
         counts = f"{len(levels)} levels, {len(values)} values"

@@ -48,13 +48,7 @@ class MethodAnswer:
 
 
 def solve_by_calculix(where: str, scene: AssemblyScene) -> MethodAnswer:
-    """Write the deck of a scene, run CalculiX on it and measure what it answers.
-
-    Raises
-    ------
-    InputError
-        A scene that its decks have no words for, or no result.
-    """
+    """Write the deck of a scene, run CalculiX on it and measure what it answers."""
     deck = build_deck(SceneFile(name=where, scene=scene), Flavour.CALCULIX)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "deck.inp"

@@ -52,13 +52,6 @@ def measure(
         only; ``pressures`` [MPa] and ``areas`` [mm²] of each cell of the partition;
         ``cpu_seconds`` from the scene to the pressures, of each repeat; ``details`` of the solver;
         ``date`` and ``processor``.
-
-    Raises
-    ------
-    InputError
-        A setting that has no answer.
-    KeyboardInterrupt
-        When the run was stopped from outside.
     """
     solved = _timed(setting, with_setting(scene, base, setting), f"{name}, {setting.name}")
     result, seconds = _run(name, solved, base, setting)

@@ -70,11 +70,6 @@ def partition_pressures(
     -------
     tuple[FloatArray, FloatArray]
         (n_cells,) [MPa] and [mm²]; face by face in the order of blocks, the same for all meshes.
-
-    Raises
-    ------
-    InputError
-        Faces whose facets are no grid.
     """
     result = assembly.interfaces
     free = ~(assembly.fixed[result.block_m[contacts]] & assembly.fixed[result.block_s[contacts]])

@@ -114,14 +114,7 @@ def curved_rungs(*rungs: int) -> tuple[Judge, ...]:
 
 
 def require_cost_scene(scene: Any, name: str) -> AssemblyScene:
-    """Return the scene if its work and precision can be measured.
-
-    Raises
-    ------
-    InputError
-        Blocks without hexahedra or that do not meet, missing sections, effects without a static
-        reference.
-    """
+    """Return the scene if its work and precision can be measured."""
     if not isinstance(scene, AssemblyScene) or not scene.meets:
         raise InputError(
             f"{name}: block.type {scene.block.type!r}: the cost of accuracy is that of contact "

@@ -60,13 +60,7 @@ class BaseMesh:
 
 
 def base_mesh(scene: AssemblyScene, name: str) -> BaseMesh:
-    """Coarsest mesh, whose multiples conform: one element through the wall, four a wave.
-
-    Raises
-    ------
-    InputError
-        A scene that gives its meshes block by block.
-    """
+    """Coarsest mesh, whose multiples conform: one element through the wall, four a wave."""
     counts = scene.element_counts | scene.coarse_mesh(*_COARSEST)
     if not counts:
         raise InputError(

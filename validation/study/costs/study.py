@@ -156,11 +156,6 @@ def run_cost(
     """Measure what the store lacks of a scene that `require_cost_scene` lets in, and compare.
 
     ``progress`` is called before each run with its number, the number of runs, and what it is.
-
-    Raises
-    ------
-    InputError
-        No setting or no reference has an answer, or the store cannot be used.
     """
     references = plan.references
     runs = list(dict.fromkeys((*plan.settings, *references)))

@@ -134,13 +134,7 @@ def without_effect(scene: DeformableScene, effect: EffectName) -> DeformableScen
 
 
 def candidates(scene: DeformableScene, name: str, auto: AutoSection) -> tuple[EffectName, ...]:
-    """Return the effects to decide.
-
-    Raises
-    ------
-    InputError
-        For effects to decide that have no value in the scene.
-    """
+    """Return the effects to decide."""
     if auto.decide is not None:
         for effect in auto.decide:
             if effect not in _SWITCHES and not has_effect(scene, effect):
@@ -192,11 +186,6 @@ def decide_effects(
     """Decide which effects of a scene with ``effects.auto`` matter, and tell what is probed next.
 
     Returns the scene with what matters and nothing to decide, and the decision.
-
-    Raises
-    ------
-    InputError
-        A probe that has no solution.
     """
     auto = scene.effects.auto or AutoSection()
     plain = scene.changed({"effects.auto": None})

@@ -32,11 +32,6 @@ def cell_error(scene: DeformableScene, name: str) -> dict[str, Any]:
         layers, both relative to their mean motion along and about the axis, and of the whole tube
         [MPa, mm]; CPU times from the scene to the pressures [s]; relative changes: from the middle
         layers to the cell, which is its error, and from the whole tube, whose ends are in it.
-
-    Raises
-    ------
-    InputError
-        Where the layers do not repeat, or one of the two cannot be solved.
     """
     check_cell(scene, name)
     cell = run_static(name, _static(scene, "periodic cell"))

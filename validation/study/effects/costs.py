@@ -156,11 +156,6 @@ def effect_costs(
         [%], and time of a step, memory and critical time step over those without it; how many
         compiled forms it needed that nothing before it had; how many forms the base compiled when
         it ran again after it, zero if off is absent; and whether the base then gave the same bits.
-
-    Raises
-    ------
-    InputError
-        For a scene that cannot be run, or a base that does not arrive at its static state.
     """
     fem_section(scene, name)
     refuse_cell(scene, name, "effects")

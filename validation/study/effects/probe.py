@@ -111,13 +111,6 @@ def solve_probe(
 
     Finite rotation begins at ``start``, the same blocks without it. A load step takes no more than
     ``max_iterations``.
-
-    Raises
-    ------
-    UnsolvedError
-        When it has none.
-    InputError
-        A probe that cannot be built.
     """
     deformable = build_deformable(without_motion(scene), name)
     options = StaticOptions(

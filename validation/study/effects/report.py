@@ -23,13 +23,7 @@ PICTURE = "effects.png"
 def decided(
     scene: DeformableScene, name: str, console: Console
 ) -> tuple[DeformableScene, EffectsDecision]:
-    """Scene with the effects that matter, and the decision that it asks for; printed.
-
-    Raises
-    ------
-    InputError
-        A probe that has no solution.
-    """
+    """Scene with the effects that matter, and the decision that it asks for; printed."""
     with status(console, f"{name}: which effects matter") as tell:
         scene, decision = decide_effects(scene, name, told=lambda what: tell(f"{name}: {what}"))
     console.print(decision.words)
@@ -37,13 +31,7 @@ def decided(
 
 
 def bound(scene: DeformableScene, tolerance: str | None) -> float:
-    """Change beyond which an effect matters: as asked, as ``effects.auto`` says, or 1 %.
-
-    Raises
-    ------
-    InputError
-        For a tolerance that is no share.
-    """
+    """Change beyond which an effect matters: as asked, as ``effects.auto`` says, or 1 %."""
     if tolerance is None:
         return TOLERANCE if scene.effects.auto is None else scene.effects.auto.tolerance
     share = parse_share(tolerance)

@@ -33,13 +33,7 @@ def optimise(
     runner: Callable[[Study], Runner],
     progress: Callable[[str], None] | None = None,
 ) -> SearchResult:
-    """Search, and judge the last few designs again; rows are kept in two files of results.
-
-    Raises
-    ------
-    InputError
-        A file of another search, or no design that can be computed or meets the limits.
-    """
+    """Search, and judge the last few designs again; rows are kept in two files of results."""
     search = Search(stated)
 
     def tell() -> None:

@@ -300,13 +300,7 @@ def run_search(
     runner: Runner,
     on_point: Callable[[], None] | None = None,
 ) -> Tally:
-    """Compute designs until the evaluations are spent; rows that the file holds count.
-
-    Raises
-    ------
-    InputError
-        Where no design can be computed or meets the limits: with the nearest one.
-    """
+    """Compute designs until the evaluations are spent; rows that the file holds count."""
     search.remember(results.rows())
 
     def take(row: Row) -> None:

@@ -227,11 +227,6 @@ def sensitivity_of(
         Relative step of real parameters [-]; of a value of 0 the step itself.
     tell
         Called with a line before each parameter.
-
-    Raises
-    ------
-    InputError
-        A key that is no number of the scene, a step that is none, or a scene without an answer.
     """
     if not 0.0 < step <= 0.2:
         raise InputError(f"--step {step:g}: expected a share above 0 and at most 0.2")
@@ -289,13 +284,7 @@ def _unit(file: SceneFile, path: str) -> str:
 
 
 def answers_at(file: SceneFile, method: Method, meshes: int = 2) -> list[Values]:
-    """Measures of a scene on so many meshes from coarse to fine; rigid blocks have the scene's own.
-
-    Raises
-    ------
-    InputError
-        A scene without an answer.
-    """
+    """Measures on so many meshes from coarse to fine; rigid blocks have the scene's own."""
     if method == "fem":
         return list(_deformable(file, meshes))
     answer = answer_to(file, "rigid")

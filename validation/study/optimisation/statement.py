@@ -139,13 +139,7 @@ class Optimisation:
 
 
 def load_optimisation(source: str, overrides: Iterable[str] = ()) -> Optimisation:
-    """Read and check a search from a TOML file.
-
-    Raises
-    ------
-    InputError
-        One line: what was got, what is expected, what to do.
-    """
+    """Read and check a search from a TOML file."""
     path = Path(source)
     try:
         data = tomllib.loads(read_text(path, "a search in TOML"))
@@ -161,13 +155,7 @@ def check_optimisation(
     folder: Path | None = None,
     overrides: Iterable[str] = (),
 ) -> Optimisation:
-    """Check the data of a search.
-
-    Raises
-    ------
-    InputError
-        One line naming the first thing that is wrong.
-    """
+    """Check the data of a search."""
     _check_keys(name, data, _KEYS)
     overrides = tuple(overrides)
     variables, cases = _section(name, data, "variables"), _section(name, data, "cases")
