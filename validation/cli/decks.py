@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from validation.cli.options import JsonOption, SceneArgument, SetOption
+from validation.cli.options import JsonOption, SceneArgument, SetOption, output_option
 from validation.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,11 +18,9 @@ def export(
     scene: SceneArgument,
     output: Annotated[
         Path,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE.inp|obj|json",
-            help="File to write: an input deck, or blocks as OBJ or as an assembly of compas.",
+        output_option(
+            "FILE.inp|obj|json",
+            "File to write: an input deck, or blocks as OBJ or as an assembly of compas.",
         ),
     ],
     flavour: Annotated[
@@ -124,10 +122,7 @@ def check(
 
 def repair(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Blocks: STL, OBJ, STEP, JSON, …")],
-    output: Annotated[
-        Path,
-        typer.Option("-o", "--output", metavar="FILE.obj|json", help="File to write, in mm."),
-    ],
+    output: Annotated[Path, output_option("FILE.obj|json", "File to write, in mm.")],
     units: UnitsOption = "mm",
     up: UpOption = "z",
     json: JsonOption = None,

@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from validation.cli.completion import complete_scenes
-from validation.cli.options import JsonOption, SceneArgument, SetOption, print_builtin
+from validation.cli.options import (
+    JsonOption,
+    SceneArgument,
+    SetOption,
+    output_option,
+    print_builtin,
+)
 
 if TYPE_CHECKING:
     from validation.scene.read import SceneFile
@@ -41,11 +47,8 @@ def show(
     scene: SceneArgument,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE.png|svg|pdf",
-            help="Picture to write; out/SCENE/assembly.png, or block.png.",
+        output_option(
+            "FILE.png|svg|pdf", "Picture to write; out/SCENE/assembly.png, or block.png."
         ),
     ] = None,
     settings: SetOption = None,
@@ -109,10 +112,7 @@ def _draw_one_block(file: SceneFile, output: Path) -> None:
 def report(
     scene: SceneArgument,
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--output", metavar="FILE.html", help="Page to write; out/SCENE/report.html."
-        ),
+        Path | None, output_option("FILE.html", "Page to write; out/SCENE/report.html.")
     ] = None,
     settings: SetOption = None,
     json: JsonOption = None,

@@ -66,10 +66,23 @@ JsonOption = Annotated[
 ]
 
 
+WorkersOption = Annotated[
+    int | None,
+    typer.Option("--workers", metavar="N", help="Number of processes; by default one per core."),
+]
+SchedulerOption = Annotated[
+    str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Run on this Dask cluster.")
+]
+
+
+def output_option(kind: str, what: str) -> Any:
+    """Return an option for the file or folder to write, such as ``FILE.html``."""
+    return typer.Option("-o", "--output", metavar=kind, help=what)
+
+
 def folder_option(what: str, default: str) -> Any:
     """``-o DIR`` for a folder of ``what``; the default is a folder below ``out``."""
-    words = f"Folder for {what}; {default} unless --json is given."
-    return typer.Option("-o", "--output", metavar="DIR", help=words)
+    return output_option("DIR", f"Folder for {what}; {default} unless --json is given.")
 
 
 def scene_outputs(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from validation.cli.options import JsonOption
+from validation.cli.options import JsonOption, WorkersOption, output_option
 from validation.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,15 +27,8 @@ FullOption = Annotated[
 QuickOption = Annotated[
     bool, typer.Option("--quick", help="Rigid blocks only (three CPU minutes).")
 ]
-WorkersOption = Annotated[
-    int | None,
-    typer.Option("--workers", metavar="N", help="Number of processes; by default one per core."),
-]
 NamesArgument = Annotated[
     list[str] | None, typer.Argument(metavar="[NAME]...", help="Names to evaluate; by default all.")
-]
-ReportFolder = Annotated[
-    Path, typer.Option("-o", "--output", metavar="DIR", help="Folder of the report.")
 ]
 
 
@@ -54,9 +47,7 @@ def tables(json: JsonOption = None) -> None:
 
 
 def figures(
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the figures.")
-    ] = _DATA,
+    output: Annotated[Path, output_option("DIR", "Folder for the figures.")] = _DATA,
     *,
     fem: FemOption = False,
     full: FullOption = False,
@@ -108,9 +99,7 @@ def claims(
 
 
 def deformable(
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the figures.")
-    ] = _DATA,
+    output: Annotated[Path, output_option("DIR", "Folder for the figures.")] = _DATA,
     *,
     rows: Annotated[
         Path | None,
@@ -152,7 +141,7 @@ def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
 
 def report(
     context: typer.Context,
-    output: ReportFolder = Path("out/report"),
+    output: Annotated[Path, output_option("DIR", "Folder of the report.")] = Path("out/report"),
     *,
     quick: QuickOption = False,
     full: FullOption = False,
@@ -179,9 +168,7 @@ def report(
 
 
 def demo(
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the pictures.")
-    ] = Path("out/demo"),
+    output: Annotated[Path, output_option("DIR", "Folder for the pictures.")] = Path("out/demo"),
 ) -> None:
     """Run the example: the paper's tables, the tubes, input decks."""
     from validation.output.outputs import Outputs

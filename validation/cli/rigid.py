@@ -14,6 +14,7 @@ from validation.cli.options import (
     SceneArgument,
     SetOption,
     folder_option,
+    output_option,
     scene_outputs,
 )
 
@@ -143,11 +144,9 @@ def explode(
     json: JsonOption = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE.png|svg|pdf",
-            help="Pictures of the motion; out/SCENE/explosion.png unless --json is given.",
+        output_option(
+            "FILE.png|svg|pdf",
+            "Pictures of the motion; out/SCENE/explosion.png unless --json is given.",
         ),
     ] = None,
 ) -> None:

@@ -12,8 +12,11 @@ from validation.cli.completion import complete_studies
 from validation.cli.options import (
     JsonOption,
     SceneArgument,
+    SchedulerOption,
     SetOption,
+    WorkersOption,
     folder_option,
+    output_option,
     print_builtin,
     scene_outputs,
 )
@@ -51,19 +54,10 @@ def sweep(
     settings: SetOption = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE.sqlite",
-            help="Store of the results; by default out/STUDY.sqlite.",
-        ),
+        output_option("FILE.sqlite", "Store of the results; by default out/STUDY.sqlite."),
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option(metavar="N", help="Number of processes; by default one per core.")
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Run on this Dask cluster.")
-    ] = None,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     csv: Annotated[
         Path | None, typer.Option("--csv", metavar="FILE", help="Export all rows as CSV.")
     ] = None,
@@ -207,9 +201,7 @@ def _picture(store: Path, *, asked: bool) -> Path | None:
 
 def rescue(
     damaged: Annotated[Path, typer.Argument(metavar="FILE.sqlite", help="Damaged results file.")],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", metavar="NEW.sqlite", help="Results file to write.")
-    ],
+    output: Annotated[Path, output_option("NEW.sqlite", "Results file to write.")],
 ) -> None:
     """Recover the intact results of a damaged results file.
 
@@ -271,11 +263,9 @@ def optimise(
     settings: SetOption = None,
     output: Annotated[
         Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE.sqlite",
-            help="Store of the rows; by default out/FILE.sqlite. The picture lies beside it.",
+        output_option(
+            "FILE.sqlite",
+            "Store of the rows; by default out/FILE.sqlite. The picture lies beside it.",
         ),
     ] = None,
     workers: Annotated[
@@ -284,9 +274,7 @@ def optimise(
             metavar="N", help="Number of processes; with one each answer guides the next."
         ),
     ] = 1,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Run on this Dask cluster.")
-    ] = None,
+    scheduler: SchedulerOption = None,
     json: JsonOption = None,
 ) -> None:
     """Find the best design: one measure, or two (Pareto front), under limits.
