@@ -201,7 +201,7 @@ def test_printed_seconds_include_the_range_of_friction(monkeypatch: pytest.Monke
     scene = column(0.5).changed({"effects": {"friction": {"coefficient": 0.5}}})
     with small_meshes(1, 2, 3):
         start = time.process_time()
-        run = solve.run_converged("column", scene, {"u": 1.0}, most_work=1.0)
+        run = solve.run_converged("column", scene, most_work=1.0)
         spent = time.process_time() - start
     assert run.cpu_seconds["range of friction"] >= 0.1
     # Outside the stages nothing is computed.

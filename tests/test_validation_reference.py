@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fem.accuracy.converge import MOST_WORK
 from tests.fixtures.commands import small_meshes
 from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 from validation import compare
-from validation.run.accuracy import DEFAULT_TARGETS
 from validation.run.deformable import DeformableRun
 from validation.run.solve import run_converged
 from validation.scene.read import DeformableScene, load_scene
@@ -39,7 +37,7 @@ def _small() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def converged() -> DeformableRun:
-    return run_converged("column", column(), DEFAULT_TARGETS, most_work=MOST_WORK)
+    return run_converged("column", column())
 
 
 @pytest.fixture(scope="module")

@@ -327,15 +327,15 @@ def deformable(**changes: object) -> Study:
 @pytest.mark.slow
 @pytest.mark.usefixtures("small_meshes")
 def test_a_deformable_design_is_refined_as_the_command_does() -> None:
-    from validation.run.accuracy import DEFAULT_TARGETS
+    from fem.accuracy.converge import TARGETS
     from validation.run.solve import run_converged
 
     study = deformable(accuracy="30%")
     row = run_design(study, 0)
     assert row.status == "ok", row.message
     scene = study.scene_file(0).scene
-    reference = run_converged("tube", scene, dict.fromkeys(DEFAULT_TARGETS, 0.3)).answer.measures
-    for name in DEFAULT_TARGETS:
+    reference = run_converged("tube", scene, dict.fromkeys(TARGETS, 0.3)).answer.measures
+    for name in TARGETS:
         value, error = row.results[name], row.results[f"{name}_error"]
         assert (value, error) == (reference[name].value, reference[name].error)
     # What was requested, not the default, ends the refinement.

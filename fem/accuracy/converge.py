@@ -179,11 +179,12 @@ class Converged:
 
 def converge(
     problem: Problem,
-    targets: Mapping[str, float],
+    requested: Mapping[str, float] | None = None,
     *,
+    otherwise: Mapping[str, float] = TARGETS,
     options: StaticOptions | None = None,
     max_seconds: float | None = None,
-    most_work: float | None = None,
+    most_work: float = MOST_WORK,
     progress: Callable[[Progress], None] | None = None,
     ladder: Ladder | None = None,
 ) -> Converged:
@@ -193,15 +194,17 @@ def converge(
     ----------
     problem
         The statement; its mesh gives the facets of `p_eff`, `p_max` and `p_max_facet`.
-    targets
-        Relative error [-] by the name of the measure; those that the problem does not have, such
-        as pressures of single bodies, are left out.
+    requested
+        Relative error [-] by the name of the measure, reached however long it takes; those that
+        the problem does not have, such as pressures of single bodies, are left out.
+    otherwise
+        Those sought where none is requested, within a fixed amount of work.
     options
         Of the static solver.
     max_seconds
         CPU time at most [s]; None: no limit.
     most_work
-        Work of a mesh at most, such as `MOST_WORK`; None: no limit.
+        Work of a mesh at most where no accuracy is requested.
     progress
         Called before each mesh.
     ladder
@@ -216,16 +219,18 @@ def converge(
     """
     check_refinable(problem)
     options = default_options() if options is None else options
+    targets = requested or otherwise
     ladder = ladder_for(targets, problem) if ladder is None else ladder
     # Of earlier meshes only their numbers stay in memory.
     last: Solved | None = None
     meshes, values = list[dict[str, Any]](), list[Mapping[str, Measure]]()
+    limit = np.inf if requested else most_work
     ended, errors = "the finest mesh", dict[str, float]()
     for number, rung in enumerate(ladder.rungs, 1):
         stated = on_rung(problem, rung)
         spent = sum(mesh["cpu_seconds"] for mesh in meshes)
         left = None if max_seconds is None else max_seconds - spent
-        why = None if number < _FOR_BARS + 1 else _beyond(stated, last, left, most_work)
+        why = None if number < _FOR_BARS + 1 else _beyond(stated, last, left, limit)
         if why is not None:
             ended = why
             break
@@ -467,7 +472,7 @@ def _condensed_shapes(stated: Problem) -> list[Block]:
 
 
 def _beyond(
-    stated: Problem, last: Solved | None, left: float | None, most_work: float | None
+    stated: Problem, last: Solved | None, left: float | None, most_work: float
 ) -> str | None:
     """Why a mesh is not solved in the CPU time that is left [s]; None where it may be."""
     assert last is not None
@@ -476,7 +481,7 @@ def _beyond(
     if last.solution.large_motion is not None:
         return "the large motion, which no mesh of small motions describes"
     points = _points(stated, static.symmetry)
-    if most_work is not None and work(stated, static.symmetry) > most_work:
+    if work(stated, static.symmetry) > most_work:
         return "the limit of work"
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if 16.0 * (points**2).sum() > _MEMORY_SHARE * memory:

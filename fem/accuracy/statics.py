@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping
 from typing import Literal
 
 from fem.accuracy.converge import (
-    MOST_WORK,
-    TARGETS,
     AccuracyError,
     Progress,
     checked_targets,
@@ -87,10 +85,9 @@ def solve_static(
     if refines(problem, mesh, accuracy):
         result = converge(
             problem,
-            TARGETS if accuracy is None else checked_targets(accuracy),
+            None if accuracy is None else checked_targets(accuracy),
             options=options,
             max_seconds=max_seconds,
-            most_work=MOST_WORK if accuracy is None else None,
             progress=progress,
         )
         return answer_of(

@@ -239,10 +239,9 @@ def _converged(
     resume: Path | None,
 ) -> DeformableRun | None:
     """Solve a scene on finer and finer meshes; None where it is solved on its own."""
-    from fem.accuracy.converge import MOST_WORK
     from validation.output.console import status, told_of_compilation
     from validation.output.deformable.fields import FrameWriter
-    from validation.run.accuracy import DEFAULT_TARGETS, progress_words, refined
+    from validation.run.accuracy import progress_words, refined
     from validation.run.solve import run_converged
     from validation.run.stages import stages, summed
 
@@ -268,9 +267,8 @@ def _converged(
         run = run_converged(
             name,
             scene,
-            targets or DEFAULT_TARGETS,
+            targets,
             max_seconds=max_seconds,
-            most_work=None if targets else MOST_WORK,
             progress=lambda now: tell(f"{name}: {progress_words(now)}"),
             frames=frames,
             problem=problem,

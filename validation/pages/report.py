@@ -164,7 +164,6 @@ def _deformable(file: SceneFile, tell: Tell) -> DeformableRun:
     run = run_as_asked(
         file.name,
         file.scene,
-        {},
         progress=lambda now: tell(f"{file.name}: {progress_words(now)}"),
     )
     return with_factors(run)

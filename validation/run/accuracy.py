@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from fem.accuracy.converge import TARGETS, Progress, is_negligible, relative, why_not_refined
+from fem.accuracy.converge import Progress, is_negligible, relative, why_not_refined
 from fem.assembly.statement import Problem
 from geometry.answer import ALIASES, TITLES, Measure
 from geometry.errors import RefusedError
@@ -12,9 +12,6 @@ from validation.build.deformable import fem_section, scene_problem
 from validation.errors import InputError
 from validation.scene.deformable import FemSection, Method, parse_share
 from validation.scene.read import DeformableScene
-
-#: Relative error bars of an answer where none are requested [-].
-DEFAULT_TARGETS = dict(TARGETS)
 
 
 def parse_targets(texts: list[str]) -> dict[str, float]:
@@ -43,7 +40,9 @@ def states_its_mesh(fem: FemSection) -> bool:
     return not fem.model_fields_set.isdisjoint(("degree", "element"))
 
 
-def check_request(name: str, scene: DeformableScene, targets: Mapping[str, float]) -> None:
+def check_request(
+    name: str, scene: DeformableScene, targets: Mapping[str, float] | None = None
+) -> None:
     """Reject an accuracy that a scene cannot reach, whatever its effects.
 
     Effects that ``[effects] auto`` leaves out may change p_max, p_eff and u by its tolerance, which
@@ -71,7 +70,9 @@ def check_request(name: str, scene: DeformableScene, targets: Mapping[str, float
         )
 
 
-def refined(name: str, scene: DeformableScene, targets: Mapping[str, float]) -> Problem | None:
+def refined(
+    name: str, scene: DeformableScene, targets: Mapping[str, float] | None = None
+) -> Problem | None:
     """Problem of a scene that is solved on finer and finer meshes; None: on its own."""
     check_request(name, scene, targets)
     fem = fem_section(scene, name)

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from fem.accuracy.converge import MOST_WORK
 from fem.accuracy.converge import Progress as Refinement
 from fem.accuracy.ladder import OF_FACETS
 from geometry.errors import RefusedError
-from validation.run.accuracy import DEFAULT_TARGETS, refinable
+from validation.run.accuracy import refinable
 from validation.run.deformable import DeformableRun
 from validation.run.measures import StaticReference
 from validation.run.solve import run_converged
@@ -52,13 +51,7 @@ def static_reference(
     if why is not None:
         return StaticReference(why_not=why)
     try:
-        result = run_converged(
-            run.name,
-            converged_scene(run.scene),
-            DEFAULT_TARGETS,
-            most_work=MOST_WORK,
-            progress=progress,
-        )
+        result = run_converged(run.name, converged_scene(run.scene), progress=progress)
     except RefusedError as error:
         return StaticReference(why_not=str(error).removeprefix(f"{run.name}: "))
     measures = result.answer.measures

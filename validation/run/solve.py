@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fem.accuracy.converge import MOST_WORK, Converged, converge
+from fem.accuracy.converge import MOST_WORK, TARGETS, Converged, converge
 from fem.accuracy.converge import Progress as Refinement
 from fem.accuracy.errors import SAFETY
 from fem.accuracy.ladder import coarser
@@ -30,7 +30,7 @@ from geometry.mesh import FloatArray
 from validation.build.deformable import build_effects, fem_section, scene_problem
 from validation.build.materials import count_materials
 from validation.errors import InputError, named
-from validation.run.accuracy import DEFAULT_TARGETS, refined
+from validation.run.accuracy import refined
 from validation.run.deformable import DeformableRun
 from validation.run.friction_path import friction_width, seeks_static_state
 from validation.run.held_by_faces import (
@@ -138,21 +138,18 @@ def _with_its_times(run: DeformableRun) -> DeformableScene:
 def run_as_asked(
     name: str,
     scene: DeformableScene,
-    stated: Mapping[str, float],
-    default: Mapping[str, float] = DEFAULT_TARGETS,
+    requested: Mapping[str, float] | None = None,
+    otherwise: Mapping[str, float] = TARGETS,
     progress: Callable[[Refinement], None] | None = None,
 ) -> DeformableRun:
     """Solve a scene on finer and finer meshes, or on its own with the error bars that it asks for.
 
-    ``stated`` are relative errors to reach by measure, however long it takes; where none are
-    stated, the ``default`` ones are sought within a fixed amount of work. ``progress`` is called
-    before each mesh of a refinement.
+    ``requested`` and ``otherwise`` are as in `fem.accuracy.converge.converge`.
     """
-    problem = refined(name, scene, stated)
+    problem = refined(name, scene, requested)
     if problem is not None:
-        most = None if stated else MOST_WORK
         return run_converged(
-            name, scene, stated or default, most_work=most, progress=progress, problem=problem
+            name, scene, requested, otherwise=otherwise, progress=progress, problem=problem
         )
     run = run_scene(name, scene)
     if scene.fem.error_estimate:
@@ -271,10 +268,11 @@ def run_static(
 def run_converged(
     name: str,
     scene: DeformableScene,
-    targets: Mapping[str, float],
+    requested: Mapping[str, float] | None = None,
     *,
+    otherwise: Mapping[str, float] = TARGETS,
     max_seconds: float | None = None,
-    most_work: float | None = None,
+    most_work: float = MOST_WORK,
     progress: Callable[[Refinement], None] | None = None,
     frames: Callable[[Solution], Callable[[Frame], None] | None] | None = None,
     problem: Problem | None = None,
@@ -294,7 +292,8 @@ def run_converged(
         with _floating_named(name, scene, problem, options):
             result = converge(
                 problem,
-                targets,
+                requested,
+                otherwise=otherwise,
                 options=options,
                 max_seconds=max_seconds,
                 most_work=most_work,

@@ -51,7 +51,7 @@ def answer_to(file: SceneFile, kind: Kind) -> Answer:
         return rigid_answer(file).answer
     from validation.run.solve import run_as_asked, with_factors
 
-    return with_factors(run_as_asked(file.name, file.scene, {})).answer
+    return with_factors(run_as_asked(file.name, file.scene)).answer
 
 
 def envelope(answers: Mapping[str, Answer]) -> dict[str, tuple[str, Measure]]:

@@ -156,13 +156,13 @@ def _built(report: Mapping[str, Any]) -> dict[str, Any]:
 
 def _fem_run(study: Study, file: SceneFile) -> DeformableRun:
     """Solve a design as `tubelock fem` does: on finer and finer meshes, or on its own."""
-    from validation.run.accuracy import DEFAULT_TARGETS
+    from fem.accuracy.converge import TARGETS
     from validation.run.solve import run_as_asked, with_factors
 
-    ranking, stated = dict.fromkeys(DEFAULT_TARGETS, RANKING), study.accuracy
+    stated = study.accuracy
     if isinstance(stated, float):
-        stated = dict.fromkeys(DEFAULT_TARGETS, stated)
-    run = run_as_asked(file.name, file.scene, stated or {}, ranking)
+        stated = dict.fromkeys(TARGETS, stated)
+    run = run_as_asked(file.name, file.scene, stated, dict.fromkeys(TARGETS, RANKING))
     material = file.scene.material
     strong = any((material.tensile_strength, material.compressive_strength))
     return with_factors(run) if strong else run

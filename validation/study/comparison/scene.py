@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from fem.accuracy.converge import MOST_WORK
 from fem.assembly.statement import Problem
 from geometry.assembly import Assembly
 from mbd.options import Norm
@@ -17,7 +16,7 @@ from validation.build.blocks import BuiltScene
 from validation.build.deformable import fem_section, scene_load, scene_problem
 from validation.build.facing import facing_blocks
 from validation.errors import InputError
-from validation.run.accuracy import DEFAULT_TARGETS, refined
+from validation.run.accuracy import refined
 from validation.run.deformable import DeformableRun
 from validation.run.held_by_faces import require_held_by_faces
 from validation.run.rigid.answer import RigidRun, analyse_rigid
@@ -53,9 +52,7 @@ def compared_runs(
     one_mesh = problem.finite_sliding or refined(name, static, {}) is None
     result: list[DeformableRun] = []
     if not one_mesh:
-        result.append(
-            run_converged(name, static, DEFAULT_TARGETS, most_work=MOST_WORK, progress=refinement)
-        )
+        result.append(run_converged(name, static, progress=refinement))
     if one_mesh or explicit:
         result.append(run_static(name, static, problem=problem))
     if explicit:
