@@ -417,7 +417,7 @@ def test_curves_hold_the_rows_and_failed_designs_are_gaps(tubes) -> None:
     assert first.tolist() == sorted([a, p] for a, p in expected.items())
     assert all(math.isnan(y) for _, y in second.tolist())
     assert axes.get_xlabel() == "block.amplitude [mm]"
-    assert axes.get_ylabel() == "p_max [MPa]"
+    assert axes.get_ylabel() == "p_max of the paper [MPa]"
     assert [t.get_text() for t in axes.get_legend().get_texts()] == ["1", "2.5"]
 
 

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from fem.element.hexahedron import ElementType, block_stiffness
 from fem.element.material import Material
-from fem.problem.model import Model, block_group, fixed_nodes, nodal_load
-from fem.static.linear import solve_linear_static
-from geometry.assembly import AssemblyError
-from geometry.block import box_block
+from fem.problem.model import Support, fixed_nodes, nodal_load
+from fem.static.linear import solve_apart
+from fem.static.result import StaticResult
+from geometry.assembly import Assembly, AssemblyError
+from geometry.block import Block, box_block
 from geometry.errors import RefusedError
 from geometry.families.sine_block import TSB1
-from geometry.mesh import HexMesh, MeshError, boundary_quads, check_mesh
+from geometry.loads import LoadCase
+from geometry.mesh import FloatArray, HexMesh, MeshError, boundary_quads, check_mesh
 from validation.stability.case import Cases, Check, Finding, refusal
-from validation.stability.problems import BRICK, CONCRETE, relative, stack, tube
+from validation.stability.problems import BRICK, CONCRETE, deformable, relative, stack, tube
 
 CASES = Cases("geometry")
 
@@ -70,10 +74,10 @@ def _inverted() -> Finding:
 @CASES.add("poisson-0.4999", "ν = 0.4999, confined compression: p L / (λ + 2μ), every element")
 def _incompressible() -> Finding:
     rubber = Material(density=1e-9, young_modulus=10.0, poisson_ratio=0.4999)
-    mesh = box_block((10.0, 10.0, 10.0), (2, 2, 2)).mesh
+    block = box_block((10.0, 10.0, 10.0), (2, 2, 2))
+    mesh = block.mesh
     pressure, checks = 0.01, []
     for kind in ElementType:
-        group = block_group(mesh, rubber, element=kind)
         sides = [fixed_nodes(0, np.arange(mesh.n_nodes), components=(0, 1))]
         bottom = fixed_nodes(0, np.flatnonzero(mesh.nodes[:, 2] == 0.0), components=(2,))
         top = np.flatnonzero(mesh.nodes[:, 2] == 10.0)
@@ -81,7 +85,7 @@ def _incompressible() -> Finding:
         # Equal facets: corners, edges, centre of the face carry 1, 2, 4 sixteenths.
         inside = ((mesh.nodes[top, :2] > 0.0) & (mesh.nodes[top, :2] < 10.0)).sum(axis=1)
         share[top, 2] = -pressure * 100.0 * 2.0**inside / 16.0
-        result = solve_linear_static(Model((group,), (*sides, bottom), (nodal_load(0, share),)))
+        result = _solved(block, rubber, kind, (*sides, bottom), share)
         sunk = -result.displacements[0][0, top, 2].mean()
         expected = pressure * 10.0 / rubber.constrained_modulus
         # Round-off times the ratio of bulk and shear modulus, 5 000.
@@ -89,16 +93,41 @@ def _incompressible() -> Finding:
     return Finding(*checks)
 
 
+def _solved(
+    block: Block,
+    material: Material,
+    element: ElementType,
+    supports: tuple[Support, ...],
+    force: FloatArray,
+) -> StaticResult:
+    """Static state of one block with supports and forces on its nodes."""
+    none = np.zeros(1, dtype=np.int64)
+    alone = Assembly(
+        name=block.name,
+        shapes=(block,),
+        shape_of=none,
+        rotations=np.eye(3)[None],
+        translations=np.zeros((1, 3)),
+        layer=none,
+        fixed=np.zeros(1, dtype=np.bool_),
+    )
+    stated = deformable(
+        alone, LoadCase(alone, "forces", (), alone.fixed), material=material, element=element
+    )
+    model = replace(stated.model, supports=supports, loads=(nodal_load(0, force),))
+    return solve_apart(replace(stated, model=model))
+
+
 def _deflection(divisions: tuple[int, int, int], element: ElementType, ratio: float) -> float:
     """Tip deflection of a clamped bar over that of Euler's beam, which knows no ν."""
-    mesh = box_block((100.0, 10.0, 10.0), divisions).mesh
+    block = box_block((100.0, 10.0, 10.0), divisions)
+    mesh = block.mesh
     held = fixed_nodes(0, np.flatnonzero(mesh.nodes[:, 0] == 0.0))
     tip = np.flatnonzero(mesh.nodes[:, 0] == 100.0)
     force = np.zeros((mesh.n_nodes, 3))
     force[tip, 2] = 1.0 / len(tip)
     material = Material(density=1e-9, young_modulus=1000.0, poisson_ratio=ratio)
-    group = block_group(mesh, material, element=element)
-    result = solve_linear_static(Model((group,), (held,), (nodal_load(0, force),)))
+    result = _solved(block, material, element, (held,), force)
     beam = 100.0**3 / (3.0 * 1000.0 * 10.0**4 / 12.0)
     return float(result.displacements[0][0, tip, 2].mean()) / beam
 

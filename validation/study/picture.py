@@ -56,7 +56,7 @@ def study_figure(
         points = [result.get(number, {}) for number in numbers]
         _draw_curve(axes, values[parameter], points, measure, _look(study, others, chosen, place))
     axes.set_xlabel(study.head(parameter))
-    axes.set_ylabel(study.head(measure))
+    axes.set_ylabel(study.label(measure))
     axes.set_title(_title(study, others, len(curves)), loc="left", fontsize="medium")
     axes.grid(alpha=0.3)
     if others:

@@ -20,21 +20,20 @@ import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-from geometry.answer import ALIASES, FACTORS, TITLES
+from geometry.answer import ALIASES, EVERY_TITLE, FACTORS, TITLES, Title
 from geometry.errors import unreadable
 from geometry.parts.dimensions import UNITS as DIMENSIONS
 from validation.errors import InputError
 from validation.scene.builtin import builtin_text
 from validation.scene.deformable import parse_share
-from validation.scene.keys.docstrings import field_docstrings
-from validation.scene.keys.quantities import unit_of
+from validation.scene.keys.quantities import unit_of_key
 from validation.scene.read import SceneFile, apply_overrides, check_scene, read_text, scene_data
 
 Quantity = Literal["rigid", "fem"]
@@ -154,18 +153,19 @@ class Study:
 
     def head(self, column: str) -> str:
         """Name of a column with its unit."""
-        unit = UNITS.get(column.removesuffix("_error")) or self._unit(column)
-        return f"{column} [{unit}]" if unit else column
+        return self._with_unit(column, column)
 
-    def _unit(self, path: str) -> str | None:
-        """Unit of a key of the scene; None where it has none."""
-        *sections, key = path.split(".")
-        section: Any = self.scene_file(0).scene if sections else None
-        for name in sections:
-            section = getattr(section, name, None)
-        kind: type = type(section)
-        unit = unit_of(field_docstrings(kind).get(key, "")) if sections else None
-        return None if unit is None else unit.name
+    def label(self, column: str) -> str:
+        """Words for a measure with its unit, as on the axis of a picture."""
+        words = EVERY_TITLE.get(column, Title(column.replace("_", " "))).words
+        return self._with_unit(words, column)
+
+    def _with_unit(self, words: str, column: str) -> str:
+        unit = UNITS.get(column.removesuffix("_error"))
+        if unit is None and "." in column:
+            of_key = unit_of_key(self.scene_file(0).scene, column)
+            unit = None if of_key is None else of_key.name
+        return f"{words} [{unit}]" if unit else words
 
     @property
     def varied(self) -> list[str]:
@@ -232,12 +232,7 @@ def check_study(
     data: Mapping[str, Any], name: str, folder: Path | None = None, overrides: Iterable[str] = ()
 ) -> Study:
     """Check a study's data; a relative scene file lies in the folder, or in the working one."""
-    known = ["scene", "quantity", "accuracy", "parameters", "settings"]
-    for key in data:
-        if key not in known:
-            near = difflib.get_close_matches(key, known, n=1, cutoff=0.4)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise InputError(f"{name}: unknown key {key}{hint}; expected {', '.join(known)}")
+    check_keys(name, data, ("scene", "quantity", "accuracy", "parameters", "settings"))
     scene, quantity = data.get("scene"), data.get("quantity", "rigid")
     if not isinstance(scene, str | Mapping):
         raise InputError(
@@ -253,14 +248,14 @@ def check_study(
             raise InputError(f"{name}: [{section}]: expected a section of section.key = values")
     parameters = tuple(
         (path, parameter_values(f"{name}: {path}", given))
-        for path, given in _flat(data.get("parameters", {}), ())
+        for path, given in flat(data.get("parameters", {}))
     )
     if not parameters:
         raise InputError(
             f"{name}: [parameters] is missing or empty: name at least one parameter of the "
             'scene, e.g. "block.amplitude" = [10, 20]'
         )
-    settings = dict(_flat(data.get("settings", {}), ()))
+    settings = dict(flat(data.get("settings", {})))
     _refuse_twice(name, parameters, settings)
     files = []
     if isinstance(scene, str):
@@ -275,21 +270,37 @@ def check_study(
     return study
 
 
+def check_keys(place: str, data: Mapping[str, Any], known: Sequence[str]) -> None:
+    """Reject a key that is not known, with the one that was meant."""
+    for key in data:
+        if key not in known:
+            raise InputError(
+                f"{place}: unknown key {key}{did_you_mean(key, known, 0.4)}; expected "
+                f"{', '.join(known)}"
+            )
+
+
+def did_you_mean(given: str, known: Iterable[str], cutoff: float = 0.6) -> str:
+    """Return a question for the known name nearest to a given one; nothing where none is near."""
+    near = difflib.get_close_matches(given, list(known), n=1, cutoff=cutoff)
+    return f"; did you mean {near[0]!r}?" if near else ""
+
+
 def _scene_source(scene: str, folder: Path | None) -> str:
     beside = None if folder is None else folder / scene
     return str(beside) if beside is not None and beside.suffix == ".toml" else scene
 
 
 def _is_range(given: Any) -> bool:
-    return isinstance(given, dict) and ("from" in given or "to" in given)
+    return isinstance(given, Mapping) and ("from" in given or "to" in given)
 
 
-def _flat(data: Mapping[str, Any], above: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
+def flat(data: Mapping[str, Any], above: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
     """``section.key`` and value, from quoted keys and from nested tables alike."""
     for key, value in data.items():
         place = (*above, key)
-        if isinstance(value, dict) and not _is_range(value):
-            yield from _flat(value, place)
+        if isinstance(value, Mapping) and not _is_range(value):
+            yield from flat(value, place)
         else:
             yield ".".join(place), value
 

@@ -10,6 +10,8 @@ import re
 from dataclasses import dataclass
 from fractions import Fraction
 
+from validation.scene.keys.docstrings import field_docstrings
+
 #: Exponents of length, mass, time and angle.
 _Dimension = tuple[int, int, int, int]
 
@@ -89,6 +91,14 @@ def unit_of(docstring: str) -> Unit | None:
     """Unit that a docstring gives in brackets; None where it gives none."""
     result = (parse_unit(text) for text in _IN_BRACKETS.findall(docstring) if text != "1")
     return next((unit for unit in result if unit is not None), None)
+
+
+def unit_of_key(scene: object, path: str) -> Unit | None:
+    """Unit of ``section.key`` of a scene; None where it has none, or no section."""
+    *sections, key = path.split(".")
+    for name in sections:
+        scene = getattr(scene, name, None)
+    return unit_of(field_docstrings(type(scene)).get(key, "")) if sections else None
 
 
 def converted(text: str, unit: Unit) -> float | None:

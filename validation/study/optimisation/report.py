@@ -170,7 +170,7 @@ def _draw_front(search: Search, axes: Any) -> None:
     )
     axes.plot(*zip(*best, strict=True), "o-", color=VERMILION, label="Pareto front")
     for name, label in zip(stated.measures, (axes.set_xlabel, axes.set_ylabel), strict=True):
-        label(stated.study.head(name))
+        label(stated.study.label(name))
 
 
 def _draw_course(search: Search, axes: Any) -> None:
@@ -197,7 +197,7 @@ def _draw_course(search: Search, axes: Any) -> None:
             axes.plot(*zip(*of, strict=True), ".", color=colour, label=words)
     axes.step(numbers, course, where="post", color=VERMILION, label="best so far")
     axes.set_xlabel("design computed")
-    axes.set_ylabel(search.stated.study.head(name))
+    axes.set_ylabel(search.stated.study.label(name))
 
 
 def _draw_judged(search: Search, final: list[Point], axes: Any) -> None:

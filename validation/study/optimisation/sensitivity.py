@@ -17,15 +17,14 @@ from typing import Any, Literal
 
 from rich.console import Console
 
-from geometry.answer import EVERY_TITLE, Measure
+from geometry.answer import EVERY_TITLE, Measure, Title
 from geometry.errors import RefusedError
 from validation.errors import InputError
 from validation.output.console import listing
 from validation.output.files import write_csv
 from validation.output.pictures.gallery import save_figure, subplots
 from validation.output.pictures.scales import BLUE, VERMILION
-from validation.scene.keys.docstrings import field_docstrings
-from validation.scene.keys.quantities import unit_of
+from validation.scene.keys.quantities import unit_of_key
 from validation.scene.read import SceneFile, require_deformable
 from validation.study.combinations import answer_to
 
@@ -106,8 +105,7 @@ class Sensitivity:
         for measure in dict.fromkeys(s.measure for s in self.slopes):
             of = self.of(measure)
             unit = of[0].measure_unit
-            title = EVERY_TITLE[measure].words if measure in EVERY_TITLE else measure
-            words = f"{self.name} ({self.method}): {title} = {of[0].base:.5g} {unit}"
+            words = f"{self.name} ({self.method}): {_words(measure)} = {of[0].base:.5g} {unit}"
             table = listing(words, *heads[:1], numbers=heads[1:5])
             table.add_column(heads[5])
             for slope in of:
@@ -177,7 +175,7 @@ class Sensitivity:
                 capsize=3,
             )
             panel.axvline(0.0, color="black", linewidth=0.8)
-            panel.set_title(measure, loc="left")
+            panel.set_title(_words(measure), loc="left")
             panel.set_xlabel("elasticity [-]")
             panel.grid(alpha=0.3, axis="x")
         figure.suptitle(f"{self.name}: what matters ({self.method} blocks)", x=0.02, ha="left")
@@ -190,6 +188,10 @@ class Sensitivity:
             + (f" ({s.remark})" if s.remark else "")
             for s in self.slopes
         )
+
+
+def _words(measure: str) -> str:
+    return EVERY_TITLE.get(measure, Title(measure)).words
 
 
 def _with_error(value: float, error: float) -> str:
@@ -273,16 +275,6 @@ def _number(file: SceneFile, path: str) -> float:
     return value
 
 
-def _unit(file: SceneFile, path: str) -> str:
-    *sections, key = path.split(".")
-    section: Any = file.scene
-    for name in sections:
-        section = getattr(section, name)
-    kind: type = type(section)
-    unit = unit_of(field_docstrings(kind).get(key, ""))
-    return "" if unit is None else unit.name
-
-
 def answers_at(file: SceneFile, method: Method, meshes: int = 2) -> list[Values]:
     """Measures on so many meshes from coarse to fine; rigid blocks have the scene's own."""
     if method == "fem":
@@ -341,7 +333,8 @@ def _slopes(
 ) -> list[Slope]:
     """Derivatives with respect to one parameter."""
     value = _number(file, path)
-    parameter = _Parameter(path, value, _unit(file, path), base)
+    unit = unit_of_key(file.scene, path)
+    parameter = _Parameter(path, value, "" if unit is None else unit.name, base)
 
     def at(other: float, meshes: int = 2) -> list[Values]:
         changed: float = round(other) if isinstance(value, int) else other

@@ -17,7 +17,6 @@ Every variable has a list of values, so a search is a study of which few designs
 
 from __future__ import annotations
 
-import difflib
 import math
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -34,7 +33,10 @@ from validation.study.study import (
     MEASURES,
     MOST_DESIGNS,
     Study,
+    check_keys,
     check_study,
+    did_you_mean,
+    flat,
     parameter_values,
 )
 
@@ -156,7 +158,7 @@ def check_optimisation(
     overrides: Iterable[str] = (),
 ) -> Optimisation:
     """Check the data of a search."""
-    _check_keys(name, data, _KEYS)
+    check_keys(name, data, _KEYS)
     overrides = tuple(overrides)
     variables, cases = _section(name, data, "variables"), _section(name, data, "cases")
     if not variables:
@@ -164,19 +166,19 @@ def check_optimisation(
             f"{name}: [variables] is missing or empty: name at least one key of the scene with "
             'its bounds, e.g. "block.amplitude" = { from = 10, to = 25 }'
         )
-    ranges = _with_steps(name, dict(_flat(variables)), dict(_flat(cases)))
+    ranges = _with_steps(name, dict(flat(variables)), dict(flat(cases)))
     stated = {
         "scene": data.get("scene"),
         "quantity": data.get("quantity", "rigid"),
         **({"accuracy": data["accuracy"]} if "accuracy" in data else {}),
-        "parameters": dict(_flat(cases)) | ranges,
-        "settings": dict(_flat(_section(name, data, "settings"))),
+        "parameters": dict(flat(cases)) | ranges,
+        "settings": dict(flat(_section(name, data, "settings"))),
     }
     study = check_study(stated, name, folder, overrides)
     judge, count = _judge(name, data, stated, folder, overrides)
     return Optimisation(
         study=study,
-        cases=tuple(path for path, _ in _flat(cases)),
+        cases=tuple(path for path, _ in flat(cases)),
         measures=_measures(name, data.get("minimise"), study, judge),
         limits=_limits(name, data, study),
         evaluations=_whole(f"{name}: evaluations", data.get("evaluations", _EVALUATIONS), 1),
@@ -186,28 +188,11 @@ def check_optimisation(
     )
 
 
-def _check_keys(place: str, data: Mapping[str, Any], known: tuple[str, ...]) -> None:
-    for key in data:
-        if key not in known:
-            near = difflib.get_close_matches(key, known, n=1, cutoff=0.4)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise InputError(f"{place}: unknown key {key}{hint}; expected {', '.join(known)}")
-
-
 def _section(name: str, data: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     result = data.get(key, {})
     if not isinstance(result, Mapping):
         raise InputError(f"{name}: [{key}]: expected a section, got {result!r}")
     return result
-
-
-def _flat(data: Mapping[str, Any], above: str = "") -> Iterable[tuple[str, Any]]:
-    """``section.key`` and value, from quoted keys and nested tables alike."""
-    for key, value in data.items():
-        if isinstance(value, Mapping) and not {"from", "to"} & set(value):
-            yield from _flat(value, f"{above}{key}.")
-        else:
-            yield f"{above}{key}", value
 
 
 def _with_steps(
@@ -310,11 +295,9 @@ def _bound(place: str, key: str, given: Any, study: Study) -> Limit:
         if kind == "REAL" and c not in _NOT_MINIMISED and not c.endswith("_error")
     ]
     if key not in columns:
-        near = difflib.get_close_matches(key, columns, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
         raise InputError(
-            f"{place}: no measure of this search{hint}; expected locked, castable or one of "
-            f"{', '.join(columns)}"
+            f"{place}: no measure of this search{did_you_mean(key, columns)}; expected locked, "
+            f"castable or one of {', '.join(columns)}"
         )
     bounds = given if isinstance(given, Mapping) else {}
     numbers = all(
@@ -348,8 +331,8 @@ def _judge(
     given = _section(name, data, "judge")
     if not given:
         return None, 0
-    _check_keys(f"{name}: judge", given, _JUDGE_KEYS)
-    settings = dict(stated["settings"]) | dict(_flat(given.get("settings", {})))
+    check_keys(f"{name}: judge", given, _JUDGE_KEYS)
+    settings = dict(stated["settings"]) | dict(flat(given.get("settings", {})))
     one = {key: stated[key] for key in ("scene", "parameters")}
     one |= {"quantity": given.get("quantity", "fem"), "settings": settings}
     if "accuracy" in given:
