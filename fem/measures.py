@@ -46,7 +46,10 @@ def measures_of(
     remarks: Mapping[str, str] | None = None,
 ) -> Lazy[Measure]:
     """Measures of a solution, each computed when it is read: see `fem.answer.answer_of`."""
-    makers = {"max_displacement": lambda: _displacement(solution)} | _stresses(solution)
+    moved = solution.deformable, solution.group_displacements
+    makers = {
+        "max_displacement": lambda: _measure(solution, largest_displacement(*moved), "mm")
+    } | _stresses(solution)
     if solution.deformable.meets:
         makers |= _pressures(solution, facets)
     makers |= _of_motion(solution)
@@ -56,11 +59,6 @@ def measures_of(
         return lambda: replace(makers[name](), error=bars.get(name), remark=notes.get(name, ""))
 
     return Lazy({name: told(name) for name in makers})
-
-
-def _displacement(solution: Solution) -> Measure:
-    peak = largest_displacement(solution.deformable, solution.group_displacements)
-    return _measure(solution, peak, "mm")
 
 
 def _of_motion(solution: Solution) -> dict[str, Callable[[], Measure]]:

@@ -178,7 +178,8 @@ def answer_of(
     """
     shown = without_friction(assembly, result) if carried is None else carried
     points, cells, block = _points(assembly)
-    layer = _layers(assembly)
+    n_blocks = assembly.n_blocks
+    layer = assembly.layer if isinstance(assembly, Assembly) else np.zeros(n_blocks, np.int64)
     motion = block_motion(assembly, load, result, shown)
     fields: dict[str, Callable[[], Array]] = {}
     if motion is not None:
@@ -367,13 +368,6 @@ def _points(assembly: AnyBlocks) -> tuple[FloatArray, IntArray, IntArray]:
         first += len(own)
     owner = np.repeat(np.arange(assembly.n_blocks), [len(p) for p in points])
     return np.concatenate(points), np.concatenate(cells), owner
-
-
-def _layers(assembly: AnyBlocks) -> IntArray:
-    """Layer of each block; zero where blocks have none."""
-    if isinstance(assembly, Assembly):
-        return assembly.layer
-    return np.zeros(assembly.n_blocks, dtype=np.int64)
 
 
 def block_motion(

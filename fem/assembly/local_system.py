@@ -294,15 +294,8 @@ def _held_nodes(
     if not nodes:
         return NOTHING_HELD
     result = by_node(np.concatenate(nodes), np.concatenate(directions), np.concatenate(values))
-    return replace(result[0], moving=_moving(shares, result[1]))
-
-
-def _moving(
-    shares: list[Amplitude | None], ways: FloatArray
-) -> tuple[tuple[Amplitude, FloatArray], ...]:
-    """Parts of the prescribed components (n, 3, n_shares) that move."""
-    parts = np.moveaxis(ways, 2, 0)
-    return tuple((a, way) for a, way in zip(shares, parts, strict=False) if a is not None)
+    ways = zip(shares, np.moveaxis(result[1], 2, 0), strict=False)
+    return replace(result[0], moving=tuple((a, way) for a, way in ways if a is not None))
 
 
 def by_node(

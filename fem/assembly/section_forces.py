@@ -281,7 +281,8 @@ class _Section:
         least, most = np.full(size, np.inf), np.full(size, -np.inf)
         np.minimum.at(least, number, behind)
         np.maximum.at(most, number, behind)
-        crossing, ours = least < most, np.isin(self._block_of(nodes), self.blocks)
+        owner = np.searchsorted(self.state.starts, nodes, side="right") - 1
+        crossing, ours = least < most, np.isin(owner, self.blocks)
         foreign = np.bincount(number, ~ours, minlength=size) > 0
         if (crossing & ((low < high) | foreign)).any():
             raise SectionError(
@@ -293,9 +294,6 @@ class _Section:
         known = ~held & crossing[number]
         forces = self.state.unbalanced[nodes[known]]
         self._add(nodes[known], forces, base[number[known]])
-
-    def _block_of(self, nodes: IntArray) -> IntArray:
-        return np.searchsorted(self.state.starts, nodes, side="right") - 1
 
     def _cut_block(self, block: int) -> tuple[float, FloatArray]:
         """Area of a block in the plane [mm²] and its first moment (3,) [mm³]; weights on it."""

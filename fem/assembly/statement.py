@@ -197,7 +197,8 @@ class Problem:
                     f"{name}: got a {type(value).__name__}; expected blocks and load, "
                     "numbers for clearance, spacing and friction"
                 )
-        self._check_units()
+        for material in dict.fromkeys(self.materials):
+            self._check_units_of(material)
         _ = self.contact_law, self.coulomb  # what is no law is rejected here
         for key, of_pairs in self._of_pairs:
             check_pairs(key, of_pairs, self.blocks.n_blocks)
@@ -313,12 +314,8 @@ class Problem:
         offsets = spacing_offsets(assembly, self.spacing)
         return touching_surfaces(assembly, deforms, offsets, self.clearance, self.contact_law)
 
-    def _check_units(self) -> None:
-        """Reject constants and loads that no solid in mm, N, MPa and t has."""
-        for material in dict.fromkeys(self.materials):
-            self._check_units_of(material)
-
     def _check_units_of(self, material: Material) -> None:
+        """Reject constants and loads that no solid in mm, N, MPa and t has."""
         if self.check_units and not SLOWEST_SOUND <= material.bar_wave_speed <= FASTEST_SOUND:
             slips = (
                 ("young_modulus in GPa", 1e3, 1.0),

@@ -15,7 +15,7 @@ called equilibrium has been probed to be a minimum.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -300,13 +300,9 @@ def _escape(energy: _Energy, state: _State, way: FloatArray) -> _State | None:
     largest = float(np.abs(state.displacement).max())
     length = _FIRST_ESCAPE * largest / float(np.abs(way).max())
     best: _State | None = None
-    for after in _doubled(energy, state, length * way):
+    for k in range(_MAX_SCALINGS):
+        after = energy(state.displacement + 2.0**k * length * way)
         if after.energy >= (state if best is None else best).energy:
             break
         best = after
     return best
-
-
-def _doubled(energy: _Energy, state: _State, way: FloatArray) -> Iterator[_State]:
-    for k in range(_MAX_SCALINGS):
-        yield energy(state.displacement + 2.0**k * way)

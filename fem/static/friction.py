@@ -69,7 +69,8 @@ class FrictionRows:
         secant = np.linalg.norm(traction, axis=2) / length
         stiff_across = np.where(slides, secant, stick) * pressed
         turn = np.stack([along, across], axis=2)
-        gradient = np.einsum("fpki,fpiax->fpkax", turn, self._by_tangent())
+        by_tangent = self.gradient.reshape(*self.tangents.shape[:3], *self.gradient.shape[2:])
+        gradient = np.einsum("fpki,fpiax->fpkax", turn, by_tangent)
         leans = np.where(slides & pressed, self.coefficient, 0.0)
         push = normal.gradient + leans[:, :, None, None] * gradient[:, :, 0]
         rows = self.gradient.shape[:2]
@@ -132,9 +133,6 @@ class FrictionRows:
         slid = (moved != anchor).any(axis=2)
         back = ((slip - anchor) * (at - anchor)).sum(axis=2) < 0.0
         return np.where((slid & back)[:, :, None], anchor, slip)
-
-    def _by_tangent(self) -> FloatArray:
-        return self.gradient.reshape(*self.tangents.shape[:3], *self.gradient.shape[2:])
 
     def forces(
         self, displacement: FloatArray, anchor: FloatArray, pressure: FloatArray

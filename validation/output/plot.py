@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geometry.answer import UNITS, Answer
-from geometry.mesh import HEX_FACES, BoolArray, FloatArray, IntArray
+from geometry.mesh import HEX_FACES, FloatArray, IntArray
 from validation.errors import InputError
 
 if TYPE_CHECKING:
@@ -76,12 +76,8 @@ def _of_blocks(answer: Answer, field: str, layer: int | None) -> tuple[FloatArra
         raise InputError(f"plot: got {field!r}; expected one of {known}")
     faces = _outside(answer.cells)
     if layer is not None:
-        faces = faces[_in_layer(answer, faces, layer)]
+        faces = faces[answer.layer_of_point[faces[:, 0]] == layer]
     return answer.points[faces], values[faces].mean(axis=1)
-
-
-def _in_layer(answer: Answer, faces: IntArray, layer: int) -> BoolArray:
-    return np.asarray(answer.layer_of_point[faces[:, 0]] == layer)
 
 
 def _outside(cells: IntArray) -> IntArray:

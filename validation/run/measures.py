@@ -55,19 +55,13 @@ class StaticReference:
 
         Values that no mesh resolves have none.
         """
-        return {
-            name: measure.value - self.measures[name].value
-            for name, measure in measures.items()
-            if name in self.measures and self._usable(name)
-        }
+        known = {n: m.value for n, m in self.measures.items() if m.resolved and not m.remark}
+        return {name: m.value - known[name] for name, m in measures.items() if name in known}
 
     def bars(self, measures: Mapping[str, Measure]) -> dict[str, float]:
         """Error bars of a run: its discretisation errors, and the error bars of this state."""
         result = self.errors(measures).items()
         return {name: abs(error) + (self.measures[name].error or 0.0) for name, error in result}
-
-    def _usable(self, name: str) -> bool:
-        return self.measures[name].resolved and not self.measures[name].remark
 
     def as_json(self, measures: Mapping[str, Measure]) -> dict[str, Any]:
         """Return plain data, beside the measures of a run."""

@@ -83,13 +83,10 @@ class KeyUse:
             if (
                 name not in self.scene.model_fields_set
                 and words
-                and self._reads(section, *type(section).model_fields)
+                and any((type(section), key) in self._read for key in type(section).model_fields)
             ):
                 result[name] = words
         return result
-
-    def _reads(self, section: BaseModel, *keys: str) -> bool:
-        return any((type(section), key) in self._read for key in keys)
 
     def count(self, section: BaseModel, besides: tuple[str, ...] = ()) -> None:
         """Count all keys of a section as read, besides some."""

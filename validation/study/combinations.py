@@ -64,16 +64,13 @@ def envelope(answers: Mapping[str, Answer]) -> dict[str, tuple[str, Measure]]:
     for measure in names:
         having = {name: a.measures[measure] for name, a in answers.items() if measure in a.measures}
         if measure in _LEAST:
-            governing = min(having, key=lambda name: _or_infinite(having[name].value))
+            # A load factor that is no number is none, and governs last.
+            factors = {name: (math.isnan(m.value), m.value) for name, m in having.items()}
+            governing = min(factors, key=lambda name: factors[name])
         else:
             governing = max(having, key=lambda name: abs(having[name].value))
         result[measure] = governing, having[governing]
     return result
-
-
-def _or_infinite(factor: float) -> float:
-    """A load factor; ∞ where there is none."""
-    return math.inf if math.isnan(factor) else factor
 
 
 def combinations_json(answers: Mapping[str, Answer]) -> dict[str, Any]:

@@ -16,7 +16,6 @@ from validation.scene.usage import recording, uncounted
 from validation.study.study import BUILT, COLUMNS, RANKING, Study, Value
 
 if TYPE_CHECKING:
-    from validation.build.blocks import BuiltScene
     from validation.run.deformable import DeformableRun
 
 
@@ -115,18 +114,14 @@ def failed_row(study: Study, number: int, message: str) -> Row:
 _NO_COLUMN = ("collapse", "sliding", "ranges", "margin")
 
 
-def _of_the_columns(built: BuiltScene) -> BuiltScene:
-    """Return a scene that asks for nothing that no column of a study shows."""
-    return replace(built, scene=built.scene.changed({"rigid": dict.fromkeys(_NO_COLUMN, False)}))
-
-
 def _rigid_results(file: SceneFile) -> dict[str, Any]:
     from validation.build.blocks import build_scene
     from validation.run.rigid.answer import analyse_rigid
 
     built = build_scene(file, command="sweep")
+    asked = built.scene.changed({"rigid": dict.fromkeys(_NO_COLUMN, False)})
     with uncounted(*((RigidSection, key) for key in _NO_COLUMN)):
-        run = analyse_rigid(_of_the_columns(built))
+        run = analyse_rigid(replace(built, scene=asked))
     result = run.result
     # With friction asked, the forces and the verdict are those with it.
     friction = None if run.further is None else run.further.friction

@@ -225,7 +225,8 @@ def print_summary(results: ResultFile, found: dict[str, Any], console: Console) 
     study = results.study
     run = found["this_run"]
     table = two_columns(f"{study.name}: how it was computed")
-    table.add_row("parameters", _parameter_words(study))
+    varied = (f"{path} ({len(values)})" for path, values in study.parameters)
+    table.add_row("parameters", ", ".join(varied))
     table.add_row("designs", f"{study.n_designs}, of which {run['computed']} computed now")
     table.add_row("failed", _failure_words(results, found["n_failed"]))
     table.add_row(
@@ -239,10 +240,6 @@ def print_summary(results: ResultFile, found: dict[str, Any], console: Console) 
         words = unused_words(tuple(found["unused_keys"]), study.scene_file(0).scene)
         console.print(f"{'ignored':9} {words} (not used by this method)")
     console.print(f"{'results':9} {results.path}")
-
-
-def _parameter_words(study: Study) -> str:
-    return ", ".join(f"{path} ({len(values)})" for path, values in study.parameters)
 
 
 def _failure_words(results: ResultFile, failed: int) -> str:

@@ -138,7 +138,9 @@ def block_rows(
     bandwidth = _bandwidth(numbered)
     if half is None:
         half = _half_is_faster(bandwidth, lanes, dtype)
-    chunks = equal_work(pointer, _half_chunks(len(order), bandwidth) if half else N_CHUNKS)
+    # Fewer chunks of half rows: pairs across their boundaries are stored twice.
+    few = min(max(2, len(order) // (6 * bandwidth + 1) // 2 * 2), N_CHUNKS)
+    chunks = equal_work(pointer, few if half else N_CHUNKS)
     kept: Any = slice(None)
     shared, reach = None, None
     if half:
@@ -157,11 +159,6 @@ def _half_is_faster(bandwidth: int, lanes: int, dtype: npt.DTypeLike) -> bool:
     """Whether loading the stiffness is what takes time: it is where u and f are small."""
     window = 6 * bandwidth * lanes * np.dtype(dtype).itemsize
     return lanes == 1 or (lanes < 16 and window <= HALF_WINDOW)
-
-
-def _half_chunks(n_rows: int, bandwidth: int) -> int:
-    """Chunks of half rows: fewer, since pairs across their boundaries are stored twice."""
-    return min(max(2, n_rows // (6 * bandwidth + 1) // 2 * 2), N_CHUNKS)
 
 
 def _half_rows(

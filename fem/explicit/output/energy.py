@@ -90,7 +90,9 @@ def energies(system: System, state: State) -> Energies:
         ),
         mass_damping_dissipation=sum(_mass_damping(now) for now in state.bodies),
         stiffness_damping_dissipation=sum(_stiffness_damping(system, now) for now in state.bodies),
-        bulk_viscosity_dissipation=sum(_bulk_viscosity(now) for now in state.bodies),
+        bulk_viscosity_dissipation=sum(
+            float(now.viscous.dissipated.sum()) for now in state.bodies if now.viscous is not None
+        ),
         frictional_dissipation=sum(i.dissipation() for i in system.interactions),
     )
 
@@ -112,10 +114,6 @@ def _stiffness_damping(system: System, now: BodyState) -> float:
     # Without block frames the kernel was given the velocity as the increment.
     scale = system.time_step if now.frame is None else 1.0
     return scale * float(damping.dissipated.sum())
-
-
-def _bulk_viscosity(now: BodyState) -> float:
-    return 0.0 if now.viscous is None else float(now.viscous.dissipated.sum())
 
 
 def gravity_work(system: System, body: Body, now: BodyState) -> float:

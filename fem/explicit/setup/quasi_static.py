@@ -290,18 +290,14 @@ def recommended_times(
     frequencies = block_frequencies(model, pressure)
     period = 1.0 / frequencies.excited
     periods = _RAMP_PERIODS[damped]
-    if _has_friction(model):
+    contacts = [i for i in model.interactions if isinstance(i, FaceContact | SlidingContact)]
+    if any(contact.friction is not None for contact in contacts):
         slow = _RAMP_PERIODS_CLOSING if closing else _RAMP_PERIODS_WITH_FRICTION
         periods = max(periods, slow)
     ramp = periods * period
     return RecommendedTimes(
         frequencies.excited, frequencies.lowest, ramp, ramp + _END_PERIODS * period
     )
-
-
-def _has_friction(model: Model) -> bool:
-    contacts = [i for i in model.interactions if isinstance(i, FaceContact | SlidingContact)]
-    return any(contact.friction is not None for contact in contacts)
 
 
 @dataclass(frozen=True)

@@ -439,20 +439,15 @@ class _Dissection:
         matrix = np.zeros((n + len(numbers),) * 2)
         matrix[:n, :n] = stiffness
         # Points and nodes of the block, which begins with this column.
-        rows = block.rows[self._of_block(numbers)]
+        points = block.point_grid(block.counts[1])[:, :, : self.counts[1]].ravel()
+        rows = block.rows[points[numbers]]
         places = np.empty(rows.shape[1] // 3, dtype=np.int64)
-        places[self._nodes_of_block(window)] = np.arange(len(nodes))
+        places[block.node_grid(block.counts[1])[window].ravel()] = np.arange(len(nodes))
         entry = csr_array(rows).tocoo()
         columns = 3 * places[entry.col // 3] + entry.col % 3
         matrix[n + entry.row, columns] = entry.data
         matrix[columns, n + entry.row] = entry.data
         return np.concatenate([unknowns, 3 * self.numbers.size + numbers]), matrix
-
-    def _of_block(self, points: IntArray) -> IntArray:
-        return self.block.point_grid(self.block.counts[1])[:, :, : self.counts[1]].ravel()[points]
-
-    def _nodes_of_block(self, window: tuple[slice, ...]) -> IntArray:
-        return self.block.node_grid(self.block.counts[1])[window].ravel()
 
     def _eliminated(
         self, pieces: list[_Piece], box: tuple[tuple[int, ...], tuple[int, ...]]

@@ -155,12 +155,6 @@ class CondensedStep:
         ]
         self._columns = np.concatenate(columns)
 
-    def _prescribed(self, linear: Linearisation) -> FloatArray:
-        """Prescribed variables, zero at the others, (3 n_nodes,) [mm]."""
-        if linear.time is None:
-            return self._value
-        return prescribed_values(self._system.held, self._system.n_nodes, linear.time)
-
     def _free_forces(self, load_factor: float, value: FloatArray) -> list[FloatArray]:
         """Loads and forces of prescribed displacements on the free variables of every slot."""
         forces = []
@@ -181,7 +175,9 @@ class CondensedStep:
     ) -> FloatArray:
         """Displacements of the contact nodes, zero at the others; (n_nodes, 3) [mm]."""
         factored = self._factor(linear, holding)
-        value = self._prescribed(linear)
+        value = self._value
+        if linear.time is not None:
+            value = prescribed_values(self._system.held, self._system.n_nodes, linear.time)
         loads = self._free_forces(linear.load_factor, value)
         responses = [self._kind(s).inverse @ f for s, f in enumerate(loads)]
         forces = self._force_side(linear, factored, responses, value)

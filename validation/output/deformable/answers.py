@@ -31,7 +31,6 @@ from validation.output.section_forces import SECTION_FILES, add_sections, write_
 from validation.run.accuracy import reached_rows
 from validation.run.rigid.push import rigid_limit
 from validation.run.stages import cpu_words, peak_memory_mb
-from validation.scene.deformable import FemSection
 from validation.scene.family import RoundScene
 
 if TYPE_CHECKING:
@@ -71,7 +70,8 @@ def write_run_files(run: DeformableRun, outputs: Outputs) -> None:
         _write_motions(run, outputs)
     if run.solution.explicit is not None:
         _write_history(run.solution.explicit.history, run.name, outputs)
-    _name_frames(run.scene.fem, outputs)
+    if run.scene.fem.frames > 0 and outputs.folder is not None:
+        outputs.say("frames", outputs.path("frames.pvd"))
 
 
 def run_pictures(state: DeformableRun) -> dict[str, Callable[[DeformableRun, Path], None]]:
@@ -113,12 +113,6 @@ def _write_history(history: History, name: str, outputs: Outputs) -> None:
 
     outputs.write("history", "history.csv", table)
     outputs.write("picture", "energies.png", lambda path: draw_energies(history, path, title=name))
-
-
-def _name_frames(fem: FemSection, outputs: Outputs) -> None:
-    """Name the frames written on the way."""
-    if fem.frames > 0 and outputs.folder is not None:
-        outputs.say("frames", outputs.path("frames.pvd"))
 
 
 def _add_slip(table: Table, slip: dict[str, float] | None) -> None:

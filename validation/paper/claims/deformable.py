@@ -40,13 +40,10 @@ def block_grid(run: DeformableRun, values: FloatArray) -> FloatArray:
     return values.reshape(*shape, *values.shape[1:])
 
 
-def _block_in(run: DeformableRun, layer: int, place: int = 0) -> int:
-    return int(np.flatnonzero(run.solution.deformable.assembly.layer == layer)[place])
-
-
 def _sigma(run: DeformableRun, layer: int, component: int = 0, place: int = 0) -> FloatArray:
     """Principal stress (0: σ₁, 2: σ₃) of one block on its grid."""
-    return block_grid(run, run.solution.principal(_block_in(run, layer, place))[:, component])
+    blocks = np.flatnonzero(run.solution.deformable.assembly.layer == layer)
+    return block_grid(run, run.solution.principal(int(blocks[place]))[:, component])
 
 
 def _volumes(run: DeformableRun) -> FloatArray:

@@ -81,7 +81,9 @@ def _parts(found: ComparedAnswers) -> Iterator[RenderableType]:
         "|u| max [mm]": column("max_displacement"),
         "CPU s": lambda k: f"{_seconds(found.answers[k].report['cpu_seconds']):.2f}",
     }
-    title = f"{_scene_of(found)}: contact pressures over the facets of [mesh]"
+    first = found.answers[0]  # a problem without a scene has the name of its blocks
+    scene = first.report.get("scene", first.title.partition(":")[0])
+    title = f"{scene}: contact pressures over the facets of [mesh]"
     yield tabled(title, range(len(found.answers)), columns)
     for name, words in zip(found.names, found.words, strict=True):
         yield f"• {name}: {words}"
@@ -104,12 +106,6 @@ def _parts(found: ComparedAnswers) -> Iterator[RenderableType]:
         yield "Influence of each modelling assumption, from rigid to deformable blocks:"
     yield from (f"• {line}" for line in found.explanations)
     yield f"Conclusion: {found.conclusion}"
-
-
-def _scene_of(found: ComparedAnswers) -> str:
-    """Name of the scene; of a problem without one, of its blocks."""
-    first = found.answers[0]
-    return str(first.report.get("scene", first.title.partition(":")[0]))
 
 
 def _faces_words(found: ComparedAnswers, faces: str) -> str:

@@ -186,7 +186,8 @@ class Search:
         """Next point; None where the evaluations are spent or all designs are known."""
         if len(self.points) + len(self._asked) >= min(self.stated.evaluations, self._count):
             return None
-        self._stop_where_all_fail()
+        if len(self.points) >= _ALL_FAILED and all(p.failed for p in self.points.values()):
+            raise no_design(self)
         spent = len(self.points) + len(self._asked)
         # The sampler comes near an optimum of one measure, and seldom onto it.
         sampled = len(self.stated.measures) == 2 or spent < _SAMPLED * self.stated.evaluations
@@ -246,10 +247,6 @@ class Search:
 
     def _is_new(self, places: Places) -> bool:
         return places not in self.points and places not in self._asked
-
-    def _stop_where_all_fail(self) -> None:
-        if len(self.points) >= _ALL_FAILED and all(p.failed for p in self.points.values()):
-            raise no_design(self)
 
     # ------------------------------------------------------------------------------------------
 
@@ -328,19 +325,16 @@ def no_design(search: Search) -> InputError:
             "the load is not carried, or the mesh does not resolve it"
         )
     nearest = min(answered, key=lambda p: (sum(p.excess), p.places))
-    met = [limit.words for limit, e in zip(stated.limits, nearest.excess, strict=True) if e > 0.0]
+    unmet = [limit for limit, e in zip(stated.limits, nearest.excess, strict=True) if e > 0.0]
     at = ", ".join(
         f"{path} = {value:g}" if isinstance(value, float) else f"{path} = {value}"
         for path, value in stated.values(nearest.places).items()
     )
+    limits = " and ".join(limit.words for limit in unmet)
+    has = ", ".join(_value_words(limit, nearest.row) for limit in unmet)
     return InputError(
-        f"{name}: none of {len(answered)} designs meets {' and '.join(met)}; the nearest has "
-        f"{', '.join(_value_words(limit, nearest.row) for limit in _unmet(stated, nearest))} ({at})"
+        f"{name}: none of {len(answered)} designs meets {limits}; the nearest has {has} ({at})"
     )
-
-
-def _unmet(stated: Optimisation, point: Point) -> list[Limit]:
-    return [limit for limit, e in zip(stated.limits, point.excess, strict=True) if e > 0.0]
 
 
 def _value_words(limit: Limit, row: Mapping[str, Any]) -> str:
