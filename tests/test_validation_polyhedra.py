@@ -20,7 +20,7 @@ from validation.build.deformable import build_deformable
 from validation.build.polyhedra import motion
 from validation.cli.app import app
 from validation.errors import InputError
-from validation.output.rigid.polyhedra import print_polyhedra
+from validation.output.rigid.polyhedra import print_rigid
 from validation.run.held_by_faces import faces_words
 from validation.run.rigid.polyhedra import run_polyhedra
 from validation.scene.polyhedra import MeshScene, PlaceSection, PolyhedralScene
@@ -270,7 +270,7 @@ def test_what_point_contacts_alone_lock_is_said_to_be(tmp_path: Path) -> None:
     assert force @ motion > 0.5 * np.linalg.norm(force)
     assert str(solve_linear_programs(bare.jacobian, force).mechanism) == "activated"
     console = Console(record=True, width=200)
-    print_polyhedra(run, console)
+    print_rigid(run, console)
     words = console.export_text()
     assert "locked by 32 edge–edge contacts; by faces alone: activated" in words
     assert "proof for the faces" in words

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,12 +17,7 @@ from validation.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
-    from validation.output.outputs import Outputs
-    from validation.run.rigid.answer import RigidAnswer
-    from validation.scene.polyhedra import PolyhedralScene
-    from validation.scene.read import SceneFile
+    pass
 
 
 def mbd(
@@ -52,6 +45,8 @@ def mbd(
     Prints the kinematic classification with its proof, the equilibrium residual and the contact
     pressures.
     """
+    from validation.output.console import status, told_of_compilation
+    from validation.output.rigid import shown
     from validation.run.rigid.changed import (
         frame_warning,
         layers_to_unlock,
@@ -59,6 +54,8 @@ def mbd(
         require_mesh,
         require_tube,
     )
+    from validation.run.rigid.polyhedra import rigid_answer
+    from validation.run.stages import telling
     from validation.scene.read import load_scene
     from validation.scene.usage import recording
 
@@ -67,13 +64,18 @@ def mbd(
         require_tube(file)
     if refine:
         require_mesh(file)
-    rigid = _output(file)
-    with scene_outputs(file, json, output, rigid.files) as outputs:
-        with recording(file.scene) as use:
-            run = rigid.run(file, outputs.console)
+    rigid = shown(file.scene)
+    with scene_outputs(file, json, output, rigid.FILES) as outputs:
+        with (
+            recording(file.scene) as use,
+            status(outputs.console, file.name) as show,
+            telling(lambda words: show(f"{file.name}: {words}")),
+            told_of_compilation(),
+        ):
+            run = rigid_answer(file)
             _ = run.answer  # what it reads of the scene
         use.count(file.scene.limits)
-        rigid.tell(run, outputs.console)
+        rigid.print_rigid(run, outputs.console)
         outputs.tell_unused(use)
         added: dict[str, Any] = {}
         warning = frame_warning(file, run) if file.scene.frames_may_lock else None
@@ -89,53 +91,8 @@ def mbd(
             outputs.console.print(f"{'refined':9} {change.words}")
             added["refinement"] = change.as_json()
         if outputs.folder is not None:
-            rigid.write(run, outputs)
+            rigid.write_rigid(run, outputs)
         outputs.write_answer(run.answer.with_report(added))
-
-
-@dataclass(frozen=True)
-class _Output:
-    """What `tubelock mbd` does with one kind of blocks."""
-
-    files: tuple[str, ...]
-    """Names of the files that may be written."""
-    run: Callable[[SceneFile, Console], RigidAnswer]
-    """Build and analyse; the console tells of what takes long."""
-    tell: Callable[[Any, Console], None]
-    """Print the answer."""
-    write: Callable[[Any, Outputs], None]
-    """Write its files."""
-
-
-def _output(file: SceneFile) -> _Output:
-    """Find what asks and shows the answer; what only other blocks need is not loaded."""
-    from validation.scene.polyhedra import PolyhedralScene
-
-    if isinstance(file.scene, PolyhedralScene):
-        return _of_triangles(file.scene)
-    from validation.output.rigid import assembly
-    from validation.run.rigid.answer import run_rigid
-
-    return _Output(
-        assembly.FILES, lambda file, _: run_rigid(file), assembly.print_rigid, assembly.write_rigid
-    )
-
-
-def _of_triangles(scene: PolyhedralScene) -> _Output:
-    from validation.output.console import status, told_of_compilation
-    from validation.output.rigid import polyhedra
-    from validation.run.rigid.polyhedra import run_polyhedra
-    from validation.run.stages import telling
-
-    def run(file: SceneFile, console: Console) -> RigidAnswer:
-        with (
-            status(console, file.name) as show,
-            telling(lambda words: show(f"{file.name}: {words}")),
-            told_of_compilation(),
-        ):
-            return run_polyhedra(file, scene)
-
-    return _Output(polyhedra.FILES, run, polyhedra.print_polyhedra, polyhedra.write_polyhedra)
 
 
 def explode(

@@ -16,7 +16,7 @@ from validation.errors import InputError
 from validation.output.deformable.answers import print_run, run_pictures
 from validation.output.pictures.view_3d import View3d, viewer_page
 from validation.output.provenance import Provenance
-from validation.output.rigid.assembly import print_rigid, rigid_pictures
+from validation.output.rigid import shown
 from validation.pages.page import PrintedTable, page_text, printed_tables, webp_of
 from validation.pages.verdicts import OPEN, Verdict, verdicts
 from validation.pages.views import layer_words, middle_layers, pressure_view, stress_view
@@ -24,7 +24,7 @@ from validation.run.accuracy import progress_words
 from validation.run.deformable import DeformableRun
 from validation.run.rigid.answer import RigidAnswer, RigidRun
 from validation.run.rigid.changed import frame_warning
-from validation.run.rigid.polyhedra import PolyhedralRun, rigid_answer
+from validation.run.rigid.polyhedra import rigid_answer
 from validation.run.solve import run_as_asked, with_factors
 from validation.scene.combinations import combined
 from validation.scene.family import RoundScene
@@ -104,7 +104,8 @@ class SceneReport:
         """All that `tubelock mbd` and `tubelock fem` print."""
         tables = []
         if self.rigid is not None:
-            tables += printed_tables(lambda console: _print_rigid(self.rigid, console))
+            of = self.rigid
+            tables += printed_tables(lambda console: shown(of.scene).print_rigid(of, console))
         if self.deformable is not None:
             run = self.deformable
             tables += printed_tables(lambda console: print_run(run, console))
@@ -199,15 +200,6 @@ def _side_by_side(
     return LoadTable(kind, answers, failed)
 
 
-def _print_rigid(run: Any, console: Any) -> None:
-    if isinstance(run, PolyhedralRun):
-        from validation.output.rigid.polyhedra import print_polyhedra
-
-        print_polyhedra(run, console)
-    else:
-        print_rigid(run, console)
-
-
 # ---------------------------------------------------------------------------------------------
 # Pictures
 
@@ -218,15 +210,12 @@ def _pictures(report: SceneReport) -> Iterator[tuple[str, str, Callable[[Path], 
     if run is not None:
         for name, draw in run_pictures(run).items():
             yield "deformable", Path(name).stem, partial(draw, run)
-    if isinstance(rigid, PolyhedralRun):
-        from validation.output.rigid.polyhedra import polyhedral_pictures
-
-        for name, drawn in polyhedral_pictures(rigid).items():
-            yield "rigid", Path(name).stem, drawn
-    elif isinstance(rigid, RigidRun):
+    if rigid is None:
+        return
+    if isinstance(rigid, RigidRun):
         yield "all", "assembly", lambda path: _draw_assembly(rigid, path)
-        for name, drawn in rigid_pictures(rigid).items():
-            yield "rigid", Path(name).stem, drawn
+    for name, drawn in shown(rigid.scene).rigid_pictures(rigid).items():
+        yield "rigid", Path(name).stem, drawn
 
 
 def _draw_assembly(run: RigidRun, path: Path) -> None:

@@ -11,11 +11,11 @@ from rich.table import Table
 from geometry.answer import EVERY_TITLE, FACTORS, Answer, Measure, measure_rows
 from mbd import MechanismClass
 from validation.output.console import add_dimensions
+from validation.output.rigid import shown
 from validation.output.rigid.words import CLASS_WORDS, certificate_words
 from validation.run.accuracy import reached_rows
 from validation.run.deformable import DeformableRun
 from validation.run.rigid.answer import RigidAnswer
-from validation.run.rigid.polyhedra import PolyhedralRun
 from validation.scene.read import DeformableScene
 
 #: Whether an answer is good news, bad news or neither, as pages colour it.
@@ -70,12 +70,7 @@ def verdicts(
 def _locked(rigid: RigidAnswer) -> Verdict:
     """Say whether a mechanism exists."""
     found = rigid.result.classification
-    if isinstance(rigid, PolyhedralRun):
-        from validation.output.rigid.polyhedra import verdict_words
-
-        words = verdict_words(rigid)
-    else:
-        words = CLASS_WORDS[found.mechanism]
+    words = shown(rigid.scene).verdict_words(rigid)
     lines = [f"Proof: {certificate_words(found)}."]
     supported = rigid.result.supported_classification
     if supported is not found:

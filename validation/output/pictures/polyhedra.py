@@ -136,15 +136,12 @@ def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
     )
 
 
-def draw_polyhedral_mechanism(run: PolyhedralRun, motion: FloatArray, path: Path) -> None:
-    """Draw the blocks moved along a mechanism, (n_blocks, 6), as `mechanism_motion` scales it."""
-    assembly = run.assembly
+def draw_polyhedral_mechanism(run: PolyhedralRun, path: Path) -> None:
+    """Draw the blocks moved along their mechanism."""
+    assembly, answer = run.assembly, run.answer
     scale = 0.25 * assembly.characteristic_length
-    places = []
-    for block in range(assembly.n_blocks):
-        arm = assembly.points(block) - assembly.centroids[block]
-        moved = motion[block, :3] + np.cross(motion[block, 3:], arm)
-        places.append(assembly.points(block) + scale * moved)
+    moved = answer.points + scale * answer.fields["mechanism"]
+    places = np.split(moved, np.flatnonzero(np.diff(answer.block_of_point)) + 1)
     view = View(polyhedra_parts(assembly, places), FROM_THE_SIDE, weight=run.scene.weight)
     draw_motion(run, view, scale, path, height=6.5, legend=block_legend())
 

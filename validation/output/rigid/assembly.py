@@ -62,11 +62,16 @@ def rigid_pictures(run: RigidRun) -> dict[str, Callable[[Path], None]]:
     return result
 
 
+def verdict_words(run: RigidRun) -> str:
+    """Class of the blocks, in words."""
+    return CLASS_WORDS[run.result.mechanism]
+
+
 def print_rigid(run: RigidRun, console: Console) -> None:
     """Print class, residual, measures and times of a rigid result."""
     result, scene = run.result, run.scene
     table = two_columns(f"{run.name}: rigid blocks")
-    table.add_row("kinematics (end rings fixed)", CLASS_WORDS[result.mechanism])
+    table.add_row("kinematics (end rings fixed)", verdict_words(run))
     if result.supported_classification is not result.classification:
         supported = CLASS_WORDS[result.supported_classification.mechanism]
         table.add_row("kinematics (supports of this load)", supported)

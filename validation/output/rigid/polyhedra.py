@@ -28,7 +28,7 @@ from validation.output.rigid.words import (
     held_words,
 )
 from validation.output.section_forces import SECTION_FILES, write_sections
-from validation.run.rigid.polyhedra import PolyhedralRun, mechanism_motion
+from validation.run.rigid.polyhedra import PolyhedralRun
 from validation.run.rigid.push import limit_words
 from validation.run.stages import cpu_words
 from validation.scene.polyhedra import STRAIGHT_EDGES, MeshScene
@@ -48,26 +48,25 @@ FILES = (
 )
 
 
-def write_polyhedra(run: PolyhedralRun, outputs: Outputs) -> None:
+def write_rigid(run: PolyhedralRun, outputs: Outputs) -> None:
     """Write contacts as field and picture, and the mechanism where there is one."""
     outputs.write("contacts", "contacts.vtu", lambda path: write_contacts(run, path))
-    for name, draw in polyhedral_pictures(run).items():
+    for name, draw in rigid_pictures(run).items():
         outputs.write("picture", name, draw)
     if run.carried.holds:
         write_joints(run.joints, outputs, run.assembly.names)
         write_sections(run.sections, outputs)
 
 
-def polyhedral_pictures(run: PolyhedralRun) -> dict[str, Callable[[Path], None]]:
+def rigid_pictures(run: PolyhedralRun) -> dict[str, Callable[[Path], None]]:
     """Pictures of a rigid result by the names of their files."""
     result: dict[str, Callable[[Path], None]] = {"contacts.png": partial(draw_polyhedra, run)}
-    motion = mechanism_motion(run)
-    if motion is not None:
-        result["mechanism.png"] = partial(draw_polyhedral_mechanism, run, motion)
+    if "mechanism" in run.answer.fields:
+        result["mechanism.png"] = partial(draw_polyhedral_mechanism, run)
     return result
 
 
-def print_polyhedra(run: PolyhedralRun, console: Console) -> None:
+def print_rigid(run: PolyhedralRun, console: Console) -> None:
     """Print verdict, proof, equilibrium and contacts."""
     result, interfaces = run.result, run.assembly.interfaces
     table = two_columns(f"{run.name}: rigid blocks")

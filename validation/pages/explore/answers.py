@@ -24,7 +24,7 @@ from validation.output.pictures.view_3d import colour_gradient
 from validation.pages.verdicts import verdicts
 from validation.pages.views import layer_words, middle_layers, rigid_view, stressed
 from validation.run.rigid.answer import RigidAnswer, RigidRun
-from validation.run.rigid.polyhedra import PolyhedralRun, rigid_answer
+from validation.run.rigid.polyhedra import rigid_answer
 from validation.scene.keys.toml_text import toml_text
 from validation.scene.read import SceneFile
 from validation.scene.usage import recording
@@ -228,14 +228,9 @@ def _deck(file: SceneFile) -> bytes:
 
 def _drawing(run: RigidAnswer) -> Any:
     """The first picture of `tubelock mbd`."""
-    if isinstance(run, PolyhedralRun):
-        from validation.output.rigid.polyhedra import polyhedral_pictures
+    from validation.output.rigid import shown
 
-        return next(iter(polyhedral_pictures(run).values()))
-    from validation.output.rigid.assembly import rigid_pictures
-
-    assert isinstance(run, RigidRun)
-    pictures = rigid_pictures(run)
+    pictures = shown(run.scene).rigid_pictures(run)
     if not pictures:
         raise InputError("picture: the load is not carried; there are no pressures to draw")
     return next(iter(pictures.values()))

@@ -16,7 +16,7 @@ from geometry.loads import LoadCase, with_body_wrenches
 from geometry.measures import JointResultants, SectionForces, facet_measures
 from geometry.mesh import FloatArray
 from mbd import RigidResult, block_wrenches, rigid_result
-from mbd.answer import Carried, answer_of, block_motion, joints_of, without_friction
+from mbd.answer import Carried, answer_of, joints_of, without_friction
 from mbd.margin import held_against
 from validation.build.blocks import BuiltScene, build_scene, build_weight
 from validation.build.materials import compressive_strength
@@ -174,11 +174,6 @@ class RigidAnswer:
     def joints(self) -> JointResultants:
         """Resultants of the forces between each two blocks."""
         return joints_of(self.assembly, self.result.contact_index, self.carried.forces)
-
-    @cached_property
-    def motion(self) -> FloatArray | None:
-        """`mbd.answer.block_motion` of what is shown."""
-        return block_motion(self.assembly, self.load, self.result, self.carried)
 
 
 # ---------------------------------------------------------------------------------------------

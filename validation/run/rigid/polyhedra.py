@@ -7,8 +7,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
@@ -146,16 +144,3 @@ def class_by_faces(run: PolyhedralRun) -> Classification:
         driven = judged(contacts.jacobian, force, weights=weights, start=start)
         return classify_opposed(contacts.jacobian, force, opposed, driven)
     return classify(contacts.jacobian, force)
-
-
-def mechanism_motion(run: PolyhedralRun) -> FloatArray | None:
-    """`RigidAnswer.motion`, scaled: the farthest-moving centroid or corner moves by about 1."""
-    moving, assembly = run.motion, run.assembly
-    if moving is None:
-        return None
-    largest = max(
-        float(np.linalg.norm(moving[b, :3] + np.cross(moving[b, 3:], arm), axis=1).max())
-        for b in range(assembly.n_blocks)
-        for arm in [assembly.points(b) - assembly.centroids[b]]
-    )
-    return moving / largest
