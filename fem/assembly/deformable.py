@@ -358,11 +358,7 @@ def _face_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatArray |
 
 
 def nodal_loads(
-    assembly: Assembly,
-    load: LoadCase,
-    groups: tuple[BlockGroup, ...],
-    group_of: IntArray,
-    copy_of: IntArray,
+    assembly: Assembly, load: LoadCase, group_of: IntArray, copy_of: IntArray
 ) -> tuple[NodalLoad, ...]:
     """Loads of the deformable blocks, one entry for each group that is loaded.
 
@@ -371,11 +367,11 @@ def nodal_loads(
     turning = tuple(face for face in load.faces if _turns(face))
     if turning:
         dead = replace(load, faces=tuple(face for face in load.faces if not _turns(face)))
-        result = _dead_loads(assembly, dead, groups, group_of, copy_of)
+        result = _dead_loads(assembly, dead, group_of, copy_of)
         alone = replace(load, faces=turning, body_wrenches=None, lines=())
-        follow = _dead_loads(assembly, alone, groups, group_of, copy_of)
+        follow = _dead_loads(assembly, alone, group_of, copy_of)
         return (*result, *(replace(part, follows_block=True) for part in follow))
-    return _dead_loads(assembly, load, groups, group_of, copy_of)
+    return _dead_loads(assembly, load, group_of, copy_of)
 
 
 def _turns(face: FaceLoad) -> bool:
@@ -384,14 +380,10 @@ def _turns(face: FaceLoad) -> bool:
 
 
 def _dead_loads(
-    assembly: Assembly,
-    load: LoadCase,
-    groups: tuple[BlockGroup, ...],
-    group_of: IntArray,
-    copy_of: IntArray,
+    assembly: Assembly, load: LoadCase, group_of: IntArray, copy_of: IntArray
 ) -> tuple[NodalLoad, ...]:
     loads = []
-    for number in range(len(groups)):
+    for number in range(int(group_of.max()) + 1):
         copies, nodes, forces = [], [], []
         known: dict[bytes | None, FloatArray | None] = {}
         for block in np.flatnonzero(group_of == number).tolist():

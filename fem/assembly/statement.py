@@ -467,7 +467,7 @@ class Problem:
         groups, group_of, copy_of = block_groups(
             assembly, deforms, offsets, self.materials, self.element, held=load.held
         )
-        loads = nodal_loads(assembly, load, groups, group_of, copy_of)
+        loads = nodal_loads(assembly, load, group_of, copy_of)
         faces = load.held if self.frames is Frames.RIGID else held_faces(assembly, load)
         supports = supports_at(assembly, faces, group_of, copy_of)
         turning = any(part.follows_block for part in loads)

@@ -22,6 +22,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fem.contact.pieces import area_of, in_quadrilateral, moments, three_points
+from fem.element.lagrange import lobatto_points
 from geometry.compilation import njit
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
@@ -50,7 +51,12 @@ _INSIDE, _LOW, _HIGH, _BOTH = 0, 1, 2, 3
 def _rules(n: int) -> tuple[IntArray, FloatArray, FloatArray]:
     """Counts, points and weights on [-1, 1] by the ends that are marked: none, low, high, both."""
     low = _radau(n)
-    rules = [np.polynomial.legendre.leggauss(n), low, (-low[0], low[1]), _lobatto(n + 1)]
+    rules = [
+        np.polynomial.legendre.leggauss(n),
+        low,
+        (-low[0], low[1]),
+        _weighted(lobatto_points(n)),
+    ]
     counts = np.array([len(points) for points, _ in rules])
     table = np.zeros((2, 4, n + 1))
     for k, rule in enumerate(rules):
@@ -63,12 +69,6 @@ def _radau(n: int) -> tuple[FloatArray, FloatArray]:
     legendre = np.polynomial.legendre.Legendre
     roots = np.sort((legendre.basis(n - 1) + legendre.basis(n)).roots())
     return _weighted(np.concatenate([[-1.0], roots[1:]]))
-
-
-def _lobatto(n: int) -> tuple[FloatArray, FloatArray]:
-    """Points and weights on [-1, 1] with one at either end, exact to degree 2n - 3."""
-    inner = np.polynomial.legendre.Legendre.basis(n - 1).deriv().roots()
-    return _weighted(np.concatenate([[-1.0], np.sort(inner), [1.0]]))
 
 
 def _weighted(points: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -12,6 +12,7 @@ from validation.cli.options import (
     JsonOption,
     SceneArgument,
     SetOption,
+    name_argument,
     output_option,
     print_builtin,
 )
@@ -21,14 +22,7 @@ if TYPE_CHECKING:
 
 
 def scenes(
-    name: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[NAME]",
-            help="Print this scene as TOML, as a template.",
-            autocompletion=complete_scenes,
-        ),
-    ] = None,
+    name: Annotated[str | None, name_argument("scene", complete_scenes)] = None,
 ) -> None:
     """List the built-in scenes, or print one as TOML."""
     print_builtin("scene", name)

@@ -108,6 +108,12 @@ def folder_outputs(
     return Outputs(json, folder, names, **more)
 
 
+def name_argument(kind: str, complete: Callable[[str], list[str]]) -> Any:
+    """Return an argument that names a built-in scene or study to print."""
+    words = f"Print this {kind} as TOML, as a template."
+    return typer.Argument(metavar="[NAME]", help=words, autocompletion=complete)
+
+
 def print_builtin(kind: str, name: str | None) -> None:
     """List what is built in of a kind, or print one as TOML."""
     if name is not None:

@@ -16,6 +16,7 @@ from validation.cli.options import (
     SetOption,
     WorkersOption,
     folder_option,
+    name_argument,
     output_option,
     print_builtin,
     scene_outputs,
@@ -28,14 +29,7 @@ if TYPE_CHECKING:
 
 
 def studies(
-    name: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[NAME]",
-            help="Print this study as TOML, as a template.",
-            autocompletion=complete_studies,
-        ),
-    ] = None,
+    name: Annotated[str | None, name_argument("study", complete_studies)] = None,
 ) -> None:
     """List the built-in parameter studies, or print one as TOML."""
     print_builtin("study", name)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geometry.assembly import Assembly
+from geometry.files.mesh_io import interface_surface
 from geometry.mesh import FloatArray
 from validation.output.pictures.bodies import EYE
 from validation.output.pictures.gallery import Panel, gallery
@@ -24,7 +24,6 @@ from validation.output.pictures.tubes import all_faces, moved_panel
 from validation.paper.claims.deformable import (
     BLOCKS,
     CASES,
-    PressurePair,
     block_grid,
     pressure_pairs,
 )
@@ -47,17 +46,6 @@ def _runs(evidence: Evidence) -> Iterator[tuple[int, int, DeformableRun]]:
 # Contact pressures of layer 7
 
 
-def facet_outlines(assembly: Assembly, pair: PressurePair) -> FloatArray:
-    """Corners of facets seen along the axis, (n, 4, 2) [mm]."""
-    interfaces = assembly.interfaces
-    blocks, quads = interfaces.block_m[pair.contacts], interfaces.quads_m[pair.contacts]
-    corners = np.empty((len(quads), 4, 2))
-    for block in np.unique(blocks).tolist():
-        mine = blocks == block
-        corners[mine] = assembly.nodes(block)[quads[mine]][:, :, :2]
-    return corners
-
-
 def draw_layer_comparison(evidence: Evidence, path: Path) -> None:
     """Draw figure pc_MBD_FEM: rigid beside deformable, each in units of its own largest pressure.
 
@@ -67,7 +55,8 @@ def draw_layer_comparison(evidence: Evidence, path: Path) -> None:
     columns: list[list[Panel]] = [[] for _ in range(4)]
     for number, pair in enumerate(pressure_pairs(evidence)):
         block, case, side = pair.name.split()
-        corners = facet_outlines(evidence.fem(block, case).solution.deformable.assembly, pair)
+        assembly = evidence.fem(block, case).solution.deformable.assembly
+        corners = interface_surface(assembly, pair.contacts).nodes.reshape(-1, 4, 3)[..., :2]
         for offset, (words, values) in enumerate(
             (("rigid", pair.rigid), ("deformable", pair.deformable))
         ):
