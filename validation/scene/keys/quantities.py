@@ -98,7 +98,8 @@ def unit_of_key(scene: object, path: str) -> Unit | None:
     *sections, key = path.split(".")
     for name in sections:
         scene = getattr(scene, name, None)
-    return unit_of(field_docstrings(type(scene)).get(key, "")) if sections else None
+    kind: type = type(scene)
+    return unit_of(field_docstrings(kind).get(key, "")) if sections else None
 
 
 def converted(text: str, unit: Unit) -> float | None:
