@@ -158,28 +158,37 @@ class PairJacobian:
 
     @cached_property
     def _band(self) -> tuple[IntArray, int]:
-        """Bandwidth-reducing order of the free blocks, and the half bandwidth in rows."""
+        """Place of each free block in a narrow band, and its half bandwidth in rows.
+
+        Builders number blocks course by course, which is narrower for a shell than what reduces
+        the bandwidth of any graph.
+        """
         graph = scipy.sparse.coo_array(
             (np.ones(len(self.row_m)), (self.row_m, self.row_s)), shape=(self.n_free,) * 2
         ).tocsr()
         together = scipy.sparse.csr_array(graph + graph.T)
         order = scipy.sparse.csgraph.reverse_cuthill_mckee(together, symmetric_mode=True)
-        position = np.empty(self.n_free, dtype=np.int64)
-        position[order] = np.arange(self.n_free)
-        reach = np.abs(position[self.row_m] - position[self.row_s]).max(initial=0)
-        return position, int(6 * reach + 5)
+        stated = np.arange(self.n_free)
+        reordered = np.empty_like(stated)
+        reordered[order] = stated
+
+        def reach(position: IntArray) -> int:
+            return int(np.abs(position[self.row_m] - position[self.row_s]).max(initial=0))
+
+        position = min(reordered, stated, key=reach)
+        return position, 6 * reach(position) + 5
 
     @cached_property
     def _band_places(self) -> tuple[IntArray, IntArray]:
         """Entries of `_block_entries` in the lower triangle, and where they are in its band."""
-        position, _ = self._band
+        position, half_band = self._band
         m, s = position[self.row_m], position[self.row_s]
         i, j = _block_places(np.concatenate([m, s, m]), np.concatenate([m, s, s]))
         # A block off the diagonal is there once, above or below it; one on it is there whole.
         low, high = np.minimum(i, j), np.maximum(i, j)
         lower = i >= j
         lower[2 * len(m) :] = True
-        return np.flatnonzero(lower), ((high - low) * self.shape[0] + low)[lower]
+        return np.flatnonzero(lower), (low * half_band + high)[lower]
 
     def _block_entries(self, weights: FloatArray) -> FloatArray:
         """6 × 6 blocks (m, m), (s, s) and (m, s) of G diag(weights) Gᵀ, (3 n_pairs, 6, 6)."""
@@ -207,10 +216,10 @@ class PairJacobian:
             places,
             weights=self._block_entries(weights).ravel()[entries],
             minlength=(half_band + 1) * n,
-        ).reshape(half_band + 1, n)
-        band[0] += shift
-        factor = scipy.linalg.cholesky_banded(
-            band, lower=True, overwrite_ab=True, check_finite=False
+        ).reshape(n, half_band + 1)
+        band[:, 0] += shift
+        factor = scipy.linalg.cholesky_banded(  # LAPACK's columns: factored in place
+            band.T, lower=True, overwrite_ab=True, check_finite=False
         )
         scatter = (6 * position[:, None] + np.arange(6)).ravel()
 

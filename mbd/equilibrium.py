@@ -36,8 +36,12 @@ _TARGET = 1e-12
 _EPS = float(np.finfo(np.float64).eps)
 #: Residual at which an iteration that no longer improves has reached round-off.
 _STALLED = 1e-9
-#: ε shrinks by this from one proximal step to the next …
+#: ε, in mean eigenvalues of G Gᵀ, where nothing is known and where a multiplier is …
+_COLD, _WARM = 1e-4, 1e-6
+#: … shrinks by this from one proximal step to the next …
 _SHRINK = 0.01
+#: … and the imbalance with it, unless contacts cannot carry all of the load.
+_LASTING = 0.3
 #: A mechanism d is load-activated where fᵀd exceeds this (‖f‖ = ‖d‖ = 1) …
 _SMALLEST_WORK = 1e-7
 #: … and admissible where no gap closes faster than this fraction of fᵀd: forces that balanced
@@ -269,7 +273,7 @@ def newton_equilibrium(
     # G Gᵀ has trace Σ c² ‖g‖², of order n_contacts: ε is relative to its mean eigenvalue.
     scale = float(column @ column) / n_rows
     y = np.zeros(n_rows) if start is None else start / size
-    dual = _Dual(jacobian, load / size, column, y, 1e-4 * scale)
+    dual = _Dual(jacobian, load / size, column, y, (_COLD if start is None else _WARM) * scale)
     used, best, last = 0, np.inf, 1.0
     direction: FloatArray | None = None
     final_y, final_forces = y, np.zeros(n_contacts)
@@ -287,8 +291,7 @@ def newton_equilibrium(
             best, final_y, final_forces = residual, y, column * np.maximum(gap, 0.0)
         if best <= _TARGET or stalled:
             break
-        # … and of a load that can be carried the imbalance, ε ‖y - y_k‖, with it.
-        if best > _STALLED and residual > _SHRINK * last:
+        if best > _STALLED and residual > _LASTING * last:
             direction = _ray(dual, y)
             if direction is not None:
                 break
@@ -312,6 +315,43 @@ def newton_equilibrium(
         multiplier=size * final_y,
         status=status,
     )
+
+
+def carried_beside(
+    jacobian: ContactJacobian, forces: FloatArray, loads: FloatArray, tolerance: float
+) -> BoolArray:
+    """Which small loads are carried beside one that contact forces balance, proved by forces.
+
+    Forces grow and shrink in proportion to what they are: one factorisation serves all loads. What
+    is not proved may be carried all the same, by contacts that do not press yet.
+
+    Parameters
+    ----------
+    jacobian
+        G, (n_rows, n_contacts).
+    forces
+        λ >= 0, (n_contacts,) [N].
+    loads
+        Added to the load that they balance, (n_loads, n_rows) [N].
+    tolerance
+        Largest imbalance of an added load [N].
+    """
+    proved = np.zeros(len(loads), dtype=np.bool_)
+    if not forces.any():
+        return proved
+    weights = forces / forces.mean()
+    try:
+        solve = jacobian.normal_solver(weights, 1e-13 * len(forces) / len(loads[0]))
+    except scipy.linalg.LinAlgError:
+        return proved
+    for k, load in enumerate(loads):
+        added = np.zeros_like(forces)
+        for _ in range(3):
+            rest = load + jacobian.resultant(added)
+            added -= weights * jacobian.gap_rates(solve(rest))
+        rest = load + jacobian.resultant(added)
+        proved[k] = (forces + added >= 0.0).all() and np.linalg.norm(rest) <= tolerance
+    return proved
 
 
 def clarabel_equilibrium(

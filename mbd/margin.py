@@ -24,7 +24,13 @@ from geometry.loads import LoadCase
 from geometry.measures import first_largest
 from geometry.mesh import FloatArray
 from mbd.contact_jacobian import ContactJacobian, contact_jacobian, generalized_force
-from mbd.equilibrium import Equilibrium, column_weights, newton_equilibrium
+from mbd.equilibrium import (
+    EQUILIBRIUM_TOLERANCE,
+    Equilibrium,
+    carried_beside,
+    column_weights,
+    newton_equilibrium,
+)
 from mbd.options import Norm
 
 _AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
@@ -96,26 +102,40 @@ def held_against(
     assembly: AnyBlocks,
     load: LoadCase,
     norm: Norm = Norm.FORCE,
-    start: FloatArray | None = None,
+    known: Equilibrium | None = None,
 ) -> dict[str, bool]:
     """Whether blocks without friction stay where a small push acts beside their load.
 
     All free blocks are pushed at once, each by its volume. By duality a push that is not carried
     drives a motion that the load does not hinder: along it the blocks are free, however well the
     load is carried. Keys are +x, -x and so on; a direction that is neither proved held nor free is
-    left out. ``start`` is the multiplier of the equilibrium under the load in a norm, (n_rows,):
-    those of the pushes are a few steps away.
+    left out. ``known`` is the equilibrium under the load in that norm: most pushes change its forces
+    a little.
     """
     contacts = contact_jacobian(assembly, load.fixed, load.held)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
     size = float(np.linalg.norm(force)) or 1.0
-    held, weights = {}, column_weights(norm, contacts.areas)
-    for k, name in enumerate(_WAYS):
-        push = np.zeros((len(contacts.free_blocks), 6))
-        push[:, k // 2] = (-1.0) ** k * assembly.volumes[contacts.free_blocks]
-        push *= _PUSH * size / np.linalg.norm(push)
-        pushed = force + contacts.jacobian.admissible(push.ravel())
-        equilibrium = newton_equilibrium(contacts.jacobian, pushed, weights=weights, start=start)
+    volumes = assembly.volumes[contacts.free_blocks] / np.linalg.norm(
+        assembly.volumes[contacts.free_blocks]
+    )
+    pushes = np.zeros((len(_WAYS), len(volumes), 6))
+    for k in range(len(_WAYS)):
+        pushes[k, :, k // 2] = (-1.0) ** k * _PUSH * size * volumes
+    pushes = np.array([contacts.jacobian.admissible(push.ravel()) for push in pushes])
+    weights = column_weights(norm, contacts.areas)
+    proved, start = np.zeros(len(_WAYS), dtype=np.bool_), None
+    if known is not None:
+        start = known.multiplier
+        tolerance = EQUILIBRIUM_TOLERANCE * _PUSH * size
+        proved = carried_beside(contacts.jacobian, known.forces, pushes, tolerance)
+    held = {}
+    for name, push, carried in zip(_WAYS, pushes, proved, strict=True):
+        if carried:
+            held[name] = True
+            continue
+        equilibrium = newton_equilibrium(
+            contacts.jacobian, force + push, weights=weights, start=start
+        )
         if equilibrium.holds or equilibrium.mechanism is not None:
             held[name] = equilibrium.holds
     return held

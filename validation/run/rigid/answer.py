@@ -168,7 +168,7 @@ class RigidAnswer:
         balance = self.result.equilibrium
         if not balance.holds:
             return None
-        return held_against(self.assembly, self.load, self.result.norm, balance.multiplier)
+        return held_against(self.assembly, self.load, self.result.norm, balance)
 
     @cached_property
     def joints(self) -> JointResultants:
