@@ -109,8 +109,8 @@ def held_against(
     All free blocks are pushed at once, each by its volume. By duality a push that is not carried
     drives a motion that the load does not hinder: along it the blocks are free, however well the
     load is carried. Keys are +x, -x and so on; a direction that is neither proved held nor free is
-    left out. ``known`` is the equilibrium under the load in that norm: most pushes change its forces
-    a little.
+    left out. ``known`` is the equilibrium under the load in that norm: most pushes change its
+    forces a little.
     """
     contacts = contact_jacobian(assembly, load.fixed, load.held)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)

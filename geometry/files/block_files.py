@@ -386,11 +386,12 @@ def _closed_or_whole(path: Path, surfaces: list[NamedSurface]) -> list[_Part]:
 
     Programs also group the faces of one solid, by material or by side.
     """
-    parts: list[_Part] = []
-    for surface in surfaces:
-        name = f"{path}: {surface.name}" if surface.name else str(path)
-        points, triangles = surface_of_polygons(name, surface.points, surface.faces)
-        parts.append((surface, *merge_points(points, triangles)))
+    parts = [
+        (surface, *merge_points(points, triangles))
+        for surface, (points, triangles) in zip(
+            surfaces, _triangulated(path, surfaces), strict=True
+        )
+    ]
     closed = sum(is_closed(triangles) for _, _, triangles in parts)
     if len(parts) == 1 or 2 * closed >= len(parts):
         return parts
@@ -398,6 +399,37 @@ def _closed_or_whole(path: Path, surfaces: list[NamedSurface]) -> list[_Part]:
     points = np.concatenate([points for _, points, _ in parts])
     triangles = np.concatenate([t + k for (_, _, t), k in zip(parts, shift[:-1], strict=True)])
     return [(NamedSurface("", points, ()), *merge_points(points, triangles))]
+
+
+def _triangulated(path: Path, surfaces: list[NamedSurface]) -> list[tuple[FloatArray, IntArray]]:
+    """Points and triangles of each surface, all cut at once."""
+    shift = np.cumsum([0, *(len(surface.points) for surface in surfaces)])
+    groups: dict[int, list[IntArray]] = {}
+    for surface, first in zip(surfaces, shift[:-1].tolist(), strict=True):
+        for group in surface.faces:
+            groups.setdefault(group.shape[1], []).append(group + first)
+    try:
+        points, triangles = surface_of_polygons(
+            str(path),
+            np.concatenate([surface.points for surface in surfaces]),
+            [np.concatenate(group) for group in groups.values()],
+        )
+    except MeshError:  # once more, one by one: the message names which of them it is
+        return [
+            surface_of_polygons(
+                ": ".join(filter(None, [str(path), one.name])), one.points, one.faces
+            )
+            for one in surfaces
+        ]
+    # Each triangle begins with a corner that the file gives.
+    of = np.searchsorted(shift, triangles[:, 0], side="right") - 1
+    order = np.argsort(of, kind="stable")
+    cuts = np.searchsorted(of[order], np.arange(1, len(surfaces)))
+    parts = []
+    for triangles_of_one in np.split(triangles[order], cuts):
+        used, place = np.unique(triangles_of_one, return_inverse=True)
+        parts.append((points[used], place.reshape(-1, 3)))
+    return parts
 
 
 def _solids_of(

@@ -143,10 +143,11 @@ def penetration(
     if len(a.triangles) <= _FINE:
         of_a.append(a.middles)
     lattice = low + (high - low) * _LATTICE
+    lattice = lattice[enclosed(lattice, a.surface, margin, 1)]
     depth, where = 0.0, np.zeros(3)
     # Distances take long: they are asked for where something is deep inside.
     for points, depths in (
-        (deep_in_b(deep_in_a(lattice)), lambda p: np.minimum(-to_a(p), -to_b(local(p)))),
+        (deep_in_a(deep_in_b(lattice)), lambda p: np.minimum(-to_a(p), -to_b(local(p)))),
         (deep_in_a(np.concatenate(of_b)), lambda p: -to_a(p)),
         (deep_in_b(np.concatenate(of_a)), lambda p: -to_b(local(p))),
     ):

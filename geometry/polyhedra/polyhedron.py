@@ -24,6 +24,7 @@ from geometry.polyhedra.triangle_search import (
     Surface,
     coplanar_groups,
     distinct_rows,
+    joined,
     piercings,
     surface_edges,
 )
@@ -163,6 +164,8 @@ def _edge_uses(triangles: IntArray) -> tuple[IntArray, IntArray]:
 
 def is_closed(triangles: IntArray) -> bool:
     """Whether no edge belongs to one triangle only."""
+    if joined(triangles) is not None:
+        return True
     return len(triangles) > 0 and bool((_edge_uses(triangles)[1][:, 1] > 1).all())
 
 
@@ -198,6 +201,24 @@ def faults(block: Polyhedron) -> Iterator[str]:
     flat = np.flatnonzero(block.areas <= 1e-14 * size**2)
     if flat.size:
         yield f"triangle {flat[0]} has no area; remove degenerate triangles"
+    misfits = [] if joined(block.triangles) is not None else [*_misfits(block)]
+    yield from misfits
+    if flat.size or misfits:
+        return
+    yield from _folds(block, across_matter(block.name, block.points, block.triangles))
+    if block.mass_properties.volume <= 1e-12 * size**3:
+        yield f"volume {block.mass_properties.volume:.3g} mm³; expected a positive volume"
+    crossing = piercings(block.points, block.surface, block.plane_of, 1e-7 * size)
+    if len(crossing):
+        yield (
+            f"the surface cuts through itself near {np.round(crossing[0], 3).tolist()} mm "
+            f"({len(crossing)} places); expected a surface without self-intersections: unite or "
+            "separate the parts"
+        )
+
+
+def _misfits(block: Polyhedron) -> Iterator[str]:
+    """Edges that do not join two triangles, turned alike."""
     edges, uses = _edge_uses(block.triangles)
     open_edges = np.flatnonzero(uses[:, 1] == 1)
     if open_edges.size:
@@ -214,18 +235,6 @@ def faults(block: Polyhedron) -> Iterator[str]:
             f"neighbouring triangles face opposite ways at {turned.size} edges, the first "
             f"near {np.round(middle, 3).tolist()} mm; expected normals that all point outward: "
             "turn them in the program that made it, or set block.repair = true"
-        )
-    if flat.size or open_edges.size or turned.size:
-        return
-    yield from _folds(block, across_matter(block.name, block.points, block.triangles))
-    if block.mass_properties.volume <= 1e-12 * size**3:
-        yield f"volume {block.mass_properties.volume:.3g} mm³; expected a positive volume"
-    crossing = piercings(block.points, block.surface, block.plane_of, 1e-7 * size)
-    if len(crossing):
-        yield (
-            f"the surface cuts through itself near {np.round(crossing[0], 3).tolist()} mm "
-            f"({len(crossing)} places); expected a surface without self-intersections: unite or "
-            "separate the parts"
         )
 
 

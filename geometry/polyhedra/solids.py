@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError
-from geometry.polyhedra.triangle_search import distinct_rows
+from geometry.polyhedra.triangle_search import distinct_rows, joined
 
 #: Faces within this angle round their edge lie on each other [rad].
 _SAME_PLACE = 1e-3
@@ -35,9 +35,12 @@ def closed_solids(name: str, points: FloatArray, triangles: IntArray) -> list[In
     MeshError
         For triangles that lie on each other, facing the same way.
     """
+    pairs = joined(triangles)
+    if pairs is not None and (_components(len(triangles), pairs) == 0).all():
+        volume = _six_volumes(points[triangles] - points.mean(axis=0)).sum()
+        return [triangles if volume >= 0.0 else triangles[:, ::-1]]
     outward, turned = _turned_outward(points, triangles)
-    pairs = across_matter(name, points, outward)
-    label = _components(len(triangles), pairs)
+    label = _components(len(triangles), across_matter(name, points, outward))
     _, first = np.unique(label, return_index=True)
     first = np.sort(first)
     solids = [outward[label == label[k]] for k in first]
@@ -125,6 +128,9 @@ def across_matter(name: str, points: FloatArray, triangles: IntArray) -> IntArra
     MeshError
         For triangles that lie on each other, facing the same way.
     """
+    plain = joined(triangles)
+    if plain is not None:
+        return plain
     _check_distinct(name, points, triangles)
     directed = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     _, edge, count = distinct_rows(np.sort(directed, axis=1))

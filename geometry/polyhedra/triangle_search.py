@@ -45,17 +45,30 @@ def distinct_rows(rows: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     return order[start], inverse, count
 
 
-def _neighbours(triangles: IntArray) -> IntArray:
-    """Triangles across the three edges, -1 where there is none, (n_triangles, 3)."""
+def _neighbours(triangles: IntArray) -> tuple[IntArray, bool]:
+    """Triangles across the three edges, -1 where there is none, (n_triangles, 3).
+
+    And whether each edge joins two triangles, turned alike: a plain closed surface.
+    """
     n = len(triangles)
-    directed = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    size = int(triangles.max()) + 1
-    key = directed[:, 0] * size + directed[:, 1]
+    start, end = triangles, triangles[:, [1, 2, 0]]
+    size = int(triangles.max(initial=0)) + 1
+    key = (start * size + end).ravel()
     order = np.argsort(key, kind="stable")
-    twin = np.searchsorted(key[order], directed[:, 1] * size + directed[:, 0])
-    twin = np.minimum(twin, 3 * n - 1)
-    match = key[order][twin] == directed[:, 1] * size + directed[:, 0]
-    return np.where(match, order[twin] // 3, -1).reshape(n, 3)
+    ordered, opposite = key[order], (end * size + start).ravel()
+    twin = np.minimum(np.searchsorted(ordered, opposite), 3 * n - 1)
+    match = ordered[twin] == opposite
+    plain = n > 0 and bool(match.all() and (ordered[1:] != ordered[:-1]).all())
+    return np.where(match, order[twin] // 3, -1).reshape(n, 3), plain
+
+
+def joined(triangles: IntArray) -> IntArray | None:
+    """Pairs of triangles that share an edge, (n_edges, 2), of a plain closed surface; else None."""
+    across, plain = _neighbours(triangles)
+    if not plain:
+        return None
+    one, side = np.nonzero(np.arange(len(across))[:, None] < across)
+    return np.column_stack([one, across[one, side]])
 
 
 def coplanar_groups(
@@ -79,7 +92,7 @@ def coplanar_groups(
     distance = _PLANE_DISTANCE * float(np.linalg.norm(np.ptp(points, axis=0)))
     return flood_planes(
         np.argsort(-areas, kind="stable"),
-        _neighbours(triangles),
+        _neighbours(triangles)[0],
         normals,
         points[triangles],
         float(np.cos(_PLANE_ANGLE)),
@@ -175,7 +188,7 @@ def piercings(points: FloatArray, surface: Surface, planes: IntArray, margin: fl
     return start[first] + position[:, None] * (end - start)[first]
 
 
-def enclosed(points: FloatArray, surface: Surface, margin: float) -> BoolArray:
+def enclosed(points: FloatArray, surface: Surface, margin: float, ways: int = 6) -> BoolArray:
     """Whether points may lie deeper than a margin inside a closed surface, (n,).
 
     No point that deep is left out: it is inside still where it is moved by the margin, whichever
@@ -189,8 +202,10 @@ def enclosed(points: FloatArray, surface: Surface, margin: float) -> BoolArray:
         The triangles, in the same frame.
     margin
         [mm]
+    ways
+        How many are looked at: one sorts out most points outside, in a sixth of the time.
     """
     inside, stack = np.empty(len(points), dtype=bool), np.empty(DEEPEST, dtype=np.int64)
-    tree, ways = surface.tree, margin * np.concatenate([_ASKEW, -_ASKEW])
-    enclosed_points(points, ways, surface.corners, tree.boxes, tree.order, stack, inside)
+    tree, shifts = surface.tree, margin * np.concatenate([_ASKEW, -_ASKEW])[:ways]
+    enclosed_points(points, shifts, surface.corners, tree.boxes, tree.order, stack, inside)
     return inside
