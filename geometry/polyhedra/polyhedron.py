@@ -201,11 +201,14 @@ def faults(block: Polyhedron) -> Iterator[str]:
     flat = np.flatnonzero(block.areas <= 1e-14 * size**2)
     if flat.size:
         yield f"triangle {flat[0]} has no area; remove degenerate triangles"
-    misfits = [] if joined(block.triangles) is not None else [*_misfits(block)]
+    pairs = joined(block.triangles)
+    misfits = [*_misfits(block)] if pairs is None else []
     yield from misfits
     if flat.size or misfits:
         return
-    yield from _folds(block, across_matter(block.name, block.points, block.triangles))
+    if pairs is None:
+        pairs = across_matter(block.name, block.points, block.triangles)
+    yield from _folds(block, pairs)
     if block.mass_properties.volume <= 1e-12 * size**3:
         yield f"volume {block.mass_properties.volume:.3g} mm³; expected a positive volume"
     crossing = piercings(block.points, block.surface, block.plane_of, 1e-7 * size)

@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError
-from geometry.polyhedra.triangle_search import distinct_rows, joined
+from geometry.polyhedra.triangle_search import distinct_rows, in_one_piece, joined
 
 #: Faces within this angle round their edge lie on each other [rad].
 _SAME_PLACE = 1e-3
@@ -35,8 +35,7 @@ def closed_solids(name: str, points: FloatArray, triangles: IntArray) -> list[In
     MeshError
         For triangles that lie on each other, facing the same way.
     """
-    pairs = joined(triangles)
-    if pairs is not None and (_components(len(triangles), pairs) == 0).all():
+    if in_one_piece(triangles):
         volume = _six_volumes(points[triangles] - points.mean(axis=0)).sum()
         return [triangles if volume >= 0.0 else triangles[:, ::-1]]
     outward, turned = _turned_outward(points, triangles)

@@ -71,6 +71,16 @@ def joined(triangles: IntArray) -> IntArray | None:
     return np.column_stack([one, across[one, side]])
 
 
+def in_one_piece(triangles: IntArray) -> bool:
+    """Whether triangles bound one plain closed surface: edges join two each, and all of them."""
+    across, plain = _neighbours(triangles)
+    if not plain:
+        return False
+    nowhere = np.zeros((len(triangles), 3))  # all lie in this plane
+    order, corners = np.arange(len(triangles)), np.zeros((len(triangles), 3, 3))
+    return int(flood_planes(order, across, nowhere, corners, -1.0, np.inf).max()) == 0
+
+
 def coplanar_groups(
     points: FloatArray, triangles: IntArray, normals: FloatArray, areas: FloatArray
 ) -> IntArray:
