@@ -217,9 +217,10 @@ class PairJacobian:
             weights=self._block_entries(weights).ravel()[entries],
             minlength=(half_band + 1) * n,
         ).reshape(n, half_band + 1)
-        band[:, 0] += shift
-        factor = scipy.linalg.cholesky_banded(  # LAPACK's columns: factored in place
-            band.T, lower=True, overwrite_ab=True, check_finite=False
+        band = band.T  # as LAPACK has it: factored in place
+        band[0] += shift
+        factor = scipy.linalg.cholesky_banded(
+            band, lower=True, overwrite_ab=True, check_finite=False
         )
         scatter = (6 * position[:, None] + np.arange(6)).ravel()
 
