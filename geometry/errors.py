@@ -21,6 +21,30 @@ def is_number(value: object) -> bool:
     return not isinstance(value, bool) and isinstance(value, Real) and isfinite(value)
 
 
+#: Part of the machine's memory that one computation may need.
+_SHARE = 0.8
+
+
+def machine_memory() -> int | None:
+    """Bytes of the machine, None where it does not say."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return None
+
+
+def beyond_memory(what: str, need: float, remedy: str) -> str | None:
+    """One line on what needs so many bytes, where the machine has not enough; else None."""
+    there = machine_memory()
+    if there is None or need <= _SHARE * there:
+        return None
+    size = need / 2**30
+    return (
+        f"{what} need at least {f'{size:.0f}' if size < 1e6 else f'{size:.2g}'} GB of memory, and "
+        f"this machine has {there / 2**30:.0f} GB; take {remedy}"
+    )
+
+
 def unreadable(path: Path) -> str | None:
     """Words for what stands in the place of a file that was to be read; None where one does.
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
+from fem import Problem, solve_static
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.problem.model import block_group
@@ -18,9 +19,14 @@ from fem.static.linear_step.block_tridiagonal import (
     factor_chain,
 )
 from fem.static.linear_step.condensation import condense
+from fem.static.linear_step.condensed import StaticMemoryError
 from fem.static.linear_step.flexibility import block_motions
 from fem.static.linear_step.linearisation import SparseSolver, SparseSolverError, factorize
+from geometry import errors
+from geometry.assembly import Assembly
 from geometry.block import box_block
+from geometry.files.hexahedral_solids import hexahedral_block
+from geometry.loads import LoadCase
 from geometry.mesh import HexMesh
 
 pytestmark = pytest.mark.quick
@@ -215,3 +221,25 @@ def test_a_singular_matrix_is_refused(solver):
     matrix[4:, 4:] = [[1.0, -1.0], [-1.0, 1.0]]
     with pytest.raises(SparseSolverError, match="held"):
         factorize(csr_array(matrix), solver)(np.ones(6))
+
+
+def test_nodes_where_facets_match_are_retained_and_memory_is_counted(monkeypatch):
+    """Two cubes with contact on all sides touch at 3 × 3 nodes; a small machine rejects them."""
+    cube = hexahedral_block("cube", box_block((100.0, 100.0, 100.0), (2, 2, 2)).mesh)
+    assembly = Assembly(
+        name="cubes",
+        shapes=(cube,),
+        shape_of=np.zeros(2, dtype=np.int64),
+        rotations=np.stack([np.eye(3)] * 2),
+        translations=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 100.0]]),
+        layer=np.arange(2),
+        fixed=np.array([True, False]),
+        unmatched_allowed=True,
+    )
+    load = LoadCase(assembly, "weight", (), assembly.fixed.copy())
+    stone = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
+    problem = Problem(assembly, load, stone, gravity=(0.0, 0.0, -9810.0))
+    assert solve_static(problem, mesh="scene")["max_displacement"].value > 0.0
+    monkeypatch.setattr(errors, "machine_memory", lambda: 1000)
+    with pytest.raises(StaticMemoryError, match="16 contact points, and blocks with up to 9 nodes"):
+        solve_static(problem, mesh="scene")

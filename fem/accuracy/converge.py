@@ -26,6 +26,7 @@ from fem.accuracy.transfer import transferred
 from fem.assembly.statement import Problem
 from fem.measures import load_step_change, measures_of
 from fem.solution import Solution
+from fem.static.linear_step.condensed import StaticMemoryError
 from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.solve import StaticOptions
 from geometry.answer import ALIASES, TITLES, Measure
@@ -238,10 +239,13 @@ def converge(
             progress(_progress(ladder, number, stated, last, errors))
         try:
             last = _solve(problem, stated, rung, options, last)
-        except StaticError:
+        except StaticError as error:
             if last is None:
                 raise
-            ended = "the next mesh, which did not converge"
+            large = isinstance(error, StaticMemoryError)
+            ended = (
+                "the memory of this machine" if large else "the next mesh, which did not converge"
+            )
             break
         meshes.append(_row(last))
         values.append(last.measures)

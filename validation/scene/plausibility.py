@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import difflib
 import math
-import os
 import re
 from collections.abc import Iterator
 from typing import Any
@@ -18,6 +17,7 @@ from pydantic import BaseModel
 
 from fem.element.material import FASTEST_SOUND, SLOWEST_SOUND
 from geometry.assembly import AnyBlocks, AssemblyError, check_size
+from geometry.errors import beyond_memory
 from validation.scene.keys.ranges import YOUNG_MODULUS, Range, ranges
 from validation.scene.sections import WholeScene
 
@@ -39,8 +39,6 @@ _STATE, _FACET_PAIR = 200.0, 72.0
 #: their number (nested dissection), in slender bodies for each element across [bytes]. Measured
 #: with 3840 and 12960 elements: 0.22 and 1.14 GB.
 _FACTOR, _BAND = 2000.0, 72.0
-#: Part of the machine's memory that a scene may need.
-_SHARE = 0.8
 
 
 def implausible(scene: BaseModel, accept: tuple[str, ...]) -> str | None:
@@ -192,19 +190,13 @@ def too_large_to_deform(scene: BaseModel, *, static: bool) -> str | None:
 
 def _refused(counts: tuple[float, float, float], need: float) -> str | None:
     """One line on a scene that needs so many bytes, where the machine has fewer."""
-    there = machine_memory()
-    if there is None or need <= _SHARE * there:
-        return None
     blocks, elements, facets = counts
     what = f"{_short(blocks)} blocks"
     remedy = "fewer of them (assembly)"
     if facets:
         what += f" with {_short(elements)} elements and {_short(facets)} outer facets each"
         remedy = "fewer elements (mesh)" if facets > blocks else "fewer blocks (assembly)"
-    return (
-        f"{what} need at least {_short(need / 2**30)} GB of memory, and this machine has "
-        f"{there / 2**30:.0f} GB; take {remedy}"
-    )
+    return beyond_memory(what, need, remedy)
 
 
 def _short(number: float) -> str:
@@ -217,14 +209,6 @@ def _float(count: int) -> float:
         return float(count)
     except OverflowError:
         return math.inf
-
-
-def machine_memory() -> int | None:
-    """Bytes of the machine, None where it does not say."""
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return None
 
 
 def _counts(scene: Any) -> tuple[float, float, float]:
