@@ -197,8 +197,8 @@ def _load(
 def _slips(
     problem: StaticProblem, points: FacingPoints | None, state: StaticState
 ) -> tuple[Any, ...]:
-    """Friction at the end of the load: see `StaticResult.slips`."""
-    if problem.friction is None:
+    """Friction at the end of the load: see `StaticResult.slips`; none where it is no equilibrium."""
+    if problem.friction is None or not state.converged:
         return ()
     if points is None:
         return (anchor_of(state),)
