@@ -46,7 +46,7 @@ def verdict(lines: list[str], folder: Path) -> str:
     nodes = deck_nodes(deck)
     moved = ours(nodes, answer)
     try:
-        theirs = original(nodes, path)
+        theirs = original(nodes, path).displacements
     except (CalculixError, OSError, ValueError) as error:
         return f"CalculiX rejects it: {str(error).partition(': ')[2]}"
     both_none = max(np.abs(moved).max(), np.abs(theirs).max()) < _NONE

@@ -7,7 +7,7 @@ the reference files of its test suite (``NAME.dat.ref``) stand beside.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -21,10 +21,13 @@ from fem.decks.statement import Flavour
 from fem.decks.write import write_deck
 from geometry.answer import Answer
 from geometry.mesh import FloatArray, IntArray
-from validation.study.comparison.calculix import run_calculix
+from validation.study.comparison.calculix import CalculixResult, run_calculix
 
 #: Set of all nodes that the judge prints.
 _EVERY = "TUBELOCK-EVERY-NODE"
+_STRESS = re.compile(
+    r"contact stress .* time +\S+\s*\n\s*\n((?: *\d+(?: +\d+)?(?: +\S+\.\S+){3} *\n)+)"
+)
 _TABLE = re.compile(r"displacements .* time +(\S+)\s*\n\s*\n((?: *\d+(?: +\S+){3} *\n)+)")
 
 
@@ -83,6 +86,17 @@ def printed(nodes: Nodes, path: Path) -> tuple[IntArray, FloatArray]:
     return where, np.array(known).reshape(-1, 4)[:, 1:]
 
 
+def printed_pressures(path: Path) -> tuple[IntArray, IntArray, FloatArray] | None:
+    """Slaves, their sides and pressures [MPa] of the last table of a printed file; None: none."""
+    tables = _STRESS.findall(path.read_text("latin-1"))
+    if not tables:
+        return None
+    rows = np.array([row.split() for row in tables[-1].splitlines()], dtype=np.float64)
+    slaves = rows[:, 0].astype(np.int64)
+    sides = rows[:, 1].astype(np.int64) if rows.shape[1] > 4 else np.zeros_like(slaves)
+    return slaves, sides, rows[:, -3]
+
+
 def gradual(lines: list[str]) -> list[str]:
     """Deck whose static steps begin with a tenth of their time.
 
@@ -103,20 +117,54 @@ def gradual(lines: list[str]) -> list[str]:
     return result
 
 
-def original(nodes: Nodes, path: Path) -> FloatArray:
-    """Displacements by CalculiX of the deck as it is, with a request of all nodes, (n, 3) [mm]."""
+def original(nodes: Nodes, path: Path) -> CalculixResult:
+    """CalculiX on the deck as it is, with requests of all nodes and contacts.
+
+    Displacements are those of `nodes`, (n, 3) [mm].
+    """
     lines = [line for line in path.read_text("latin-1").splitlines() if line[:2] != "**"]
-    lines = gradual(lines) if any("PAIR" in line.upper() for line in lines) else lines
+    meets = any("PAIR" in line.upper() for line in lines)
+    lines = gradual(lines) if meets else lines
     end = max(k for k, line in enumerate(lines) if line.replace(" ", "").upper() == "*ENDSTEP")
     lines[end:end] = [f"*NODE PRINT, NSET={_EVERY}, GLOBAL=YES", "U"]
+    lines[end:end] = ["*CONTACT PRINT", "CSTR"] * meets
     begin = next(k for k, line in enumerate(lines) if line.lstrip().upper().startswith("*STEP"))
     every = np.unique(nodes.label)
     lines[begin:begin] = [f"*NSET, NSET={_EVERY}", *map(str, every.tolist())]
     with TemporaryDirectory() as folder:
         copy = Path(folder, "original.inp")
         copy.write_text("\n".join([*lines, ""]), "latin-1")
-        moved = run_calculix(copy).displacements[-len(every) :]
-    return moved[np.searchsorted(every, nodes.label)]
+        result = run_calculix(copy)
+    moved = result.displacements[-len(every) :]
+    return replace(result, displacements=moved[np.searchsorted(every, nodes.label)])
+
+
+def pressures(
+    deck: InputDeck, answer: Answer, slaves: IntArray, sides: IntArray, values: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Contact pressures of tubelock and of another program at the slaves of this, (n,) [MPa].
+
+    Slaves are numbers of nodes, or of elements, of which ``sides`` then has the side. Each of our
+    facets counts at the nearest slave, by its area: sides have the mean of their points.
+    """
+    part, body = deck.places.instances[0].part, deck.built.blocks.bodies[0]
+    places = body.hexahedra.nodes
+    alike, group = np.unique(np.column_stack([slaves, sides]), axis=0, return_inverse=True)
+    theirs = np.bincount(group.ravel(), values) / np.bincount(group.ravel())
+    corners = [
+        body.corners[part.element_index[slave], side - 1] if side else [part.index[slave]]
+        for slave, side in alike.tolist()
+    ]
+    centre = np.array([places[rows].mean(axis=0) for rows in corners])
+    at, pressure, area = (answer.contacts[key] for key in ("centroid", "pressure", "area"))
+    share = np.zeros((len(at), len(centre)))
+    # Facets between nodes count at all that are as near as the nearest.
+    away = np.linalg.norm(at[:, None] - centre, axis=2)
+    share[away <= 1.01 * away.min(axis=1, keepdims=True)] = 1.0
+    share *= (area / share.sum(axis=1))[:, None]
+    found = pressure @ share / np.maximum(share.sum(axis=0), 1e-300)
+    touched = share.any(axis=0)
+    return found[touched], theirs[touched]
 
 
 def written_again(nodes: Nodes, deck: InputDeck) -> FloatArray:

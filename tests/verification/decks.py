@@ -3,30 +3,42 @@
 Every deck has a process of its own, which is stopped after ten CPU minutes. Beside the answer stand
 differences of displacements, node by node, over the largest: to a reference file (``NAME.dat.ref``)
 and to CalculiX on the same text; and of CalculiX on that text to CalculiX on the deck that this
-package writes of it, which judges how the deck is read.
+package writes of it, which judges how the deck is read. Contact pressures, means over facets or at
+nodes, have the difference of the largest ones, and the root of the mean square of all. Rows are
+kept in ``out/decks.jsonl``: a second call goes on where the first was stopped.
 """
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import re
 import resource
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from fem import read_deck
 from fem.decks.read.deck import InputDeck
 from fem.decks.read.words import Dialect
+from geometry.answer import Answer
 from geometry.errors import RefusedError
+from geometry.mesh import FloatArray
 from tests.verification.deck_oracle import (
     deck_nodes,
     difference,
     original,
     ours,
+    pressures,
     printed,
+    printed_pressures,
     written_again,
 )
 from tests.verification.folder import LIMIT
@@ -35,13 +47,38 @@ from validation.study.comparison.calculix import CalculixError
 
 #: Places in decks, which differ where reasons do not.
 _PLACE = re.compile(r"^(\S+, )?line \d+: |[\w-]+: (?=surfaces of)")
+#: Where rows are kept.
+KEPT = Path("out/decks.jsonl")
 _NUMBER = re.compile(r"\d[\d.e+-]*")
 
 
-def rows(folder: Path) -> Iterator[dict[str, Any]]:
-    """One row for each deck in a folder and its folders."""
+def rows(folder: Path, kept: Path = KEPT) -> Iterator[dict[str, Any]]:
+    """One row for each deck in a folder and its folders.
+
+    Rows are kept in a file as they come: a second call goes on with decks that are missing there.
+    """
+    known = dict(_kept(kept))
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    with kept.open("ab") as stream:
+        if stream.tell() and not kept.read_bytes().endswith(b"\n"):
+            stream.write(b"\n")  # what a stop cut short
     for path in sorted(p for p in folder.rglob("*") if p.suffix.lower() == ".inp"):
-        yield {"deck": str(path.relative_to(folder)), **_alone(path)}
+        name, text = str(path.relative_to(folder)), sha256(path.read_bytes()).hexdigest()
+        row = known.get((name, text))
+        if row is None:
+            row = {"deck": name, **_alone(path)}
+            with kept.open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps([text, row], default=float) + "\n")
+            print(f"{name}: {row['fate']}", file=sys.stderr, flush=True)
+        yield row
+
+
+def _kept(path: Path) -> Iterator[tuple[tuple[str, str], dict[str, Any]]]:
+    """Rows of a file by deck and content; a line that a stop cut short is none."""
+    for line in path.read_text("utf-8").splitlines() if path.exists() else ():
+        with suppress(ValueError):
+            text, row = json.loads(line)
+            yield (row["deck"], text), row
 
 
 def fates(found: Iterable[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
@@ -100,7 +137,7 @@ def fate(path: Path) -> dict[str, Any]:
         "CPU s": time.process_time() - start,
     }
     if deck.dialect is Dialect.CALCULIX:
-        found |= _judged(deck, path, ours(deck_nodes(deck), answer))
+        found |= _judged(deck, path, answer)
     return found
 
 
@@ -108,20 +145,38 @@ def _first(error: Exception, path: Path) -> str:
     return str(error).replace(f"{path}: ", "").replace(f"{path.parent}/", "").partition("; exp")[0]
 
 
-def _judged(deck: InputDeck, path: Path, moved: Any) -> dict[str, Any]:
-    """Differences of displacements [%], or why there is none."""
+def _judged(deck: InputDeck, path: Path, answer: Answer) -> dict[str, Any]:
+    """Differences of displacements and contact pressures [%], or why there is none."""
+    moved = ours(deck_nodes(deck), answer)
     nodes, reference = deck_nodes(deck), path.with_name(f"{path.stem}.dat.ref")
     found: dict[str, Any] = {}
     where, values = printed(nodes, reference) if reference.exists() else ([], None)
     if len(where):
         found["off .dat.ref [%]"] = difference(moved[where], values)
+    stresses = printed_pressures(reference) if reference.exists() else None
+    if stresses is not None:
+        found |= _pressed(".dat.ref", *pressures(deck, answer, *stresses))
     theirs = _tried(lambda: original(nodes, path))
     again = _tried(lambda: written_again(nodes, deck))
     if isinstance(theirs, str):
         return found | {"off CalculiX [%]": theirs}
-    found["off CalculiX [%]"] = difference(moved, theirs)
-    found["written again [%]"] = again if isinstance(again, str) else difference(theirs, again)
+    found["off CalculiX [%]"] = difference(moved, theirs.displacements)
+    if len(theirs.pressures):
+        slaves = theirs.slave_nodes + 1, theirs.slave_sides, theirs.pressures
+        found |= _pressed("CalculiX", *pressures(deck, answer, *slaves))
+    found["written again [%]"] = (
+        again if isinstance(again, str) else difference(theirs.displacements, again)
+    )
     return found
+
+
+def _pressed(other: str, mine: FloatArray, theirs: FloatArray) -> dict[str, float]:
+    """Difference of the largest pressures, and root of the mean square of all, over theirs [%]."""
+    largest = float(theirs.max(initial=0.0)) or 1.0
+    return {
+        f"p off {other} [%]": 100.0 * abs(float(mine.max(initial=0.0)) - largest) / largest,
+        f"p rms {other} [%]": 100.0 * float(np.sqrt(((mine - theirs) ** 2).mean())) / largest,
+    }
 
 
 def _tried(run: Callable[[], Any]) -> Any:

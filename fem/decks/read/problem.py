@@ -191,6 +191,8 @@ def _stage_ends(model: ModelLines, steps: tuple[Step, ...]) -> list[tuple[int, f
         paths = [path for card in cards if (path := path_of(model, card)) is not None]
         times = {time for path in paths for time in path[:, 0].tolist() if 0 < time < step.duration}
         times |= {0.0 for path in paths if np.interp(0.0, *path.T)}
+        if sum(map(_acts, cards)) == 1 and not any(np.ptp(path[:, 1]) for path in paths):
+            times = set()  # one load, which acts at once
         straight = [card for card in cards if not card.option("AMPLITUDE") and _acts(card)]
         if times and straight:
             raise DeckError(

@@ -30,6 +30,8 @@ class CalculixResult:
     """Nodes in the order of their numbers, (n_nodes, 3) [mm]; seven digits."""
     slave_nodes: IntArray
     """Slave node of each contact element, or slave element, from 0, (n_contacts,)."""
+    slave_sides: IntArray
+    """Side of the slave element, from 1; 0 where nodes press, (n_contacts,)."""
     pressures: FloatArray
     """Contact pressure there, (n_contacts,) [MPa]."""
     reactions: dict[str, FloatArray]
@@ -100,6 +102,7 @@ def _read(path: Path, seconds: float) -> CalculixResult:
     return CalculixResult(
         displacements=moved[np.argsort(moved[:, 0], kind="stable"), 1:],
         slave_nodes=rows[:, 0].astype(np.int64) - 1,
+        slave_sides=rows[:, 1].astype(np.int64) * (rows.shape[1] > 4),
         pressures=rows[:, -3],
         reactions={name.removeprefix("total "): np.array(rows[0]) for name, rows in sums.items()},
         cpu_seconds=seconds,
