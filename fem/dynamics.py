@@ -22,7 +22,7 @@ from fem.explicit.solve import (
     UnstableRun,
     solve,
 )
-from fem.problem.effects import AdaptiveMassDamping, Effects
+from fem.problem.effects import SAFETY_FACTOR, AdaptiveMassDamping, Effects
 from fem.solution import RESIDUAL, Solution
 from geometry.answer import Answer
 
@@ -115,7 +115,7 @@ def explicit_answer(
     *,
     residual: float = 0.0,
     time_step: float | None = None,
-    safety_factor: float = 0.9,
+    safety_factor: float = SAFETY_FACTOR,
     precision: str = "float64",
     threads: int = 1,
     sample_interval: int = 50,

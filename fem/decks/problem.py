@@ -32,7 +32,7 @@ from fem.decks.tetrahedra import has_tetrahedra, with_tetrahedra
 from fem.decks.write import write_deck as write_statement
 from fem.element.lagrange_mesh import serendipity_block
 from fem.element.material import Material
-from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
+from fem.problem.effects import SAFETY_FACTOR, BulkViscosity, Effects, RayleighDamping
 from fem.problem.time_step import characteristic_time_step, critical_time_step
 from geometry.assembly import Assembly
 from geometry.block import Block
@@ -113,7 +113,8 @@ def problem_deck(problem: Problem, flavour: Flavour) -> Deck:
     step = DeckStep(Procedure.STATIC, 1.0, 1.0, large_rotations=problem.finite_rotation)
     effects = Effects()
     if not static:
-        step = DeckStep(Procedure.EXPLICIT, QUASI_STATIC_END, QUASI_STATIC_RAMP, safety_factor=0.9)
+        times = QUASI_STATIC_END, QUASI_STATIC_RAMP
+        step = DeckStep(Procedure.EXPLICIT, *times, safety_factor=SAFETY_FACTOR)
         effects = Effects(rayleigh=PAPER_RAYLEIGH, bulk_viscosity=BulkViscosity())
     deck = deck_of(stated, flavour, step, effects, meets=problem.deformable.meets)
     notes = contact_notes(deck, static=static) + support_notes(deck)

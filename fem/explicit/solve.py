@@ -36,6 +36,7 @@ from fem.explicit.step import (
     set_internal_force,
     step,
 )
+from fem.problem.effects import SAFETY_FACTOR
 from fem.problem.model import Model
 from fem.problem.time_step import CriticalTimeStep, TimeStepError, critical_time_step
 from geometry.compilation import compiling
@@ -330,7 +331,7 @@ def solve(
     *,
     end_time: float,
     time_step: float | None = None,
-    safety_factor: float = 0.9,
+    safety_factor: float = SAFETY_FACTOR,
     precision: str = "float64",
     threads: int = 1,
     sample_interval: int = 50,

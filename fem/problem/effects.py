@@ -9,6 +9,9 @@ from dataclasses import dataclass
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 
+#: Share of the critical time step that explicit runs take where nothing else is stated.
+SAFETY_FACTOR = 0.9
+
 
 class EffectError(RefusedError):
     """An effect with a coefficient that no solver can use."""

@@ -211,7 +211,7 @@ def input_json(deck: InputDeck) -> dict[str, Any]:
         "dialect": str(deck.dialect),
         "detected": deck.detected,
         "procedure": "explicit" if step.explicit else "static",
-        "duration": step.duration,
+        "duration": step.end,
         "large_rotations": step.large_rotations,
         "blocks": blocks.n_blocks,
         "names": list(blocks.names),

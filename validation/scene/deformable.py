@@ -18,6 +18,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 
 from fem.element.hexahedron import ElementType
+from fem.problem.effects import SAFETY_FACTOR
 from geometry.errors import is_number
 from validation.scene.contact import ContactSection, gap_words
 from validation.scene.keys.ranges import (
@@ -327,7 +328,7 @@ class FemSection(Section):
     """Number of steps of supports that move in a static run, after the load."""
     time_step: Positive | None = None
     """Time step [s]; by default safety_factor times the critical time step."""
-    safety_factor: Annotated[float, Field(gt=0, le=1)] = 0.9
+    safety_factor: Annotated[float, Field(gt=0, le=1)] = SAFETY_FACTOR
     mass_scaling: Annotated[float, Field(ge=1, allow_inf_nan=False)] | None = None
     """Mass scaling of an explicit run: time step that every element must allow, relative to the
     shortest one; inactive by default."""

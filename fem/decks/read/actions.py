@@ -9,7 +9,8 @@ import numpy as np
 from fem.decks.keywords import DeckError
 from fem.decks.read.bodies import Blocks
 from fem.decks.read.cards import Card
-from fem.decks.read.model import ModelLines, Step, path_of, smooth_time
+from fem.decks.read.model import ModelLines, Step, path_of, sampled_step, smooth_time
+from fem.decks.read.motion import Moved, continued
 from geometry.files.named_sets import face_name
 from geometry.loads import FaceLoad
 from geometry.mesh import FloatArray, IntArray
@@ -17,8 +18,7 @@ from geometry.parts.forces import NodeForces
 from geometry.parts.regions import Points, Where
 from geometry.parts.supports import HeldFace
 
-#: Displacement of a component, and times and shares of it.
-_Value = tuple[float, tuple[tuple[float, float], ...]]
+_STILL: Moved = (0.0, ())
 
 
 @dataclass
@@ -30,11 +30,11 @@ class Actions:
     steps: tuple[Step, ...]
     time: float | None = None
     """In the last step; None: at its end."""
-    held: dict[tuple[int, int], dict[int, _Value]] = field(default_factory=dict)
+    held: dict[tuple[int, int], dict[int, Moved]] = field(default_factory=dict)
     """Components of each block and node of its part."""
     axes: dict[tuple[int, int], FloatArray] = field(default_factory=dict)
     """Local axes of nodes that *Transform turns, unit vectors, each (3, 3)."""
-    reference: dict[tuple[int, int], dict[int, _Value]] = field(default_factory=dict)
+    reference: dict[tuple[int, int], dict[int, Moved]] = field(default_factory=dict)
     """Components 0 to 5 of reference nodes of rigid bodies, by instance and number."""
     names: dict[tuple[int, int, int], str] = field(default_factory=dict)
     """Of the set that first holds a component of a node."""
@@ -152,33 +152,57 @@ def _boundary(actions: Actions, card: Card, step: Step | None) -> None:
             f"{card.at()}: *Boundary of type {card.option('TYPE')} is not covered; expected "
             "displacements"
         )
-    last = actions.steps[-1] if step is None else step
-    path = path_of(actions.model, card)
-    smooth = smooth_time(actions.model, card) if last.explicit else None
     for line, row in card.rows():
-        components, value = _components(card, line, row)
+        components, moved = _moved(actions, card, line, row, step or actions.steps[0])
         nodes = actions.blocks.places.members(card, line, row[0], nodes=True)
-        times: tuple[tuple[float, float], ...] = ()
-        if smooth is not None and value:
-            actions.ramp(card, smooth)
-        elif path is not None and value:
-            times = _path(last, path)
-        if times and (len(actions.steps) > 1 or actions.time is not None):
-            at = np.interp(actions.time_in(last), *np.array(times).T)
-            value, times = value * float(at), ()
         name = row[0].strip('"').lower()
         if name.isdigit():
             name = f"boundary-{card.line}"
-        stated = dict.fromkeys(components, (value, times))
+        begin = 0.0 if step is None else step.begin
         for node in nodes:
             if node in actions.reference:
-                actions.reference[node].update(stated)
-        in_solids = {k: v for k, v in stated.items() if k < 3}
+                _hold(actions.reference[node], components, moved, card.at(line), begin)
+        in_solids = [k for k in components if k < 3]
         for block, indices in actions.blocks.located(nodes).items():
             for index in indices.tolist():
                 for component in in_solids:
                     actions.names.setdefault((block, index, component), name)
-                actions.held.setdefault((block, index), {}).update(in_solids)
+                held = actions.held.setdefault((block, index), {})
+                _hold(held, in_solids, moved, card.at(line), begin)
+
+
+def _moved(
+    actions: Actions, card: Card, line: int, row: list[str], step: Step
+) -> tuple[list[int], Moved]:
+    """Components of a line and where they go in a step."""
+    components, value = _components(card, line, row)
+    if not value:
+        return components, _STILL
+    path = path_of(actions.model, card)
+    smooth = smooth_time(actions.model, card) if step.explicit else None
+    if smooth is not None and step.begin:
+        path = sampled_step(smooth)
+    elif smooth is not None:
+        actions.ramp(card, smooth)
+        path = None
+    if path is None:
+        return components, (value, ())
+    times = _path(step, path)
+    if step.explicit or (len(actions.steps) == 1 and actions.time is None):
+        return components, (value, times)
+    at = np.interp(actions.time_in(step), *np.array(times).T)
+    return components, (value * float(at), ())
+
+
+def _hold(
+    held: dict[int, Moved], components: list[int], moved: Moved, at: str, begin: float
+) -> None:
+    """Hold or move components of a node; in a later explicit step those that are held already."""
+    for component in components:
+        if begin:
+            held[component] = continued(held.get(component), moved, begin, at)
+        else:
+            held[component] = moved
 
 
 def _path(step: Step, path: FloatArray) -> tuple[tuple[float, float], ...]:
@@ -227,8 +251,6 @@ def _components(card: Card, line: int, row: list[str]) -> tuple[list[int], float
 
 # ---------------------------------------------------------------------------------------------
 # As supports of blocks
-
-_STILL: _Value = (0.0, ())
 
 
 def fixed_blocks(actions: Actions) -> set[int]:
@@ -299,8 +321,8 @@ def _held_faces(actions: Actions, block: int) -> list[HeldFace]:
     Nodes at edges are held along more directions than others. Together they make faces, of which
     elements that are split, or of degree 2, have nodes that the deck does not have.
     """
-    alike: dict[tuple[bytes, _Value], list[int]] = {}
-    names: dict[tuple[bytes, _Value], str] = {}
+    alike: dict[tuple[bytes, Moved], list[int]] = {}
+    names: dict[tuple[bytes, Moved], str] = {}
     for (number, node), stated in actions.held.items():
         if number != block:
             continue

@@ -330,7 +330,16 @@ class Blocks:
                 nodes += members
                 continue
             side = row[1].upper() if len(row) > 1 else ""
+            if self.places.each_once and not side:
+                raise DeckError(
+                    f"{card.at(line)}: no side, which CalculiX needs; expected S1 to S6"
+                )
             for block, rows in self.sides(card, line, members, side).items():
+                if self.places.each_once and np.isin(rows, result.get(block, [])).any():
+                    raise DeckError(
+                        f"{card.at(line)}: a side is in the surface already, and CalculiX loads it "
+                        "twice; expected it once"
+                    )
                 result[block] = np.union1d(result.get(block, rows), rows)
         for block, indices in self.located(nodes).items():
             result[block] = self.whole_sides(block, indices)

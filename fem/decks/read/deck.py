@@ -14,6 +14,7 @@ from fem.decks.keywords import DeckError
 from fem.decks.read.cards import Card, deck_text, read_cards
 from fem.decks.read.mesh import Instance, Part, Places, add_elements, add_nodes, add_set, placed
 from fem.decks.read.model import ModelLines, Step, add_model, effects_of
+from fem.decks.read.motion import in_one_run
 from fem.decks.read.problem import Built, build_problem
 from fem.decks.read.words import Dialect, check_words, dialect_of, spelt
 from geometry.errors import RefusedError, unreadable
@@ -84,12 +85,11 @@ class InputDeck:
         return tuple(self.model.notes)
 
     def explicit_options(self) -> dict[str, Any]:
-        """Damping and times of its explicit step, arguments of `fem.solve_explicit`."""
-        step = self.steps[-1]
+        """Damping and times of its explicit steps, arguments of `fem.solve_explicit`."""
         return {
-            "damping": effects_of(self.model, step),
+            "damping": effects_of(self.model, self.steps[0]),
             "ramp_time": self.built.ramp_time or 0.0,
-            "end_time": step.duration,
+            "end_time": self.steps[-1].end,
             "mass_scaling": self.built.mass_scaling,
         }
 
@@ -141,12 +141,14 @@ def deck_of_lines(
         raise DeckError("line 1: the file is empty; expected a deck")
     kind, detected = dialect_of(cards, dialect)
     reader = _Reader(ModelLines(kind))
+    reader.places.each_once = kind is Dialect.CALCULIX
     for card in cards:
         reader.read(card)
     heading = next((card for card in cards if card.keyword == "HEADING"), cards[0])
     reader.model.cap = _cap(heading)
     places = reader.finished(cards[-1])
-    return InputDeck(name, kind, detected, places, reader.model, tuple(reader.steps), without)
+    steps = in_one_run(tuple(reader.steps))
+    return InputDeck(name, kind, detected, places, reader.model, steps, without)
 
 
 def _cap(heading: Card) -> float:

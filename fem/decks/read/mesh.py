@@ -205,6 +205,9 @@ class Places:
     surfaces: dict[str, Card] = field(default_factory=dict)
     by_name: dict[str, int] = field(default_factory=dict)
     """Position of each instance."""
+    each_once: bool = False
+    """Whether sets of loads and surfaces may have members once alone: CalculiX loads those that are
+    there twice twice, Abaqus once."""
 
     def members(self, card: Card, line: int, text: str, *, nodes: bool) -> list[tuple[int, int]]:
         """Instance and number of the nodes or elements that an entry names.
@@ -214,6 +217,16 @@ class Places:
         DeckError
             Naming the line: what names none.
         """
+        result = self._members(card, line, text, nodes=nodes)
+        acts = self.each_once and card.keyword in {"CLOAD", "DLOAD", "SURFACE"}
+        if acts and len(set(result)) < len(result):
+            raise DeckError(
+                f"{card.at(line)}: {text} has a member twice, which CalculiX loads twice; expected "
+                "each once"
+            )
+        return result
+
+    def _members(self, card: Card, line: int, text: str, *, nodes: bool) -> list[tuple[int, int]]:
         entry = text.strip('"').upper()
         known = self.node_sets if nodes else self.element_sets
         if entry in known:

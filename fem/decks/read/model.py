@@ -15,6 +15,7 @@ from fem.decks.read.cards import Card
 from fem.decks.read.words import Dialect
 from fem.element.material import Material
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
+from fem.problem.loads import SmoothStepAmplitude
 from geometry.mesh import FloatArray
 
 _Stated = TypeVar("_Stated")
@@ -268,6 +269,8 @@ class Step:
 
     card: Card
     cards: list[Card] = field(default_factory=list)
+    begin: float = 0.0
+    """Time of the explicit steps before [s]."""
     follows_large: bool = False
     """Whether a step before takes forces in the deformed position; then this one does too."""
 
@@ -321,6 +324,11 @@ class Step:
                 f"{self.procedure.at()}: the step lasts {value:g}; expected a positive time"
             )
         return value
+
+    @property
+    def end(self) -> float:
+        """End of the step, explicit steps before it counted [s]."""
+        return self.begin + self.duration
 
 
 def effects_of(model: ModelLines, step: Step) -> Effects:
@@ -390,6 +398,16 @@ def path_of(model: ModelLines, card: Card) -> FloatArray | None:
     """
     amplitude = _amplitude(model, card)
     return None if amplitude is None else amplitude[2]
+
+
+#: Points of a smooth step that is read as a table.
+_SAMPLES = 41
+
+
+def sampled_step(duration: float) -> FloatArray:
+    """Smooth step from 0 to 1 as a table of times and values, (n, 2): off by 4e-4 at most."""
+    smooth, times = SmoothStepAmplitude(duration), np.linspace(0.0, duration, _SAMPLES)
+    return np.column_stack([times, [smooth(time) for time in times.tolist()]])
 
 
 def smooth_time(model: ModelLines, card: Card) -> float | None:

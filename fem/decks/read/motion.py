@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from fem.assembly.statement import Motion, Problem
@@ -9,11 +11,13 @@ from fem.decks.keywords import DeckError
 from fem.decks.read.bodies import Blocks
 from fem.decks.read.cards import Card
 from fem.decks.read.model import ModelLines, Step, effects_of
-from fem.decks.read.words import Dialect
+from fem.decks.read.words import IDLE, Dialect
 from fem.problem.time_step import characteristic_time_step
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
 
+#: Displacement of a component [mm], and times [s] and shares of it; (): with the loads.
+Moved = tuple[float, tuple[tuple[float, float], ...]]
 #: Velocities that differ from those of a rigid motion by less, relative to the largest, are its.
 _SAME = 1e-6
 #: Share of the least time step of an element that CalculiX takes for stable without scaling.
@@ -165,3 +169,71 @@ def _check_minimum(model: ModelLines, step: Step, problem: Problem) -> None:
             f"scales masses where elements allow less ({least:.2g} s here), in a way that is not "
             "covered; expected a shorter one, or none"
         )
+
+
+#: What a later explicit step may have: motions of supports, and what is without influence.
+_LATER = {"BOUNDARY", "DYNAMIC", "BULK VISCOSITY"}
+
+
+def in_one_run(steps: tuple[Step, ...]) -> tuple[Step, ...]:
+    """Explicit steps one after the other, with the time at which each begins.
+
+    Loads are those of the first; later ones move supports, or only last.
+
+    Raises
+    ------
+    DeckError
+        Later ones with other loads, contact, masses or viscosity.
+    """
+    if len(steps) < 2 or not all(step.explicit for step in steps):
+        return steps
+    viscosity = [_viscosity(step) for step in steps]
+    result = list(steps[:1])
+    for step, own in zip(steps[1:], viscosity[1:], strict=True):
+        for card in step.cards:
+            anew = card.keyword == "BOUNDARY" and card.option("OP") == "NEW"
+            if (card.keyword not in _LATER and card.keyword not in IDLE) or anew:
+                raise DeckError(
+                    f"{card.at()}: {card.title}{', op=NEW' * anew} in a later explicit step is not "
+                    "covered; expected loads and contact in the first, and motions of supports "
+                    "that are held from the first on"
+                )
+        if own != viscosity[0]:
+            raise DeckError(
+                f"{step.card.at()}: another *Bulk Viscosity than in the first step is not covered; "
+                "expected the same"
+            )
+        result.append(replace(step, begin=result[-1].end))
+    return tuple(result)
+
+
+def _viscosity(step: Step) -> tuple[float, ...] | None:
+    cards = [card for card in step.cards if card.keyword == "BULK VISCOSITY"]
+    return tuple(cards[-1].numbers().tolist()) if cards else None
+
+
+def continued(before: Moved | None, after: Moved, begin: float, at: str) -> Moved:
+    """Motion of a component over explicit steps: what it did before, then that of a later step.
+
+    Raises
+    ------
+    DeckError
+        Components that are free before, motions that jump or that no table has.
+    """
+    if before is None or any(moved and not times for moved, times in (before, after)):
+        raise DeckError(
+            f"{at}: a support of a later explicit step is free before, or one of its motions has "
+            "no tabular amplitude; expected supports that are held from the first step on, and "
+            "tables for all their motions"
+        )
+    rows = [(time, before[0] * share) for time, share in before[1]] or [(0.0, 0.0)]
+    rows += [(begin, rows[-1][1])] * (rows[-1][0] < begin)
+    own = [(begin + time, after[0] * share) for time, share in after[1]] or [(begin, 0.0)]
+    if own[0][1] != rows[-1][1]:
+        raise DeckError(
+            f"{at}: the support jumps at the beginning of the step; expected an amplitude that "
+            "begins where the step before ends"
+        )
+    rows += own[1:]
+    size = max(abs(moved) for _, moved in rows)
+    return (size, tuple((time, moved / size) for time, moved in rows)) if size else (0.0, ())

@@ -133,7 +133,7 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
         blocks,
         actions.ramp_time,
         contact.face_to_face(problem.contact_law),
-        mass_scaling(model, step, problem),
+        mass_scaling(model, steps[0], problem),
     )
 
 
@@ -166,14 +166,14 @@ def _turns(model: ModelLines, step: Step, cases: list[LoadCase], *, meets: bool)
 
 
 def _check_steps(steps: tuple[Step, ...]) -> None:
-    """Reject steps of explicit dynamics one after the other, and lines that are no times."""
+    """Reject static steps beside explicit ones, and lines that are no times."""
     for step in steps:
         step.procedure.numbers()
-    if len(steps) > 1 and any(step.explicit for step in steps):
-        raise DeckError(
-            f"{steps[1].card.at()}: a step before or after one of explicit dynamics is not "
-            "covered; expected one step from rest, or static steps"
-        )
+        if step.explicit is not steps[0].explicit:
+            raise DeckError(
+                f"{step.card.at()}: a static step beside one of explicit dynamics is not covered; "
+                "expected steps of one kind"
+            )
 
 
 #: Cards whose values change in a step.
@@ -227,6 +227,8 @@ def _note_steps(model: ModelLines, steps: tuple[Step, ...], problem: Problem) ->
             f"steps: the way to the end in {len(problem.stages)} stages, each from the state and "
             "the slips of the one before"
         )
+    elif len(steps) > 1 and steps[0].explicit:
+        model.note(f"steps: {len(steps)} explicit steps are one run of {steps[-1].end:g} s")
     elif len(steps) > 1:
         model.note(
             f"steps: the state at the end of step {len(steps)}; without friction it does not "

@@ -20,8 +20,9 @@ from fem.decks.statement import Deck, DeckStep, Flavour, Procedure
 from fem.decks.tetrahedra import has_tetrahedra, with_tetrahedra
 from fem.problem.effects import Effects
 
-#: Share of the critical time step that an explicit step for CalculiX takes.
-_SAFETY = 0.9
+#: Share of the critical time step that an explicit step for CalculiX takes: its scheme is 10 % off
+#: at 0.9 of it in a beam under a load at once, 0.2 % at a quarter.
+_SHARE = 0.25
 
 
 def rewritten(deck: InputDeck, flavour: Flavour | None = None) -> Deck:
@@ -48,8 +49,8 @@ def rewritten(deck: InputDeck, flavour: Flavour | None = None) -> Deck:
     result = deck_of(
         stated,
         flavour,
-        DeckStep(procedure, step.duration, ramp, large_rotations=step.large_rotations),
-        effects_of(deck.model, step) if step.explicit else Effects(),
+        DeckStep(procedure, step.end, ramp, large_rotations=step.large_rotations),
+        effects_of(deck.model, deck.steps[0]) if step.explicit else Effects(),
         meets=meets,
         searched=problem.finite_sliding,
     )
@@ -62,6 +63,6 @@ def rewritten(deck: InputDeck, flavour: Flavour | None = None) -> Deck:
         scaled = deck.built.mass_scaling * element_time_step(result, moving=True)
         result = replace(result, step=replace(result.step, scaled_time_step=scaled))
     if flavour is Flavour.CALCULIX and step.explicit:
-        result = with_time_step(result, _SAFETY)
+        result = with_time_step(result, _SHARE)
     notes += [*contact_notes(result, static=not step.explicit), *deck.model.notes]
     return with_notes(result, notes)
