@@ -537,6 +537,52 @@ def test_surfaces_that_touch_without_a_pair_are_rejected() -> None:
         deck_of_lines(lines).problem()
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("UPPER, P2", "DOUBLE, P2", "DOUBLE has a member twice"),
+        ("UNDER\nUPPER, S1", "UNDER\nUPPER, S1\n2, S1", "a side is in the surface already"),
+        ("LOWER, S2", "LOWER", "no side, which CalculiX needs"),
+    ],
+)
+def test_what_calculix_takes_twice_or_not_at_all_is_rejected(old, new, words) -> None:
+    """CalculiX (2.20) loads an element that is twice in a set twice: 0.016 instead of 0.008 mm."""
+    lines = changed(old, new, changed("*Surface", "*Elset, elset=DOUBLE\n2, 2\n*Surface"))
+    deck = deck_of_lines(lines)
+    with pytest.raises(DeckError, match=words):
+        deck.problem()
+
+
+def test_explicit_steps_are_one_run() -> None:
+    """Pressed in the first, its foot lifted in the second: by 0.01 mm, with the force of 2 N.
+
+    A step that lets go, loads anew or jumps is rejected.
+    """
+    first = "*Amplitude, name=A, definition=SMOOTH STEP\n0., 0., 1e-4, 1.\n*Step"
+    lines = changed("*Elastic", "*Density\n1e-9\n*Elastic", changed("*Step", first))
+    lines = changed("*Static", "*Dynamic, Explicit\n, 2e-4", lines)
+    lines = changed("*Dload", "*Dload, amplitude=A", lines)
+    second = "*End Step\n*Step\n*Dynamic, Explicit\n, 2e-4\n*{}\n{}\n*End Step"
+
+    def read(card: str, row: str) -> InputDeck:
+        return deck_of_lines(
+            changed("*End Step", second.format(card, row), lines), dialect=Dialect.ABAQUS
+        )
+
+    deck = read("Boundary, amplitude=A", "FOOT, 3, 3, 0.01")
+    assert deck.explicit_options()["end_time"] == 4e-4
+    answer = solve_deck(deck)
+    moved = answer.fields["displacement"][np.isclose(answer.points[:, 2], 0.0), 2]
+    assert moved == pytest.approx(0.01, rel=1e-3)
+    assert answer.report["reactions"]["foot"]["force"][2] == pytest.approx(2.0, rel=0.05)
+    with pytest.raises(DeckError, match="in a later explicit step is not covered"):
+        read("Dload, amplitude=A", "UPPER, P2, 1.")
+    for card, row in (("Boundary, amplitude=A", "18, 3, 3, 0.1"), ("Boundary", "FOOT, 3, 3, 0.1")):
+        deck = read(card, row)
+        with pytest.raises(DeckError, match="free before, or one of its motions has"):
+            deck.problem()
+
+
 @pytest.mark.parametrize("pairs", ["UNDER, TOP\nUNDER, TOP", "UNDER, TOP\ntop, under"])
 def test_a_pair_that_is_there_twice_is_rejected(pairs: str) -> None:
     """CalculiX (2.20) presses with twice the stiffness then: 6e-3 instead of 8e-3 mm here."""
