@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from geometry.block import box_block
 from geometry.families.sine_block import SineBlockDivisions, sine_block
-from geometry.files.mesh_io import read_hex_mesh, write_hex_mesh
+from geometry.files.mesh_io import hexahedra_of, read_any_mesh, write_hex_mesh
 from geometry.mesh import (
     CORNERS,
     HEX_EDGES,
@@ -100,7 +100,7 @@ def test_mesh_files_give_back_the_mesh(tmp_path, suffix: str) -> None:
     mesh = sine_block(tsb(), SineBlockDivisions(12, 2, 3)).mesh
     path = tmp_path / f"block{suffix}"
     write_hex_mesh(path, mesh)
-    back = read_hex_mesh(path)
+    back, _ = hexahedra_of(read_any_mesh(path), path)
     np.testing.assert_array_equal(back.elements, mesh.elements)
     # .inp is text with 16 digits; .vtu keeps the bits.
     np.testing.assert_allclose(back.nodes, mesh.nodes, rtol=1e-14, atol=1e-12)
@@ -111,7 +111,7 @@ def test_unreadable_mesh_is_refused_in_one_line(tmp_path) -> None:
     path = tmp_path / "broken.vtu"
     path.write_text("<VTKFile")
     with pytest.raises(MeshError, match="cannot be read as a mesh"):
-        read_hex_mesh(path)
+        read_any_mesh(path)
 
 
 def test_short_ways_to_volume_centroid_and_corners() -> None:

@@ -17,7 +17,7 @@ from geometry.families.hexagon_block import (
 from geometry.families.masonry import box
 from geometry.families.platonic_layers import cube, octahedron, tetrahedron
 from geometry.files.block_files import read_blocks, step_hexahedra
-from geometry.files.mesh_io import read_hex_mesh, write_hex_mesh
+from geometry.files.mesh_io import hexahedra_of, read_any_mesh, write_hex_mesh
 from geometry.mesh import FloatArray, IntArray, MeshError, boundary_quads
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.box_tree import overlapping_boxes
@@ -298,7 +298,8 @@ def test_hexahedra_and_tetrahedra_give_their_boundary(tmp_path: Path) -> None:
     assert block.volume == pytest.approx(
         hexagon_block(parameters, HexagonBlockDivisions(4, 2)).volume
     )
-    assert read_hex_mesh(tmp_path / "block.vtu").n_elements == mesh.n_elements
+    path = tmp_path / "block.vtu"
+    assert hexahedra_of(read_any_mesh(path), path)[0].n_elements == mesh.n_elements
     tetra = meshio.Mesh(tetrahedron(10.0).points, [("tetra", np.array([[0, 1, 2, 3]]))])
     meshio.write(tmp_path / "tetra.vtu", tetra)
     (solid,) = read_blocks(tmp_path / "tetra.vtu")

@@ -258,7 +258,7 @@ def test_no_kind_of_cell_is_lost(tmp_path: Path, turned_round: bool) -> None:
     meshio.write(tmp_path / "all.vtu", mesh)
     assert volumes(tmp_path / "all.vtu") == pytest.approx([SIDE**3] * 5)
     with pytest.raises(MeshError, match="expected hexahedra of one kind"):
-        mesh_io.read_hex_mesh(tmp_path / "all.vtu")
+        mesh_io.hexahedra_of(mesh_io.read_any_mesh(tmp_path / "all.vtu"), tmp_path / "all.vtu")
 
 
 def test_boundary_faces_named_beside_the_cells_count_once(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from geometry.assembly import Assembly
 from geometry.errors import unreadable
 from geometry.files.vtu import as_grid, write_vtu
 from geometry.files.whole import write_whole
-from geometry.mesh import FloatArray, HexMesh, IntArray, MeshError, QuadSurface, check_mesh
+from geometry.mesh import FloatArray, HexMesh, IntArray, MeshError, QuadSurface
 
 if TYPE_CHECKING:
     import pyvista as pv
@@ -239,44 +239,6 @@ def hexahedra_of(mesh: Any, path: Path) -> tuple[HexMesh, IntArray]:
     members = np.concatenate([group.data for group in cells]).astype(np.int64)
     nodes = np.ascontiguousarray(mesh.points, dtype=np.float64)
     return HexMesh(nodes, np.ascontiguousarray(members[:, :8])), members
-
-
-def read_hex_mesh(path: Path) -> HexMesh:
-    """Read the eight-node hexahedra of a mesh file.
-
-    Raises
-    ------
-    MeshError
-        When the file cannot be read, holds other cells, or bad ones.
-    """
-    mesh, members = hexahedra_of(read_any_mesh(path), path)
-    if members.shape[1] != 8:
-        raise MeshError(f"{path}: got {members.shape[1]} nodes in each; expected eight")
-    check_mesh(mesh, str(path))
-    return mesh
-
-
-def assembly_mesh(assembly: Assembly) -> tuple[HexMesh, IntArray]:
-    """All blocks as one mesh (nodes of different blocks stay apart) and the block of each element.
-
-    Returns
-    -------
-    HexMesh
-        In world coordinates [mm].
-    IntArray
-        Block number of each element, (n_elements,).
-    """
-    nodes: list[FloatArray] = []
-    elements: list[IntArray] = []
-    owner: list[IntArray] = []
-    offset = 0
-    for block in range(assembly.n_blocks):
-        mesh = assembly.shape(block).mesh
-        nodes.append(assembly.nodes(block))
-        elements.append(mesh.elements + offset)
-        owner.append(np.full(mesh.n_elements, block))
-        offset += mesh.n_nodes
-    return HexMesh(np.concatenate(nodes), np.concatenate(elements)), np.concatenate(owner)
 
 
 def interface_surface(assembly: Assembly, contacts: IntArray | None = None) -> QuadSurface:

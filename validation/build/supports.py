@@ -8,7 +8,14 @@ import numpy as np
 
 from geometry.assembly import AnyBlocks
 from geometry.files.named_sets import face_name
-from geometry.loads import FaceLoad, LineLoad, LoadCase, PressureLoad, TractionLoad
+from geometry.loads import (
+    FaceLoad,
+    LineLoad,
+    LoadCase,
+    PressureLoad,
+    TractionLoad,
+    with_body_wrenches,
+)
 from geometry.mesh import FloatArray, IntArray, QuadSurface
 from geometry.parts.chosen import chosen_block, chosen_blocks
 from geometry.parts.regions import (
@@ -65,12 +72,9 @@ def stated_load(scene: DeformableScene, assembly: AnyBlocks, load: LoadCase) -> 
             faces.append(_face_load(assembly, one, place))
         else:
             _add_force(assembly, one, wrenches, place)
-    body = load.body_wrenches
+    result = replace(load, faces=tuple(faces), lines=tuple(lines), held=(*load.held, *held))
     if wrenches.any():
-        body = wrenches if body is None else body + wrenches
-    result = replace(
-        load, faces=tuple(faces), lines=tuple(lines), held=(*load.held, *held), body_wrenches=body
-    )
+        result = with_body_wrenches(result, wrenches)
     _refuse_taken(assembly, result)
     return result
 

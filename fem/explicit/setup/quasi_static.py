@@ -75,8 +75,6 @@ def block_frequencies(model: Model, pressure: float) -> BlockFrequencies:
     model
         Blocks with `FaceContact`, or `SlidingContact` as it stands before any displacement;
         blocks move as far as their supports let them.
-    pressure
-        Contact pressure that decides the stiffness of the law [MPa].
 
     Raises
     ------
@@ -264,9 +262,7 @@ class RecommendedTimes:
     """Latest end of a run that stops when it is static [s]."""
 
 
-def recommended_times(
-    model: Model, *, damped: bool, closing: bool = False, pressure: float = REFERENCE_PRESSURE
-) -> RecommendedTimes:
+def recommended_times(model: Model, *, damped: bool, closing: bool = False) -> RecommendedTimes:
     """Recommend times from the lowest frequency of rigid blocks on their contacts.
 
     With friction the static state depends on the way there: the ramp is slower then.
@@ -279,15 +275,13 @@ def recommended_times(
         Whether mass damping adapts to the motion (`static`), or hardly damps (`paper`).
     closing
         Whether blocks must first close gaps.
-    pressure
-        Contact pressure that decides the stiffness of the law [MPa].
 
     Raises
     ------
     ValueError
         No contact resists any motion.
     """
-    frequencies = block_frequencies(model, pressure)
+    frequencies = block_frequencies(model, REFERENCE_PRESSURE)
     period = 1.0 / frequencies.excited
     periods = _RAMP_PERIODS[damped]
     contacts = [i for i in model.interactions if isinstance(i, FaceContact | SlidingContact)]

@@ -65,12 +65,12 @@ def make_view(
     return View3d(name, title, note, webp(pixels), zipped_scene(view), bar)
 
 
-def webp(pixels: Any, *, largest: int = 1600) -> bytes:
-    """Encode an image (height, width, 3 or 4) as WebP, its longer side at most ``largest``."""
+def webp(pixels: Any) -> bytes:
+    """Encode an image (height, width, 3 or 4) as WebP, its longer side at most 1600 pixels."""
     from PIL import Image
 
     image = Image.fromarray(pixels)
-    image.thumbnail((largest, largest))
+    image.thumbnail((1600, 1600))
     buffer = io.BytesIO()
     image.save(buffer, format="WEBP", quality=88, method=5)
     return buffer.getvalue()
