@@ -275,6 +275,13 @@ class Contacts:
     length: float
     """Characteristic length ℓ [mm]."""
 
+    @cached_property
+    def joints(self) -> tuple[IntArray, IntArray]:
+        """Pairs of blocks that touch, (n_joints, 2), and the joint of each contact."""
+        pairs = np.column_stack([self.block_m, self.block_s])
+        joints, of = np.unique(pairs, axis=0, return_inverse=True)
+        return joints, of.ravel()
+
 
 def _transfer(
     points: FloatArray, centroids: FloatArray, length: float, axes: FloatArray | None

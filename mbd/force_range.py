@@ -111,9 +111,13 @@ def plane_problem(
             raise FrictionError("plane problem: a support couples motions in the plane with others")
         motions = motions[:, keep][:, :, keep]
     tangents = frictional.tangents[kept]
-    reduced = replace(frictional, matrix=matrix, tangents=tangents, motions=motions)
-    if not isinstance(frictional.friction, float):
-        reduced = replace(reduced, friction=frictional.friction[kept])
+    reduced = replace(
+        frictional,
+        matrix=matrix,
+        tangents=tangents,
+        friction=frictional.friction[kept],
+        motions=motions,
+    )
     behind = np.eye(3)[axis] * (height[~front].mean() - height[front].mean())
     return PlaneProblem(reduced, rows, kept, behind)
 
@@ -192,10 +196,7 @@ def force_ranges(
     ForceRanges | None
         None where no admissible forces balance the load.
     """
-    pairs, joint = np.unique(
-        np.column_stack([contacts.block_m, contacts.block_s]), axis=0, return_inverse=True
-    )
-    joint = joint.ravel()
+    pairs, joint = contacts.joints
     n_joints, size = len(pairs), float(np.linalg.norm(load))
     sums = np.asarray(np.bincount(joint, weights=shown, minlength=n_joints), dtype=np.float64)
     if plane is not None:
@@ -228,9 +229,7 @@ def least_forces(
 
     Joints are numbered as in `ForceRanges`; nan where a program finds none.
     """
-    pairs = np.column_stack([contacts.block_m, contacts.block_s])
-    _, joint = np.unique(pairs, axis=0, return_inverse=True)
-    matrix, of = _columns(contacts, frictional, joint.ravel())
+    matrix, of = _columns(contacts, frictional, contacts.joints[1])
     size = float(np.linalg.norm(load))
     programs = _Programs(matrix, -load / size)
     result = [programs.least((of == k).astype(np.float64)) for k in asked.tolist()]
@@ -260,15 +259,10 @@ def _columns(
     """
     if frictional is None:
         return contacts.jacobian.to_matrix(), joint
-    mu = frictional.friction
-    if isinstance(mu, float):
-        edges = np.array([[1.0, 1.0, 1.0, 1.0], [mu, -mu, 0.0, 0.0], [0.0, 0.0, mu, -mu]])
-        generators = sp.kron(sp.eye_array(len(joint)), edges)
-    else:
-        normal = np.array([[1.0, 1.0, 1.0, 1.0], [0.0] * 4, [0.0] * 4])
-        shear = np.array([[0.0] * 4, [1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]])
-        generators = sp.kron(sp.eye_array(len(joint)), normal)
-        generators = generators + sp.kron(sp.diags_array(mu), shear)
+    normal = np.array([[1.0, 1.0, 1.0, 1.0], [0.0] * 4, [0.0] * 4])
+    shear = np.array([[0.0] * 4, [1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]])
+    generators = sp.kron(sp.eye_array(len(joint)), normal)
+    generators = generators + sp.kron(sp.diags_array(frictional.friction), shear)
     return sp.csc_array(frictional.matrix @ generators), np.repeat(joint, 4)
 
 

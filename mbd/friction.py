@@ -55,8 +55,8 @@ class FrictionalContacts:
     """(6 n_free, 3 n_contacts), columns (normal, first, second tangent) contact by contact."""
     tangents: FloatArray
     """Unit tangents, (n_contacts, 2, 3)."""
-    friction: float | FloatArray
-    """μ of all contacts, or of each one, (n_contacts,)."""
+    friction: FloatArray
+    """μ of each contact, (n_contacts,)."""
     law: FrictionLaw
     motions: FloatArray | None = None
     """Projectors on the motions that supports leave, (n_free, m, m) for m rows each; None: all."""
@@ -95,15 +95,10 @@ class FrictionalContacts:
 
     def dissipated(self, normal: FloatArray, slip: FloatArray, factor: float = 1.0) -> float:
         """Sum of μ λ_n ‖δ_t‖ times a factor, from λ_n and ‖δ_t‖ of the contacts, (n,) each."""
-        if isinstance(self.friction, float):
-            return factor * self.friction * float(normal @ slip)
         return factor * float((self.friction * normal) @ slip)
 
     def sides(self, of_normal: FloatArray, of_shear: FloatArray) -> sp.sparray:
         """Rows μ λ_n · a + (λ_1, λ_2) · b of each contact, for rows a (n,) and b (n, 2)."""
-        if isinstance(self.friction, float):
-            one = np.column_stack([self.friction * of_normal, of_shear])
-            return sp.kron(sp.eye_array(self.n_contacts), one)
         shear = np.column_stack([np.zeros(len(of_normal)), of_shear])
         normal = np.column_stack([of_normal, np.zeros((len(of_normal), 2))])
         return sp.kron(sp.eye_array(self.n_contacts), shear) + sp.kron(
@@ -200,8 +195,7 @@ def frictional_contacts(
         matrix = sp.csc_array(sp.block_diag(motions, format="csc") @ matrix)
         matrix.eliminate_zeros()
     tangents = np.stack([first, second], axis=1)
-    same = bool((every == every[:1]).all())
-    mu = float(every[0]) if same and every.size else np.asarray(friction, dtype=np.float64)
+    mu = np.broadcast_to(np.asarray(friction, dtype=np.float64), len(normals))
     return FrictionalContacts(matrix, tangents, mu, law, motions)
 
 
@@ -229,7 +223,7 @@ def _cones(contacts: FrictionalContacts) -> tuple[sp.csc_array, list[Any]]:
     """Rows R and cones K such that R x in K says that the forces x are admissible."""
     import clarabel
 
-    mu = np.broadcast_to(contacts.friction, contacts.n_contacts)
+    mu = contacts.friction
     smooth, rough = np.flatnonzero(mu == 0.0), np.flatnonzero(mu > 0.0)
     rows: list[Any] = []
     cones: list[Any] = []

@@ -231,8 +231,7 @@ class _Programs:
         from scipy.optimize import linprog
 
         n, rows = self.contacts.n_contacts, len(self.dead)
-        each = np.array([[0, 1, 1], [0, 1, -1], [0, -1, 1], [0, -1, -1]], dtype=np.float64)
-        above = sp.hstack([sp.kron(sp.eye_array(n), each), sp.csr_array((4 * n, 1))])
+        above = sp.hstack([self.contacts.sides(np.zeros(4), TANGENTS), sp.csr_array((4 * n, 1))])
         bounds = np.full((3 * n + 1, 2), [-np.inf, np.inf])
         bounds[: 3 * n : 3, 0] = 0.0
         constraints: dict[str, Any] = {

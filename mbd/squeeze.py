@@ -29,7 +29,7 @@ from geometry.mesh import FloatArray, IntArray
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
 from mbd.force_range import DETERMINED, least_forces
-from mbd.friction import FrictionalContacts, solve_conic
+from mbd.friction import TANGENTS, FrictionalContacts, solve_conic
 from mbd.options import FrictionLaw
 
 #: Change of the limits over the largest one at which they are those of the forces.
@@ -140,8 +140,7 @@ def _with_limits(
         plus = np.column_stack([limits, np.zeros((n, 2))]).ravel()
         cones = [clarabel.SecondOrderConeT(3)] * n
     else:
-        sides = np.array([[0, 1, 1], [0, 1, -1], [0, -1, 1], [0, -1, -1]], dtype=np.float64)
-        rows = sp.kron(sp.eye_array(n), sides)
+        rows = frictional.sides(np.zeros(4), TANGENTS)
         plus = np.repeat(limits, 4)
         cones = [clarabel.NonnegativeConeT(4 * n)]
     solution = solve_conic(
@@ -162,9 +161,8 @@ def _most_missing(
     contacts: Contacts, frictional: FrictionalContacts, load: FloatArray, missing: FloatArray
 ) -> tuple[tuple[int, int] | None, float]:
     """Joint with the largest least force among those that miss most, and that force [N]."""
-    pairs = np.column_stack([contacts.block_m, contacts.block_s])
-    joints, of = np.unique(pairs, axis=0, return_inverse=True)
-    short = np.bincount(of.ravel(), weights=missing, minlength=len(joints))
+    joints, of = contacts.joints
+    short = np.bincount(of, weights=missing, minlength=len(joints))
     requested: IntArray = np.argsort(-short, kind="stable")[:_MOST_JOINTS]
     least = least_forces(contacts, load, frictional, requested)
     # Where each joint may be open in one state or another, no single one needs a force.
