@@ -214,13 +214,7 @@ class Solution(ReadOnlyArrays):
 
     @cached_property
     def contact(self) -> ContactMeasures:
-        """p_max, p_eff and the other measures of the paper.
-
-        Raises
-        ------
-        SolutionError
-            For single bodies.
-        """
+        """p_max, p_eff and the other measures of the paper."""
         if not self.deformable.meets:
             raise SolutionError(
                 "contact: got single bodies, which have no contact; expected blocks that meet"

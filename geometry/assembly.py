@@ -212,13 +212,7 @@ def require_counts(**counts: int) -> None:
 
 
 def check_size(assembly: AnyBlocks) -> None:
-    """Reject sizes that say that the lengths are not in millimetres.
-
-    Raises
-    ------
-    AssemblyError
-        For blocks outside 1 mm … 100 m.
-    """
+    """Reject sizes that say that the lengths are not in millimetres."""
     length = assembly.characteristic_length
     if not SMALLEST_BLOCK <= length <= LARGEST_BLOCK:
         raise AssemblyError(
@@ -342,11 +336,6 @@ def spacing_offsets(assembly: Assembly, spacing: float) -> FloatArray:
 
     Blocks of neighbouring layers thereby slip against each other, so where their common face
     is inclined the gap measured along the normal is less or more than the spacing.
-
-    Raises
-    ------
-    AssemblyError
-        A spacing that is not finite.
     """
     if not np.isfinite(spacing):
         raise AssemblyError(f"contact.spacing: got {spacing}, expected a finite length in mm")

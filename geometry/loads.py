@@ -353,13 +353,7 @@ def face_pressure(assembly: Assembly, blocks: IntArray, face: str, pressure: flo
 
 
 def check_finite(pressure: object) -> None:
-    """Reject a pressure that is not finite.
-
-    Raises
-    ------
-    LoadCaseError
-        Saying so.
-    """
+    """Reject a pressure that is not finite."""
     if not is_number(pressure):
         raise LoadCaseError(f"load.pressure: got {pressure!r}, expected a finite number of MPa")
 
@@ -408,12 +402,6 @@ class NamedLoad:
             The reading that reproduces the paper's tables (see the module's text).
         layer
             Loaded layer of a case that loads one; by default ⌊L/2⌋ + 1.
-
-        Raises
-        ------
-        LoadCaseError
-            For a non-finite pressure, a layer that does not exist, blocks without the face, a
-            traction round an axis of blocks that stand in no ring.
         """
         check_finite(pressure)
         chosen = loaded_layer(assembly) if layer is None else layer
@@ -547,13 +535,7 @@ def tunnel(pressure: float) -> Load:
 
 
 def named_load(name: str) -> NamedLoad:
-    """Find a load case.
-
-    Raises
-    ------
-    LoadCaseError
-        For an unknown name.
-    """
+    """Find a load case."""
     if name not in CASES:
         raise LoadCaseError(f"load.case: got {name!r}, expected one of {', '.join(CASES)}")
     return CASES[name]
@@ -567,13 +549,7 @@ def load_case(
     as_printed: bool = False,
     layer: int | None = None,
 ) -> LoadCase:
-    """Put a load case on an assembly by its name: see `NamedLoad.on`.
-
-    Raises
-    ------
-    LoadCaseError
-        For an unknown case, a layer of a case that loads all, and as `NamedLoad.on`.
-    """
+    """Put a load case on an assembly by its name: see `NamedLoad.on`."""
     case = named_load(name)
     if layer is not None and not case.one_layer:
         names = " or ".join(other.name for other in CASES.values() if other.one_layer)

@@ -378,13 +378,7 @@ def planes(
     blocks: npt.ArrayLike | None = None,
     names: Sequence[str] | None = None,
 ) -> Planes:
-    """Check planes: one point (3,) or several (n, 3) [mm], with a normal of any length each.
-
-    Raises
-    ------
-    SectionError
-        What is no finite point or direction.
-    """
+    """Check planes: one point (3,) or several (n, 3) [mm], with a normal of any length each."""
     try:
         at, along = (np.atleast_2d(np.asarray(v, dtype=np.float64)) for v in (points, normals))
         at, along = np.broadcast_arrays(at, along)

@@ -266,14 +266,7 @@ def corner_jacobians(mesh: HexMesh) -> FloatArray:
 
 
 def check_mesh(mesh: HexMesh, name: str = "mesh") -> None:
-    """Reject what no solver here can use.
-
-    Raises
-    ------
-    MeshError
-        Coordinates that are not finite or too large, node numbers out of range, or a hexahedron
-        that is inverted or flat at a corner (the first and the worst such element are named).
-    """
+    """Reject what no solver here can use."""
     if mesh.n_elements == 0:
         raise MeshError(f"{name}: got no hexahedra; expected at least one")
     finite = np.isfinite(mesh.nodes).all(axis=1)

@@ -55,13 +55,7 @@ class PlaneProblem:
     """From the face of these contacts to the other one, (3,) [mm]."""
 
     def load(self, load: FloatArray) -> FloatArray:
-        """Rows in the plane of a generalized force in space.
-
-        Raises
-        ------
-        FrictionError
-            When it acts out of the plane.
-        """
+        """Rows in the plane of a generalized force in space."""
         outside = np.delete(load, self.rows)
         if np.abs(outside).max(initial=0.0) > _FLAT * np.abs(load).max(initial=0.0):
             raise FrictionError("plane problem: the load acts out of the plane")
@@ -79,12 +73,6 @@ def plane_problem(
         Blocks, contacts and their wrenches in space.
     axis
         0, 1 or 2: x, y or z, out of the plane.
-
-    Raises
-    ------
-    FrictionError
-        When normals lean out of the plane, contacts do not lie on two faces, one for one, or a
-        support couples motions in the plane with others.
     """
     points = assembly.interfaces.centroids[contacts.index]
     normals = assembly.interfaces.normals[contacts.index]

@@ -149,11 +149,6 @@ def frictional_contacts(
     """Assemble the wrenches of normal and tangential contact forces.
 
     Friction is that of all contacts, or of each one, (n_contacts,).
-
-    Raises
-    ------
-    FrictionError
-        For a coefficient that is negative, not finite, or above `MOST_FRICTION`.
     """
     every = np.atleast_1d(friction)
     wrong = every[~(np.isfinite(every) & (every >= 0.0))]
@@ -401,13 +396,7 @@ class CollapseLoad:
 
 
 def collapse_load(contacts: FrictionalContacts, dead: FloatArray, live: FloatArray) -> CollapseLoad:
-    """Limit analysis: the largest α such that dead + α live, (n_rows,) each [N], can be carried.
-
-    Raises
-    ------
-    FrictionError
-        When the live load is zero, or the dead load alone cannot be carried.
-    """
+    """Limit analysis: the largest α such that dead + α live, (n_rows,) each [N], can be carried."""
     if float(np.linalg.norm(live)) == 0.0:
         raise FrictionError("limit load: the live load is zero; expected one that can grow")
     base = frictional_equilibrium(contacts, dead)

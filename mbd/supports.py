@@ -37,13 +37,7 @@ class Guide(HeldFace):
 
 
 def check_supports(held: tuple[HeldFace, ...]) -> None:
-    """Reject springs and supports that move.
-
-    Raises
-    ------
-    RigidSupportError
-        Saying which.
-    """
+    """Reject springs and supports that move."""
     for support in held:
         if support.spring is not None:
             raise RigidSupportError(

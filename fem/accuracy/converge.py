@@ -324,13 +324,7 @@ def bars_of(
 
 
 def check_refinable(problem: Problem) -> None:
-    """Reject a problem whose mesh cannot be refined.
-
-    Raises
-    ------
-    AccuracyError
-        Naming what stands against it.
-    """
+    """Reject a problem whose mesh cannot be refined."""
     why = why_not_refined(problem)
     if why is not None:
         raise AccuracyError(
@@ -354,13 +348,7 @@ def why_not_refined(problem: Problem) -> str | None:
 
 
 def checked_targets(accuracy: Mapping[str, float]) -> dict[str, float]:
-    """Requested error bars by the names of measures.
-
-    Raises
-    ------
-    AccuracyError
-        For another name, or a share that is not between 0 and 1.
-    """
+    """Requested error bars by the names of measures."""
     result = {}
     if not isinstance(accuracy, Mapping):
         raise AccuracyError(f'accuracy: got {accuracy!r}; expected names, as {{"p_max": 0.05}}')

@@ -116,13 +116,7 @@ def solve_static(
 
 
 def refines(problem: Problem, mesh: str | None, accuracy: Mapping[str, float] | None) -> bool:
-    """Whether a static problem is solved on finer and finer meshes.
-
-    Raises
-    ------
-    AccuracyError
-        An accuracy that is requested of one mesh.
-    """
+    """Whether a static problem is solved on finer and finer meshes."""
     if mesh == "scene" and accuracy is not None:
         raise AccuracyError(
             'accuracy: got one beside mesh = "scene", which is one mesh; expected one of the two'

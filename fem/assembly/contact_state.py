@@ -174,13 +174,7 @@ class ContactState(ReadOnlyArrays):
 
     @property
     def matched(self) -> IntArray:
-        """Position of each facet in the assembly's interfaces, (n_facets,).
-
-        Raises
-        ------
-        ValueError
-            Where a search found the facets, which are no interfaces.
-        """
+        """Position of each facet in the assembly's interfaces, (n_facets,)."""
         if self.interface is None:
             raise ValueError("contact: facets that a search found are no interfaces")
         return self.interface

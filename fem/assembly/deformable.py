@@ -407,13 +407,7 @@ def _dead_loads(
 
 
 def outer_face(assembly: Assembly, block: int) -> str:
-    """Face at which a fixed block that deforms is held.
-
-    Raises
-    ------
-    DeformableAssemblyError
-        A block inside the assembly, or without an outer face.
-    """
+    """Face at which a fixed block that deforms is held."""
     ends = {0: "first", int(assembly.layer.max()): "last"}
     end, shape = ends.get(int(assembly.layer[block])), assembly.shape(block)
     if end is None:

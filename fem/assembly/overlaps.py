@@ -20,11 +20,6 @@ def check_overlaps(assembly: Assembly, tolerance: float) -> None:
 
     Corners and middles of facets and of elements are looked at. Pairs of equal shapes in equal
     relative positions are looked at once.
-
-    Raises
-    ------
-    AssemblyError
-        Naming the deepest pair and its depth.
     """
     solids = [_Solid(shape) for shape in assembly.shapes]
     boxes = np.array(

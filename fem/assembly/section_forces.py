@@ -188,14 +188,7 @@ def section_forces(state: SolvedState, cut: Planes) -> SectionForces:
 
 
 def check_planes(assembly: Assembly, cut: Planes, rigid: BoolArray) -> None:
-    """Reject planes before any solution.
-
-    Raises
-    ------
-    SectionError
-        A plane without blocks behind it or ahead of it, or through a block that is ``rigid``,
-        (n_blocks,).
-    """
+    """Reject planes before any solution."""
     if assembly.image_of is not None:
         raise SectionError("section: a periodic cell is a part of a section; cut the tube")
     n_blocks = assembly.n_blocks

@@ -99,13 +99,7 @@ def no_symmetry(deformable: DeformableAssembly) -> Orbits:
 
 
 def cyclic_orbits(deformable: DeformableAssembly, order: int) -> Orbits:
-    """Orbits under rotation by 2π / order about the tube axis.
-
-    Raises
-    ------
-    SymmetryError
-        When the rotation does not map blocks, loads and supports onto themselves.
-    """
+    """Orbits under rotation by 2π / order about the tube axis."""
     if order < 1:
         raise SymmetryError(f"symmetry: got order {order}, expected at least 1")
     if order == 1:

@@ -88,13 +88,7 @@ class _WithoutConstants(ContactLaw):
 
     @property
     def constants(self) -> LawConstants:
-        """Reject them.
-
-        Raises
-        ------
-        ContactLawError
-            Always.
-        """
+        """Reject them."""
         raise ContactLawError(
             f"law: got {self}; the compiled loops of explicit runs take ExponentialLaw or "
             "LinearPenalty: expected one of these, or solve_static"
@@ -113,14 +107,7 @@ class _WithoutConstants(ContactLaw):
 
 @dataclass(frozen=True)
 class OwnLaw(_WithoutConstants):
-    """A law of one's own, with what solvers ask beside pressure and stiffness.
-
-    Raises
-    ------
-    ContactLawError
-        Methods that are missing; a pressure that is negative, falls or is not zero where surfaces
-        are far apart; a stiffness that is not its slope.
-    """
+    """A law of one's own, with what solvers ask beside pressure and stiffness."""
 
     law: PressureLaw
     """The object with two methods."""
@@ -172,13 +159,7 @@ class OwnLaw(_WithoutConstants):
 
     @cached_property
     def start(self) -> float:
-        """Overclosure up to which the pressure is zero [mm].
-
-        Raises
-        ------
-        ContactLawError
-            A law that never presses.
-        """
+        """Overclosure up to which the pressure is zero [mm]."""
         low, high = -_FAR, _FAR
         if not float(self.pressure(high)) > 0.0:
             raise ContactLawError(

@@ -212,13 +212,7 @@ def check_initial_overlap(
 def refuse_overlap(
     block_m: IntArray, block_s: IntArray, deepest: FloatArray, range_end: float
 ) -> None:
-    """Reject facets (n_facets,) whose largest overclosure [mm] is beyond a law's range [mm].
-
-    Raises
-    ------
-    ContactError
-        Naming the deepest block pair, its depth and the law's range.
-    """
+    """Reject facets (n_facets,) whose largest overclosure [mm] is beyond a law's range [mm]."""
     if not len(deepest) or deepest.max() <= range_end:
         return
     worst = int(np.argmax(deepest))

@@ -88,11 +88,6 @@ def gauss_gradients(coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
     -------
     tuple[FloatArray, FloatArray]
         dN_a/dx_i, (n_elements, 8 points, 8 corners, 3) [1/mm]; det J, (n_elements, 8) [mm³].
-
-    Raises
-    ------
-    MeshError
-        An element that is inverted or flat at a Gauss point.
     """
     natural = shape_gradients(gauss_points(2)[0])
     jacobian = np.swapaxes(coordinates, 1, 2)[:, None] @ natural

@@ -197,13 +197,7 @@ def block_stiffness(mesh: LagrangeMesh, material: Material) -> bsr_array:
 
 
 def block_lumped_mass(mesh: LagrangeMesh, density: float) -> FloatArray:
-    """ρ ∫ N_a dV of every node, (n_nodes,) [t]: consistent shares of the weight.
-
-    Raises
-    ------
-    MeshError
-        Elements so distorted that a node has none.
-    """
+    """ρ ∫ N_a dV of every node, (n_nodes,) [t]: consistent shares of the weight."""
     element = LagrangeElement(mesh.degree, _NO_MATTER)
     mass = np.zeros(mesh.n_nodes)
     for members in np.array_split(mesh.members, max(1, mesh.members.size // 4000)):

@@ -105,13 +105,7 @@ class Material:
 
 
 def one_strength(name: str, strengths: Iterable[float | None]) -> float | None:
-    """Strength of all blocks [MPa]; None where none is stated.
-
-    Raises
-    ------
-    MaterialError
-        Blocks of different strengths: load factors are those of one material.
-    """
+    """Strength of all blocks [MPa]; None where none is stated."""
     different = set(strengths)
     if len(different) > 1:
         raise MaterialError(
@@ -121,13 +115,7 @@ def one_strength(name: str, strengths: Iterable[float | None]) -> float | None:
 
 
 def each_material(material: object, n: int) -> tuple[Material, ...]:
-    """Material of each of n bodies: one for all, or one for each.
-
-    Raises
-    ------
-    MaterialError
-        Another number of materials, or what is none.
-    """
+    """Material of each of n bodies: one for all, or one for each."""
     if isinstance(material, Material):
         return (material,) * n
     given = tuple(material) if isinstance(material, Sequence) else (material,)

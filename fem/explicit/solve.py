@@ -276,13 +276,7 @@ def _stop_supported(body: Body, now: BodyState) -> None:
 def choose_time_step(
     critical: CriticalTimeStep, time_step: float | None, safety_factor: float
 ) -> float:
-    """Time step of a run.
-
-    Raises
-    ------
-    TimeStepError
-        A time step above the critical one or a safety factor outside (0, 1].
-    """
+    """Time step of a run."""
     if time_step is None:
         if not 0.0 < safety_factor <= 1.0:
             raise TimeStepError(f"fem.safety_factor: got {safety_factor}, expected 0 < factor <= 1")
@@ -572,13 +566,7 @@ def _result(
 
 
 def watch(system: System, state: State, history: History) -> None:
-    """Stop a run whose energy is not finite or far beyond what was put in.
-
-    Raises
-    ------
-    UnstableRun
-        With time, block and remedy.
-    """
+    """Stop a run whose energy is not finite or far beyond what was put in."""
     for interaction in system.interactions:
         fault = interaction.fault(system)
         if fault is not None:

@@ -63,13 +63,7 @@ class ExplicitInteraction(InteractionModel, Protocol):
 
 
 def bound(model: InteractionModel, bodies: tuple[Body, ...]) -> Interaction:
-    """Force of an interaction, prepared for the loop.
-
-    Raises
-    ------
-    ModelError
-        For an interaction that the explicit method cannot compute.
-    """
+    """Force of an interaction, prepared for the loop."""
     if not isinstance(model, ExplicitInteraction):
         raise ModelError(
             f"interaction {type(model).__name__}: the explicit method cannot compute it; expected "

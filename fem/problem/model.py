@@ -346,13 +346,7 @@ class Model:
 
 
 def refuse_turning_springs(groups: Sequence[BlockGroup]) -> None:
-    """Reject springs of blocks that may turn by any angle.
-
-    Raises
-    ------
-    ModelError
-        Saying so.
-    """
+    """Reject springs of blocks that may turn by any angle."""
     if any(group.springs is not None for group in groups):
         raise ModelError(
             "springs: got blocks that may turn by any angle, which springs to the ground do not "

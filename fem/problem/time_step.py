@@ -157,11 +157,6 @@ def group_critical_time_step(
     """Critical time step of one free reference block; supports only raise the limit.
 
     ``extra_stiffness`` is added on the diagonal, as contact does, (n_nodes,) [N/mm].
-
-    Raises
-    ------
-    TimeStepError
-        When damping makes the step vanish (below a thousandth of the undamped one).
     """
     stiffness = scaled(group.stiffness, group.lumped_mass)
     if extra_stiffness is not None:
@@ -233,11 +228,6 @@ def scale_masses(model: Model, factor: float) -> Model:
         Without gravity: added mass must not weigh.
     factor
         Step that every element is to allow, over that of the most demanding one [-].
-
-    Raises
-    ------
-    ModelError
-        A factor below one, or gravity.
     """
     if not (math.isfinite(factor) and factor >= 1.0):
         raise ModelError(f"mass_scaling: got {factor}, expected a factor of at least 1")

@@ -93,13 +93,7 @@ class _Stage:
         return moves or bool(model.loads) or model.effects.gravity is not None
 
     def end(self, parts: int, solve: Callable[..., StaticResult]) -> StaticResult:
-        """State at the end, after some increments or more.
-
-        Raises
-        ------
-        StaticError
-            An increment without an equilibrium.
-        """
+        """State at the end, after some increments or more."""
         result, done = self.start, 0.0
         pushed: dict[float, Forces] = {0.0: () if result is None else result.support_forces}
         lost = 0.0 if result is None else result.frictional_dissipation

@@ -96,11 +96,6 @@ def box_column(boxes: Sequence[ColumnBox]) -> Assembly:
     ----------
     boxes
         From the bottom up, at least two.
-
-    Raises
-    ------
-    AssemblyError
-        For fewer than two boxes, or sizes or divisions that make none.
     """
     if len(boxes) < 2:
         raise AssemblyError(f"block.boxes: got {len(boxes)}, expected at least 2 boxes that meet")

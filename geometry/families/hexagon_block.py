@@ -70,13 +70,7 @@ class HexagonBlockDivisions:
 
 
 def check_hexagon(block: HexagonBlockParameters, divisions: HexagonBlockDivisions) -> None:
-    """Reject parameters that describe no block.
-
-    Raises
-    ------
-    BlockParameterError
-        Naming the parameter, the value and what to do.
-    """
+    """Reject parameters that describe no block."""
     for name in ("inner_radius", "thickness"):
         require_length(name, getattr(block, name), BlockParameterError)
     if block.blocks_per_layer < 2:

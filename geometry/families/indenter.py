@@ -42,11 +42,6 @@ def indented(shape: Indenter) -> Assembly:
 
     Faces of both: ``end``, where they can touch, ``base``, the plane on the far side, and the cuts,
     ``y-`` and ``y+`` of a slice, ``x-`` and ``y-`` of a quarter. No block is fixed.
-
-    Raises
-    ------
-    AssemblyError
-        Lengths that are not positive, a contact of half the radius or more, no elements.
     """
     lengths = shape.radius, shape.contact, shape.thickness
     if not (all(map(math.isfinite, lengths)) and min(lengths) > 0.0 and shape.elements > 0):

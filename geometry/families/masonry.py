@@ -73,11 +73,6 @@ def wall_of_rows(
         From the bottom: widths in bricks from left to right, an opening as a negative width.
     detection
         What counts as contact.
-
-    Raises
-    ------
-    AssemblyError
-        For sizes that are not positive, widths of zero, rows of different lengths.
     """
     require_size(size)
     lengths = [sum(abs(width) for width in row) for row in rows]
@@ -147,11 +142,6 @@ def circular_arch(
         Flat pieces that approximate a voussoir's curved faces.
     detection
         What counts as contact.
-
-    Raises
-    ------
-    AssemblyError
-        For sizes that describe no arch.
     """
     for name, value in (("radius", radius), ("thickness", thickness), ("depth", depth)):
         require_length(name, value)

@@ -49,13 +49,7 @@ class WallBlock:
 def check_wall(
     block: WallBlock, divisions: tuple[int, int, int], columns: int, layers: int
 ) -> None:
-    """Reject what describes no wall.
-
-    Raises
-    ------
-    AssemblyError
-        Naming the value and what to do.
-    """
+    """Reject what describes no wall."""
     for name in ("width", "thickness", "height"):
         require_length(name, getattr(block, name))
     if not 0 <= block.amplitude < block.height / 2:
@@ -175,11 +169,6 @@ def planar_sine_wall(
         Elements of a block along x, y, z.
     columns, layers
         Free blocks in a row, free rows.
-
-    Raises
-    ------
-    AssemblyError
-        When no such wall exists, or its joints would not conform.
     """
     check_wall(block, divisions, columns, layers)
     waves = round(2 * frequency)
@@ -225,11 +214,6 @@ def osteomorphic_wall(
         Elements of a block along x (even), y, z.
     columns, layers
         Free blocks in a row, free rows.
-
-    Raises
-    ------
-    AssemblyError
-        When no such wall exists, or its joints would not conform.
     """
     check_wall(block, divisions, columns, layers)
     if divisions[0] % 2:

@@ -109,11 +109,6 @@ def waves_of_turn(block: SineBlockParameters, turn: LayerTurn | float) -> int:
         Its frequency says how many waves a block has.
     turn
         In words, or a number of waves from 0 (joints in line) to less than a block's 2f.
-
-    Raises
-    ------
-    BlockParameterError
-        For a turn after which blocks would cut into each other, with the nearest that works.
     """
     waves = block.waves_per_block
     if turn is LayerTurn.HALF_BLOCK:
@@ -175,13 +170,7 @@ class SineBlockDivisions:
 
 
 def check_parameters(block: SineBlockParameters) -> None:
-    """Reject parameters that describe no block.
-
-    Raises
-    ------
-    BlockParameterError
-        Naming the parameter, the value and what to do.
-    """
+    """Reject parameters that describe no block."""
     for name in ("height", "inner_radius", "thickness"):
         require_length(name, getattr(block, name), BlockParameterError)
     if not (is_number(block.amplitude) and block.amplitude >= 0):
@@ -230,13 +219,7 @@ TSB1 = SineBlockParameters(
 def check_conforming(
     block: SineBlockParameters, divisions: SineBlockDivisions, turned_waves: int
 ) -> None:
-    """Reject element counts with which layers turned by some waves do not meet node on node.
-
-    Raises
-    ------
-    BlockParameterError
-        Naming the nearest counts that conform, and the turns that conform with this count.
-    """
+    """Reject element counts with which layers turned by some waves do not meet node on node."""
     waves, around = block.waves_per_block, divisions.around
     if (turned_waves * around) % waves == 0:
         return
@@ -253,13 +236,7 @@ def check_conforming(
 
 
 def check_divisions(block: SineBlockParameters, divisions: SineBlockDivisions) -> None:
-    """Reject element counts that mesh no block.
-
-    Raises
-    ------
-    BlockParameterError
-        Naming the count and what to do.
-    """
+    """Reject element counts that mesh no block."""
     for name in ("around", "radial", "axial"):
         value = getattr(divisions, name)
         if value < 1:

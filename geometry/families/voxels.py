@@ -29,11 +29,6 @@ def read_drawing(layers: Sequence[Sequence[str]]) -> dict[str, IntArray]:
     layers
         From bottom to top; each is a list of rows (y upward in the list), each row a string along
         x. A dot or a space is empty.
-
-    Raises
-    ------
-    AssemblyError
-        When rows or layers differ in size, or a piece falls apart.
     """
     shapes = {(len(layer), *(len(row) for row in layer)) for layer in layers}
     if len(shapes) != 1 or len(set(next(iter(shapes))[1:])) != 1:
@@ -71,11 +66,6 @@ def voxel_assembly(
     """Puzzle drawn as `read_drawing` says; blocks are numbered in the order of the letters.
 
     ``size`` is the edge of a cube [mm], ``fixed`` names the pieces that are held.
-
-    Raises
-    ------
-    AssemblyError
-        For a bad drawing, or letters to fix that are not in it.
     """
     require_length("size", size)
     pieces = read_drawing(layers)

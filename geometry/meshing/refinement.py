@@ -54,11 +54,6 @@ def with_lines(block: Block, per_part: dict[str, FloatArray]) -> Block:
         What is meshed.
     per_part
         Ends of the elements of one part of each direction, 0 to 1, by the name of the direction.
-
-    Raises
-    ------
-    RefinementError
-        Without lines for one of its directions.
     """
     charts = charts_of(block)
     missing = [name for name in charts.directions if name not in per_part]

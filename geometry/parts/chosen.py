@@ -22,13 +22,7 @@ def chosen_blocks(key: str, chosen: Iterable[int | str], assembly: AnyBlocks) ->
 
 
 def chosen_block(key: str, one: int | str, assembly: AnyBlocks) -> int:
-    """Number of the only block that is meant; as `chosen_blocks`.
-
-    Raises
-    ------
-    AssemblyError
-        Also for a name of several blocks.
-    """
+    """Number of the only block that is meant; as `chosen_blocks`."""
     result = chosen_blocks(key, [one], assembly)
     if len(result) > 1:
         raise AssemblyError(
@@ -49,11 +43,6 @@ def numbers_of(key: str, one: int | str, names: Sequence[str]) -> list[int]:
         Number, counted from 0, or name.
     names
         Of all blocks, empty without one, (n_blocks,).
-
-    Raises
-    ------
-    AssemblyError
-        For a number or a name that no block has.
     """
     result = [one] if isinstance(one, int) else [k for k, name in enumerate(names) if name == one]
     if result and result[0] < len(names):

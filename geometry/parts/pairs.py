@@ -59,11 +59,6 @@ def check_pairs(
         Number of blocks.
     joints
         Blocks that touch, (n,) each; None: any two may come to touch.
-
-    Raises
-    ------
-    PairError
-        Naming the pair.
     """
     known: set[tuple[int, int]] = set()
     for a, b, _ in of_pairs:

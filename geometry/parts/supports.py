@@ -76,13 +76,7 @@ class HeldFace(ReadOnlyArrays):
         return self.name or str(self.face)
 
     def check(self, assembly: AnyBlocks) -> None:
-        """Reject a region without nodes, and springs without facets.
-
-        Raises
-        ------
-        SupportError
-            Naming the block.
-        """
+        """Reject a region without nodes, and springs without facets."""
         bed = self.spring is not None and not isinstance(self.face, Points)
         if isinstance(self.face, str) or bed:
             check_region(assembly, np.array([self.block]), self.face, "support", SupportError)

@@ -104,13 +104,7 @@ class FaceContact:
 
 
 def check_stick(friction: CoulombFriction, counted_stiffness: float) -> None:
-    """Reject a stick that is stiffer than what the critical time step counts in [MPa/mm].
-
-    Raises
-    ------
-    FrictionError
-        With the largest stick stiffness.
-    """
+    """Reject a stick that is stiffer than what the critical time step counts in [MPa/mm]."""
     if friction.stick_stiffness > counted_stiffness:
         raise FrictionError(
             f"effects.friction: got a stick stiffness of {friction.stick_stiffness} "

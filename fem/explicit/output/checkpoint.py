@@ -65,11 +65,6 @@ def read_checkpoint(path: Path, system: System, state: State) -> History:
     """Fill ``state`` from a checkpoint and return the history up to it.
 
     Nothing of the state changes unless the whole checkpoint fits.
-
-    Raises
-    ------
-    CheckpointError
-        No such file, not a checkpoint, a damaged one, or that of another problem.
     """
     path = Path(path)
     contents = _contents(path)

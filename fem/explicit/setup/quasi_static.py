@@ -75,11 +75,6 @@ def block_frequencies(model: Model, pressure: float) -> BlockFrequencies:
     model
         Blocks with `FaceContact`, or `SlidingContact` as it stands before any displacement;
         blocks move as far as their supports let them.
-
-    Raises
-    ------
-    ContactError
-        Nothing resists any motion of the blocks.
     """
     first = np.cumsum([0, *(g.n_copies for g in model.groups)])
     size = 6 * int(first[-1])
