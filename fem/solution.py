@@ -281,9 +281,18 @@ class Solution(ReadOnlyArrays):
         """
         if self.deformable.contact.finite_sliding or not self.contact_state.n_facets:
             return None
-        pressures = self.contact_state.pressures
-        slip, size = largest_slip(self.deformable, self.group_displacements, pressures)
-        return {"largest": slip, "facet_size": size}
+        surfaces, pressing = self.deformable.surfaces, self.contact_state.pressures > 0.0
+        moved = corner_displacements(self.deformable, self.group_displacements)
+        on_m, on_s = np.split(moved, 2, axis=1)
+        jump: FloatArray = on_s - on_m
+        normal = surfaces.normals.mean(axis=1)
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        along = np.einsum("fai,fi->fa", jump, normal)
+        slip = np.linalg.norm(jump - along[:, :, None] * normal[:, None], axis=2).max(axis=1)
+        size = np.sqrt(surfaces.areas)
+        worst = int(np.argmax(np.where(pressing, slip / size, 0.0)))
+        largest = float(slip[worst]) if pressing.any() else 0.0
+        return {"largest": largest, "facet_size": float(size[worst])}
 
     @cached_property
     def loose_blocks(self) -> IntArray:
@@ -372,24 +381,3 @@ class Solution(ReadOnlyArrays):
             return None
         strain = self.static.strain_energy
         return abs(self.static.external_work - strain) / max(strain, 1e-300)
-
-
-def largest_slip(
-    deformable: DeformableAssembly, displacements: tuple[FloatArray, ...], pressures: FloatArray
-) -> tuple[float, float]:
-    """Largest slip between facets that press on each other, and the size of its facet [mm].
-
-    Displacements are those of each group, (n_copies, n_nodes, 3) [mm], pressures those of facets as
-    built, (n_facets,) [MPa].
-    """
-    surfaces = deformable.surfaces
-    on_m, on_s = np.split(corner_displacements(deformable, displacements), 2, axis=1)
-    jump: FloatArray = on_s - on_m
-    normal = surfaces.normals.mean(axis=1)
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    along = np.einsum("fai,fi->fa", jump, normal)
-    slip = np.linalg.norm(jump - along[:, :, None] * normal[:, None], axis=2).max(axis=1)
-    size = np.sqrt(surfaces.areas)
-    pressing = pressures > 0.0
-    worst = int(np.argmax(np.where(pressing, slip / size, 0.0)))
-    return float(slip[worst]) if pressing.any() else 0.0, float(size[worst])

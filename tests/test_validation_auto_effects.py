@@ -265,6 +265,13 @@ def test_command_line_prints_and_writes_the_decision(
     assert "finite rotation (" in left_out
 
 
+def test_meshes_that_do_not_match_are_probed() -> None:
+    _, found = decide_effects(scene_of(case="column-nonmatching"), "column")
+    (sliding,) = (d for d in found.decisions if d.effect is EffectName.FINITE_SLIDING)
+    assert sliding.simulated
+    assert "do not match" in sliding.reason
+
+
 def test_a_scene_without_a_static_state_cannot_be_probed(monkeypatch) -> None:
     # The load pushes the flat bricks out: a mechanism.
     monkeypatch.setattr(limit, "SHARE", np.inf)  # however dear a probe is

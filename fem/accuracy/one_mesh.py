@@ -80,7 +80,7 @@ def static_solution(
         # Its internal forces are those of explicit runs, which load a compiler.
         from fem.static.rotation import solve_static_with_rotation
 
-        result = solve_static_with_rotation(deformable, options, store=store)
+        result = solve_static_with_rotation(deformable, options, start=start, store=store)
     else:
         result = solve_static(deformable, options, store=store, start=start)
     if not result.converged:

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
 from geometry.errors import RefusedError
@@ -25,8 +26,8 @@ from validation.scene.read import DeformableScene
 from validation.study.effects.limit import SHARE, most_probing, unknowns
 from validation.study.effects.probe import (
     Change,
-    Solved,
     UnsolvedError,
+    answer_of,
     change,
     largest_slip_share,
     mesh_words,
@@ -255,7 +256,7 @@ class _Probe:
         """Work of the probes over that of the answer, at least."""
         return SHARE * self.work / self._limit if self._limit else 0.0
 
-    def _run(self, scene: DeformableScene, start: Solved | None = None) -> Solved:
+    def _run(self, scene: DeformableScene, start: Solution | None = None) -> Solution:
         """Solve a probe within the work that is left."""
         usual = StaticOptions.max_iterations
         allowed = int(min((self._limit - self.work) / self._each, usual))
@@ -270,10 +271,11 @@ class _Probe:
             if allowed < usual:
                 raise _TooDearError(_TOO_DEAR) from None
             raise
-        self.work += result.result.newton_iterations * self._each
+        assert result.static is not None
+        self.work += result.static.newton_iterations * self._each
         return result
 
-    def _solved(self, names: list[EffectName]) -> Solved | None:
+    def _solved(self, names: list[EffectName]) -> Solution | None:
         """Solve without effects; those that have a value stay where there is no solution.
 
         None where this takes too much work.
@@ -308,10 +310,13 @@ class _Probe:
             return self._as_written(effect, setting)
         return self._probed(effect, setting, self._base)
 
-    def _probed(self, effect: EffectName, setting: str, base: Solved) -> Decision:
+    def _probed(self, effect: EffectName, setting: str, base: Solution) -> Decision:
         """What adding an effect to a probe without it changes."""
         if effect is EffectName.FINITE_SLIDING:
-            slip, share = largest_slip_share(base, self._full, self.scene)
+            slips = largest_slip_share(base, self._full, self.scene)
+            if slips is None:
+                return Decision(effect, setting, True, None, "meshes that do not match need it")
+            slip, share = slips
             words = f"surfaces slip by {slip:.2g} mm at most, {100 * share:.2g} % of a facet"
             return Decision(effect, setting, True, Change(share, share, share), words)
         self._told(str(effect))
@@ -323,7 +328,7 @@ class _Probe:
             possible = effect is not EffectName.ELASTIC_FRAME
             reason = f"{'no probe' if possible else 'not possible here'}: {error}"
             return Decision(effect, setting, possible, None, reason)
-        return Decision(effect, setting, True, change(base.answer, result.answer), "probe")
+        return Decision(effect, setting, True, change(answer_of(base), answer_of(result)), "probe")
 
     def _as_written(self, effect: EffectName, setting: str) -> Decision:
         """No decision: the effect stays as the scene has it."""

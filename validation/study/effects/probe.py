@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from fem.assembly.contact_state import contact_measures
-from fem.assembly.deformable import DeformableAssembly
-from fem.solution import Solution, largest_slip
+from fem.accuracy.one_mesh import static_solution
+from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.result import StaticResult
-from fem.static.rotation import solve_static_with_rotation
-from fem.static.solve import StaticOptions, solve_static
+from fem.static.solve import StaticOptions
 from geometry.errors import RefusedError
 from validation.build.deformable import build_deformable
 from validation.errors import InputError
@@ -81,20 +77,6 @@ def change(before: Answer, after: Answer) -> Change:
     return Change(*map(relative, before.values, after.values))
 
 
-@dataclass(frozen=True)
-class Solved:
-    """A probe and its static state."""
-
-    deformable: DeformableAssembly
-    result: StaticResult
-
-    @cached_property
-    def answer(self) -> Answer:
-        """The quantities."""
-        result = contact_measures(self.deformable.assembly, self.result.contact_state)
-        return Answer(result.p_max, result.p_eff, self.result.max_displacement)
-
-
 class UnsolvedError(InputError):
     """A probe without a static state."""
 
@@ -104,9 +86,9 @@ def solve_probe(
     name: str,
     store: FlexibilityStore | None = None,
     *,
-    start: Solved | None = None,
+    start: Solution | None = None,
     max_iterations: int = StaticOptions.max_iterations,
-) -> Solved:
+) -> Solution:
     """Static state of a probe; probes that share a store condense the same blocks once.
 
     Finite rotation begins at ``start``, the same blocks without it. A load step takes no more than
@@ -118,24 +100,18 @@ def solve_probe(
         tolerance=_TOLERANCE,
         max_iterations=max_iterations,
     )
+    turning, near = scene.effects.finite_rotation, None
+    if turning and start is not None and start.static is not None:
+        near = replace(start.static, deformable=deformable)
     try:
-        if scene.effects.finite_rotation:
-            near = None if start is None else replace(start.result, deformable=deformable)
-            result = solve_static_with_rotation(deformable, options, start=near, store=store)
-        else:
-            result = solve_static(deformable, options, store=store)
+        return static_solution(
+            deformable, options, finite_rotation=turning, start=near, store=store
+        )
     except RefusedError as error:
-        raise UnsolvedError(_unsolved(name, str(error))) from None
-    if not result.converged:
-        raise UnsolvedError(_unsolved(name, result.status))
-    return Solved(deformable, result)
-
-
-def _unsolved(name: str, why: str) -> str:
-    return (
-        f"{name}: effects.auto: the probe has no static state ({why}); expected one that can be "
-        "probed: remove effects.auto, and every effect acts as written"
-    )
+        raise UnsolvedError(
+            f"{name}: effects.auto: the probe has no static state ({error}); expected one that can "
+            "be probed: remove effects.auto, and every effect acts as written"
+        ) from None
 
 
 def probe_scene(scene: DeformableScene, name: str, *, fineness: int = 1) -> DeformableScene:
@@ -195,9 +171,13 @@ def mesh_words(scene: DeformableScene) -> str:
 
 
 def largest_slip_share(
-    solved: Solved, scene: DeformableScene, probe: DeformableScene
-) -> tuple[float, float]:
-    """Largest slip of a probe [mm], and its share of a facet of the scene [-]."""
-    result = solved.result
-    slip, size = largest_slip(solved.deformable, result.displacements, result.pressures.max(axis=1))
-    return slip, slip / size * refinement(scene, probe)
+    solved: Solution, scene: DeformableScene, probe: DeformableScene
+) -> tuple[float, float] | None:
+    """Largest slip of a probe [mm], and its share of a facet of the scene [-].
+
+    None where facets are searched: their meshes do not match.
+    """
+    if solved.slip is None:
+        return None
+    slip = solved.slip["largest"]
+    return slip, slip / solved.slip["facet_size"] * refinement(scene, probe)
