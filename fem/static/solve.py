@@ -197,7 +197,7 @@ def _load(
 def _slips(
     problem: StaticProblem, points: FacingPoints | None, state: StaticState
 ) -> tuple[Any, ...]:
-    """Friction at the end of the load: see `StaticResult.slips`; none where it is no equilibrium."""
+    """Friction at the end of the load (`StaticResult.slips`); none without an equilibrium."""
     if problem.friction is None or not state.converged:
         return ()
     if points is None:
