@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from fem.assembly.local_system import by_node
 from fem.element.hexahedron import gauss_gradients, mean_gradients
 from fem.explicit.kernels.layout import (
     BlockRows,
@@ -30,7 +31,6 @@ from fem.problem.model import (
     Amplitude,
     BlockGroup,
     Model,
-    ModelError,
     NodalLoad,
     Support,
 )
@@ -331,7 +331,7 @@ def _body_supports(
     world = np.concatenate([s.directions for s in supports])
     value = np.concatenate([s.displacement for s in supports])
     which = np.repeat(np.arange(len(supports)), [len(s.copies) for s in supports])
-    _check_directions(group, copies, nodes, world)
+    by_node(copies * group.n_nodes + nodes, world, value[:, None])  # each component once
     local = np.einsum("nij,ni->nj", group.rotations[copies], world)
     local, order = _axes_of_held_nodes(copies, nodes, local, value)
     base = rows.row[nodes] * (3 * lanes) + copies
@@ -375,23 +375,3 @@ def _axes_of_held_nodes(
         held = (value[order[starts[counts == 3][:, None] + np.arange(3)]] == 0.0).all(axis=1)
         result[entries[held]] = np.eye(3)[axis]
     return result, order
-
-
-def _check_directions(
-    group: BlockGroup, copies: IntArray, nodes: IntArray, directions: FloatArray
-) -> None:
-    """Reject supports of one node that are not orthonormal (a node held twice, for instance)."""
-    order = np.lexsort((nodes, copies))
-    key = copies[order] * group.n_nodes + nodes[order]
-    d = directions[order]
-    bad = np.abs(np.einsum("ni,ni->n", d, d) - 1.0) > 1e-9
-    for shift in (1, 2, 3):
-        same = key[shift:] == key[:-shift]
-        product = np.abs(np.einsum("ni,ni->n", d[shift:], d[:-shift]))
-        bad[shift:] |= same & (product > 1e-9)
-    if bad.any():
-        k = order[int(np.flatnonzero(bad)[0])]
-        raise ModelError(
-            f"{group.name}[{int(copies[k])}]: the supports of node {int(nodes[k])} are not "
-            "orthonormal directions; expected each component to be prescribed once"
-        )
