@@ -502,8 +502,8 @@ def group_ends(group: int) -> bool:
 
 @pytest.fixture
 def many_walls(tmp_path) -> Study:
-    """160 walls of 50 ms each: four seconds on two cores, long enough to be stopped on the way."""
-    text = WALLS.replace("to = 0.04", "to = 0.4").replace("[2, 1, 1]", "[32, 24, 24]")
+    """80 walls of 30 ms each: a second on two cores, long enough to be stopped on the way."""
+    text = WALLS.replace("to = 0.04", "to = 0.2").replace("[2, 1, 1]", "[16, 12, 12]")
     (tmp_path / "many.toml").write_text(text)
     return load_study(str(tmp_path / "many.toml"))
 
@@ -517,8 +517,8 @@ def test_kill_9_in_the_middle_and_resume_gives_the_same_rows(many_walls, tmp_pat
     process.communicate()
     with ResultFile(path, many_walls) as results:
         stopped, _ = results.counts()
-        assert 1 <= stopped < 160
-        assert sweep(results, LocalRunner(many_walls, 2)).computed == 160 - stopped
+        assert 1 <= stopped < 80
+        assert sweep(results, LocalRunner(many_walls, 2)).computed == 80 - stopped
     with ResultFile(tmp_path / "straight.sqlite", many_walls) as results:
         sweep(results, Here(many_walls))
     assert content(path) == content(tmp_path / "straight.sqlite")
@@ -531,7 +531,7 @@ def test_ctrl_c_keeps_the_rows_and_leaves_no_process(many_walls, tmp_path) -> No
     os.killpg(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "of 160 designs are in many.sqlite: run the same command to go on" in err
+    assert "of 80 designs are in many.sqlite: run the same command to go on" in err
     assert "Traceback" not in err
     assert out == ""
     assert group_ends(process.pid)
@@ -549,7 +549,7 @@ def test_a_killed_worker_process_loses_no_design(many_walls, tmp_path) -> None:
 
     with ResultFile(tmp_path / "killed.sqlite", study) as results:
         tally = sweep(results, LocalRunner(study, 2), on_row=kill_once)
-        assert results.counts() == (160, 40)
+        assert results.counts() == (80, 20)
     assert tally.workers >= 3
 
 
@@ -600,7 +600,7 @@ def test_a_dask_cluster_with_one_of_two_workers_killed_gives_the_same_rows(
     ):
         runner = DaskRunner(many_walls, cluster.scheduler_address)
         tally = sweep(results, runner, on_row=kill_once)
-    assert tally.computed == 160
+    assert tally.computed == 80
     assert tally.workers >= 2
     with ResultFile(tmp_path / "straight.sqlite", many_walls) as results:
         sweep(results, Here(many_walls))
@@ -648,7 +648,7 @@ def test_a_scheduler_that_dies_halfway_stops_the_sweep_in_one_line(many_walls, t
             with pytest.raises(InputError, match="the scheduler stopped answering"):
                 sweep(results, runner, on_row=lambda _: scheduler.kill())
             written, _ = results.counts()
-        assert 1 <= written < 160
+        assert 1 <= written < 80
     finally:
         for process in (worker, scheduler):
             if process is not None:

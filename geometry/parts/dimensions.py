@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
 
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.block import Block
@@ -104,19 +106,18 @@ def least_wall(shape: Any) -> float:
     points, quads, face = _surface(shape)
     corners = points[quads]
     normals = _units(np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]))
-    touched = _points_of_faces(quads, face)
     halves = [quads[:, :3], quads[:, [0, 2, 3]]] if quads.shape[1] == 4 else [quads]
     locator = vtkStaticCellLocator()
     locator.SetDataSet(as_surface(points, np.concatenate(halves)))
     locator.BuildLocator()
+    apart, of_facet = _apart(quads, face).tolist(), face.tolist()
     reach = size = float(np.linalg.norm(np.ptp(points, axis=0)))
     least, places, cells = np.inf, vtkPoints(), vtkIdList()
-    for k, (start, normal) in enumerate(zip(corners.mean(axis=1), normals, strict=True)):
+    for own, start, normal in zip(of_facet, corners.mean(axis=1), normals, strict=True):
         locator.IntersectWithLine(start, start - reach * normal, 1e-9 * size, places, cells)
         for i in range(cells.GetNumberOfIds()):
             hit = cells.GetId(i) % len(quads)
-            apart = touched[face[hit]].isdisjoint(touched[face[k]])
-            if apart and normals[hit] @ normal < _FACING:
+            if apart[own][of_facet[hit]] and normals[hit] @ normal < _FACING:
                 least = min(least, float(np.linalg.norm(start - places.GetPoint(i))))
         reach = min(reach, least)
     return least
@@ -141,12 +142,11 @@ def _has_faces(shape: Block) -> bool:
     return len(shape.contact_faces) > 1
 
 
-def _points_of_faces(facets: IntArray, face: IntArray) -> list[set[int]]:
-    """Points of each face."""
-    points: list[set[int]] = [set() for _ in range(int(face.max()) + 1)]
-    for number, corners in zip(face.tolist(), facets.tolist(), strict=True):
-        points[number].update(corners)
-    return points
+def _apart(facets: IntArray, face: IntArray) -> NDArray[np.bool_]:
+    """Whether two faces have no point in common, (n_faces, n_faces)."""
+    entries = (np.repeat(face, facets.shape[1]), facets.ravel())
+    touches = coo_array((np.ones(facets.size), entries)).tocsr()
+    return np.asarray((touches @ touches.T).toarray() == 0.0)
 
 
 def steepest_joint(shape: Any, axis: FloatArray) -> float | None:

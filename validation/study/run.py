@@ -336,7 +336,8 @@ class DaskRunner:
     def _row(self, future: Any, number: int) -> Row:
         from distributed import CancelledError, KilledWorker
 
-        if future.status in ("cancelled", "lost"):
+        # A result that was lost with its worker is computed again; `result` waits for it.
+        if future.status == "cancelled":
             raise CancelledError(future.key)
         try:
             row: Row = future.result()
