@@ -60,7 +60,7 @@ def test_higher_degrees_pass_uniform_stress_as_well(degree):
     pieces, and is below a tenth of the 1e-5 of such facets of degree 1 cut by three points. The two
     rows of points on the outer edges see at most three times as much as those inside."""
     options = {"degree": degree, "normals": ContactNormals.REFERENCE}
-    found = solve_static(stack((4, 4, 1), (3, 3, 1), **options))
+    found = solve_static(stack((2, 2, 1), (3, 3, 1), **options))
     assert found.pressures == pytest.approx(0.5, rel=1e-7)
     assert found.contact_state.areas.sum() == pytest.approx(8000.0, rel=1e-12)
     rng = np.random.default_rng(1)

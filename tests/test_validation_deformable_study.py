@@ -35,12 +35,12 @@ def test_rows_are_those_of_the_study() -> None:
 
 
 @pytest.mark.parametrize(
-    "key", [(0.0, 2.0, 2, 30.0, 10.0), (0.0, 1.0, 3, 40.0, 15.0), (0.0, 1.5, 3, 60.0, 15.0)]
+    "key", [(0.0, 1.0, 3, 40.0, 15.0), (0.0, 1.5, 3, 60.0, 15.0)]
 )
-def test_three_designs_computed_again_agree_within_their_error_bars(key: Design) -> None:
+def test_designs_computed_again_agree_within_their_error_bars(key: Design) -> None:
     """The solver of today gives what is stored: a change of it that matters is seen here.
 
-    They are among the cheapest designs of three thicknesses and frequencies.
+    They are among the cheapest designs of two thicknesses and frequencies.
     """
     stored, study = read_rows(ROWS)[key], load_study("paper-480-fem")
     row = run_design(study, study.number(dict(zip(PATHS, key, strict=True))))

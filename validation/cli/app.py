@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable
+from functools import cache
 from typing import Annotated, Any
 
 import typer
 import typer.core
+import typer.main
 
 from validation.cli import compare, cost, decks, fem, look, paper, rigid, study, trust
 from validation.cli.options import command
@@ -132,11 +134,17 @@ def _habits(
     """Structural analysis of topological interlocking assemblies."""
 
 
+@cache
+def _program() -> Any:
+    """All commands, built once in a process that runs several."""
+    return typer.main.get_command(app)
+
+
 def main() -> None:
     """Run the command line."""
     # Loaded modules are never freed: collecting less often saves 5 % of a short command.
     gc.set_threshold(50_000)
-    run_command(app)
+    run_command(_program())
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ from fem.accuracy.one_mesh import SHARES, static_errors, static_solution
 from fem.accuracy.strength import JUDGED, strength_factors
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.statement import Problem
-from fem.assembly.symmetry import SymmetryError
+from fem.assembly.symmetry import SymmetryError, largest_cyclic_orbits
 from fem.contact.law import LinearPenalty
 from fem.measures import load_step_change
 from fem.solution import Solution
@@ -250,13 +250,13 @@ def run_static(
         with named(name):
             deformable = problem.deformable
         require_held_by_faces(name, scene, deformable.assembly)
+        _require_sector(name, scene, deformable)
         options = replace(static_options(scene, fem), load_path=load_path)
         turning = scene.effects.finite_rotation is True
         watch.lap("build")
         with _floating_named(name, scene, problem, options):
             solution = static_solution(deformable, options, finite_rotation=turning, store=store)
         watch.lap("solve")
-        _require_sector(name, scene, fem, solution)
         if on_frame is not None:
             write_static_frames(fem.frames, solution, options, on_frame)
             watch.lap("frames")
@@ -288,6 +288,7 @@ def run_converged(
         options = static_options(scene, fem)
         problem = scene_problem(scene, name) if problem is None else problem
         require_held_by_faces(name, scene, problem.blocks)
+        _require_sector(name, scene, problem.deformable)
         watch.lap("build")
         with _floating_named(name, scene, problem, options):
             result = converge(
@@ -300,7 +301,6 @@ def run_converged(
                 progress=progress,
             )
         watch.lap("solve")
-        _require_sector(name, scene, fem, result.solution)
         on_frame = None if frames is None else frames(result.solution)
         if on_frame is not None:
             write_static_frames(fem.frames, result.solution, options, on_frame)
@@ -353,9 +353,9 @@ def _floating_named(
         raise InputError(f"{name}: {why}") from None
 
 
-def _require_sector(name: str, scene: DeformableScene, fem: FemSection, solution: Solution) -> None:
-    assert solution.static is not None
-    if scene.meets and fem.symmetry == "sector" and solution.static.symmetry == 1:
+def _require_sector(name: str, scene: DeformableScene, deformable: DeformableAssembly) -> None:
+    asked = scene.meets and fem_section(scene, name).symmetry == "sector"
+    if asked and largest_cyclic_orbits(deformable).order == 1:
         raise InputError(f"{name}: {_NO_SECTOR}")
 
 
