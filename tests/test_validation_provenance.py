@@ -15,6 +15,7 @@ import meshio
 import numpy as np
 import pytest
 
+from tests.test_validation_cli import tubelock as run  # noqa: F401 - fixture
 from validation.output.outputs import Outputs
 from validation.output.provenance import Provenance, program, stamp_vtu, stamped
 from validation.scene.builtin import builtin_text
@@ -122,13 +123,14 @@ def test_joints_of_rigid_blocks_balance_the_load(answer: tuple[Path, dict[str, A
     balanced_joints(answer[0] / "out", 0.01)
 
 
-def test_field_files_of_a_deformable_tube_say_whose_each_row_is(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("undrawn")
+def test_field_files_of_a_deformable_tube_say_whose_each_row_is(run) -> None:  # type: ignore[no-untyped-def] # noqa: F811
     # From the files alone: elements lie in the blocks they name, layers are h high, and what the
     # contact facets press with balances the load p on the inner face of each free block.
     pressure = 0.01
     on_scene = ("--set", 'fem.mesh="scene"')
-    tubelock("fem", "tsb1-pipe", *settings(), *on_scene, folder=tmp_path)
-    out = tmp_path / "out" / "tsb1-pipe-fem"
+    assert run("fem", "tsb1-pipe", *settings(), *on_scene)[0] == 0
+    out = Path("out", "tsb1-pipe-fem")
     solid, joints = meshio.read(out / "fields.vtu"), meshio.read(out / "contact_pressures.vtu")
     cells = {name: values[0] for name, values in solid.cell_data.items()}
     centroids = solid.points[solid.cells[0].data].mean(axis=1)
