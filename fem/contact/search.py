@@ -33,6 +33,8 @@ _ROOM = 16
 
 #: Iterations on the closest point of a curved facet, and the step that ends them.
 _CURVED_STEPS, _CLOSE = 30, 1e-12
+#: Squared sine of the angle between its tangents, below which a facet is folded to a line.
+_FOLDED = 1e-20
 
 #: Normals may turn between two searches: neighbours look at each other by less than what cuts ask.
 _NEIGHBOURS = 0.5 * OPPOSITE
@@ -377,6 +379,9 @@ def _closest_on_curved(
     for _ in range(_CURVED_STEPS):
         away, tangents = _seen(nodes, points, xi)
         metric = np.einsum("nki,nli->nkl", tangents, tangents)
+        # A facet that a wild step of Newton's method has folded has no direction of its own.
+        folded = np.linalg.det(metric) <= _FOLDED * (np.trace(metric, axis1=1, axis2=2) ** 2)
+        metric[folded] = np.eye(2)
         right = np.einsum("nki,ni->nk", tangents, away)
         step = np.linalg.solve(metric, right[:, :, None])[:, :, 0]
         reached = np.clip(xi + step, -2.0, 2.0)

@@ -193,29 +193,35 @@ def split_tetrahedra(solid: Polyhedron, size: float) -> HexMesh:
     MeshError
         Where gmsh finds no mesh.
     """
-    with gmsh_session(solid.name) as gmsh:
-        options = {"MeshSizeMin": size, "MeshSizeMax": size, "SubdivisionAlgorithm": 2}
-        for name, value in options.items():
-            gmsh.option.setNumber(f"Mesh.{name}", value)
-        volume = _gmsh_solid(gmsh, solid)
-        try:
-            gmsh.model.mesh.generate(3)
-        except Exception as error:  # gmsh raises bare exceptions
-            raise MeshError(
-                f"{solid.name}: gmsh finds no tetrahedra ({error}); expected another mesh.size "
-                f"than {size:.3g} mm, or a file of hexahedra (.vtu, .inp)"
-            ) from None
-        return hexahedra_in(gmsh, volume)
+    why = "its mesh is empty"
+    for whole_sides in (True, False):
+        with gmsh_session(solid.name) as gmsh:
+            options = {"MeshSizeMin": size, "MeshSizeMax": size, "SubdivisionAlgorithm": 2}
+            for name, value in options.items():
+                gmsh.option.setNumber(f"Mesh.{name}", value)
+            volume = _gmsh_solid(gmsh, solid, whole_sides=whole_sides)
+            try:
+                gmsh.model.mesh.generate(3)
+                mesh = hexahedra_in(gmsh, volume)
+            except Exception as error:  # gmsh raises bare exceptions
+                why = str(error)
+                continue
+        if mesh.n_elements:
+            return mesh
+    raise MeshError(
+        f"{solid.name}: gmsh finds no tetrahedra ({why}); expected another mesh.size than "
+        f"{size:.3g} mm, or a file of hexahedra (.vtu, .inp)"
+    )
 
 
-def _gmsh_solid(gmsh: Any, solid: Polyhedron) -> int:
-    """A solid in gmsh: a face for each flat side, or for each triangle of one with holes."""
+def _gmsh_solid(gmsh: Any, solid: Polyhedron, *, whole_sides: bool) -> int:
+    """A solid in gmsh: a face for each flat side, or for each triangle, as of one with holes."""
     geo = gmsh.model.geo
     points = [geo.addPoint(*point) for point in solid.points]
     lines: dict[tuple[int, int], int] = {}
     faces = []
     for plane in range(int(solid.plane_of.max()) + 1):
-        side = side_outline(solid, plane)
+        side = side_outline(solid, plane) if whole_sides else None
         for loop in [side] if side else solid.triangles[solid.plane_of == plane].tolist():
             curve = []
             for a, b in zip(loop, loop[1:] + loop[:1], strict=True):
