@@ -27,6 +27,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from geometry.answer import ALIASES, EVERY_TITLE, FACTORS, TITLES, Title
 from geometry.errors import unreadable
 from geometry.parts.dimensions import UNITS as DIMENSIONS
@@ -121,18 +123,16 @@ class Study:
 
     def design(self, number: int) -> dict[str, Value]:
         """Parameter values of a design, counted from 0; the last parameter varies fastest."""
-        chosen: dict[str, Value] = {}
-        for path, values in reversed(self.parameters):
-            number, place = divmod(number, len(values))
-            chosen[path] = values[place]
-        return {path: chosen[path] for path, _ in self.parameters}
+        places = np.unravel_index(number, [len(values) for _, values in self.parameters])
+        return {
+            path: values[place]
+            for (path, values), place in zip(self.parameters, places, strict=True)
+        }
 
     def number(self, design: Mapping[str, Value]) -> int:
         """Return the number of a design: the inverse of `design`."""
-        result = 0
-        for path, values in self.parameters:
-            result = result * len(values) + self._positions[path][value_text(design[path])]
-        return result
+        places = [self._positions[path][value_text(design[path])] for path, _ in self.parameters]
+        return int(np.ravel_multi_index(places, [len(values) for _, values in self.parameters]))
 
     @cached_property
     def _positions(self) -> dict[str, dict[str, int]]:
