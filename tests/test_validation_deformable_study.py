@@ -34,9 +34,7 @@ def test_rows_are_those_of_the_study() -> None:
     assert ROWS.stat().st_size <= 200_000
 
 
-@pytest.mark.parametrize(
-    "key", [(0.0, 1.0, 3, 40.0, 15.0), (0.0, 1.5, 3, 60.0, 15.0)]
-)
+@pytest.mark.parametrize("key", [(0.0, 1.0, 3, 40.0, 15.0), (0.0, 1.5, 3, 60.0, 15.0)])
 def test_designs_computed_again_agree_within_their_error_bars(key: Design) -> None:
     """The solver of today gives what is stored: a change of it that matters is seen here.
 
