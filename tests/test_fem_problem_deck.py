@@ -14,6 +14,7 @@ from fem.decks.read.deck import read_deck
 from fem.static.solve import solve_static as solve_blocks
 from geometry import SineBlock, pipe, shaft, tube
 from tests.test_fem_notebook import SHAPE
+from validation.build.deformable import scene_problem
 from validation.output.decks import export_deck
 from validation.scene.read import load_scene
 
@@ -107,3 +108,10 @@ def test_names_of_blocks_are_labels_of_their_own_in_decks(problem, tmp_path: Pat
     assert labels[:4] == ["column_inp", "column_inp-2", "n2nd", "s_ule"]
     assert len(set(map(label, labels))) == len(given)
     assert safe_names(labels) == labels
+
+
+def test_facets_that_do_not_match_have_contact_pairs(tmp_path: Path) -> None:
+    """Whole faces meet: the deck of the problem is read back as one whose contact is searched."""
+    stated = scene_problem(load_scene("column-nonmatching").scene, "column")
+    read = read_deck(write_deck(stated, tmp_path / "case.inp", program="calculix")).problem()
+    assert (stated.finite_sliding, read.finite_sliding) == (True, True)

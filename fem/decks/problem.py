@@ -39,6 +39,7 @@ from geometry.block import Block
 from geometry.files.whole import write_whole
 from geometry.loads import CircumferentialLoad
 from geometry.mesh import IntArray
+from geometry.polyhedra.assembly import as_polyhedral, unmatched_joints
 
 #: Explicit run to a static state where nobody names times [s]: with the paper's damping of 2 /s,
 #: amplitudes have fallen to e⁻⁶ = 0.25 % six seconds after the ramp.
@@ -103,20 +104,17 @@ def problem_deck(problem: Problem, flavour: Flavour) -> Deck:
     """
     problem.refuse_motion()
     static = flavour is not Flavour.GENERAL
-    assembly = canonical(problem.blocks)
-    if assembly.image_of is not None:
-        raise DeckError(f"{assembly.name}: a periodic cell has no deck; expected a whole tube")
-    if problem.degree > 1 and not has_tetrahedra(assembly):
-        assembly = quadratic(assembly, problem.degree, flavour, meets=problem.deformable.meets)
-    load = replace(problem.load_case, assembly=assembly)
-    stated = replace(problem, blocks=assembly, load=load, degree=1)
+    if problem.blocks.image_of is not None:
+        raise DeckError(
+            f"{problem.blocks.name}: a periodic cell has no deck; expected a whole tube"
+        )
     step = DeckStep(Procedure.STATIC, 1.0, 1.0, large_rotations=problem.finite_rotation)
     effects = Effects()
     if not static:
         times = QUASI_STATIC_END, QUASI_STATIC_RAMP
         step = DeckStep(Procedure.EXPLICIT, *times, safety_factor=SAFETY_FACTOR)
         effects = Effects(rayleigh=PAPER_RAYLEIGH, bulk_viscosity=BulkViscosity())
-    deck = deck_of(stated, flavour, step, effects, meets=problem.deformable.meets)
+    deck = canonical_deck(problem, flavour, step, effects)
     notes = contact_notes(deck, static=static) + support_notes(deck)
     if not static:
         notes.append("step: damped explicit dynamics approaches the static state")
@@ -124,6 +122,32 @@ def problem_deck(problem: Problem, flavour: Flavour) -> Deck:
         deck, more = written(deck)
         notes += more
     return with_notes(deck, notes)
+
+
+def canonical_deck(
+    problem: Problem,
+    flavour: Flavour,
+    step: DeckStep,
+    effects: Effects,
+    *,
+    on_faces: bool = False,
+) -> Deck:
+    """Deck of a problem on any blocks; ``on_faces``: CalculiX presses on faces, not at nodes."""
+    assembly, meets = canonical(problem.blocks), problem.deformable.meets
+    if problem.degree > 1 and not has_tetrahedra(assembly):
+        assembly = quadratic(assembly, problem.degree, flavour, meets=meets and not on_faces)
+    load = replace(problem.load_case, assembly=assembly)
+    stated = replace(problem, blocks=assembly, load=load, degree=1, check_blocks=False)
+    searched = problem.finite_sliding and _is_searched(problem)
+    return deck_of(stated, flavour, step, effects, meets=meets, searched=searched)
+
+
+def _is_searched(problem: Problem) -> bool:
+    """Whether facets of blocks that may meet do not match."""
+    blocks, fixed = problem.blocks, problem.load_case.fixed
+    unmatched = unmatched_joints(blocks, as_polyhedral(blocks))
+    moving = (not (fixed[joint.block_m] and fixed[joint.block_s]) for joint in unmatched)
+    return not blocks.interfaces.n_contacts or any(moving)
 
 
 def deck_of(

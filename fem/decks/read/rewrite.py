@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from fem.decks.placement import canonical
 from fem.decks.problem import (
+    canonical_deck,
     contact_notes,
-    deck_of,
     element_time_step,
-    quadratic,
     with_notes,
     with_time_step,
 )
@@ -17,7 +15,7 @@ from fem.decks.read.deck import InputDeck
 from fem.decks.read.model import effects_of
 from fem.decks.read.words import Dialect
 from fem.decks.statement import Deck, DeckStep, Flavour, Procedure
-from fem.decks.tetrahedra import has_tetrahedra, with_tetrahedra
+from fem.decks.tetrahedra import with_tetrahedra
 from fem.problem.effects import Effects
 
 #: Share of the critical time step that an explicit step for CalculiX takes: its scheme is 10 % off
@@ -37,22 +35,19 @@ def rewritten(deck: InputDeck, flavour: Flavour | None = None) -> Deck:
     if flavour is None and deck.dialect is Dialect.CALCULIX:
         flavour = Flavour.CALCULIX
     flavour = flavour or (Flavour.GENERAL if step.explicit else Flavour.STANDARD)
-    assembly = canonical(problem.blocks)
-    meets = problem.deformable.meets
     on_faces = flavour is Flavour.CALCULIX and deck.built.face_to_face
-    if problem.degree > 1 and not has_tetrahedra(assembly):
-        assembly = quadratic(assembly, problem.degree, flavour, meets=meets and not on_faces)
-    load = replace(problem.load_case, assembly=assembly)
-    stated = replace(problem, blocks=assembly, load=load, degree=1, check_blocks=False)
-    ramp = deck.built.ramp_time or 0.0
     procedure = Procedure.EXPLICIT if step.explicit else Procedure.STATIC
-    result = deck_of(
-        stated,
+    result = canonical_deck(
+        problem,
         flavour,
-        DeckStep(procedure, step.end, ramp, large_rotations=step.large_rotations),
+        DeckStep(
+            procedure,
+            step.end,
+            deck.built.ramp_time or 0.0,
+            large_rotations=step.large_rotations,
+        ),
         effects_of(deck.model, deck.steps[0]) if step.explicit else Effects(),
-        meets=meets,
-        searched=problem.finite_sliding,
+        on_faces=on_faces,
     )
     reduced = any(one.part.kind == "C3D20R" for one in deck.places.instances)
     result = replace(result, reduced=reduced)
