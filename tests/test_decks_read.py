@@ -23,7 +23,7 @@ from fem.decks.write import deck_lines
 from fem.element.hexahedron import ElementType
 from fem.static.solve import solve_static
 from geometry.errors import RefusedError
-from tests.verification.deck_press_fit import MU, block, block_pressure
+from tests.verification.deck_press_fit import MU, STICK, block, block_pressure
 from validation.build.deck import build_deck
 from validation.build.deformable import scene_problem
 from validation.output.decks import solve_deck
@@ -365,14 +365,25 @@ def test_loads_and_then_motions_slide_with_friction() -> None:
 def test_a_block_is_pushed_out_of_its_fit() -> None:
     """Interference δ / (w / E + 1 / k) in the first step, μ p A along the wall in the second.
 
-    The deck that is written again has both steps.
+    The deck that is written again has both steps, and Abaqus' words for a first step that removes
+    an overlap are the same; a second step that does is rejected.
     """
     deck = deck_of_lines(block(6))
     again = deck_of_lines(list(deck_lines(rewritten(deck))))
     assert [len(one.steps) for one in (deck, again)] == [2, 2]
-    for one in (deck, again):
+    shrinks = [line for line in block(6) if line != f"{MU}, {STICK}"]
+    shrinks[shrinks.index("*Friction")] = f"*Friction, shear traction slope={STICK}\n{MU}"
+    first = shrinks.index("*End Step")
+    shrinks.insert(first, "*Contact Interference, shrink\nSLAVE, MASTER")
+    text = "\n".join(shrinks)
+    for one in (deck, again, deck_of_lines(text.splitlines())):
         (curve,) = solve_deck(one).report["motions"]
         assert abs(curve["force"][-1]) == pytest.approx(MU * block_pressure() * 16.0, rel=1e-6)
+    moved = text.replace("*Contact Interference, shrink\nSLAVE, MASTER\n", "")
+    late = moved.replace("PUSHED, 3, 3", "PUSHED, 3, 3, 0.\n*Contact Interference, shrink\n", 1)
+    deck = deck_of_lines(late.splitlines())
+    with pytest.raises(DeckError, match="an overlap is removed by"):
+        deck.problem()
 
 
 def test_words_of_symmetry_hold_the_components_of_their_planes() -> None:

@@ -10,8 +10,12 @@ from fem.decks.keywords import DeckError
 from fem.decks.read.actions import Actions
 from fem.decks.read.cards import Card
 from fem.decks.read.model import Step, path_of, smooth_time
+from geometry.assembly import Assembly
 from geometry.loads import CircumferentialLoad, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, IntArray
+
+#: Gravity of blocks that differs by less is the same.
+_SAME = 1e-9
 
 
 @dataclass(frozen=True)
@@ -217,3 +221,34 @@ def orientation_of(actions: Actions) -> tuple[FloatArray, FloatArray]:
         axis = values[3:6] - values[:3]
         return axis / np.linalg.norm(axis), values[:3]
     return np.array([0.0, 0.0, 1.0]), np.zeros(3)
+
+
+def gravity_of(actions: Actions, n_blocks: int) -> FloatArray | None:
+    """Gravity of all blocks, (3,) [mm/s²]; None: none.
+
+    Raises
+    ------
+    DeckError
+        Materials without a density, gravity that differs from block to block.
+    """
+    if not actions.gravity:
+        return None
+    values = np.array([actions.gravity.get(b, np.zeros(3)) for b in range(n_blocks)])
+    without = [m for m in actions.model.materials.values() if m.density is None]
+    if without:
+        raise DeckError(f"{without[0].card.at()}: gravity needs *Density; expected one")
+    if np.abs(values - values[0]).max() > _SAME * np.abs(values).max():
+        raise DeckError(
+            f"{actions.gravity_at}: gravity differs from block to block; expected it on all"
+        )
+    return values[0]
+
+
+def body_wrenches(actions: Actions, assembly: Assembly) -> FloatArray | None:
+    """Forces and moments on blocks of forces per volume, (n_blocks, 6) [N, N mm]; None: none."""
+    if not actions.bodies:
+        return None
+    wrenches = np.zeros((assembly.n_blocks, 6))
+    for block, density in actions.bodies.items():
+        wrenches[block, :3] = density * assembly.shape(block).volume
+    return wrenches

@@ -17,7 +17,7 @@ from fem.decks.read.actions import Actions, fixed_blocks, held_faces, read_suppo
 from fem.decks.read.bodies import CONTACT, Blocks, Body, body_of
 from fem.decks.read.cards import Card
 from fem.decks.read.elements import KINDS, RIGID, VOLUMES
-from fem.decks.read.loads import orientation_of, read_loads
+from fem.decks.read.loads import body_wrenches, gravity_of, orientation_of, read_loads
 from fem.decks.read.mesh import Part, Places
 from fem.decks.read.model import (
     Interaction,
@@ -33,7 +33,7 @@ from fem.decks.read.words import Dialect
 from fem.element.hexahedron import ElementType
 from geometry.assembly import Assembly, UnmatchedJoint
 from geometry.loads import LoadCase
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import IntArray
 from geometry.parts.supports import HeldFace
 from geometry.polyhedra.assembly import (
     PolyhedralAssembly,
@@ -48,8 +48,6 @@ _NEAR = 0.5
 _FACING = 0.7
 #: Tetrahedra of ten nodes up to which their hexahedra are of degree 2: more take gigabytes.
 _TETRAHEDRA = 2000
-#: Gravity of blocks that differs by less is the same.
-_SAME = 1e-9
 
 
 @dataclass(frozen=True)
@@ -119,13 +117,13 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
         clearance=contact.clearance,
         finite_sliding=sliding,
         finite_rotation=_turns(model, step, cases, meets=bool(joints)),
-        gravity=_gravity(stages[0], assembly.n_blocks),
+        gravity=gravity_of(stages[0], assembly.n_blocks),
         motion=initial_motion(model, blocks, assembly),
     )
     if rough:
         problem = replace(problem, after=before_motion(problem, loaded=False))
     for stage, case in zip(stages[1:], cases[1:], strict=True):
-        gravity = _gravity(stage, assembly.n_blocks)
+        gravity = gravity_of(stage, assembly.n_blocks)
         problem = replace(problem, load=case, gravity=gravity, after=problem)
     _note_steps(model, steps, problem)
     return Built(
@@ -145,7 +143,7 @@ def _load_case(assembly: Assembly, actions: Actions, held: tuple[HeldFace, ...])
         assembly.fixed,
         held=held,
         nodes=actions.nodes,
-        body_wrenches=_body_forces(actions, assembly),
+        body_wrenches=body_wrenches(actions, assembly),
     )
 
 
@@ -418,6 +416,8 @@ def _read_contact(model: ModelLines, steps: tuple[Step, ...], blocks: Blocks) ->
             _inclusions(blocks, card)
         elif card.keyword == "CONTACT PROPERTY ASSIGNMENT":
             _properties(contact, model, blocks, card)
+        elif card.keyword == "CONTACT INTERFERENCE":
+            _check_interference(card, steps, rough=contact.is_rough(model))
         elif card.keyword == "CLEARANCE":
             clearances.add(card.number(card.line, card.parameter("VALUE")))
         elif card.keyword == "CONTACT CLEARANCE":
@@ -426,6 +426,17 @@ def _read_contact(model: ModelLines, steps: tuple[Step, ...], blocks: Blocks) ->
         raise DeckError(f"*Clearance: got {sorted(clearances)}; expected one value for all pairs")
     contact.clearance = clearances.pop() if clearances else 0.0
     return contact
+
+
+def _check_interference(card: Card, steps: tuple[Step, ...], *, rough: bool) -> None:
+    """Reject what does not leave the state of the whole overlap, resolved before all else."""
+    first = steps[0].cards if card in steps[0].cards else []
+    beside = [one for one in first if one.keyword in _CHANGING and _acts(one)]
+    if "SHRINK" not in card.parameters or not first or (beside and rough):
+        raise DeckError(
+            f"{card.at()}: an overlap is removed by *Contact Interference, shrink of the first "
+            "step alone, with friction before loads and motions; expected these, or none"
+        )
 
 
 def _general(model: ModelLines, card: Card) -> None:
@@ -571,30 +582,3 @@ def _note_unpaired(
             f"contact: {blocks.name(m)} and {blocks.name(s)} touch and no *Contact Pair has both: "
             "they do not press on each other"
         )
-
-
-# ---------------------------------------------------------------------------------------------
-# Forces on blocks
-
-
-def _gravity(actions: Actions, n_blocks: int) -> FloatArray | None:
-    if not actions.gravity:
-        return None
-    values = np.array([actions.gravity.get(b, np.zeros(3)) for b in range(n_blocks)])
-    without = [m for m in actions.model.materials.values() if m.density is None]
-    if without:
-        raise DeckError(f"{without[0].card.at()}: gravity needs *Density; expected one")
-    if np.abs(values - values[0]).max() > _SAME * np.abs(values).max():
-        raise DeckError(
-            f"{actions.gravity_at}: gravity differs from block to block; expected it on all"
-        )
-    return values[0]
-
-
-def _body_forces(actions: Actions, assembly: Assembly) -> FloatArray | None:
-    if not actions.bodies:
-        return None
-    wrenches = np.zeros((assembly.n_blocks, 6))
-    for block, density in actions.bodies.items():
-        wrenches[block, :3] = density * assembly.shape(block).volume
-    return wrenches
