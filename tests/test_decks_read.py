@@ -321,6 +321,9 @@ def test_steps_follow_each_other() -> None:
     assert top_moves(deck_of_lines(other)) == pytest.approx(-0.012, rel=1e-9)
     with pytest.raises(DeckError, match="shares members with a load of an earlier step"):
         deck_of_lines(changed("*End Step", second.format("", "2, P2, 3."))).problem()
+    heavy = changed("UPPER, P2, 2.", "UPPER, BZ, -2.", other)
+    with pytest.raises(DeckError, match="does not take back UPPER, BZ in CalculiX"):
+        deck_of_lines(heavy).problem()
 
 
 def rough_cubes() -> list[str]:

@@ -454,10 +454,7 @@ def amplitude_parameter(deck: Deck) -> dict[str, str | None]:
 def load_lines(
     deck: Deck, lines_of: Callable[[DeckLoad], Iterator[str]], elements: list[str]
 ) -> Iterator[str]:
-    """Loads of a step that differ from those of the step before, gravity on sets of elements.
-
-    Loads that go are taken back by op=NEW, beside which all others are stated again.
-    """
+    """Loads of a step that differ from those of the step before, gravity on sets of elements."""
     before, gravity = deck.before, deck.effects.gravity
     every = [line for load in deck.loads for line in lines_of(load)]
     if gravity is not None:
@@ -473,13 +470,19 @@ def load_lines(
         return
     old = [line for load in before.loads for line in lines_of(load)]
     old += gravity_lines(first, elements) if first is not None else []
-    targets = {_target(line) for line in every}
-    if all(_target(line) in targets for line in old):
-        yield from every
-        return
-    words = dict.fromkeys(line.partition(",")[0] for line in old if line.startswith("*"))
-    yield from (f"{word}, op=NEW" for word in words)
-    yield from (f"{line}, op=NEW" if line.startswith("*") else line for line in every)
+    yield from every
+    yield from _taken_back(old, {_target(line) for line in every})
+
+
+def _taken_back(old: list[str], stated: set[tuple[str, ...]]) -> Iterator[str]:
+    """Loads that are not stated anew, as zero: CalculiX keeps body forces with op=NEW."""
+    card = ""
+    for line in old:
+        if line.startswith("*"):
+            card = line
+        elif _target(line) not in stated:
+            what, kind, _, *along = line.split(", ")
+            yield from (card, ", ".join([what, kind, "0.0", *along]))
 
 
 def _target(line: str) -> tuple[str, ...]:

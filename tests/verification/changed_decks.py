@@ -25,6 +25,7 @@ from fem.decks.write import deck_lines
 from geometry.errors import RefusedError
 from tests.test_decks_read import CUBES, changed, changed_lines
 from tests.verification.deck_oracle import deck_nodes, difference, original, ours
+from tests.verification.deck_press_fit import block
 from validation.study.comparison.calculix import CalculixError
 
 #: Relative difference of displacements that counts as none: CalculiX presses at nodes and has
@@ -54,7 +55,7 @@ def verdict(lines: list[str], folder: Path) -> str:
 
 
 def _decks() -> dict[str, list[str]]:
-    """Cubes as they are, with friction, on springs, in two steps and written again."""
+    """Cubes as they are, with friction, on springs, in two steps, pushed and written again."""
     springs = (
         "*Element, type=SPRING1, elset=G\n91, 1\n92, 2\n93, 3\n94, 4\n*Spring, elset=G\n3\n250."
     )
@@ -64,6 +65,7 @@ def _decks() -> dict[str, list[str]]:
         "with friction": changed("500.\n", "500.\n*Friction\n0.2, 5000.\n"),
         "on springs": changed("*Boundary\nFOOT, 1, 3", f"{springs}\n*Boundary\nFOOT, 1, 2"),
         "two steps": changed("*End Step", second),
+        "pushed with friction": block(6),
         "written again": list(deck_lines(rewritten(deck_of_lines(CUBES)))),
     }
 

@@ -211,10 +211,7 @@ class _Reader:
     def _in_step(self, card: Card) -> None:
         if card.keyword in _MESH | {"SPRING", "RIGID BODY", "TRANSFORM"}:
             raise DeckError(f"{card.at()}: {card.title} stands in a step; expected it before")
-        if (
-            card.keyword in {"SURFACE INTERACTION", "SURFACE BEHAVIOR", "FRICTION"}
-            or card.keyword == "AMPLITUDE"
-        ):
+        if card.keyword in _NAMED:
             add_model(self.model, card)
         else:
             self.steps[-1].cards.append(card)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,10 +63,22 @@ def read_loads(actions: Actions) -> None:
             for position, (line, row) in enumerate(card.rows())
         ]
         anew = {row.key for row in rows}
+        if actions.blocks.places.each_once:
+            _check_gone(row for row in acting if row.card.keyword in new and row.key not in anew)
         acting = [r for r in acting if r.card.keyword not in new and r.key not in anew] + rows
     _check_apart(actions, acting)
     for row in acting:
         readers[row.card.keyword](actions, row)
+
+
+def _check_gone(rows: Iterable[_Row]) -> None:
+    """Reject body forces that op=NEW takes back: CalculiX (2.20) takes back pressures alone."""
+    for row in rows:
+        if row.key[2].startswith(("B", "GRAV")):
+            raise DeckError(
+                f"{row.card.at(row.line)}: op=NEW of a later step does not take back "
+                f"{', '.join(row.row[:2])} in CalculiX; expected it there with the value 0"
+            )
 
 
 def _check_apart(actions: Actions, rows: list[_Row]) -> None:
