@@ -24,7 +24,14 @@ import numpy as np
 from geometry.assembly import require_length
 from geometry.block import Block, Curve
 from geometry.families.sine_block import BlockParameterError
-from geometry.mesh import FloatArray, HexMesh, IntArray, check_mesh, grid_points
+from geometry.mesh import (
+    FloatArray,
+    HexMesh,
+    IntArray,
+    check_mesh,
+    grid_points,
+    structured_quads,
+)
 from geometry.meshing.charts import Charts, Lines
 
 #: Names of the six sides, edge by edge.
@@ -204,10 +211,9 @@ def _on_lines(
     in_plane = grid_points(np.array(kites, dtype=np.float64), s, s)
     nodes = shape(np.column_stack([np.tile(in_plane[first], (n_r + 1, 1)), np.repeat(y, n_plane)]))
     # Seen from outside, a points to edge k and b to edge k - 1: (b, a, r) is right-handed.
-    grid = np.stack(list(number.values()))
-    quads = np.stack(
-        [grid[:, :-1, :-1], grid[:, :-1, 1:], grid[:, 1:, 1:], grid[:, 1:, :-1]], axis=-1
-    ).reshape(-1, 4)
+    of_kite = (m + 1) ** 2 * np.arange(len(kites))[:, None, None]
+    corners = (of_kite + structured_quads(m)[:, [0, 3, 2, 1]]).reshape(-1, 4)
+    quads = inverse.ravel()[corners]
     layers = n_plane * np.arange(n_r)[:, None, None]
     elements = np.concatenate([quads + layers, quads + layers + n_plane], axis=2).reshape(-1, 8)
     mesh = HexMesh(nodes, elements)
@@ -215,7 +221,7 @@ def _on_lines(
     sides = _side_faces(number, n_r, n_plane, flat)
     faces = {"inner": quads[:, ::-1], "outer": quads + n_r * n_plane, **sides}
     contact_faces = tuple(edge for edge in EDGE_NAMES if edge in sides)
-    curve = Curve(lambda: _corner_parameters(in_plane, m, y), shape)
+    curve = Curve(lambda: _corner_parameters(in_plane[corners], y), shape)
     numbers = np.arange(len(elements)).reshape(n_r, len(kites), m, m).transpose(1, 2, 3, 0)
     charts = Charts(
         ("along", "along", "across"),
@@ -228,24 +234,12 @@ def _on_lines(
     return Block(name, mesh, faces, contact_faces, curve, charts)
 
 
-def _corner_parameters(in_plane: FloatArray, m: int, y: FloatArray) -> FloatArray:
+def _corner_parameters(quads: FloatArray, y: FloatArray) -> FloatArray:
     """Kite, a, b and y of the corners of every element, (n_elements, 8, 4).
 
-    Parameters
-    ----------
-    in_plane
-        Kite, a and b of the grid of each kite, (n_kites (m + 1)², 3).
-    m
-        Elements along a side of a kite.
-    y
-        Ends of the elements across the wall.
+    Of quads (n_quads, 4, 3) swept across the wall, y at the ends of elements.
     """
-    grid = in_plane.reshape(-1, m + 1, m + 1, 3)
-    quads = np.stack(
-        [grid[:, :-1, :-1], grid[:, :-1, 1:], grid[:, 1:, 1:], grid[:, 1:, :-1]], axis=3
-    ).reshape(-1, 4, 3)
-    n_r = len(y) - 1
-    parameters = np.empty((n_r, len(quads), 8, 4))
+    parameters = np.empty((len(y) - 1, len(quads), 8, 4))
     parameters[..., :3] = np.concatenate([quads, quads], axis=1)
     parameters[:, :, :4, 3] = y[:-1, None, None]
     parameters[:, :, 4:, 3] = y[1:, None, None]

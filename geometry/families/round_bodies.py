@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from geometry.block import Block
-from geometry.mesh import FloatArray, HexMesh, boundary_quads, check_mesh
+from geometry.mesh import FloatArray, HexMesh, boundary_quads, check_mesh, structured_quads
 
 #: Equal elements reach so far beyond the contact, in its radius, across and in depth.
 _EQUAL_ACROSS, _EQUAL_DEEP = 1.2, 0.3
@@ -75,8 +75,7 @@ def quarter_disc(cell: float, contact: float, length: float) -> Plan:
     inward = (1.0 - _CORNER) * (u * v)[:, None]
     nodes = [side * (np.column_stack([u, v]) - inward)]
     number = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
-    around = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
-    quads = [np.column_stack([corner.ravel() for corner in around])]
+    quads = [structured_quads(n)]
     before = np.concatenate([number[n], number[:n, n][::-1]])
     rim = nodes[0][before]
     circle = _quarter_circle(n)
