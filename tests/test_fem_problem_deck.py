@@ -7,16 +7,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fem import CoulombFriction, Frames, Problem, TabularLaw, concrete, write_deck
 from fem.decks.keywords import DeckError, label, safe_names
 from fem.decks.read.deck import read_deck
 from fem.static.solve import solve_static as solve_blocks
 from geometry import SineBlock, pipe, shaft, tube
+from geometry.assembly import Assembly
+from geometry.block import box_block
+from geometry.loads import LoadCase, TractionLoad
+from geometry.parts.supports import HeldFace
 from tests.test_fem_notebook import SHAPE
 from validation.build.deformable import scene_problem
 from validation.output.decks import export_deck
 from validation.scene.read import load_scene
+from validation.study.comparison.calculix import calculix_available, run_calculix
 
 
 @pytest.fixture(scope="module")
@@ -115,3 +121,36 @@ def test_facets_that_do_not_match_have_contact_pairs(tmp_path: Path) -> None:
     stated = scene_problem(load_scene("column-nonmatching").scene, "column")
     read = read_deck(write_deck(stated, tmp_path / "case.inp", program="calculix")).problem()
     assert (stated.finite_sliding, read.finite_sliding) == (True, True)
+
+
+@pytest.mark.parametrize("program", ["abaqus", "calculix"])
+def test_supports_that_lean_have_axes_of_their_own(program, tmp_path: Path) -> None:
+    """A bar turned by 30° about z, on rollers along its sides, stretched along its axis."""
+    turn = Rotation.from_euler("z", 30.0, degrees=True).as_matrix()
+    bar = box_block((20.0, 10.0, 10.0), (2, 1, 1))
+    blocks = Assembly(
+        name="bar",
+        shapes=(bar,),
+        shape_of=np.zeros(1, dtype=np.int64),
+        rotations=turn[None],
+        translations=np.ones((1, 3)),
+        layer=np.ones(1, dtype=np.int64),
+        fixed=np.zeros(1, dtype=np.bool_),
+    )
+    along, aside, up = turn.T
+    held = [HeldFace(0, face, axis[None]) for face, axis in (("x-", along), ("y-", aside))]
+    held += [HeldFace(0, "z-", up[None]), HeldFace(0, "x+", along[None], 0.01 * along)]
+    # A traction across it, on nodes that have axes of their own: as forces along these.
+    across = TractionLoad(np.zeros(1, dtype=np.int64), "y+", 33.0 * aside)
+    load = LoadCase(blocks, "stretch", (across,), blocks.fixed, held=tuple(held))
+    path = write_deck(Problem(blocks, load, concrete), tmp_path / "case.inp", program=program)
+    read = read_deck(path).problem()
+    (moved,) = by_block(read.deformable)[None] @ turn
+    places = (read.blocks.nodes(0) - 1.0) @ turn
+    assert moved[:, 0] == pytest.approx(0.01 * places[:, 0] / 20.0, abs=1e-9)
+    # Free along y and z: strain 33 / E - 0.2 (0.01 / 20 E + 0.2 33) / E.
+    strain = 33.0 / 33000.0 - 0.2 * (0.01 / 20.0 + 0.2 * 33.0 / 33000.0)
+    assert moved[:, 1] == pytest.approx(strain * places[:, 1], abs=1e-9)
+    if program == "calculix" and calculix_available():
+        theirs = run_calculix(path).displacements @ turn
+        assert np.abs(theirs - moved).max() < 1e-8

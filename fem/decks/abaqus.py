@@ -50,11 +50,13 @@ from fem.decks.statement import (
 )
 from fem.decks.supports import (
     held_lines,
+    in_own_axes,
     node_entries,
     path_lines,
     region_sets,
     spring_lines,
     step_support_lines,
+    transform_lines,
 )
 from fem.element.hexahedron import ElementType
 from fem.element.tetrahedral_mesh import TetrahedralMesh
@@ -233,6 +235,7 @@ def _assembly(deck: Deck) -> Iterator[str]:
     for name, hold in region_sets(deck).items():
         yield keyword("Nset", nset=name, instance=block_label(deck, hold.block))
         yield from node_entries(hold.nodes or ())
+    yield from transform_lines(deck, lambda hold: hold.region)
     yield from spring_lines(
         deck.springs, 1, lambda block, node: f"{block_label(deck, block)}.{node + 1}"
     )
@@ -535,8 +538,11 @@ def _components(start: str, vector: FloatArray) -> Iterator[str]:
 
 
 def _nodal_forces(deck: Deck, load: NodalForceLoad) -> Iterator[str]:
-    for block, node, force in zip(load.blocks.tolist(), load.nodes, load.forces, strict=True):
-        yield from component_lines(f"{block_label(deck, block)}.{node + 1}", force)
+    for block, node, force in zip(
+        load.blocks.tolist(), load.nodes.tolist(), load.forces, strict=True
+    ):
+        (own,) = in_own_axes(deck, block, {node: force}).values()
+        yield from component_lines(f"{block_label(deck, block)}.{node + 1}", own)
 
 
 def component_lines(target: str, vector: FloatArray) -> Iterator[str]:

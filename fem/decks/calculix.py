@@ -55,10 +55,12 @@ from fem.decks.statement import (
 from fem.decks.supports import (
     held_lines,
     holds_frame,
+    in_own_axes,
     node_entries,
     path_lines,
     spring_lines,
     step_support_lines,
+    transform_lines,
 )
 from fem.element.hexahedron import ELEMENTS, ElementType
 from fem.problem.loads import SmoothStepAmplitude
@@ -208,6 +210,7 @@ def _model_data(deck: Deck, starts: Starts) -> Iterator[str]:
             nodes = block_nodes(deck, block)
             spin = np.cross(deck.motion.angular_velocity, nodes - nodes.mean(axis=0))
             yield from _nodal_lines(deck.motion.velocity + spin, starts.node[block])
+    yield from transform_lines(deck, lambda hold: held_name(deck, hold))
     yield from held_lines(deck, lambda hold: held_name(deck, hold))
 
 
@@ -260,7 +263,9 @@ def _load(deck: Deck, starts: Starts, load: DeckLoad) -> Iterator[str]:
         return
     yield keyword("Cload", **amplitude)
     for block in np.unique(load.blocks).tolist():
-        yield from _nodal_lines(nodal_forces(deck, load, block), starts.node[block])
+        forces = dict(enumerate(nodal_forces(deck, load, block)))
+        for node, force in in_own_axes(deck, block, forces).items():
+            yield from component_lines(str(starts.node[block] + node + 1), force)
 
 
 def _output(deck: Deck) -> Iterator[str]:
@@ -268,7 +273,8 @@ def _output(deck: Deck) -> Iterator[str]:
     yield "U"
     yield keyword("El File", frequency="999999")
     yield "S"
-    yield keyword("Node Print", nset=EVERY_NODE, frequency="999999")
+    world = {"global_": "YES"} if deck.leaning else {}
+    yield keyword("Node Print", nset=EVERY_NODE, frequency="999999", **world)
     yield "U"
     for name in dict.fromkeys(held_name(deck, hold) for hold in deck.holds):
         yield keyword("Node Print", nset=name, totals="ONLY", frequency="999999")

@@ -119,6 +119,20 @@ def _supports(deck: Deck, group_of: IntArray, copy_of: IntArray) -> tuple[Suppor
         copies = [int(copy_of[hold.block])]
         moved = np.full(3, hold.displacement) if hold.displacement else None
         share = TabularAmplitude(*zip(*hold.path, strict=True)) if hold.path else ALL_THE_WAY
+        if hold.axes is not None:
+            pair = np.reshape(hold.axes, (2, 3))
+            frame, n = np.vstack([pair, np.cross(*pair)]), len(nodes)
+            supports.append(
+                Support(
+                    group,
+                    np.repeat(copies, n),
+                    nodes,
+                    np.tile(frame[hold.components[0]], (n, 1)),
+                    np.full(n, hold.displacement),
+                    None if moved is None else share,
+                )
+            )
+            continue
         supports.append(
             fixed_nodes(
                 group,

@@ -109,6 +109,8 @@ class Hold:
     """By which they move, one component alone [mm]; 0: they stay."""
     path: tuple[tuple[float, float], ...] = ()
     """Times [s] and shares of it; (): with the loads."""
+    axes: tuple[float, ...] | None = None
+    """First and second axis of its components, six numbers; None: world axes."""
 
     @property
     def whole(self) -> bool:
@@ -249,6 +251,11 @@ class Deck:
     def every_hold(self) -> tuple[Hold, ...]:
         """Supports of all steps."""
         return tuple(hold for stage in self.stages for hold in stage.holds)
+
+    @cached_property
+    def leaning(self) -> tuple[Hold, ...]:
+        """Supports whose nodes have axes of their own."""
+        return tuple(hold for hold in self.every_hold if hold.axes is not None)
 
     @property
     def every_load(self) -> tuple[DeckLoad, ...]:
@@ -440,6 +447,11 @@ def check_deck(deck: Deck, elements: Mapping[ElementType, str] = ELEMENT_NAMES) 
         first, last = hold.components[0], hold.components[-1]
         if hold.components != tuple(range(first, last + 1)):
             raise DeckError(f"support of block {hold.block}: components are not consecutive")
+    if deck.motion is not None and deck.leaning:
+        raise DeckError(
+            "initial: got a motion beside supports along directions that lean; expected one of the "
+            "two, or supports along x, y or z"
+        )
     if deck.effects.adaptive_mass_damping is not None:
         raise DeckError(
             "fem.damping: adaptive mass damping is a device of this program; expected "

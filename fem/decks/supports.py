@@ -1,4 +1,4 @@
-"""Supports of a problem as decks state them: nodes along world axes, at rest, moved or on springs.
+"""Supports of a problem as decks state them: nodes along axes, at rest, moved or on springs.
 
 A deck names faces and node sets. A region without a name is a set of the nodes that lie in it; a
 bed of springs is one spring to the ground at each node, ∫ k N_a dA.
@@ -7,6 +7,7 @@ bed of springs is one spring to the ground at each node, ∫ k N_a dA.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from fem.decks.statement import FRAME, LOADING, Deck, Flavour, GroundSpring, Hol
 from fem.element.lagrange_mesh import SerendipityMesh
 from fem.problem.loads import traction_forces
 from geometry.assembly import Assembly
-from geometry.mesh import IntArray
+from geometry.mesh import FloatArray, IntArray
 from geometry.parts.regions import Points, region_nodes, region_quads
 from geometry.parts.supports import HeldFace
 
@@ -35,55 +36,121 @@ def holds_on(assembly: Assembly, held: tuple[HeldFace, ...], regions: Regions) -
     Raises
     ------
     DeckError
-        Directions that are no world axes.
+        Motions along directions of one node that are not orthogonal.
     """
-    result: list[Hold] = []
-    for support in held:
-        if support.spring is not None:
-            continue
-        nodes, region = None, ""
-        if not isinstance(support.face, str):
-            nodes = tuple(region_nodes(assembly, support.block, support.face).tolist())
-            region = regions.setdefault((support.block, nodes), f"REGION-{len(regions) + 1}")
-        base = Hold(
-            support.block,
-            face=None if region else str(support.face),
-            nodes=nodes,
-            region=region,
-            path=support.path if support.moves else (),
-        )
-        result += _by_components(base, support)
+    fast = [support for support in held if support.spring is None]
+    leaning = {support.block for support in fast if _world_axes(support) is None}
+    result = [
+        hold for one in fast if one.block not in leaning for hold in _along(assembly, one, regions)
+    ]
+    for block in sorted(leaning):
+        mine = [support for support in fast if support.block == block]
+        result += _leaning_holds(assembly, block, mine, regions)
     return tuple(result)
 
 
-def _by_components(base: Hold, support: HeldFace) -> Iterator[Hold]:
-    """One hold for each component, or for all three where they stay."""
-    axes = _world_axes(support)
+def _region(block: int, nodes: tuple[int, ...], regions: Regions) -> str:
+    """Name of a set of nodes, a new one where there is none."""
+    return regions.setdefault((block, nodes), f"REGION-{len(regions) + 1}")
+
+
+def _along(assembly: Assembly, support: HeldFace, regions: Regions) -> Iterator[Hold]:
+    """One hold for each component along a world axis, or for all three where they stay."""
+    nodes, region, face = None, "", None
+    if isinstance(support.face, str):
+        face = support.face
+    else:
+        nodes = tuple(region_nodes(assembly, support.block, support.face).tolist())
+        region = _region(support.block, nodes, regions)
+    base = Hold(support.block, face, nodes=nodes, region=region)
+    axes = _world_axes(support) or ()
     if axes == (0, 1, 2) and not support.moves:
         yield base
         return
     moved = np.zeros(3) if support.displacement is None else support.displacement
+    path = support.path if support.moves else ()
     for axis in axes:
-        yield Hold(
-            base.block,
-            base.face,
-            (axis,),
-            nodes=base.nodes,
-            region=base.region,
-            displacement=float(moved[axis]),
-            path=base.path,
-        )
+        yield replace(base, components=(axis,), displacement=float(moved[axis]), path=path)
 
 
-def _world_axes(support: HeldFace) -> tuple[int, ...]:
-    """Components that its directions are."""
+def _world_axes(support: HeldFace) -> tuple[int, ...] | None:
+    """Components that its directions are; None: some lean."""
     largest = np.abs(support.axes).argmax(axis=1)
     if np.abs(np.abs(support.axes) - np.eye(3)[largest]).max() > _ALONG:
-        raise DeckError(
-            f"support {support.title}: got the directions {support.axes.tolist()}; decks hold "
-            "components along world axes: expected x, y or z, or turn the blocks"
-        )
+        return None
     return tuple(sorted(largest.tolist()))
+
+
+#: Way of a component and times and shares of it.
+_Way = tuple[float, tuple[tuple[float, float], ...]]
+
+
+def _leaning_holds(
+    assembly: Assembly, block: int, supports: list[HeldFace], regions: Regions
+) -> Iterator[Hold]:
+    """Supports of a block of which some lean: nodes that are held alike, along their own axes."""
+    at: dict[int, tuple[list[FloatArray], list[_Way]]] = {}
+    for support in sorted(supports, key=lambda one: not one.moves):
+        moved = np.zeros(3) if support.displacement is None else support.displacement
+        for node in region_nodes(assembly, block, support.face).tolist():
+            axes, ways = at.setdefault(node, ([], []))
+            for along in support.axes:
+                left = along - sum((axis * (axis @ along) for axis in axes), np.zeros(3))
+                size, way = float(np.linalg.norm(left)), float(along @ moved)
+                if size <= _ALONG:
+                    continue
+                if size < 1.0 - _ALONG and (way or any(value for value, _ in ways)):
+                    raise DeckError(
+                        f"support {support.title}: a node moves along directions that are not "
+                        "orthogonal; expected such, or supports that stay"
+                    )
+                axes.append(left / size)
+                ways.append((way, support.path if support.moves else ()))
+    alike: dict[tuple[tuple[float, ...] | None, tuple[tuple[int, _Way], ...]], list[int]] = {}
+    for node, (axes, ways) in at.items():
+        alike.setdefault(_framed(axes, ways), []).append(node)
+    for (pair, components), nodes in alike.items():
+        chosen = tuple(sorted(nodes))
+        base = Hold(block, nodes=chosen, region=_region(block, chosen, regions), axes=pair)
+        for component, (way, path) in components:
+            yield replace(base, components=(component,), displacement=way, path=path)
+
+
+def _framed(
+    axes: list[FloatArray], ways: list[_Way]
+) -> tuple[tuple[float, ...] | None, tuple[tuple[int, _Way], ...]]:
+    """Axes of a node, None for those of the world, and the way of each component that is held."""
+    largest = [int(np.abs(axis).argmax()) for axis in axes]
+    if all(abs(axis[k]) >= 1.0 - _ALONG for axis, k in zip(axes, largest, strict=True)):
+        signed = zip(largest, axes, ways, strict=True)
+        return None, tuple(
+            sorted((k, (float(np.sign(a[k])) * w, path)) for k, a, (w, path) in signed)
+        )
+    first = axes[0]
+    second = axes[1] if len(axes) > 1 else np.eye(3)[np.abs(first).argmin()]
+    second = second - first * (first @ second)
+    if len(axes) == 3 and np.cross(first, second) @ axes[2] < 0.0:
+        ways = [*ways[:2], (-ways[2][0], ways[2][1])]
+    pair = np.concatenate([first, second / np.linalg.norm(second)])
+    return tuple((pair.round(14) + 0.0).tolist()), tuple(enumerate(ways))
+
+
+def in_own_axes(deck: Deck, block: int, forces: dict[int, FloatArray]) -> dict[int, FloatArray]:
+    """Forces on nodes of a block along the axes that the nodes have, (3,) each."""
+    result = dict(forces)
+    for hold in deck.leaning:
+        if hold.block == block:
+            pair = np.reshape(hold.axes or (), (2, 3))
+            frame = np.vstack([pair, np.cross(*pair)])
+            result |= {n: frame @ forces[n] for n in hold.nodes or () if n in forces}
+    return result
+
+
+def transform_lines(deck: Deck, target: Callable[[Hold], str]) -> Iterator[str]:
+    """Axes of the nodes of supports that lean; ``target`` names their set."""
+    for hold in {hold.region: hold for hold in deck.leaning}.values():
+        yield keyword("Transform", nset=target(hold), type="R")
+        yield reals(hold.axes or ())
 
 
 def springs_on_ground(
@@ -117,7 +184,13 @@ def springs_on_ground(
         else:
             quads = mesh.facet_nodes(region_quads(assembly, support.block, support.face))
             share = traction_forces(mesh.nodes, quads, np.array([support.spring, 0.0, 0.0]))[:, 0]
-        for axis in _world_axes(support):
+        axes = _world_axes(support)
+        if axes is None:
+            raise DeckError(
+                f"support {support.title}: got springs along {support.axes.tolist()}; decks have "
+                "them along world axes: expected x, y or z, or turn the blocks"
+            )
+        for axis in axes:
             for node in np.flatnonzero(share).tolist():
                 result.append(GroundSpring(support.block, node, axis, float(share[node])))
     return tuple(result)
@@ -205,7 +278,7 @@ def step_support_lines(deck: Deck, target: Callable[[Hold], str]) -> Iterator[st
 
 def _components_of(hold: Hold) -> dict[tuple[object, ...], tuple[object, ...]]:
     """Where each component of a support will be, by what it holds."""
-    nodes = hold.block, hold.face, hold.nodes
+    nodes = hold.block, hold.face, hold.nodes, hold.axes
     return {(*nodes, k): (hold.displacement, hold.path) for k in hold.components}
 
 
