@@ -110,7 +110,9 @@ def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
     if not pressed:
         legend.append(Patch(color=_PALE, label="contact interfaces"))
     if bare.any():
-        contacts.append(Dots(interfaces.centroids[bare], VERMILION))
+        # Hundreds of large dots would hide the pressures.
+        size = float(np.clip(160.0 / np.sqrt(bare.sum()), 5.0, 16.0))
+        contacts.append(Dots(interfaces.centroids[bare], VERMILION, size))
         legend.append(
             Line2D(
                 [], [], color=VERMILION, marker="o", linestyle="", label="edge or corner contact"
