@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 from rich.console import Console
 
-from geometry.answer import WIDEST
+from fem.accuracy import one_mesh
+from geometry.answer import WIDEST, Measure
 from tests.test_validation_own_fem import column, deformable
 from validation.build.deformable import build_deformable
 from validation.output.deformable.answers import print_run
@@ -165,3 +168,17 @@ def test_errors_of_a_transient_are_those_in_time_and_mesh() -> None:
     finer = transient((24, 4, 10), times).answer["max_displacement"].value
     change = abs(finer - run.answer["max_displacement"].value)
     assert 0.05 * finer < change < errors["max_displacement"]
+
+
+def test_a_measure_that_a_coarser_mesh_has_not_gets_no_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Facets may match on one mesh and not on another, which has forces of joints besides."""
+
+    def mesh(n_elements: int) -> SimpleNamespace:
+        return SimpleNamespace(
+            deformable=SimpleNamespace(model=SimpleNamespace(n_elements=n_elements))
+        )
+
+    fine = {"max_displacement": Measure(1.0, "mm"), "largest_joint_force": Measure(3.0, "N")}
+    coarse = {"max_displacement": Measure(1.1, "mm"), "p_max": Measure(2.0, "MPa")}
+    monkeypatch.setattr(one_mesh, "measures_of", lambda _: coarse)
+    assert list(one_mesh._of_meshes(mesh(8), fine, [mesh(1)])) == ["max_displacement"]  # type: ignore[arg-type, list-item]

@@ -117,10 +117,13 @@ def estimated_errors(
     if of_degree is not None:
         other, reduction = measures_of(of_degree[0]), of_degree[1]
         degrees = {
-            n: error_bar([other[n].value, m.value], [reduction]) for n, m in measures.items()
+            n: error_bar([other[n].value, m.value], [reduction])
+            for n, m in measures.items()
+            if n in other
         }
         bars = {n: _both(n, bar, of_meshes.get(n, 0.0)) for n, bar in degrees.items()}
-        sizes = {n: abs(m.value) for n, m in measures.items() if n in LOCAL or n in AT_EDGES}
+        local = (LOCAL | set(AT_EDGES)) & bars.keys()
+        sizes = {n: abs(measures[n].value) for n in local}
         least = SHARED * max(
             (bars[n] / sizes[n] for n in LOCAL & sizes.keys() if sizes[n]), default=0.0
         )
@@ -147,10 +150,10 @@ def _of_meshes(
             continue
         refinements.append(refinement)
         for name, measure in measures_of(other).items():
-            values[name].append(measure.value)
-    if not refinements:
-        return {}
-    return {n: error_bar([*values[n], m.value], refinements) for n, m in measures.items()}
+            values.setdefault(name, []).append(measure.value)
+    # Facets may match on one mesh and not on another, which has other measures.
+    everywhere = [n for n in measures if refinements and len(values[n]) == len(refinements)]
+    return {n: error_bar([*values[n], measures[n].value], refinements) for n in everywhere}
 
 
 def _both(name: str, degrees: float, meshes: float) -> float:
