@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import random
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ from hypothesis import strategies as st
 
 import fem
 from fem import read_deck
+from fem.accuracy.converge import AccuracyError
+from fem.assembly.statement import ProblemError
 from fem.decks.keywords import DeckError
 from fem.decks.read.cards import read_cards
 from fem.decks.read.deck import InputDeck, deck_of_lines
@@ -387,6 +390,20 @@ def test_a_block_is_pushed_out_of_its_fit() -> None:
     deck = deck_of_lines(late.splitlines())
     with pytest.raises(DeckError, match="an overlap is removed by"):
         deck.problem()
+
+
+def test_a_state_after_another_is_one_of_the_same_blocks() -> None:
+    """Static, on one mesh: what cannot go on from another state is named."""
+    problem = deck_of_lines(CUBES).problem()
+    with pytest.raises(ProblemError, match="after: got a statement that differs in clearance"):
+        replace(problem, after=replace(problem, clearance=0.1))
+    later = replace(problem, after=problem)
+    with pytest.raises(ProblemError, match="after: explicit runs begin at rest"):
+        fem.solve_explicit(later)
+    with pytest.raises(AccuracyError, match="a problem after another has no error bars"):
+        fem.solve_static(later, mesh="converged")
+    one, two = (fem.solve_static(p, mesh="scene", error_bars=False) for p in (problem, later))
+    assert two["max_displacement"].value == pytest.approx(one["max_displacement"].value, rel=1e-9)
 
 
 def test_words_of_symmetry_hold_the_components_of_their_planes() -> None:
