@@ -406,6 +406,13 @@ def test_a_state_after_another_is_one_of_the_same_blocks() -> None:
     assert two["max_displacement"].value == pytest.approx(one["max_displacement"].value, rel=1e-9)
 
 
+def test_a_wall_with_a_corner_in_the_block_is_named() -> None:
+    """Its hexahedron has a flat tetrahedron, in which no point lies."""
+    deck = deck_of_lines(changed("38, 5.0, -1.0, 5.0", "38", block(6)))
+    with pytest.raises(RefusedError, match="blocks 0 .* and 1 .* overlap by"):
+        deck.problem()
+
+
 def test_words_of_symmetry_hold_the_components_of_their_planes() -> None:
     lines = changed("FOOT, 1, 3", "FOOT, ZSYMM\n1, XSYMM\n1, YSYMM\n2, YSYMM")
     assert top_moves(deck_of_lines(lines)) == pytest.approx(-0.008, rel=1e-9)

@@ -98,8 +98,9 @@ class _Solid:
         for tetrahedron in HEX_TETRAHEDRA:
             ends = self._corners[element][:, tetrahedron]
             edges = np.swapaxes(ends[:, 1:] - ends[:, :1], 1, 2)
-            arms = (points[point] - ends[:, 0])[:, :, None]
-            shares = np.linalg.solve(edges, arms)[:, :, 0]
+            solid = np.linalg.det(edges) != 0.0  # flat ones of distorted hexahedra have no inside
+            arms = (points[point] - ends[:, 0])[solid, :, None]
+            shares = np.linalg.solve(edges[solid], arms)[:, :, 0]
             within = (shares >= 0.0).all(axis=1) & (shares.sum(axis=1) <= 1.0)
-            inside[point[within]] = True
+            inside[point[solid][within]] = True
         return inside
