@@ -409,7 +409,7 @@ def test_a_state_after_another_is_one_of_the_same_blocks() -> None:
 def test_a_wall_with_a_corner_in_the_block_is_named() -> None:
     """Its hexahedron has a flat tetrahedron, in which no point lies."""
     deck = deck_of_lines(changed("38, 5.0, -1.0, 5.0", "38", block(6)))
-    with pytest.raises(RefusedError, match="blocks 0 .* and 1 .* overlap by"):
+    with pytest.raises(RefusedError, match=r"blocks 0 .* and 1 .* overlap by"):
         deck.problem()
 
 
