@@ -65,6 +65,7 @@ def test_deck_names_tetrahedra_and_that_our_elements_are_others(flavour, name) -
 
 
 @pytest.mark.skipif(not calculix_available(), reason="CalculiX (ccx) is not installed")
+@pytest.mark.slow
 def test_calculix_finds_our_answer_with_tetrahedra(tmp_path: Path) -> None:
     """The reaction is the weight; the displacement is that of the contact law, to its chords.
 
