@@ -101,6 +101,45 @@ def top_moves(deck: InputDeck) -> float:
     return float(min(moved[..., 2].min() for moved in result.displacements))
 
 
+#: The same cubes, tied instead of in contact.
+TIED = changed(
+    "*Contact Pair, interaction=I, type=SURFACE TO SURFACE\nUNDER, TOP",
+    "*Tie, name=T\nUNDER, TOP",
+    changed("\n11, 1, 2\n12, 2", ""),
+)
+
+
+def test_tied_cubes_are_one_bar() -> None:
+    """p L / E of both, 4 / 1000 mm, without the joint."""
+    deck = deck_of_lines(TIED)
+    assert deck.problem().blocks.n_blocks == 1
+    assert top_moves(deck) == pytest.approx(-0.004, rel=1e-9)
+
+
+@pytest.mark.skipif(not calculix_available(), reason="CalculiX (ccx) is not installed")
+def test_calculix_finds_the_answer_of_tied_cubes(tmp_path: Path) -> None:
+    """Pushed aside at a corner the two cubes bend as one; forces on both nodes of a tie add up."""
+    pushed = "UPPER, P2, 2.\n*Cload\n15, 1, 1.\n6, 2, 0.5\n12, 2, 0.5"
+    bent = changed("UPPER, P2, 2.", pushed, TIED)
+    (tmp_path / "tied.inp").write_text("\n".join(bent) + "\n", "utf-8")
+    found = run_calculix(tmp_path / "tied.inp").displacements
+    moved = solve_static(deck_of_lines(bent).problem().deformable).displacements[0]
+    assert np.abs(moved).max() == pytest.approx(np.abs(found).max(), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("13, 1, 1, 1", "13, 1, 1, 1.01", "0.01 mm from the nearest one of TOP"),
+        ("UNDER, TOP", "UNDER", "expected two surfaces"),
+        ("*Tie, name=T", "*Tie, cyclic symmetry", "the parameter cyclic symmetry is not read"),
+    ],
+)
+def test_ties_of_other_meshes_are_rejected(old: str, new: str, said: str) -> None:
+    with pytest.raises(DeckError, match=said):
+        deck_of_lines(changed(old, new, TIED)).problem()
+
+
 def test_two_cubes_shorten_as_springs_in_series() -> None:
     """Two bars p L / E and the contact p / k: 2 / 1000 + 2 / 1000 + 2 / 500 mm."""
     deck = deck_of_lines(CUBES)

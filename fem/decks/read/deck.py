@@ -209,7 +209,7 @@ class _Reader:
             add_model(self.model, card)
 
     def _in_step(self, card: Card) -> None:
-        if card.keyword in _MESH | {"SPRING", "RIGID BODY", "TRANSFORM"}:
+        if card.keyword in _MESH | {"SPRING", "RIGID BODY", "TRANSFORM", "TIE"}:
             raise DeckError(f"{card.at()}: {card.title} stands in a step; expected it before")
         if card.keyword in _NAMED:
             add_model(self.model, card)

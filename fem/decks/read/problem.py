@@ -29,6 +29,7 @@ from fem.decks.read.model import (
     path_of,
 )
 from fem.decks.read.motion import initial_motion, mass_scaling
+from fem.decks.read.ties import unite_tied
 from fem.decks.read.words import Dialect
 from fem.element.hexahedron import ElementType
 from geometry.assembly import Assembly, UnmatchedJoint
@@ -76,6 +77,8 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
     _check_steps(steps)
     step = steps[-1]
     blocks = Blocks(places, _bodies(places, model, name))
+    if unite_tied(blocks, model):
+        blocks = Blocks(places, _bodies(places, model, name))
     contact = _read_contact(model, steps, blocks)
     rough = not step.explicit and contact.is_rough(model)
     ends = _stage_ends(model, steps) if rough else [(len(steps), None)]
