@@ -400,6 +400,13 @@ def path_of(model: ModelLines, card: Card) -> FloatArray | None:
     return None if amplitude is None else amplitude[2]
 
 
+def turning_times(path: FloatArray) -> FloatArray:
+    """Times at which an amplitude, (n, 2), turns from rising to falling or back, (n_turns,)."""
+    way = np.sign(np.diff(path[:, 1]))
+    moving = np.flatnonzero(way)
+    return np.asarray(path[moving[np.flatnonzero(np.diff(way[moving]))] + 1, 0])
+
+
 #: Points of a smooth step that is read as a table.
 _SAMPLES = 41
 

@@ -27,6 +27,7 @@ from fem.decks.read.model import (
     friction_of,
     law_of,
     path_of,
+    turning_times,
 )
 from fem.decks.read.motion import initial_motion, mass_scaling
 from fem.decks.read.ties import unite_tied
@@ -184,13 +185,16 @@ _CHANGING = {"BOUNDARY", "CLOAD", "DLOAD", "DSLOAD"}
 def _stage_ends(model: ModelLines, steps: tuple[Step, ...]) -> list[tuple[int, float | None]]:
     """Steps up to each stage, and its end in the last of them: between them all is straight.
 
-    Friction remembers the way: stages end with the steps and where amplitudes bend.
+    Friction remembers the way: stages end with the steps and where the way bends or turns back.
     """
     result: list[tuple[int, float | None]] = []
     for number, step in enumerate(steps):
         cards = [card for card in step.cards if card.keyword in _CHANGING]
         paths = [path for card in cards if (path := path_of(model, card)) is not None]
-        times = {time for path in paths for time in path[:, 0].tolist() if 0 < time < step.duration}
+        acting = {card.option("AMPLITUDE") for card in cards if _acts(card)}
+        # What follows one amplitude together stays on a line, and turns back where that does.
+        bends = [turning_times(path) if len(acting) == 1 else path[:, 0] for path in paths]
+        times = {time for of in bends for time in of.tolist() if 0 < time < step.duration}
         times |= {0.0 for path in paths if np.interp(0.0, *path.T)}
         if sum(map(_acts, cards)) == 1 and not any(np.ptp(path[:, 1]) for path in paths):
             times = set()  # one load, which acts at once
