@@ -165,12 +165,12 @@ def test_rigid_dice_are_pushed_by_their_own_friction(law: FrictionLaw, rough: fl
     assert ranges.least == pytest.approx([1.0, 1.0], abs=1e-6)
 
 
-def test_one_friction_for_all_is_a_number() -> None:
-    """No array where all contacts have the same."""
+def test_one_friction_for_all_is_that_of_each_contact() -> None:
+    """Of rigid contacts one number for each; of pairs one for all that have the same."""
     blocks = dice()
     contacts = contact_jacobian(blocks, blocks.fixed)
     alike = frictional_contacts(blocks, contacts, np.full(len(contacts.index), 0.3))
-    assert alike.friction == 0.3
+    assert alike.friction == pytest.approx(np.full(len(contacts.index), 0.3), rel=0, abs=0)
     assert pair_values(0.3, (), contacts.block_m, contacts.block_s) == 0.3
 
 

@@ -428,7 +428,7 @@ def test_what_calculix_prints_is_measured_as_our_own_answer() -> None:
     ours = run_static("a", scene)
     nodes = np.concatenate([ours_of(ours, block) for block in range(deck.assembly.n_blocks)])
     every = np.arange(len(nodes))
-    printed = CalculixResult(nodes, every, np.full(len(nodes), 0.3), {}, 1.0)
+    printed = CalculixResult(nodes, every, np.zeros_like(every), np.full(len(nodes), 0.3), {}, 1.0)
     found = measured_answer(deck, printed)
     for quantity in ("max_displacement", "sigma_1_averaged"):
         # Places of blocks are rounded to 14 digits in a deck, and the solver stops at 1e-10.
