@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import coo_array
 
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.block import Block
@@ -110,14 +109,19 @@ def least_wall(shape: Any) -> float:
     locator = vtkStaticCellLocator()
     locator.SetDataSet(as_surface(points, np.concatenate(halves)))
     locator.BuildLocator()
-    apart, of_facet = _apart(quads, face).tolist(), face.tolist()
+    touched, of_facet = _points_of_faces(quads, face), face.tolist()
+
+    @cache
+    def apart(one: int, other: int) -> bool:
+        return touched[one].isdisjoint(touched[other])
+
     reach = size = float(np.linalg.norm(np.ptp(points, axis=0)))
     least, places, cells = np.inf, vtkPoints(), vtkIdList()
     for own, start, normal in zip(of_facet, corners.mean(axis=1), normals, strict=True):
         locator.IntersectWithLine(start, start - reach * normal, 1e-9 * size, places, cells)
         for i in range(cells.GetNumberOfIds()):
             hit = cells.GetId(i) % len(quads)
-            if apart[own][of_facet[hit]] and normals[hit] @ normal < _FACING:
+            if apart(own, of_facet[hit]) and normals[hit] @ normal < _FACING:
                 least = min(least, float(np.linalg.norm(start - places.GetPoint(i))))
         reach = min(reach, least)
     return least
@@ -142,11 +146,12 @@ def _has_faces(shape: Block) -> bool:
     return len(shape.contact_faces) > 1
 
 
-def _apart(facets: IntArray, face: IntArray) -> NDArray[np.bool_]:
-    """Whether two faces have no point in common, (n_faces, n_faces)."""
-    entries = (np.repeat(face, facets.shape[1]), facets.ravel())
-    touches = coo_array((np.ones(facets.size), entries)).tocsr()
-    return np.asarray((touches @ touches.T).toarray() == 0.0)
+def _points_of_faces(facets: IntArray, face: IntArray) -> list[set[int]]:
+    """Points of each face."""
+    points: list[set[int]] = [set() for _ in range(int(face.max()) + 1)]
+    for number, corners in zip(face.tolist(), facets.tolist(), strict=True):
+        points[number].update(corners)
+    return points
 
 
 def steepest_joint(shape: Any, axis: FloatArray) -> float | None:
