@@ -437,6 +437,8 @@ def test_a_state_after_another_is_one_of_the_same_blocks() -> None:
     problem = deck_of_lines(CUBES).problem()
     with pytest.raises(ProblemError, match="after: got a statement that differs in clearance"):
         replace(problem, after=replace(problem, clearance=0.1))
+    with pytest.raises(ProblemError, match="after: got a statement that differs in materials"):
+        replace(problem, after=replace(problem, material=fem.concrete, check_units=False))
     later = replace(problem, after=problem)
     with pytest.raises(ProblemError, match="after: explicit runs begin at rest"):
         fem.solve_explicit(later)

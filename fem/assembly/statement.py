@@ -281,12 +281,13 @@ class Problem:
             and np.array_equal(before.blocks.shape_of, self.blocks.shape_of)
             and np.array_equal(before.load_case.fixed, self.load_case.fixed)
         )
-        same = ("degree", "element", "clearance", "spacing", "finite_sliding", "frames", "coulomb")
+        same = ["materials", "degree", "element", "normals", "clearance", "spacing", "frames"]
+        same += ["finite_sliding", "coulomb"]
         others = [name for name in same if getattr(self, name) != getattr(before, name)]
         if not alike or others or before.contact_law != self.contact_law:
             raise ProblemError(
                 f"after: got a statement that differs in {', '.join(others) or 'blocks or law'}; "
-                "expected the same blocks and contact, with other loads and supports"
+                "expected the same blocks, materials and contact, with other loads and supports"
             )
         if self.finite_rotation:
             raise ProblemError(

@@ -51,8 +51,14 @@ def solve_history(
     Raises
     ------
     StaticError
-        An increment without an equilibrium; and as `fem.static.solve.solve_static`.
+        An increment without an equilibrium, or a load path of its own; and as
+        `fem.static.solve.solve_static`.
     """
+    if options.load_path is not None:
+        raise StaticError(
+            f"static: got load_path {options.load_path} for a problem after another, whose loads "
+            "change in equal increments; expected load_steps, or a problem for each part of the way"
+        )
     least = max(options.load_steps, _INCREMENTS)
     once = replace(
         options, load_steps=1, load_tolerance=None, load_path=(1.0,), symmetry=1, motion_steps=None
