@@ -45,7 +45,7 @@ def _unite(blocks: Blocks, card: Card, line: int, names: list[str]) -> None:
     instance = blocks.places.instances[of]
     part = instance.part
     alone = sum(one.part is part for one in blocks.places.instances) == 1
-    if of != other or not alone or VOLUMES.get(part.kind) not in _STRAIGHT:
+    if of < 0 or of != other or not alone or VOLUMES.get(part.kind) not in _STRAIGHT:
         raise DeckError(
             f"{card.at(line)}: *Tie is covered between surfaces of one instance, the only one of "
             "its part, with elements of 4 or 8 nodes; expected that, or one mesh for both"
@@ -55,7 +55,7 @@ def _unite(blocks: Blocks, card: Card, line: int, names: list[str]) -> None:
     if apart.max() > _NEAR * np.ptp(places[tied], axis=0).max():
         raise DeckError(
             f"{card.at(line)}: a node of {names[0]} is {apart.max():.3g} mm from the nearest one "
-            f"of {names[1]}; expected nodes that coincide, or one mesh in place of the two"
+            f"of {names[1]}; expected nodes that coincide, or one mesh for both"
         )
     moved = dict(zip(tied.tolist(), kept[nearest].tolist(), strict=True))
     part.index.update({label: moved.get(at, at) for label, at in part.index.items()})
