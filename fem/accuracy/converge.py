@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -32,7 +31,7 @@ from fem.static.solve import StaticOptions
 from geometry.answer import ALIASES, TITLES, Measure
 from geometry.assembly import Assembly
 from geometry.block import Block
-from geometry.errors import RefusedError, is_number
+from geometry.errors import RefusedError, is_number, machine_memory
 from geometry.mesh import FloatArray
 from geometry.meshing.refinement import charts_of
 
@@ -475,8 +474,8 @@ def _beyond(
     points = _points(stated, static.symmetry)
     if work(stated, static.symmetry) > most_work:
         return "the limit of work"
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if 16.0 * (points**2).sum() > _MEMORY_SHARE * memory:
+    memory = machine_memory()
+    if memory is not None and 16.0 * (points**2).sum() > _MEMORY_SHARE * memory:
         return "the memory of this machine"
     need = _expected_seconds(stated, last)
     if left is None or need <= left:
