@@ -27,8 +27,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 from geometry.answer import ALIASES, EVERY_TITLE, FACTORS, TITLES, Title
 from geometry.errors import unreadable
 from geometry.parts.dimensions import UNITS as DIMENSIONS
@@ -123,16 +121,18 @@ class Study:
 
     def design(self, number: int) -> dict[str, Value]:
         """Parameter values of a design, counted from 0; the last parameter varies fastest."""
-        places = np.unravel_index(number, [len(values) for _, values in self.parameters])
-        return {
-            path: values[place]
-            for (path, values), place in zip(self.parameters, places, strict=True)
-        }
+        chosen: dict[str, Value] = {}
+        for path, values in reversed(self.parameters):
+            number, place = divmod(number, len(values))
+            chosen[path] = values[place]
+        return {path: chosen[path] for path, _ in self.parameters}
 
     def number(self, design: Mapping[str, Value]) -> int:
         """Return the number of a design: the inverse of `design`."""
-        places = [self._positions[path][value_text(design[path])] for path, _ in self.parameters]
-        return int(np.ravel_multi_index(places, [len(values) for _, values in self.parameters]))
+        result = 0
+        for path, values in self.parameters:
+            result = result * len(values) + self._positions[path][value_text(design[path])]
+        return result
 
     @cached_property
     def _positions(self) -> dict[str, dict[str, int]]:

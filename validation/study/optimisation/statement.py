@@ -25,8 +25,6 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from geometry.answer import FACTORS
 from validation.errors import InputError
 from validation.scene.read import read_text
@@ -123,13 +121,19 @@ class Optimisation:
     def numbers(self, places: tuple[int, ...]) -> list[int]:
         """Designs of the study that make up one point: one for each case."""
         sizes = [len(values) for _, values in self.variables]
-        number, count = int(np.ravel_multi_index(places, sizes)), math.prod(sizes)
+        number = 0
+        for place, size in zip(places, sizes, strict=True):
+            number = number * size + place
+        count = math.prod(sizes)
         return [case * count + number for case in range(self.n_cases)]
 
     def places(self, number: int) -> tuple[int, ...]:
         """Place of each variable's value in its list, of a design of the study."""
-        sizes = [len(values) for _, values in self.variables]
-        return tuple(int(k) for k in np.unravel_index(number % math.prod(sizes), sizes))
+        result = []
+        for _, values in reversed(self.variables):
+            number, place = divmod(number, len(values))
+            result.append(place)
+        return tuple(reversed(result))
 
     def values(self, places: tuple[int, ...]) -> dict[str, Any]:
         """Values of the variables at a point."""
