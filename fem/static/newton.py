@@ -368,25 +368,46 @@ def _solve(
     problem: StaticProblem, linear: Linearisation, state: StaticState
 ) -> tuple[FloatArray, StaticState]:
     """Solve the linear problem; hold the blocks more where nothing else does."""
-    farthest = FARTHEST * problem.system.deformable.assembly.characteristic_length
     while True:
         try:
             trial = problem.step(linear, state.displacement, state.holding)
             if problem.free is not None:
                 inverse = problem.step.inverse(linear, state.holding)
                 trial = problem.free.constrained(trial, inverse)
-            if np.abs(trial).max() <= farthest:
-                return trial, state
-            raise UnheldBlocksError(
-                f"a block would move by {np.abs(trial).max():.3g} mm, more than "
-                f"{FARTHEST:g} block lengths",
-                (),
-            )
+            _check_near(problem.system, trial)
+            return trial, state
         except UnheldBlocksError as error:
             if state.rescues >= _MAX_RESCUES:
                 raise StaticError(_unheld_text(error)) from None
             stronger = max(10.0 * state.holding, _RESCUE_HOLDING * state.first_holding)
             state = replace(state, holding=stronger, rescues=state.rescues + 1)
+
+
+def _check_near(system: LocalSystem, displacement: FloatArray) -> None:
+    """Raise `UnheldBlocksError` where a displacement is no small motion."""
+    farthest = FARTHEST * system.deformable.assembly.characteristic_length
+    if np.abs(displacement).max() > farthest:
+        raise UnheldBlocksError(
+            f"a block would move by {np.abs(displacement).max():.3g} mm, more than "
+            f"{FARTHEST:g} block lengths",
+            (),
+        )
+
+
+def require_near(system: LocalSystem, displacement: FloatArray) -> None:
+    """Reject displacements of all nodes, (n_nodes, 3) [mm], that are no small motions.
+
+    Newton's iterations see the nodes of contact alone: others may move farther.
+
+    Raises
+    ------
+    StaticError
+        Naming the motion.
+    """
+    try:
+        _check_near(system, displacement)
+    except UnheldBlocksError as error:
+        raise StaticError(_unheld_text(error)) from None
 
 
 def _unheld_text(error: UnheldBlocksError) -> str:

@@ -51,6 +51,7 @@ from fem.static.newton import (
     StaticState,
     anchor_of,
     localised,
+    require_near,
     start_state,
     support_forces,
 )
@@ -183,6 +184,7 @@ def _load(
     whole = free_motions(system, np.ones(system.n_nodes, dtype=np.bool_))
     if whole is not None:
         displacement = whole.without(displacement)
+    require_near(system, displacement)
     seconds = {"setup": ready - clock, "newton": solved - ready}
     seconds["recovery"] = time.process_time() - solved
     seconds["total"] = time.process_time() - clock
