@@ -20,6 +20,7 @@ import math
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.special import roots_jacobi
 
 from fem.contact.pieces import area_of, in_quadrilateral, moments, three_points
 from fem.element.lagrange import lobatto_points
@@ -66,9 +67,8 @@ def _rules(n: int) -> tuple[IntArray, FloatArray, FloatArray]:
 
 def _radau(n: int) -> tuple[FloatArray, FloatArray]:
     """Points and weights on [-1, 1] with one at -1, exact to degree 2n - 2."""
-    legendre = np.polynomial.legendre.Legendre
-    roots = np.sort((legendre.basis(n - 1) + legendre.basis(n)).roots())
-    return _weighted(np.concatenate([[-1.0], roots[1:]]))
+    # The others are the roots of P_(n-1) + P_n over 1 + x, a Jacobi polynomial (0, 1).
+    return _weighted(np.concatenate([[-1.0], roots_jacobi(n - 1, 0, 1)[0]]))
 
 
 def _weighted(points: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -14,6 +14,7 @@ from functools import cache, cached_property
 
 import numpy as np
 from numpy.polynomial import legendre
+from scipy.special import roots_jacobi
 
 from fem.element.hexahedron import gradient_tensor, isotropic_stiffness, strain_operator
 from fem.element.material import Material
@@ -22,8 +23,9 @@ from geometry.mesh import FloatArray, MeshError
 
 def lobatto_points(degree: int) -> FloatArray:
     """Gauss-Lobatto points on [-1, 1], (degree + 1,)."""
-    inner = legendre.Legendre.basis(degree).deriv().roots() if degree > 1 else np.empty(0)
-    return np.concatenate([[-1.0], np.sort(np.real(inner)), [1.0]])
+    # The inner ones are the roots of P'_n, which is a Jacobi polynomial (1, 1) of degree n - 1.
+    inner = roots_jacobi(degree - 1, 1, 1)[0] if degree > 1 else np.empty(0)
+    return np.concatenate([[-1.0], inner, [1.0]])
 
 
 def line_basis(degree: int, x: FloatArray) -> tuple[FloatArray, FloatArray]:
