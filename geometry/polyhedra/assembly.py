@@ -65,8 +65,17 @@ class PolyhedralAssembly(PlacedBlocks[Polyhedron]):
 
     def with_faces_alone(self) -> PolyhedralAssembly:
         """The same blocks, which touch where contacts have an area and nowhere else."""
+        return self._touching(self.interfaces.on_areas)
+
+    def bearing(self) -> PolyhedralAssembly:
+        """The same blocks, which touch where friction counts and nowhere else."""
+        return self._touching(self.interfaces.bears)
+
+    def _touching(self, contacts: BoolArray) -> PolyhedralAssembly:
+        if contacts.all():
+            return self
         same = {part.name: getattr(self, part.name) for part in fields(self)}
-        return _WithFacesAlone(found=self.interfaces, **same)
+        return _WithSomeContacts(found=self.interfaces.some(contacts), **same)
 
     def joint_centroids(self, pairs: IntArray) -> FloatArray:
         """Centroid of the contact area of each of some pairs of blocks, sorted, (n, 3) [mm].
@@ -105,14 +114,14 @@ class PolyhedralAssembly(PlacedBlocks[Polyhedron]):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _WithFacesAlone(PolyhedralAssembly):
-    """Blocks that edges and corners do not touch."""
+class _WithSomeContacts(PolyhedralAssembly):
+    """Blocks that touch at some of the places found."""
 
     found: ContactPoints
 
     @cached_property
     def interfaces(self) -> ContactPoints:
-        return self.found.of_faces
+        return self.found
 
 
 def polyhedral_assembly(

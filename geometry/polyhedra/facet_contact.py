@@ -21,11 +21,11 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from geometry.mesh import FloatArray, IntArray, run_starts
+from geometry.mesh import BoolArray, FloatArray, IntArray, run_starts
 from geometry.polyhedra.options import ContactPlacement
 from geometry.polyhedra.placed import PlacedShapes
 from geometry.polyhedra.point_contact import PointContacts, crossing_edges, standing_corners
-from geometry.polyhedra.polyhedron import Polyhedron
+from geometry.polyhedra.polyhedron import Polyhedron, widths
 from geometry.polyhedra.triangle_kernels import MOST_CORNERS, clip_pairs, hulls
 
 #: What stands for a patch at contacts without area: an edge that crosses an edge …
@@ -94,6 +94,9 @@ class ContactPatches:
     """Unit normal from m to s, (n_patches, 3)."""
     areas: FloatArray
     """(n_patches,) [mm²]."""
+    wide: BoolArray
+    """Whether the faces share an area there, not a strip that a chamfer takes away, (n_patches,).
+    """
 
 
 @dataclass(frozen=True)
@@ -115,6 +118,9 @@ class ContactPoints:
     patch: IntArray
     """Patch of each contact; `CROSSING_EDGES` or `STANDING_CORNER` where there is none, both
     negative; (n_contacts,)."""
+    bears: BoolArray
+    """Whether friction counts there, (n_contacts,): on an area, and where a corner or an edge lies
+    in the interior of a face; not where edges and corners meet edges and corners."""
     patches: ContactPatches
     polygons: ContactPolygons
 
@@ -173,9 +179,14 @@ class ContactPoints:
         return host
 
     @property
-    def of_faces(self) -> ContactPoints:
-        """Contacts that have an area, alone."""
-        kept = self.patch >= 0
+    def on_areas(self) -> BoolArray:
+        """Which contacts are on an area, (n_contacts,)."""
+        result = self.patch >= 0
+        result[result] = self.patches.wide[self.patch[result]]
+        return result
+
+    def some(self, kept: BoolArray) -> ContactPoints:
+        """Some of the contacts, (n_contacts,), alone."""
         block_m, block_s = self.block_m[kept], self.block_s[kept]
         return replace(
             self,
@@ -186,6 +197,7 @@ class ContactPoints:
             areas=self.areas[kept],
             pair_start=run_starts(block_m, block_s),
             patch=self.patch[kept],
+            bears=self.bears[kept],
         )
 
 
@@ -253,13 +265,32 @@ def find_contacts(
         block_s=world.block[s][first],
         normals=normal / np.linalg.norm(normal, axis=1, keepdims=True),
         areas=patch_area,
+        wide=_wide(world, polygons, world.faces[m][first], world.faces[s][first]),
     )
     if placement is ContactPlacement.CENTROIDS:
         return _at_centroids(patches, polygons, direction)
     flat_contacts = _at_vertices(patches, polygons)
+    narrow = np.flatnonzero(~flat_contacts.bears)
+    for triangle in (m, s):
+        faces = world.faces[triangle][first][flat_contacts.patch[narrow]]
+        flat_contacts.bears[narrow] |= world.within(flat_contacts.centroids[narrow], faces)
     for kind, result in ((CROSSING_EDGES, crossing_edges), (STANDING_CORNER, standing_corners)):
         flat_contacts = _with_points(flat_contacts, result(world), kind, tolerance)
     return flat_contacts
+
+
+def _wide(
+    world: PlacedShapes, polygons: ContactPolygons, faces_m: IntArray, faces_s: IntArray
+) -> BoolArray:
+    """Whether faces m and s of each patch share more than a strip, (n_patches,).
+
+    All that two faces share counts together: the facets of curved faces are narrow.
+    """
+    both = np.column_stack([faces_m, faces_s])
+    group = np.unique(both, axis=0, return_inverse=True)[1].ravel()
+    triangles, owner = polygons.triangles
+    width = widths(polygons.corners[triangles], group[polygons.patch[owner]])
+    return width[group] > world.least_widths[both].min(axis=1)
 
 
 def _with_points(
@@ -297,6 +328,7 @@ def _with_points(
         areas=np.concatenate([contacts.areas, np.full(n, nominal)])[order],
         pair_start=run_starts(block_m[order], block_s[order]),
         patch=np.concatenate([contacts.patch, np.full(n, kind)])[order],
+        bears=np.concatenate([contacts.bears, extra.within[fresh]])[order],
         patches=contacts.patches,
         polygons=contacts.polygons,
     )
@@ -327,6 +359,7 @@ def _at_centroids(
         areas=polygons.areas,
         pair_start=run_starts(block_m, block_s),
         patch=polygons.patch,
+        bears=patches.wide[polygons.patch],
         patches=patches,
         polygons=polygons,
     )
@@ -365,6 +398,7 @@ def _at_vertices(patches: ContactPatches, polygons: ContactPolygons) -> ContactP
         areas=(patches.areas / np.maximum(count, 1))[patch],
         pair_start=run_starts(block_m, block_s),
         patch=patch,
+        bears=patches.wide[patch],
         patches=patches,
         polygons=polygons,
     )

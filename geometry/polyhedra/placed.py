@@ -9,11 +9,14 @@ from typing import TypeVar
 
 import numpy as np
 
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.polyhedra.box_tree import BoxTree, boxes_of_triangles
 from geometry.polyhedra.polyhedron import Polyhedron
 
 Values = TypeVar("Values", FloatArray, IntArray)
+
+#: What is narrower than this part of a face, or nearer to its border, is at the border.
+_NARROW = 1e-3
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,42 @@ class PlacedShapes:
     def planes(self) -> IntArray:
         """Plane that each belongs to, (n_triangles,)."""
         return self.of_blocks(lambda shape, _: shape.plane_of)
+
+    @cached_property
+    def faces(self) -> IntArray:
+        """Face that each triangle is of, numbered through all blocks, (n_triangles,)."""
+        count = [len(self.shapes[k].face_widths) for k in self.shape_of]
+        base = np.cumsum([0, *count])
+        return self.of_blocks(lambda shape, block: base[block] + shape.face_of)
+
+    @cached_property
+    def least_widths(self) -> FloatArray:
+        """Width of contact at which each face has an area in contact, (n_faces,) [mm]."""
+        width = self.of_blocks(lambda shape, _: shape.face_widths)
+        return np.maximum(self.tolerance, _NARROW * width)
+
+    @cached_property
+    def _borders(self) -> tuple[FloatArray, IntArray]:
+        """Segments round each face, face after face, (n, 2, 3) [mm], and the first of each."""
+        segments = self.of_blocks(
+            lambda shape, block: self.placed(shape.points[shape.face_borders[0]], block)
+        )
+        count = self.of_blocks(lambda shape, _: np.diff(shape.face_borders[1]))
+        return segments, np.concatenate([[0], np.cumsum(count)])
+
+    def within(self, points: FloatArray, faces: IntArray) -> BoolArray:
+        """Whether points (n, 3) on faces (n,) are farther from the border than `least_widths`."""
+        segments, first = self._borders
+        count = first[faces + 1] - first[faces]
+        owner = np.repeat(np.arange(len(faces)), count)
+        row = np.arange(len(owner)) + np.repeat(first[faces] - (np.cumsum(count) - count), count)
+        start, end = segments[row, 0], segments[row, 1]
+        along, arm = end - start, points[owner] - start
+        square = np.einsum("ni,ni->n", along, along)
+        part = np.clip(np.einsum("ni,ni->n", arm, along) / square, 0.0, 1.0)
+        nearest = np.full(len(faces), np.inf)
+        np.minimum.at(nearest, owner, np.linalg.norm(arm - part[:, None] * along, axis=1))
+        return nearest > self.least_widths[faces]
 
     @cached_property
     def block(self) -> IntArray:

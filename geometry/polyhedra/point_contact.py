@@ -5,6 +5,9 @@ sharp edges of diagonal neighbours cross, and only that stops the layer from sli
 contact has a point and a unique normal: e_m × e_s for crossing edges, the face's for a corner.
 Where a corner meets an edge or a corner the normal is not unique; those contacts are left out,
 which can only make a verdict more cautious: what is found locked is locked.
+
+A corner or an edge in the interior of a face bears as a ball or a knife edge does, friction
+included. At the border of the face it meets an edge, and a chamfer takes the contact away.
 """
 
 from __future__ import annotations
@@ -40,6 +43,8 @@ class PointContacts:
     """(n, 3) [mm]."""
     normals: FloatArray
     """Unit normal from m to s, (n, 3)."""
+    within: BoolArray
+    """Whether a corner or an edge lies in the interior of the other block's face, (n,)."""
 
 
 @dataclass(frozen=True)
@@ -106,8 +111,12 @@ def crossing_edges(world: PlacedShapes) -> PointContacts:
     backward = _in_cone(-normal, edges.normals[m]) & _in_cone(normal, edges.normals[s])
     kept = touching & (forward | backward)
     points = edges.start[m] + on_m[:, None] * d_m + 0.5 * gap[:, None] * normal
-    normal = np.where(forward[:, None], normal, -normal)
-    return PointContacts(edges.block[m[kept]], edges.block[s[kept]], points[kept], normal[kept])
+    normal = np.where(forward[:, None], normal, -normal)[kept]
+    # An edge that crosses the border of a face in its plane goes on inside the face.
+    faces = np.concatenate([edges.normals[m[kept]], edges.normals[s[kept]]], axis=1)
+    away = np.linalg.norm(np.cross(faces, normal[:, None]), axis=2)
+    within = (away <= _CONE).any(axis=1)
+    return PointContacts(edges.block[m[kept]], edges.block[s[kept]], points[kept], normal, within)
 
 
 @dataclass(frozen=True)
@@ -174,6 +183,7 @@ def standing_corners(world: PlacedShapes) -> PointContacts:
         np.where(swap, p_block[i], t_block[j]),
         p[i],
         np.where(swap[:, None], n[j], -n[j]),
+        world.within(p[i], world.faces[j]),
     )
 
 

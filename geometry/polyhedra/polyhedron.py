@@ -26,6 +26,7 @@ from geometry.polyhedra.triangle_search import (
     distinct_rows,
     joined,
     piercings,
+    smooth_groups,
     surface_edges,
 )
 
@@ -91,6 +92,29 @@ class Polyhedron:
         return coplanar_groups(self.points, self.triangles, self.normals, self.areas)
 
     @cached_property
+    def face_of(self) -> IntArray:
+        """Flat or curved face, between sharp edges, that each triangle is of, (n_triangles,)."""
+        return smooth_groups(self.triangles, self.normals, np.radians(_SHARP))
+
+    @cached_property
+    def face_widths(self) -> FloatArray:
+        """Width of each face, (n_faces,) [mm]."""
+        return widths(self.corners, self.face_of)
+
+    @cached_property
+    def face_borders(self) -> tuple[IntArray, IntArray]:
+        """Edges round each face, one face after the other, (n, 2), and the first of each face."""
+        t, face = self.triangles, np.repeat(self.face_of, 3)
+        ends = np.sort(t[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        first, edge_of, _ = distinct_rows(ends)
+        between = np.zeros(len(first), dtype=np.bool_)
+        between[edge_of[face != face[first][edge_of]]] = True
+        border = np.flatnonzero(between[edge_of])
+        border = border[np.argsort(face[border], kind="stable")]
+        faces = np.arange(int(face.max(initial=-1)) + 2)
+        return ends[border], np.searchsorted(face[border], faces)
+
+    @cached_property
     def surface(self) -> Surface:
         """The triangles, ready to be searched."""
         tree = BoxTree.of(*boxes_of_triangles(self.corners), self.plane_of)
@@ -150,6 +174,28 @@ class Polyhedron:
     def centroid(self) -> FloatArray:
         """Mass centroid of the solid, (3,) [mm]."""
         return self.mass_properties.centroid
+
+
+def widths(corners: FloatArray, group: IntArray) -> FloatArray:
+    """Area over length of groups of triangles (n, 3, 3), numbered by ``group`` (n,) [mm].
+
+    The length is that of a rectangle with the same second moments of area: whatever the triangles
+    and their order, a rectangle is as wide as it is, and strips far apart as their mean.
+    """
+    n = int(group.max(initial=-1)) + 1
+    twice = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = 0.5 * np.linalg.norm(twice, axis=1)
+    total = np.maximum(np.bincount(group, weights=area, minlength=n), np.finfo(np.float64).tiny)
+    middle = np.zeros((n, 3))
+    np.add.at(middle, group, area[:, None] * corners.mean(axis=1))
+    arms = corners - (middle / total[:, None])[group][:, None]
+    arms_sum = arms.sum(axis=1)
+    square = np.einsum("tci,tcj->tij", arms, arms)
+    square += np.einsum("ti,tj->tij", arms_sum, arms_sum)
+    second = np.zeros((n, 3, 3))
+    np.add.at(second, group, area[:, None, None] / 12.0 * square)
+    largest = np.linalg.eigvalsh(second / total[:, None, None])[:, -1]
+    return total / np.sqrt(np.maximum(12.0 * largest, np.finfo(np.float64).tiny))
 
 
 def _edge_uses(triangles: IntArray) -> tuple[IntArray, IntArray]:

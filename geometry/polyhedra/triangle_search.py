@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.polyhedra.box_tree import BoxTree
@@ -108,6 +110,21 @@ def coplanar_groups(
         float(np.cos(_PLANE_ANGLE)),
         distance,
     )
+
+
+def smooth_groups(triangles: IntArray, normals: FloatArray, angle: float) -> IntArray:
+    """Number the faces of a surface: triangles joined by edges no sharper than ``angle`` [rad].
+
+    Flat or curved, whatever triangles they are cut into; (n_triangles,).
+    """
+    across = _neighbours(triangles)[0]
+    one, side = np.nonzero(np.arange(len(across))[:, None] < across)
+    two = across[one, side]
+    blunt = np.einsum("ni,ni->n", normals[one], normals[two]) > np.cos(angle)
+    graph = coo_array(
+        (np.ones(int(blunt.sum())), (one[blunt], two[blunt])), shape=(len(triangles),) * 2
+    )
+    return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 def surface_edges(triangles: IntArray) -> IntArray:
