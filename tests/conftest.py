@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Generator, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Generator, Iterator
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import settings
 
-from geometry.assembly import Assembly
+from geometry import Assembly
 from geometry.compilation import compiling
 from geometry.families.boxes import brick_stack
-from geometry.families.sine_block import TSB1, SineBlockDivisions, SineBlockParameters
+from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from tests.fixtures.commands import small_meshes, undrawn
+from tests.support.blocks import tsb
+from tests.support.face import command
 
 #: CPU seconds that a test marked ``quick`` may take, not counting what is compiled; one that takes
 #: longer is marked ``slow`` beside it.
@@ -52,11 +52,6 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, Any]:
     return result
 
 
-def tsb(shift: float = 0.0, **changes: float) -> SineBlockParameters:
-    """TSB1 of the paper (TSB2 with shift 0.5), with changes."""
-    return replace(TSB1, shift=shift, **changes)  # type: ignore[arg-type]
-
-
 @pytest.fixture(scope="session")
 def small_tube() -> Assembly:
     """TSB1 with three layers, a coarse mesh."""
@@ -89,7 +84,8 @@ def _small_meshes() -> Iterator[None]:
         yield
 
 
-def random_rotation(seed: int) -> np.ndarray:
-    """Rotation matrix, (3, 3)."""
-    q, _ = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))
-    return q * np.sign(np.linalg.det(q))
+@pytest.fixture
+def tubelock(monkeypatch, tmp_path) -> Callable[..., tuple[int, str, str]]:
+    """Run the command in an empty folder: exit status, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+    return command

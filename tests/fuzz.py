@@ -35,16 +35,24 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 import typer
 
-from geometry.files.mesh_io import write_hex_mesh, write_triangles
-from geometry.mesh import HexMesh, boundary_quads, structured_hexahedra
-from geometry.polyhedra.polyhedron import polyhedron_from_quads
-from validation.cli.app import app
-from validation.cli.app import main as tubelock
-from validation.cli.completion import _keys
-from validation.output.pictures.canvas import quiet
-from validation.run.solve import run_explicit
-from validation.scene.builtin import builtin_names, builtin_text
-from validation.scene.read import SCENE_TYPES, load_scene, require_deformable
+from tests.support.face import (
+    SCENE_TYPES,
+    HexMesh,
+    _keys,
+    app,
+    boundary_quads,
+    builtin_names,
+    builtin_text,
+    load_scene,
+    polyhedron_from_quads,
+    quiet,
+    require_deformable,
+    run_explicit,
+    structured_hexahedra,
+    write_hex_mesh,
+    write_triangles,
+)
+from tests.support.face import main as tubelock
 
 _TUBE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
 #: Scenes that are answered in a blink, by what makes them small.

@@ -12,11 +12,8 @@ import math
 import numpy as np
 import pytest
 
-from fem.solution import Solution
+from tests.support.face import Solution, load_scene, run_static, scene_problem
 from tests.verification.hertz import RADIUS, effective_modulus, pressed
-from validation.build.deformable import scene_problem
-from validation.run.solve import run_static
-from validation.scene.read import load_scene
 
 STEEL, ALUMINIUM = 210e3, 70e3
 THICKNESS = 0.5

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import random
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import fem
-from fem import read_deck
+from fem import ElementType, read_deck
 from fem.accuracy.converge import AccuracyError
 from fem.assembly.statement import ProblemError
 from fem.decks.keywords import DeckError
@@ -23,75 +22,22 @@ from fem.decks.read.rewrite import rewritten
 from fem.decks.read.words import Dialect
 from fem.decks.statement import Flavour
 from fem.decks.write import deck_lines
-from fem.element.hexahedron import ElementType
 from fem.static.solve import solve_static
 from geometry.errors import RefusedError
+from tests.support.cubes_deck import CUBES, changed, changed_lines
+from tests.support.face import (
+    build_deck,
+    calculix_available,
+    load_scene,
+    run_calculix,
+    scene_problem,
+    solve_deck,
+)
 from tests.verification.deck_press_fit import MU, STICK, block, block_pressure
-from validation.build.deck import build_deck
-from validation.build.deformable import scene_problem
-from validation.output.decks import solve_deck
-from validation.scene.read import load_scene
-from validation.study.comparison.calculix import calculix_available, run_calculix
 
 pytestmark = pytest.mark.quick
 
 COARSE = ["mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=2"]
-#: Two cubes of 1 mm on top of each other, E = 1000 MPa, no lateral strain, pressed with 2 MPa.
-CUBES = """*Node, nset=ALL
-1, 0, 0, 0
-2, 1, 0, 0
-3, 1, 1, 0
-4, 0, 1, 0
-5, 0, 0, 1
-6, 1, 0, 1
-7, 1, 1, 1
-8, 0, 1, 1
-11, 0, 0, 1
-12, 1, 0, 1
-13, 1, 1, 1
-14, 0, 1, 1
-15, 0, 0, 2
-16, 1, 0, 2
-17, 1, 1, 2
-18, 0, 1, 2
-*Element, type=C3D8, elset=LOWER
-1, 1, 2, 3, 4, 5, 6, 7, 8
-*Element, type=C3D8, elset=UPPER
-2, 11, 12, 13, 14, 15, 16, 17, 18
-*Nset, nset=FOOT
-1, 2, 3, 4
-*Surface, name=TOP
-LOWER, S2
-*Surface, name=UNDER
-UPPER, S1
-*Material, name=M
-*Elastic
-1000., 0.
-*Solid Section, elset=LOWER, material=M
-*Solid Section, elset=UPPER, material=M
-*Surface Interaction, name=I
-*Surface Behavior, pressure-overclosure=LINEAR
-500.
-*Contact Pair, interaction=I, type=SURFACE TO SURFACE
-UNDER, TOP
-*Boundary
-FOOT, 1, 3
-11, 1, 2
-12, 2
-*Step
-*Static
-*Dload
-UPPER, P2, 2.
-*Node Print, nset=ALL
-U
-*End Step
-""".splitlines()
-
-
-def changed(old: str, new: str, lines: list[str] = CUBES) -> list[str]:
-    text = "\n".join(lines)
-    assert old in text
-    return text.replace(old, new, 1).splitlines()
 
 
 def top_moves(deck: InputDeck) -> float:
@@ -688,29 +634,6 @@ def test_a_second_interaction_of_two_blocks_is_rejected() -> None:
 BESIDE = [(x, y, z) for z in (1, 2) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
 _TEXT = "\n".join(CUBES)
 _LINES = list(deck_lines(rewritten(deck_of_lines(CUBES))))
-
-
-def changed_lines(lines: list[str], source: random.Random) -> list[str]:
-    """One to three lines dropped, doubled, swapped, cut short or with another entry."""
-    lines = list(lines)
-    for _ in range(source.randint(1, 3)):
-        at = source.randrange(len(lines))
-        kind = source.choice(["drop", "double", "swap", "cut", "entry", "entry"])
-        if kind == "drop" and len(lines) > 1:
-            del lines[at]
-        elif kind == "double":
-            lines.insert(at, lines[at])
-        elif kind == "swap":
-            lines[at], lines[at - 1] = lines[at - 1], lines[at]
-        elif kind == "cut":
-            end = source.choice(["", ",", "*", "=", "é", " 9"])
-            lines[at] = lines[at][: source.randint(0, len(lines[at]))] + end
-        else:
-            words = lines[at].split(",")
-            entries = ["", "0", "-1", "1", "2", "0.5", "1e400", "nan", "99", "x", "C3D8I", "FOOT"]
-            words[source.randrange(len(words))] = source.choice(entries)
-            lines[at] = ",".join(words)
-    return lines
 
 
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))

@@ -16,9 +16,7 @@ from typing import Any
 import pytest
 import typer
 
-from validation.cli.app import app
-from validation.scene.builtin import builtin_names
-from validation.scene.read import SCENE_TYPES, load_scene
+from tests.support.face import SCENE_TYPES, app, builtin_names, load_scene
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

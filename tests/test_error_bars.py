@@ -8,23 +8,25 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fem import Problem, concrete
-from fem.accuracy.converge import LEAST_MESHES, TARGETS, growing, is_reached
-from fem.accuracy.errors import OF_SEQUENCES, sequence_bar
-from fem.accuracy.ladder import (
+from fem import LinearPenalty, Problem, concrete, solve_static
+from geometry import Answer, Measure, SineBlock, pipe, tube
+from tests.support.face import (
     LADDER,
+    LEAST_MESHES,
+    OF_SEQUENCES,
     PRESSURES,
+    TARGETS,
+    WIDEST,
     Rung,
     coarser,
     fineness,
+    growing,
+    is_reached,
     on_mesh,
     on_rung,
+    sequence_bar,
     split,
 )
-from fem.accuracy.statics import solve_static
-from fem.contact.law import LinearPenalty
-from geometry import SineBlock, pipe, tube
-from geometry.answer import WIDEST, Answer, Measure
 from tests.verification import error_bars
 from tests.verification.concentric import Shells
 from tests.verification.error_problems import FINER_THAN, NEAR, Case, cases

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fem import ElementType, ExponentialLaw, LinearPenalty, Material
 from fem.assembly.statement import Motion
-from fem.contact.law import ExponentialLaw, LinearPenalty
 from fem.decks.abaqus import abaqus_lines
 from fem.decks.keywords import NUMBER_LENGTH, DeckError, label, name_of, real
 from fem.decks.model import as_nodal_forces, deck_assembly, deck_model, nodal_forces
@@ -29,17 +29,15 @@ from fem.decks.statement import (
     Procedure,
     loads_of_case,
 )
-from fem.element.hexahedron import ElementType
-from fem.element.material import Material
 from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from fem.static.solve import solve_static
-from geometry.assembly import Assembly
+from geometry import Assembly
 from geometry.block import box_block
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads import PressureLoad, TractionLoad, load_case
 from geometry.mesh import HEX_FACES
-from tests.conftest import random_rotation, tsb
+from tests.support.blocks import random_rotation, tsb
 
 pytestmark = pytest.mark.quick
 

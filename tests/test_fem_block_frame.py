@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from fem import solve
 from fem.explicit import kernels
 from fem.explicit.kernels import SERIAL
-from fem.explicit.solve import initial_state, prepare, solve
+from fem.explicit.solve import initial_state, prepare
 from fem.explicit.step import placed_internal_force
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
 from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.model import Model, ModelError, block_group, nodal_load
 from fem.problem.time_step import critical_time_step
-from tests.fem_problems import CONCRETE, distorted_box
+from tests.support.fem_problems import CONCRETE, distorted_box
 
 FINITE = Effects(finite_rotation=True)
 PLACEMENTS = Rotation.from_rotvec([[0, 0, 0], [0, 0, 1.0], [0.6, -1.0, 0.3]]).as_matrix()

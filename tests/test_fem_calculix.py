@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fem import ElementType, ExponentialLaw, LinearPenalty
 from fem.assembly.statement import Motion
-from fem.contact.law import ExponentialLaw, LinearPenalty
 from fem.decks.faces import contact_patches
 from fem.decks.keywords import DeckError
 from fem.decks.laws import TABLE_POINTS, law_table
@@ -19,14 +19,14 @@ from fem.decks.read.cards import read_cards
 from fem.decks.read.deck import deck_of_lines
 from fem.decks.statement import Deck, Flavour, Joint, Procedure, loads_of_case
 from fem.decks.write import deck_lines, write_deck
-from fem.element.hexahedron import ElementType
 from fem.problem.effects import Effects, RayleighDamping
 from fem.static.solve import solve_static
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads import load_case
 from geometry.mesh import HexMesh
-from tests.conftest import tsb
+from tests.support.blocks import tsb
+from tests.support.face import CalculixError, calculix_available, run_calculix
 from tests.verification.calculix import (
     bar_deck,
     bar_rows,
@@ -41,7 +41,6 @@ from tests.verification.calculix import (
     tube_deck,
     tube_rows,
 )
-from validation.study.comparison.calculix import CalculixError, calculix_available, run_calculix
 
 pytestmark = pytest.mark.quick
 

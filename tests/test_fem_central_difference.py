@@ -8,12 +8,11 @@ import pytest
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from fem.element.hexahedron import ElementType
-from fem.element.material import Material
+from fem import ElementType, Material, solve
 from fem.explicit.kernels import SERIAL
 from fem.explicit.kernels.layout import aligned_zeros, to_lanes
 from fem.explicit.output.energy import History, energies
-from fem.explicit.solve import Frame, Output, UnstableRun, initial_state, prepare, solve, watch
+from fem.explicit.solve import Frame, Output, UnstableRun, initial_state, prepare, watch
 from fem.explicit.state import State
 from fem.explicit.step import System, step
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
@@ -22,7 +21,7 @@ from fem.problem.model import BlockGroup, Model, block_group, fixed_nodes, nodal
 from fem.problem.time_step import critical_time_step
 from geometry.block import box_block
 from geometry.mesh import CORNERS, HexMesh
-from tests.fem_problems import CONCRETE, distorted_box
+from tests.support.fem_problems import CONCRETE, distorted_box
 
 PLACEMENTS = Rotation.from_rotvec([[0, 0, 0], [0, 0, 1.0], [0.6, -1.0, 0.3]]).as_matrix()
 

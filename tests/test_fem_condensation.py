@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from fem import Problem, solve_static
-from fem.element.hexahedron import ElementType
-from fem.element.material import Material
+from fem import ElementType, Material, Problem, solve_static
 from fem.problem.model import block_group
 from fem.static.linear_step import condensation
 from fem.static.linear_step import linearisation as sparse_solver
@@ -22,8 +20,7 @@ from fem.static.linear_step.condensation import condense
 from fem.static.linear_step.condensed import StaticMemoryError
 from fem.static.linear_step.flexibility import block_motions
 from fem.static.linear_step.linearisation import SparseSolver, SparseSolverError, factorize
-from geometry import errors
-from geometry.assembly import Assembly
+from geometry import Assembly, errors
 from geometry.block import box_block
 from geometry.files.hexahedral_solids import hexahedral_block
 from geometry.loads import LoadCase

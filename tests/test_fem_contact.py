@@ -5,12 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem.assembly.deformable import (
-    DeformableAssemblyError,
-    Frames,
-    block_load_forces,
-)
-from fem.contact.law import ExponentialLaw, LinearPenalty
+from fem import ExponentialLaw, Frames, LinearPenalty, Material
+from fem.assembly.deformable import DeformableAssemblyError, block_load_forces
 from fem.contact.surfaces import (
     ContactError,
     ContactNormals,
@@ -21,13 +17,13 @@ from fem.contact.surfaces import (
     facet_pressures,
     point_kinematics,
 )
-from fem.element.material import Material
+from geometry import SineBlock as SineBlockParameters
 from geometry.assembly import moved, spacing_offsets
 from geometry.families.boxes import brick_stack
-from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
+from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads import load_case
-from tests.fem_problems import deformable_assembly
+from tests.support.fem_problems import deformable_assembly
 
 pytestmark = pytest.mark.quick
 

@@ -10,7 +10,7 @@ from pathlib import Path
 PROGRAM = """
 import numpy as np
 from fem.static.solve import solve_static
-from tests.test_fem_static_searched import stack
+from tests.support.searched_stack import stack
 
 found = solve_static(stack((2, 2, 1), (3, 3, 1)))
 assert found.converged

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from fem.contact.law import ContactLawError, ExponentialLaw, LinearPenalty
+from fem import ExponentialLaw, LinearPenalty
+from fem.contact.law import ContactLawError
 
 pytestmark = pytest.mark.quick
 

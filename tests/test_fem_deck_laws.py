@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fem.contact.law import ExponentialLaw, LawConstants, LinearPenalty
+from fem import ExponentialLaw, LinearPenalty
+from fem.contact.law import LawConstants
 from fem.decks.faces import contact_patches
 from fem.decks.keywords import ENTRIES_PER_LINE, LINE_LENGTH, DeckError, entry_lines
 from fem.decks.laws import law_heading, law_lines, law_notes, law_table
@@ -20,8 +21,7 @@ from fem.decks.statement import Deck, Flavour
 from fem.decks.write import deck_lines
 from fem.problem.effects import Effects
 from fem.problem.time_step import characteristic_time_step
-from validation.build.deck import build_deck
-from validation.scene.read import load_scene
+from tests.support.face import build_deck, load_scene
 
 pytestmark = pytest.mark.quick
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fem.element.hexahedron import ElementType
+from fem import ElementType
 from fem.explicit import block_frame, damping, solve, step
 from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from fem.problem.loads import SmoothStepAmplitude
@@ -17,7 +17,7 @@ from fem.problem.model import Model, block_group, fixed_nodes, nodal_load
 from fem.problem.springs import springs_on
 from fem.problem.time_step import critical_time_step
 from geometry.mesh import boundary_quads
-from tests.fem_problems import CONCRETE, distorted_box
+from tests.support.fem_problems import CONCRETE, distorted_box
 
 #: Functions of each effect: module, name. All are called from the loop over steps alone.
 FUNCTIONS: dict[str, tuple[tuple[Any, str], ...]] = {

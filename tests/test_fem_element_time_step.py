@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fem.element.hexahedron import ElementType, block_lumped_mass, block_stiffness
-from fem.element.material import Material
+from fem import ElementType, Material
+from fem.element.hexahedron import block_lumped_mass, block_stiffness
 from fem.problem.time_step import (
     characteristic_length,
     characteristic_time_step,
@@ -12,7 +12,7 @@ from fem.problem.time_step import (
     element_frequencies,
 )
 from geometry.block import box_block
-from tests.fem_problems import CONCRETE, distorted_box
+from tests.support.fem_problems import CONCRETE, distorted_box
 
 pytestmark = pytest.mark.quick
 

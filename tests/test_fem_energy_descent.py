@@ -3,17 +3,18 @@
 import numpy as np
 import pytest
 
+from fem import Material, StaticOptions
 from fem.assembly.local_system import local_system
 from fem.assembly.symmetry import largest_cyclic_orbits
 from fem.contact.surfaces import ContactNormals
-from fem.element.material import Material
 from fem.static.energy_descent import _conjugate_gradients, _Energy, minimise_energy
 from fem.static.linear_step.linearisation import SparseStep
-from fem.static.solve import StaticMethod, StaticOptions, solve_static
-from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
+from fem.static.solve import StaticMethod, solve_static
+from geometry import SineBlock as SineBlockParameters
+from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads import load_case
-from tests.fem_problems import deformable_assembly
+from tests.support.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 TSB1 = SineBlockParameters(

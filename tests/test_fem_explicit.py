@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem.element.hexahedron import ElementType
+from fem import ElementType, solve
 from fem.explicit import solve as explicit
 from fem.explicit.output.checkpoint import CheckpointError, content_digest
-from fem.explicit.solve import Output, Status, StopCriterion, UnstableRun, solve
+from fem.explicit.solve import Output, Status, StopCriterion, UnstableRun
 from fem.explicit.state import StateError
 from fem.problem.effects import (
     AdaptiveMassDamping,
@@ -25,35 +25,10 @@ from fem.problem.effects import (
 from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.model import Model, ModelError, block_group, fixed_nodes, nodal_load
 from fem.problem.time_step import TimeStepError, critical_time_step
-from geometry.block import box_block
-from tests.fem_problems import CONCRETE, degrees_of_freedom, static_displacement
+from tests.support.cantilever import EVERYTHING, HELD, MESH, cantilever
+from tests.support.fem_problems import CONCRETE, degrees_of_freedom, static_displacement
 
 pytestmark = pytest.mark.quick
-
-MESH = box_block((40.0, 8.0, 8.0), (6, 2, 2)).mesh
-HELD = np.flatnonzero(MESH.nodes[:, 0] == 0.0)
-
-
-def cantilever(effects: Effects | None = None, *, ramp: float = 2e-4, n_copies: int = 2) -> Model:
-    group = block_group(MESH, CONCRETE, translations=np.zeros((n_copies, 3)))
-    force = np.zeros((group.n_nodes, 3))
-    force[np.flatnonzero(MESH.nodes[:, 0] == 40.0), 2] = 0.5
-    copies = np.arange(n_copies)
-    return Model(
-        (group,),
-        supports=(fixed_nodes(0, HELD, copies=copies),),
-        loads=(nodal_load(0, force, copies=copies, amplitude=SmoothStepAmplitude(ramp)),),
-        effects=effects or Effects(),
-    )
-
-
-EVERYTHING = Effects(
-    rayleigh=RayleighDamping(stiffness_proportional=1e-8),
-    bulk_viscosity=BulkViscosity(),
-    finite_rotation=True,
-    gravity=np.array([0.0, 0.0, -9810.0]),
-    adaptive_mass_damping=AdaptiveMassDamping(),
-)
 
 
 def static_answer(model: Model) -> np.ndarray:
@@ -113,7 +88,7 @@ def test_killed_process_continues_to_the_same_bits(tmp_path):
     file = tmp_path / "run.npz"
     script = """
         import os, sys, pathlib
-        from tests.test_fem_explicit import cantilever, EVERYTHING
+        from tests.support.cantilever import cantilever, EVERYTHING
         from fem.explicit.solve import Output, solve
 
         def die(told):

@@ -3,17 +3,16 @@
 import numpy as np
 import pytest
 
+from fem import CoulombFriction, Frames, Material, solve
 from fem.assembly.contact_state import corner_displacements, matched_pressures
-from fem.assembly.deformable import Frames
 from fem.assembly.symmetry import cyclic_orbits, no_symmetry
-from fem.contact.friction import CoulombFriction, friction_tractions
+from fem.contact.friction import friction_tractions
 from fem.contact.surfaces import ContactNormals, corner_forces, point_kinematics
 from fem.element.facet import FACET_SLOPES, FACET_VALUES
-from fem.element.material import Material
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.assembly import explicit_assembly
 from fem.explicit.setup.quasi_static import quasi_static_report, recommended_times
-from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, solve
+from fem.explicit.solve import Output, StopCriterion, initial_state, prepare
 from fem.explicit.state import world_vectors
 from fem.problem.effects import AdaptiveMassDamping, Effects
 from fem.problem.loads import SmoothStepAmplitude
@@ -22,8 +21,8 @@ from geometry.assembly import moved
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads import load_case
-from tests.conftest import random_rotation, tsb
-from tests.fem_problems import deformable_assembly, in_contact
+from tests.support.blocks import random_rotation, tsb
+from tests.support.fem_problems import deformable_assembly, in_contact
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 

@@ -8,8 +8,7 @@ from scipy.linalg import eigh
 from scipy.sparse import diags_array
 from scipy.sparse.linalg import eigsh
 
-from fem.element.hexahedron import ElementType
-from fem.element.material import Material
+from fem import ElementType, Material
 from fem.problem.model import BlockGroup, block_group
 from geometry.block import box_block
 

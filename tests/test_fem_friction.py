@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from fem.contact.friction import CoulombFriction, FrictionError, friction_tractions
+from fem import CoulombFriction
+from fem.contact.friction import FrictionError, friction_tractions
 
 LAW = CoulombFriction(0.3, 50.0)
 

@@ -5,18 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem.contact.friction import CoulombFriction
-from fem.contact.law import LinearPenalty
+from fem import CoulombFriction, LinearPenalty, solve
 from fem.explicit.setup.assembly import explicit_assembly
-from fem.explicit.solve import solve
 from fem.problem.effects import Effects
 from fem.problem.loads import SmoothStepAmplitude, TabularAmplitude
 from fem.problem.model import Model, fixed_nodes
-from tests.fem_problems import in_contact
-from tests.test_fem_explicit_contact_physics import GRAVITY, block_on_floor
-from validation.build.deformable import build_deformable, build_effects
-from validation.run.solve import run_explicit, run_static, scene_statement
-from validation.scene.read import DeformableScene, check_scene
+from tests.support.face import (
+    build_deformable,
+    build_effects,
+    run_explicit,
+    run_static,
+    scene_statement,
+)
+from tests.support.fem_problems import in_contact
+from tests.support.floor import GRAVITY, block_on_floor
+from tests.support.sliding_plate import plate
 
 #: A block of 40 × 30 mm² pressed into the floor so far, on a linear law [mm, MPa/mm].
 SINK, PENALTY, AREA = 5e-4, 200.0, 1200.0
@@ -87,27 +90,6 @@ def test_gravity_that_grows_does_the_work_that_it_does():
     assert speed == pytest.approx(expected, rel=1e-6)
     energies = result.energies
     assert energies.external_work == pytest.approx(energies.kinetic_energy, rel=1e-10)
-
-
-def plate(method: str, damping: str = "static", *, rough: bool = True) -> DeformableScene:
-    """A plate on a held one, gravity leaning by 0.8 of the angle of friction, 0.3, or not rough."""
-    friction = {"friction": {"coefficient": 0.3}} if rough else {}
-    boxes = [{"size": [50.0, 50.0, 10.0], "divisions": [2, 2, 1]}] * 2
-    scene = check_scene(
-        {
-            "block": {"type": "boxes", "boxes": boxes},
-            "load": {"pressure": 1e-6},
-            "material": {"density": 2.4e-9, "young_modulus": 33e3, "poisson_ratio": 0.2},
-            "contact": {"law": "linear", "stiffness": 200.0},
-            "fem": {"method": method, "damping": damping},
-            "effects": {
-                "gravity": [0.8 * 0.3 * GRAVITY if rough else 0.0, 0.0, -GRAVITY],
-                **friction,
-            },
-        }
-    )
-    assert isinstance(scene, DeformableScene)
-    return scene
 
 
 def test_a_plate_that_statics_holds_does_not_slide_on_its_way():

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from skfem.helpers import ddot, div, dot, sym_grad
 from skfem.models.elasticity import linear_elasticity
 
+from fem import ElementType, Material
 from fem.element.hexahedron import (
     ELEMENTS,
-    ElementType,
     block_hourglass_stiffness,
     block_lumped_mass,
     block_stiffness,
@@ -24,7 +24,6 @@ from fem.element.hexahedron import (
     incompatible_gradients,
     mean_gradients,
 )
-from fem.element.material import Material
 from fem.element.stress import integration_point_stress
 from geometry.block import box_block
 from geometry.mesh import (
@@ -35,7 +34,7 @@ from geometry.mesh import (
     jacobians,
     shape_values,
 )
-from tests.fem_problems import (
+from tests.support.fem_problems import (
     CONCRETE,
     boundary_nodes,
     degrees_of_freedom,

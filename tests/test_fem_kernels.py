@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fem.element.hexahedron import ElementType, block_stiffness
-from fem.element.material import Material
+from fem import ElementType, Material
+from fem.element.hexahedron import block_stiffness
 from fem.explicit import kernels
 from fem.explicit.body import element_viscosity
 from fem.explicit.kernels import PARALLEL, SERIAL, widths
@@ -18,8 +18,8 @@ from fem.explicit.kernels.layout import (
 )
 from fem.problem.effects import BulkViscosity
 from fem.problem.model import block_group
-from tests import reference_kernels as reference
-from tests.fem_problems import CONCRETE, distorted_box
+from tests.support import reference_kernels as reference
+from tests.support.fem_problems import CONCRETE, distorted_box
 
 pytestmark = pytest.mark.quick
 

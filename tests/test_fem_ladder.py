@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem import concrete
+from fem import LinearPenalty, Problem, concrete
 from fem.accuracy.converge import TARGETS, work
 from fem.accuracy.ladder import (
     DEGREES,
@@ -19,16 +19,15 @@ from fem.accuracy.ladder import (
     ladder_for,
     on_rung,
 )
-from fem.assembly.statement import Problem
-from fem.contact.law import LinearPenalty
+from geometry import HexagonBlock as HexagonBlockParameters
+from geometry import pipe
+from geometry import tube as tube_of
 from geometry.families.boxes import ColumnBox, box_column
-from geometry.families.hexagon_block import HexagonBlockParameters
 from geometry.families.planar_wall import WallBlock, osteomorphic_wall
-from geometry.families.tube import tube as tube_of
-from geometry.loads import face_pressure, pipe
+from geometry.loads import face_pressure
 from geometry.mesh import FloatArray, volume_and_centroid
 from geometry.meshing.refinement import charts_of
-from tests.test_validation_accuracy import stated
+from tests.support.stated import stated
 
 pytestmark = pytest.mark.quick
 

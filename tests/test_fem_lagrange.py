@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fem import Problem, solve_static
+from fem import ElementType, Problem, solve_static
 from fem.assembly.symmetry import local_forces
 from fem.element.facet import lagrange_basis
-from fem.element.hexahedron import ElementType, element_stiffness
+from fem.element.hexahedron import element_stiffness
 from fem.element.lagrange import (
     LagrangeElement,
     gauss_line,
@@ -17,29 +17,14 @@ from fem.element.lagrange import (
     tensor_points,
 )
 from fem.element.lagrange_mesh import LagrangeMesh, with_degree
-from fem.element.material import Material
 from fem.problem.model import block_group
 from fem.static.linear_step.columns import alike_lengths, flexible_block
 from fem.static.linear_step.grid_block import GridBlock, grid_block
 from geometry import SineBlock, pipe, tube
-from geometry.block import Block
-from geometry.families.sine_block import TSB1, SineBlockDivisions, sine_block
 from geometry.mesh import FloatArray, MeshError, boundary_quads
-from geometry.meshing.refinement import charts_of
-from tests.test_validation_own_fem import deformable
-from validation.build.deformable import scene_problem
-from validation.run.solve import run_static
-
-CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
-
-
-def block(counts: tuple[int, int, int] = (6, 1, 2)) -> Block:
-    """TSB1 with so many equal elements around, across and along."""
-    charts = charts_of(sine_block(TSB1, SineBlockDivisions(12, 1, 2)))
-    names = ("along", "across", "upward")
-    lines = {k: np.linspace(0.0, 1.0, n + 1) for k, n in zip(names, counts, strict=True)}
-    first, second, third = (lines[name] for name in charts.directions)
-    return charts.build((first, second, third))
+from tests.support.curved_blocks import CONCRETE, block, curved
+from tests.support.face import run_static
+from tests.support.own_blocks import deformable
 
 
 def mesh_of(degree: int, counts: tuple[int, int, int] = (6, 1, 2)) -> LagrangeMesh:
@@ -196,12 +181,6 @@ def test_an_element_that_folds_is_refused() -> None:
 
 # ---------------------------------------------------------------------------------------------
 # Tubes
-
-
-def curved(degree: int, layers: int = 1, *settings: str, case: str = "pipe") -> Problem:
-    mesh = ("mesh.around=12", "mesh.radial=2", "mesh.axial=4", f"assembly.layers={layers}")
-    scene = deformable(f"tsb1-{case}", *mesh, f"fem.degree={degree}", *settings)
-    return scene_problem(scene, "tube")
 
 
 GRAVITY = "effects.gravity=[0.0, 0.0, -9.81e5]"  # a hundredfold, so that weight is felt

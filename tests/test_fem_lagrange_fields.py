@@ -28,8 +28,7 @@ from geometry.files.mesh_io import write_lagrange_cells
 from geometry.mesh import FloatArray
 from geometry.meshing.charts import Places
 from geometry.meshing.refinement import charts_of
-from tests.test_fem_lagrange import CONCRETE, block, curved
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+from tests.support.curved_blocks import CONCRETE, block, curved
 
 GRADIENT = 1e-4 * np.array([[1.0, 0.3, -0.2], [0.1, -0.5, 0.4], [0.0, 0.2, 0.7]])
 
@@ -206,7 +205,7 @@ def test_lagrange_cells_hold_the_volume_of_the_block(degree: int, tmp_path: Path
     assert grid.compute_cell_sizes()["Volume"].sum() == pytest.approx(exact, rel=0.01)
 
 
-def test_command_writes_fields_pictures_and_joints(tubelock) -> None:  # type: ignore[no-untyped-def] # noqa: F811
+def test_command_writes_fields_pictures_and_joints(tubelock) -> None:  # type: ignore[no-untyped-def]
     mesh = [f"mesh.{key}" for key in ("around=12", "radial=1", "axial=2")]
     settings = [
         word for key in ("assembly.layers=1", "fem.degree=2", *mesh) for word in ("--set", key)

@@ -11,63 +11,59 @@ import pytest
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from fem.accuracy.statics import solve_static
+from fem import (
+    CoulombFriction,
+    LinearPenalty,
+    Material,
+    Problem,
+    StaticOptions,
+    solve_explicit,
+    solve_static,
+)
 from fem.assembly.contact_state import corner_displacements
 from fem.assembly.peaks import largest_pressure
-from fem.assembly.statement import Problem, ProblemError
+from fem.assembly.statement import ProblemError
 from fem.assembly.symmetry import local_forces
-from fem.contact.friction import CoulombFriction
-from fem.contact.law import LinearPenalty
 from fem.contact.surfaces import ContactNormals
 from fem.decks.statement import Flavour
 from fem.decks.write import write_deck
-from fem.dynamics import solve_explicit
-from fem.element.lagrange_mesh import LagrangeMesh, in_pieces, serendipity_block, with_degree
-from fem.element.material import Material
+from fem.element.lagrange_mesh import LagrangeMesh, in_pieces, with_degree
 from fem.problem.loads import pressure_forces
 from fem.problem.model import block_group, lumped_mass
-from fem.static.solve import StaticMethod, StaticOptions
+from fem.static.solve import StaticMethod
 from geometry.block import Block
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.families.hexagon_block import (
     HexagonBlockDivisions,
-    HexagonBlockParameters,
-    bottom_hexagon_frame,
     hexagon_block,
 )
-from geometry.families.planar_wall import WallBlock, osteomorphic_wall
-from geometry.families.sine_block import SineBlockDivisions, sine_block
 from geometry.loads import face_pressure
-from geometry.mesh import FloatArray, QuadSurface, boundary_quads, check_mesh
-from tests.conftest import tsb
-from tests.fem_problems import CONCRETE, degrees_of_freedom, distorted_box, static_displacement
-from tests.test_validation_own_fem import deformable
-from validation.build.deck import build_deck
-from validation.build.deformable import build_deformable, scene_problem
-from validation.errors import InputError
-from validation.run.solve import estimated_errors, run_static
-from validation.scene.read import load_scene
-from validation.study.comparison.calculix import calculix_available, run_calculix
-
-HEXAGON = HexagonBlockParameters(blocks_per_layer=4, inner_radius=120.0, thickness=40.0)
-WALL = osteomorphic_wall(WallBlock(100.0, 40.0, 60.0, 8.0), (4, 2, 2), columns=1, layers=1)
-
-
-def sine(divisions: tuple[int, int, int] = (12, 1, 2)) -> Block:
-    return sine_block(tsb(), SineBlockDivisions(*divisions))
+from geometry.mesh import QuadSurface, boundary_quads, check_mesh
+from tests.support.blocks import tsb
+from tests.support.face import (
+    InputError,
+    build_deck,
+    build_deformable,
+    calculix_available,
+    estimated_errors,
+    load_scene,
+    run_calculix,
+    run_static,
+    scene_problem,
+)
+from tests.support.fem_problems import (
+    CONCRETE,
+    degrees_of_freedom,
+    distorted_box,
+    static_displacement,
+)
+from tests.support.lagrange_meshes import CURVED, HEXAGON, from_twenty, relative, sine
+from tests.support.own_blocks import deformable
 
 
 def distorted() -> Block:
     mesh = distorted_box()
     return Block("box", mesh, {"all": boundary_quads(mesh)}, ("all",))
-
-
-CURVED = {
-    "sine": sine(),
-    "hexagon": hexagon_block(HEXAGON, HexagonBlockDivisions(2, 1)),
-    "half hexagon": bottom_hexagon_frame(HEXAGON, HexagonBlockDivisions(2, 1)),
-    "osteomorphic": WALL.shapes[0],
-}
 
 
 def hydrostatic_error(block: Block, degree: int) -> float:
@@ -267,10 +263,6 @@ def test_sector_and_sparse_oracle_agree(friction: float | None) -> None:
         assert relative(other.contacts["pressure"], found.contacts["pressure"]) < 1e-5
 
 
-def relative(value: FloatArray, expected: FloatArray) -> float:
-    return float(np.abs(value - expected).max() / np.abs(expected).max())
-
-
 FAMILIES = {
     "thb0-tunnel": (("mesh.edge=2", "mesh.radial=1"), ("mesh.edge=4", "mesh.radial=2")),
     "planar-sine": (("mesh.divisions=[12,1,2]",), ("mesh.divisions=[24,2,4]",)),
@@ -354,37 +346,6 @@ def test_pieces_fill_the_block_and_its_faces_close_it(name: str, degree: int) ->
 
 # ---------------------------------------------------------------------------------------------
 # Decks
-
-
-def from_twenty(block: Block) -> tuple[Block, FloatArray]:
-    """Block of 20-node hexahedra, and the displacements of 27 nodes that theirs make, (27n, 20n).
-
-    The middle of a face follows its corners by -1/4 and its middles by 1/2, that of an element its
-    corners by -1/4 and the middles of its edges by 1/4: the functions of the 20-node element.
-    """
-    twenty, mesh = serendipity_block(block), with_degree(block, 2).mesh
-    assert isinstance(mesh, LagrangeMesh)
-    tree = cKDTree(twenty.mesh.nodes)
-    follow = np.zeros((mesh.n_nodes, twenty.mesh.n_nodes))
-    for members, theirs in zip(mesh.members, twenty.mesh.connectivity, strict=True):
-        grid = members.reshape(3, 3, 3)
-        for place in np.ndindex(3, 3, 3):
-            inside = [axis for axis in range(3) if place[axis] == 1]
-            node = grid[place]
-            follow[node] = 0.0
-            if len(inside) <= 1:
-                follow[node, tree.query(mesh.nodes[node])[1]] = 1.0
-                continue
-            for shift in itertools.product((-1, 0, 1), repeat=len(inside)):
-                zeros = shift.count(0)
-                if zeros > 1:
-                    continue
-                near = np.array(place)
-                near[inside] += shift
-                share = -0.25 if zeros == 0 else 0.5 if len(inside) == 2 else 0.25
-                follow[node, tree.query(mesh.nodes[grid[tuple(near)]])[1]] += share
-        assert set(theirs) >= set(np.flatnonzero(follow[members].any(axis=0)))
-    return twenty, follow
 
 
 def test_twenty_nodes_have_the_forces_of_their_pressure() -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem.contact.friction import CoulombFriction
+from fem import CoulombFriction, StaticOptions
 from fem.measures import load_step_change
 from fem.static.result import (
     LOAD_TOLERANCE,
@@ -15,12 +15,10 @@ from fem.static.result import (
     path_change,
     refined,
 )
-from fem.static.solve import StaticOptions, solve_static
-from tests.test_fem_friction_laws import plate
-from tests.test_fem_static import pipe, sheared_column
-from validation.errors import InputError
-from validation.run.friction_set import friction_set
-from validation.run.solve import run_static
+from fem.static.solve import solve_static
+from tests.support.face import InputError, friction_set, run_static
+from tests.support.pressed_pipe import pipe, sheared_column
+from tests.support.sliding_plate import plate
 
 TIGHT = StaticOptions(tolerance=1e-10)
 

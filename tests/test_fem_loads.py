@@ -19,7 +19,7 @@ from geometry.block import box_block
 from geometry.families.boxes import brick_stack
 from geometry.loads import CircumferentialLoad
 from geometry.mesh import QuadSurface, boundary_quads
-from tests.fem_problems import distorted_box
+from tests.support.fem_problems import distorted_box
 
 pytestmark = pytest.mark.quick
 

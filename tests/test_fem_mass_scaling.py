@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from fem.element.hexahedron import ElementType
-from fem.element.material import Material
+from fem import ElementType, Material
 from fem.problem.effects import Effects
 from fem.problem.model import Model, ModelError, block_group
 from fem.problem.time_step import (

@@ -3,8 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fem import Material
 from fem.element.hexahedron import VOIGT
-from fem.element.material import Material, MaterialError
+from fem.element.material import MaterialError
 
 pytestmark = pytest.mark.quick
 

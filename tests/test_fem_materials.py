@@ -8,15 +8,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem import Frames, Material, Problem, concrete, solve_explicit, solve_static
+from fem import (
+    CoulombFriction,
+    Frames,
+    LinearPenalty,
+    Material,
+    Problem,
+    StaticOptions,
+    concrete,
+    read_deck,
+    solve_explicit,
+    solve_static,
+)
 from fem.assembly.statement import ProblemError
-from fem.contact.friction import CoulombFriction
-from fem.contact.law import LinearPenalty
 from fem.decks.problem import problem_deck
-from fem.decks.read.deck import read_deck
 from fem.decks.statement import Flavour
 from fem.decks.write import write_deck
-from fem.static.solve import StaticOptions
 from fem.static.solve import solve_static as solve_blocks
 from geometry import SineBlock, pipe, tube
 from geometry.block import box_block
@@ -24,12 +31,16 @@ from geometry.errors import RefusedError
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads import LoadCase, PressureLoad, TractionLoad
-from tests.test_fem_notebook import SHAPE
-from validation.build.deformable import scene_problem
-from validation.run.rigid.polyhedra import run_polyhedra
-from validation.scene.read import check_scene, load_scene
-from validation.scene.usage import recording
-from validation.study.comparison.calculix import calculix_available, run_calculix
+from tests.support.face import (
+    calculix_available,
+    check_scene,
+    load_scene,
+    recording,
+    run_calculix,
+    run_polyhedra,
+    scene_problem,
+)
+from tests.support.shapes import SHAPE
 
 SOFT = Material(density=1e-9, young_modulus=3_000.0, poisson_ratio=0.0)
 STIFF = Material(density=5e-9, young_modulus=60_000.0, poisson_ratio=0.0)

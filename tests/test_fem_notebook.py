@@ -16,14 +16,14 @@ import fem
 import geometry
 import mbd
 import validation
-from fem import Frames, Problem, concrete, solve_explicit, solve_static
+from fem import Frames, Material, Problem, concrete, solve_explicit, solve_static
 from fem.answer import answer_of
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.statement import ProblemError
-from fem.element.material import Material
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
 from geometry import (
     Answer,
+    Assembly,
     HexagonBlock,
     SineBlock,
     beam,
@@ -35,23 +35,14 @@ from geometry import (
     tunnel,
 )
 from geometry.answer import AnswerError
-from geometry.assembly import Assembly, AssemblyError
+from geometry.assembly import AssemblyError
 from geometry.errors import RefusedError
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.families.sine_block import BlockParameterError
 from geometry.loads import LoadCase, PressureLoad, face_pressure
 from mbd import analyse
-from validation.run.solve import run_static
-from validation.scene.read import load_scene
-
-SHAPE = {
-    "height": 200,
-    "amplitude": 20,
-    "frequency": 1.5,
-    "blocks_per_layer": 4,
-    "inner_radius": 120,
-    "thickness": 40,
-}
+from tests.support.face import load_scene, run_static
+from tests.support.shapes import SHAPE
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ import pytest
 
 from geometry.files.mesh_io import write_hex_mesh
 from geometry.mesh import CORNERS, FloatArray, HexMesh
-from tests.test_geometry_numbering import rotated_numberings
-from tests.test_validation_own_fem import own_scene
-from validation.run.solve import run_static
+from tests.support.face import run_static
+from tests.support.numberings import rotated_numberings
+from tests.support.own_blocks import own_scene
 
 #: Two boxes on a fixed base, and one across both of them: lowest and highest corners [mm].
 BASE = (((-50.0, -20.0, -50.0), (250.0, 120.0, 0.0)),)

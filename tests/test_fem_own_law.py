@@ -19,7 +19,7 @@ from fem import (
 from fem.contact.law import ContactLawError
 from fem.contact.own_law import OwnLaw
 from geometry import SineBlock, pipe, tube
-from tests.test_fem_notebook import SHAPE
+from tests.support.shapes import SHAPE
 
 OVERCLOSURES = np.concatenate([[-1.0], np.linspace(-2e-3, 6e-3, 401)])
 

@@ -8,67 +8,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem import CoulombFriction, Material, Problem, concrete, write_deck
+from fem import CoulombFriction, LinearPenalty, Problem, concrete, read_deck, write_deck
+from fem import solve as solve_explicit
 from fem.assembly.symmetry import largest_cyclic_orbits
 from fem.contact.friction import FrictionError
-from fem.contact.law import LinearPenalty
 from fem.decks.keywords import DeckError
-from fem.decks.read.deck import read_deck
 from fem.explicit.setup.statement import explicit_statement
-from fem.explicit.solve import solve as solve_explicit
 from fem.problem.effects import Effects
 from fem.static.solve import solve_static as solve_blocks
 from geometry import SineBlock, shaft, tube
-from geometry.assembly import Assembly
-from geometry.block import box_block
 from geometry.errors import RefusedError
-from geometry.loads import LoadCase, PressureLoad
+from geometry.loads import LoadCase
 from geometry.parts.pairs import PairError, pair_values
-from geometry.parts.supports import HeldFace
 from mbd import contact_jacobian
 from mbd.force_range import force_ranges
 from mbd.friction import collapse_load, frictional_contacts
 from mbd.options import FrictionLaw
 from mbd.sliding_collapse import sliding_collapse
-from tests.test_fem_notebook import SHAPE
-from validation.build.deformable import scene_problem
-from validation.run.rigid.answer import run_rigid
-from validation.scene.deformable import EffectName
-from validation.scene.read import load_scene
-from validation.study.effects.auto import without_effect
+from tests.support.face import EffectName, load_scene, run_rigid, scene_problem, without_effect
+from tests.support.pushed_bricks import EDGE, PRESSURE, ROUGH, SCENE, SMOOTH, STONE, dice, pushed
+from tests.support.shapes import SHAPE
 
-STONE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.0)
-#: Two dice of 20 mm on a plate, and between them and the plate the coefficients and the pressure.
-EDGE, ROUGH, SMOOTH, PRESSURE = 20.0, 0.3, 0.1, 0.5
 FRICTION = CoulombFriction(0.2, of_pairs=((0, 1, ROUGH), (2, 0, SMOOTH)))
-
-
-def dice(gap: float = 30.0) -> Assembly:
-    plate = box_block((100.0, EDGE, 10.0), (10, 2, 1), name="plate", contact_faces=("z+",))
-    die = box_block((EDGE,) * 3, (2, 2, 2), name="die", contact_faces=("z-",))
-    places = [[0.0, 0.0, 0.0], [10.0, 0.0, 10.0], [30.0 + gap, 0.0, 10.0]]
-    return Assembly(
-        name="dice",
-        shapes=(plate, die),
-        shape_of=np.array([0, 1, 1]),
-        rotations=np.tile(np.eye(3), (3, 1, 1)),
-        translations=np.array(places),
-        layer=np.array([0, 1, 1]),
-        fixed=np.array([True, False, False]),
-        unmatched_allowed=True,
-    )
-
-
-def pushed(friction: CoulombFriction | float, *, sliding: bool = False) -> Problem:
-    """Dice under a pressure on the plate that is held, pushed along x by 0.05 mm."""
-    blocks, both = dice(), np.array([1, 2])
-    along = np.array([[1.0, 0.0, 0.0]])
-    held = tuple(HeldFace(b, "x-", along, np.array([0.05, 0.0, 0.0])) for b in (1, 2))
-    load = LoadCase(
-        blocks, "pressed", (PressureLoad(both, "z+", PRESSURE),), blocks.fixed.copy(), held=held
-    )
-    law = LinearPenalty(500.0)
-    return Problem(blocks, load, STONE, law=law, friction=friction, finite_sliding=sliding)
 
 
 @pytest.mark.parametrize("sliding", [False, True])
@@ -188,31 +149,6 @@ def test_decks_have_an_interaction_for_each_friction(tmp_path: Path) -> None:
     assert list(read.on(np.array([0, 0]), np.array([1, 2]))) == [ROUGH, SMOOTH]
     with pytest.raises(DeckError, match=r"contact.pairs: general contact has one friction"):
         write_deck(problem, tmp_path / "general.inp", program="abaqus-explicit")
-
-
-SCENE = """
-[block]
-type = "boxes"
-boxes = [
-    {size = [100.0, 80.0, 50.0], divisions = [2, 2, 1]},
-    {size = [100.0, 80.0, 50.0], divisions = [2, 2, 1]},
-    {size = [100.0, 80.0, 50.0], divisions = [2, 2, 1]},
-]
-[load]
-pressure = 0.5
-[materials.steel]
-blocks = [2]
-[effects.friction]
-coefficient = 0.4
-[rigid]
-friction = 0.5
-[[contact.pairs]]
-between = [0, 1]
-friction = 0.2
-[[contact.pairs]]
-between = ["steel", "concrete"]
-friction = 0.1
-"""
 
 
 def test_a_scene_names_pairs_by_block_and_by_material(tmp_path: Path) -> None:

@@ -8,21 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem import ExponentialLaw, LinearPenalty, PairLaws, Problem, TabularLaw, write_deck
+from fem import ExponentialLaw, LinearPenalty, PairLaws, Problem, TabularLaw, read_deck, write_deck
+from fem import solve as solve_explicit
 from fem.assembly.symmetry import largest_cyclic_orbits
 from fem.contact.law import ContactLaw
 from fem.decks.keywords import DeckError
-from fem.decks.read.deck import read_deck
 from fem.explicit.setup.statement import explicit_statement
-from fem.explicit.solve import solve as solve_explicit
 from fem.problem.effects import AdaptiveMassDamping, Effects
 from fem.static.solve import solve_static as solve_blocks
 from geometry.parts.pairs import PairError
-from tests.test_fem_pair_friction import EDGE, PRESSURE, SCENE, STONE, pushed
-from validation.build.deformable import scene_problem
-from validation.scene.deformable import EffectName
-from validation.scene.read import load_scene
-from validation.study.effects.auto import without_effect
+from tests.support.face import EffectName, load_scene, scene_problem, without_effect
+from tests.support.pushed_bricks import EDGE, PRESSURE, SCENE, STONE, pushed
 
 SOFT, STIFF = LinearPenalty(50.0), LinearPenalty(500.0)
 #: Two dice on a plate: the first has the default, the second, named last block first, its own.
@@ -96,7 +92,7 @@ def test_pairs_that_are_none_are_rejected() -> None:
 def test_a_sector_needs_the_same_laws_round_the_axis() -> None:
     from fem import concrete
     from geometry import SineBlock, shaft, tube
-    from tests.test_fem_notebook import SHAPE
+    from tests.support.shapes import SHAPE
 
     blocks = tube(SineBlock(**SHAPE), layers=2, mesh=(12, 1, 2))
     m, s = blocks.interfaces.block_m, blocks.interfaces.block_s

@@ -9,12 +9,9 @@ from fem.assembly.peaks import ball_averages, joint_forces, largest_pressure, st
 from fem.contact.surfaces import ContactNormals, corner_overclosures, point_kinematics
 from fem.element.facet import FACET_VALUES
 from fem.element.stress import integration_points
-from geometry.answer import Measure
-from tests.test_validation_own_fem import column
-from validation.build.deformable import build_deformable
-from validation.output.deformable.answers import print_run
-from validation.run.deformable import DeformableRun
-from validation.run.solve import run_static
+from geometry import Measure
+from tests.support.face import DeformableRun, build_deformable, print_run, run_static
+from tests.support.own_blocks import column
 
 PRESSURE = 0.5
 

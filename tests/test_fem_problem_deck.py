@@ -9,20 +9,21 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fem import CoulombFriction, Frames, Problem, TabularLaw, concrete, write_deck
+from fem import CoulombFriction, Frames, Problem, TabularLaw, concrete, read_deck, write_deck
 from fem.decks.keywords import DeckError, label, safe_names
-from fem.decks.read.deck import read_deck
 from fem.static.solve import solve_static as solve_blocks
-from geometry import SineBlock, pipe, shaft, tube
-from geometry.assembly import Assembly
+from geometry import Assembly, SineBlock, pipe, shaft, tube
 from geometry.block import box_block
 from geometry.loads import LoadCase, TractionLoad
 from geometry.parts.supports import HeldFace
-from tests.test_fem_notebook import SHAPE
-from validation.build.deformable import scene_problem
-from validation.output.decks import export_deck
-from validation.scene.read import load_scene
-from validation.study.comparison.calculix import calculix_available, run_calculix
+from tests.support.face import (
+    calculix_available,
+    export_deck,
+    load_scene,
+    run_calculix,
+    scene_problem,
+)
+from tests.support.shapes import SHAPE
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from fem.assembly.deformable import Frames
+from fem import ExponentialLaw, Frames, LinearPenalty, Material, solve
 from fem.assembly.symmetry import cyclic_orbits
-from fem.contact.law import ExponentialLaw, LinearPenalty
-from fem.element.material import Material
 from fem.explicit.output.energy import COLUMNS
 from fem.explicit.setup.assembly import explicit_assembly
 from fem.explicit.setup.quasi_static import (
@@ -18,7 +16,7 @@ from fem.explicit.setup.quasi_static import (
     recommended_times,
 )
 from fem.explicit.setup.statement import explicit_statement
-from fem.explicit.solve import Status, StopCriterion, solve
+from fem.explicit.solve import Status, StopCriterion
 from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from fem.problem.loads import SmoothStepAmplitude
 from fem.static.solve import solve_static
@@ -26,10 +24,9 @@ from geometry.families.boxes import brick_stack
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads import LoadCase, load_case
-from tests.conftest import tsb
-from tests.fem_problems import deformable_assembly
-from validation.run.solve import run_explicit, run_static
-from validation.scene.read import DeformableScene, load_scene
+from tests.support.blocks import tsb
+from tests.support.face import DeformableScene, load_scene, run_explicit, run_static
+from tests.support.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 

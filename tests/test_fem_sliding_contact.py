@@ -6,36 +6,30 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fem import CoulombFriction, ExponentialLaw, Frames, LinearPenalty, Material, solve
 from fem.assembly.contact_state import matched_pressures
-from fem.assembly.deformable import Frames
 from fem.assembly.symmetry import cyclic_orbits
-from fem.contact.friction import CoulombFriction
-from fem.contact.law import ExponentialLaw, LinearPenalty
 from fem.contact.search import BlockSurface, closest_points
 from fem.contact.surfaces import ContactError, ContactNormals
 from fem.element.facet import bilinear
-from fem.element.material import Material
 from fem.explicit.contact.sliding import SlidingContact, sliding_state
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.assembly import counted_stiffness, explicit_assembly
-from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, solve
+from fem.explicit.solve import Output, StopCriterion, initial_state, prepare
 from fem.explicit.state import world_vectors
 from fem.explicit.step import step
 from fem.problem.effects import AdaptiveMassDamping, Effects
 from fem.problem.loads import TabularAmplitude, pressure_forces
 from fem.problem.model import Model, block_group, fixed_nodes, nodal_load
 from fem.static.solve import solve_static
-from geometry.assembly import Assembly
+from geometry import Assembly
 from geometry.block import box_block
 from geometry.families.boxes import brick
-from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import sine_tube
-from geometry.loads import LoadCase, load_case
+from geometry.loads import LoadCase
 from geometry.mesh import HexMesh
-from tests.conftest import tsb
-from tests.fem_problems import deformable_assembly, in_contact
+from tests.support.fem_problems import deformable_assembly, in_contact
+from tests.support.sliding_tube import CONCRETE, tube
 
-CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 DAMPED = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
 
 
@@ -278,11 +272,6 @@ def test_resumed_slide_gives_the_same_bits(tmp_path):
     whole = solve(model, end_time=1e-3, velocities=velocities)
     resumed = solve(model, end_time=1e-3, velocities=velocities, resume=path)
     assert np.array_equal(resumed.displacements[0], whole.displacements[0])
-
-
-def tube(**options):
-    found = sine_tube(tsb(), SineBlockDivisions(12, 2, 4), 1)
-    return deformable_assembly(found, load_case(found, "pipe", 0.01), CONCRETE, **options)
 
 
 def test_forces_and_moments_balance():

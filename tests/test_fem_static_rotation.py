@@ -6,26 +6,25 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fem.assembly.deformable import Frames
-from fem.contact.friction import CoulombFriction
-from fem.contact.law import LinearPenalty
-from fem.element.material import Material
+from fem import CoulombFriction, Frames, LinearPenalty, Material, StaticOptions, solve
 from fem.explicit.setup.assembly import explicit_assembly
 from fem.explicit.setup.quasi_static import recommended_times
-from fem.explicit.solve import StopCriterion, solve
+from fem.explicit.solve import StopCriterion
 from fem.problem.effects import AdaptiveMassDamping, Effects
 from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.recovery import block_displacements, turned_rigidly
 from fem.static import rotation
 from fem.static.result import StaticError
 from fem.static.rotation import solve_static_with_rotation
-from fem.static.solve import StaticOptions, solve_static
+from fem.static.solve import solve_static
+from geometry import HexagonBlock as HexagonBlockParameters
+from geometry import SineBlock as SineBlockParameters
 from geometry.families.boxes import ColumnBox, box_column
-from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
-from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
+from geometry.families.hexagon_block import HexagonBlockDivisions
+from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import hexagon_tube, sine_tube
 from geometry.loads import face_pressure, load_case
-from tests.fem_problems import deformable_assembly
+from tests.support.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 TSB1 = SineBlockParameters(

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from fem.element.hexahedron import ELEMENTS, ElementType, block_stiffness
+from fem import ElementType
+from fem.element.hexahedron import ELEMENTS, block_stiffness
 from fem.element.stress import (
     DisplacementShapeError,
     integration_point_stress,
@@ -20,7 +21,7 @@ from fem.element.stress import (
 )
 from geometry.block import box_block
 from geometry.mesh import HexMesh
-from tests.fem_problems import (
+from tests.support.fem_problems import (
     CONCRETE,
     boundary_nodes,
     degrees_of_freedom,

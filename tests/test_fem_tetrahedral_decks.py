@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem import solve_static
-from fem.decks.problem import problem_deck, write_deck
+from fem import solve_static, write_deck
+from fem.decks.problem import problem_deck
 from fem.decks.statement import Flavour
 from fem.element.tetrahedral_mesh import TetrahedralMesh, tetrahedral_block
+from tests.support.face import calculix_available, run_calculix
 from validation import load_scene
-from validation.study.comparison.calculix import calculix_available, run_calculix
 
 pytestmark = pytest.mark.quick
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from fem.element.hexahedron import ElementType
+from fem import ElementType
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
 from fem.problem.model import Model, block_group
 from fem.problem.time_step import (
@@ -15,7 +15,7 @@ from fem.problem.time_step import (
     stable_step_of_mode,
 )
 from geometry.block import box_block
-from tests.fem_problems import CONCRETE, distorted_box
+from tests.support.fem_problems import CONCRETE, distorted_box
 
 pytestmark = pytest.mark.quick
 

@@ -12,7 +12,7 @@ import pytest
 
 from geometry.compilation import compiling, njit
 from geometry.compilation.cache import KernelCache, source_digest
-from validation.run.stages import stages, summed
+from tests.support.face import stages, summed
 
 ROOT = Path(__file__).parents[1]
 CHOICES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")

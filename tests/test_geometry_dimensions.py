@@ -11,7 +11,6 @@ from geometry import SineBlock, tube
 from geometry.families.boxes import brick_stack
 from geometry.parts.dimensions import dimensions, least_wall
 from geometry.polyhedra.polyhedron import Polyhedron
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
 
 AROUND = 48
 
@@ -62,7 +61,7 @@ def test_faces_that_meet_at_an_edge_are_no_wall(angle: float) -> None:
     assert math.isinf(least_wall(Polyhedron("tetrahedron", corners, solid)))
 
 
-def test_limits_are_compared_and_counted(tubelock) -> None:  # noqa: F811
+def test_limits_are_compared_and_counted(tubelock) -> None:
     small = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
     words = [w for s in (*small, "limits.least_wall=50") for w in ("--set", s)]
     status, out, _ = tubelock("mbd", "tsb1-pipe", *words)

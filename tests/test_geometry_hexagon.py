@@ -7,12 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from geometry import HexagonBlock as HexagonBlockParameters
 from geometry.assembly import AssemblyError
-from geometry.families.hexagon_block import (
-    HexagonBlockDivisions,
-    HexagonBlockParameters,
-    hexagon_block,
-)
+from geometry.families.hexagon_block import HexagonBlockDivisions, hexagon_block
 from geometry.families.sine_block import BlockParameterError
 from geometry.families.tube import hexagon_tube
 

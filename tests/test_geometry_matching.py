@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geometry.assembly import Assembly, matched_area
+from geometry import Assembly
+from geometry.assembly import matched_area
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.files.hexahedral_solids import hexahedral_block
 from geometry.mesh import HexMesh, structured_hexahedra

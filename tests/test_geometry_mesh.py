@@ -27,7 +27,7 @@ from geometry.mesh import (
     structured_quads,
     volume_and_centroid,
 )
-from tests.conftest import tsb
+from tests.support.blocks import tsb
 
 pytestmark = pytest.mark.quick
 

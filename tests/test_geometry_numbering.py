@@ -17,7 +17,6 @@ from geometry.mesh import (
     CUBE,
     FloatArray,
     HexMesh,
-    IntArray,
     boundary_quads,
     grid_points,
     structured_hexahedra,
@@ -27,23 +26,9 @@ from geometry.polyhedra.overlap import check_assembly
 from geometry.polyhedra.polygons import surface_of_polygons
 from geometry.polyhedra.polyhedron import Polyhedron
 from mbd import rigid_result
+from tests.support.numberings import rotated_numberings
 
 SIDE = 100.0
-
-
-def rotated_numberings() -> IntArray:
-    """Orders of a hexahedron's corners that are one of its 24 rotations, (24, 8)."""
-    centred = 2 * CUBE - 1
-    orders = []
-    for first in range(3):
-        for second in {0, 1, 2} - {first}:
-            for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-                turn = np.zeros((3, 3))
-                turn[0, first], turn[1, second] = signs
-                turn[2] = np.cross(turn[0], turn[1])
-                image = centred @ turn.T
-                orders.append([int(np.flatnonzero((centred == p).all(axis=1))[0]) for p in image])
-    return np.array(orders)
 
 
 TURNS = rotated_numberings()

@@ -8,12 +8,9 @@ import meshio
 import numpy as np
 import pytest
 
+from geometry import HexagonBlock as HexagonBlockParameters
 from geometry.assembly import AssemblyError
-from geometry.families.hexagon_block import (
-    HexagonBlockDivisions,
-    HexagonBlockParameters,
-    hexagon_block,
-)
+from geometry.families.hexagon_block import HexagonBlockDivisions, hexagon_block
 from geometry.families.masonry import box
 from geometry.families.platonic_layers import cube, octahedron, tetrahedron
 from geometry.files.block_files import read_blocks, step_hexahedra
@@ -32,7 +29,7 @@ from geometry.polyhedra.polyhedron import (
     turned_outward,
 )
 from geometry.polyhedra.triangle_search import enclosed, segment_piercings
-from tests.conftest import random_rotation
+from tests.support.blocks import random_rotation
 
 pytestmark = pytest.mark.quick
 

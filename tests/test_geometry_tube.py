@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geometry.assembly import Assembly, AssemblyError, moved, renumbered
-from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
+from geometry import Assembly
+from geometry import HexagonBlock as HexagonBlockParameters
+from geometry.assembly import AssemblyError, moved, renumbered
+from geometry.families.hexagon_block import HexagonBlockDivisions
 from geometry.families.planar_wall import WallBlock, osteomorphic_wall, planar_sine_wall
 from geometry.families.sine_block import (
     BlockParameterError,
@@ -22,7 +24,7 @@ from geometry.families.sine_block import (
 from geometry.families.tube import hexagon_tube, sine_tube
 from geometry.loads import LoadCaseError, load_case
 from mbd import rigid_result
-from tests.conftest import random_rotation, tsb
+from tests.support.blocks import random_rotation, tsb
 
 pytestmark = pytest.mark.quick
 

@@ -9,8 +9,7 @@ from geometry.errors import RefusedError
 from geometry.families.versatile_panel import PanelArrangement, versatile_block, versatile_panel
 from geometry.polyhedra.overlap import check_assembly
 from mbd import classify, contact_jacobian, generalized_force
-from validation.build.polyhedra import build_body_loads, build_polyhedra
-from validation.scene.read import load_scene
+from tests.support.face import build_body_loads, build_polyhedra, load_scene
 
 pytestmark = pytest.mark.quick
 

@@ -11,26 +11,37 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem.contact.law import ExponentialLaw
-from fem.element.material import Material
-from fem.static.solve import StaticOptions, solve_static
-from geometry.assembly import AnyBlocks, Assembly
-from geometry.families.masonry import circular_arch, running_bond_wall
-from geometry.families.platonic_layers import octahedra_layer, tetrahedra_layer
-from geometry.loads import LoadCase
-from geometry.mesh import FloatArray, IntArray
-from geometry.polyhedra.assembly import PolyhedralAssembly
+from fem import ExponentialLaw, Material, StaticOptions
+from geometry import Assembly
 from mbd import contact_jacobian, rigid_result
-from mbd.friction import frictional_contacts, frictional_equilibrium
-from tests.views import VIEWS, View, seen, seen_load
-from validation.build.blocks import build_blocks
-from validation.build.polyhedra import build_body_loads, build_polyhedra
-from validation.scene.builtin import builtin_names
-from validation.scene.family import AssemblyScene
-from validation.scene.polyhedra import PolyhedralScene
-from validation.scene.read import load_scene
-from validation.stability.problems import CONCRETE, deformable, relative, tube
-from validation.stability.rigid import TUBES, piped
+from tests.support.face import STABILITY_CONCRETE as CONCRETE
+from tests.support.face import (
+    TUBES,
+    AnyBlocks,
+    AssemblyScene,
+    FloatArray,
+    IntArray,
+    LoadCase,
+    PolyhedralAssembly,
+    PolyhedralScene,
+    build_blocks,
+    build_body_loads,
+    build_polyhedra,
+    builtin_names,
+    circular_arch,
+    frictional_contacts,
+    frictional_equilibrium,
+    load_scene,
+    octahedra_layer,
+    piped,
+    running_bond_wall,
+    tetrahedra_layer,
+)
+from tests.support.face import solve_deformable_static as solve_static
+from tests.support.face import stability_deformable as deformable
+from tests.support.face import stability_relative as relative
+from tests.support.face import stability_tube as tube
+from tests.support.views import VIEWS, View, seen, seen_load
 
 _HERE = View("here")
 #: Specific weight of assemblies that come without a load, along a direction like no other [N/mm³].

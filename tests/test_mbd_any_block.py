@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geometry.assembly import AnyBlocks, Assembly
+from geometry import Assembly
+from geometry.assembly import AnyBlocks
 from geometry.families.masonry import box, circular_arch, running_bond_wall
 from geometry.families.planar_wall import WallBlock, osteomorphic_wall, planar_sine_wall
 from geometry.families.platonic_layers import (
@@ -50,8 +51,8 @@ from mbd.friction import (
     frictional_equilibrium,
 )
 from mbd.margin import held_against, interlocking_margin
-from tests.conftest import random_rotation, tsb
-from validation.scene.read import load_scene
+from tests.support.blocks import random_rotation, tsb
+from tests.support.face import load_scene
 
 pytestmark = pytest.mark.quick
 
@@ -475,8 +476,7 @@ def test_what_weighs_on_a_floor_in_a_corner_is_held_against_what_it_leans_on() -
 
 
 def test_loads_of_body_scenes_are_weights_and_pushes(tmp_path: Path) -> None:
-    from validation.build.polyhedra import build_body_loads
-    from validation.scene.read import POLYHEDRAL_TYPES
+    from tests.support.face import POLYHEDRAL_TYPES, build_body_loads
 
     assembly = _incline()
     scene = POLYHEDRAL_TYPES["mesh"].model_validate(

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geometry.assembly import Assembly
+from geometry import Assembly
 from geometry.block import box_block
 from geometry.families.masonry import box, running_bond_wall
 from geometry.loads import LoadCase
@@ -23,7 +23,7 @@ from mbd.friction import FrictionError, frictional_contacts
 from mbd.margin import held_against
 from mbd.options import FrictionLaw
 from mbd.sliding_collapse import SlidingCheck, SlidingCollapse
-from tests.conftest import random_rotation
+from tests.support.blocks import random_rotation
 
 I = np.eye(3)  # noqa: E741
 DOWN = np.array([0.0, 0.0, -1.0])

@@ -8,7 +8,8 @@ import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geometry.assembly import Assembly, moved
+from geometry import Assembly
+from geometry.assembly import moved
 from geometry.block import Block
 from geometry.families.boxes import brick_stack
 from geometry.families.sine_block import SineBlockDivisions
@@ -27,7 +28,7 @@ from mbd import (
     rigid_result,
 )
 from mbd.pair_wrenches import CongruentWrenches
-from tests.conftest import random_rotation, tsb
+from tests.support.blocks import random_rotation, tsb
 
 pytestmark = pytest.mark.quick
 

@@ -10,7 +10,8 @@ import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geometry.assembly import Assembly, moved, renumbered
+from geometry import Assembly
+from geometry.assembly import moved, renumbered
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads import load_case
@@ -30,7 +31,7 @@ from mbd import (
 from mbd.answer import placed_motion
 from mbd.contact_jacobian import contact_wrenches
 from mbd.margin import FirstOrderExplosion
-from tests.conftest import random_rotation, tsb
+from tests.support.blocks import random_rotation, tsb
 
 pytestmark = pytest.mark.quick
 

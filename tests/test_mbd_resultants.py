@@ -17,26 +17,16 @@ from geometry.measures import (
 )
 from mbd import contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
-from tests.test_validation_own_fem import column
-from validation.output.rigid.polyhedra import write_contacts
-from validation.run.rigid.answer import run_rigid
-from validation.run.rigid.polyhedra import PolyhedralRun, run_polyhedra
-from validation.run.solve import run_static
-from validation.scene.read import load_scene
+from tests.support.arch import arch_run
+from tests.support.face import (
+    load_scene,
+    run_rigid,
+    run_static,
+    write_contacts,
+)
+from tests.support.own_blocks import column
 
 pytestmark = pytest.mark.quick
-
-ARCH = (
-    "block.thickness=200.0",
-    "block.depth=200.0",
-    "assembly.voussoirs=7",
-    "assembly.embrace=140.0",
-)
-
-
-def arch_run(friction: float) -> PolyhedralRun:
-    file = load_scene("arch", [*ARCH, f"rigid.friction={friction}"])
-    return run_polyhedra(file, file.scene)  # type: ignore[arg-type]
 
 
 def test_normal_forces_of_an_arch_are_those_of_compas_cra() -> None:

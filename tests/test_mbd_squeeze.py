@@ -17,9 +17,7 @@ from mbd import contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from mbd.options import FrictionLaw
 from mbd.squeeze import Squeeze, squeeze
-from validation.run.rigid.polyhedra import run_polyhedra
-from validation.scene.polyhedra import PolyhedralScene
-from validation.scene.read import load_scene
+from tests.support.face import PolyhedralScene, load_scene, run_polyhedra
 
 pytestmark = pytest.mark.quick
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from geometry.assembly import AnyBlocks, Assembly
+from geometry import Assembly
+from geometry.assembly import AnyBlocks
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import LineLoad, LoadCase, PressureLoad, TractionLoad
 from geometry.parts.regions import Plane

@@ -8,10 +8,7 @@ import meshio
 import numpy as np
 import pytest
 
-from geometry.block import box_block
-from geometry.errors import RefusedError
-from validation.run.solve import run_static
-from validation.scene.read import load_scene
+from tests.support.face import RefusedError, box_block, load_scene, run_static
 
 pytestmark = pytest.mark.quick
 

@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from fem import Problem, TabularLaw, concrete, solve_explicit, solve_static
-from fem.assembly.statement import Motion
 from geometry import Answer, SineBlock, pipe, tube
 from mbd import analyse
 from tests.fixtures.commands import small_meshes
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from tests.test_validation_study import Here
+from tests.support.face import Motion
+from tests.support.studies import Here
 from validation import compare, cost, load_scene, plot, read_answer, sweep, write
 
 COARSE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 2}
@@ -52,7 +51,7 @@ def test_a_scene_and_its_parameters_are_one_problem(answers) -> None:
         assert again[name].value == measure.value
 
 
-def test_numbers_of_the_rigid_command_are_those_of_the_answer(answers, tubelock) -> None:  # noqa: F811
+def test_numbers_of_the_rigid_command_are_those_of_the_answer(answers, tubelock) -> None:
     status, _, err = tubelock("mbd", "tsb1-pipe", *SETTINGS, "--json", "mbd.json")
     assert not status, err
     printed, rigid = json.loads(Path("mbd.json").read_text("utf-8")), answers[0].as_dict()
@@ -61,7 +60,7 @@ def test_numbers_of_the_rigid_command_are_those_of_the_answer(answers, tubelock)
     }
 
 
-def test_numbers_of_the_fem_command_are_those_of_the_answer(answers, tubelock) -> None:  # noqa: F811
+def test_numbers_of_the_fem_command_are_those_of_the_answer(answers, tubelock) -> None:
     status, _, err = tubelock(
         *("fem", "tsb1-pipe", *SETTINGS, "--set", "fem.method=static", "--json", "fem.json"),
         *("--set", "fem.error_estimate=false", "--set", "fem.mesh=scene"),
@@ -81,7 +80,7 @@ def test_numbers_of_the_fem_command_are_those_of_the_answer(answers, tubelock) -
 def test_numbers_of_a_refined_command_are_those_of_the_call(
     problem,
     refined,
-    tubelock,  # noqa: F811
+    tubelock,
     requested: tuple[str, ...],
 ) -> None:
     status, _, err = tubelock("fem", "tsb1-pipe", *SETTINGS, *requested, "--json", "fem.json")
@@ -97,7 +96,7 @@ def test_numbers_of_the_compare_command_are_those_of_the_call(
     problem,
     answers,
     refined,
-    tubelock,  # noqa: F811
+    tubelock,
 ) -> None:
     options = ("--explicit", "--json", "compare.json")
     status, _, err = tubelock("compare", "tsb1-pipe", *SETTINGS, *options)

@@ -15,26 +15,36 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fem import Problem, StaticOptions, concrete, solve_static
-from fem.accuracy.facets import pressures_on_facets
-from fem.accuracy.ladder import coarser, on_mesh, split
-from fem.accuracy.transfer import interpolation, node_places, transferred
-from fem.assembly.symmetry import largest_cyclic_orbits, with_half_turn
-from fem.element.lagrange_mesh import with_degree
-from fem.static import solve
-from fem.static.contact_forces import grid_blocks
-from fem.static.linear_step.grid_block import PointFlexibility
-from fem.static.solve import StaticMethod
 from geometry import SineBlock, beam, pillar, pipe, shaft, tube, tunnel
-from geometry.block import Block, box_block
-from geometry.families.hexagon_block import HexagonBlockDivisions, hexagon_block
-from geometry.families.planar_wall import WallBlock, osteomorphic_wall
-from geometry.mesh import FloatArray
-from geometry.meshing.charts import unit_lines
-from geometry.meshing.refinement import charts_of, with_lines
-from tests.test_fem_lagrange_mesh import HEXAGON, WALL, sine
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+from tests.support.face import (
+    FILES,
+    Block,
+    FloatArray,
+    HexagonBlockDivisions,
+    PointFlexibility,
+    StaticMethod,
+    WallBlock,
+    box_block,
+    charts_of,
+    coarser,
+    grid_blocks,
+    hexagon_block,
+    interpolation,
+    largest_cyclic_orbits,
+    node_places,
+    on_mesh,
+    osteomorphic_wall,
+    pressures_on_facets,
+    split,
+    transferred,
+    unit_lines,
+    with_degree,
+    with_half_turn,
+    with_lines,
+)
+from tests.support.face import static_solve_module as solve
+from tests.support.lagrange_meshes import HEXAGON, WALL, sine
 from validation import read_answer
-from validation.output.answer_files import FILES
 
 SHAPE = {
     "height": 200,
@@ -145,7 +155,7 @@ MESH = ("assembly.layers=2", "mesh.around=12", "mesh.radial=1", "mesh.axial=4")
 Command = Callable[..., Any]
 
 
-def measured(tubelock: Command, *given: str, more: tuple[str, ...] = ()) -> dict[str, Any]:  # noqa: F811
+def measured(tubelock: Command, *given: str, more: tuple[str, ...] = ()) -> dict[str, Any]:
     words = [word for setting in (*MESH, *given) for word in ("--set", setting)]
     status, _, err = tubelock("fem", "tsb1-pipe", *words, "--json", "fem.json", *more)
     assert status == 0, err
@@ -173,7 +183,7 @@ SAME = (
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_frames_and_files_change_no_number(tubelock) -> None:  # noqa: F811
+def test_frames_and_files_change_no_number(tubelock) -> None:
     """Issue 28: with two frames the same command gave other measures and other error bars."""
     curved = ("fem.degree=2", "mesh.axial=2")
     expected = measured(tubelock, *curved)
@@ -184,7 +194,7 @@ def test_frames_and_files_change_no_number(tubelock) -> None:  # noqa: F811
 
 
 @pytest.mark.slow
-def test_effects_that_vanish_change_no_number(tubelock) -> None:  # noqa: F811
+def test_effects_that_vanish_change_no_number(tubelock) -> None:
     small = ("fem.degree=2", "assembly.layers=1", "mesh.axial=2")
     expected = measured(tubelock, *small)
     for settings_ in SAME:
@@ -193,7 +203,7 @@ def test_effects_that_vanish_change_no_number(tubelock) -> None:  # noqa: F811
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_frames_change_no_number_with_friction(tubelock) -> None:  # noqa: F811
+def test_frames_change_no_number_with_friction(tubelock) -> None:
     """The way to the load counts with friction; states on it that are kept do not."""
     rough = ("fem.degree=2", "effects.friction.coefficient=0.3", "fem.load_steps=2")
     small = (*rough, "assembly.layers=1", "mesh.axial=2")
@@ -202,7 +212,7 @@ def test_frames_change_no_number_with_friction(tubelock) -> None:  # noqa: F811
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_frames_change_no_number_where_meshes_are_refined(tubelock) -> None:  # noqa: F811
+def test_frames_change_no_number_where_meshes_are_refined(tubelock) -> None:
     request = ("--accuracy", "u=20%")
     expected = measured(tubelock, more=request)
     agree(measured(tubelock, "fem.frames=2", more=(*request, "-o", "out")), expected)

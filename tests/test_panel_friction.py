@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fem import StaticOptions, solve_static
-from fem.accuracy.ladder import coarser
-from fem.assembly.statement import Problem
-from fem.static import newton
-from fem.static import solve as static
+from fem import Problem, StaticOptions, solve_static
+from tests.support.face import coarser
+from tests.support.face import static_newton_module as newton
+from tests.support.face import static_solve_module as static
 from validation import load_scene
 
 ONE_STEP = StaticOptions(load_steps=1)

@@ -9,25 +9,31 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fem.assembly.reactions import PushCurve, push_curves
-from fem.static.result import StaticResult
-from fem.static.solve import solve_static
-from geometry.assembly import AssemblyError
-from geometry.families.platonic_layers import tetrahedra_layer, tetrahedron
-from geometry.loads import LoadCase
 from mbd import contact_jacobian, generalized_force
-from mbd.force_range import force_ranges
-from mbd.friction import frictional_contacts, frictional_equilibrium
-from mbd.push import at_rest
-from validation.build.deformable import fem_section, scene_problem
-from validation.build.polyhedra import build_polyhedra
-from validation.build.supports import stated_load
-from validation.errors import InputError
-from validation.run.rigid.polyhedra import run_polyhedra
-from validation.run.rigid.push import rigid_limit
-from validation.run.solve import static_options
-from validation.scene.read import load_scene
-from validation.study.comparison.scene import compared_runs
+from tests.support.face import (
+    AssemblyError,
+    InputError,
+    LoadCase,
+    PushCurve,
+    StaticResult,
+    at_rest,
+    build_polyhedra,
+    compared_runs,
+    fem_section,
+    force_ranges,
+    frictional_contacts,
+    frictional_equilibrium,
+    load_scene,
+    push_curves,
+    rigid_limit,
+    run_polyhedra,
+    scene_problem,
+    stated_load,
+    static_options,
+    tetrahedra_layer,
+    tetrahedron,
+)
+from tests.support.face import solve_deformable_static as solve_static
 
 FRICTION, STICK = 0.3, 100.0
 

@@ -3,8 +3,7 @@
 import re
 from pathlib import Path
 
-from validation.cli.app import app
-from validation.scene.builtin import builtin_names
+from tests.support.face import app, builtin_names
 
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text("utf-8")

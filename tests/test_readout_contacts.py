@@ -17,33 +17,21 @@ from fem import (
     solve_explicit,
     solve_static,
 )
-from fem.contact.surfaces import ContactNormals
-from geometry.families.boxes import ColumnBox, box_column
-from geometry.loads import LoadCase, PressureLoad, TractionLoad
-from tests.test_validation_own_fem import column
+from tests.support.face import RUN_FILES as FILES
+from tests.support.face import (
+    ColumnBox,
+    ContactNormals,
+    LoadCase,
+    Outputs,
+    box_column,
+    run_static,
+    write_joints,
+)
+from tests.support.own_blocks import column
+from tests.support.pressed_boxes import AREA, PRESSURE, SHEAR, SIZES, STICK, STIFF, boxes
 from validation import plot, write
-from validation.output.deformable.answers import FILES
-from validation.output.joints import write_joints
-from validation.output.outputs import Outputs
-from validation.run.solve import run_static
 
 pytestmark = pytest.mark.quick
-
-AREA = 100.0 * 80.0
-PRESSURE, SHEAR = 0.5, 0.05
-STIFF, STICK = 200.0, 40.0
-SIZES = ((100.0, 80.0, 50.0), (100.0, 80.0, 30.0))
-
-
-def boxes(*, poisson=0.0, lower=(2, 2, 2), upper=(2, 2, 2), shear=0.0, **options) -> Problem:
-    """A box on another one, pressed and pulled along x on its top."""
-    found = box_column([ColumnBox(s, d) for s, d in zip(SIZES, (lower, upper), strict=True)])
-    faces = [PressureLoad(np.array([1]), "z+", PRESSURE)]
-    if shear:
-        faces.append(TractionLoad(np.array([1]), "z+", np.array([shear, 0.0, 0.0])))
-    load = LoadCase(found, "pressed", tuple(faces), found.fixed.copy())
-    material = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=poisson)
-    return Problem(found, load, material, law=LinearPenalty(STIFF), **options)
 
 
 def on_upper(answer):

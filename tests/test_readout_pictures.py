@@ -6,13 +6,19 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.test_validation_cli import tubelock  # noqa: F401 - a fixture
+from tests.support.face import (
+    BLUE,
+    MISES,
+    VERMILION,
+    arrow_parts,
+    crosses,
+    draw_directions,
+    rgb,
+    run_static,
+    stress_scale,
+    stresses_of,
+)
 from validation import load_scene
-from validation.output.pictures.canvas import rgb
-from validation.output.pictures.directions import arrow_parts, crosses, draw_directions
-from validation.output.pictures.scales import BLUE, VERMILION
-from validation.output.pictures.tubes import MISES, stress_scale, stresses_of
-from validation.run.solve import run_static
 
 pytestmark = pytest.mark.quick
 #: Points of an arrow: four rings of ten.
@@ -83,7 +89,7 @@ def test_von_mises_is_drawn_where_it_is_asked_for() -> None:
     assert run.answer[MISES.measure].value == pytest.approx(0.3, rel=1e-9)
 
 
-def test_rigid_answers_ignore_pictures_of_stresses_by_name(tubelock, tmp_path) -> None:  # noqa: F811
+def test_rigid_answers_ignore_pictures_of_stresses_by_name(tubelock, tmp_path) -> None:
     keys = ("--set", "pictures.arrows=true", "--set", "pictures.mises=true")
     small = ("--set", "assembly.layers=1", "--set", "mesh.around=12", "--set", "mesh.radial=1")
     status, out, _ = tubelock("mbd", "tsb1-pipe", *keys, *small, "-o", str(tmp_path / "out"))

@@ -17,15 +17,11 @@ from fem import (
     solve_explicit,
     solve_static,
 )
-from geometry.families.boxes import ColumnBox, box_column
-from geometry.loads import LoadCase
-from geometry.measures import SectionError
 from mbd import analyse
-from tests.test_mbd_resultants import arch_run
-from tests.test_readout_contacts import AREA, PRESSURE, SHEAR, STICK, boxes
-from tests.test_validation_cli import tubelock  # noqa: F401 - a fixture
+from tests.support.arch import arch_run
+from tests.support.face import ColumnBox, LoadCase, SectionError, box_column, run_static
+from tests.support.pressed_boxes import AREA, PRESSURE, SHEAR, STICK, boxes
 from validation import load_scene, read_answer, section, write
-from validation.run.solve import run_static
 
 pytestmark = pytest.mark.quick
 
@@ -172,7 +168,7 @@ def scene(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("command", ["fem", "mbd"])
 @pytest.mark.usefixtures("undrawn")
-def test_a_scene_names_its_sections(command, scene, tmp_path, tubelock) -> None:  # noqa: F811
+def test_a_scene_names_its_sections(command, scene, tmp_path, tubelock) -> None:
     data, out = tmp_path / "data.json", tmp_path / "out"
     status, shown, _ = tubelock(command, str(scene), "-o", str(out), "--json", str(data))
     assert status == 0
@@ -198,7 +194,7 @@ def test_a_scene_names_its_sections(command, scene, tmp_path, tubelock) -> None:
         ),
     ],
 )
-def test_planes_without_forces_are_rejected(change, words, scene, tubelock) -> None:  # noqa: F811
+def test_planes_without_forces_are_rejected(change, words, scene, tubelock) -> None:
     scene.write_text(SCENE.replace("point = [0, 0, 50]", change), "utf-8")
     status, _, said = tubelock("fem", str(scene))
     assert status != 0
@@ -245,7 +241,7 @@ def test_a_box_between_two_rigid_ones_hangs_by_friction() -> None:
     assert abs(across.normal_force[0]) < 0.2 * squeeze
 
 
-def test_springs_to_the_ground_are_reactions(tmp_path, tubelock) -> None:  # noqa: F811
+def test_springs_to_the_ground_are_reactions(tmp_path, tubelock) -> None:
     """A bar on springs at one end, pulled at the other: a plane through the elements on springs
     carries the pull and no part of what the springs do."""
     text = """

@@ -20,22 +20,27 @@ from fem import (
     solve_static,
     write_deck,
 )
-from fem.assembly.statement import Motion
-from fem.decks.keywords import DeckError
-from fem.decks.problem import problem_deck
-from fem.decks.statement import Flavour
-from geometry.answer import Answer
-from geometry.errors import RefusedError
-from geometry.loads import LineLoad, LoadCase, PressureLoad, with_body_wrenches
-from geometry.parts.supports import HeldFace
+from geometry import Answer
 from mbd import analyse
-from tests.test_fem_explicit_supports import ONE, TWO, A, X, Y, Z, case, pulled, roller, side
+from tests.support.face import (
+    DeckError,
+    Flavour,
+    HeldFace,
+    LineLoad,
+    LoadCase,
+    Motion,
+    PressureLoad,
+    RefusedError,
+    calculix_available,
+    problem_deck,
+    with_body_wrenches,
+)
+from tests.support.supports import ONE, TWO, A, X, Y, Z, case, pulled, roller, side
 from tests.verification.calculix import (
     calculix_of,
     calculix_through_converter,
     converter_available,
 )
-from validation.study.comparison.calculix import calculix_available
 
 pytestmark = pytest.mark.quick
 

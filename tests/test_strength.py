@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 
 from fem import Material, Problem, concrete, solve_static
-from fem.accuracy.strength import _BoundError, _scaled_until
-from geometry import SineBlock, pipe, tube
-from geometry.answer import Measure
-from geometry.errors import RefusedError
-from geometry.families.boxes import ColumnBox, box_column
-from geometry.loads import face_pressure
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+from geometry import Measure, SineBlock, pipe, tube
+from tests.support.face import (
+    ColumnBox,
+    RefusedError,
+    _BoundError,
+    _scaled_until,
+    box_column,
+    face_pressure,
+)
 
 TUBE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=2")
 
@@ -41,7 +43,7 @@ def test_boxes_crush_where_the_pressure_is_the_strength() -> None:
 
 
 @pytest.mark.quick
-def test_a_linear_body_cracks_in_proportion(tubelock) -> None:  # noqa: F811
+def test_a_linear_body_cracks_in_proportion(tubelock) -> None:
     words = ("mesh.divisions=[8,2,2]", "fem.method='static'", "fem.degree=2")
     words = (*words, "material.tensile_strength=3", "fem.error_estimate=false")
     args = [w for s in words for w in ("--set", s)]
@@ -73,7 +75,7 @@ def test_the_scaled_load_reaches_the_strength() -> None:
 
 
 @pytest.mark.quick
-def test_rigid_contacts_crush_in_proportion(tubelock) -> None:  # noqa: F811
+def test_rigid_contacts_crush_in_proportion(tubelock) -> None:
     words = (*TUBE, "material.compressive_strength=30")
     args = [w for s in words for w in ("--set", s)]
     status, out, _ = tubelock("mbd", "tsb1-pipe", *args, "--json", "a.json")

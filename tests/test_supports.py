@@ -7,21 +7,31 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem import Problem, solve_static
-from fem.contact.law import LinearPenalty
-from fem.element.material import Material
-from fem.problem.model import ModelError
-from geometry.assembly import Assembly, AssemblyError
-from geometry.block import Block, box_block
-from geometry.loads import LineLoad, LoadCase, LoadCaseError, PressureLoad, TractionLoad
-from geometry.parts.regions import Box, Plane
-from geometry.parts.supports import HeldFace, SupportError
-from validation.build.deformable import scene_problem
-from validation.build.supports import stated_load
-from validation.errors import InputError
-from validation.scene.combinations import combined
-from validation.scene.read import SceneFile, check_scene
-from validation.study.combinations import combination_answers, envelope
+from fem import LinearPenalty, Material, Problem, solve_static
+from geometry import Assembly
+from tests.support.face import (
+    AssemblyError,
+    Block,
+    Box,
+    HeldFace,
+    InputError,
+    LineLoad,
+    LoadCase,
+    LoadCaseError,
+    ModelError,
+    Plane,
+    PressureLoad,
+    SceneFile,
+    SupportError,
+    TractionLoad,
+    box_block,
+    check_scene,
+    combination_answers,
+    combined,
+    envelope,
+    scene_problem,
+    stated_load,
+)
 
 SIZE = np.array([100.0, 50.0, 40.0])
 E, NU = 1000.0, 0.3

@@ -7,22 +7,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fem import Problem, solve_static
-from fem.contact.friction import CoulombFriction
-from fem.contact.law import LinearPenalty
-from fem.element.material import Material
-from geometry.assembly import Assembly
-from geometry.block import Block, mapped_block
-from geometry.errors import RefusedError
-from geometry.loads import LoadCase
-from geometry.parts.supports import HeldFace
-from validation.build.deformable import scene_problem
-from validation.run.held_by_faces import faces_words, require_held_by_faces
-from validation.run.held_by_friction import require_held_by_friction
-from validation.run.rigid.polyhedra import run_polyhedra
-from validation.run.solve import run_static
-from validation.scene.polyhedra import PolyhedralScene
-from validation.scene.read import check_scene, load_scene, scene_data
+from fem import CoulombFriction, LinearPenalty, Material, Problem, solve_static
+from geometry import Assembly
+from tests.support.face import (
+    Block,
+    HeldFace,
+    LoadCase,
+    PolyhedralScene,
+    RefusedError,
+    check_scene,
+    faces_words,
+    load_scene,
+    mapped_block,
+    require_held_by_faces,
+    require_held_by_friction,
+    run_polyhedra,
+    run_static,
+    scene_data,
+    scene_problem,
+)
 
 
 def solved(name: str) -> Any:

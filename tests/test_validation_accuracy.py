@@ -9,32 +9,30 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem.accuracy.converge import LEAST_MESHES, climbed, converge, relative, unmet
-from fem.accuracy.errors import SAFETY, error_bar
-from fem.accuracy.ladder import (
+from geometry import Measure
+from tests.fixtures.commands import small_meshes
+from tests.support.face import (
     DEGREES,
     LADDER,
+    LEAST_MESHES,
     PRESSURES,
+    SAFETY,
+    FrictionSet,
+    InputError,
+    climbed,
+    converge,
+    error_bar,
     fineness,
     graded_to_both_ends,
     graded_to_one_end,
+    parse_targets,
+    references,
+    relative,
+    unmet,
 )
-from fem.assembly.statement import Problem
-from geometry.answer import Measure
-from tests.fixtures.commands import small_meshes
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from tests.test_validation_own_fem import column, deformable
-from validation.build.deformable import scene_problem
-from validation.errors import InputError
-from validation.run import solve
-from validation.run.accuracy import parse_targets
-from validation.run.measures import FrictionSet
-from validation.study.costs.references import references
-
-
-def stated(name: str, *settings: str) -> Problem:
-    scene = deformable(name, *(settings or ("assembly.layers=1",)))
-    return scene_problem(scene, name)
+from tests.support.face import run_solve_module as solve
+from tests.support.own_blocks import column
+from tests.support.stated import stated
 
 
 def test_what_is_asked_is_read() -> None:
@@ -141,7 +139,7 @@ def test_time_that_is_not_enough_ends_with_what_is_reached() -> None:
     assert len(found.report["meshes"]) == 2
 
 
-def test_command(tubelock) -> None:  # type: ignore[no-untyped-def] # noqa: F811
+def test_command(tubelock) -> None:  # type: ignore[no-untyped-def]
     short = ("--set", "assembly.layers=1")
     status, _, _ = tubelock("fem", "tsb1-pipe", *short, "--accuracy", "u=20%", "--json", "fem.json")
     assert status == 0
@@ -155,7 +153,7 @@ def test_command(tubelock) -> None:  # type: ignore[no-untyped-def] # noqa: F811
 
 
 @pytest.mark.parametrize("name", ["thb0-tunnel", "tsb1-shaft", "osteomorphic"])
-def test_other_families_and_loads_are_refined_too(tubelock, name) -> None:  # type: ignore[no-untyped-def] # noqa: F811
+def test_other_families_and_loads_are_refined_too(tubelock, name) -> None:  # type: ignore[no-untyped-def]
     """Means over facets are those of the facets of the scene, on every mesh."""
     short = ["--set", "assembly.layers=1", "--json", "f.json"]
     short += ["--set", "assembly.columns=1"] if name == "osteomorphic" else []
@@ -165,7 +163,7 @@ def test_other_families_and_loads_are_refined_too(tubelock, name) -> None:  # ty
     assert all(data["measures"][key]["error"] > 0.0 for key in ("p_eff", "p_max", "p_max_facet"))
 
 
-def test_an_accuracy_that_is_not_reached_is_told_and_has_a_status_of_its_own(tubelock) -> None:  # type: ignore[no-untyped-def] # noqa: F811
+def test_an_accuracy_that_is_not_reached_is_told_and_has_a_status_of_its_own(tubelock) -> None:  # type: ignore[no-untyped-def]
     short = ("--set", "assembly.layers=1", "--json", "f.json", "--max-seconds", "0.001")
     status, _, _ = tubelock("fem", "tsb1-pipe", *short, "--accuracy", "u=0.001%")
     assert status == 3
@@ -183,7 +181,7 @@ def test_an_accuracy_that_is_not_reached_is_told_and_has_a_status_of_its_own(tub
         (["tsb1-pipe", "--accuracy", "u=1%", "--set", "fem.method=explicit"], "keep the mesh"),
     ],
 )
-def test_bad_input(tubelock, arguments, text) -> None:  # type: ignore[no-untyped-def] # noqa: F811
+def test_bad_input(tubelock, arguments, text) -> None:  # type: ignore[no-untyped-def]
     status, _, err = tubelock("fem", *arguments)
     assert status == 2
     assert text in err

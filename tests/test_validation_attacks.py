@@ -8,11 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geometry.errors import RefusedError
-from tests.test_validation_fuzz import PLACES, kind_of
-from validation.errors import InputError
-from validation.run.accuracy import check_request
-from validation.scene.read import DeformableScene, load_scene
+from tests.support.face import DeformableScene, InputError, RefusedError, check_request, load_scene
+from tests.support.wrong_input import PLACES, kind_of
 
 pytestmark = pytest.mark.quick
 

@@ -8,19 +8,30 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem.assembly.contact_state import contact_measures
-from fem.static.solve import StaticOptions, solve_static
-from tests.fem_problems import pair_resultants
+from fem import StaticOptions
+from tests.support.face import (
+    Change,
+    DeformableScene,
+    EffectName,
+    EffectsDecision,
+    EffectsSection,
+    InputError,
+    app,
+    change,
+    compared_runs,
+    contact_measures,
+    decide_effects,
+    load_scene,
+    run_explicit,
+    run_static,
+    with_auto,
+)
+from tests.support.face import EffectAnswer as Answer
+from tests.support.face import effect_answer_of as answer_of
+from tests.support.face import effects_limit_module as limit
+from tests.support.face import solve_deformable_static as solve_static
+from tests.support.fem_problems import pair_resultants
 from validation import compare
-from validation.cli.app import app
-from validation.errors import InputError
-from validation.run.solve import run_explicit, run_static
-from validation.scene.deformable import EffectName, EffectsSection
-from validation.scene.read import DeformableScene, load_scene, with_auto
-from validation.study.comparison.scene import compared_runs
-from validation.study.effects import limit
-from validation.study.effects.auto import EffectsDecision, decide_effects
-from validation.study.effects.probe import Answer, Change, answer_of, change
 
 #: Finer than the probe's 12 × 2 × 4 elements, and still quick.
 MESH = ["assembly.layers=2", "mesh.around=24", "mesh.radial=2", "mesh.axial=6"]

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from validation.benchmarks import explicit
-from validation.benchmarks.kernels import kernel_rows
-from validation.benchmarks.roofline import Roofline
+from tests.support.face import Roofline, kernel_rows
+from tests.support.face import benchmarks_explicit_module as explicit
 
 
 def test_rows_and_table_on_a_tiny_block():

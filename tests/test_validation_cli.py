@@ -13,31 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.coarse_tubes import SMALL
+from tests.support.face import FILES, builtin_names, load_scene, write_json
 from validation import read_answer
-from validation.cli.app import main
-from validation.output.answer_files import FILES
-from validation.output.files import write_json
-from validation.scene.builtin import builtin_names
-from validation.scene.read import load_scene
 
 pytestmark = pytest.mark.quick
-
-SMALL = ["--set", "assembly.layers=1", "--set", "mesh.around=24", "--set", "mesh.radial=2"]
-
-
-@pytest.fixture
-def tubelock(monkeypatch, capsys, tmp_path):
-    """Run the command in an empty folder: (exit status, standard output, standard error)."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["tubelock", *arguments])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        out, err = capsys.readouterr()
-        return int(stop.value.code or 0), out, err
-
-    return run
 
 
 def test_json_of_mbd_has_the_promised_keys_in_full_precision(tubelock) -> None:
@@ -121,7 +101,7 @@ def test_scenes_are_listed_printed_and_all_valid(tubelock) -> None:
 
 
 def test_reference_numbers_live_in_one_file() -> None:
-    from validation.paper.reference import reference
+    from tests.support.face import reference
 
     assert reference()["table"]["TSB1"]["pipe"]["p_max"] == 0.467
     assert set(reference()["table"]) == {"TSB1", "TSB2", "THB0"}

@@ -5,11 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fem.static.solve import StaticOptions, solve_static
-from validation.build.deformable import build_deformable
-from validation.errors import InputError
-from validation.run.solve import run_explicit, run_static
-from validation.scene.read import DeformableScene, load_scene
+from fem import StaticOptions
+from tests.support.face import (
+    DeformableScene,
+    InputError,
+    build_deformable,
+    load_scene,
+    run_explicit,
+    run_static,
+)
+from tests.support.face import solve_deformable_static as solve_static
 
 COARSE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
 

@@ -6,16 +6,22 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from fem.decks.statement import Flavour
-from fem.explicit.solve import Frame
-from fem.problem.time_step import critical_time_step
-from tests.test_validation_own_fem import column, overclosure
-from validation.build.deck import build_deck
-from validation.build.deformable import build_deformable
-from validation.errors import InputError
-from validation.output.deformable.answers import print_run
-from validation.run.solve import run_explicit, run_static, scene_statement
-from validation.scene.read import DeformableScene, SceneFile, check_scene
+from tests.support.face import (
+    DeformableScene,
+    Flavour,
+    Frame,
+    InputError,
+    SceneFile,
+    build_deck,
+    build_deformable,
+    check_scene,
+    critical_time_step,
+    print_run,
+    run_explicit,
+    run_static,
+    scene_statement,
+)
+from tests.support.own_blocks import column, overclosure
 
 #: Above 0.883 MPa, where a cap of 1000 MPa/mm begins.
 PRESSURE = 2.0

@@ -13,56 +13,59 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fem.accuracy.ladder import LADDER, Rung
-from fem.decks.statement import Flavour
-from fem.element.hexahedron import ElementType
-from geometry.families.sine_block import SineBlockDivisions
-from geometry.mesh import FloatArray
+from fem import ElementType
 from mbd import Norm
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from tests.verification.calculix import half_facet_angle
-from validation.build.blocks import build_assembly
-from validation.build.deck import build_deck
-from validation.errors import InputError
-from validation.run.deformable import DeformableRun
-from validation.run.solve import run_static
-from validation.scene.family import AssemblyScene
-from validation.scene.read import SceneFile, TubeScene, load_scene
-from validation.study.comparison.calculix import CalculixResult, calculix_available
-from validation.study.costs import study as cost
-from validation.study.costs.analysis import (
-    Point,
-    cheapest,
-    fitted_order,
-    observed_order,
-    pareto_front,
-    richardson,
-)
-from validation.study.costs.calculix import measured_answer
-from validation.study.costs.measure import measure
-from validation.study.costs.partition import grid_of, overlap, partition_pressures
-from validation.study.costs.plan import (
+from tests.support.face import (
+    LADDER,
     QUANTITIES,
-    CostPlan,
-    by_degree,
-    curved_rungs,
-    extrapolated,
-    full_plan,
-    quick_plan,
-)
-from validation.study.costs.settings import (
+    AssemblyScene,
     BaseMesh,
+    CalculixResult,
+    CostPlan,
     CostSetting,
+    CostStore,
+    DeformableRun,
+    Flavour,
+    FloatArray,
+    InputError,
+    Point,
+    Rung,
+    SceneFile,
+    SineBlockDivisions,
+    TubeScene,
     base_mesh,
+    build_assembly,
+    build_deck,
+    by_degree,
+    calculix_available,
     calculix_setting,
+    cheapest,
+    curved_rungs,
     curved_setting,
     degree_setting,
+    extrapolated,
+    fitted_order,
+    full_plan,
     graded,
+    grid_of,
+    load_scene,
+    measure,
+    measured_answer,
+    measurement_key,
+    observed_order,
+    overlap,
+    pareto_front,
+    partition_pressures,
+    quick_plan,
+    richardson,
     rigid_setting,
+    run_static,
     static_setting,
     with_setting,
 )
-from validation.study.costs.store import CostStore, measurement_key
+from tests.support.face import costs_measure_module as costs_measure
+from tests.support.face import costs_study_module as cost
+from tests.verification.calculix import half_facet_angle
 
 SETTINGS = ("--set", "assembly.layers=1")
 
@@ -349,7 +352,7 @@ def test_rungs_of_curved_elements_are_judged_by_the_finest(
 ) -> None:
     """Two tiny rungs: the reference is the last, its error 1.5 times the change from the first."""
     rungs = tuple(Rung(2, 12, 1, axial, 1.0, 8.0) for axial in (2, 4))
-    monkeypatch.setattr("validation.study.costs.measure.LADDER", replace(LADDER, rungs=rungs))
+    monkeypatch.setattr(costs_measure, "LADDER", replace(LADDER, rungs=rungs))
     scene, store = tube(), CostStore(tmp_path / "cost.sqlite")
     settings = (rigid_setting(Norm.PRESSURE, 1), curved_setting(1), curved_setting(2))
     plan = CostPlan(base_mesh(scene, "a"), settings, curved_rungs(1, 2))
@@ -547,7 +550,7 @@ def test_key_is_the_content(tmp_path) -> None:
 
 
 @pytest.mark.slow
-def test_quick_command(tubelock, measured_once) -> None:  # noqa: F811
+def test_quick_command(tubelock, measured_once) -> None:
     status, out, _ = tubelock(
         "cost", "tsb1-pipe", *SETTINGS, "--quick", "-o", "run", "--json", "cost.json"
     )
@@ -573,7 +576,7 @@ def test_quick_command(tubelock, measured_once) -> None:  # noqa: F811
         (["cost", "tsb1-pipe", "--set", "effects.elastic_frame=true"], "elastic_frame"),
     ],
 )
-def test_bad_input_gives_one_line(tubelock, arguments, message) -> None:  # noqa: F811
+def test_bad_input_gives_one_line(tubelock, arguments, message) -> None:
     status, out, err = tubelock(*arguments)
     assert status == 2
     assert out == ""

@@ -11,22 +11,28 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fem.decks.problem import element_time_step
-from fem.decks.read.cards import read_cards
-from fem.decks.read.deck import deck_of_lines, read_deck
-from fem.decks.statement import Flavour, NodalForceLoad, Procedure
-from fem.decks.write import deck_lines
-from fem.element.hexahedron import ElementType
-from fem.problem.effects import Effects
-from geometry.loads import CASES, CircumferentialLoad
-from validation.build.deck import build_deck
-from validation.build.deformable import build_deformable, scene_problem
-from validation.cli.app import main
-from validation.errors import InputError
-from validation.output.decks import export_deck
-from validation.output.pictures.canvas import rgb
-from validation.output.pictures.scales import VERMILION
-from validation.scene.read import load_scene
+from fem import ElementType, read_deck
+from tests.support.face import (
+    CASES,
+    VERMILION,
+    CircumferentialLoad,
+    Effects,
+    Flavour,
+    InputError,
+    NodalForceLoad,
+    Procedure,
+    build_deck,
+    build_deformable,
+    deck_lines,
+    deck_of_lines,
+    element_time_step,
+    export_deck,
+    load_scene,
+    main,
+    read_cards,
+    rgb,
+    scene_problem,
+)
 
 pytestmark = pytest.mark.quick
 

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from validation.cli.app import app
-from validation.errors import InputError
-from validation.scene.read import load_scene
-from validation.study.effects.costs import bare, effect_costs
+from tests.support.face import InputError, app, bare, effect_costs, load_scene
 
 TINY = ["assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2"]
 

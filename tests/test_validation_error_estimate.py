@@ -7,14 +7,20 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
-from fem.accuracy import one_mesh
-from geometry.answer import WIDEST, Measure
-from tests.test_validation_own_fem import column, deformable
-from validation.build.deformable import build_deformable
-from validation.output.deformable.answers import print_run
-from validation.run.deformable import DeformableRun
-from validation.run.solve import estimated_errors, ramp_change, run_explicit, run_static
-from validation.study.costs.references import references
+from geometry import Measure
+from tests.support.face import (
+    WIDEST,
+    DeformableRun,
+    build_deformable,
+    estimated_errors,
+    print_run,
+    ramp_change,
+    references,
+    run_explicit,
+    run_static,
+)
+from tests.support.face import accuracy_one_mesh_module as one_mesh
+from tests.support.own_blocks import column, deformable
 
 #: Scenes of the coverage: three shapes under three loads, contact on slopes, waves and flanks.
 CASES = {

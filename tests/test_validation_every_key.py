@@ -11,11 +11,8 @@ from typing import Any
 
 import pytest
 
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from tests.test_validation_unused_keys import leaves, other
-from validation.scene.read import apply_overrides, scene_data
-from validation.study.design import run_design
-from validation.study.study import load_study
+from tests.support.face import apply_overrides, load_study, run_design, scene_data
+from tests.support.keys import leaves, other
 
 TUBE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=1")
 EFFECTS = (
@@ -158,7 +155,7 @@ def listed(value: list[Any]) -> list[Any]:
     "name",
     [pytest.param(n, marks=[pytest.mark.quick] if n == "static box" else []) for n in WALKS],
 )
-def test_every_key_changes_the_answer_is_named_or_refused(tubelock, name: str) -> None:  # noqa: F811
+def test_every_key_changes_the_answer_is_named_or_refused(tubelock, name: str) -> None:
     """What is named changes nothing, and what is not named changes something."""
     walk = WALKS[name]
     found = asked(tubelock, walk, walk.settings)
@@ -184,7 +181,7 @@ def test_every_key_changes_the_answer_is_named_or_refused(tubelock, name: str) -
 
 
 @pytest.mark.parametrize("case", ["pipe", "tunnel", "pillar", "beam"])
-def test_a_load_that_is_printed_as_it_is_names_the_key(tubelock, case: str) -> None:  # noqa: F811
+def test_a_load_that_is_printed_as_it_is_names_the_key(tubelock, case: str) -> None:
     words = [w for s in (*TUBE, f"load.case={case}", "load.as_printed=true") for w in ("--set", s)]
     status, out, _ = tubelock("mbd", "tsb1-pipe", *words, "--json", "a.json")
     assert status == 0

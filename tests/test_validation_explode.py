@@ -5,18 +5,25 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geometry.assembly import AssemblyError
-from geometry.families.boxes import brick_stack
-from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
-from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import hexagon_tube, sine_tube
-from geometry.polyhedra.assembly import as_polyhedral
-from geometry.polyhedra.explosion import follow_explosion, outward_directions
-from mbd.margin import first_order_explosion
-from tests.conftest import tsb
-from validation.errors import InputError
-from validation.run.rigid.explosion import explosion_json, run_explosion
-from validation.scene.read import load_scene
+from geometry import HexagonBlock as HexagonBlockParameters
+from tests.support.blocks import tsb
+from tests.support.face import (
+    AssemblyError,
+    HexagonBlockDivisions,
+    InputError,
+    SineBlockDivisions,
+    as_polyhedral,
+    brick_stack,
+    explosion_json,
+    first_order_explosion,
+    follow_explosion,
+    hexagon_tube,
+    load_scene,
+    outward_directions,
+    run_explosion,
+    sine_tube,
+)
+from tests.support.face import rigid_explosion_module as explosion
 
 HEXAGONS = hexagon_tube(HexagonBlockParameters(4, 120.0, 40.0), HexagonBlockDivisions(6, 3), 1)
 SINES = sine_tube(tsb(), SineBlockDivisions(24, 3, 4), 1)
@@ -63,7 +70,7 @@ def test_finite_motion_starts_as_first_order_says() -> None:
 
 @pytest.mark.slow
 def test_scenes_explode_or_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("validation.run.rigid.explosion.STEPS", (0.01, 0.5))
+    monkeypatch.setattr(explosion, "STEPS", (0.01, 0.5))
     for name, settings, explodes in (
         ("thb0-pipe", ["mesh.edge=6", "mesh.radial=3"], True),
         ("tsb2-pipe", ["mesh.around=24", "mesh.radial=3", "mesh.axial=4"], False),

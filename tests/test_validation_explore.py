@@ -18,15 +18,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geometry.answer import measure_rows
-from tests.chromium import BROWSER, Page
-from tests.test_validation_report import open_pixels
-from validation.cli.look import explore
-from validation.errors import InputError
-from validation.output.pictures.canvas import Surface, View
-from validation.pages.explore.sliders import COARSE, changed, controls
-from validation.run.rigid.answer import run_rigid
-from validation.scene.read import load_scene
+from tests.support.chromium import BROWSER, Page
+from tests.support.face import (
+    COARSE,
+    InputError,
+    Surface,
+    View,
+    changed,
+    controls,
+    explore,
+    load_scene,
+    measure_rows,
+    run_rigid,
+)
+from tests.support.pixels import open_pixels
 
 SETTINGS = ("assembly.layers=2", "mesh.around=24", "mesh.radial=2", "mesh.axial=4")
 
@@ -122,7 +127,7 @@ async def served(file) -> AsyncIterator[str]:
     from tornado.httpserver import HTTPServer
     from tornado.netutil import bind_sockets
 
-    from validation.pages.explore.server import application
+    from tests.support.face import application
 
     pool = ThreadPoolExecutor(1)
     server = HTTPServer(application(file, pool))
@@ -226,8 +231,8 @@ def test_other_sites_do_not_reach_the_server() -> None:
 
 
 def test_the_deformable_answer_comes_from_another_process(monkeypatch) -> None:
-    from validation.pages.explore.answers import drawn, solve_deformable
-    from validation.run.solve import run_as_asked
+    from tests.support.face import drawn, run_as_asked
+    from tests.support.face import explore_deformable as solve_deformable
 
     monkeypatch.setattr(signal, "signal", lambda *_: None)
     file = tube("assembly.layers=1", 'fem.mesh="scene"', "fem.error_estimate=false")

@@ -9,13 +9,20 @@ from pathlib import Path
 
 import pytest
 
-from fem.decks.statement import Flavour
-from geometry.loads import CASES, NamedLoad, PressureLoad
-from validation.build.deck import build_deck
-from validation.scene import families
-from validation.scene.builtin import builtin_names
-from validation.scene.family import AssemblyScene, RoundScene, round_types
-from validation.scene.read import SCENE_TYPES, load_scene
+from tests.support.face import (
+    CASES,
+    SCENE_TYPES,
+    AssemblyScene,
+    Flavour,
+    NamedLoad,
+    PressureLoad,
+    RoundScene,
+    build_deck,
+    builtin_names,
+    load_scene,
+    round_types,
+)
+from tests.support.face import scene_families_module as families
 
 #: A family that nobody knows of: a tube of plain bricks, as short as a record can be.
 NEW = '''

@@ -11,11 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+from tests.support.face import FILES, DeformableScene, load_scene, run_scene
 from validation import read_answer
-from validation.output.answer_files import FILES
-from validation.run.solve import run_scene
-from validation.scene.read import DeformableScene, load_scene
 
 
 def box(scene: str, *settings: str) -> DeformableScene:
@@ -70,7 +67,7 @@ def test_slowly_loaded_explicit_run_ends_at_the_static_answer() -> None:
     assert b == pytest.approx(a, rel=1e-4)
 
 
-def test_json_has_the_promised_keys(tubelock) -> None:  # noqa: F811
+def test_json_has_the_promised_keys(tubelock) -> None:
     status, out, _ = tubelock(
         "fem",
         "cantilever",
@@ -106,7 +103,7 @@ def test_json_has_the_promised_keys(tubelock) -> None:  # noqa: F811
     assert data["time_step"] == pytest.approx(0.9 * data["critical_time_step"])
 
 
-def test_files_of_a_run(tubelock) -> None:  # noqa: F811
+def test_files_of_a_run(tubelock) -> None:
     import meshio
 
     status, _, _ = tubelock(
@@ -161,7 +158,7 @@ def test_copies_move_as_one_block_does() -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_interrupted_and_continued_run_ends_in_the_same_bits(tubelock, monkeypatch) -> None:  # noqa: F811
+def test_interrupted_and_continued_run_ends_in_the_same_bits(tubelock, monkeypatch) -> None:
     """Ctrl-C in the loop: status 130, a checkpoint, the remedy; then the same bits."""
     arguments = ["fem", "cantilever", "--set", "mesh.divisions=[8,2,2]", "--set", "fem.frames=0"]
     arguments += ["--set", "fem.end_time=2e-3"]
@@ -207,7 +204,7 @@ def test_interrupted_and_continued_run_ends_in_the_same_bits(tubelock, monkeypat
         (["effects.gravity=[0,0]"], "effects.gravity"),
     ],
 )
-def test_bad_input_gives_one_line(tubelock, settings, message) -> None:  # noqa: F811
+def test_bad_input_gives_one_line(tubelock, settings, message) -> None:
     arguments = [a for s in settings for a in ("--set", s)]
     status, out, err = tubelock("fem", "cantilever", *arguments)
     assert status == 2
@@ -218,7 +215,7 @@ def test_bad_input_gives_one_line(tubelock, settings, message) -> None:  # noqa:
     assert not list(Path().iterdir())
 
 
-def test_missing_end_time_and_wrong_checkpoint(tubelock) -> None:  # noqa: F811
+def test_missing_end_time_and_wrong_checkpoint(tubelock) -> None:
     text = load_text("cantilever").replace("end_time = 0.02", "# end_time")
     Path("a.toml").write_text(text)
     assert "fem.end_time is missing" in tubelock("fem", "a.toml")[2]
@@ -229,18 +226,18 @@ def test_missing_end_time_and_wrong_checkpoint(tubelock) -> None:  # noqa: F811
 
 
 def load_text(name: str) -> str:
-    from validation.scene.builtin import builtin_text
+    from tests.support.face import builtin_text
 
     return builtin_text(name)
 
 
-def test_rigid_command_refuses_a_single_box(tubelock) -> None:  # noqa: F811
+def test_rigid_command_refuses_a_single_box(tubelock) -> None:
     status, _, err = tubelock("mbd", "cantilever")
     assert status == 2
     assert "without contacts" in err
 
 
-def test_a_static_box_refuses_finite_rotation(tubelock) -> None:  # noqa: F811
+def test_a_static_box_refuses_finite_rotation(tubelock) -> None:
     settings = ("--set", "fem.method=static", "--set", "effects.finite_rotation=true")
     status, _, err = tubelock("fem", "cantilever", *settings)
     assert status == 2

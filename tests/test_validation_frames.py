@@ -7,10 +7,14 @@ import meshio
 import numpy as np
 import pytest
 
-from validation.build.deformable import build_deformable, scene_problem
-from validation.output.deformable.fields import FrameWriter
-from validation.run.solve import run_explicit, run_static
-from validation.scene.read import load_scene
+from tests.support.face import (
+    FrameWriter,
+    build_deformable,
+    load_scene,
+    run_explicit,
+    run_static,
+    scene_problem,
+)
 
 COARSE = "mesh.divisions=[4,2,2]"
 
@@ -105,7 +109,7 @@ def test_a_resumed_run_keeps_the_frames_before(tmp_path: Path) -> None:
     still = (np.zeros((1, groups[0].n_nodes, 3)),)
 
     def frames(numbers, *, last: bool, resumed: bool) -> None:
-        from fem.explicit.solve import Frame
+        from tests.support.face import Frame
 
         writer = FrameWriter(tmp_path, groups, 4, finite_rotation=False, resumed=resumed)
         for number in numbers:

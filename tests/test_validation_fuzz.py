@@ -5,25 +5,28 @@ from __future__ import annotations
 import math
 import time
 import tomllib
-import typing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import pydantic
 import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from geometry.errors import RefusedError
-from validation.build.blocks import build_blocks
-from validation.build.deformable import fem_section
-from validation.build.polyhedra import build_body_loads, build_polyhedra
-from validation.errors import InputError
-from validation.scene.builtin import builtin_names, builtin_text
-from validation.scene.polyhedra import PolyhedralScene
-from validation.scene.read import SCENE_TYPES, check_scene, load_scene
-from validation.study.study import check_study
+from tests.support.face import (
+    InputError,
+    PolyhedralScene,
+    RefusedError,
+    build_blocks,
+    build_body_loads,
+    build_polyhedra,
+    builtin_text,
+    check_scene,
+    check_study,
+    fem_section,
+    load_scene,
+)
+from tests.support.wrong_input import PLACES, keys, kind_of
 
 EXPLICIT = 'fem.method="explicit"'
 #: CPU seconds that a refusal may take.
@@ -45,22 +48,6 @@ VALUES = st.recursive(
     ),
     max_leaves=5,
 )
-
-
-def keys(model: type[pydantic.BaseModel], start: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    """Every key of a kind of scene, sections too."""
-    for name, field in model.model_fields.items():
-        yield (*start, name)
-        for part in (field.annotation, *typing.get_args(field.annotation)):
-            if isinstance(part, type) and issubclass(part, pydantic.BaseModel):
-                yield from keys(part, (*start, name))
-
-
-def kind_of(name: str) -> type[pydantic.BaseModel]:
-    return SCENE_TYPES[tomllib.loads(builtin_text(name))["block"]["type"]]
-
-
-PLACES = [(name, path) for name in builtin_names() for path in keys(kind_of(name))]
 
 
 def refusal(work: Callable[[], object]) -> str:

@@ -9,11 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geometry.errors import unreadable
 from tests.fuzz import Fate, judge, try_line
-from validation.errors import InputError
-from validation.scene.read import load_scene
-from validation.study.study import load_study
+from tests.support.face import InputError, load_scene, load_study, unreadable
 
 pytestmark = pytest.mark.quick
 

@@ -5,12 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from validation.build.deformable import scene_problem
-from validation.errors import InputError
-from validation.run import solve
-from validation.run.held_by_friction import inside_words, require_held_by_friction
-from validation.run.solve import run_static
-from validation.scene.read import DeformableScene, check_scene
+from tests.support.face import (
+    DeformableScene,
+    InputError,
+    check_scene,
+    inside_words,
+    require_held_by_friction,
+    run_static,
+    scene_problem,
+)
+from tests.support.face import run_solve_module as solve
 
 
 def _pile(slope: float, friction: float | None, height: float = 10.0) -> DeformableScene:

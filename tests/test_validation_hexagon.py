@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 
 from mbd import Mechanism, contact_jacobian, generalized_force
-from validation.output.pictures.sections import section
-from validation.output.pictures.tubes import section_heights
-from validation.paper.reference import reference
-from validation.run.rigid.answer import run_rigid
-from validation.run.solve import run_static
-from validation.scene.read import DeformableScene, load_scene
+from tests.support.face import (
+    DeformableScene,
+    load_scene,
+    reference,
+    run_rigid,
+    run_static,
+    section_heights,
+)
+from tests.support.face import picture_section as section
 
 pytestmark = pytest.mark.quick
 

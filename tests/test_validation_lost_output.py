@@ -15,12 +15,15 @@ import numpy as np
 import pytest
 
 from fem import Problem, concrete, write_deck
-from geometry.block import box_block
-from geometry.families.boxes import ColumnBox, box_column
-from geometry.files.mesh_io import write_hex_mesh
-from geometry.files.whole import write_whole
-from geometry.loads import face_pressure
-from validation.output import answer_files
+from tests.support.face import (
+    ColumnBox,
+    box_block,
+    box_column,
+    face_pressure,
+    write_hex_mesh,
+    write_whole,
+)
+from tests.support.face import output_answer_files_module as answer_files
 
 COMMAND = [sys.executable, "-m", "validation.cli"]
 SMALL = ["assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2"]

@@ -7,27 +7,33 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem.assembly.deformable import DeformableAssembly, Frames
-from fem.contact.law import ExponentialLaw
-from fem.decks.laws import law_table
-from fem.decks.read.deck import read_deck
-from fem.decks.statement import Flavour
-from fem.element.material import Material
-from fem.explicit.setup.assembly import explicit_assembly
-from fem.explicit.setup.quasi_static import recommended_times
-from fem.explicit.solve import StopCriterion, solve
-from fem.problem.effects import AdaptiveMassDamping, EffectError, Effects
-from fem.problem.loads import SmoothStepAmplitude
-from fem.static.solve import solve_static
-from geometry.families.boxes import ColumnBox, box_column
-from geometry.loads import face_pressure
-from tests.fem_problems import deformable_assembly
-from validation.build.deck import build_deck
-from validation.build.deformable import build_deformable
-from validation.errors import InputError
-from validation.output.decks import export_deck
-from validation.run.rigid.answer import run_rigid
-from validation.scene.read import SceneFile, check_scene, load_scene, scene_data
+from fem import ExponentialLaw, Frames, Material, read_deck, solve
+from tests.support.face import (
+    AdaptiveMassDamping,
+    ColumnBox,
+    DeformableAssembly,
+    EffectError,
+    Effects,
+    Flavour,
+    InputError,
+    SceneFile,
+    SmoothStepAmplitude,
+    StopCriterion,
+    box_column,
+    build_deck,
+    build_deformable,
+    check_scene,
+    explicit_assembly,
+    export_deck,
+    face_pressure,
+    law_table,
+    load_scene,
+    recommended_times,
+    run_rigid,
+    scene_data,
+)
+from tests.support.face import solve_deformable_static as solve_static
+from tests.support.fem_problems import deformable_assembly
 
 COARSE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=2")
 STATIC = (*COARSE, "fem.method=static", "effects.friction={coefficient=0.2, stick_stiffness=1e3}")

@@ -8,10 +8,8 @@ from typing import Any
 
 import pytest
 
+from tests.support.face import InputError, Search, check_optimisation, worst_of
 from validation import optimise, sensitivity, sweep
-from validation.errors import InputError
-from validation.study.optimisation.search import Search, worst_of
-from validation.study.optimisation.statement import check_optimisation
 
 pytestmark = pytest.mark.quick
 

@@ -9,16 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.test_validation_cli import SMALL, tubelock  # noqa: F401 - fixture
-from validation.errors import InputError
-from validation.output.outputs import Outputs
-from validation.scene.builtin import builtin_names, builtin_text
+from tests.support.coarse_tubes import SMALL
+from tests.support.face import InputError, Outputs, builtin_names, builtin_text
 
 STUDY = 'scene = "mine.toml"\n[parameters]\n"block.amplitude" = [10, 15]\n'
 
 
 @pytest.fixture
-def inputs(tubelock) -> Path:  # noqa: F811
+def inputs(tubelock) -> Path:
     """A folder with a scene, a study of it, own blocks, a checkpoint, a deck and a result file."""
     folder = Path.cwd()
     (folder / "mine.toml").write_text(builtin_text("tsb1-pipe"))
@@ -56,7 +54,7 @@ def inputs(tubelock) -> Path:  # noqa: F811
         (["sweep", "study.toml", "--json", "mine.toml"], "--json mine.toml"),
     ],
 )
-def test_an_input_is_never_an_output(tubelock, inputs, arguments, named) -> None:  # noqa: F811
+def test_an_input_is_never_an_output(tubelock, inputs, arguments, named) -> None:
     (inputs / "link.toml").symlink_to("mine.toml")
     before = {path.name: path.read_bytes() for path in inputs.iterdir()}
     status, out, err = tubelock(*arguments)
@@ -79,7 +77,7 @@ def test_an_input_is_never_an_output(tubelock, inputs, arguments, named) -> None
         (["fem", "mine.toml", "-o", "a", "--json", "a/checkpoint.npz"], "--json a/checkpoint"),
     ],
 )
-def test_no_output_replaces_another(tubelock, inputs, arguments, named) -> None:  # noqa: F811
+def test_no_output_replaces_another(tubelock, inputs, arguments, named) -> None:
     before = sorted(inputs.iterdir())
     status, out, err = tubelock(*arguments)
     assert (status, out) == (2, "")
@@ -87,7 +85,7 @@ def test_no_output_replaces_another(tubelock, inputs, arguments, named) -> None:
     assert sorted(inputs.iterdir()) == before
 
 
-def test_every_command_says_which_files_it_writes(tubelock) -> None:  # noqa: F811
+def test_every_command_says_which_files_it_writes(tubelock) -> None:
     """Outputs.path asserts it for every file; here, that folders hold those files and no others."""
     with (
         pytest.raises(AssertionError, match=r"other\.png"),
@@ -97,7 +95,7 @@ def test_every_command_says_which_files_it_writes(tubelock) -> None:  # noqa: F8
     assert not Path("a").exists()
 
 
-def test_folders_of_a_refused_call_are_taken_away(tubelock) -> None:  # noqa: F811
+def test_folders_of_a_refused_call_are_taken_away(tubelock) -> None:
     with (
         pytest.raises(InputError),
         Outputs("b/c/x.json", Path("d/e"), files={"-o": Path("f/g.png")}),
@@ -111,7 +109,7 @@ def test_folders_of_a_refused_call_are_taken_away(tubelock) -> None:  # noqa: F8
 
 
 @pytest.mark.parametrize("name", ["$x^{2$", "[bold]x", ":smile:", "a_{b"])
-def test_names_with_markup_are_only_names(tubelock, name) -> None:  # noqa: F811
+def test_names_with_markup_are_only_names(tubelock, name) -> None:
     Path(f"{name}.toml").write_text(builtin_text("tsb1-pipe"))
     short = ["--set", "mesh.around=24", "--set", "mesh.radial=1", "--set", "assembly.layers=1"]
     status, out, err = tubelock(
@@ -129,7 +127,7 @@ def test_names_with_markup_are_only_names(tubelock, name) -> None:  # noqa: F811
 # Shell habits
 
 
-def test_quiet_says_nothing_but_errors(tubelock) -> None:  # noqa: F811
+def test_quiet_says_nothing_but_errors(tubelock) -> None:
     assert tubelock("mbd", "tsb1-pipe", *SMALL, "-q", "--json", "x.json") == (0, "", "")
     assert Path("x.json").stat().st_size > 500
     status, out, err = tubelock("mbd", "tsb1-pip", "--quiet")
@@ -139,7 +137,7 @@ def test_quiet_says_nothing_but_errors(tubelock) -> None:  # noqa: F811
     assert "rigid blocks" in tubelock("mbd", "tsb1-pipe", *SMALL, "--json", "x.json")[1]
 
 
-def test_version_and_documented_exit_status(tubelock) -> None:  # noqa: F811
+def test_version_and_documented_exit_status(tubelock) -> None:
     assert re.fullmatch(r"tubelock \d+\.\d+\.\d+.*\n", tubelock("--version")[1])
     said = " ".join(tubelock("--help")[1].split())
     for words in ("Exit status: 0 done", "2 input error", "130 interrupted", "NO_COLOR"):

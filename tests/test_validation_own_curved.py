@@ -11,23 +11,29 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from fem.accuracy.statics import solve_static
-from fem.assembly.statement import Problem
-from fem.element.lagrange_mesh import LagrangeMesh, block_lumped_mass, with_degree
-from fem.element.material import Material
-from fem.problem.model import block_group
-from geometry.block import Block
-from geometry.files.block_files import read_blocks
-from geometry.files.hexahedral_solids import file_blocks
-from geometry.files.quadratic import NATURAL
-from geometry.loads import LoadCase
-from geometry.mesh import CORNERS, FloatArray, IntArray, MeshError, grid_points
-from tests.fem_problems import CONCRETE, degrees_of_freedom, static_displacement
-from tests.test_fem_lagrange_mesh import CURVED, WALL, from_twenty, relative
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from tests.test_validation_own_fem import own_scene
-from validation.run.solve import run_static
-from validation.study.comparison.calculix import calculix_available, run_calculix
+from fem import Material, Problem, solve_static
+from tests.support.face import (
+    CORNERS,
+    NATURAL,
+    Block,
+    FloatArray,
+    IntArray,
+    LagrangeMesh,
+    LoadCase,
+    MeshError,
+    block_group,
+    calculix_available,
+    file_blocks,
+    grid_points,
+    read_blocks,
+    run_calculix,
+    run_static,
+    with_degree,
+)
+from tests.support.face import lagrange_lumped_mass as block_lumped_mass
+from tests.support.fem_problems import CONCRETE, degrees_of_freedom, static_displacement
+from tests.support.lagrange_meshes import CURVED, WALL, from_twenty, relative
+from tests.support.own_blocks import own_scene
 
 GRAVITY = "[effects]\ngravity = [0.0, 1e6, -1e6]\n"
 
@@ -172,7 +178,7 @@ def test_twenty_nodes_bend_as_those_of_calculix(tmp_path: Path) -> None:
     assert relative(found, expected.reshape(-1, 3)) < 2e-6
 
 
-def test_rigid_answers_say_that_edges_are_straight(tubelock, tmp_path: Path) -> None:  # noqa: F811
+def test_rigid_answers_say_that_edges_are_straight(tubelock, tmp_path: Path) -> None:
     ring(tmp_path)
     (tmp_path / "own.toml").write_text(
         '[block]\ntype = "mesh"\n[effects]\ngravity = [0, 0, -9810]\n'

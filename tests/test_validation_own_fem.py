@@ -9,95 +9,61 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
-from fem.accuracy.one_mesh import static_solution
-from fem.accuracy.statics import solve_static
-from fem.assembly.contact_state import facing_points
-from fem.assembly.statement import Problem
-from fem.contact.cuts import closest_on_facets
-from fem.contact.law import LinearPenalty
-from fem.decks.statement import Flavour
-from fem.element.material import Material
-from fem.problem.loads import wrench_forces
-from geometry.assembly import Assembly
-from geometry.block import box_block
-from geometry.families.boxes import ColumnBox, box_column, unmatched_joints
-from geometry.families.masonry import box
-from geometry.files.block_files import read_blocks, step_hexahedra
-from geometry.files.hexahedral_solids import (
+from fem import LinearPenalty, Material, Problem, solve_static
+from geometry import Assembly
+from tests.support.face import (
+    JOINT_FILES,
+    ColumnBox,
+    DeformableScene,
+    Flavour,
+    FloatArray,
+    HexMesh,
+    InputError,
+    LoadCase,
+    Outputs,
+    Polyhedron,
+    QuadSurface,
+    SceneFile,
+    box,
+    box_block,
+    box_column,
+    build_deck,
+    build_deformable,
+    check_scene,
+    closest_on_facets,
+    compared_runs,
     connected_solids,
+    facing_points,
     file_blocks,
     hexahedral_block,
+    polyhedron_from_quads,
+    read_blocks,
+    run_explicit,
+    run_facets,
+    run_static,
+    scene_statement,
     six_sided_hexahedra,
     split_tetrahedra,
+    static_solution,
+    step_hexahedra,
+    unmatched_joints,
+    wrench_forces,
+    write_hex_mesh,
+    write_joints,
 )
-from geometry.files.mesh_io import write_hex_mesh
-from geometry.loads import LoadCase
-from geometry.mesh import FloatArray, HexMesh, QuadSurface
-from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_quads
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from validation.build.deck import build_deck
-from validation.build.deformable import build_deformable
-from validation.errors import InputError
-from validation.output.joints import JOINT_FILES, write_joints
-from validation.output.outputs import Outputs
-from validation.output.pictures.tubes import run_facets
-from validation.run.solve import run_explicit, run_static, scene_statement
-from validation.scene.read import DeformableScene, SceneFile, check_scene, load_scene
-from validation.study.comparison.scene import compared_runs
-
-SECTIONS = """
-[material]
-density = 2.4e-9
-young_modulus = 33000.0
-poisson_ratio = 0.0
-[contact]
-clearance_at_zero_pressure = 1.0e-3
-pressure_at_zero_clearance = 1.0e-4
-[fem]
-method = "static"
-damping = "static"
-"""
-QUADS = np.array(
-    [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
+from tests.support.own_blocks import (
+    QUADS,
+    brick_corners,
+    column,
+    deformable,
+    overclosure,
+    own_scene,
+    write_stl,
 )
-
-
-def deformable(name: str, *settings: str) -> DeformableScene:
-    scene = load_scene(name, settings).scene
-    assert isinstance(scene, DeformableScene)
-    return scene
-
 
 # ---------------------------------------------------------------------------------------------
 # A column of boxes
-
-
-def column(pressure: float) -> DeformableScene:
-    box = {"size": [100.0, 80.0, 50.0], "divisions": [3, 2, 2]}
-    other = {"size": [100.0, 80.0, 60.0], "divisions": [3, 2, 1]}
-    scene = check_scene(
-        {
-            "block": {"type": "boxes", "boxes": [box, other, box]},
-            "load": {"pressure": pressure},
-            "material": {"density": 2.4e-9, "young_modulus": 33e3, "poisson_ratio": 0.0},
-            "contact": {"clearance_at_zero_pressure": 1e-3, "pressure_at_zero_clearance": 1e-4},
-            "fem": {"method": "static", "damping": "static"},
-        }
-    )
-    assert isinstance(scene, DeformableScene)
-    return scene
-
-
-def overclosure(pressure: float) -> float:
-    """Invert p0 / (e - 1) (x/c + 1) (exp(x/c + 1) - 1), the law as Abaqus states it."""
-
-    def excess(x: float) -> float:
-        y = x / 1e-3 + 1.0
-        return float(1e-4 / np.expm1(1.0) * y * np.expm1(y) - pressure)
-
-    return float(brentq(excess, -1e-3, 0.1, xtol=1e-16, rtol=1e-14))
 
 
 def test_a_column_of_boxes_under_pressure() -> None:
@@ -179,7 +145,7 @@ def test_the_frame_of_a_wall_carries_the_load(
 
 
 @pytest.mark.slow
-def test_a_wall_is_compared_and_drawn(tubelock, tmp_path: Path) -> None:  # noqa: F811
+def test_a_wall_is_compared_and_drawn(tubelock, tmp_path: Path) -> None:
     small = [
         *("--set", "assembly.layers=1", "--set", "assembly.columns=1"),
         *("--set", "mesh.divisions=[8,2,2]", "--set", "fem.mesh=scene"),
@@ -198,11 +164,6 @@ def test_a_wall_is_compared_and_drawn(tubelock, tmp_path: Path) -> None:  # noqa
 # Your own blocks
 
 
-def brick_corners() -> FloatArray:
-    base = np.array([[0, 0, 0], [100, 0, 0], [100, 80, 0], [0, 80, 0]], dtype=np.float64)
-    return np.concatenate([base, base + np.array([0.0, 0.0, 50.0])])
-
-
 def wedge() -> Polyhedron:
     """Voussoir of 60° between radii 400 and 500 mm, 100 mm deep."""
     angles = np.radians([60, 0, 0, 60])
@@ -210,18 +171,6 @@ def wedge() -> Polyhedron:
     section = np.column_stack([radius * np.cos(angles), np.zeros(4), radius * np.sin(angles)])
     corners = np.concatenate([section, section + np.array([0.0, 100.0, 0.0])])
     return polyhedron_from_quads("wedge", corners, QUADS)
-
-
-def write_stl(path: Path, solid: Polyhedron) -> None:
-    meshio.write(path, meshio.Mesh(solid.points, [("triangle", solid.triangles)]))
-
-
-def own_scene(
-    folder: Path, parts: str, *, load: str = "[effects]\ngravity = [0, 0, -9810]\n"
-) -> DeformableScene:
-    path = folder / "own.toml"
-    path.write_text(f'[block]\ntype = "mesh"\n{parts}\n{load}{SECTIONS}', "utf-8")
-    return deformable(str(path))
 
 
 @pytest.mark.parametrize("degree", [1, 3])
@@ -504,7 +453,7 @@ def test_a_wrench_is_spread_without_changing_it() -> None:
     np.testing.assert_allclose(np.cross(points - centre, forces).sum(axis=0), moment, atol=1e-12)
 
 
-def test_a_cube_on_its_edge_is_a_rigid_answer_and_no_deformable_one(tubelock, tmp_path) -> None:  # noqa: F811
+def test_a_cube_on_its_edge_is_a_rigid_answer_and_no_deformable_one(tubelock, tmp_path) -> None:
     """Contacts without any area: a traceback of the report before, and of fem another reason."""
     for name, shape in (("floor", box((400.0, 400.0, 50.0))), ("cube", box((100.0,) * 3))):
         mesh = meshio.Mesh(shape.points, [("triangle", shape.triangles)])

@@ -10,17 +10,23 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from geometry.errors import RefusedError
-from geometry.files.block_files import diagnosed_blocks, read_blocks
-from geometry.files.named_surfaces import Y_UP
-from geometry.files.write_solids import flat_faces, write_solids
-from geometry.polyhedra.assembly import PolyhedralAssembly
-from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
-from validation.cli.app import app
-from validation.errors import InputError
-from validation.output.solids import check_file, write_repaired
-from validation.run.rigid.polyhedra import run_polyhedra
-from validation.scene.read import load_scene
+from tests.support.face import (
+    Y_UP,
+    InputError,
+    PolyhedralAssembly,
+    Polyhedron,
+    RefusedError,
+    app,
+    check_file,
+    convex_polyhedron,
+    diagnosed_blocks,
+    flat_faces,
+    load_scene,
+    read_blocks,
+    run_polyhedra,
+    write_repaired,
+    write_solids,
+)
 
 pytestmark = pytest.mark.quick
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from pathlib import Path
 
@@ -10,60 +9,29 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from validation.errors import InputError
-from validation.paper.claims.claim import Truth
-from validation.paper.claims.judge import claims, judge_claims
-from validation.paper.errata import errata, show_errata
-from validation.paper.evidence import Evidence, StudyTable
-from validation.paper.reading import ingredients, sensitivity, to_the_digit
-from validation.paper.tables import compute_tables
-from validation.run.rigid.answer import RigidRun, SharedTubes, run_rigid
-from validation.scene.read import load_scene
-
-AXES = ((0.0, 0.5), (1.0, 1.5, 2.0), (2, 3, 4, 5, 6), (30.0, 40.0, 50.0, 60.0))
-AMPLITUDES = (10.0, 15.0, 20.0, 25.0)
-
-
-def synthetic_study(**changes: float) -> StudyTable:
-    """480 designs in which p_max = (1 + s/100) n / (f a t) exactly, some values replaced."""
-    rows = {}
-    for s, f, n, t, a in itertools.product(*AXES, AMPLITUDES):
-        p = (1 - s / 100) * n / (f * a * t)
-        rows[s, f, n, t, a] = {
-            "p_max": p * changes.get(f"f{f:g}n{n}t{t:g}a{a:g}", 1.0),
-            "mechanism": "locked",
-            "n_contacts": 1000 * n,
-            "cpu_seconds": 0.05,
-            "status": "ok",
-        }
-    return StudyTable(rows, (*AXES, AMPLITUDES), "24 × 4 × 6")
-
-
-class CoarseEvidence(Evidence):
-    """Evidence on meshes small enough for tests, with the parameter study given."""
-
-    def rigid(self, scene: str, *settings: str) -> RigidRun:
-        coarse = {"mesh.around": 24, "mesh.radial": 3, "mesh.axial": 6}
-        if scene.startswith("thb"):
-            coarse = {"mesh.edge": 8, "mesh.radial": 3}
-        given = {k: v for k, _, v in (setting.partition("=") for setting in settings)}
-        mesh = [f"{key}={min(value, int(given.get(key, value)))}" for key, value in coarse.items()]
-        rest = [setting for setting in settings if not setting.startswith("mesh.")]
-        return super().rigid(scene, *rest, *mesh)
-
-    def fem_mesh(self, _: str, /) -> tuple[int, int, int]:
-        return 12, 2, 4
-
-
-def coarse_evidence(
-    folder: Path, study: StudyTable | None = None, *, deformable: bool = False
-) -> CoarseEvidence:
-    """Evidence whose parameter study is the synthetic one."""
-    evidence = CoarseEvidence(folder, Console(quiet=True), deformable=deformable)
-    evidence.__dict__["study"] = synthetic_study() if study is None else study
-    evidence.__dict__["half_block"] = evidence.study
-    return evidence
-
+from tests.support.evidence import (
+    CoarseEvidence,
+    coarse_evidence,
+    picture_is_drawn,
+    synthetic_study,
+)
+from tests.support.face import (
+    Evidence,
+    InputError,
+    SharedTubes,
+    StudyTable,
+    Truth,
+    claims,
+    compute_tables,
+    errata,
+    ingredients,
+    judge_claims,
+    load_scene,
+    run_rigid,
+    show_errata,
+    to_the_digit,
+)
+from tests.support.face import paper_sensitivity as sensitivity
 
 # ---------------------------------------------------------------------------------------------
 # Parameter study
@@ -282,7 +250,7 @@ def test_every_erratum_is_shown_by_its_own_command(tmp_path) -> None:
 
 
 def test_curves_of_the_parameter_study_are_all_there() -> None:
-    from validation.paper.figures import parameter_curves
+    from tests.support.face import parameter_curves
 
     study = synthetic_study()
     for shift in (0.0, 0.5):
@@ -295,7 +263,7 @@ def test_curves_of_the_parameter_study_are_all_there() -> None:
 
 def test_ring_pressures_carry_the_load_to_the_frames(tmp_path) -> None:
     """Pillar: the axial load p A passes through every interface, frames included."""
-    from validation.paper.figures import rings
+    from tests.support.face import rings
 
     run = coarse_evidence(tmp_path).case("TSB1", "pillar")
     load = np.linalg.norm(run.load.facet_forces.sum(axis=0))
@@ -314,16 +282,8 @@ def test_ring_pressures_carry_the_load_to_the_frames(tmp_path) -> None:
         assert abs(axial) == pytest.approx(load, rel=1e-4)
 
 
-def picture_is_drawn(path: Path) -> bool:
-    """Whether a PNG has more than a blank background."""
-    import matplotlib.image
-
-    pixels = matplotlib.image.imread(path)[..., :3]
-    return bool(pixels.shape[0] > 400 and (pixels < 0.9).any(axis=2).mean() > 0.01)
-
-
 def test_cost_rows_stand_beside_the_printed_ones(tmp_path) -> None:
-    from validation.paper.figures import cost_rows
+    from tests.support.face import cost_rows
 
     rows = cost_rows(coarse_evidence(tmp_path))
     assert rows[0].cpu_hours == 2.7
@@ -336,8 +296,8 @@ def test_cost_rows_stand_beside_the_printed_ones(tmp_path) -> None:
 def test_figures_of_deformable_blocks_are_drawn(
     deformable_evidence, tmp_path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from validation.paper import figures_fem
-    from validation.paper.claims.deformable import pressure_pairs
+    from tests.support.face import paper_figures_fem_module as figures_fem
+    from tests.support.face import pressure_pairs
 
     figures_fem.draw_layer_comparison(deformable_evidence, tmp_path / "layer.png")
     assert len(pressure_pairs(deformable_evidence)) == 12

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fem.accuracy.ladder import Rung
-from validation.study.costs.peaks import cap_comparison, order
+from tests.support.face import Rung, cap_comparison, order
 
 
 @pytest.mark.parametrize("slope", [1.0, 2.5])

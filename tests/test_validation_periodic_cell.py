@@ -9,22 +9,32 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem.assembly.contact_state import corner_displacements
-from fem.assembly.symmetry import local_forces
-from fem.contact.surfaces import corner_forces, point_kinematics
-from fem.explicit.solve import Status
-from fem.static.result import StaticError
-from fem.static.solve import StaticMethod, StaticOptions, solve_static
-from geometry.mesh import FloatArray
-from tests.fem_problems import pair_resultants
-from validation.build.deformable import build_deformable
-from validation.cli.app import app
-from validation.errors import InputError
-from validation.run import solve
-from validation.run.deformable import DeformableRun
-from validation.run.solve import floating_words, run_explicit, run_static, static_options
-from validation.scene.read import DeformableScene, load_scene, require_deformable
-from validation.study.effects.cell import middle_answer
+from fem import StaticOptions
+from tests.support.face import (
+    DeformableRun,
+    DeformableScene,
+    FloatArray,
+    InputError,
+    StaticError,
+    StaticMethod,
+    Status,
+    app,
+    build_deformable,
+    corner_displacements,
+    corner_forces,
+    floating_words,
+    load_scene,
+    local_forces,
+    middle_answer,
+    point_kinematics,
+    require_deformable,
+    run_explicit,
+    run_static,
+    static_options,
+)
+from tests.support.face import run_solve_module as solve
+from tests.support.face import solve_deformable_static as solve_static
+from tests.support.fem_problems import pair_resultants
 
 COARSE = ["mesh.around=12", "mesh.radial=1", "mesh.axial=2"]
 CELL = [*COARSE, "fem.symmetry='periodic cell'"]

@@ -17,29 +17,46 @@ from hypothesis.extra.numpy import arrays
 from matplotlib import rc_context
 from PIL import Image
 
-from geometry.assembly import Assembly
-from geometry.block import box_block
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from tests.test_validation_own_fem import column
-from tests.test_validation_tubes import tube
+from geometry import Assembly
+from tests.support.coarse_tubes import tube
+from tests.support.face import (
+    PICTURES,
+    InputError,
+    Lines,
+    Look,
+    Panel,
+    Scale,
+    Surface,
+    View,
+    _Column,
+    _Row,
+    block_edges,
+    box_block,
+    build_scene,
+    check_scene,
+    compared_runs,
+    draw_polyhedra,
+    draw_polyhedral_mechanism,
+    drawing_scale,
+    gallery,
+    labelled,
+    load_scene,
+    looking,
+    require_picture,
+    round_length,
+    run_polyhedra,
+    run_rigid,
+    run_static,
+    scale_from_zero,
+    sharp_edges,
+    symmetric_scale,
+)
+from tests.support.face import picture_section as section
+from tests.support.face import pictures_assemblies_module as assemblies
+from tests.support.face import pictures_gallery_module as gallery_pictures
+from tests.support.face import pictures_tubes_module as tubes
+from tests.support.own_blocks import column
 from validation import compare
-from validation.build.blocks import build_scene
-from validation.errors import InputError
-from validation.output.files import PICTURES, require_picture
-from validation.output.pictures import assemblies, tubes
-from validation.output.pictures.bodies import block_edges, labelled, sharp_edges
-from validation.output.pictures.canvas import Lines, Surface, View
-from validation.output.pictures.gallery import Panel, _Column, _Row, gallery, round_length
-from validation.output.pictures.look import Look, looking
-from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
-from validation.output.pictures.scales import Scale, scale_from_zero, symmetric_scale
-from validation.output.pictures.sections import section
-from validation.run.measures import drawing_scale
-from validation.run.rigid.answer import run_rigid
-from validation.run.rigid.polyhedra import run_polyhedra
-from validation.run.solve import run_static
-from validation.scene.read import check_scene, load_scene
-from validation.study.comparison.scene import compared_runs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -261,9 +278,7 @@ def figures(monkeypatch) -> list[Figure]:
 
     kept: list[Figure] = []
     monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: kept.append(self))
-    monkeypatch.setattr(
-        "validation.output.pictures.gallery.write_whole", lambda path, write: write(path)
-    )
+    monkeypatch.setattr(gallery_pictures, "write_whole", lambda path, write: write(path))
     return kept
 
 
@@ -496,7 +511,7 @@ def page_size(path: Path) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("kind", ["png", "svg", "pdf"])
-def test_pictures_have_the_width_and_the_font_that_a_scene_asks_for(kind, tubelock) -> None:  # noqa: F811
+def test_pictures_have_the_width_and_the_font_that_a_scene_asks_for(kind, tubelock) -> None:
     """170 mm at 8 pt and 90 mm: pixels at 300 an inch, points at 72 an inch."""
     for width in (170, 90):
         keys = (f"width={width}", f"format={kind}", "font_size=8", "font=DejaVu Serif")
@@ -520,7 +535,7 @@ def test_pictures_have_the_width_and_the_font_that_a_scene_asks_for(kind, tubelo
 
 @pytest.mark.parametrize("kind", ["svg", "pdf"])
 @pytest.mark.usefixtures("undrawn")
-def test_pictures_in_a_folder_have_the_format_that_a_scene_asks_for(kind, tubelock) -> None:  # noqa: F811
+def test_pictures_in_a_folder_have_the_format_that_a_scene_asks_for(kind, tubelock) -> None:
     settings = _set((*COARSE, f"pictures.format={kind}"))
     status, said, _ = tubelock("mbd", "tsb1-pipe", *settings, "-o", "out")
     assert status == 0
@@ -528,7 +543,7 @@ def test_pictures_in_a_folder_have_the_format_that_a_scene_asks_for(kind, tubelo
     assert f"contact_pressures.{kind}" in said
 
 
-def test_a_name_and_a_scene_that_ask_for_two_formats_are_refused(tubelock) -> None:  # noqa: F811
+def test_a_name_and_a_scene_that_ask_for_two_formats_are_refused(tubelock) -> None:
     pdf = _set((*COARSE, "pictures.format=pdf"))
     for command, name in (("show", "assembly"), ("explode", "explosion")):
         status, _, error = tubelock(command, "tsb1-pipe", *pdf, "-o", "a.png")
@@ -541,7 +556,7 @@ def test_a_name_and_a_scene_that_ask_for_two_formats_are_refused(tubelock) -> No
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_keys_of_pictures_are_unused_where_none_is_drawn(tubelock) -> None:  # noqa: F811
+def test_keys_of_pictures_are_unused_where_none_is_drawn(tubelock) -> None:
     wide = _set((*COARSE, "pictures.width=90"))
     for options, unused in ((("--json", "a.json"), True), (("-o", "out"), False)):
         status, said, _ = tubelock("mbd", "tsb1-pipe", *wide, *options)
@@ -549,7 +564,7 @@ def test_keys_of_pictures_are_unused_where_none_is_drawn(tubelock) -> None:  # n
         assert ("[pictures]" in said or "pictures.width" in said) is unused
 
 
-def test_a_width_and_a_font_without_meaning_are_refused(tubelock) -> None:  # noqa: F811
+def test_a_width_and_a_font_without_meaning_are_refused(tubelock) -> None:
     for setting, words in (
         ("width=9", "greater than or equal to 40"),
         ("font=DejaVu Sanz", "DejaVu Sans"),
@@ -599,14 +614,14 @@ def test_panels_of_any_shape_lie_apart_on_the_page_asked_for(
         assert not any(box.overlaps(other) for other in boxes[:number])
 
 
-def test_other_endings_are_refused(tubelock) -> None:  # noqa: F811
+def test_other_endings_are_refused(tubelock) -> None:
     with pytest.raises(InputError, match=r"\.png, \.svg or \.pdf"):
         require_picture(Path("tube.jpg"))
     assert tubelock("show", "tsb1-pipe", *_set(COARSE), "-o", "tube.pdf")[0] == 0
     assert Path("tube.pdf").read_bytes()[:4] == b"%PDF"
 
 
-def test_one_block_is_drawn_with_all_its_measures(tubelock) -> None:  # noqa: F811
+def test_one_block_is_drawn_with_all_its_measures(tubelock) -> None:
     settings = ("block.height=150", "block.shift=0.25", *COARSE)
     assert tubelock("show", "tsb1-pipe", "--block", *_set(settings), "-o", "block.svg")[0] == 0
     words = Path("block.svg").read_text("utf-8")  # words stay words

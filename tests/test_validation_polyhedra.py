@@ -11,20 +11,27 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from geometry.errors import RefusedError
-from geometry.families.masonry import box
-from geometry.families.platonic_layers import tetrahedra_layer, tetrahedron
-from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
 from mbd import contact_jacobian, generalized_force, solve_linear_programs
-from validation.build.deformable import build_deformable
-from validation.build.polyhedra import motion
-from validation.cli.app import app
-from validation.errors import InputError
-from validation.output.rigid.polyhedra import print_rigid
-from validation.run.held_by_faces import faces_words
-from validation.run.rigid.polyhedra import run_polyhedra
-from validation.scene.polyhedra import MeshScene, PlaceSection, PolyhedralScene
-from validation.scene.read import SceneFile, load_scene
+from tests.support.face import (
+    InputError,
+    MeshScene,
+    PlaceSection,
+    PolyhedralScene,
+    Polyhedron,
+    RefusedError,
+    SceneFile,
+    app,
+    box,
+    build_deformable,
+    convex_polyhedron,
+    faces_words,
+    load_scene,
+    motion,
+    run_polyhedra,
+    tetrahedra_layer,
+    tetrahedron,
+)
+from tests.support.face import print_polyhedra as print_rigid
 
 EDGE = 60.0
 
@@ -100,7 +107,7 @@ def test_what_is_not_asked_is_absent_and_what_is_asked_is_answered() -> None:
 
 
 def test_friction_can_be_asked_of_a_tube() -> None:
-    from validation.run.rigid.answer import run_rigid
+    from tests.support.face import run_rigid
 
     settings = ["mesh.edge=6", "mesh.radial=3", "assembly.layers=4"]
     slippery = run_rigid(
@@ -182,7 +189,7 @@ def test_scales_that_look_wrong_are_refused(tmp_path: Path) -> None:
     message = _refusal(path)
     assert "a block measures 0.2 mm" in message
     assert "metres" in message
-    from validation.build.blocks import build_assembly
+    from tests.support.face import build_assembly
 
     metres = [
         f"block.{key}={value}"

@@ -15,11 +15,16 @@ import meshio
 import numpy as np
 import pytest
 
-from tests.test_validation_cli import tubelock as run  # noqa: F401 - fixture
-from validation.output.outputs import Outputs
-from validation.output.provenance import Provenance, program, stamp_vtu, stamped
-from validation.scene.builtin import builtin_text
-from validation.scene.read import check_scene, load_scene
+from tests.support.face import (
+    Outputs,
+    Provenance,
+    builtin_text,
+    check_scene,
+    load_scene,
+    program,
+    stamp_vtu,
+    stamped,
+)
 
 SMALL = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
 
@@ -124,12 +129,12 @@ def test_joints_of_rigid_blocks_balance_the_load(answer: tuple[Path, dict[str, A
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_field_files_of_a_deformable_tube_say_whose_each_row_is(run) -> None:  # type: ignore[no-untyped-def] # noqa: F811
+def test_field_files_of_a_deformable_tube_say_whose_each_row_is(tubelock) -> None:  # type: ignore[no-untyped-def]
     # From the files alone: elements lie in the blocks they name, layers are h high, and what the
     # contact facets press with balances the load p on the inner face of each free block.
     pressure = 0.01
     on_scene = ("--set", 'fem.mesh="scene"')
-    assert run("fem", "tsb1-pipe", *settings(), *on_scene)[0] == 0
+    assert tubelock("fem", "tsb1-pipe", *settings(), *on_scene)[0] == 0
     out = Path("out", "tsb1-pipe-fem")
     solid, joints = meshio.read(out / "fields.vtu"), meshio.read(out / "contact_pressures.vtu")
     cells = {name: values[0] for name, values in solid.cell_data.items()}

@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 
 from tests.fixtures.commands import small_meshes
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+from tests.support.face import (
+    Comparison,
+    DeformableRun,
+    DeformableScene,
+    compared_runs,
+    load_scene,
+    run_converged,
+)
 from validation import compare
-from validation.run.deformable import DeformableRun
-from validation.run.solve import run_converged
-from validation.scene.read import DeformableScene, load_scene
-from validation.study.comparison.report import Comparison
-from validation.study.comparison.scene import compared_runs
 
 TO_REST = ["fem", "column", "--set", "fem.method=explicit", "--set", "fem.damping=static"]
 
@@ -53,7 +55,7 @@ def answer(run: Any, *more: str) -> tuple[str, dict[str, Any]]:
 
 
 def test_an_explicit_run_has_the_converged_value_beside_its_own(
-    tubelock,  # noqa: F811
+    tubelock,
     converged: DeformableRun,
 ) -> None:
     """Their difference is the discretisation error, and error bars cover it."""
@@ -71,7 +73,7 @@ def test_an_explicit_run_has_the_converged_value_beside_its_own(
         assert own["error"] == pytest.approx(abs(error) + far["error"], rel=1e-12)
 
 
-def test_an_option_leaves_the_converged_value_out(tubelock) -> None:  # noqa: F811
+def test_an_option_leaves_the_converged_value_out(tubelock) -> None:
     out, data = answer(tubelock, "--no-static-reference", "--set", "fem.error_estimate=false")
     assert "discretisation" not in out
     assert "static_reference" not in data
@@ -80,7 +82,7 @@ def test_an_option_leaves_the_converged_value_out(tubelock) -> None:  # noqa: F8
 @pytest.mark.parametrize(
     ("setting", "why"), [("effects.friction.coefficient=0.3", "friction have many static states")]
 )
-def test_a_scene_without_a_converged_state_says_why(tubelock, setting, why) -> None:  # noqa: F811
+def test_a_scene_without_a_converged_state_says_why(tubelock, setting, why) -> None:
     out, data = answer(tubelock, "--set", setting, "--set", "fem.error_estimate=false")
     line = next(x for x in out.splitlines() if x.startswith("no converged static state"))
     assert why in line

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-
 COARSE = {"around": 12, "radial": 1, "axial": 2}
 
 
@@ -18,7 +16,7 @@ def asked(factor: int) -> list[str]:
     return ["tsb1-pipe", *(word for pair in pairs for word in ("--set", pair))]
 
 
-def test_a_refinement_is_the_difference_of_two_answers(tubelock) -> None:  # type: ignore[no-untyped-def] # noqa: F811
+def test_a_refinement_is_the_difference_of_two_answers(tubelock) -> None:  # type: ignore[no-untyped-def]
     status, out, _ = tubelock("mbd", *asked(1), "--refine", "--json", "one.json")
     assert status == 0
     assert tubelock("mbd", *asked(2), "--json", "two.json")[0] == 0
@@ -45,7 +43,7 @@ def value(measure: float | dict[str, float]) -> float:
 
 
 @pytest.mark.parametrize("scene", ["cubes", "voxel-puzzle"])
-def test_blocks_without_a_mesh_are_refused(tubelock, scene: str) -> None:  # type: ignore[no-untyped-def] # noqa: F811
+def test_blocks_without_a_mesh_are_refused(tubelock, scene: str) -> None:  # type: ignore[no-untyped-def]
     status, _, err = tubelock("mbd", scene, "--refine")
     assert status == 2
     assert "no mesh that could be refined" in err

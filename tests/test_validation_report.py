@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-import io
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.chromium import BROWSER, Page
-from tests.test_validation_paper import coarse_evidence, picture_is_drawn
-from validation.output.provenance import program
+from tests.support.chromium import BROWSER, Page
+from tests.support.evidence import coarse_evidence, picture_is_drawn
+from tests.support.face import program
+from tests.support.pixels import open_pixels
 
 pytestmark = pytest.mark.slow
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def report(tmp_path_factory) -> Path:
     """A report of rigid blocks on coarse meshes."""
-    from validation.paper.report import Extent, report_evidence
+    from tests.support.face import Extent, report_evidence
 
     folder = tmp_path_factory.mktemp("report")
     return report_evidence(coarse_evidence(folder), folder, extent=Extent.QUICK)
@@ -64,13 +64,6 @@ def test_its_figures_are_drawn(report) -> None:
     assert all(picture_is_drawn(path) for path in folder.glob("*.png"))
     # A header and 3 f × 4 t × 5 n × 4 a.
     assert len((folder / "parameter-study-sine.csv").read_text().splitlines()) == 241
-
-
-def open_pixels(png: bytes) -> np.ndarray:
-    """(height, width, 3), 0 … 1."""
-    import matplotlib.image
-
-    return matplotlib.image.imread(io.BytesIO(png))[..., :3]
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")

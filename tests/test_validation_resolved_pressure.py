@@ -6,16 +6,19 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from fem.accuracy.converge import relative
-from fem.contact.facet_peaks import LARGEST_FACTOR, facet_peaks
-from fem.contact.law import ExponentialLaw
-from fem.measures import bracketed
-from geometry.answer import Measure
-from validation.output.deformable.answers import print_run
-from validation.run.deformable import DeformableRun
-from validation.run.solve import run_static
-from validation.scene.families.sine import TubeScene
-from validation.scene.read import load_scene
+from fem import ExponentialLaw
+from geometry import Measure
+from tests.support.face import (
+    LARGEST_FACTOR,
+    DeformableRun,
+    TubeScene,
+    bracketed,
+    facet_peaks,
+    load_scene,
+    print_run,
+    relative,
+    run_static,
+)
 
 COARSE = ["assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4"]
 

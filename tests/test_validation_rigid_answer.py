@@ -10,18 +10,25 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from geometry.families.masonry import circular_arch
-from geometry.measures import first_largest
-from geometry.mesh import FloatArray, IntArray
-from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
 from mbd import contact_jacobian
-from mbd.friction import frictional_contacts, frictional_equilibrium
-from mbd.options import FrictionLaw
-from validation.output.rigid.assembly import print_rigid
-from validation.run.rigid.answer import RigidRun, run_rigid
-from validation.run.rigid.polyhedra import PolyhedralRun, run_polyhedra
-from validation.scene.polyhedra import PolyhedralScene
-from validation.scene.read import load_scene
+from tests.support.face import (
+    FloatArray,
+    FrictionLaw,
+    IntArray,
+    PolyhedralRun,
+    PolyhedralScene,
+    Polyhedron,
+    RigidRun,
+    circular_arch,
+    convex_polyhedron,
+    first_largest,
+    frictional_contacts,
+    frictional_equilibrium,
+    load_scene,
+    print_rigid,
+    run_polyhedra,
+    run_rigid,
+)
 
 
 def solved(path: Path | str, *settings: str) -> PolyhedralRun:

@@ -9,15 +9,21 @@ from html import unescape
 
 import pytest
 
-from geometry.answer import Measure
-from geometry.loads import CASES
+from geometry import Measure
+from tests.support.face import (
+    BAD,
+    CASES,
+    GOOD,
+    OPEN,
+    InputError,
+    check_scene,
+    load_scene,
+    report_scene,
+    run_rigid,
+    strength_verdict,
+    toml_text,
+)
 from validation import report
-from validation.errors import InputError
-from validation.pages.report import report_scene
-from validation.pages.verdicts import BAD, GOOD, OPEN, strength_verdict
-from validation.run.rigid.answer import run_rigid
-from validation.scene.keys.toml_text import toml_text
-from validation.scene.read import check_scene, load_scene
 
 COARSE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 2}
 SETTINGS = [f"{key}={value}" for key, value in COARSE.items()]

@@ -11,10 +11,15 @@ from typing import Any
 import jsonschema
 import pytest
 
-from validation.errors import InputError
-from validation.scene.builtin import builtin_names, builtin_text
-from validation.scene.keys.schema import scene_schema
-from validation.scene.read import SCENE_TYPES, check_scene, load_scene
+from tests.support.face import (
+    SCENE_TYPES,
+    InputError,
+    builtin_names,
+    builtin_text,
+    check_scene,
+    load_scene,
+    scene_schema,
+)
 
 
 @pytest.fixture(scope="module")

@@ -10,11 +10,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from validation.errors import InputError
-from validation.scene.families.sine import TubeScene
-from validation.scene.keys.schema import scene_schema
-from validation.scene.read import check_scene, load_scene
+from tests.support.face import InputError, TubeScene, check_scene, load_scene, scene_schema
 
 README = (Path(__file__).parents[1] / "README.md").read_text("utf-8")
 SHORT = re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL)[0]
@@ -42,7 +38,7 @@ def scene(**sections: object) -> TubeScene:
         (("export", "-o", "a.inp"), ("material", "contact", "fem")),
     ],
 )
-def test_the_scene_of_the_readme_needs_no_edit(tubelock, command, used) -> None:  # noqa: F811
+def test_the_scene_of_the_readme_needs_no_edit(tubelock, command, used) -> None:
     """Defaults are named where the answer depends on them, and nowhere else."""
     Path("mine.toml").write_text(SHORT)
     status, out, err = tubelock(command[0], "mine.toml", *command[1:])
@@ -55,7 +51,7 @@ def test_the_scene_of_the_readme_needs_no_edit(tubelock, command, used) -> None:
         assert set(used) <= set(json.loads(Path("a.json").read_text())["defaults"])
 
 
-def test_a_scene_that_states_everything_has_no_defaults_to_name(tubelock) -> None:  # noqa: F811
+def test_a_scene_that_states_everything_has_no_defaults_to_name(tubelock) -> None:
     status, out, _ = tubelock("fem", "tsb1-pipe", *settings(*SMALL, *ONE_MESH), "--json", "a.json")
     assert status == 0
     assert "defaults" not in out
@@ -111,7 +107,7 @@ def test_keys_that_tables_of_a_list_lack_come_with_lines_to_add() -> None:
     assert check_scene({"block": {"type": "boxes", "boxes": [whole, whole]}}).block.type == "boxes"
 
 
-def test_a_box_needs_no_mesh(tubelock) -> None:  # noqa: F811
+def test_a_box_needs_no_mesh(tubelock) -> None:
     """Its elements are named among the defaults, and no contact: it touches none."""
     Path("box.toml").write_text(
         '[block]\ntype = "box"\nsize = [90.0, 30.0, 30.0]\n[support]\nx- = "fixed"\n'
@@ -125,7 +121,7 @@ def test_a_box_needs_no_mesh(tubelock) -> None:  # noqa: F811
     assert "contact" not in named
 
 
-def test_a_density_that_is_left_out_is_named_where_blocks_weigh(tubelock) -> None:  # noqa: F811
+def test_a_density_that_is_left_out_is_named_where_blocks_weigh(tubelock) -> None:
     wall = (
         '[block]\ntype = "wall"\nsize = [240.0, 115.0, 71.0]\n[assembly]\ncolumns = 2\nrows = 2\n'
     )

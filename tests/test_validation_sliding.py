@@ -11,28 +11,37 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from fem.assembly.deformable import Frames
-from fem.element.material import Material
-from fem.explicit.setup.assembly import explicit_assembly
-from fem.explicit.setup.quasi_static import block_frequencies
-from fem.explicit.solve import StopCriterion, initial_state, prepare, solve
-from fem.problem.effects import AdaptiveMassDamping, Effects
-from fem.problem.loads import SmoothStepAmplitude
-from fem.problem.model import Model
-from geometry.block import box_block
-from geometry.families.boxes import ColumnBox, box_column
-from geometry.files.mesh_io import write_hex_mesh
-from geometry.loads import face_pressure
-from geometry.mesh import FloatArray
-from geometry.polyhedra.polyhedron import polyhedron_from_quads
-from tests.fem_problems import deformable_assembly, in_contact
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from tests.test_validation_own_fem import QUADS, SECTIONS, brick_corners, overclosure, write_stl
-from validation.build.deformable import build_deformable, scene_problem
-from validation.errors import InputError
-from validation.output.deformable.answers import print_run
-from validation.run.solve import run_explicit, run_scene, run_static
-from validation.scene.read import DeformableScene, check_scene, load_scene
+from fem import Frames, Material, solve
+from tests.support.face import (
+    AdaptiveMassDamping,
+    ColumnBox,
+    DeformableScene,
+    Effects,
+    FloatArray,
+    InputError,
+    Model,
+    SmoothStepAmplitude,
+    StopCriterion,
+    block_frequencies,
+    box_block,
+    box_column,
+    build_deformable,
+    check_scene,
+    explicit_assembly,
+    face_pressure,
+    initial_state,
+    load_scene,
+    polyhedron_from_quads,
+    prepare,
+    print_run,
+    run_explicit,
+    run_scene,
+    run_static,
+    scene_problem,
+    write_hex_mesh,
+)
+from tests.support.fem_problems import deformable_assembly, in_contact
+from tests.support.own_blocks import QUADS, SECTIONS, brick_corners, overclosure, write_stl
 
 Box = tuple[tuple[float, float, float], tuple[int, int, int]]
 
@@ -135,7 +144,7 @@ def test_random_motions_of_boxes_that_do_not_match_balance() -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_rigid_blocks_meet_where_a_search_finds_facets(tubelock) -> None:  # noqa: F811
+def test_rigid_blocks_meet_where_a_search_finds_facets(tubelock) -> None:
     """Joints that do not match: a uniform pressure on each, to rounding, and the force of the load,
     which the static answer passes to its residual of 1e-8."""
     assert tubelock("mbd", "column-nonmatching", "-o", "rigid")[0] == 0
@@ -155,7 +164,7 @@ def test_rigid_blocks_meet_where_a_search_finds_facets(tubelock) -> None:  # noq
         assert data["agreement"][method][0]["force_ratio"] == pytest.approx(1, abs=1e-7)
 
 
-def test_decks_of_joints_that_do_not_match(tubelock) -> None:  # noqa: F811
+def test_decks_of_joints_that_do_not_match(tubelock) -> None:
     """All flavours write them; a picture too."""
     for flavour in ("general", "standard", "calculix"):
         export = ("export", "column-nonmatching", "--flavour", flavour, "-o", f"{flavour}.inp")
@@ -164,7 +173,7 @@ def test_decks_of_joints_that_do_not_match(tubelock) -> None:  # noqa: F811
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_the_built_in_column_from_the_command_line(tubelock) -> None:  # noqa: F811
+def test_the_built_in_column_from_the_command_line(tubelock) -> None:
     files = ("-o", "run", "--json", "run.json")
     status, out, _ = tubelock("fem", "column-nonmatching", "--no-static-reference", *files)
     assert status == 0
@@ -446,7 +455,7 @@ def test_contact_forces_of_blocks_that_move_away_end() -> None:
 
 
 def test_large_motions_are_not_refined(
-    tubelock,  # type: ignore[no-untyped-def]  # noqa: F811
+    tubelock,  # type: ignore[no-untyped-def]
 ) -> None:
     """A gap of 5 mm closes, blocks have 79 mm: finer meshes leave an error of that order."""
     box = "{size = [100, 100, 50], divisions = [2, 2, 1]}"

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from validation.errors import InputError
-from validation.stability.case import Case, Check, Finding, Verdict, refusal, run_case
-from validation.stability.suite import cases, chosen
+from tests.support.face import Check, Finding, InputError, Verdict, cases, chosen, refusal, run_case
+from tests.support.face import StabilityCase as Case
 
 #: Of every subject one or two that take less than half a CPU second.
 QUICK = [
@@ -74,7 +73,7 @@ def test_a_failure_or_a_missing_refusal_is_red() -> None:
 
 
 def test_command_writes_what_it_prints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from validation.cli.app import app
+    from tests.support.face import app
 
     file = tmp_path / "s.json"
     app(["stability", "--only", "layers-1", "--json", str(file)], standalone_mode=False)
@@ -85,7 +84,7 @@ def test_command_writes_what_it_prints(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 def test_the_list_is_written_where_json_is_asked(tmp_path: Path) -> None:
-    from validation.cli.app import app
+    from tests.support.face import app
 
     file = tmp_path / "list.json"
     app(

@@ -13,14 +13,22 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from tests.test_validation_study import WALLS, Here, content
-from validation.errors import InputError
-from validation.output import store as stores
-from validation.output.store import Layout, Store, content_key, rescue
-from validation.study.run import sweep
-from validation.study.store import Older, ResultFile, write_csv
-from validation.study.study import Study, check_study, load_study
+from tests.support.face import (
+    InputError,
+    Layout,
+    Older,
+    ResultFile,
+    Store,
+    Study,
+    check_study,
+    content_key,
+    load_study,
+    rescue,
+    write_csv,
+)
+from tests.support.face import output_store_module as stores
+from tests.support.face import run_sweep as sweep
+from tests.support.studies import WALLS, Here, content
 
 pytestmark = pytest.mark.quick
 
@@ -247,7 +255,7 @@ def test_a_complete_file_that_cannot_be_written_is_exported(walls, tmp_path, mon
         sweep(results, Here(walls))
 
 
-def test_a_rescued_study_goes_on(tubelock, walls, tmp_path) -> None:  # noqa: F811
+def test_a_rescued_study_goes_on(tubelock, walls, tmp_path) -> None:
     with ResultFile(tmp_path / "walls.sqlite", walls) as results:
         sweep(results, Here(walls))
     reference = content(tmp_path / "walls.sqlite")

@@ -14,39 +14,26 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
 
-from validation.errors import InputError
-from validation.study.design import Row, run_design
-from validation.study.run import DaskRunner, LocalRunner, sweep
-from validation.study.store import ResultFile, write_csv, write_parquet
-from validation.study.study import Study, check_study, load_study
-
-#: Sixteen walls of which four cannot be built (no rows), each a few milliseconds.
-WALLS = """
-scene = "brick-stack"
-[parameters]
-load.pressure = { from = 0.01, to = 0.04, step = 0.01 }
-"load.layer" = [1, 2, 3, 9]
-[settings]
-load.case = "beam"
-mesh.divisions = [2, 1, 1]
-assembly = { columns = 2, layers = 3 }
-"""
-
-
-class Here:
-    """Runs designs in this process, at most ``limit`` of them."""
-
-    def __init__(self, study: Study, limit: int | None = None) -> None:
-        self.study, self.limit = study, limit
-
-    def rows(self, numbers: Iterable[int]) -> Iterator[Row]:
-        for number in itertools.islice(numbers, self.limit):
-            yield run_design(self.study, number)
+from tests.support.face import (
+    DaskRunner,
+    InputError,
+    LocalRunner,
+    ResultFile,
+    Row,
+    Study,
+    check_study,
+    load_study,
+    run_design,
+    write_csv,
+    write_parquet,
+)
+from tests.support.face import run_sweep as sweep
+from tests.support.face import study_run_module as study_run
+from tests.support.studies import WALLS, Here, content
 
 
 @pytest.fixture
@@ -54,14 +41,6 @@ def walls(tmp_path) -> Study:
     """The sixteen walls."""
     (tmp_path / "walls.toml").write_text(WALLS)
     return load_study(str(tmp_path / "walls.toml"))
-
-
-def content(path: Path) -> list[tuple]:
-    """All rows without their CPU time, and so without their digest."""
-    with sqlite3.connect(path) as connection:
-        rows = connection.execute("SELECT * FROM rows ORDER BY number")
-        place = [column[0] for column in rows.description].index("cpu_seconds")
-        return [row[:place] + row[place + 1 : -1] for row in rows]
 
 
 @pytest.fixture
@@ -103,7 +82,7 @@ def test_ranges_are_exact_decimals_and_keep_whole_numbers_whole() -> None:
 
 
 def test_the_built_in_study_is_the_printed_parameter_space() -> None:
-    from validation.paper.reference import reference as printed
+    from tests.support.face import reference as printed
 
     study = load_study("paper-480")
     assert study.n_designs == 480
@@ -327,8 +306,7 @@ def deformable(**changes: object) -> Study:
 @pytest.mark.slow
 @pytest.mark.usefixtures("small_meshes")
 def test_a_deformable_design_is_refined_as_the_command_does() -> None:
-    from fem.accuracy.converge import TARGETS
-    from validation.run.solve import run_converged
+    from tests.support.face import TARGETS, run_converged
 
     study = deformable(accuracy="30%")
     row = run_design(study, 0)
@@ -387,7 +365,7 @@ def tubes(tmp_path_factory) -> tuple[Study, Path]:
 def test_the_table_ranks_designs_and_ends_with_those_that_failed(tubes) -> None:
     from rich.console import Console
 
-    from validation.study.report import print_table
+    from tests.support.face import print_table
 
     study, path = tubes
     console = Console(width=400, record=True, file=io.StringIO())
@@ -406,7 +384,7 @@ def test_the_table_ranks_designs_and_ends_with_those_that_failed(tubes) -> None:
 
 
 def test_curves_hold_the_rows_and_failed_designs_are_gaps(tubes) -> None:
-    from validation.study.picture import study_figure
+    from tests.support.face import study_figure
 
     study, path = tubes
     with ResultFile(path, study) as results:
@@ -430,14 +408,14 @@ def test_curves_hold_the_rows_and_failed_designs_are_gaps(tubes) -> None:
     ],
 )
 def test_what_cannot_be_drawn_is_refused_before_the_work(tubes, axes, message) -> None:
-    from validation.study.picture import check_axes
+    from tests.support.face import check_axes
 
     with pytest.raises(InputError, match=message):
         check_axes(tubes[0], *axes)
 
 
 def test_the_expected_time_is_printed_first_and_where_it_changes() -> None:
-    from validation.study.report import Expected
+    from tests.support.face import Expected
 
     def row(seconds: float, status: str = "ok") -> Row:
         return Row(0, status, "", {}, {}, seconds)
@@ -661,10 +639,10 @@ def test_a_scheduler_that_dies_halfway_stops_the_sweep_in_one_line(many_walls, t
 
 
 def test_sweep_on_the_command_line(walls, reference, tmp_path, monkeypatch, capsys) -> None:
-    from validation.cli.app import main
+    from tests.support.face import main
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("validation.study.run.LocalRunner", lambda study, _: Here(study))
+    monkeypatch.setattr(study_run, "LocalRunner", lambda study, _: Here(study))
 
     def tubelock(*arguments: str) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["tubelock", *arguments])

@@ -8,19 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem import concrete
-from fem.assembly.statement import Problem, ProblemError
+from fem import Problem, concrete
 from geometry import SineBlock, pipe, tube
-from geometry.block import box_block
-from geometry.errors import RefusedError
-from geometry.files.mesh_io import read_any_mesh, write_hex_mesh
-from geometry.mesh import MeshError
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from validation.cli.fem import _targets
-from validation.run.accuracy import parse_targets
-from validation.run.solve import run_static
-from validation.scene.builtin import builtin_text
-from validation.scene.read import load_scene
+from tests.support.face import (
+    MeshError,
+    ProblemError,
+    RefusedError,
+    _targets,
+    box_block,
+    builtin_text,
+    load_scene,
+    parse_targets,
+    read_any_mesh,
+    run_static,
+    write_hex_mesh,
+)
 
 
 @pytest.mark.parametrize(
@@ -67,7 +69,7 @@ from validation.scene.read import load_scene
     ],
 )
 def test_slips_are_told_in_one_line_with_what_was_meant(
-    tubelock,  # type: ignore[no-untyped-def]  # noqa: F811
+    tubelock,  # type: ignore[no-untyped-def]
     arguments: list[str],
     words: str,
 ) -> None:
@@ -105,7 +107,7 @@ def test_misspelt_keys_and_sections_are_named_before_what_is_missing(tmp_path: P
 
 
 def test_a_file_in_the_place_of_a_folder_is_named(
-    tubelock,  # type: ignore[no-untyped-def]  # noqa: F811
+    tubelock,  # type: ignore[no-untyped-def]
     tmp_path: Path,
 ) -> None:
     (tmp_path / "out.txt").touch()
@@ -144,7 +146,7 @@ def test_gravity_in_metres_is_refused_in_python() -> None:
 
 @pytest.mark.parametrize(("amplitude", "degrees"), [(40.0, None), (90.0, 82)])
 def test_waves_that_are_almost_upright_are_named(
-    tubelock,  # type: ignore[no-untyped-def]  # noqa: F811
+    tubelock,  # type: ignore[no-untyped-def]
     amplitude: float,
     degrees: int | None,
 ) -> None:

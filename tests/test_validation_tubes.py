@@ -12,25 +12,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
+from tests.support.coarse_tubes import COARSE, tube
+from tests.support.face import (
+    FILES,
+    InputError,
+    agreement,
+    compared_runs,
+    effective_region,
+    run_explicit,
+    run_static,
+)
+from tests.support.face import output_console_module as console
 from validation import compare, read_answer
-from validation.errors import InputError
-from validation.output.answer_files import FILES
-from validation.run.solve import run_explicit, run_static
-from validation.scene.read import DeformableScene, load_scene
-from validation.study.comparison.agreement import agreement, effective_region
-from validation.study.comparison.scene import compared_runs
 
 pytestmark = pytest.mark.quick
 
-COARSE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
 SETTINGS = [a for s in COARSE for a in ("--set", s)]
-
-
-def tube(name: str, *settings: str) -> DeformableScene:
-    scene = load_scene(name, [*COARSE, *settings]).scene
-    assert isinstance(scene, DeformableScene)
-    return scene
 
 
 def test_three_answers_to_one_scene() -> None:
@@ -73,7 +70,7 @@ def test_sector_and_whole_tube_give_the_same_digits() -> None:
 
 
 @pytest.mark.slow
-def test_sector_is_refused_where_the_load_breaks_it(tubelock) -> None:  # noqa: F811
+def test_sector_is_refused_where_the_load_breaks_it(tubelock) -> None:
     status, _, err = tubelock("fem", "tsb1-beam", *SETTINGS, "--set", "fem.symmetry=sector")
     assert status == 2
     assert "not the same on every block" in err
@@ -88,7 +85,7 @@ def test_every_load_case_has_a_static_answer(case: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_json_and_files_of_a_static_tube(tubelock) -> None:  # noqa: F811
+def test_json_and_files_of_a_static_tube(tubelock) -> None:
     on_mesh = (*SETTINGS, "--set", "fem.mesh=scene")
     status, _, _ = tubelock("fem", "tsb1-pipe", *on_mesh, "-o", "run", "--json", "run.json")
     assert status == 0
@@ -117,7 +114,7 @@ def test_json_and_files_of_a_static_tube(tubelock) -> None:  # noqa: F811
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_interrupted_tube_continues_to_the_same_bits(tubelock, monkeypatch) -> None:  # noqa: F811
+def test_interrupted_tube_continues_to_the_same_bits(tubelock, monkeypatch) -> None:
     arguments = ["fem", "tsb1-pipe", *SETTINGS, "--set", "fem.method=explicit"]
     arguments += ["--set", "fem.sample_interval=20", "--no-static-reference"]
     assert tubelock(*arguments, "-o", "whole")[0] == 0
@@ -131,7 +128,7 @@ def test_interrupted_tube_continues_to_the_same_bits(tubelock, monkeypatch) -> N
         yield show
 
     with monkeypatch.context() as patch:
-        patch.setattr("validation.output.console.explicit_progress", impatient)
+        patch.setattr(console, "explicit_progress", impatient)
         status, said, _ = tubelock(*arguments, "-o", "cut")
     assert status == 130
     assert "continue with --resume cut/checkpoint.npz" in said
@@ -142,7 +139,7 @@ def test_interrupted_tube_continues_to_the_same_bits(tubelock, monkeypatch) -> N
     assert (whole.method, repr(whole)) == ("explicit", repr(cut))
 
 
-def test_larger_clearance_means_larger_displacement_and_pressure(tubelock) -> None:  # noqa: F811
+def test_larger_clearance_means_larger_displacement_and_pressure(tubelock) -> None:
     status, out, _ = tubelock(
         "clearance", "tsb1-pipe", *SETTINGS, "--gap", "0", "--gap", "0.03", "--json", "-"
     )
@@ -188,7 +185,7 @@ def test_agreement_of_a_field_with_itself_is_perfect() -> None:
         ("clearance", ["block.type=cube"], "block.type"),
     ],
 )
-def test_bad_input_gives_one_line(tubelock, command, settings, message) -> None:  # noqa: F811
+def test_bad_input_gives_one_line(tubelock, command, settings, message) -> None:
     extra = [a for s in settings for a in ("--set", s)]
     status, out, err = tubelock(command, "tsb1-pipe", *SETTINGS, *extra)
     assert status == 2

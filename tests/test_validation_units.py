@@ -5,13 +5,17 @@ import tomllib
 import jsonschema
 import pytest
 
-from geometry.errors import RefusedError
-from validation.build.polyhedra import build_polyhedra
-from validation.errors import InputError
-from validation.scene.builtin import builtin_text
-from validation.scene.keys.quantities import parse_unit
-from validation.scene.keys.schema import scene_schema
-from validation.scene.read import apply_overrides, check_scene, load_scene
+from tests.support.face import (
+    InputError,
+    RefusedError,
+    apply_overrides,
+    build_polyhedra,
+    builtin_text,
+    check_scene,
+    load_scene,
+    parse_unit,
+    scene_schema,
+)
 
 pytestmark = pytest.mark.quick
 

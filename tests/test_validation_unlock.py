@@ -7,11 +7,14 @@ import json
 import pytest
 
 from mbd import MechanismClass
-from tests.test_validation_cli import tubelock  # noqa: F401
-from validation.errors import InputError
-from validation.run.rigid.answer import run_rigid
-from validation.run.rigid.changed import class_with_layers, frame_warning, layers_to_unlock
-from validation.scene.read import load_scene
+from tests.support.face import (
+    InputError,
+    class_with_layers,
+    frame_warning,
+    layers_to_unlock,
+    load_scene,
+    run_rigid,
+)
 
 pytestmark = pytest.mark.quick
 
@@ -44,7 +47,7 @@ def test_a_short_tube_says_that_its_frames_lock_it() -> None:
     assert frame_warning(sine, run_rigid(sine)) is None
 
 
-def test_the_command_warns_and_finds(tubelock) -> None:  # noqa: F811
+def test_the_command_warns_and_finds(tubelock) -> None:
     settings = [part for value in (*COARSE, "assembly.layers=1") for part in ("--set", value)]
     status, out, _ = tubelock("mbd", "thb0-pipe", *settings, "--layers-to-unlock", "--json", "-")
     assert status == 0
@@ -54,7 +57,7 @@ def test_the_command_warns_and_finds(tubelock) -> None:  # noqa: F811
     assert found["classes"][str(found["layers"])] == "activated"
 
 
-def test_what_is_no_tube_is_refused(tubelock) -> None:  # noqa: F811
+def test_what_is_no_tube_is_refused(tubelock) -> None:
     status, _, err = tubelock("mbd", "wall", "--layers-to-unlock")
     assert status == 2
     assert "makes no tube" in err

@@ -9,19 +9,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem.decks.statement import Flavour
-from geometry.errors import RefusedError
-from geometry.mesh import FloatArray
-from tests.test_validation_cli import tubelock  # noqa: F401 - fixture
-from validation.build.deck import build_deck
-from validation.errors import InputError
-from validation.run.rigid.answer import run_rigid
-from validation.run.solve import run_explicit, run_static
-from validation.scene.builtin import builtin_names
-from validation.scene.read import SceneFile, apply_overrides, check_scene, load_scene, scene_data
-from validation.scene.usage import KeyUse, recording
-from validation.study.design import refuse_idle_parameters, run_design
-from validation.study.study import load_study
+from tests.support.face import (
+    Flavour,
+    FloatArray,
+    InputError,
+    KeyUse,
+    RefusedError,
+    SceneFile,
+    apply_overrides,
+    build_deck,
+    builtin_names,
+    check_scene,
+    load_scene,
+    load_study,
+    recording,
+    refuse_idle_parameters,
+    run_design,
+    run_explicit,
+    run_rigid,
+    run_static,
+    scene_data,
+)
+from tests.support.keys import leaves, other
 
 COARSE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=1")
 #: Keys that methods tell apart, each with a value that would matter where it acts.
@@ -44,19 +53,6 @@ def static(file: SceneFile) -> FloatArray:
 def explicit(file: SceneFile) -> FloatArray:
     run = run_explicit(file.name, file.scene)  # type: ignore[arg-type]
     return run.solution.contact_state.pressures
-
-
-def other(value: object) -> object:
-    """Another value of the same kind that a scene takes."""
-    words = {"newton": "clarabel", "force": "pressure", "static": "paper", "cone": "pyramid"}
-    words |= {"incompatible": "full", "pyramid": "cone"}
-    if isinstance(value, bool):
-        return not value
-    if isinstance(value, int):
-        return value + 1
-    if isinstance(value, float):
-        return 0.7 * value if value else 0.01
-    return words.get(str(value), value)
 
 
 @pytest.mark.parametrize(("answer", "method"), [(rigid, "static"), (static, "static")])
@@ -131,7 +127,7 @@ def test_nothing_read_is_everything_unused(name: str) -> None:
     assert any(key.startswith("block.") for key in given)
 
 
-def test_commands_name_unused_keys_in_words_and_data(tubelock, tmp_path: Path) -> None:  # noqa: F811
+def test_commands_name_unused_keys_in_words_and_data(tubelock, tmp_path: Path) -> None:
     words = [w for s in (*COARSE, "fem.threads=2") for w in ("--set", s)]
     status, out, _ = tubelock("mbd", "tsb1-pipe", *words, "--json", str(tmp_path / "a.json"))
     assert status == 0
@@ -179,15 +175,6 @@ def test_a_study_of_what_matters_goes_on(tmp_path: Path) -> None:
     study = load_study(str(study_of(tmp_path, "rigid", "load.pressure", "[0.01, 0.02]")))
     refuse_idle_parameters(study)
     assert not run_design(study, 0).message
-
-
-def leaves(data: dict[str, object], place: str = "") -> list[tuple[str, object]]:
-    """Keys of a scene with their values."""
-    found: list[tuple[str, object]] = []
-    for key, value in data.items():
-        inner = isinstance(value, dict)
-        found += leaves(value, f"{place}{key}.") if inner else [(f"{place}{key}", value)]  # type: ignore[arg-type]
-    return found
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geometry.files.block_files import read_blocks
-from geometry.polyhedra.assembly import polyhedral_assembly
-from geometry.polyhedra.overlap import check_assembly
 from tests.benchmarks.shell import write_shell
+from tests.support.face import check_assembly, polyhedral_assembly, read_blocks
 from tests.verification.folder import assemblies, rows
 
 pytestmark = pytest.mark.slow

@@ -15,11 +15,9 @@ from functools import partial
 
 import numpy as np
 
+from fem import CoulombFriction, Problem, concrete
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.statement import Problem
 from fem.assembly.symmetry import cyclic_orbits
-from fem.contact.friction import CoulombFriction
-from fem.element.material import concrete
 from fem.explicit.setup.assembly import explicit_assembly
 from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import State
@@ -29,9 +27,7 @@ from fem.problem.time_step import critical_time_step
 from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads import load_case
-from validation.benchmarks.stopwatch import best_cpu_seconds
-from validation.output.console import measuring, tabled
-from validation.output.files import write_json
+from tests.support.face import best_cpu_seconds, measuring, tabled, write_json
 
 #: Elements round, through and along one block.
 MESHES = {960: (24, 4, 10), 3888: (36, 6, 18)}

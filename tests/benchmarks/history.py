@@ -26,12 +26,18 @@ from fem.problem.model import BlockGroup, Model
 from fem.problem.time_step import critical_time_step
 from geometry.files.whole import write_whole
 from tests.benchmarks import contact, rigid
-from validation.benchmarks import explicit
-from validation.benchmarks.kernels import internal_force_work, update_work
-from validation.benchmarks.roofline import Roofline, Work, roofline
-from validation.errors import InputError
-from validation.output.files import prepare_file
-from validation.output.provenance import processor, program
+from tests.support.face import (
+    InputError,
+    Roofline,
+    Work,
+    internal_force_work,
+    prepare_file,
+    processor,
+    program,
+    roofline,
+    update_work,
+)
+from tests.support.face import benchmarks_explicit_module as explicit
 
 HISTORY = Path(__file__).with_name("history.jsonl")
 

@@ -20,12 +20,15 @@ from mbd import (
     newton_equilibrium,
     solve_linear_programs,
 )
-from validation.build.blocks import build_scene
-from validation.output.console import measuring, tabled
-from validation.output.files import write_json
-from validation.run.rigid.answer import run_rigid
-from validation.run.stages import peak_memory_mb
-from validation.scene.read import load_scene
+from tests.support.face import (
+    build_scene,
+    load_scene,
+    measuring,
+    peak_memory_mb,
+    run_rigid,
+    tabled,
+    write_json,
+)
 
 
 @dataclass(frozen=True)

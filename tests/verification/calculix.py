@@ -16,23 +16,34 @@ from pathlib import Path
 
 import numpy as np
 
-from fem.contact.law import ExponentialLaw
-from fem.decks.model import deck_assembly, deck_model
-from fem.decks.placement import canonical
-from fem.decks.statement import Deck, DeckStep, Flavour, Hold, Joint, Procedure, loads_of_case
-from fem.decks.write import write_deck
-from fem.element.hexahedron import ElementType
-from fem.element.material import concrete
-from fem.explicit.solve import solve
-from fem.static.result import StaticResult
-from fem.static.solve import solve_static
-from geometry.assembly import Assembly
-from geometry.block import Block, box_block
-from geometry.families.sine_block import TSB1, SineBlockDivisions
-from geometry.families.tube import sine_tube
-from geometry.loads import PressureLoad, load_case
-from geometry.mesh import FloatArray
-from validation.study.comparison.calculix import CalculixResult, calculix_available, run_calculix
+from fem import ElementType, ExponentialLaw, concrete, solve
+from geometry import Assembly
+from tests.support.face import (
+    TSB1,
+    Block,
+    CalculixResult,
+    Deck,
+    DeckStep,
+    Flavour,
+    FloatArray,
+    Hold,
+    Joint,
+    PressureLoad,
+    Procedure,
+    SineBlockDivisions,
+    StaticResult,
+    box_block,
+    calculix_available,
+    canonical,
+    deck_assembly,
+    deck_model,
+    load_case,
+    loads_of_case,
+    run_calculix,
+    sine_tube,
+)
+from tests.support.face import solve_deformable_static as solve_static
+from tests.support.face import write_deck_file as write_deck
 
 
 @dataclass(frozen=True)

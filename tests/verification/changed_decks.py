@@ -18,15 +18,17 @@ from typing import Any
 import numpy as np
 
 from fem import solve_static
-from fem.decks.read.deck import deck_of_lines
-from fem.decks.read.rewrite import rewritten
-from fem.decks.read.words import Dialect
-from fem.decks.write import deck_lines
-from geometry.errors import RefusedError
-from tests.test_decks_read import CUBES, changed, changed_lines
+from tests.support.cubes_deck import CUBES, changed, changed_lines
+from tests.support.face import (
+    CalculixError,
+    Dialect,
+    RefusedError,
+    deck_lines,
+    deck_of_lines,
+    rewritten,
+)
 from tests.verification.deck_oracle import deck_nodes, difference, original, ours
 from tests.verification.deck_press_fit import block
-from validation.study.comparison.calculix import CalculixError
 
 #: Relative difference of displacements that counts as none: CalculiX presses at nodes and has
 #: tension at open springs.

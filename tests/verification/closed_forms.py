@@ -13,16 +13,19 @@ from collections.abc import Callable
 
 import numpy as np
 
-from geometry.families.masonry import box, circular_arch
-from geometry.mesh import FloatArray
-from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
-from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
 from mbd import contact_jacobian
-from mbd.friction import (
+from tests.support.face import (
+    FloatArray,
     FrictionalEquilibrium,
+    PolyhedralAssembly,
+    Polyhedron,
+    box,
+    circular_arch,
     collapse_load,
+    convex_polyhedron,
     frictional_contacts,
     frictional_equilibrium,
+    polyhedral_assembly,
 )
 
 #: Minimum thickness of a semicircular arch over its centre-line radius, four digits.

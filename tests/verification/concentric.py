@@ -18,14 +18,17 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from fem.assembly.statement import Problem
-from fem.contact.law import ContactLaw
-from fem.element.material import Material
-from geometry.assembly import Assembly
-from geometry.block import Block, mapped_block
-from geometry.loads import LoadCase, PressureLoad
-from geometry.mesh import FloatArray
-from geometry.parts.supports import HeldFace
+from fem import Material, Problem
+from geometry import Assembly
+from tests.support.face import (
+    Block,
+    ContactLaw,
+    FloatArray,
+    HeldFace,
+    LoadCase,
+    PressureLoad,
+    mapped_block,
+)
 
 X, Y, Z = np.eye(3)
 #: Names of the sides of a patch: through the shell, along it and up.

@@ -15,10 +15,8 @@ from typing import Any
 import numpy as np
 
 from fem import solve_static
-from fem.decks.read.deck import deck_of_lines
-from geometry.mesh import FloatArray
+from tests.support.face import FloatArray, deck_of_lines, run_calculix
 from tests.verification.deck_oracle import deck_nodes, difference, gradual, ours
-from validation.study.comparison.calculix import run_calculix
 
 #: Edge of the small cube [mm] and its facets on a sixteenth of the face.
 _EDGE = 0.5

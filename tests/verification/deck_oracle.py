@@ -15,13 +15,17 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from fem import read_deck
-from fem.decks.read.deck import InputDeck
-from fem.decks.read.rewrite import rewritten
-from fem.decks.statement import Flavour
-from fem.decks.write import write_deck
-from geometry.answer import Answer
-from geometry.mesh import FloatArray, IntArray
-from validation.study.comparison.calculix import CalculixResult, run_calculix
+from geometry import Answer
+from tests.support.face import (
+    CalculixResult,
+    Flavour,
+    FloatArray,
+    InputDeck,
+    IntArray,
+    rewritten,
+    run_calculix,
+)
+from tests.support.face import write_deck_file as write_deck
 
 #: Set of all nodes that the judge prints.
 _EVERY = "TUBELOCK-EVERY-NODE"

@@ -15,10 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from fem.decks.read.deck import deck_of_lines
-from geometry.mesh import FloatArray, IntArray
-from validation.output.decks import solve_deck
-from validation.study.comparison.calculix import calculix_available, run_calculix
+from tests.support.face import (
+    FloatArray,
+    IntArray,
+    calculix_available,
+    deck_of_lines,
+    run_calculix,
+    solve_deck,
+)
 
 MODULUS = 210000.0
 #: Penalty and stick slope [MPa/mm], and friction.

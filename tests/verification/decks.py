@@ -26,11 +26,15 @@ from typing import Any
 import numpy as np
 
 from fem import read_deck
-from fem.decks.read.deck import InputDeck
-from fem.decks.read.words import Dialect
-from geometry.answer import Answer
-from geometry.errors import RefusedError
-from geometry.mesh import FloatArray
+from geometry import Answer
+from tests.support.face import (
+    CalculixError,
+    Dialect,
+    FloatArray,
+    InputDeck,
+    RefusedError,
+    solve_deck,
+)
 from tests.verification.deck_oracle import (
     deck_nodes,
     difference,
@@ -42,8 +46,6 @@ from tests.verification.deck_oracle import (
     written_again,
 )
 from tests.verification.folder import LIMIT
-from validation.output.decks import solve_deck
-from validation.study.comparison.calculix import CalculixError
 
 #: Places in decks, which differ where reasons do not.
 _PLACE = re.compile(r"^(\S+, )?line \d+: |[\w-]+: (?=surfaces of)")

@@ -21,18 +21,19 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from fem.accuracy.converge import (
+from fem import Problem, solve_static
+from geometry import Measure
+from tests.support.face import (
     MOST_WORK,
     TARGETS,
+    Ladder,
+    Rung,
     bars_of,
     converge,
     growing,
     is_reached,
+    ladder_for,
 )
-from fem.accuracy.ladder import Ladder, Rung, ladder_for
-from fem.accuracy.statics import solve_static
-from fem.assembly.statement import Problem
-from geometry.answer import Measure
 from tests.verification.error_problems import FINER_THAN, Case, cases
 
 #: Meshes of the default.

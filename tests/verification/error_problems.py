@@ -11,35 +11,32 @@ from typing import Any
 import meshio
 import numpy as np
 
-from fem.accuracy.ladder import LADDER, Rung
-from fem.assembly.statement import Problem
-from fem.contact.friction import CoulombFriction
-from fem.contact.law import ExponentialLaw, LinearPenalty
-from fem.element.lagrange_mesh import LagrangeMesh, with_degree
-from fem.element.material import Material
-from geometry.assembly import Assembly
-from geometry.block import Block
-from geometry.errors import RefusedError
-from geometry.families.boxes import ColumnBox, box_column, brick_stack
-from geometry.families.hexagon_block import HexagonBlockParameters
-from geometry.families.planar_wall import WallBlock, osteomorphic_wall, planar_sine_wall
-from geometry.families.sine_block import SineBlockParameters
-from geometry.families.tube import tube
-from geometry.files.block_files import read_blocks
-from geometry.files.hexahedral_solids import file_blocks
-from geometry.files.quadratic import NATURAL
-from geometry.loads import (
-    Load,
+from fem import CoulombFriction, ExponentialLaw, LinearPenalty, Material, Problem
+from geometry import Assembly, Load, beam, pillar, pipe, shaft, tube, tunnel
+from geometry import HexagonBlock as HexagonBlockParameters
+from geometry import SineBlock as SineBlockParameters
+from tests.support.face import (
+    LADDER,
+    NATURAL,
+    Block,
+    ColumnBox,
+    HexMesh,
+    LagrangeMesh,
     LoadCase,
     PressureLoad,
+    RefusedError,
+    Rung,
     TractionLoad,
-    beam,
-    pillar,
-    pipe,
-    shaft,
-    tunnel,
+    WallBlock,
+    boundary_quads,
+    box_column,
+    brick_stack,
+    file_blocks,
+    osteomorphic_wall,
+    planar_sine_wall,
+    read_blocks,
+    with_degree,
 )
-from geometry.mesh import HexMesh, boundary_quads
 from tests.verification.concentric import Shells
 
 SEED = 29

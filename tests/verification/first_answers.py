@@ -15,8 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from fem.accuracy.converge import TARGETS
-from geometry.answer import WIDEST
+from tests.support.face import TARGETS, WIDEST
 
 TWO_LAYERS = ("--set", "assembly.layers=2")
 #: A tube of a user: six blocks, five layers, a wall of 60 mm.

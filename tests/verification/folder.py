@@ -25,8 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.files.block_files import diagnosed_blocks
-from geometry.mesh import BoolArray, FloatArray, MeshError
+from tests.support.face import BoolArray, FloatArray, MeshError, diagnosed_blocks
 
 SUFFIXES = {".stl", ".obj", ".ply", ".off", ".step", ".stp", ".json", ".glb", ".gltf", ".3mf"}
 SUFFIXES |= {".3dm"}

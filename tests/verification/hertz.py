@@ -25,21 +25,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fem.assembly.contact_state import corner_displacements
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.statement import Problem
-from fem.contact.friction import CoulombFriction
-from fem.contact.law import LinearPenalty
-from fem.element.material import Material
-from fem.problem.loads import SmoothStepAmplitude
-from fem.problem.model import Support, block_group, fixed_nodes
-from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.result import StaticResult
-from fem.static.solve import StaticMethod, StaticOptions, solve_static
-from geometry.assembly import Assembly
-from geometry.block import Block
-from geometry.families.round_bodies import quarter_disc, round_ended, strip
-from geometry.loads import LoadCase
+from fem import CoulombFriction, LinearPenalty, Material, Problem, StaticOptions
+from geometry import Assembly
+from tests.support.face import (
+    Block,
+    DeformableAssembly,
+    FlexibilityStore,
+    LoadCase,
+    SmoothStepAmplitude,
+    StaticMethod,
+    StaticResult,
+    Support,
+    block_group,
+    corner_displacements,
+    fixed_nodes,
+    quarter_disc,
+    round_ended,
+    strip,
+)
+from tests.support.face import solve_deformable_static as solve_static
 
 #: Edge of the other body's elements over that of the first.
 _UNLIKE = 1.25

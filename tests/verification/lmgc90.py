@@ -16,13 +16,19 @@ from typing import Any
 
 import numpy as np
 
-from geometry.mesh import BoolArray, FloatArray
-from mbd import block_wrenches, contact_jacobian
-from mbd.contact_jacobian import Contacts
-from mbd.force_range import DETERMINED
-from mbd.friction import FrictionalContacts, _cones, frictional_contacts, solve_conic
-from validation.run.rigid.polyhedra import PolyhedralRun, rigid_answer
-from validation.scene.read import load_scene
+from mbd import Contacts, block_wrenches, contact_jacobian
+from tests.support.face import (
+    DETERMINED,
+    BoolArray,
+    FloatArray,
+    FrictionalContacts,
+    PolyhedralRun,
+    _cones,
+    frictional_contacts,
+    load_scene,
+    rigid_answer,
+    solve_conic,
+)
 
 #: Of the stored run; density in t/mm³.
 FRICTION, DENSITY = 0.5, 2e-9

@@ -13,12 +13,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from geometry.families.masonry import circular_arch, wall_of_rows
-from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import contact_jacobian
-from mbd.force_range import PlaneProblem, plane_problem
-from mbd.friction import collapse_load, frictional_contacts, frictional_equilibrium
-from mbd.sliding_collapse import SlidingCollapse, sliding_collapse
+from tests.support.face import (
+    PlaneProblem,
+    PolyhedralAssembly,
+    SlidingCollapse,
+    circular_arch,
+    collapse_load,
+    frictional_contacts,
+    frictional_equilibrium,
+    plane_problem,
+    sliding_collapse,
+    wall_of_rows,
+)
 from tests.verification.closed_forms import bisect, body_force, incline
 
 #: Friction of the walls.

@@ -12,9 +12,7 @@ import sys
 
 import pytest
 
-from validation.run.accuracy import parse_targets
-from validation.run.stages import children_cpu_seconds
-from validation.study.costs.references import references
+from tests.support.face import children_cpu_seconds, parse_targets, references
 
 TWO, TWELVE = "assembly.layers = 2", "assembly.layers = 12"
 #: Layers, what is asked, and CPU seconds that it should take on one core.

@@ -13,12 +13,9 @@ from itertools import pairwise
 
 import pytest
 
-from fem.accuracy.statics import solve_static
-from fem.measures import load_step_change
+from fem import solve_static
+from tests.support.face import PAST_AND_BACK, load_scene, load_step_change, run_explicit, run_static
 from tests.verification.error_problems import PRESSED, exact_push, pushed_box
-from validation.run.friction_path import PAST_AND_BACK
-from validation.run.solve import run_explicit, run_static
-from validation.scene.read import load_scene
 
 #: Measures that are compared, and what the table calls them.
 MEASURES = {"p_max": "p_max", "p_eff": "p_eff", "max_displacement": "u"}

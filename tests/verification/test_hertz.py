@@ -12,7 +12,7 @@ import time
 import numpy as np
 import pytest
 
-from fem.contact.friction import CoulombFriction
+from fem import CoulombFriction
 from tests.verification.hertz import (
     Bodies,
     Field,

@@ -20,11 +20,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geometry.families.masonry import circular_arch, running_bond_wall
-from geometry.files.hexahedral_solids import flat_side
-from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import classify, contact_jacobian
-from mbd.friction import frictional_contacts, frictional_equilibrium
+from tests.support.face import (
+    PolyhedralAssembly,
+    circular_arch,
+    flat_side,
+    frictional_contacts,
+    frictional_equilibrium,
+    running_bond_wall,
+)
 from tests.verification import printed_numbers as others
 from tests.verification.closed_forms import (
     ARCH_LIMIT,

@@ -16,9 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from validation.paper.deformable_study import read_rows
-from validation.study.optimisation.search import Search
-from validation.study.optimisation.statement import Optimisation, check_optimisation
+from tests.support.face import Optimisation, Search, check_optimisation, read_rows
 
 PARAMETERS: dict[str, list[Any]] = {
     "block.shift": [0.0, 0.5],

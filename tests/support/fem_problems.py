@@ -7,12 +7,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse.linalg import spsolve
 
+from fem import ElementType, Material, Problem
 from fem.assembly.contact_state import corner_displacements
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.statement import Problem
 from fem.contact.surfaces import corner_forces
-from fem.element.hexahedron import ElementType, block_hourglass_stiffness, block_stiffness
-from fem.element.material import Material
+from fem.element.hexahedron import block_hourglass_stiffness, block_stiffness
 from fem.static.result import StaticResult
 from geometry.block import Block, box_block
 from geometry.mesh import FloatArray, HexMesh, boundary_quads

@@ -8,7 +8,8 @@ from typing import TypeVar, cast
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from geometry.assembly import AnyBlocks, Assembly, moved, renumbered
+from geometry import Assembly
+from geometry.assembly import AnyBlocks, moved, renumbered
 from geometry.loads import FaceLoad, LoadCase, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly

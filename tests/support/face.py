@@ -1,0 +1,350 @@
+"""The only door of tests of scenes, studies, commands and pages to the inside of the packages.
+
+`case`, `solved`, `rejected` and `command` are what a test of a scene needs. Names of the table
+below are what these four do not cover yet: when a file of the packages moves, this file follows,
+and no test.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import sys
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from unittest import mock
+
+if TYPE_CHECKING:
+    from geometry import Answer
+    from validation import Scene
+
+#: Settings as a mapping of keys to values, or as words of ``--set``.
+Settings = Mapping[str, Any] | Sequence[str]
+
+
+def case(source: str | Path, settings: Settings = ()) -> Scene:
+    """A built-in scene or one in a file, with settings that replace its own."""
+    from validation.calls import Scene
+    from validation.scene.keys.toml_text import toml_value
+    from validation.scene.read import load_scene
+
+    if isinstance(settings, Mapping):
+        settings = [f"{key}={toml_value(value)}" for key, value in settings.items()]
+    return Scene(load_scene(str(source), settings))
+
+
+def solved(
+    stated: str | Path | Scene, settings: Settings = (), *, method: str | None = None
+) -> Answer:
+    """Answer of a case by "rigid", "static" or "explicit"; None: deformable, as it states."""
+    from validation.run.rigid.polyhedra import rigid_answer
+    from validation.run.solve import run_scene
+
+    file = (case(stated, settings) if isinstance(stated, str | Path) else stated).file
+    if method == "rigid":
+        return rigid_answer(file).answer
+    scene = file.scene if method is None else file.scene.changed({"fem.method": method})
+    return run_scene(file.name, scene).answer
+
+
+def rejected(stated: str | Path, settings: Settings = (), *, method: str | None = None) -> str:
+    """The one line that rejects a case, when it is read or when it is solved."""
+    from geometry.errors import RefusedError
+
+    try:
+        solved(stated, settings, method=method)
+    except RefusedError as error:
+        line = str(error)
+        assert line.count("\n") == 0 < len(line), f"expected one line, got {line!r}"
+        return line
+    raise AssertionError(f"{stated}, {settings}: expected to be rejected, got an answer")
+
+
+def command(*words: str) -> tuple[int, str, str]:
+    """Exit status, standard output and standard error of ``tubelock WORDS``, in this process."""
+    from validation.cli.app import main
+
+    out, err = _stream(), _stream()
+    with (
+        mock.patch.object(sys, "argv", ["tubelock", *words]),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        try:
+            main()
+            status = 0
+        except SystemExit as stop:
+            status = int(stop.code or 0)
+    return status, _text(out), _text(err)
+
+
+def _stream() -> io.TextIOWrapper:
+    return io.TextIOWrapper(io.BytesIO(), encoding="utf-8", newline="", write_through=True)
+
+
+def _text(stream: io.TextIOWrapper) -> str:
+    stream.flush()
+    return stream.buffer.getvalue().decode("utf-8")  # type: ignore[attr-defined]
+
+
+# ---------------------------------------------------------------------------------------------
+# Inner names that tests still use: module -> names; "alias=name" where two modules have the same
+# name, "name=*" for the module itself, whose names a test replaces. Imported when asked for.
+
+_INNER = {
+    "fem.accuracy.converge": (
+        "LEAST_MESHES MOST_WORK TARGETS bars_of climbed converge growing is_reached relative unmet"
+    ),
+    "fem.accuracy.errors": "OF_SEQUENCES SAFETY error_bar sequence_bar",
+    "fem.accuracy.facets": "pressures_on_facets",
+    "fem.accuracy.ladder": (
+        "DEGREES LADDER Ladder PRESSURES Rung accuracy_ladder_module=* coarser fineness "
+        "graded_to_both_ends graded_to_one_end ladder_for on_mesh on_rung split"
+    ),
+    "fem.accuracy.one_mesh": "accuracy_one_mesh_module=* static_solution",
+    "fem.accuracy.strength": "_BoundError _scaled_until",
+    "fem.accuracy.transfer": "interpolation node_places transferred",
+    "fem.assembly.contact_state": "contact_measures corner_displacements facing_points",
+    "fem.assembly.deformable": "DeformableAssembly",
+    "fem.assembly.reactions": "PushCurve push_curves",
+    "fem.assembly.statement": "Motion ProblemError",
+    "fem.assembly.symmetry": "largest_cyclic_orbits local_forces with_half_turn",
+    "fem.contact.cuts": "closest_on_facets",
+    "fem.contact.facet_peaks": "LARGEST_FACTOR facet_peaks",
+    "fem.contact.law": "ContactLaw",
+    "fem.contact.surfaces": "ContactNormals corner_forces point_kinematics",
+    "fem.decks.keywords": "DeckError",
+    "fem.decks.laws": "law_table",
+    "fem.decks.model": "deck_assembly deck_model",
+    "fem.decks.placement": "canonical",
+    "fem.decks.problem": "element_time_step problem_deck",
+    "fem.decks.read.cards": "read_cards",
+    "fem.decks.read.deck": "InputDeck deck_of_lines",
+    "fem.decks.read.rewrite": "rewritten",
+    "fem.decks.read.words": "Dialect",
+    "fem.decks.statement": (
+        "Deck DeckStep Flavour Hold Joint NodalForceLoad Procedure loads_of_case"
+    ),
+    "fem.decks.write": "deck_lines write_deck_file=write_deck",
+    "fem.element.lagrange_mesh": "LagrangeMesh lagrange_lumped_mass=block_lumped_mass with_degree",
+    "fem.explicit.setup.assembly": "explicit_assembly",
+    "fem.explicit.setup.quasi_static": "block_frequencies recommended_times",
+    "fem.explicit.solve": "Frame Status StopCriterion initial_state prepare",
+    "fem.measures": "bracketed load_step_change",
+    "fem.problem.effects": "AdaptiveMassDamping EffectError Effects",
+    "fem.problem.loads": "SmoothStepAmplitude wrench_forces",
+    "fem.problem.model": "Model ModelError Support block_group fixed_nodes",
+    "fem.problem.time_step": "critical_time_step",
+    "fem.solution": "Solution",
+    "fem.static.contact_forces": "grid_blocks",
+    "fem.static.linear_step.flexibility": "FlexibilityStore",
+    "fem.static.linear_step.grid_block": "PointFlexibility",
+    "fem.static.newton": "static_newton_module=*",
+    "fem.static.result": "StaticError StaticResult",
+    "fem.static.solve": "StaticMethod solve_deformable_static=solve_static static_solve_module=*",
+    "geometry.answer": "WIDEST measure_rows",
+    "geometry.assembly": "AnyBlocks AssemblyError",
+    "geometry.block": "Block box_block mapped_block",
+    "geometry.errors": "RefusedError unreadable",
+    "geometry.families.boxes": "ColumnBox box_column brick_stack unmatched_joints",
+    "geometry.families.hexagon_block": "HexagonBlockDivisions hexagon_block",
+    "geometry.families.masonry": "box circular_arch running_bond_wall wall_of_rows",
+    "geometry.families.planar_wall": "WallBlock osteomorphic_wall planar_sine_wall",
+    "geometry.families.platonic_layers": "octahedra_layer tetrahedra_layer tetrahedron",
+    "geometry.families.round_bodies": "quarter_disc round_ended strip",
+    "geometry.families.sine_block": "SineBlockDivisions TSB1",
+    "geometry.families.tube": "hexagon_tube sine_tube",
+    "geometry.files.block_files": "diagnosed_blocks read_blocks step_hexahedra",
+    "geometry.files.hexahedral_solids": (
+        "connected_solids file_blocks flat_side hexahedral_block six_sided_hexahedra "
+        "split_tetrahedra"
+    ),
+    "geometry.files.mesh_io": "interface_surface read_any_mesh write_hex_mesh write_triangles",
+    "geometry.files.named_surfaces": "Y_UP",
+    "geometry.files.quadratic": "NATURAL",
+    "geometry.files.whole": "write_whole",
+    "geometry.files.write_solids": "flat_faces write_solids",
+    "geometry.loads": (
+        "CASES CircumferentialLoad LineLoad LoadCase LoadCaseError NamedLoad PressureLoad "
+        "TractionLoad face_pressure load_case with_body_wrenches"
+    ),
+    "geometry.measures": "SectionError first_largest",
+    "geometry.mesh": (
+        "BoolArray CORNERS FloatArray HexMesh IntArray MeshError QuadSurface boundary_quads "
+        "grid_points structured_hexahedra"
+    ),
+    "geometry.meshing.charts": "unit_lines",
+    "geometry.meshing.refinement": "charts_of with_lines",
+    "geometry.parts.regions": "Box Plane",
+    "geometry.parts.supports": "HeldFace SupportError",
+    "geometry.polyhedra.assembly": "PolyhedralAssembly as_polyhedral polyhedral_assembly",
+    "geometry.polyhedra.explosion": "follow_explosion outward_directions",
+    "geometry.polyhedra.overlap": "check_assembly",
+    "geometry.polyhedra.polyhedron": "Polyhedron convex_polyhedron polyhedron_from_quads",
+    "mbd.force_range": "DETERMINED PlaneProblem force_ranges plane_problem",
+    "mbd.friction": (
+        "FrictionalContacts FrictionalEquilibrium _cones collapse_load frictional_contacts "
+        "frictional_equilibrium solve_conic"
+    ),
+    "mbd.margin": "first_order_explosion",
+    "mbd.options": "FrictionLaw",
+    "mbd.push": "at_rest",
+    "mbd.sliding_collapse": "SlidingCollapse sliding_collapse",
+    "validation.benchmarks.explicit": "benchmarks_explicit_module=*",
+    "validation.benchmarks.kernels": "internal_force_work kernel_rows update_work",
+    "validation.benchmarks.roofline": "Roofline Work roofline",
+    "validation.benchmarks.stopwatch": "best_cpu_seconds",
+    "validation.build.blocks": "build_assembly build_blocks build_scene",
+    "validation.build.deck": "build_deck",
+    "validation.build.deformable": "build_deformable build_effects fem_section scene_problem",
+    "validation.build.polyhedra": "build_body_loads build_polyhedra motion",
+    "validation.build.supports": "stated_load",
+    "validation.cli.app": "app main",
+    "validation.cli.completion": "_keys",
+    "validation.cli.fem": "_targets",
+    "validation.cli.look": "explore",
+    "validation.errors": "InputError",
+    "validation.output.answer_files": "FILES output_answer_files_module=*",
+    "validation.output.console": (
+        "Forecast WINDOW WINDOWS duration_words measuring output_console_module=* tabled"
+    ),
+    "validation.output.decks": "export_deck solve_deck",
+    "validation.output.deformable.answers": "RUN_FILES=FILES print_run",
+    "validation.output.deformable.fields": "FrameWriter",
+    "validation.output.files": "PICTURES prepare_file require_picture write_json",
+    "validation.output.joints": "JOINT_FILES write_joints",
+    "validation.output.outputs": "Outputs",
+    "validation.output.pictures.assemblies": "pictures_assemblies_module=*",
+    "validation.output.pictures.bodies": "block_edges labelled sharp_edges",
+    "validation.output.pictures.canvas": "Lines Surface View quiet rgb",
+    "validation.output.pictures.directions": "arrow_parts crosses draw_directions",
+    "validation.output.pictures.gallery": (
+        "Panel _Column _Row gallery pictures_gallery_module=* round_length"
+    ),
+    "validation.output.pictures.look": "Look looking",
+    "validation.output.pictures.polyhedra": "draw_polyhedra draw_polyhedral_mechanism",
+    "validation.output.pictures.scales": "BLUE Scale VERMILION scale_from_zero symmetric_scale",
+    "validation.output.pictures.sections": "picture_section=section",
+    "validation.output.pictures.tubes": (
+        "MISES pictures_tubes_module=* run_facets section_heights stress_scale stresses_of "
+        "tube_section=section"
+    ),
+    "validation.output.provenance": "Provenance processor program stamp_vtu stamped",
+    "validation.output.rigid.assembly": "print_rigid",
+    "validation.output.rigid.polyhedra": "print_polyhedra=print_rigid write_contacts",
+    "validation.output.solids": "check_file write_repaired",
+    "validation.output.store": "Layout Store content_key output_store_module=* rescue",
+    "validation.pages.explore.answers": "drawn explore_deformable=solve_deformable",
+    "validation.pages.explore.server": "application",
+    "validation.pages.explore.sliders": "COARSE changed controls",
+    "validation.pages.report": "report_scene",
+    "validation.pages.verdicts": "BAD GOOD OPEN strength_verdict",
+    "validation.paper.claims.claim": "Truth",
+    "validation.paper.claims.deformable": "BLOCKS PAPER_CASES=CASES pressure_pairs",
+    "validation.paper.claims.judge": "claims judge_claims",
+    "validation.paper.deformable_study": (
+        "Compared complete_axes judge_geometry rank_correlations read_rows"
+    ),
+    "validation.paper.errata": "errata show_errata",
+    "validation.paper.evidence": "Design Evidence PATHS StudyTable read_table",
+    "validation.paper.figures": "cost_rows parameter_curves rings",
+    "validation.paper.figures_fem": "outer_surface paper_figures_fem_module=*",
+    "validation.paper.reading": "ingredients paper_sensitivity=sensitivity to_the_digit",
+    "validation.paper.reference": "reference",
+    "validation.paper.report": "Extent report_evidence",
+    "validation.paper.tables": "compute_tables",
+    "validation.run.accuracy": "check_request parse_targets",
+    "validation.run.deformable": "DeformableRun",
+    "validation.run.friction_path": "PAST_AND_BACK",
+    "validation.run.friction_set": "friction_set",
+    "validation.run.held_by_faces": "faces_words require_held_by_faces",
+    "validation.run.held_by_friction": "inside_words require_held_by_friction",
+    "validation.run.measures": "FrictionSet drawing_scale",
+    "validation.run.rigid.answer": "RigidRun SharedTubes run_rigid",
+    "validation.run.rigid.changed": "class_with_layers frame_warning layers_to_unlock",
+    "validation.run.rigid.explosion": "explosion_json rigid_explosion_module=* run_explosion",
+    "validation.run.rigid.polyhedra": "PolyhedralRun rigid_answer run_polyhedra",
+    "validation.run.rigid.push": "rigid_limit",
+    "validation.run.solve": (
+        "estimated_errors floating_words ramp_change run_as_asked run_converged run_explicit "
+        "run_scene run_solve_module=* run_static scene_statement static_options"
+    ),
+    "validation.run.stages": "children_cpu_seconds peak_memory_mb stages summed",
+    "validation.scene.builtin": "builtin_names builtin_text",
+    "validation.scene.combinations": "combined",
+    "validation.scene.deformable": "EffectName EffectsSection",
+    "validation.scene.families": "scene_families_module=*",
+    "validation.scene.family": "AssemblyScene RoundScene round_types",
+    "validation.scene.keys.quantities": "parse_unit",
+    "validation.scene.keys.schema": "scene_schema",
+    "validation.scene.keys.toml_text": "toml_text",
+    "validation.scene.polyhedra": "MeshScene PlaceSection PolyhedralScene",
+    "validation.scene.read": (
+        "DeformableScene POLYHEDRAL_TYPES SCENE_TYPES SceneFile TubeScene apply_overrides "
+        "check_scene load_scene require_deformable scene_data with_auto"
+    ),
+    "validation.scene.usage": "KeyUse recording",
+    "validation.stability.case": "Check Finding StabilityCase=Case Verdict refusal run_case",
+    "validation.stability.problems": (
+        "STABILITY_CONCRETE=CONCRETE stability_deformable=deformable stability_relative=relative "
+        "stability_tube=tube"
+    ),
+    "validation.stability.rigid": "TUBES piped",
+    "validation.stability.suite": "cases chosen",
+    "validation.study.combinations": "combination_answers envelope",
+    "validation.study.comparison.agreement": "agreement effective_region",
+    "validation.study.comparison.calculix": (
+        "CalculixError CalculixResult calculix_available run_calculix"
+    ),
+    "validation.study.comparison.report": "Comparison",
+    "validation.study.comparison.scene": "compared_runs",
+    "validation.study.convergence": "mesh_curves time_step_curve",
+    "validation.study.costs.analysis": (
+        "Point cheapest fitted_order observed_order pareto_front richardson"
+    ),
+    "validation.study.costs.calculix": "measured_answer",
+    "validation.study.costs.measure": "costs_measure_module=* measure",
+    "validation.study.costs.partition": "grid_of overlap partition_pressures",
+    "validation.study.costs.peaks": "cap_comparison order",
+    "validation.study.costs.plan": (
+        "CostPlan QUANTITIES by_degree curved_rungs extrapolated full_plan quick_plan"
+    ),
+    "validation.study.costs.references": "references",
+    "validation.study.costs.settings": (
+        "BaseMesh CostSetting base_mesh calculix_setting curved_setting degree_setting graded "
+        "rigid_setting static_setting with_setting"
+    ),
+    "validation.study.costs.store": "CostStore measurement_key",
+    "validation.study.costs.study": "costs_study_module=*",
+    "validation.study.design": "Row refuse_idle_parameters run_design",
+    "validation.study.effects.auto": "EffectsDecision decide_effects without_effect",
+    "validation.study.effects.cell": "middle_answer",
+    "validation.study.effects.costs": "bare effect_costs",
+    "validation.study.effects.limit": "effects_limit_module=*",
+    "validation.study.effects.probe": (
+        "Change EffectAnswer=Answer change effect_answer_of=answer_of"
+    ),
+    "validation.study.optimisation.search": "Search worst_of",
+    "validation.study.optimisation.statement": "Optimisation check_optimisation",
+    "validation.study.picture": "check_axes study_figure",
+    "validation.study.report": "Expected print_table",
+    "validation.study.run": "DaskRunner LocalRunner run_sweep=sweep study_run_module=*",
+    "validation.study.store": "Older ResultFile write_csv write_parquet",
+    "validation.study.study": "Study check_study load_study",
+}
+
+_PLACES = {
+    entry.partition("=")[0]: (module, entry.partition("=")[2] or entry)
+    for module, names in _INNER.items()
+    for entry in names.split()
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, inner = _PLACES[name]
+    place = import_module(module)
+    return place if inner == "*" else getattr(place, inner)

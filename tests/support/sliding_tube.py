@@ -1,0 +1,17 @@
+"""A tube with sliding contact."""
+
+from __future__ import annotations
+
+from fem import Material
+from geometry.families.sine_block import SineBlockDivisions
+from geometry.families.tube import sine_tube
+from geometry.loads import load_case
+from tests.support.blocks import tsb
+from tests.support.fem_problems import deformable_assembly
+
+CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
+
+
+def tube(**options):
+    found = sine_tube(tsb(), SineBlockDivisions(12, 2, 4), 1)
+    return deformable_assembly(found, load_case(found, "pipe", 0.01), CONCRETE, **options)

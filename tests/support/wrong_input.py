@@ -1,0 +1,31 @@
+"""Wrong values by the type of a key."""
+
+from __future__ import annotations
+
+import tomllib
+import typing
+from collections.abc import Iterator
+
+import pydantic
+
+from tests.support.face import (
+    SCENE_TYPES,
+    builtin_names,
+    builtin_text,
+)
+
+
+def keys(model: type[pydantic.BaseModel], start: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """Every key of a kind of scene, sections too."""
+    for name, field in model.model_fields.items():
+        yield (*start, name)
+        for part in (field.annotation, *typing.get_args(field.annotation)):
+            if isinstance(part, type) and issubclass(part, pydantic.BaseModel):
+                yield from keys(part, (*start, name))
+
+
+def kind_of(name: str) -> type[pydantic.BaseModel]:
+    return SCENE_TYPES[tomllib.loads(builtin_text(name))["block"]["type"]]
+
+
+PLACES = [(name, path) for name in builtin_names() for path in keys(kind_of(name))]
