@@ -52,7 +52,7 @@ SUBJECTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("fem/contact/surfaces.py", "fem/contact/friction.py"),
         ("test_fem_contact.py", "test_fem_friction.py", "test_fem_explicit_contact.py"),
     ),
-    "kernels": (("tests/reference_kernels.py",), ("test_fem_kernels.py",)),
+    "kernels": (("tests/support/reference_kernels.py",), ("test_fem_kernels.py",)),
     "high-order elements": (
         ("fem/element/lagrange.py", "fem/element/lagrange_mesh.py"),
         ("test_fem_lagrange.py", "test_fem_lagrange_mesh.py", "test_fem_lagrange_fields.py"),

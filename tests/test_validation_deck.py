@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +27,6 @@ from tests.support.face import (
     element_time_step,
     export_deck,
     load_scene,
-    main,
     read_cards,
     rgb,
     scene_problem,
@@ -38,21 +36,6 @@ pytestmark = pytest.mark.quick
 
 COARSE = ["mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=2"]
 SMALL = [word for setting in COARSE for word in ("--set", setting)]
-
-
-@pytest.fixture
-def tubelock(monkeypatch, capsys, tmp_path):
-    """Run the command in an empty folder: (exit status, standard output, standard error)."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["tubelock", *arguments])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        out, err = capsys.readouterr()
-        return int(stop.value.code or 0), out, err
-
-    return run
 
 
 def heading(path: str) -> str:

@@ -335,7 +335,8 @@ _INNER = {
     "validation.study.study": "Study check_study load_study",
 }
 
-_PLACES = {
+#: Where each of these names comes from.
+INNER_NAMES = {
     entry.partition("=")[0]: (module, entry.partition("=")[2] or entry)
     for module, names in _INNER.items()
     for entry in names.split()
@@ -343,8 +344,8 @@ _PLACES = {
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _PLACES:
+    if name not in INNER_NAMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module, inner = _PLACES[name]
+    module, inner = INNER_NAMES[name]
     place = import_module(module)
     return place if inner == "*" else getattr(place, inner)

@@ -1,0 +1,97 @@
+"""Which files of tests import what: a move inside the packages edits one file of tests."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from tests.support import face
+
+pytestmark = pytest.mark.quick
+
+TESTS = Path(__file__).parent
+FACE = TESTS / "support" / "face.py"
+PACKAGES = ("geometry", "mbd", "fem", "validation")
+#: Rooms of laws and kernels, with what they share, and rates of kernels: these may import inner
+#: modules of geometry, mbd and fem.
+LAWS = ("geometry", "mbd", "fem", "support", "benchmarks")
+
+
+@cache
+def imports() -> tuple[tuple[Path, str], ...]:
+    """Each file of tests with each module that it imports, or name of a module."""
+    return tuple(
+        (path, module)
+        for path in sorted(TESTS.rglob("*.py"))
+        for module in _modules(ast.parse(path.read_text("utf-8")))
+    )
+
+
+def _modules(tree: ast.Module) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (name.name for name in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0
+            assert node.module is not None
+            yield node.module
+            # `from package import module` imports a module too.
+            yield from (f"{node.module}.{name.name}" for name in node.names)
+
+
+def is_inner(name: str) -> bool:
+    """Whether this is a module inside a package, or a name in one; public names are not."""
+    package, _, rest = name.partition(".")
+    return package in PACKAGES and bool(rest) and rest not in dir(import_module(package))
+
+
+def room(path: Path) -> str:
+    """Folder of a file in tests; a file that is in none counts by the package of its name."""
+    parts = path.relative_to(TESTS).parts
+    if len(parts) > 1:
+        return parts[0]
+    if path.stem == "conftest":
+        return "support"
+    return "fem" if path.stem == "test_decks_read" else path.stem.split("_")[1]
+
+
+def listed(wrong: Iterator[tuple[Path, str]]) -> list[str]:
+    return sorted({f"{path.relative_to(TESTS)} imports {module}" for path, module in wrong})
+
+
+def test_no_test_imports_from_another_test() -> None:
+    # `python -m tests.verification` is a command, which runs some tests.
+    assert not listed(
+        (path, module)
+        for path, module in imports()
+        if path.name != "__main__.py"
+        and module.startswith("tests.")
+        and any(part.startswith(("test_", "conftest")) for part in module.split("."))
+    )
+
+
+def test_no_test_but_the_face_imports_inner_names_of_validation() -> None:
+    assert not listed(
+        (path, module)
+        for path, module in imports()
+        if module.startswith("validation.") and is_inner(module) and path != FACE
+    )
+
+
+def test_inner_names_of_the_library_are_imported_by_tests_of_laws_alone() -> None:
+    assert not listed(
+        (path, module)
+        for path, module in imports()
+        if is_inner(module) and path != FACE and room(path) not in LAWS
+    )
+
+
+def test_the_face_has_the_names_that_tests_use_and_no_others() -> None:
+    used = {module for _, module in imports() if module.startswith(f"{face.__name__}.")}
+    own = {f.__name__ for f in (face.case, face.solved, face.rejected, face.command)}
+    assert {name.rpartition(".")[2] for name in used} - own == set(face.INNER_NAMES)
