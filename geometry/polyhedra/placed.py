@@ -67,11 +67,15 @@ class PlacedShapes:
         return self.of_blocks(lambda shape, _: shape.plane_of)
 
     @cached_property
+    def first_face(self) -> IntArray:
+        """First face of each block, where faces are numbered through all blocks, (n_blocks,)."""
+        count = [len(self.shapes[k].face_widths) for k in self.shape_of]
+        return np.cumsum([0, *count])[:-1]
+
+    @cached_property
     def faces(self) -> IntArray:
         """Face that each triangle is of, numbered through all blocks, (n_triangles,)."""
-        count = [len(self.shapes[k].face_widths) for k in self.shape_of]
-        base = np.cumsum([0, *count])
-        return self.of_blocks(lambda shape, block: base[block] + shape.face_of)
+        return self.of_blocks(lambda shape, block: self.first_face[block] + shape.face_of)
 
     @cached_property
     def least_widths(self) -> FloatArray:

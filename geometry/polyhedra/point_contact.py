@@ -56,6 +56,8 @@ class _Edges:
     end: FloatArray
     normals: FloatArray
     """Normals of the two faces, (n, 2, 3)."""
+    faces: IntArray
+    """Numbers of the two faces, (n, 2)."""
 
 
 def _world_edges(world: PlacedShapes) -> _Edges:
@@ -70,6 +72,7 @@ def _world_edges(world: PlacedShapes) -> _Edges:
         corners(0),
         corners(1),
         world.of_blocks(lambda shape, block: world.turned(shape.sharp_edges[1], block)),
+        world.of_blocks(lambda shape, block: world.first_face[block] + shape.sharp_edges[2]),
     )
 
 
@@ -112,11 +115,42 @@ def crossing_edges(world: PlacedShapes) -> PointContacts:
     kept = touching & (forward | backward)
     points = edges.start[m] + on_m[:, None] * d_m + 0.5 * gap[:, None] * normal
     normal = np.where(forward[:, None], normal, -normal)[kept]
-    # An edge that crosses the border of a face in its plane goes on inside the face.
-    faces = np.concatenate([edges.normals[m[kept]], edges.normals[s[kept]]], axis=1)
-    away = np.linalg.norm(np.cross(faces, normal[:, None]), axis=2)
-    within = (away <= _CONE).any(axis=1)
-    return PointContacts(edges.block[m[kept]], edges.block[s[kept]], points[kept], normal, within)
+    m, s, points = m[kept], s[kept], points[kept]
+    within = _enters(world, edges, (m, s), points, normal)
+    within |= _enters(world, edges, (s, m), points, normal)
+    return PointContacts(edges.block[m], edges.block[s], points, normal, within)
+
+
+def _enters(
+    world: PlacedShapes,
+    edges: _Edges,
+    pair: tuple[IntArray, IntArray],
+    points: FloatArray,
+    normals: FloatArray,
+) -> BoolArray:
+    """Whether the first edge of pairs that cross lies in a face of the second block, (n,).
+
+    The second edge is the border of that face; what crosses it in the plane of the face goes on
+    inside, if it is long enough.
+    """
+    one, other = pair
+    result = np.zeros(len(points), dtype=np.bool_)
+    way, border = edges.end[one] - edges.start[one], edges.end[other] - edges.start[other]
+    length = np.linalg.norm(way, axis=1)
+    way = way / length[:, None]
+    for side in (0, 1):
+        flat = np.linalg.norm(np.cross(edges.normals[other, side], normals), axis=1) <= _CONE
+        faces = edges.faces[other, side]
+        # Edges run round the first of their faces to the left, round the second to the right.
+        inward = np.cross(edges.normals[other, side], border) * (1.0, -1.0)[side]
+        into = np.einsum("ni,ni->n", way, inward) / np.linalg.norm(border, axis=1)
+        into = np.where(np.abs(into) > _PARALLEL, into, _PARALLEL)
+        reach = 2.0 * world.least_widths[faces] / np.abs(into)
+        end = np.where((into > 0.0)[:, None], edges.end[one], edges.start[one])
+        inside = points + (np.sign(into) * reach)[:, None] * way
+        long = np.linalg.norm(end - points, axis=1) >= reach
+        result |= flat & long & world.within(inside, faces)
+    return result
 
 
 @dataclass(frozen=True)

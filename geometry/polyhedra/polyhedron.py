@@ -142,8 +142,11 @@ class Polyhedron:
         return MassProperties(volume, volume, reference + centroid, inertia)
 
     @cached_property
-    def sharp_edges(self) -> tuple[IntArray, FloatArray]:
-        """Corners (n, 2) and face normals (n, 2, 3) of convex edges with a real dihedral angle."""
+    def sharp_edges(self) -> tuple[IntArray, FloatArray, IntArray]:
+        """Convex edges with a real dihedral angle.
+
+        Their corners (n, 2), and normals (n, 2, 3) and numbers (n, 2) of their two faces.
+        """
         t = self.triangles
         directed = t[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
         face = np.repeat(np.arange(len(t)), 3)
@@ -163,7 +166,8 @@ class Polyhedron:
         sine = np.einsum("ei,ei->e", np.cross(normals[:, 0], normals[:, 1]), along)
         cosine = np.einsum("ei,ei->e", normals[:, 0], normals[:, 1])
         sharp = (sine > 0) & (cosine < np.cos(np.radians(_SHARP)))
-        return directed[one][sharp], normals[sharp]
+        faces = np.column_stack([self.face_of[face[one]], self.face_of[face[two]]])
+        return directed[one][sharp], normals[sharp], faces[sharp]
 
     @property
     def volume(self) -> float:
