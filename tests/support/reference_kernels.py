@@ -41,6 +41,13 @@ def torque(displacement: LaneArray, force: LaneArray) -> FloatArray:
     return np.cross(displacement, force, axis=1).sum(axis=0)
 
 
+def torque_magnitude(displacement: LaneArray, force: LaneArray) -> FloatArray:
+    """Sum of the magnitudes of all products in `torque`, (3, lanes)."""
+    u, f = np.abs(displacement), np.abs(force)
+    y, z = (1, 2, 0), (2, 0, 1)
+    return (u[:, y] * f[:, z] + u[:, z] * f[:, y]).sum(axis=0)
+
+
 def update(
     *,
     time_step: float,
