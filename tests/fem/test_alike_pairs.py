@@ -10,7 +10,7 @@ from fem.assembly.symmetry import no_symmetry
 from fem.explicit.contact.alike_pairs import alike_pairs
 from geometry.families.boxes import brick_stack
 from geometry.loads import load_case
-from tests.fem_problems import deformable_assembly
+from tests.support.fem_problems import deformable_assembly
 
 pytestmark = pytest.mark.quick
 
