@@ -28,8 +28,8 @@ test: setup
 	$(BIN)/python -m pytest -n 2 --dist worksteal
 
 # What is compiled, on a processor without wide vectors: no test may depend on the processor.
-PROCESSOR_TESTS ?= tests/test_fem_kernels.py tests/test_fem_contact_law.py \
-  tests/test_fem_explicit_contact.py
+PROCESSOR_TESTS ?= tests/fem/test_kernels.py tests/fem/test_contact_law.py \
+  tests/fem/test_explicit_contact.py
 processor: setup
 	NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= $(BIN)/python -m pytest -n 2 $(PROCESSOR_TESTS)
 

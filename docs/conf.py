@@ -43,7 +43,7 @@ autodoc_mock_imports = [
 ]
 default_role = "py:obj"  # names in backticks of docstrings
 napoleon_google_docstring = False
-suppress_warnings = ["ref.python"]  # ambiguous short names; tests/test_docs.py checks full ones
+suppress_warnings = ["ref.python"]  # ambiguous names; tests/pages/test_docs.py checks full ones
 toc_object_entries = False  # the sidebar names pages, not their functions
 
 html_theme = "furo"

@@ -51,13 +51,8 @@ def is_inner(name: str) -> bool:
 
 
 def room(path: Path) -> str:
-    """Folder of a file in tests; a file that is in none counts by the package of its name."""
-    parts = path.relative_to(TESTS).parts
-    if len(parts) > 1:
-        return parts[0]
-    if path.stem == "conftest":
-        return "support"
-    return "fem" if path.stem == "test_decks_read" else path.stem.split("_")[1]
+    """Folder of a file in tests; conftest.py is shared as `support` is."""
+    return {"conftest.py": "support"}.get(path.name, path.relative_to(TESTS).parts[0])
 
 
 def listed(wrong: Iterator[tuple[Path, str]]) -> list[str]:

@@ -12,7 +12,7 @@ from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron, polyhedron, widths
-from tests.conftest import random_rotation
+from tests.support.blocks import random_rotation
 
 pytestmark = pytest.mark.quick
 

@@ -47,7 +47,7 @@ pytestmark = pytest.mark.quick
 needs_ccx = pytest.mark.skipif(not calculix_available(), reason="CalculiX (ccx) is not installed")
 needs_converter = pytest.mark.skipif(not converter_available(), reason="abq2ccx is not installed")
 
-PAGE = Path(__file__).parents[1] / "docs" / "theory" / "loads.md"
+PAGE = Path(__file__).parents[2] / "docs" / "theory" / "loads.md"
 METHODS = ("rigid", "static", "explicit", "Abaqus deck", "CalculiX deck")
 
 #: A cube on a fixed one, guided by rollers, and pressed from above where nothing else is stated.

@@ -441,7 +441,7 @@ def start_sweep(*arguments: str, cwd: Path) -> subprocess.Popen:
     return subprocess.Popen(
         [sys.executable, "-m", "validation.cli.app", "sweep", *arguments],
         cwd=cwd,
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -619,7 +619,7 @@ def test_a_scheduler_that_dies_halfway_stops_the_sweep_in_one_line(many_walls, t
             [sys.executable, "-m", "distributed.cli.dask_worker", address, "--no-dashboard"],
             stderr=subprocess.DEVNULL,
             cwd=tmp_path,
-            env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
+            env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
         )
         runner = DaskRunner(many_walls, address, timeout=60)
         with ResultFile(tmp_path / "dask.sqlite", many_walls) as results:

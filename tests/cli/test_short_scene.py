@@ -12,7 +12,7 @@ import pytest
 
 from tests.support.face import InputError, TubeScene, check_scene, load_scene, scene_schema
 
-README = (Path(__file__).parents[1] / "README.md").read_text("utf-8")
+README = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
 SHORT = re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL)[0]
 #: The smallest tube; its own elements, as finer ones take a minute.
 SMALL = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")

@@ -14,7 +14,7 @@ from geometry.compilation import compiling, njit
 from geometry.compilation.cache import KernelCache, source_digest
 from tests.support.face import stages, summed
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 CHOICES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")
 
 FILES = {

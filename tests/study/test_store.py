@@ -217,7 +217,7 @@ def test_a_second_sweep_on_one_file_is_told(walls, tmp_path) -> None:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
-        cwd=Path(__file__).parents[1],
+        cwd=Path(__file__).parents[2],
     ) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "alone\n"

@@ -18,7 +18,7 @@ import typer
 
 from tests.support.face import SCENE_TYPES, app, builtin_names, load_scene
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 sys.path.insert(0, str(DOCS))
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from tests.support.face import app, builtin_names
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "README.md").read_text("utf-8")
 
 

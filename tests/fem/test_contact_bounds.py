@@ -20,6 +20,6 @@ np.testing.assert_allclose(found.pressures, 0.5, rtol=1e-7)
 
 def test_no_kernel_of_general_contact_reaches_beyond_its_arrays() -> None:
     """Machine code would read or overwrite what lies there, with or without other results."""
-    root = str(Path(__file__).parent.parent)
+    root = str(Path(__file__).parents[2])
     uncompiled = os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": root}
     subprocess.run([sys.executable, "-c", PROGRAM], env=uncompiled, check=True, cwd=root)

@@ -31,7 +31,7 @@ from tests.support.stated import stated
 
 pytestmark = pytest.mark.quick
 
-PAGE = Path(__file__).parent.parent / "docs" / "trust" / "cost.md"
+PAGE = Path(__file__).parents[2] / "docs" / "trust" / "cost.md"
 RUNGS = [*LADDER.rungs, *DEGREES.rungs]
 
 

@@ -153,7 +153,7 @@ def _offered(shell: str, line: str) -> list[str]:
         "COMP_CWORD": str(len(words) - 1),
         "_TYPER_COMPLETE_ARGS": line,
         "_TYPER_COMPLETE_FISH_ACTION": "get-args",
-        "PYTHONPATH": str(Path(__file__).parents[1]),
+        "PYTHONPATH": str(Path(__file__).parents[2]),
     }
     program = "from validation.cli.app import app; app(prog_name='tubelock')"
     found = subprocess.run(
