@@ -46,6 +46,9 @@ from geometry.mesh import FloatArray
 #: A block that holds this many times the energy put into the whole model runs away.
 RUNAWAY = 100.0
 
+#: Share of the energy turned over by which a run may gain or lose some, and still be an answer.
+LARGEST_IMBALANCE = 0.02
+
 PRECISIONS = {"float64": np.float64, "float32": np.float32}
 
 #: Samples without a smaller residual after which it is compared with round-off.
@@ -57,7 +60,7 @@ _ROUND_OFF_FACTOR = 4.0
 
 
 class UnstableRun(RefusedError):  # noqa: N818
-    """The solution grows without bound: time, block and remedy are in the message."""
+    """The solution grows without bound, or makes energy; the remedy is in the message."""
 
 
 @dataclass(frozen=True)
@@ -370,7 +373,8 @@ def solve(
     TimeStepError, StateError, CheckpointError
         Input that cannot be run.
     UnstableRun
-        The solution grew without bound; nothing not finite is passed to a callback.
+        The solution grew without bound, or its energies do not balance; nothing not finite is
+        passed to a callback.
     """
     if not (math.isfinite(end_time) and end_time > 0.0):
         raise TimeStepError(f"fem.end_time: got {end_time} s, expected a finite positive number")
@@ -398,6 +402,7 @@ def solve(
         status = run.loop(request)
     cpu = clock.process_time() - started - compiled.cpu_seconds
     result = _result(run, critical, status, cpu, state.step - first)
+    _refuse_imbalance(result)
     return replace(result, compile_seconds=compiled.cpu_seconds)
 
 
@@ -563,6 +568,18 @@ def _result(
         reactions=held,
         pushed=tuple(support.curve(at) for support, at in run.moving if len(at) > 1),
     )
+
+
+def _refuse_imbalance(result: ExplicitResult) -> None:
+    """Reject the end of a run that made energy out of nothing, or lost some."""
+    balance = result.energy_balance
+    if result.status is not Status.INTERRUPTED and balance > LARGEST_IMBALANCE:
+        raise UnstableRun(
+            f"unstable: energies, damping and friction differ from the external work by "
+            f"{100.0 * balance:.3g} % of the energy turned over, at most "
+            f"{100.0 * LARGEST_IMBALANCE:g} % may be; take a smaller fem.time_step or "
+            f"fem.safety_factor (time step {result.time_step:.4g} s)"
+        )
 
 
 def watch(system: System, state: State, history: History) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,8 @@ _ARRAYS = ("points", "cells", "block_of_point", "layer_of_point")
 def write_answer(answer: Answer, folder: Path) -> tuple[Path, ...]:
     """Write an answer into a folder, which is made: `FILES`, each whole or not at all.
 
+    Files of that name of an earlier answer go where this one has none.
+
     Returns
     -------
     tuple[Path, ...]
@@ -36,7 +38,16 @@ def write_answer(answer: Answer, folder: Path) -> tuple[Path, ...]:
     for _, name, write in answer_files(answer):
         written.append(folder / name)
         write(written[-1])
+    remove_others(folder, FILES, {path.name for path in written})
     return tuple(written)
+
+
+def remove_others(folder: Path, names: Collection[str], written: Collection[str]) -> None:
+    """Remove what an earlier answer left under ``names``, patterns too, that are not written."""
+    for name in set(names).difference(written):
+        for path in folder.glob(name):
+            if path.name not in written:
+                path.unlink()
 
 
 def answer_files(answer: Answer) -> Iterator[tuple[str, str, Callable[[Path], None]]]:

@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from validation.errors import InputError
-from validation.output.answer_files import answer_files
+from validation.output.answer_files import answer_files, remove_others
 from validation.output.console import text_console
 from validation.output.files import PAGES, PICTURES, output_folder, prepare_file, write_json
 from validation.output.pictures.look import Look, looking
@@ -50,6 +50,7 @@ class Outputs:
     """Files that the call reads, beside those of its scene."""
     scene: SceneFile | None = None
     """Scene that the call is about; what is written names it."""
+    _of_this_call: set[str] = field(default_factory=set, repr=False)
     _unused: tuple[str, ...] | None = field(default=None, repr=False)
     _defaults: dict[str, str] = field(default_factory=dict, repr=False)
     _open: ExitStack = field(default_factory=ExitStack, repr=False)
@@ -162,9 +163,10 @@ class Outputs:
         return f"{name.removesuffix('png')}{self.scene.scene.pictures.format}"
 
     def path(self, name: str) -> Path:
-        """Path of a file in the folder; the name is one of `names`."""
+        """Path of a file that this call writes into the folder; the name is one of `names`."""
         assert self.folder is not None
-        assert any(fnmatchcase(name, known) for known in self.names), name
+        assert name in self.names or any(fnmatchcase(name, k) for k in self.names), name
+        self._of_this_call.add(name)
         return self.folder / name
 
     def say(self, words: str, path: Path) -> None:
@@ -183,9 +185,15 @@ class Outputs:
             self.say(words, path)
 
     def write_answer(self, answer: Answer) -> None:
-        """Write the files of an answer into the folder, and its data where ``--json`` says."""
-        for words, name, write in answer_files(answer) if self.folder is not None else ():
-            self.write(words, name, write)
+        """Write the files of an answer into the folder, and its data where ``--json`` says.
+
+        They are the last of a call: what an earlier one left there under a name that this one may
+        write, and did not, is of another answer and goes.
+        """
+        if self.folder is not None:
+            for words, name, write in answer_files(answer):
+                self.write(words, name, write)
+            remove_others(self.folder, self.names, self._of_this_call)
         self.write_json(answer.as_dict())
 
     def tell_unused(self, use: KeyUse) -> None:

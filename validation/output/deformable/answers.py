@@ -20,6 +20,7 @@ from geometry.answer import TITLES, Measure, measure_rows
 from geometry.files.whole import write_whole
 from validation.output import answer_files
 from validation.output.console import add_dimensions, listing, two_columns
+from validation.output.deformable.fields import FRAMES
 from validation.output.files import write_csv
 from validation.output.joints import JOINT_FILES, write_joints
 from validation.output.outputs import Outputs
@@ -54,7 +55,7 @@ FILES = (
     "motions.png",
     "history.csv",
     "energies.png",
-    "frame_*.vtu",
+    FRAMES,
     "frames.pvd",
 )
 
@@ -71,6 +72,7 @@ def write_run_files(run: DeformableRun, outputs: Outputs) -> None:
     if run.solution.explicit is not None:
         _write_history(run.solution.explicit.history, run.name, outputs)
     if run.scene.fem.frames > 0 and outputs.folder is not None:
+        outputs.path(FRAMES)
         outputs.say("frames", outputs.path("frames.pvd"))
 
 

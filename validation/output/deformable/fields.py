@@ -153,6 +153,10 @@ def element_owners(deformable: DeformableAssembly) -> dict[str, NDArray[np.int32
     }
 
 
+#: Names of all frames.
+FRAMES = "frame_[0-9]*.vtu"
+
+
 class FrameWriter:
     """Writes frames as ``frame_0000.vtu`` … and a ``frames.pvd`` that names their times.
 
@@ -182,7 +186,7 @@ class FrameWriter:
     def __call__(self, frame: Frame) -> None:
         """Write one frame and bring the collection up to date."""
         if frame.number == 0:  # nothing is left of an earlier run, or of a first try
-            for path in self.folder.glob("frame_*.vtu"):
+            for path in self.folder.glob(FRAMES):
                 path.unlink()
             self.kept, self.stride = {}, 1
         if frame.number % self.stride and not frame.last:
@@ -190,7 +194,7 @@ class FrameWriter:
         path = self.folder / _frame_name(frame.number)
         turning = self.finite_rotation
         write_fields(path, self.groups, frame.displacements, finite_rotation=turning)
-        self.kept[frame.number] = frame.time
+        self.kept[frame.number] = float(frame.time)
         if frame.last:
             self._finish()
         elif len(self.kept) > 2 * self.count:

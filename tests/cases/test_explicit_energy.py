@@ -1,0 +1,70 @@
+"""Explicit runs do not make energy: what is stored, lost and put in balances to 2 %."""
+
+from dataclasses import replace
+
+import pytest
+
+from fem import ExponentialLaw, LinearPenalty, solve_explicit
+from tests.fixtures.commands import tubelock
+from validation import load_scene
+
+pytestmark = pytest.mark.quick
+
+COLUMN = """
+[block]
+type = "boxes"
+boxes = [{size = [20, 20, 20], divisions = [1, 1, 4]}, {size = [20, 20, 200], divisions = [1, 1, 20]}]
+[load]
+pressure = 1.0
+[material]
+density = 2.4e-9
+young_modulus = 33000.0
+poisson_ratio = 0.0
+"""  # noqa: E501
+
+
+@pytest.fixture(name="scene", scope="module")
+def _scene(tmp_path_factory):
+    path = tmp_path_factory.mktemp("column") / "column.toml"
+    path.write_text(COLUMN, "utf-8")
+    return path
+
+
+@pytest.fixture(name="column", scope="module")
+def _column(scene):
+    """A box that chatters on another: a pressure that acts at once closes a gap of 0.01 mm."""
+    return replace(load_scene(scene).problem(), clearance=0.01)
+
+
+def run(problem):
+    return solve_explicit(problem, damping=None, ramp_time=0.0, end_time=1e-3)
+
+
+@pytest.mark.parametrize("sliding", [False, True], ids=["matched", "searched"])
+@pytest.mark.parametrize("stiffness", [1e4, 1e5])
+def test_stiff_linear_contact_that_closes_and_opens_makes_no_energy(column, stiffness, sliding):
+    law = LinearPenalty(stiffness)
+    energies = run(replace(column, law=law, finite_sliding=sliding)).report["energies"]
+    # The sum is what the run made; without damping and friction all the rest is external work.
+    assert energies["external_work"] > 0.0
+    assert abs(energies["total"]) < 0.02 * energies["external_work"]
+
+
+def test_a_cap_that_acts_makes_no_energy(column):
+    capped = ExponentialLaw(clearance_at_zero_pressure=1e-4, maximum_stiffness=1e5)
+    energies = run(replace(column, law=capped)).report["energies"]
+    assert abs(energies["total"]) < 0.02 * energies["external_work"]
+
+
+def test_a_run_that_makes_energy_is_no_answer(scene):
+    """A time step that the stiffness at 1 MPa allows, nearly critical where the cap acts."""
+    settings = {
+        "contact": "{clearance = 0.01, clearance_at_zero_pressure = 2e-5, maximum_stiffness = 1e5}",
+        "fem": "{method = 'explicit', end_time = 1e-3, ramp_time = 0.0, error_estimate = false}",
+        "fem.time_step": "3.2e-7",
+    }
+    sets = [word for key, value in settings.items() for word in ("--set", f"{key}={value}")]
+    status, printed = tubelock("fem", str(scene), *sets, "--json", str(scene.with_suffix(".json")))
+    assert status != 0
+    assert "unstable: energies" in printed
+    assert not scene.with_suffix(".json").exists()

@@ -1,0 +1,82 @@
+"""Files of runs: readers of others open them all, and they belong to one answer."""
+
+import math
+from dataclasses import replace
+
+import pytest
+import pyvista
+
+from mbd import analyse
+from tests.fixtures.commands import TUBE, tubelock
+from validation import load_scene, write
+
+COARSE = (*TUBE, "--set", "assembly.layers=1", "--set", "fem.mesh=scene")
+EXPLICIT = (
+    *("--set", "fem.method=explicit", "--set", "fem.end_time=2e-5", "--set", "fem.frames=3"),
+    *("--set", "fem.error_estimate=false"),
+)
+RUNS = {
+    "rigid tube": ("mbd", "tsb1-pipe", *COARSE[:-2]),
+    "rigid blocks": ("mbd", "cubes"),
+    "static": ("fem", "tsb1-pipe", *COARSE, "--set", "fem.frames=2"),
+    "explicit": ("fem", "tsb1-pipe", *COARSE, *EXPLICIT),
+    "explicit, the paper's damping": (
+        *("fem", "tsb1-pipe", *COARSE, *EXPLICIT, "--set", "fem.damping=paper"),
+    ),
+}
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("words", RUNS.values(), ids=RUNS)
+def test_a_reader_of_others_opens_every_field_that_is_written(tmp_path, words):
+    status, printed = tubelock(*words, "-o", str(tmp_path))
+    assert status == 0, printed
+    meshes = [path for path in tmp_path.iterdir() if path.suffix in (".vtu", ".pvd")]
+    assert meshes
+    for path in meshes:
+        reader = pyvista.get_reader(str(path))
+        if path.suffix == ".pvd":
+            assert len(reader.time_values) == len(list(tmp_path.glob("frame_*.vtu"))) > 1
+            assert all(map(math.isfinite, reader.time_values))
+            reader.set_active_time_value(reader.time_values[-1])
+        mesh = reader.read()
+        mesh = mesh[0] if path.suffix == ".pvd" else mesh
+        assert mesh.n_points
+        assert mesh.n_cells
+
+
+def test_a_reader_of_others_opens_blocks_that_are_exported(tmp_path):
+    path = tmp_path / "cubes.obj"
+    status, printed = tubelock("export", "cubes", "-o", str(path))
+    assert status == 0, printed
+    assert pyvista.read(path).n_cells
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_run_removes_what_it_would_have_replaced_and_nothing_else(tmp_path):
+    others = [tmp_path / name for name in ("mine.png", "mechanism.txt", "frame_of_mine.vtu")]
+    for path in others:
+        path.write_text("mine", "utf-8")
+    loose = ("mbd", "tsb1-pipe", *COARSE[:-2], "--set", "block.amplitude=0", "-o", str(tmp_path))
+    assert tubelock(*loose)[0] == 0
+    assert (tmp_path / "mechanism.png").exists()
+    assert tubelock("mbd", "tsb1-pipe", *COARSE[:-2], "-o", str(tmp_path))[0] == 0
+    assert not (tmp_path / "mechanism.png").exists()
+    rigid = {path.name for path in tmp_path.iterdir()}
+    static = ("fem", "tsb1-pipe", *COARSE, "-o", str(tmp_path))
+    assert tubelock(*static, "--set", "fem.frames=2")[0] == 0
+    assert (tmp_path / "frames.pvd").exists()
+    assert tubelock(*static)[0] == 0
+    left = {path.name for path in tmp_path.iterdir()}
+    assert not [name for name in left if name.startswith("frame") and name != "frame_of_mine.vtu"]
+    assert rigid <= left  # what a run of another method may not write stays
+    assert all(path.read_text("utf-8") == "mine" for path in others)
+
+
+def test_an_answer_that_is_written_again_leaves_no_file_of_the_other(tmp_path):
+    tube = load_scene("tsb1-pipe", {"assembly.layers": 1, "mesh.around": 12, "mesh.axial": 4})
+    answer = analyse(tube.problem())
+    write(answer, tmp_path)
+    assert (tmp_path / "contact_pressures.vtu").exists()
+    write(replace(answer, contacts={}), tmp_path)
+    assert not (tmp_path / "contact_pressures.vtu").exists()
