@@ -27,6 +27,7 @@ from geometry.polyhedra.placed import PlacedShapes
 from geometry.polyhedra.point_contact import PointContacts, crossing_edges, standing_corners
 from geometry.polyhedra.polyhedron import Polyhedron, widths
 from geometry.polyhedra.triangle_kernels import MOST_CORNERS, clip_pairs, hulls
+from geometry.polyhedra.triangle_search import ASKEW, distinct_rows
 
 #: What stands for a patch at contacts without area: an edge that crosses an edge …
 CROSSING_EDGES = -1
@@ -36,8 +37,10 @@ STANDING_CORNER = -2
 _POINT_AREA = 1e-2
 #: Patches smaller than this part of the mean patch of their joint are what clipping left.
 _SLIVER_PATCH = 0.05
-#: Overlaps smaller than this fraction of the smaller triangle are edges that touch.
+#: Patches smaller than this fraction of the smaller of two planes are edges that touch …
 _SLIVER = 1e-7
+#: … and polygons smaller than this fraction of the smaller of two triangles are corners.
+_SPECK = 1e-12
 
 
 @dataclass(frozen=True)
@@ -209,6 +212,14 @@ def _opposing(world: PlacedShapes, cosine: float) -> IntArray:
     return pairs[dot <= -cosine]
 
 
+def _in_patches(world: PlacedShapes, pairs: IntArray, areas: FloatArray) -> BoolArray:
+    """Whether the planes of pairs of triangles (n, 2) share an area, not an edge; (n,)."""
+    plane = world.block * (world.planes.max() + 1) + world.planes
+    _, patch, _ = distinct_rows(plane[pairs])
+    least = _SLIVER * np.minimum(world.plane_areas[pairs[:, 0]], world.plane_areas[pairs[:, 1]])
+    return np.bincount(patch, weights=areas)[patch] > least
+
+
 def find_contacts(
     shapes: Sequence[Polyhedron],
     shape_of: IntArray,
@@ -237,8 +248,10 @@ def find_contacts(
     corners = np.empty((len(pairs), MOST_CORNERS, 3))
     count, area = np.zeros(len(pairs), dtype=np.int64), np.zeros(len(pairs))
     clip_pairs(world.corners, world.normals, pairs, tolerance, corners, count, area)
-    least = _SLIVER * np.minimum(world.areas[pairs[:, 0]], world.areas[pairs[:, 1]])
+    least = np.minimum(world.areas[pairs[:, 0]], world.areas[pairs[:, 1]])
+    least *= _SPECK if placement is ContactPlacement.VERTICES else _SLIVER
     kept = np.flatnonzero((count >= 3) & (area > least))
+    kept = kept[_in_patches(world, pairs[kept], area[kept])]
     m, s = pairs[kept, 0], pairs[kept, 1]
     keys = (world.planes[s], world.planes[m], world.block[s], world.block[m])
     order = np.lexsort((s, m, *keys))
@@ -369,8 +382,9 @@ def _at_vertices(patches: ContactPatches, polygons: ContactPolygons) -> ContactP
     """Points at the corners of each patch's convex hull."""
     owner = np.repeat(polygons.patch, np.diff(polygons.start))
     n_patches = len(patches.areas)
-    axis = np.eye(3)[np.abs(patches.normals).argmin(axis=1)]
-    u = np.cross(patches.normals, axis)
+    # Along no edge that anyone draws: round-off does not change the order of corners.
+    steep = np.abs(patches.normals @ ASKEW[0]) > 0.9
+    u = np.cross(patches.normals, ASKEW[steep.astype(np.int64)])
     u /= np.linalg.norm(u, axis=1, keepdims=True)
     v = np.cross(patches.normals, u)
     flat = np.column_stack(

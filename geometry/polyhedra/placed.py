@@ -53,13 +53,20 @@ class PlacedShapes:
 
     @cached_property
     def normals(self) -> FloatArray:
-        """Their unit outward normals, (n_triangles, 3)."""
-        return self.of_blocks(lambda shape, block: self.turned(shape.normals, block))
+        """Unit outward normals of their planes, (n_triangles, 3)."""
+        return self.of_blocks(
+            lambda shape, block: self.turned(shape.plane_normals, block)[shape.plane_of]
+        )
 
     @cached_property
     def areas(self) -> FloatArray:
         """Their areas, (n_triangles,) [mm²]."""
         return self.of_blocks(lambda shape, _: shape.areas)
+
+    @cached_property
+    def plane_areas(self) -> FloatArray:
+        """Areas of their planes, (n_triangles,) [mm²]."""
+        return self.of_blocks(lambda shape, _: shape.plane_areas[shape.plane_of])
 
     @cached_property
     def planes(self) -> IntArray:

@@ -155,7 +155,7 @@ def _enters(
 
 @dataclass(frozen=True)
 class _Rays:
-    """Unit vectors from corners to their neighbours, shape after shape."""
+    """Unit vectors along edges between planes, from their corners, shape after shape."""
 
     unit: FloatArray
     first: IntArray
@@ -168,7 +168,8 @@ def _rays(shapes: Sequence[Polyhedron], used: Sequence[int]) -> _Rays:
     units, corners, base, total = [], [], {}, 0
     for k in used:
         shape = shapes[k]
-        start, end = shape.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).T
+        ends = shape.ridges[0]
+        start, end = np.concatenate([ends, ends[:, ::-1]]).T
         ray = shape.points[end] - shape.points[start]
         units.append(ray / np.linalg.norm(ray, axis=1, keepdims=True))
         corners.append(total + start)

@@ -26,6 +26,7 @@ from geometry.polyhedra.triangle_search import (
     distinct_rows,
     joined,
     piercings,
+    ridges,
     smooth_groups,
     surface_edges,
 )
@@ -142,32 +143,51 @@ class Polyhedron:
         return MassProperties(volume, volume, reference + centroid, inertia)
 
     @cached_property
+    def plane_areas(self) -> FloatArray:
+        """Area of each plane of `plane_of`, (n_planes,) [mm²]."""
+        return np.bincount(self.plane_of, weights=self.areas)
+
+    @cached_property
+    def plane_normals(self) -> FloatArray:
+        """Outward normal of each plane, (n_planes, 3)."""
+        total = np.zeros((len(self.plane_areas), 3))
+        np.add.at(total, self.plane_of, self.area_vectors)
+        return total / np.linalg.norm(total, axis=1, keepdims=True)
+
+    @cached_property
+    def ridges(self) -> tuple[IntArray, IntArray]:
+        """Edges between two planes, (n, 2), and the planes to their left and right, (n, 2)."""
+        ends, sides = ridges(self.triangles, self.plane_of)
+        return ends, self.plane_of[sides]
+
+    @cached_property
     def sharp_edges(self) -> tuple[IntArray, FloatArray, IntArray]:
         """Convex edges with a real dihedral angle.
 
-        Their corners (n, 2), and normals (n, 2, 3) and numbers (n, 2) of their two faces.
+        Their corners (n, 2), and normals (n, 2, 3) and numbers (n, 2) of their two faces. The
+        pieces of a straight edge between two planes are one edge.
         """
-        t = self.triangles
-        directed = t[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-        face = np.repeat(np.arange(len(t)), 3)
-        key = np.sort(directed, axis=1)
-        order = np.lexsort((key[:, 1], key[:, 0]))
-        same = (key[order][1:] == key[order][:-1]).all(axis=1)
-        first = np.flatnonzero(same)
-        # Edges used by more than two triangles (solids that touch themselves) have no single wedge.
-        repeated = np.zeros(len(first), dtype=bool)
-        repeated[1:] |= np.diff(first) == 1
-        repeated[:-1] |= np.diff(first) == 1
-        one, two = order[first[~repeated]], order[first[~repeated] + 1]
-        normals = np.stack([self.normals[face[one]], self.normals[face[two]]], axis=1)
-        along = self.points[directed[one, 1]] - self.points[directed[one, 0]]
+        ends, planes = self.ridges
+        normals = self.plane_normals[planes]
+        along = self.points[ends[:, 1]] - self.points[ends[:, 0]]
         along /= np.linalg.norm(along, axis=1, keepdims=True)
         # Walking along the first triangle's edge, a convex edge turns the normal towards +along.
         sine = np.einsum("ei,ei->e", np.cross(normals[:, 0], normals[:, 1]), along)
         cosine = np.einsum("ei,ei->e", normals[:, 0], normals[:, 1])
         sharp = (sine > 0) & (cosine < np.cos(np.radians(_SHARP)))
-        faces = np.column_stack([self.face_of[face[one]], self.face_of[face[two]]])
-        return directed[one][sharp], normals[sharp], faces[sharp]
+        # Where two pieces between the same planes meet there is no corner.
+        pairs = np.sort(planes[sharp], axis=1)
+        rows = np.column_stack([np.repeat(pairs, 2, axis=0), ends[sharp].ravel()])
+        first, _, count = distinct_rows(rows)
+        plane_a, plane_b, corner = rows[first[count % 2 == 1]].T
+        axis = np.cross(self.plane_normals[plane_a], self.plane_normals[plane_b])
+        place = np.einsum("ni,ni->n", self.points[corner], axis)
+        order = np.lexsort((place, plane_b, plane_a))
+        edges = corner[order].reshape(-1, 2)
+        sides = np.column_stack([plane_a, plane_b])[order[::2]]
+        face = np.empty(len(self.plane_areas), dtype=np.int64)
+        face[self.plane_of] = self.face_of
+        return edges, self.plane_normals[sides], face[sides]
 
     @property
     def volume(self) -> float:

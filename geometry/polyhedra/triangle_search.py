@@ -22,7 +22,7 @@ _PLANE_ANGLE = 1e-3
 #: … and their corners are this close to the plane of the largest one, in sizes of the body.
 _PLANE_DISTANCE = 2e-6
 #: Directions no longer than 1, square to each other, along no edge and no face that anyone draws.
-_ASKEW = np.array([[0.577, 0.643, 0.502], [-0.744, 0.652, 0.024], [0.311, 0.387, -0.867]])
+ASKEW = np.array([[0.577, 0.643, 0.502], [-0.744, 0.652, 0.024], [0.311, 0.387, -0.867]])
 
 
 def distinct_rows(rows: IntArray) -> tuple[IntArray, IntArray, IntArray]:
@@ -64,6 +64,26 @@ def _neighbours(triangles: IntArray) -> tuple[IntArray, bool]:
     return np.where(match, order[twin] // 3, -1).reshape(n, 3), plain
 
 
+def ridges(triangles: IntArray, plane_of: IntArray) -> tuple[IntArray, IntArray]:
+    """Edges between two planes, (n, 2) as the first of two triangles has them, and those (n, 2).
+
+    Edges of more than two triangles (solids that touch themselves) have no single wedge.
+    """
+    across, plain = _neighbours(triangles)
+    one, side = np.nonzero(np.arange(len(across))[:, None] < across)
+    two = across[one, side]
+    between = plane_of[one] != plane_of[two]
+    one, side, two = one[between], side[between], two[between]
+    ends = np.column_stack([triangles[one, side], triangles[one, (side + 1) % 3]])
+    if not plain:
+        every = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        _, edge, count = distinct_rows(np.concatenate([np.sort(ends, axis=1), every]))
+        count -= np.bincount(edge[: len(ends)], minlength=len(count))
+        single = count[edge[: len(ends)]] == 2
+        ends, one, two = ends[single], one[single], two[single]
+    return ends, np.column_stack([one, two])
+
+
 def joined(triangles: IntArray) -> IntArray | None:
     """Pairs of triangles that share an edge, (n_edges, 2), of a plain closed surface; else None."""
     across, plain = _neighbours(triangles)
@@ -89,7 +109,8 @@ def coplanar_groups(
     """Number the planes of a surface: connected triangles in one plane share a number.
 
     Planes grow from the largest triangles and are compared with those, so a finely meshed curved
-    surface does not drift into one plane.
+    surface does not drift into one plane. Numbers follow their centroids along an askew direction:
+    they do not depend on the triangles that planes are cut into.
 
     Parameters
     ----------
@@ -102,14 +123,20 @@ def coplanar_groups(
         (n_triangles,).
     """
     distance = _PLANE_DISTANCE * float(np.linalg.norm(np.ptp(points, axis=0)))
-    return flood_planes(
+    corners = points[triangles]
+    group = flood_planes(
         np.argsort(-areas, kind="stable"),
         _neighbours(triangles)[0],
         normals,
-        points[triangles],
+        corners,
         float(np.cos(_PLANE_ANGLE)),
         distance,
     )
+    weights = np.maximum(areas, np.finfo(np.float64).tiny)
+    along = np.bincount(group, weights * (corners.mean(axis=1) @ ASKEW[0]))
+    rank = np.empty(len(along), dtype=np.int64)
+    rank[np.argsort(along / np.bincount(group, weights), kind="stable")] = np.arange(len(along))
+    return rank[group]
 
 
 def smooth_groups(triangles: IntArray, normals: FloatArray, angle: float) -> IntArray:
@@ -233,6 +260,6 @@ def enclosed(points: FloatArray, surface: Surface, margin: float, ways: int = 6)
         How many are looked at: one sorts out most points outside, in a sixth of the time.
     """
     inside, stack = np.empty(len(points), dtype=bool), np.empty(DEEPEST, dtype=np.int64)
-    tree, shifts = surface.tree, margin * np.concatenate([_ASKEW, -_ASKEW])[:ways]
+    tree, shifts = surface.tree, margin * np.concatenate([ASKEW, -ASKEW])[:ways]
     enclosed_points(points, shifts, surface.corners, tree.boxes, tree.order, stack, inside)
     return inside
