@@ -172,22 +172,6 @@ def test_an_accuracy_that_is_not_reached_is_told_and_has_a_status_of_its_own(tub
     assert data["measures"]["max_displacement"]["value"] > 0.0
 
 
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (["tsb1-pipe", "--max-seconds", "3"], "give both or none"),
-        (["tsb1-pipe", "--accuracy", "u=1%", "--resume", "a.npz"], "remove --accuracy"),
-        (["tsb1-pipe", "--accuracy", "u=1%", "--set", "fem.mesh=scene"], "one mesh"),
-        (["tsb1-pipe", "--accuracy", "u=1%", "--set", "fem.method=explicit"], "keep the mesh"),
-    ],
-)
-def test_bad_input(tubelock, arguments, text) -> None:  # type: ignore[no-untyped-def]
-    status, _, err = tubelock("fem", *arguments)
-    assert status == 2
-    assert text in err
-    assert "Traceback" not in err
-
-
 def test_printed_seconds_include_the_range_of_friction(monkeypatch: pytest.MonkeyPatch) -> None:
     def width(*_: object) -> FrictionSet:
         end = time.process_time() + 0.1

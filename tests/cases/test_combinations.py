@@ -8,7 +8,6 @@ import pytest
 from fem import StaticOptions
 from tests.support.face import (
     DeformableScene,
-    InputError,
     build_deformable,
     load_scene,
     run_explicit,
@@ -68,32 +67,6 @@ def test_explicit_friction_follows_slow_loading(case: str) -> None:
         slow.pressures.max(), rel=5e-3
     )
     assert run.solution.largest_displacement == pytest.approx(slow.max_displacement, rel=5e-3)
-
-
-def test_constants_of_the_other_law_are_refused() -> None:
-    with pytest.raises(InputError, match=r"contact\.maximum_stiffness belongs to"):
-        scene_of('contact.law="linear"', "contact.stiffness=200", "contact.maximum_stiffness=500")
-
-
-@pytest.mark.parametrize(
-    "setting",
-    [
-        "effects.friction.coefficient=0.3",
-        "effects.finite_sliding=true",
-        "effects.elastic_frame=true",
-        'fem.symmetry="sector"',
-        'fem.symmetry="periodic cell"',
-    ],
-)
-def test_a_single_box_refuses_what_acts_between_blocks(setting: str) -> None:
-    name = setting.partition("=")[0].removesuffix(".coefficient")
-    with pytest.raises(InputError, match=name):
-        load_scene("cantilever", [setting])
-
-
-def test_a_static_box_refuses_an_initial_motion() -> None:
-    with pytest.raises(InputError, match="initial: got a motion"):
-        load_scene("spinning-block", ['fem.method="static"', "effects.finite_rotation=false"])
 
 
 def test_friction_that_closes_a_clearance_is_loaded_in_steps() -> None:

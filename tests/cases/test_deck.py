@@ -318,29 +318,7 @@ def test_header_lists_every_difference(tubelock) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["export", "tsb1-pipe", "-o", "a.txt"], "ends in .inp"),
         (["export", "tsb1-pipe", "-o", "/proc/nowhere/a.inp", *SMALL], "cannot be written"),
-        (
-            ["export", "tsb1-pipe", "-o", "a.inp", "--flavour", "nastran"],
-            "general, standard, calculix",
-        ),
-        (["export", "wall", "-o", "a.inp"], "loads on faces"),
-        (["export", "tsb1-pipe", "-o", "a.inp", "--set", "fem.element=full"], "fem.element"),
-        (
-            [
-                *("export", "tsb1-pipe", "-o", "a.inp"),
-                *("--set", "fem.method=explicit", "--set", "fem.damping=paper"),
-            ],
-            "fem.end_time is missing",
-        ),
-        (
-            [
-                *("export", "tsb1-pipe", *SMALL, "-o", "a.inp", "--flavour", "calculix"),
-                *("--set", "effects.friction.coefficient=0.1"),
-            ],
-            "stick_stiffness",
-        ),
-        (["deck", "nothing.inp"], "no such file"),
         (["deck", "/proc"], "is a folder"),
     ],
 )

@@ -184,37 +184,6 @@ def test_interrupted_and_continued_run_ends_in_the_same_bits(tubelock, monkeypat
     assert not Path("cut/checkpoint.npz").exists()
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        (["material.poisson_ratio=0.5"], "poisson_ratio"),
-        (["material.density=-1"], "material.density"),
-        (["material.young_modulus=0"], "young_modulus"),
-        (["mesh.divisions=[0,1,1]"], "mesh.divisions"),
-        (["block.size=[1,2,0]"], "block.size"),
-        (["fem.time_step=1"], "critical time step"),
-        (["fem.safety_factor=1.5"], "fem.safety_factor"),
-        (["effects.rayleigh.stiffness_proportional=1"], "step"),
-        (["effects.raleigh.mass_proportional=1"], "did you mean 'rayleigh'"),
-        (["support={}", "fem.method=static"], "rigid motion free"),
-        (['load={"x+"={}}'], "either pressure or traction"),
-        (['load={"top"={pressure=1}}'], "load"),
-        (["fem.element=tetrahedron"], "fem.element"),
-        (['fem.formulation="rate form"'], "the rate form of C3D8R was removed"),
-        (["effects.gravity=[0,0]"], "effects.gravity"),
-    ],
-)
-def test_bad_input_gives_one_line(tubelock, settings, message) -> None:
-    arguments = [a for s in settings for a in ("--set", s)]
-    status, out, err = tubelock("fem", "cantilever", *arguments)
-    assert status == 2
-    assert out == ""
-    assert err.startswith("error: ")
-    assert err.count("\n") == 1
-    assert message in err
-    assert not list(Path().iterdir())
-
-
 def test_missing_end_time_and_wrong_checkpoint(tubelock) -> None:
     text = load_text("cantilever").replace("end_time = 0.02", "# end_time")
     Path("a.toml").write_text(text)
@@ -229,16 +198,3 @@ def load_text(name: str) -> str:
     from tests.support.face import builtin_text
 
     return builtin_text(name)
-
-
-def test_rigid_command_refuses_a_single_box(tubelock) -> None:
-    status, _, err = tubelock("mbd", "cantilever")
-    assert status == 2
-    assert "without contacts" in err
-
-
-def test_a_static_box_refuses_finite_rotation(tubelock) -> None:
-    settings = ("--set", "fem.method=static", "--set", "effects.finite_rotation=true")
-    status, _, err = tubelock("fem", "cantilever", *settings)
-    assert status == 2
-    assert "expected fem.method" in err

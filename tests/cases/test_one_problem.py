@@ -160,19 +160,3 @@ def test_rigid_blocks_carry_the_weight_that_the_scene_states() -> None:
     # Without a material the blocks are of concrete, as this scene says itself.
     unstated = run_rigid(SceneFile(name="column", scene=check_scene(data)))
     np.testing.assert_allclose(unstated.result.contact_forces, heavy.result.contact_forces)
-
-
-@pytest.mark.parametrize("scene", ["wall", "tsb1-pipe"])
-@pytest.mark.parametrize(
-    ("key", "remedy"),
-    [
-        ("load.gravity=[0, 0, -9810]", "effects.gravity; move it there"),
-        ("load.density=2.4e-9", "material.density; move it there"),
-        ("load.temperature=20.0", "no thermal expansion"),
-        ("effects.temperature=20.0", "no thermal expansion"),
-        ("material.expansion=1e-5", "no thermal expansion"),
-    ],
-)
-def test_weight_has_one_key_and_temperature_none(scene: str, key: str, remedy: str) -> None:
-    with pytest.raises(InputError, match=f"unknown key {key.partition('=')[0]}: .*{remedy}"):
-        load_scene(scene, [key])

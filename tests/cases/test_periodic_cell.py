@@ -233,23 +233,6 @@ def test_command_line_reports_the_measured_error(
     assert "error of the middle layers" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("case", "setting", "message"),
-    [
-        ("tsb1-pillar", "load.pressure=0.01", "differs from layer to layer"),
-        ("tsb1-beam", "load.pressure=0.01", "differs from layer to layer"),
-        ("tsb1-pipe", "effects.gravity=[0,0,-9806.65]", "the weight adds up"),
-        ("tsb1-pipe", "effects.elastic_frame=true", "the cell has no frame"),
-        ("tsb1-pipe", "effects.finite_sliding=true", "slide on to other images"),
-        ("tsb1-pipe", "assembly.layers=1", "nothing repeats"),
-        ("brick-stack", "load.pressure=0.01", "not those of a tube"),
-    ],
-)
-def test_layers_that_do_not_repeat_are_refused(case: str, setting: str, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        build_deformable(scene_of("fem.symmetry='periodic cell'", setting, case=case), "tube")
-
-
 @pytest.mark.parametrize("command", ["compare", "effects", "cost"])
 def test_commands_that_need_the_whole_tube_refuse_a_cell(command: str) -> None:
     settings = [f"--set={s}" for s in CELL]

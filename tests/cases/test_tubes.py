@@ -174,27 +174,6 @@ def test_agreement_of_a_field_with_itself_is_perfect() -> None:
     assert effective_region(np.array([0.0, 5.0, 0.0])).tolist() == [False, True, False]
 
 
-@pytest.mark.parametrize(
-    ("command", "settings", "message"),
-    [
-        ("fem", ["contact.law=linear"], "contact.stiffness is missing"),
-        ("fem", ["contact.stiffness=5"], "belongs to law"),
-        ("fem", ["contact.clearance_at_zero_pressure=0"], "contact.clearance_at_zero_pressure"),
-        ("fem", ["contact.clearance=-1"], "contact.clearance"),
-        ("compare", ["block.amplitude=0"], "no equilibrium"),
-        ("clearance", ["block.type=cube"], "block.type"),
-    ],
-)
-def test_bad_input_gives_one_line(tubelock, command, settings, message) -> None:
-    extra = [a for s in settings for a in ("--set", s)]
-    status, out, err = tubelock(command, "tsb1-pipe", *SETTINGS, *extra)
-    assert status == 2
-    assert out == ""
-    assert err.count("\n") == 1
-    assert message in err
-    assert not list(Path().iterdir())
-
-
 def test_friction_is_absent_unless_named_and_then_dissipates() -> None:
     plain = run_static("plain", tube("tsb1-pipe"))
     rough = run_static("rough", tube("tsb1-pipe", "effects.friction.coefficient=0.3"))

@@ -8,7 +8,6 @@ import pytest
 
 from mbd import MechanismClass
 from tests.support.face import (
-    InputError,
     class_with_layers,
     frame_warning,
     layers_to_unlock,
@@ -55,11 +54,3 @@ def test_the_command_warns_and_finds(tubelock) -> None:
     assert "locked by the frames" in data["frame_warning"]
     found = data["layers_to_unlock"]
     assert found["classes"][str(found["layers"])] == "activated"
-
-
-def test_what_is_no_tube_is_refused(tubelock) -> None:
-    status, _, err = tubelock("mbd", "wall", "--layers-to-unlock")
-    assert status == 2
-    assert "makes no tube" in err
-    with pytest.raises(InputError, match="makes no tube"):
-        layers_to_unlock(load_scene("brick-stack"))

@@ -17,7 +17,6 @@ from tests.support.face import (
     builtin_names,
     builtin_text,
     check_scene,
-    load_scene,
     scene_schema,
 )
 
@@ -99,22 +98,3 @@ def test_command_prints_the_schema_that_builtin_scenes_name() -> None:
     assert set(schema["properties"]["block"]["properties"]["type"]["enum"]) == set(SCENE_TYPES)
     for name in builtin_names():
         assert builtin_text(name).startswith("#:schema scene.json\n")
-
-
-@pytest.mark.parametrize(
-    ("scene", "setting", "words"),
-    [
-        ("cantilever", 'load."x+".traktion=[0, 0, 1]', r"load.x\+.traktion: did you mean"),
-        ("cantilever", 'load."x+".foo=1', r"load.x\+.foo: expected one of pressure, traction$"),
-        ("tsb1-pipe", "mesh.foo=1", r"unknown key mesh.foo: expected one of around, radial"),
-    ],
-)
-def test_what_is_expected_is_listed(scene: str, setting: str, words: str) -> None:
-    """A list that names nothing, "expected one of (and 2 more)", helped nobody."""
-    with pytest.raises(InputError, match=words):
-        load_scene(scene, (setting,))
-
-
-def test_the_places_of_further_mistakes_are_named() -> None:
-    with pytest.raises(InputError, match=r"density: got -1.*; also invalid: mesh.foo$"):
-        load_scene("tsb1-pipe", ("mesh.foo=1", "material.density=-1"))

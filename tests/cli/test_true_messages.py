@@ -25,60 +25,6 @@ from tests.support.face import (
 )
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["fem", "tsb1-pipe", "--layers", "2"], "did|--set assembly.layers=VALUE"),
-        (["fem", "tsb1-pipe", "--layers=2"], "--set assembly.layers=2"),
-        (["rigid", "tsb1-pipe"], "did you mean tubelock mbd?"),
-        (["fem", "tsb1-pipe", "--accuracy", "p_max=5"], "is a % missing?"),
-        (["fem", "tsb1-pipe", "--set", "contact.friction=0.6"], "did you mean effects.friction"),
-        (["fem", "tsb1-pipe", "--set", "contact.law=hard"], 'did you mean contact.law = "linear"'),
-        (
-            ["fem", "tsb1-pipe", "--set", "effects.rayleigh.alpha=1"],
-            "did you mean effects.rayleigh.mass_proportional?",
-        ),
-        (["mbd", "tsb1-pipe", "--set", "block.amplitude=10,5"], "did you mean 10.5?"),
-        (["mbd", "tsb1-tunnel", "--set", "load.pressure=-0.01"], "turns the load around"),
-        # A thousand million states of load steps or frames fill any memory.
-        (["fem", "tsb1-pipe", "--set", "fem.load_steps=1000000000"], "or equal to 10000"),
-        (["fem", "tsb1-pipe", "--set", "fem.frames=1000000000"], "or equal to 10000"),
-        (["mbd", "tsb1-pipe", "--set", "pictures.font_size=72"], "or equal to 36"),
-        (["fem", "tsb1-pipe", "--accuracy", "u=1%", "--max-seconds", "0"], "--max-seconds: got 0"),
-        # No error bar holds what effects that are left out change.
-        (
-            ["fem", "tsb1-pipe", "--accuracy", "u=0.5%", "--auto", "1%"],
-            "expected --auto of at most 0.5%",
-        ),
-        (
-            [
-                *("fem", "tsb1-pipe", "--accuracy", "u=5%", "--auto", "1%"),
-                "--set",
-                "fem.method=explicit",
-            ],
-            'expected fem.method = "static"',
-        ),
-        (
-            ["fem", "tsb1-pipe", "--set", "fem.degree=2", "--set", "fem.element=reduced"],
-            'fem.element: got "reduced" with fem.degree = 2',
-        ),
-        (
-            ["fem", "tsb1-pipe", "--set", "fem.degree=2", "--set", "fem.precision=float32"],
-            'fem.precision: got "float32" with fem.degree = 2',
-        ),
-    ],
-)
-def test_slips_are_told_in_one_line_with_what_was_meant(
-    tubelock,  # type: ignore[no-untyped-def]
-    arguments: list[str],
-    words: str,
-) -> None:
-    status, _, told = tubelock(*arguments)
-    assert status == 2
-    assert told.count("\n") == 1
-    assert any(word in told for word in words.split("|")), told
-
-
 def refusal(path: Path, text: str) -> str:
     path.write_text(text, "utf-8")
     with pytest.raises(RefusedError) as error:

@@ -137,12 +137,6 @@ def test_commands_name_unused_keys_in_words_and_data(tubelock, tmp_path: Path) -
     assert "block.height" not in data["unused_keys"]
 
 
-def test_a_layer_that_no_load_acts_on_is_refused() -> None:
-    with pytest.raises(RefusedError, match=r"load\.layer: got 1, but pipe loads no single layer"):
-        run_rigid(load_scene("tsb1-pipe", (*COARSE, "load.layer=1")))
-    run_rigid(load_scene("tsb1-beam", (*COARSE, "load.layer=1")))
-
-
 def study_of(tmp_path: Path, quantity: str, key: str, values: str) -> Path:
     path = tmp_path / "study.toml"
     settings = "".join(f'"{k}" = {v}\n' for k, v in (s.split("=") for s in COARSE))

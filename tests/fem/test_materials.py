@@ -27,7 +27,6 @@ from fem.decks.write import write_deck
 from fem.static.solve import solve_static as solve_blocks
 from geometry import SineBlock, pipe, tube
 from geometry.block import box_block
-from geometry.errors import RefusedError
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads import LoadCase, PressureLoad, TractionLoad
@@ -198,30 +197,6 @@ def test_parts_of_files_name_their_material(tmp_path: Path) -> None:
     each = 4e5 * 9810.0 * np.array([0.7e-9, 7.85e-9 + 0.7e-9])
     # Four points carry each joint alike.
     assert joints == pytest.approx(each / 4.0, rel=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        (["materials.steel.blocks=[9]"], "materials.steel.blocks: got block 9, but there are 3"),
-        (["materials.steel.blocks=['top']"], "got block 'top', but the blocks have no names"),
-        (["materials.steel={}"], "materials.steel: no block is of it"),
-        (["materials.oak.blocks=[1]"], "materials.oak.density is missing"),
-        (
-            ["materials.steel.blocks=[1]", "materials.concrete.blocks=[1, 2]"],
-            "block 1 is of 'steel' and of 'concrete'",
-        ),
-        (
-            ["materials.steel.blocks=[1]", "materials.steel.young_modulus=210"],
-            "materials.steel: implausible .*write 210000",
-        ),
-        (["materials.steel.expansion=1e-5"], "materials.steel.expansion: .*no thermal expansion"),
-    ],
-)
-def test_wrong_materials_are_told_in_one_line(settings: list[str], words: str) -> None:
-    with pytest.raises(RefusedError, match=words) as refused:
-        stated("column", *settings)
-    assert "\n" not in str(refused.value)
 
 
 def test_constants_of_a_known_name_are_not_given_keys() -> None:

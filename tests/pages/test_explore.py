@@ -284,12 +284,6 @@ def test_every_thread_draws_the_same_picture() -> None:
     assert np.array_equal(view.render(60, 40), here)
 
 
-@pytest.mark.quick
-def test_a_scene_without_contact_is_one_line() -> None:
-    with pytest.raises(InputError, match=r"cantilever: .* no deformable blocks in contact"):
-        explore("cantilever")
-
-
 # ---------------------------------------------------------------------------------------------
 # The page in a browser
 

@@ -291,22 +291,6 @@ def test_a_scene_without_a_static_state_cannot_be_probed(monkeypatch) -> None:
         decide_effects(scene, "stack")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["tsb1-pipe", "--auto", "200%"], "between 0 and 100 %"),
-        (["tsb1-pipe", "--keep", "friction"], "expected --auto"),
-        (["tsb1-pipe", "--auto", "1%", "--keep", "luck"], "expected one of friction"),
-        (["cantilever", "--auto", "1%"], "expected a scene with contact"),
-        (["tsb1-pipe", "--set", "effects.auto=2"], "less than 1"),
-        (["cantilever", "--set", "effects.auto=0.01"], "has no contact"),
-    ],
-)
-def test_bad_input_is_refused(arguments: list[str], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        app(["fem", *arguments, "--json", "-"], standalone_mode=False)
-
-
 # ---------------------------------------------------------------------------------------------
 # Weight in static runs
 

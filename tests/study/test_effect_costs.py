@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import pytest
-
-from tests.support.face import InputError, app, bare, effect_costs, load_scene
+from tests.support.face import bare, effect_costs, load_scene
 
 TINY = ["assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2"]
 
@@ -28,8 +26,3 @@ def test_effects_leave_no_trace_when_off() -> None:
     for name in ("Rayleigh stiffness", "bulk viscosity"):
         assert found[name]["time_step"] < 1.0
         assert found[name]["memory"] > 1.0
-
-
-def test_scenes_without_contact_are_refused() -> None:
-    with pytest.raises(InputError, match="no deformable blocks in contact"):
-        app(["effects", "cantilever", "--json", "-"], standalone_mode=False)
