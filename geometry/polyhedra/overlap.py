@@ -1,9 +1,13 @@
 """How deep blocks are in each other; assemblies that cannot be meant are rejected for it.
 
-The points of a block that are looked at are its vertices, the middles of its triangles, and the
-middles of what lies inside where its edges pierce the other block; and a coarse lattice in the box
-that both share, for blocks that coincide. The distance to a block's surface is VTK's signed
-distance, which is fast on fine surfaces.
+The points of a block that are looked at are its vertices, moved inward by the tolerance, the
+middles of its triangles, and the middles of what lies inside where its edges pierce the other
+block; and a coarse lattice in the box that both share, for blocks that coincide. The distance to a
+block's surface is VTK's signed distance, which is fast on fine surfaces.
+
+The depth of two blocks that overlap is that of the vertices that are deepest, each along the normal
+of the face that it went through: a corner at the rim of a joint lies on the sides of both blocks,
+and no distance to the whole surface measures it.
 """
 
 from __future__ import annotations
@@ -20,7 +24,7 @@ from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.box_tree import overlapping_boxes
 from geometry.polyhedra.polyhedron import Polyhedron
-from geometry.polyhedra.triangle_search import Surface, enclosed, segment_piercings
+from geometry.polyhedra.triangle_search import Surface, distinct_rows, enclosed, segment_piercings
 
 #: Points along each edge of the lattice in the shared box.
 _EDGE = 7
@@ -28,6 +32,15 @@ _EDGE = 7
 _LATTICE = (np.indices((_EDGE,) * 3).reshape(3, -1).T + 0.5) / _EDGE
 #: Surfaces with more triangles than this are fine enough to be judged by their vertices.
 _FINE = 2000
+#: Cosine of the angle to a face's normal above which edges lead out of it or along it: 14.5°.
+_OUTWARD = 0.25
+#: What two blocks may be, by whether b is inside a and a inside b.
+_INSIDE = {
+    (False, False): "",
+    (True, True): "one block that is there twice",
+    (True, False): "the second inside the first: a hollow block is one object of both surfaces",
+    (False, True): "the first inside the second: a hollow block is one object of both surfaces",
+}
 #: Part of the tolerance within which a point that is deeper can be moved and stays inside.
 _SURELY = 0.9
 
@@ -42,6 +55,8 @@ class Overlap:
     """How deep the deepest point of one lies inside the other [mm]."""
     point: FloatArray
     """That point, (3,) [mm]."""
+    words: str = ""
+    """What both blocks may be, where one is inside the other or both are one; empty else."""
 
 
 class SignedDistance:
@@ -91,6 +106,52 @@ def _inner_middles(points: FloatArray, edges: IntArray, surface: Surface) -> Flo
     return start[edge] + middle[:, None] * (end - start)[edge]
 
 
+def _moved_inward(shape: Polyhedron, distance: float) -> FloatArray:
+    """Vertices of a block, each moved inward from all planes round it by a distance, (n, 3)."""
+    inward = np.zeros_like(shape.points)
+    rows = np.column_stack([shape.triangles.ravel(), np.repeat(shape.plane_of, 3)])
+    corner, plane = rows[distinct_rows(rows)[0]].T
+    np.subtract.at(inward, corner, shape.plane_normals[plane])
+    return shape.points + distance * inward
+
+
+def _deepest(
+    a: Polyhedron, b: Polyhedron, local: FloatArray, to_b: SignedDistance, tolerance: float
+) -> tuple[float, int]:
+    """Depth of the deepest vertex of a behind a face of b that it went through, and its number.
+
+    A vertex went through a face of b if no edge of a leads much deeper from it.
+
+    Parameters
+    ----------
+    a, b
+        Shapes.
+    local
+        Vertices of a in the frame of b, (n, 3) [mm].
+    to_b
+        Signed distance to b.
+    tolerance
+        Vertices this far outside of b are on it [mm].
+    """
+    start, end = np.concatenate([a.edges, a.edges[:, ::-1]]).T
+    ray = local[end] - local[start]
+    rising = ray / np.linalg.norm(ray, axis=1, keepdims=True) @ b.plane_normals.T
+    lowest = np.full((len(local), len(b.plane_normals)), np.inf)
+    np.minimum.at(lowest, start, rising)
+    through = lowest >= -_OUTWARD
+    near = np.flatnonzero(through.any(axis=1))
+    near = near[to_b(local[near]) <= tolerance]
+    depth, deepest = 0.0, -1
+    ways, way = np.unique(through[near], axis=0, return_inverse=True)
+    for k, planes in enumerate(ways):
+        faces = Polyhedron("", b.points, b.triangles[planes[b.plane_of]])
+        points = near[way.ravel() == k]
+        depths = np.abs(SignedDistance(faces)(local[points]))
+        if depths.max() > depth:
+            depth, deepest = float(depths.max()), int(points[np.argmax(depths)])
+    return depth, deepest
+
+
 def penetration(
     a: Polyhedron,
     b: Polyhedron,
@@ -114,7 +175,7 @@ def penetration(
     Returns
     -------
     float
-        Depth of the deepest point looked at [mm]; 0 where no point is deeper than the tolerance.
+        Depth of the deepest point looked at [mm]; the tolerance or less where blocks only touch.
     FloatArray
         That point in a's frame, (3,).
     """
@@ -137,7 +198,8 @@ def penetration(
 
     middles_b = _inner_middles(b_points, b.edges, a.surface)
     middles_a = _inner_middles(local(a.points), a.edges, b.surface) @ rotation.T + translation
-    of_b, of_a = [b_points, middles_b], [a.points, middles_a]
+    of_b = [_moved_inward(b, tolerance) @ rotation.T + translation, middles_b]
+    of_a = [_moved_inward(a, tolerance), middles_a]
     if len(b.triangles) <= _FINE:
         of_b.append(b.middles @ rotation.T + translation)
     if len(a.triangles) <= _FINE:
@@ -154,6 +216,15 @@ def penetration(
         result = depths(points)
         if result.max(initial=0.0) > depth:
             depth, where = float(result.max()), points[int(np.argmax(result))]
+    if depth <= tolerance or max(len(a.triangles), len(b.triangles)) > _FINE:
+        return depth, where
+    for one, other, corners, to_other, placed in (
+        (b, a, b_points, to_a, b_points),
+        (a, b, local(a.points), to_b, a.points),
+    ):
+        deeper, corner = _deepest(one, other, corners, to_other, tolerance)
+        if deeper > depth:
+            depth, where = deeper, placed[corner]
     return depth, where
 
 
@@ -203,7 +274,15 @@ def find_overlaps(
             )
         depth, where = known[key]
         if depth > tolerance:
-            overlaps.append(Overlap(i, j, depth, rotations[i] @ where + translations[i]))
+            point = rotations[i] @ where + translations[i]
+            inside = [
+                bool(distances[outer](points).max() <= tolerance)
+                for outer, points in (
+                    (kinds[0], shapes[kinds[1]].points @ rotation.T + translation),
+                    (kinds[1], (shapes[kinds[0]].points - translation) @ rotation),
+                )
+            ]
+            overlaps.append(Overlap(i, j, depth, point, _INSIDE[inside[0], inside[1]]))
     return sorted(overlaps, key=lambda overlap: -overlap.depth)
 
 
@@ -271,7 +350,7 @@ def check_overlaps(assembly: PolyhedralAssembly) -> None:
     pairs = "; ".join(
         f"blocks {assembly.named(o.block_a)} and {assembly.named(o.block_b)} overlap by "
         f"{o.depth:.3g} mm near "
-        f"{np.round(o.point, 2).tolist()} mm"
+        f"{np.round(o.point, 2).tolist()} mm{f' ({o.words})' if o.words else ''}"
         for o in overlaps[:_MOST_NAMED]
     )
     more = f"; and {len(overlaps) - _MOST_NAMED} more" if len(overlaps) > _MOST_NAMED else ""

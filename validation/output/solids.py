@@ -112,7 +112,8 @@ class FileCheck:
             for o in self.overlaps[:_MOST]:
                 pair = f"{self._name(o.block_a)} and {self._name(o.block_b)}"
                 near = np.round(o.point, 2).tolist()
-                table.add_row("overlap", f"{pair}: {o.depth:.3g} mm deep near {near} mm")
+                words = f"; {o.words}" if o.words else ""
+                table.add_row("overlap", f"{pair}: {o.depth:.3g} mm deep near {near} mm{words}")
             for a, b, gap in self.gaps[:_MOST]:
                 words = f"{self._name(a)} and {self._name(b)}: {gap:.3g} mm apart"
                 table.add_row("gap", words)
