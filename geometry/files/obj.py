@@ -43,7 +43,8 @@ def read_obj(path: Path) -> list[NamedSurface]:
     if why is not None:
         raise MeshError(f"{path}: {why}; expected an OBJ file")
     try:
-        text = path.read_text(encoding="utf-8-sig", errors="replace").replace("\\\n", " ")
+        text = path.read_text(encoding="utf-8-sig", errors="replace")
+        text = text.replace("\\\n", " ").replace("\t", " ")
     except OSError as error:
         raise MeshError(f"{path}: cannot be read ({error.strerror})") from None
     lines = text.splitlines()
@@ -63,7 +64,7 @@ def _by_name(
     alone = ""
     for kind in ("o ", "g "):
         heads = [k for k, line in enumerate(lines) if line.startswith(kind)]
-        names = ["", *(lines[k][2:].strip() for k in heads)]
+        names = ["", *(lines[k][2:].partition(" # ")[0].strip() for k in heads)]
         of_face = [np.searchsorted(heads, group) for group in at]
         used = list(dict.fromkeys(names[k] for k in np.unique(np.concatenate(of_face))))
         if len(used) > 1:

@@ -49,7 +49,7 @@ def test_a_corner_pushed_into_the_next_voussoir_is_as_deep_as_it_was_pushed(corn
     [((0, 0, 48), 2.0), ((97, 40, 10), 3.0), ((30, 76, 20), 4.0)],
 )
 def test_boxes_are_as_deep_in_each_other_as_one_must_be_moved(low, depth) -> None:
-    other = cuboid(low, np.array(low) + [100, 80, 50])
+    other = cuboid(low, np.add(low, [100, 80, 50]))
     for seed in range(3):
         overlap = _only(_assembly([cuboid((0, 0, 0), (100, 80, 50)), other], seed))
         assert overlap.depth == pytest.approx(depth, rel=1e-6)

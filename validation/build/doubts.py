@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from geometry.assembly import AnyBlocks
+from geometry.files.named_surfaces import left_out
 from validation.build.polyhedra import file_solids
 from validation.scene.polyhedra import MeshScene, PolyhedralScene
 
@@ -19,11 +20,11 @@ def doubts(scene: PolyhedralScene, assembly: AnyBlocks, folder: Path) -> dict[st
     """Rows that say what was changed or left out of files, and what looks turned; by name."""
     rows = {}
     if isinstance(scene, MeshScene):
-        left_out = [
-            f"{Path(part.file).name}: {one}" for part in scene.parts for one in part.leave_out
-        ]
-        if left_out:
-            rows["left out"] = ", ".join(left_out)
+        out = [f"{Path(part.file).name}: {one}" for part in scene.parts for one in part.leave_out]
+        for file in dict.fromkeys(part.file for part in scene.parts):
+            out += [f"{Path(file).name}: {one}" for one in left_out(folder / file)]
+        if out:
+            rows["left out"] = ", ".join(out)
         if scene.block.repair:
             rows["repaired"] = _repairs(scene, folder)
         aside = _supports_aside(scene, assembly)

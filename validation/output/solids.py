@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from geometry.files.block_files import UNITS, diagnosed_blocks
-from geometry.files.named_surfaces import Y_UP
+from geometry.files.block_files import STEP_SUFFIXES, UNITS, diagnosed_blocks
+from geometry.files.named_surfaces import OWN_UNITS, Y_UP, left_out
 from geometry.files.write_solids import SOLID_SUFFIXES, write_solids
-from geometry.mesh import MeshError
+from geometry.mesh import FloatArray, MeshError
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.overlap import Overlap, SignedDistance, find_overlaps
 from geometry.polyhedra.polyhedron import Polyhedron
@@ -45,6 +45,10 @@ class FileCheck:
     """Pairs of blocks that touch."""
     assembly: PolyhedralAssembly | None = None
     """The blocks without faults."""
+    up: FloatArray = field(default_factory=lambda: np.eye(3))
+    """Rotation that turns the file's z up, (3, 3)."""
+    left_out: list[str] = field(default_factory=list)
+    """Objects that the file says are no blocks."""
 
     @property
     def clean(self) -> bool:
@@ -71,12 +75,14 @@ class FileCheck:
                     "name": block.given_name or block.name,
                     "support": block.held,
                     "volume": None if faults else block.volume,
+                    "lowest_point": self._lowest(block).tolist(),
                     "triangles": len(block.triangles),
                     "faults": faults,
                     "repairs": list(block.repairs),
                 }
                 for block, faults in zip(self.blocks, self.faults, strict=True)
             ],
+            "left_out": self.left_out,
             "size": self.size.tolist(),
             "tolerance": None if self.assembly is None else self.assembly.tolerance,
             "touching_pairs": self.n_touching,
@@ -91,7 +97,13 @@ class FileCheck:
     @property
     def size(self) -> np.ndarray[Any, Any]:
         """Edges of the box round all blocks [mm]."""
-        return np.ptp(np.concatenate([block.points for block in self.blocks]), axis=0)
+        points = np.concatenate([block.points for block in self.blocks])
+        return np.ptp(points @ self.up.T, axis=0)
+
+    def _lowest(self, block: Polyhedron) -> FloatArray:
+        """Lowest vertex of a block, (3,) [mm]."""
+        points = block.points @ self.up.T
+        return points[int(np.argmin(points[:, 2]))]
 
     def table(self) -> Table:
         """All of it as text, what is wrong first."""
@@ -100,10 +112,15 @@ class FileCheck:
         table.add_row("blocks", f"{len(self.blocks) - len(bad)} closed, {len(bad)} not")
         for k in bad[:_MOST]:
             table.add_row(self._name(k), "; ".join(self.faults[k]))
+        closed = [k for k, faults in enumerate(self.faults) if not faults]
+        for k in closed[:_MOST]:
+            volume, (x, y, z) = self.blocks[k].volume, self._lowest(self.blocks[k]).tolist()
+            words = f"{volume:.5g} mm³, lowest at z = {z:.5g} mm (x {x:.5g}, y {y:.5g})"
+            table.add_row(self._name(k), words)
         repaired = [k for k, block in enumerate(self.blocks) if block.repairs]
         for k in repaired[:_MOST]:
             table.add_row(f"repaired: {self._name(k)}", ", ".join(self.blocks[k].repairs))
-        if max(len(bad), len(repaired)) > _MOST:
+        if max(len(bad), len(closed), len(repaired)) > _MOST:
             table.add_row("more", f"only {_MOST} of them are listed; --json FILE has all")
         if self.assembly is not None:
             tolerance = self.assembly.tolerance
@@ -117,7 +134,9 @@ class FileCheck:
             for a, b, gap in self.gaps[:_MOST]:
                 words = f"{self._name(a)} and {self._name(b)}: {gap:.3g} mm apart"
                 table.add_row("gap", words)
-            table.add_row("∛V of a block", f"{self.length:.4g} mm ({self.units} in the file)")
+            own = self.path.suffix.lower() in {*OWN_UNITS, *STEP_SUFFIXES}
+            words = "" if own else f" ({self.units} in the file)"
+            table.add_row("∛V of a block", f"{self.length:.4g} mm{words}")
         likely = self.likely_unit()
         if likely:
             words = (
@@ -125,6 +144,8 @@ class FileCheck:
             )
             table.add_row("likely unit", words)
         table.add_row("size", " × ".join(f"{x:.5g}" for x in self.size) + " mm (x, y, z)")
+        if self.left_out:
+            table.add_row("left out", ", ".join(self.left_out))
         held = [k for k, block in enumerate(self.blocks) if block.held]
         table.add_row("supports", f"{len(held)} by the file" if held else "the file names none")
         return table
@@ -138,13 +159,21 @@ def check_file(path: Path, *, units: str, up: str, repair: bool) -> FileCheck:
     """Read a file and look for all that keeps its blocks from being analysed."""
     try:
         result = diagnosed_blocks(path, units=units, repair=repair)
+        out = left_out(path)
     except MeshError as error:
         raise InputError(str(error)) from None
     number = [k for k, (_, faults) in enumerate(result) if not faults]
-    check = FileCheck(path, units, [block for block, _ in result], [faults for _, faults in result])
+    check = FileCheck(
+        path,
+        units,
+        [block for block, _ in result],
+        [faults for _, faults in result],
+        up=Y_UP if up == "y" else np.eye(3),
+        left_out=out,
+    )
     if not number:
         return check
-    assembly = _assembly(path.stem, [result[k][0] for k in number], up)
+    assembly = _assembly(path.stem, [result[k][0] for k in number], check.up)
     overlaps, gaps, touching = _neighbours(assembly)
     return replace(
         check,
@@ -157,7 +186,7 @@ def check_file(path: Path, *, units: str, up: str, repair: bool) -> FileCheck:
     )
 
 
-def _assembly(name: str, blocks: list[Polyhedron], up: str) -> PolyhedralAssembly:
+def _assembly(name: str, blocks: list[Polyhedron], up: FloatArray) -> PolyhedralAssembly:
     """Blocks where their file has them, y up turned to z up; held where the file says so."""
     n = len(blocks)
     names = tuple(block.given_name for block in blocks)
@@ -165,7 +194,7 @@ def _assembly(name: str, blocks: list[Polyhedron], up: str) -> PolyhedralAssembl
         name=name,
         shapes=tuple(blocks),
         shape_of=np.arange(n),
-        rotations=np.tile(Y_UP if up == "y" else np.eye(3), (n, 1, 1)),
+        rotations=np.tile(up, (n, 1, 1)),
         translations=np.zeros((n, 3)),
         fixed=np.array([block.held for block in blocks], dtype=np.bool_),
         names=names if any(names) else (),
