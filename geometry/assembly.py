@@ -362,7 +362,7 @@ def _opening_of_layers(assembly: Assembly) -> FloatArray:
         row = np.arange(len(pairs))
         rates[row, np.searchsorted(blocks, m[pairs])] -= normal[pairs]
         rates[row, np.searchsorted(blocks, s[pairs])] += normal[pairs]
-        least = np.linalg.lstsq(rates.reshape(len(pairs), -1), np.ones(len(pairs)))[0]
+        least = np.linalg.lstsq(rates.reshape(len(pairs), -1), np.ones(len(pairs)), rcond=None)[0]
         opening[blocks] = least.reshape(-1, 3)
     return opening
 

@@ -7,6 +7,8 @@ from math import isfinite
 from numbers import Real
 from pathlib import Path
 
+from geometry.system import machine_memory
+
 
 class RefusedError(ValueError):
     """Base of all refusals: one line that says what was got, what is expected, what to do.
@@ -25,18 +27,10 @@ def is_number(value: object) -> bool:
 _SHARE = 0.8
 
 
-def machine_memory() -> int | None:
-    """Bytes of the machine, None where it does not say."""
-    try:
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):
-        return None
-
-
 def beyond_memory(what: str, need: float, remedy: str) -> str | None:
     """One line on what needs so many bytes, where the machine has not enough; else None."""
     there = machine_memory()
-    if there is None or need <= _SHARE * there:
+    if need <= _SHARE * there:
         return None
     size = need / 2**30
     return (

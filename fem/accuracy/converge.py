@@ -31,9 +31,10 @@ from fem.static.solve import StaticOptions
 from geometry.answer import ALIASES, TITLES, Measure
 from geometry.assembly import Assembly
 from geometry.block import Block
-from geometry.errors import RefusedError, is_number, machine_memory
+from geometry.errors import RefusedError, is_number
 from geometry.mesh import FloatArray
 from geometry.meshing.refinement import charts_of
+from geometry.system import machine_memory
 
 #: Relative error bars that an answer has by default [-].
 TARGETS: Mapping[str, float] = {
@@ -474,8 +475,7 @@ def _beyond(
     points = _points(stated, static.symmetry)
     if work(stated, static.symmetry) > most_work:
         return "the limit of work"
-    memory = machine_memory()
-    if memory is not None and 16.0 * (points**2).sum() > _MEMORY_SHARE * memory:
+    if 16.0 * (points**2).sum() > _MEMORY_SHARE * machine_memory():
         return "the memory of this machine"
     need = _expected_seconds(stated, last)
     if left is None or need <= left:

@@ -39,6 +39,7 @@ from numba.misc.appdirs import AppDirs
 
 from geometry.compilation.clocks import CLOCKS
 from geometry.compilation.started import STARTED
+from geometry.system import release
 
 _LOG = logging.getLogger(__name__)
 
@@ -270,9 +271,7 @@ def _take_turn(folders: list[Path], name: str) -> None:
 def _end_turn(name: str) -> None:
     lock = _TURNS.pop(name, None)
     if lock is not None:
-        # Who waits for a file that is gone finds the code.
-        Path(lock.lock_file).unlink(missing_ok=True)
-        lock.release()
+        release(lock)  # who waits for it finds the code
 
 
 def _private_temporary(*, create: bool) -> Path | None:

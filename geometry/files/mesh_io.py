@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import signal
-import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
@@ -20,6 +18,7 @@ from geometry.errors import unreadable
 from geometry.files.vtu import as_grid, write_vtu
 from geometry.files.whole import write_whole
 from geometry.mesh import FloatArray, HexMesh, IntArray, MeshError, QuadSurface
+from geometry.system import cpu_limit
 
 if TYPE_CHECKING:
     import pyvista as pv
@@ -35,25 +34,6 @@ _ELEMENT_TYPE = re.compile(r"^\s*\*element\b.*?\btype\s*=\s*(\w+)", re.IGNORECAS
 HEXAHEDRA = {"hexahedron", "hexahedron20", "hexahedron27"}
 #: CPU time that reading a mesh may take [s], and beyond it the slowest that files are read [B/s].
 _READ_SECONDS, _READ_SPEED = 5.0, 2e5
-
-
-@contextmanager
-def _at_most(seconds: float) -> Iterator[None]:
-    """Stop what takes more CPU time; threads other than the main one are not stopped."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def stop(*_: object) -> None:
-        raise TimeoutError("it does not come to an end: is the file cut short?")
-
-    previous = signal.signal(signal.SIGVTALRM, stop)
-    signal.setitimer(signal.ITIMER_VIRTUAL, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
-        signal.signal(signal.SIGVTALRM, previous)
 
 
 #: VTK's numbers of the cells that meshio names so.
@@ -191,7 +171,10 @@ def read_any_mesh(path: Path) -> Any:
         # meshio probes whether an STL file is binary, and prints before it gives up; some of its
         # readers look for ever for what a file that was cut short does not hold.
         with (
-            _at_most(_READ_SECONDS + path.stat().st_size / _READ_SPEED),
+            cpu_limit(
+                _READ_SECONDS + path.stat().st_size / _READ_SPEED,
+                "it does not come to an end: is the file cut short?",
+            ),
             np.errstate(all="ignore"),
             redirect_stdout(StringIO()),
             redirect_stderr(StringIO()),

@@ -183,6 +183,7 @@ _INNER = {
     "geometry.polyhedra.explosion": "follow_explosion outward_directions",
     "geometry.polyhedra.overlap": "check_assembly",
     "geometry.polyhedra.polyhedron": "Polyhedron convex_polyhedron polyhedron_from_quads",
+    "geometry.system": "children_cpu_seconds peak_memory_mb",
     "mbd.force_range": "DETERMINED PlaneProblem force_ranges plane_problem",
     "mbd.friction": (
         "FrictionalContacts FrictionalEquilibrium _cones collapse_load frictional_contacts "
@@ -271,7 +272,7 @@ _INNER = {
         "estimated_errors floating_words ramp_change run_as_asked run_converged run_explicit "
         "run_scene run_solve_module=* run_static scene_statement static_options"
     ),
-    "validation.run.stages": "children_cpu_seconds peak_memory_mb stages summed",
+    "validation.run.stages": "stages summed",
     "validation.scene.builtin": "builtin_names builtin_text",
     "validation.scene.combinations": "combined",
     "validation.scene.deformable": "EffectName EffectsSection",

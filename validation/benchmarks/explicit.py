@@ -28,13 +28,13 @@ from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
 from fem.problem.model import BlockGroup, Model, block_group, fixed_nodes, nodal_load
 from fem.problem.time_step import critical_time_step
 from geometry.block import box_block
+from geometry.system import peak_memory_mb
 from validation.benchmarks.kernels import KernelRow, kernel_rows
 from validation.benchmarks.kernels import table as kernel_table
 from validation.benchmarks.roofline import Roofline, roofline
 from validation.benchmarks.stopwatch import best_cpu_seconds, best_wall_seconds
 from validation.output.console import measuring
 from validation.output.files import write_json
-from validation.run.stages import peak_memory_mb
 
 CONCRETE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.2)
 

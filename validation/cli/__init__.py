@@ -30,7 +30,9 @@ def _repeat_lost_interruption(lost: UnraisableHookArgs) -> None:
     if not issubclass(lost.exc_type, KeyboardInterrupt):
         sys.__unraisablehook__(lost)
     elif not sys.is_finalizing():
-        threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT)).start()
+        from geometry.system import interrupt
+
+        threading.Timer(0.01, interrupt).start()
 
 
 def _one_thread_of_blas() -> None:

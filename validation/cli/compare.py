@@ -35,11 +35,11 @@ def compare(
 
     Prints tables, the influence of each modelling assumption, and a conclusion.
     """
+    from geometry.system import peak_memory_mb
     from validation.build.cell import refuse_cell
     from validation.calls import compare as compared
     from validation.output.console import explicit_progress, status, told_of_compilation
     from validation.run.accuracy import progress_words
-    from validation.run.stages import peak_memory_mb
     from validation.scene.read import load_scene, require_deformable, with_auto
     from validation.scene.usage import recording
     from validation.study.comparison import report

@@ -23,6 +23,7 @@ from filelock import FileLock, Timeout
 
 from geometry.errors import unreadable
 from geometry.files.whole import write_whole
+from geometry.system import release
 from validation.errors import InputError
 from validation.output.files import prepare_file
 from validation.output.provenance import program
@@ -266,8 +267,7 @@ class Store:
         try:
             yield
         finally:
-            Path(lock.lock_file).unlink(missing_ok=True)
-            lock.release()
+            release(lock)
 
     # -----------------------------------------------------------------------------------------
     # Rows

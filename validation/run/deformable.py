@@ -17,6 +17,7 @@ from geometry.answer import Answer, Measure
 from geometry.assembly import Assembly
 from geometry.measures import SectionError, SectionForces
 from geometry.mesh import FloatArray
+from geometry.system import peak_memory_mb
 from validation.build.doubts import doubts
 from validation.build.materials import count_materials
 from validation.build.own_blocks import bare_joints
@@ -24,7 +25,6 @@ from validation.build.polyhedra import build_polyhedra
 from validation.build.sections import scene_planes
 from validation.errors import named
 from validation.run.measures import FrictionSet, StaticReference
-from validation.run.stages import peak_memory_mb
 from validation.scene.family import RoundScene
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 from validation.scene.read import DeformableScene

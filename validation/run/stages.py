@@ -1,8 +1,7 @@
-"""CPU time of the stages of a run, without what is compiled, once a machine; and its memory."""
+"""CPU time of the stages of a run, without what is compiled, once a machine."""
 
 from __future__ import annotations
 
-import resource
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -74,14 +73,3 @@ def cpu_words(seconds: dict[str, float]) -> str:
     """CPU time of each stage, and of the process so far: what was loaded before the run too."""
     reported = ", ".join(f"{stage} {value:.3f}" for stage, value in seconds.items())
     return f"{reported}; this process so far {time.process_time():.3f}"
-
-
-def children_cpu_seconds() -> float:
-    """CPU time of the processes that this one has started and waited for [s]."""
-    result = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return result.ru_utime + result.ru_stime
-
-
-def peak_memory_mb() -> float:
-    """Peak resident memory of this process so far [MB]."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

@@ -21,6 +21,7 @@ from itertools import chain, islice
 from multiprocessing.synchronize import Event
 from typing import Any, Protocol
 
+from geometry.system import available_cores, interrupts_blocked
 from validation.errors import InputError
 from validation.study.design import Row, failed_row, run_design
 from validation.study.store import ResultFile
@@ -109,13 +110,6 @@ def sweep(
 # This machine
 
 
-def available_cores() -> int:
-    """Cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
     """Let processes started here use one thread for linear algebra: the designs are small."""
@@ -130,19 +124,6 @@ def _one_thread_each() -> Iterator[None]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Let processes started here inherit a blocked Ctrl-C: stopping them is the parent's job."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
@@ -254,7 +235,7 @@ class LocalRunner:
             # Noted before it is handed over: a pool that breaks here loses nothing.
             placeholder: Future[Row] = Future()
             pending[placeholder] = number
-            with _interrupts_held(), _main_left_out():
+            with interrupts_blocked(), _main_left_out():  # stopping them is ours
                 future = pool.submit(run_design, self.study, number)
             del pending[placeholder]
             pending[future] = number

@@ -105,7 +105,7 @@ def _rigid(card: Card, arms: FloatArray, values: FloatArray) -> FloatArray:
     rows[:, :, :3] = np.eye(3)
     for k, axis in enumerate(np.eye(3)):
         rows[:, :, 3 + k] = np.cross(axis, arms)
-    result, *_ = np.linalg.lstsq(rows.reshape(-1, 6), values.ravel())
+    result, *_ = np.linalg.lstsq(rows.reshape(-1, 6), values.ravel(), rcond=None)
     size = float(np.abs(values).max())
     result[np.abs(result) <= _SAME * np.abs(result).max()] = 0.0
     if np.abs(rows @ result - values).max() > _SAME * size:

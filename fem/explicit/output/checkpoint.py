@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import os
 import signal
-import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
@@ -25,6 +24,7 @@ from fem.explicit.output.energy import COLUMNS, History
 from fem.explicit.state import State
 from fem.explicit.step import System
 from geometry.errors import RefusedError, unreadable
+from geometry.system import stop_signals
 
 FORMAT = 2
 
@@ -215,19 +215,11 @@ def stop_requests() -> Iterator[StopRequest]:
     caught and the flag stays False.
     """
     request = StopRequest()
-    if threading.current_thread() is not threading.main_thread():
-        yield request
-        return
 
     def note(number: int, _: FrameType | None) -> None:
         if request.requested and number == signal.SIGINT:
             raise KeyboardInterrupt
         request.requested = True
 
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    previous = [signal.signal(number, note) for number in numbers]
-    try:
+    with stop_signals(note):
         yield request
-    finally:
-        for number, handler in zip(numbers, previous, strict=True):
-            signal.signal(number, handler)

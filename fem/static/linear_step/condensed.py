@@ -421,7 +421,9 @@ class CondensedStep:
         """Rigid part α of a displacement of a slot."""
         kind = self._kind(slot)
         vector = self._to_variables(slot, displacement.ravel()[self._retained(slot)])
-        return np.asarray(np.linalg.lstsq(kind.rigid, vector[kind.free])[0], dtype=np.float64)
+        return np.asarray(
+            np.linalg.lstsq(kind.rigid, vector[kind.free], rcond=None)[0], dtype=np.float64
+        )
 
     def _displacements(
         self,
@@ -451,7 +453,7 @@ class CondensedStep:
             local = flat[dofs]
             if len(kind.free) == len(dofs):
                 # A rigid motion costs no force; taking it out first keeps its rounding out too.
-                local = local - kind.rigid @ np.linalg.lstsq(kind.rigid, local)[0]
+                local = local - kind.rigid @ np.linalg.lstsq(kind.rigid, local, rcond=None)[0]
             result[dofs] = kind.condensed.stiffness @ local
         return result.reshape(-1, 3)
 

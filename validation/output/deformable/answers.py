@@ -18,6 +18,7 @@ from fem.problem.model import element_words
 from fem.problem.time_step import added_mass_share
 from geometry.answer import TITLES, Measure, measure_rows
 from geometry.files.whole import write_whole
+from geometry.system import peak_memory_mb
 from validation.output import answer_files
 from validation.output.console import add_dimensions, listing, two_columns
 from validation.output.deformable.fields import FRAMES
@@ -31,7 +32,7 @@ from validation.output.pictures.motions import draw_motions
 from validation.output.section_forces import SECTION_FILES, add_sections, write_sections
 from validation.run.accuracy import reached_rows
 from validation.run.rigid.push import rigid_limit
-from validation.run.stages import cpu_words, peak_memory_mb
+from validation.run.stages import cpu_words
 from validation.scene.family import RoundScene
 
 if TYPE_CHECKING:

@@ -11,7 +11,6 @@ import base64
 import contextlib
 import json
 import multiprocessing
-import signal
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -23,6 +22,7 @@ from tornado.web import Application, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from geometry.errors import RefusedError
+from geometry.system import stop_signals
 from validation.errors import InputError
 from validation.pages.explore.answers import (
     Shown,
@@ -257,13 +257,12 @@ async def serve(file: SceneFile, host: str, port: int, tell: Callable[[str], Non
     pool = ThreadPoolExecutor(1, "answers")
     server = HTTPServer(application(file, pool, host=HERE if here else r".*"))
     server.add_sockets(sockets)
-    stop = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    stop, loop = asyncio.Event(), asyncio.get_running_loop()
     name = f"[{host}]" if ":" in host else host
-    tell(f"http://{name}:{sockets[0].getsockname()[1]}/")
     try:
-        await stop.wait()
+        with stop_signals(lambda *_: loop.call_soon_threadsafe(stop.set)):
+            tell(f"http://{name}:{sockets[0].getsockname()[1]}/")
+            await stop.wait()
     finally:
         server.stop()
         await server.close_all_connections()

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from geometry.mesh import FloatArray, IntArray
-from validation.run.stages import children_cpu_seconds
+from geometry.system import children_cpu_seconds
 
 PROGRAM = "ccx"
 

@@ -1,0 +1,144 @@
+"""What differs between operating systems: memory, CPU time of other processes, signals, locks.
+
+Windows has no `resource`, no timer of CPU time, no blocked signals and no SIGKILL; nothing here
+is used before the system is asked for it.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from filelock import BaseFileLock
+
+#: Signal that ends a process at once: SIGKILL; on Windows SIGTERM, which does so there.
+KILL: signal.Signals = getattr(signal, "SIGKILL", signal.SIGTERM)
+
+
+# ---------------------------------------------------------------------------------------------
+# Memory and CPU time
+
+
+def machine_memory() -> int:
+    """Memory of the machine [bytes]."""
+    import psutil
+
+    return int(psutil.virtual_memory().total)
+
+
+def peak_memory_mb() -> float:
+    """Peak resident memory of this process so far [MB].
+
+    Where the system does not record the peak: the resident memory now.
+    """
+    try:
+        import resource
+    except ImportError:
+        import psutil
+
+        now = psutil.Process().memory_info()
+        return float(getattr(now, "peak_wset", now.rss)) / 2**20
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (2**20 if sys.platform == "darwin" else 2**10)
+
+
+def children_cpu_seconds() -> float:
+    """CPU time of the processes that this one has started and waited for [s].
+
+    Not a number on Windows, which does not record it.
+    """
+    times = os.times()
+    return math.nan if os.name == "nt" else times.children_user + times.children_system
+
+
+# ---------------------------------------------------------------------------------------------
+# Signals
+
+
+@contextmanager
+def cpu_limit(seconds: float, message: str) -> Iterator[None]:
+    """Raise TimeoutError with the message in what takes more CPU time.
+
+    Only the main thread is stopped, and only where the system has a timer of CPU time.
+    """
+    main = threading.current_thread() is threading.main_thread()
+    if not main or not hasattr(signal, "setitimer") or not hasattr(signal, "SIGVTALRM"):
+        yield
+        return
+
+    def stop(*_: object) -> None:
+        raise TimeoutError(message)
+
+    previous = signal.signal(signal.SIGVTALRM, stop)
+    signal.setitimer(signal.ITIMER_VIRTUAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
+        signal.signal(signal.SIGVTALRM, previous)
+
+
+@contextmanager
+def stop_signals(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
+    """Call the handler on SIGINT and SIGTERM; only the main thread can catch signals."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    previous = [signal.signal(number, handler) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, before in zip(numbers, previous, strict=True):
+            signal.signal(number, before)
+
+
+@contextmanager
+def interrupts_blocked() -> Iterator[None]:
+    """Let processes started here inherit a blocked Ctrl-C, where signals can be blocked."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def interrupt() -> None:
+    """Interrupt this process as Ctrl-C does."""
+    if os.name == "nt":
+        signal.raise_signal(signal.SIGINT)  # os.kill ends a process there
+    else:
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+def available_cores() -> int:
+    """Cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+# ---------------------------------------------------------------------------------------------
+# Files
+
+
+def release(lock: BaseFileLock) -> None:
+    """Release a lock and delete its file.
+
+    Windows deletes no open file; there filelock deletes it after the release.
+    """
+    with suppress(PermissionError):
+        Path(lock.lock_file).unlink(missing_ok=True)
+    lock.release()
