@@ -145,7 +145,7 @@ def nodal_stress_of(bodies: MovedBodies) -> FloatArray:
     share = np.repeat(inside.volumes.sum(axis=1), elements.shape[1])
     shape = (len(bodies.positions), elements.size)
     mean = csr_array((share, (elements.ravel(), np.arange(elements.size))), shape)
-    total = np.asarray(mean.sum(axis=1)).ravel()[:, None]
+    total: FloatArray = np.asarray(mean.sum(axis=1)).ravel()[:, None]
     return np.stack([mean @ body.reshape(-1, 6) / total for body in result.stress])
 
 

@@ -96,7 +96,7 @@ class FaceContact:
                     np.add.at(total, nodes, share)
         if not by_copy:
             return None
-        return np.max(list(by_copy.values()), axis=0)
+        return np.array(list(by_copy.values())).max(axis=0)
 
     def bind(self, bodies: tuple[Body, ...]) -> Interaction:
         """Prepare the force for the loop."""

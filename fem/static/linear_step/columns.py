@@ -367,7 +367,7 @@ def _subtract_square(matrix: FloatArray, factor: FloatArray) -> None:
     if not len(matrix):  # no point is asked for
         return
     # The lower triangle in Fortran order is the upper one of the matrix.
-    scipy.linalg.blas.dsyrk(-1.0, factor, 1.0, matrix.T, trans=1, lower=1, overwrite_c=1)
+    scipy.linalg.blas.dsyrk(-1.0, factor, beta=1.0, c=matrix.T, trans=1, lower=1, overwrite_c=1)
     n = len(matrix)
     for a in range(0, n, _TILE):
         b = min(a + _TILE, n)

@@ -223,7 +223,7 @@ def _eliminate(split: _Split, nodes: IntArray, inside: BoolArray) -> tuple[Elimi
         outward = scipy.linalg.blas.dtrsm(
             1.0, factor, outward, side=1, lower=1, trans_a=1, overwrite_b=1
         )
-        rest = scipy.linalg.blas.dsyrk(-1.0, outward, 1.0, rest, lower=1, overwrite_c=1)
+        rest = scipy.linalg.blas.dsyrk(-1.0, outward, beta=1.0, c=rest, lower=1, overwrite_c=1)
     inner, outer = (
         (3 * some[:, None] + np.arange(3)).ravel() for some in (nodes[inside], nodes[~inside])
     )

@@ -112,10 +112,8 @@ class View:
         seen = [part.points @ self.axes.T for part in self.parts if len(part.points)]
         if not seen:
             return np.zeros(3), np.ones(3)
-        return (
-            np.min([s.min(axis=0) for s in seen], axis=0),
-            np.max([s.max(axis=0) for s in seen], axis=0),
-        )
+        points = np.concatenate(seen)
+        return points.min(axis=0), points.max(axis=0)
 
     @property
     def size(self) -> tuple[float, float]:
