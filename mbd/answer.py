@@ -32,7 +32,7 @@ from geometry.measures import (
     joint_resultants,
     sections_through_joints,
 )
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.parts.dimensions import dimensions
 from mbd.analysis import RigidResult, RigidStatement, check_types, rigid_result
 from mbd.contact_jacobian import block_wrenches, contact_wrenches
@@ -138,6 +138,21 @@ class Carried:
     """What the load drives, (n_rows,), where it is not carried."""
     friction: float | None = None
     """Coefficient [-]; None without friction."""
+    by_load: bool = True
+    """Whether the load itself presses the joints; else forces and pressures are those of some
+    state that was pressed beforehand, and not shown."""
+    counted: BoolArray | None = None
+    """Contacts at which forces may act, (n_contacts,); None: all."""
+
+    @property
+    def shown(self) -> bool:
+        """Whether the forces are those of the load."""
+        return self.holds and self.by_load
+
+    def joints(self, assembly: AnyBlocks, index: IntArray) -> JointResultants:
+        """Resultants between each two blocks of contacts at places ``index`` (n_contacts,)."""
+        kept = slice(None) if self.counted is None else self.counted
+        return joints_of(assembly, index[kept], self.forces[kept])
 
 
 def without_friction(assembly: AnyBlocks, result: RigidResult) -> Carried:
@@ -186,6 +201,8 @@ def answer_of(
         moving = motion
         fields["mechanism"] = lambda: _node_motion(assembly, moving, points, block)
     verdict = "carries the load" if shown.holds else "does not carry the load"
+    if not shown.by_load:
+        verdict += " unless pressed beforehand,"
     if shown.friction is not None:
         verdict += f" with friction μ = {shown.friction:g}"
     found = _Found(assembly, load, result, shown)
@@ -219,11 +236,11 @@ class _Found:
     def contacts(self) -> Lazy[Array]:
         """`Answer.contacts`; nothing where nothing balances the load."""
         index = self.result.contact_index
-        return Lazy(_contacts(self.assembly, index, self.carried) if self.carried.holds else {})
+        return Lazy(_contacts(self.assembly, index, self.carried) if self.carried.shown else {})
 
     @cached_property
     def joints(self) -> JointResultants:
-        return joints_of(self.assembly, self.result.contact_index, self.carried.forces)
+        return self.carried.joints(self.assembly, self.result.contact_index)
 
     @cached_property
     def supports(self) -> dict[str, FloatArray]:
@@ -253,8 +270,8 @@ class _Found:
 
     def sections(self, cut: Planes) -> SectionForces:
         """Sum the forces of the joints between blocks on both sides of planes."""
-        if not self.carried.holds:
-            raise SectionError("section: nothing carries the load, so there are no forces")
+        if not self.carried.shown:
+            raise SectionError("section: nothing carries the load by itself: there are no forces")
         if getattr(self.assembly, "image_of", None) is not None:
             raise SectionError("section: a periodic cell is a part of a section; cut the tube")
         return sections_through_joints(self.joints, self.assembly.centroids, cut)
@@ -265,10 +282,10 @@ class _Found:
         return self.carried.measures if isinstance(self.assembly, Assembly) else None
 
     def measures(self) -> dict[str, Measure]:
-        """Pressures, joint forces and reaction; none where nothing balances the load."""
-        if not self.carried.holds:
+        """Pressures, joint forces and reaction; none where the load brings none about."""
+        if not self.carried.shown:
             return {}
-        result = {}
+        result: dict[str, Measure] = {}
         if self.contacts:
             result["p_max_facet"] = largest_facet_mean(self.assembly, self.contacts)
         if self.paper is not None:
@@ -295,7 +312,7 @@ class _Found:
             "carried": holds,
             **({} if self.paper is None else {"contact": asdict(self.paper)}),
             "reaction": self.reaction.tolist() if holds else None,
-            "joints": self.joints.as_json() if holds else [],
+            "joints": self.joints.as_json() if self.carried.shown else [],
             **({"reactions": self._reactions} if holds and self.supports else {}),
             "units": REPORT_UNITS,
             "rotation_length": self.assembly.characteristic_length,

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -30,6 +31,7 @@ from geometry.mesh import BoolArray, FloatArray, IntArray
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import newton_equilibrium
 from mbd.friction import FrictionalContacts, FrictionError
+from mbd.work import MOST_WORK, Work
 
 #: Out-of-plane parts below this fraction are round-off of vertices and normals.
 _FLAT = 1e-9
@@ -133,6 +135,8 @@ class ForceRanges:
     """Normal force of the least-norm answer, (n_joints,) [N]."""
     load: float
     """‖f‖, which `DETERMINED` refers to [N]."""
+    unanswered: int = 0
+    """Joints whose range was open at the limit of work; what is missing is nan."""
 
     @property
     def width(self) -> FloatArray:
@@ -158,6 +162,7 @@ def force_ranges(
     frictional: FrictionalContacts | None = None,
     plane: PlaneProblem | None = None,
     progress: Callable[[int, int], None] | None = None,
+    limit: float = MOST_WORK,
 ) -> ForceRanges | None:
     """Least and largest normal force of every joint.
 
@@ -178,11 +183,14 @@ def force_ranges(
         The same problem in its plane, where it is plane: the same ranges in a fraction of the time.
     progress
         Called with the number of joints that are done and that of all.
+    limit
+        Operations of `mbd.work.Work` after which no joint is asked any more.
 
     Returns
     -------
     ForceRanges | None
-        None where no admissible forces balance the load.
+        None where no admissible forces balance the load. `ForceRanges.unanswered` joints were left
+        at the limit of work.
     """
     pairs, joint = contacts.joints
     n_joints, size = len(pairs), float(np.linalg.norm(load))
@@ -191,37 +199,31 @@ def force_ranges(
         frictional, load = plane.contacts, plane.load(load)
         joint = joint[plane.kept]
     matrix, of = _columns(contacts, frictional, joint)
-    pressed = _all_pressed(contacts, n_joints)
-    if pressed is None:
-        pressed = _self_stressed(matrix, of, n_joints)
-    programs = _Programs(matrix, -load / size if size > 0.0 else -load)
-    least, largest = np.zeros(n_joints), np.full(n_joints, np.inf)
+    work, known = Work(limit), _all_pressed(contacts, n_joints)
+    pressed = _self_stressed(matrix, of, n_joints, work) if known is None else known
+    programs = _Programs(matrix, -load / size if size > 0.0 else -load, work)
+    answer = partial(ForceRanges, pairs[:, 0], pairs[:, 1], shown=sums, load=size)
+    least, largest = np.full(n_joints, np.nan), np.where(pressed, np.inf, np.nan)
     for k in range(n_joints):
         if progress is not None:
             progress(k, n_joints)
         result = programs.least((of == k).astype(np.float64))
+        if work.spent:
+            return _stopped(answer(least, largest))
         if result is None:
             return None
         least[k] = size * result
     for k in np.flatnonzero(~pressed).tolist():
         result = programs.least(-(of == k).astype(np.float64)) if size > 0.0 else 0.0
+        if work.spent:
+            return _stopped(answer(least, largest))
         # What only the solver's tolerance lets grow without bound is no answer.
         largest[k] = np.nan if result is None else -size * result
-    return ForceRanges(pairs[:, 0], pairs[:, 1], least, largest, sums, size)
+    return answer(least, largest)
 
 
-def least_forces(
-    contacts: Contacts, load: FloatArray, frictional: FrictionalContacts, asked: IntArray
-) -> FloatArray:
-    """Least normal force of some joints over all admissible states, (n_asked,) [N].
-
-    Joints are numbered as in `ForceRanges`; nan where a program finds none.
-    """
-    matrix, of = _columns(contacts, frictional, contacts.joints[1])
-    size = float(np.linalg.norm(load))
-    programs = _Programs(matrix, -load / size)
-    result = [programs.least((of == k).astype(np.float64)) for k in asked.tolist()]
-    return size * np.array([np.nan if least is None else least for least in result])
+def _stopped(ranges: ForceRanges) -> ForceRanges:
+    return replace(ranges, unanswered=int(np.isnan(ranges.width).sum()))
 
 
 def _all_pressed(contacts: Contacts, n_joints: int) -> BoolArray | None:
@@ -254,7 +256,7 @@ def _columns(
     return sp.csc_array(frictional.matrix @ generators), np.repeat(joint, 4)
 
 
-def _self_stressed(matrix: sp.csc_array, of: IntArray, n_joints: int) -> BoolArray:
+def _self_stressed(matrix: sp.csc_array, of: IntArray, n_joints: int, work: Work) -> BoolArray:
     """Which joints some admissible self-stress presses, (n_joints,).
 
     Max Σ s_j with s_j <= 1 and s_j <= the sum of joint j: self-stresses are a cone, so that s is 0
@@ -267,6 +269,7 @@ def _self_stressed(matrix: sp.csc_array, of: IntArray, n_joints: int) -> BoolArr
     programs = _Programs(
         sp.csc_array(equal),
         np.concatenate([np.zeros(n_rows), np.ones(n_joints)]),
+        work,
         upper=np.concatenate([np.full(n, np.inf), np.ones(n_joints), np.full(n_joints, np.inf)]),
     )
     programs.least(np.concatenate([np.zeros(n), np.ones(n_joints), np.zeros(n_joints)]))
@@ -281,12 +284,17 @@ class _Programs:
     """
 
     def __init__(
-        self, matrix: sp.csc_array, target: FloatArray, *, upper: FloatArray | None = None
+        self,
+        matrix: sp.csc_array,
+        target: FloatArray,
+        work: Work,
+        *,
+        upper: FloatArray | None = None,
     ) -> None:
         # Loaded here: most answers need no linear program.
         import highspy
 
-        self._matrix, self._target = matrix, target
+        self._matrix, self._target, self._work = matrix, target, work
         self._status = highspy.HighsModelStatus
         n_rows, n = matrix.shape
         self._places = np.arange(n, dtype=np.int32)
@@ -307,8 +315,12 @@ class _Programs:
 
     def least(self, cost: FloatArray) -> float | None:
         """Least cost · x; None if there is none, or if it does not balance the target."""
+        entries = int(self._matrix.nnz)
         self._solver.changeColsCost(len(cost), self._places, cost)
+        left = self._work.simplex_iterations(entries)
+        self._solver.setOptionValue("simplex_iteration_limit", left)
         self._solver.run()
+        self._work.simplex(self._solver.getInfo().simplex_iteration_count, entries)
         if self._solver.getModelStatus() != self._status.kOptimal:
             return None
         # From here on only costs change: the last x stays feasible.

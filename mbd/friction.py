@@ -214,7 +214,7 @@ class FrictionalEquilibrium:
     """Verdict in words."""
 
 
-def _cones(contacts: FrictionalContacts) -> tuple[sp.csc_array, list[Any]]:
+def admissible_cones(contacts: FrictionalContacts) -> tuple[sp.csc_array, list[Any]]:
     """Rows R and cones K such that R x in K says that the forces x are admissible."""
     import clarabel
 
@@ -349,7 +349,7 @@ def _least_forces(
     if n == 0:
         return np.zeros((0, 3)), 1.0, unit
     column = np.ones(n) if weights is None else weights
-    rows, cones = _cones(contacts)
+    rows, cones = admissible_cones(contacts)
     solution = solve_conic(
         quadratic=sp.diags_array(np.repeat(column**-2.0, 3)),
         cost=np.zeros(3 * n),
@@ -439,7 +439,7 @@ def _largest_factor(
     """Factor of the live load at collapse, contact forces there, and the mechanism's direction."""
     n, size = contacts.n_contacts, float(np.linalg.norm(live))
     scale = max(float(np.linalg.norm(dead)), size)
-    rows, cones = _cones(contacts)
+    rows, cones = admissible_cones(contacts)
     cost = np.zeros(3 * n + 1)
     cost[-1] = -1.0
     solution = solve_conic(

@@ -15,6 +15,7 @@ Blocks that carry a load are held one way and not another: a small push along ea
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,12 @@ from geometry.assembly import AnyBlocks
 from geometry.loads import LoadCase
 from geometry.measures import first_largest
 from geometry.mesh import FloatArray
-from mbd.contact_jacobian import ContactJacobian, contact_jacobian, generalized_force
+from mbd.contact_jacobian import (
+    ContactJacobian,
+    Contacts,
+    contact_jacobian,
+    generalized_force,
+)
 from mbd.equilibrium import (
     EQUILIBRIUM_TOLERANCE,
     Equilibrium,
@@ -32,6 +38,7 @@ from mbd.equilibrium import (
     newton_equilibrium,
 )
 from mbd.options import Norm
+from mbd.work import MOST_WORK, Work
 
 _AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
@@ -51,35 +58,45 @@ class Margin:
     last index 0 for +, 1 for -."""
     mechanism: FloatArray | None
     """Mechanism that the worst load drives, (n_rows,); None if every load is carried."""
+    unasked: int = 0
+    """Unit loads that were left at the limit of work; their bearing areas are nan."""
 
     @property
     def interlocked(self) -> bool:
-        """Whether every load can be carried."""
+        """Whether every load that was asked can be carried."""
         return self.bearing_area > 0.0
 
 
-def interlocking_margin(jacobian: ContactJacobian, areas: FloatArray) -> Margin:
+def interlocking_margin(
+    jacobian: ContactJacobian, areas: FloatArray, *, limit: float = MOST_WORK
+) -> Margin:
     """Carry unit forces and couples, both ways, on each free block in turn.
 
-    Costs twelve equilibria for each free block. Areas are those of the contacts [mm²].
+    Costs twelve equilibria for each free block. Areas are those of the contacts [mm²]; no further
+    load is asked after a limit of operations of `mbd.work.Work`.
     """
     n_rows, n_contacts = jacobian.shape
-    bearing = np.zeros((n_rows, 2))
+    bearing = np.full((n_rows, 2), np.nan)
     mechanism: FloatArray | None = None
     weights = column_weights(Norm.PRESSURE, areas)
+    work = Work(limit)
     for row in range(n_rows):
         for way, sign in enumerate((1.0, -1.0)):
+            if work.spent:
+                break
             load = np.zeros(n_rows)
             load[row] = sign
             load = jacobian.admissible(load)
             equilibrium = newton_equilibrium(jacobian, load, weights=weights)
+            work.conic(equilibrium.iterations, 12 * n_contacts)
+            bearing[row, way] = 0.0
             if np.linalg.norm(load) <= _TAKEN:
                 bearing[row, way] = np.inf
             elif equilibrium.holds and n_contacts:
                 bearing[row, way] = 1.0 / float(np.sum(equilibrium.forces**2 / areas))
             elif mechanism is None:
                 mechanism = equilibrium.mechanism
-    worst = first_largest(-bearing)
+    worst = first_largest(np.where(np.isnan(bearing), -np.inf, -bearing))
     row, way = divmod(worst, 2)
     return Margin(
         bearing_area=float(bearing[row, way]),
@@ -87,6 +104,7 @@ def interlocking_margin(jacobian: ContactJacobian, areas: FloatArray) -> Margin:
         load="+-"[way] + _AXES[row % 6],
         areas=bearing.reshape(-1, 6, 2),
         mechanism=mechanism,
+        unasked=int(np.isnan(bearing).sum()),
     )
 
 
@@ -115,13 +133,7 @@ def held_against(
     contacts = contact_jacobian(assembly, load.fixed, load.held)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
     size = float(np.linalg.norm(force)) or 1.0
-    volumes = assembly.volumes[contacts.free_blocks] / np.linalg.norm(
-        assembly.volumes[contacts.free_blocks]
-    )
-    pushes = np.zeros((len(_WAYS), len(volumes), 6))
-    for k in range(len(_WAYS)):
-        pushes[k, :, k // 2] = (-1.0) ** k * _PUSH * size * volumes
-    pushes = np.array([contacts.jacobian.admissible(push.ravel()) for push in pushes])
+    pushes = _pushes(assembly, contacts, _PUSH * size)
     weights = column_weights(norm, contacts.areas)
     proved, start = np.zeros(len(_WAYS), dtype=np.bool_), None
     if known is not None:
@@ -139,6 +151,27 @@ def held_against(
         if equilibrium.holds or equilibrium.mechanism is not None:
             held[name] = equilibrium.holds
     return held
+
+
+def _pushes(assembly: AnyBlocks, contacts: Contacts, size: float) -> FloatArray:
+    """Pushes of all free blocks by their volumes along each way, (6, n_rows) [N]."""
+    volumes = assembly.volumes[contacts.free_blocks]
+    pushes = np.zeros((len(_WAYS), len(volumes), 6))
+    for k in range(len(_WAYS)):
+        pushes[k, :, k // 2] = (-1.0) ** k * size * volumes / np.linalg.norm(volumes)
+    return np.array([contacts.jacobian.admissible(push.ravel()) for push in pushes])
+
+
+def held_by_load(assembly: AnyBlocks, load: LoadCase, held: Mapping[str, bool]) -> tuple[str, ...]:
+    """Directions of `held_against` in which nothing but the load holds the blocks.
+
+    Contacts do not carry the push alone: blocks lie there and would be lifted.
+    """
+    contacts = contact_jacobian(assembly, load.fixed, load.held)
+    ways = [way for way, holds in held.items() if holds]
+    pushes = _pushes(assembly, contacts, 1.0)
+    alone = {way: newton_equilibrium(contacts.jacobian, pushes[_WAYS.index(way)]) for way in ways}
+    return tuple(way for way in ways if not alone[way].holds)
 
 
 #: Gap rates above minus this fraction of the displacement are round-off of tangential sliding.

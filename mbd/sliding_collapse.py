@@ -47,6 +47,7 @@ from mbd.friction import (
     solve_conic,
 )
 from mbd.options import FrictionLaw
+from mbd.work import MOST_WORK, Work
 
 #: Largest violation of any law in a certified state; see `SlidingCheck` for what it is relative to.
 SLIDING_TOLERANCE = EQUILIBRIUM_TOLERANCE
@@ -110,6 +111,8 @@ class SlidingCollapse:
     """Linear programs solved."""
     status: str
     """Verdict in words."""
+    stopped: bool = False
+    """Whether the limit of work ended the search."""
 
     @property
     def certified(self) -> bool:
@@ -172,6 +175,7 @@ class _Programs:
     target: FloatArray
     above: sp.csc_array
     """Rows whose products with x are not positive."""
+    work: Work
 
     def state(self, forces: FloatArray, factor: float, motion: FloatArray) -> _State:
         """Evaluate forces (n, 3), a factor and a motion (n_rows,)."""
@@ -215,13 +219,26 @@ class _Programs:
             b_ub=np.zeros(self.above.shape[0]),
             method="highs",
             **constraints,
+            **self._limits(),
         )
-        if solution.x is None or solution.fun is None:
+        self._count(solution)
+        if solution.x is None or solution.fun is None or self.work.spent:
             return None
         product = self.contacts.dissipated(state.forces[:, 0], state.slip, penalty)
         predicted = state.merit(penalty) - (solution.fun - product)
         forces = self.contacts.projected(solution.x[: 3 * n].reshape(-1, 3))
         return self.state(forces, float(solution.x[load]), solution.x[motion]), predicted
+
+    @property
+    def _entries(self) -> int:
+        return int(self.equal.nnz + self.above.nnz)
+
+    def _limits(self) -> dict[str, Any]:
+        most = self.work.simplex_iterations(self._entries)
+        return {"options": {"maxiter": most}}
+
+    def _count(self, solution: Any) -> None:
+        self.work.simplex(int(solution.nit), self._entries)
 
     def frozen(self, pressed: FloatArray) -> _State | None:
         """Largest factor, its forces and motion, with limits μ · ``pressed`` (n,) of friction.
@@ -241,15 +258,18 @@ class _Programs:
             "b_ub": np.repeat(self.contacts.friction * pressed, 4),
             "bounds": bounds,
         }
-        solution = linprog(-np.eye(3 * n + 1)[-1], method="highs", **constraints)
-        if solution.x is None or not solution.success:
+        solution = linprog(-np.eye(3 * n + 1)[-1], method="highs", **constraints, **self._limits())
+        self._count(solution)
+        if solution.x is None or self.work.spent:
             return None
         # Multipliers of balance are the motion that the live load drives, with a work of one.
         forces = solution.x[:-1].reshape(-1, 3)
         return self.state(forces, float(solution.x[-1]), -solution.eqlin.marginals)
 
 
-def _programs(contacts: FrictionalContacts, dead: FloatArray, live: FloatArray) -> _Programs:
+def _programs(
+    contacts: FrictionalContacts, dead: FloatArray, live: FloatArray, work: Work
+) -> _Programs:
     n, rows = contacts.n_contacts, len(dead)
     slips = contacts.matrix.T.tocsr()
     normal, tangential = slips[0::3], [slips[1::3], slips[2::3]]
@@ -276,17 +296,18 @@ def _programs(contacts: FrictionalContacts, dead: FloatArray, live: FloatArray) 
         equal=sp.block_array(equal).tocsc(),
         target=np.concatenate([-dead, [1.0]]),
         above=sp.block_array(above).tocsc(),
+        work=work,
     )
 
 
-def _descend(programs: _Programs, state: _State, penalty: float) -> tuple[_State, int]:
-    """Follow the merit down until no linear program promises a decrease; programs solved."""
+def _descend(programs: _Programs, state: _State, penalty: float) -> _State:
+    """Follow the merit down until no linear program promises a decrease."""
     reach = _FIRST_REACH
     radii = (float(state.forces[:, 0].max(initial=0.0)), float(state.slip.max(initial=0.0)))
-    for count in range(_MOST_STEPS):
+    for _ in range(_MOST_STEPS):
         result = programs.step(state, penalty, (reach * radii[0], reach * radii[1]))
         if result is None or result[1] <= _SETTLED:
-            return state, count + 1
+            break
         following, predicted = result
         gained = state.merit(penalty) - following.merit(penalty)
         if gained > 0.1 * predicted:
@@ -297,18 +318,22 @@ def _descend(programs: _Programs, state: _State, penalty: float) -> tuple[_State
             reach *= 0.4
         if reach < _LAST_REACH:
             break
-    return state, _MOST_STEPS
+    return state
 
 
 def sliding_collapse(
-    contacts: FrictionalContacts, dead: FloatArray, live: FloatArray
+    contacts: FrictionalContacts,
+    dead: FloatArray,
+    live: FloatArray,
+    *,
+    limit: float = MOST_WORK,
 ) -> SlidingCollapse:
     """Search the least α at which the blocks can begin to slide without dilation.
 
     The linear programs use the pyramid. With `FrictionLaw.CONE` the motion is chosen, and the state
     judged, by the cone: forces inside the pyramid reach it where joints slide along their
     tangents, as in plane walls and arches; elsewhere the state may fail to be certified. Dead and
-    live load are generalized forces, (n_rows,) [N].
+    live load are generalized forces, (n_rows,) [N]. ``limit`` is in operations of `mbd.work.Work`.
 
     Raises
     ------
@@ -318,15 +343,16 @@ def sliding_collapse(
     linear = replace(contacts, law=FrictionLaw.PYRAMID)
     start = collapse_load(linear, dead, live)
     scale, size = float(np.linalg.norm(dead)) or 1.0, float(np.linalg.norm(live))
-    programs = _programs(linear, dead / scale, live / size)
-    state, solved = _first_state(programs, start, (scale, size))
+    work = Work(limit)
+    programs = _programs(linear, dead / scale, live / size, work)
+    state = _first_state(programs, start, (scale, size))
     if state is None:
+        status = _stopped_words(work.programs) if work.spent else _NOT_FOUND
         return SlidingCollapse(
-            start.factor, start.factor, start.forces, None, None, solved, _NOT_FOUND
+            start.factor, start.factor, start.forces, None, None, work.programs, status, work.spent
         )
     for penalty in _PENALTIES:
-        state, count = _descend(programs, state, penalty)
-        solved += count
+        state = _descend(programs, state, penalty)
         if state.defect <= 0.01 * SLIDING_TOLERANCE * max(abs(state.factor), 1.0):
             break
     factor = state.factor * scale / size
@@ -335,7 +361,8 @@ def sliding_collapse(
         # The pyramid leaves slips between its tangents open; the cone does not.
         motion = _least_dissipation(contacts, state.forces, programs.dead, programs.live)
         collapse = _judged(contacts, scale * state.forces, motion, (dead, live, factor))
-    collapse = replace(collapse, associated=start.factor, programs=solved)
+    collapse = replace(collapse, associated=start.factor, programs=work.programs)
+    collapse = replace(collapse, stopped=work.spent)
     return replace(collapse, status=_status(collapse))
 
 
@@ -351,8 +378,8 @@ _NOT_FOUND = (
 
 def _first_state(
     programs: _Programs, start: CollapseLoad, sizes: tuple[float, float]
-) -> tuple[_State | None, int]:
-    """State that the descent starts from, and the linear programs solved; None in a jam.
+) -> _State | None:
+    """State that the descent starts from; None in a jam, or at the limit of work.
 
     The associated collapse where there is one. Where friction with dilation jams, limits of
     friction are frozen at the pressures of the last state, so that joints slide without dilation
@@ -361,17 +388,17 @@ def _first_state(
     scale, size = sizes
     if start.mechanism is not None:
         motion = start.mechanism / float(start.mechanism @ programs.live)
-        return programs.state(start.forces / scale, start.factor * size / scale, motion), 0
+        return programs.state(start.forces / scale, start.factor * size / scale, motion)
     pressed = frictional_equilibrium(programs.contacts, programs.dead).forces[:, 0]
-    for count in range(1, _MOST_FROZEN + 1):
+    for _ in range(_MOST_FROZEN):
         result = programs.frozen(pressed)
         if result is None or result.factor > _JAMMED:
-            return None, count
+            return None
         change = float(np.abs(result.forces[:, 0] - pressed).max(initial=0.0))
         if change <= _FROZEN * max(float(pressed.max(initial=0.0)), 1.0):
             break
         pressed = 0.5 * (pressed + result.forces[:, 0])
-    return result, count
+    return result
 
 
 def _judged(
@@ -421,6 +448,12 @@ def _least_dissipation(
     return np.asarray(solution.x)[:rows]
 
 
+def _stopped_words(programs: int) -> str:
+    return (
+        f"not decided (limit of work): no certified sliding state after {programs} linear programs"
+    )
+
+
 def _status(found: SlidingCollapse) -> str:
     if found.certified:
         beyond = f"associated limit load factor {found.associated:.6g}"
@@ -430,6 +463,8 @@ def _status(found: SlidingCollapse) -> str:
             f"slides without dilation from load factor {found.factor:.6g} on (certified; a local "
             f"minimum); {beyond}"
         )
+    if found.stopped:
+        return _stopped_words(found.programs)
     return (
         f"no certified non-associated sliding state: the best violates a law by "
         f'{found.check.largest if found.check else np.nan:.1e}; try rigid.friction_law = "pyramid" '

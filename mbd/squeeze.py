@@ -19,27 +19,29 @@ Computer-Aided Design 146 (2022), for the question.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 
-from geometry.mesh import FloatArray, IntArray
+from geometry.measures import first_largest
+from geometry.mesh import BoolArray, FloatArray
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
-from mbd.force_range import DETERMINED, least_forces
-from mbd.friction import TANGENTS, FrictionalContacts, solve_conic
+from mbd.force_range import DETERMINED
+from mbd.friction import TANGENTS, FrictionalContacts, admissible_cones, solve_conic
 from mbd.options import FrictionLaw
+from mbd.work import Work
 
 #: Change of the limits over the largest one at which they are those of the forces.
 _SETTLED = 1e-3
 #: Part of the way to the next limits: all of it while changes shrink by this much, else half of it;
 #: and the least part that is tried before giving up.
 _SHRINKS, _STEP, _LEAST_STEP = 0.7, 0.5, 0.02
-_MOST_STEPS = 100
-#: More contacts than this are not asked: the quadratic programs take minutes.
-MOST_CONTACTS = 20_000
+#: Operations that may be spent: seconds.
+MOST_WORK = 4e9
 #: Joints that are asked for their least force, those first that miss most of it.
 _MOST_JOINTS = 6
 
@@ -49,27 +51,28 @@ class Squeeze:
     """Whether a load that friction can carry also presses the joints that carry it."""
 
     needed: bool | None
-    """Whether joints must be pressed beforehand; None where the limits did not settle, or there
-    are more than `MOST_CONTACTS`."""
+    """Whether joints must be pressed beforehand; None where the limit of work came first."""
     blocks: tuple[int, int] | None = None
     """The two blocks that need the largest force between them; None where no single joint does."""
     least: float = 0.0
     """Least normal force between them over all admissible states [N]."""
     programs: int
-    """Quadratic programs solved."""
+    """Cone programs solved."""
 
-    @property
-    def words(self) -> str:
-        """The verdict; empty where no squeeze is needed."""
+    def words(self, named: Callable[[int], str] = str) -> str:
+        """The verdict, blocks by their names."""
         if self.needed is None:
-            return "undecided whether the load itself presses the joints"
+            return (
+                "not decided (limit of work): forces that carry the load exist, and whether it "
+                f"presses the joints itself was open after {self.programs} programs"
+            )
         if not self.needed:
-            return ""
-        press = "no state found that the load presses: held only if joints are pressed beforehand"
+            return "carried"
+        press = "carried only if pressed beforehand"
         if self.blocks is None:
-            return press
-        m, s = self.blocks
-        return f"{press}: blocks {m} and {s} with at least {self.least:.4g} N"
+            return f"{press}: no single joint needs a force in every state"
+        m, s = map(named, self.blocks)
+        return f"{press}: at least {self.least:.4g} N between {m} and {s}"
 
 
 def squeeze(
@@ -79,6 +82,7 @@ def squeeze(
     forces: FloatArray,
     *,
     weights: FloatArray | None = None,
+    limit: float = MOST_WORK,
 ) -> Squeeze:
     """Look for forces that the load itself brings about.
 
@@ -92,41 +96,43 @@ def squeeze(
         Admissible forces that carry it, (n_contacts, 3) [N]; the limits start from them.
     weights
         Column scaling of `mbd.equilibrium.column_weights`, (n_contacts,): w is its square.
+    limit
+        Operations of `mbd.work.Work` that may be spent; the least force of joints needs some more.
     """
     size, mu = float(np.linalg.norm(load)), frictional.friction
     if size == 0.0 or not np.any(mu):
         return Squeeze(needed=False, programs=0)
-    if len(forces) > MOST_CONTACTS:
-        return Squeeze(needed=None, programs=0)
     unit, limits = load / size, mu * forces[:, 0] / size
-    step, programs, before = 1.0, 0, np.inf
+    step, work, before = 1.0, Work(limit), np.inf
     normal = forces[:, 0] / size
     last = limits
-    while programs < _MOST_STEPS:
-        programs += 1
-        result = _with_limits(frictional, unit, limits, weights)
+    while not work.spent:
+        result = _with_limits(frictional, unit, limits, weights, work)
         if result is None:
             step *= 0.5
             if step < _LEAST_STEP:
                 pressed = np.divide(last, mu, out=np.zeros_like(last), where=np.asarray(mu) > 0.0)
-                joint = _most_missing(contacts, frictional, load, pressed - normal)
-                return Squeeze(needed=True, blocks=joint[0], least=joint[1], programs=programs)
+                return _most_missing(contacts, frictional, load, pressed - normal, work)
             limits = last + step * (mu * normal - last)
             continue
         normal, last = result[:, 0], limits
         change = mu * normal - limits
         largest = float(np.abs(change).max())
         if largest <= _SETTLED * max(limits.max(), (mu * normal).max()):
-            return Squeeze(needed=False, programs=programs)
+            return Squeeze(needed=False, programs=work.programs)
         if largest > _SHRINKS * before:
             step = min(step, _STEP)
         before = largest
         limits = limits + step * change
-    return Squeeze(needed=None, programs=programs)
+    return Squeeze(needed=None, programs=work.programs)
 
 
 def _with_limits(
-    frictional: FrictionalContacts, unit: FloatArray, limits: FloatArray, weights: FloatArray | None
+    frictional: FrictionalContacts,
+    unit: FloatArray,
+    limits: FloatArray,
+    weights: FloatArray | None,
+    work: Work,
 ) -> FloatArray | None:
     """Forces of least energy with fixed limits of friction, (n, 3); None where none balance."""
     import clarabel
@@ -152,22 +158,54 @@ def _with_limits(
         cones=[clarabel.NonnegativeConeT(n), *cones],
         plus=np.concatenate([np.zeros(n), plus]),
     )
+    work.conic(solution.iterations, frictional.matrix.nnz + rows.nnz + n)
     result = np.asarray(solution.x)
     balanced = np.linalg.norm(frictional.matrix @ result + unit) <= EQUILIBRIUM_TOLERANCE
     return result.reshape(-1, 3) if balanced else None
 
 
 def _most_missing(
-    contacts: Contacts, frictional: FrictionalContacts, load: FloatArray, missing: FloatArray
-) -> tuple[tuple[int, int] | None, float]:
-    """Joint with the largest least force among those that miss most, and that force [N]."""
+    contacts: Contacts,
+    frictional: FrictionalContacts,
+    load: FloatArray,
+    missing: FloatArray,
+    work: Work,
+) -> Squeeze:
+    """Joint with the largest least force among those that miss most, and that force."""
     joints, of = contacts.joints
     short = np.bincount(of, weights=missing, minlength=len(joints))
-    requested: IntArray = np.argsort(-short, kind="stable")[:_MOST_JOINTS]
-    least = least_forces(contacts, load, frictional, requested)
+    asked = np.sort(np.argsort(-short, kind="stable")[:_MOST_JOINTS]).tolist()
+    size = float(np.linalg.norm(load))
+    least = np.array([_least_force(frictional, load / size, of == k, work) for k in asked])
+    least = np.where(np.isnan(least), 0.0, least)
+    k = first_largest(least)
     # Where each joint may be open in one state or another, no single one needs a force.
-    if not (least > DETERMINED * np.linalg.norm(load)).any():
-        return None, 0.0
-    k = int(np.nanargmax(least))
-    m, s = joints[requested[k]].tolist()
-    return (m, s), float(least[k])
+    if least[k] <= DETERMINED:
+        return Squeeze(needed=True, programs=work.programs)
+    m, s = joints[asked[k]].tolist()
+    return Squeeze(needed=True, blocks=(m, s), least=size * float(least[k]), programs=work.programs)
+
+
+def _least_force(
+    frictional: FrictionalContacts, unit: FloatArray, joint: BoolArray, work: Work
+) -> float:
+    """Least sum of the normal forces of some contacts, (n,), over all admissible states.
+
+    Of a load of one; nan where the program finds none.
+    """
+    rows, cones = admissible_cones(frictional)
+    n = 3 * frictional.n_contacts
+    cost = np.zeros((frictional.n_contacts, 3))
+    cost[joint, 0] = 1.0
+    solution = solve_conic(
+        quadratic=sp.csc_array((n, n)),
+        cost=cost.ravel(),
+        equal=frictional.matrix,
+        target=-unit,
+        rows=rows,
+        cones=cones,
+    )
+    work.conic(solution.iterations, frictional.matrix.nnz + rows.nnz)
+    result = np.asarray(solution.x)
+    balanced = np.linalg.norm(frictional.matrix @ result + unit) <= EQUILIBRIUM_TOLERANCE
+    return float(cost.ravel() @ result) if balanced else np.nan

@@ -399,7 +399,7 @@ def test_faces_that_slide_on_each_other_press_nowhere(tmp_path: Path) -> None:
 def test_little_friction_holds_a_panel_by_a_squeeze_alone(tmp_path: Path) -> None:
     """Rigid blocks are in equilibrium, as their joints can press each other; from rest the four
     slide down their faces together, in explicit runs as well."""
-    with pytest.raises(InputError, match="held only if joints are pressed beforehand"):
+    with pytest.raises(InputError, match="carried only if pressed beforehand"):
         run_static("panel", panel_scene(tmp_path, 2, 0.3))
 
 

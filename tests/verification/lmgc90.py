@@ -23,7 +23,7 @@ from tests.support.face import (
     FloatArray,
     FrictionalContacts,
     PolyhedralRun,
-    _cones,
+    admissible_cones,
     frictional_contacts,
     load_scene,
     rigid_answer,
@@ -66,7 +66,7 @@ def extreme_thrust(
 ) -> float:
     """Least along · λ over all admissible forces, (3 n_contacts,); -inf where there is none [N]."""
     size = float(np.linalg.norm(load))
-    rows, cones = _cones(frictional)
+    rows, cones = admissible_cones(frictional)
     n = 3 * len(contacts.index)
     result = solve_conic(
         quadratic=np.zeros((n, n)),

@@ -247,7 +247,7 @@ def _views(report: SceneReport) -> list[View3d]:
     rigid, run = report.rigid, report.deformable
     if rigid is not None:
         layers = middle_layers(rigid.scene, rigid.assembly)
-        words = "Contact pressures" if rigid.carried.holds else "Blocks"
+        words = "Contact pressures" if rigid.carried.shown else "Blocks"
         views.append(pressure_view(rigid, words + layer_words(layers), "rigid", layers))
     if run is not None:
         layers = middle_layers(run.scene, run.solution.deformable.assembly)

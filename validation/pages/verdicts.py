@@ -18,8 +18,8 @@ from validation.run.deformable import DeformableRun
 from validation.run.rigid.answer import RigidAnswer
 from validation.scene.read import DeformableScene
 
-#: Whether an answer is good news, bad news or neither, as pages colour it.
-GOOD, BAD, OPEN = "true", "false", "open"
+#: Whether an answer is good news, bad news, neither, or good on a condition, as pages colour it.
+GOOD, BAD, OPEN, CAUTION = "true", "false", "open", "caution"
 _GOOD = (MechanismClass.LOCKED, MechanismClass.SUPPRESSED)
 #: Measures of the summary, of deformable and of rigid blocks.
 _SHOWN = ("p_max_point", "sigma_1_averaged", "max_displacement")
@@ -39,7 +39,7 @@ class Verdict:
     words: str
     """The answer in short."""
     tone: str = OPEN
-    """`GOOD`, `BAD` or `OPEN`."""
+    """`GOOD`, `BAD`, `OPEN` or `CAUTION`."""
     lines: tuple[str, ...] = ()
     """What stands below it."""
 
@@ -91,8 +91,12 @@ def _carried(rigid: RigidAnswer) -> Verdict:
         lines.append(f"Limit load: {further.collapse.status}.")
     if further is not None and further.sliding is not None:
         lines.append(f"Non-associated limit load: {further.sliding.status}.")
-    words = "yes" if carried.holds else "no"
-    return Verdict("Does it carry the load?", words, GOOD if carried.holds else BAD, tuple(lines))
+    words, tone = ("yes", GOOD) if carried.holds else ("no", BAD)
+    pressed = None if further is None else further.squeeze
+    if pressed is not None and pressed.needed is not False:
+        words = "only if pressed beforehand" if pressed.needed else "not decided"
+        tone = CAUTION if pressed.needed else OPEN
+    return Verdict("Does it carry the load?", words, tone, tuple(lines))
 
 
 def _rows(answer: Answer, names: tuple[str, ...]) -> list[str]:

@@ -68,7 +68,7 @@ def rigid_view(
             return view, scale, "contact interfaces, coloured by mean contact pressure"
         return View(polyhedra_parts(run.assembly), FROM_THE_SIDE), None, "blocks; fixed ones grey"
     assert isinstance(run, RigidRun)
-    if run.carried.holds:
+    if run.carried.shown:
         view, scale = pressed(pressed_facets(run), layers)
         return view, scale, words
     blocks = _in_layers(run.assembly.layer, layers)

@@ -112,7 +112,7 @@ def squeeze_words(scene: DeformableScene, assembly: Assembly) -> str | None:
     if not answer.holds:
         return None
     result = squeeze(faces.contacts, frictional, faces.force, answer.forces)
-    return f"{result.words}, and the load does not press them" if result.needed else None
+    return f"{result.words()}; the load does not press them" if result.needed else None
 
 
 def require_held_by_faces(name: str, scene: DeformableScene, assembly: Assembly) -> None:

@@ -77,7 +77,7 @@ def _count(n: int, what: str) -> str:
 def contact_parts(run: PolyhedralRun) -> tuple[list[Part], Scale]:
     """Contact interfaces in the colours of their pressures, within the edges of the blocks."""
     interfaces = run.assembly.interfaces
-    pressures = run.patch_pressures if run.carried.holds else np.zeros(0)
+    pressures = run.patch_pressures if run.carried.shown else np.zeros(0)
     label = "mean contact pressure [MPa]"
     scale = scale_from_zero(label, PRESSURE_MAP, [pressures], nothing="open joint")
     triangles, owner = interfaces.polygons.triangles

@@ -21,6 +21,7 @@ from validation.output.rigid.words import (
     CLASS_WORDS,
     add_first_rows,
     add_further_rows,
+    add_verdict,
     certificate_words,
     held_words,
     ring_words,
@@ -47,7 +48,7 @@ def write_rigid(run: RigidRun, outputs: Outputs) -> None:
     """Write pictures and joints beside the answer; nothing without a folder."""
     for name, draw in rigid_pictures(run).items():
         outputs.write("picture", name, draw)
-    if run.carried.holds:
+    if run.carried.shown:
         write_joints(run.joints, outputs, run.assembly.names)
         write_sections(run.sections, outputs)
 
@@ -55,7 +56,7 @@ def write_rigid(run: RigidRun, outputs: Outputs) -> None:
 def rigid_pictures(run: RigidRun) -> dict[str, Callable[[Path], None]]:
     """Pictures of a rigid result by the names of their files."""
     result: dict[str, Callable[[Path], None]] = {}
-    if run.carried.holds:
+    if run.carried.shown:
         result["contact_pressures.png"] = partial(draw_pressures, run)
     if "mechanism" in run.answer.fields:
         result["mechanism.png"] = partial(draw_mechanism, run)
@@ -71,12 +72,12 @@ def print_rigid(run: RigidRun, console: Console) -> None:
     """Print class, residual, measures and times of a rigid result."""
     result, scene = run.result, run.scene
     table = two_columns(f"{run.name}: rigid blocks")
-    table.add_row("kinematics (end rings fixed)", verdict_words(run))
+    add_verdict(table, run, "kinematics (end rings fixed)", verdict_words(run))
     if result.supported_classification is not result.classification:
         supported = CLASS_WORDS[result.supported_classification.mechanism]
         table.add_row("kinematics (supports of this load)", supported)
     if run.held is not None:
-        table.add_row("resistance to pushes", held_words(run.held))
+        table.add_row("resistance to pushes", held_words(run))
     add_first_rows(table, run)
     ring = run.answer.report["ring_pressure"]
     if ring is not None:

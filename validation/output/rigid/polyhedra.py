@@ -24,6 +24,7 @@ from validation.output.rigid.words import (
     CLASS_WORDS,
     add_first_rows,
     add_further_rows,
+    add_verdict,
     certificate_words,
     held_words,
 )
@@ -53,7 +54,7 @@ def write_rigid(run: PolyhedralRun, outputs: Outputs) -> None:
     outputs.write("contacts", "contacts.vtu", lambda path: write_contacts(run, path))
     for name, draw in rigid_pictures(run).items():
         outputs.write("picture", name, draw)
-    if run.carried.holds:
+    if run.carried.shown:
         write_joints(run.joints, outputs, run.assembly.names)
         write_sections(run.sections, outputs)
 
@@ -70,9 +71,9 @@ def print_rigid(run: PolyhedralRun, console: Console) -> None:
     """Print verdict, proof, equilibrium and contacts."""
     result, interfaces = run.result, run.assembly.interfaces
     table = two_columns(f"{run.name}: rigid blocks")
-    table.add_row("verdict (frictionless)", verdict_words(run))
+    add_verdict(table, run, "verdict (frictionless)", verdict_words(run))
     if run.held is not None:
-        table.add_row("resistance to pushes", held_words(run.held))
+        table.add_row("resistance to pushes", held_words(run))
     add_first_rows(table, run)
     add_further_rows(table, run.further)
     if run.push is not None:
@@ -83,7 +84,7 @@ def print_rigid(run: PolyhedralRun, console: Console) -> None:
         table.add_row("by faces alone", CLASS_WORDS[run.faces.mechanism])
         table.add_row("proof for the faces", certificate_words(run.faces))
     forces = run.carried.normal_forces
-    if run.carried.holds and forces.max(initial=0.0) > 0:
+    if run.carried.shown and forces.max(initial=0.0) > 0:
         if not run.patch_pressures.size:
             table.add_row("largest contact pressure", "none: edges and points have no area")
         table.add_row("largest contact force", f"{forces.max():.5g} N")

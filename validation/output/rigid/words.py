@@ -44,14 +44,49 @@ def certificate_words(classification: Classification) -> str:
     return "none"
 
 
-def held_words(held: dict[str, bool]) -> str:
-    """Name the axes along which the assembly resists a small push beside the load."""
+def held_words(run: RigidAnswer) -> str:
+    """Name the axes along which the assembly resists a small push beside the load, and how."""
+    held, by_load = run.held or {}, run.held_by_load
+    down = f"held down by its {'weight' if run.weighs_alone else 'load'} against pushes along"
     words = []
-    for title, wanted in (("resists pushes along", True), ("slides freely along", False)):
-        axes = [axis for axis, result in held.items() if result is wanted]
+    for title, axes in (
+        ("resists pushes along", [way for way in held if held[way] and way not in by_load]),
+        (down, list(by_load)),
+        ("slides freely along", [way for way in held if not held[way]]),
+    ):
         if axes:
             words.append(f"{title} {', '.join(axes)}")
     return "; ".join(words) + " (all blocks together, frictionless)"
+
+
+def add_verdict(table: Table, run: RigidAnswer, title: str, words: str) -> None:
+    """Add what was asked first: the verdict with friction, else that of the class."""
+    further = run.further
+    if further is None or further.friction is None:
+        table.add_row(title, words)
+        return
+    table.add_row("verdict", run.carried.words)
+    if further.bare is not None:
+        table.add_row("edges and corners would add", edges_words(further))
+    proof = ""
+    if further.friction.mechanism is not None:
+        proof = f"; fᵀd/‖f‖ = {further.friction.work:.3g}, least contact work "
+        proof += f"{further.friction.smallest_contact_work:.1e}"
+    table.add_row("with friction", further.friction.status + proof)
+    table.add_row("without friction", words)
+
+
+def edges_words(further: Further) -> str:
+    """What contacts would add that have no area and lie at the border of faces."""
+    bare, friction = further.bare, further.friction
+    assert bare is not None
+    assert friction is not None
+    words = "nothing to the verdict"
+    if bare.holds is not friction.holds:
+        words = "the load would be carried" if bare.holds else "not certain"
+    if bare.factor is not None and further.collapse is not None:
+        words += f"; limit load factor {bare.factor:.6g} for {further.collapse.factor:.6g}"
+    return f"{words} ({bare.n_contacts} contacts without area, left out: a chamfer removes them)"
 
 
 def add_first_rows(table: Table, run: RigidAnswer) -> None:
@@ -73,7 +108,9 @@ def add_first_rows(table: Table, run: RigidAnswer) -> None:
         table.add_row("total reaction", reaction_words(result, run.answer.report["reaction"]))
     add_sections(table, run.sections)
     if run.scene.sections and run.sections is None:
-        table.add_row("sections", "none: the load is not carried")
+        table.add_row("sections", "none: no forces of the load")
+    if run.carried.holds and not run.carried.by_load:
+        table.add_row("forces", "none of the load alone: they follow from what presses before")
 
 
 def reaction_words(found: Mapping[str, Measure], force: list[float]) -> str:
@@ -116,6 +153,11 @@ def range_words(ranges: ForceRanges) -> str:
     """Count the joints whose forces are statically indeterminate, and name the widest range."""
     wide, unbounded = int(ranges.undetermined.sum()), int(ranges.unbounded.sum())
     of = f"of {len(ranges.least)} joints"
+    if ranges.unanswered:
+        return (
+            f"not decided (limit of work) in {ranges.unanswered} {of}; of the others {wide} are "
+            f"statically indeterminate, {unbounded} of them unbounded (self-stress)"
+        )
     if wide == 0:
         return f"statically determinate {of}: every admissible state has the same forces"
     bound = f", {unbounded} of them unbounded (self-stress)" if unbounded else ""
@@ -131,16 +173,9 @@ def range_words(ranges: ForceRanges) -> str:
 
 
 def _add_limits(table: Table, further: Further | None) -> None:
-    """Add whether friction carries the load, and the loads at which the assembly collapses."""
+    """Add the loads at which the assembly collapses."""
     if further is None:
         return
-    if further.friction is not None:
-        proof = ""
-        if further.friction.mechanism is not None:
-            proof = f"; fᵀd/‖f‖ = {further.friction.work:.3g}, least contact work "
-            proof += f"{further.friction.smallest_contact_work:.1e}"
-        held = f"; {further.squeeze_words}" if further.squeeze_words else ""
-        table.add_row("with friction", further.friction.status + proof + held)
     if further.collapse is not None:
         c = further.collapse
         proof = ""
@@ -160,6 +195,12 @@ def add_further_rows(table: Table, further: Further | None) -> None:
     if further.margin is not None:
         m = further.margin
         block = int(further.free_blocks[m.block])
+        of = m.areas.size
+        if m.unasked:
+            words = f"not decided (limit of work): {of - m.unasked} of {of} unit loads were asked; "
+            words += f"the worst of them: {m.load} on block {block}, {m.bearing_area:.4g} mm²"
+            table.add_row("margin", words)
+            return
         table.add_row(
             "margin",
             f"smallest bearing area {m.bearing_area:.4g} mm² (unit load {m.load} on block {block})"

@@ -16,8 +16,8 @@ from geometry.loads import LoadCase, with_body_wrenches
 from geometry.measures import JointResultants, SectionForces, facet_measures
 from geometry.mesh import FloatArray
 from mbd import RigidResult, block_wrenches, rigid_result
-from mbd.answer import Carried, answer_of, joints_of, without_friction
-from mbd.margin import held_against
+from mbd.answer import Carried, answer_of, without_friction
+from mbd.margin import held_against, held_by_load
 from validation.build.blocks import BuiltScene, build_scene, build_weight
 from validation.build.materials import compressive_strength
 from validation.build.pairs import friction_of_pairs, stated_pairs
@@ -48,6 +48,8 @@ class RigidAnswer:
     """Friction, collapse load, margin, where the scene asks for them."""
     cpu_seconds: dict[str, float]
     """CPU time of each stage, building and checks included [s]."""
+    weighs_alone: bool = False
+    """Whether the load is weight and nothing else."""
 
     @classmethod
     def to(
@@ -83,7 +85,8 @@ class RigidAnswer:
                 further = replace(further, interference=max(0.0, -gap))
             seconds["friction and limits"] = further.cpu_seconds
             seconds["total"] += further.cpu_seconds
-        run = cls(result=result, further=further, cpu_seconds=seconds, **stated)
+        alone = bool(np.any(wrenches[0])) and not np.any(wrenches[1])
+        run = cls(result=result, further=further, cpu_seconds=seconds, weighs_alone=alone, **stated)
         _ = run.sections  # what it reads of the scene
         return run
 
@@ -98,16 +101,12 @@ class RigidAnswer:
         given = further.friction_forces
         forces = np.zeros((len(index), 3)) if given is None else given
         normal = np.maximum(np.einsum("ni,ni->n", forces, found.normals[index]), 0.0)
-        verdict = "carried" if requested.holds else "not carried"
-        if not requested.holds and requested.mechanism is None:
-            verdict = "undecided"
         others = ", others between pairs" if stated_pairs(self.scene) else ""
-        words = f"{verdict} with friction μ = {coefficient:g}{others}"
+        words = further.friction_words(self.assembly.named, f"μ = {coefficient:g}{others}")
         measured = None
         if requested.holds:
             words += f" (without: {result.mechanism})"
-            if further.squeeze_words:
-                words += f"; {further.squeeze_words}"
+        if requested.holds and not further.held_by_squeeze:
             measured = facet_measures(self.assembly, index, normal / found.areas[index])[1]
         return Carried(
             holds=requested.holds,
@@ -117,6 +116,8 @@ class RigidAnswer:
             words=words,
             mechanism=requested.mechanism,
             friction=coefficient,
+            by_load=not further.held_by_squeeze,
+            counted=further.counted,
         )
 
     @cached_property
@@ -145,6 +146,7 @@ class RigidAnswer:
         return {
             "scene": self.name,
             "held_against": self.held,
+            "held_by_load": list(self.held_by_load),
             **({} if self.sections is None else {"sections": self.sections.as_json()}),
             **further_json(self.further),
             "cpu_seconds": self.cpu_seconds,
@@ -155,7 +157,7 @@ class RigidAnswer:
         """Forces through the planes of the scene; None where it has none, or nothing is carried."""
         with named(self.name):
             cut = scene_planes(self.scene, self.assembly)
-            if cut is None or not self.carried.holds or self.answer.cut is None:
+            if cut is None or not self.carried.shown or self.answer.cut is None:
                 return None
             return self.answer.cut(cut)
 
@@ -171,9 +173,14 @@ class RigidAnswer:
         return held_against(self.assembly, self.load, self.result.norm, balance)
 
     @cached_property
+    def held_by_load(self) -> tuple[str, ...]:
+        """Pushes of `held` that nothing but the load resists."""
+        return () if self.held is None else held_by_load(self.assembly, self.load, self.held)
+
+    @cached_property
     def joints(self) -> JointResultants:
         """Resultants of the forces between each two blocks."""
-        return joints_of(self.assembly, self.result.contact_index, self.carried.forces)
+        return self.carried.joints(self.assembly, self.result.contact_index)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from geometry.assembly import AnyBlocks
+from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.parts.pairs import OfPairs, pair_values
 from mbd import contact_jacobian
 from mbd.contact_jacobian import Contacts
@@ -33,6 +34,9 @@ from validation.run.rigid.sliding_state import SlidingState, sliding_state
 from validation.run.stages import tell
 from validation.scene.sections import RigidSection
 
+if TYPE_CHECKING:
+    from geometry.polyhedra.assembly import PolyhedralAssembly
+
 
 @dataclass(frozen=True)
 class Further:
@@ -47,24 +51,50 @@ class Further:
     sliding: SlidingCollapse | None = None
     ranges: ForceRanges | None = None
     friction_forces: FloatArray | None = None
-    """Forces on block s that carry the load with friction; None where none do; (n_contacts, 3)."""
+    """Forces on block s that carry the load with friction, at all contacts of free blocks; None
+    where none do; (n_contacts, 3)."""
     squeeze: Squeeze | None = None
     """Whether friction that carries the load is pressed by it."""
     sliding_state: SlidingState | None = None
     """Forces and motion of `sliding`, for a check by another program."""
     interference: float = 0.0
     """By which the scene prescribes that joints are squeezed [mm]; 0: it does not."""
+    counted: BoolArray | None = None
+    """Contacts of free blocks at which friction counts, (n_contacts,); None: all."""
+    bare: WithEdges | None = None
+    """What edges and corners would add; None where every contact bears, or without friction."""
 
     @property
-    def squeeze_words(self) -> str:
-        """What must press the joints, and what the scene prescribes; empty where nothing must."""
-        words = "" if self.squeeze is None else self.squeeze.words
-        if not (words and self.interference):
+    def held_by_squeeze(self) -> bool:
+        """Whether friction carries the load only where joints are pressed beforehand."""
+        return self.squeeze is not None and self.squeeze.needed is True
+
+    def friction_words(self, named: Callable[[int], str], given: str) -> str:
+        """Whether the load is carried with the friction ``given``, blocks by their names."""
+        assert self.friction is not None
+        if self.squeeze is not None:
+            words = self.squeeze.words(named)
+        else:
+            words = "not carried" if self.friction.mechanism is not None else "not decided"
+        words += f"{',' if ':' in words else ''} with friction {given}"
+        if not (self.held_by_squeeze and self.interference):
             return words
         return (
-            f"{words}. The scene squeezes them: contact.clearance = {-self.interference:g} mm; "
+            f"{words}. The scene presses them: contact.clearance = {-self.interference:g} mm; "
             "`tubelock fem` computes the forces of deformable blocks"
         )
+
+
+@dataclass(frozen=True)
+class WithEdges:
+    """The same questions where edges and corners count that meet edges and corners."""
+
+    n_contacts: int
+    """Contacts that were left out."""
+    holds: bool | None
+    """Whether the load could be carried with them; None: not certain."""
+    factor: float | None
+    """Load factor at collapse with them; None where it is not asked, or nothing is carried."""
 
 
 def further_answers(
@@ -87,19 +117,28 @@ def further_answers(
     if section.friction is None and not any(requested):
         return None
     start = time.process_time()
+    whole, rubbing, counted = assembly, section.friction is not None, None
+    if rubbing and not isinstance(assembly, Assembly):
+        # Friction counts where contacts have an area, or lie in the interior of a face.
+        bodies = cast("PolyhedralAssembly", assembly)
+        assembly = bodies.bearing()
+        if assembly is not whole:
+            counted, frictionless = _counted(bodies, load), False
     contacts = contact_jacobian(assembly, load.fixed, load.held)
     dead, live = (_generalized(contacts, wrench) for wrench in wrenches)
-    friction = collapse = sliding = margin = forces = state = pressed = None
+    friction = collapse = sliding = margin = forces = state = pressed = bare = None
     weights = column_weights(section.norm, contacts.areas)
     with named("rigid"):
-        given = pair_values(section.friction or 0.0, of_pairs, contacts.block_m, contacts.block_s)
-        frictional = frictional_contacts(assembly, contacts, given, section.friction_law)
-        if section.friction is not None:
+        frictional = _frictional(assembly, contacts, section, of_pairs)
+        if rubbing:
             tell("equilibrium with friction")
             friction = frictional_equilibrium(frictional, dead + live, weights=weights)
             if friction.holds:
                 normals = assembly.interfaces.normals[contacts.index]
                 forces = frictional.world(friction.forces, normals)
+                if counted is not None:
+                    given, forces = forces, np.zeros((len(counted), 3))
+                    forces[counted] = given
                 pressed = Squeeze(needed=False, programs=0)
                 if not frictionless:
                     tell("whether the load presses the joints that need friction")
@@ -112,13 +151,17 @@ def further_answers(
         if section.sliding:
             tell("collapse by sliding without dilation")
             sliding, state = _sliding(assembly, contacts, frictional, (dead, live), wrenches)
+        if counted is not None and not counted.all():
+            tell("what edges and corners would add")
+            bare = _with_edges(bodies, load, wrenches, section, of_pairs)
     if section.margin:
-        margin = interlocking_margin(contacts.jacobian, contacts.areas)
+        every = contact_jacobian(whole, load.fixed, load.held)
+        margin = interlocking_margin(every.jacobian, every.areas)
     with_friction = None if friction is None else (frictional, friction)
     # Without a limit the answer rests on friction that jams: how far forces are unknown decides.
     jams = collapse is not None and bool(np.isinf(collapse.factor))
     ranges = None
-    if section.ranges or jams:
+    if (section.ranges or jams) and (friction is None or friction.holds):
         ranges = _ranges(assembly, contacts, with_friction, dead + live, section)
     return Further(
         friction=friction,
@@ -131,7 +174,41 @@ def further_answers(
         friction_forces=forces,
         squeeze=pressed,
         sliding_state=state,
+        counted=counted,
+        bare=bare,
     )
+
+
+def _frictional(
+    assembly: AnyBlocks, contacts: Contacts, section: RigidSection, of_pairs: OfPairs
+) -> FrictionalContacts:
+    """Contacts with the friction of the scene, 0 where it has none."""
+    given = pair_values(section.friction or 0.0, of_pairs, contacts.block_m, contacts.block_s)
+    return frictional_contacts(assembly, contacts, given, section.friction_law)
+
+
+def _counted(whole: PolyhedralAssembly, load: LoadCase) -> BoolArray:
+    """Which contacts of free blocks bear, (n,)."""
+    found = whole.interfaces
+    return found.bears[~(load.fixed[found.block_m] & load.fixed[found.block_s])]
+
+
+def _with_edges(
+    whole: PolyhedralAssembly,
+    load: LoadCase,
+    wrenches: tuple[FloatArray, FloatArray],
+    section: RigidSection,
+    of_pairs: OfPairs,
+) -> WithEdges:
+    """Whether friction would carry the load, and up to which factor, if all contacts counted."""
+    contacts = contact_jacobian(whole, load.fixed, load.held)
+    dead, live = (_generalized(contacts, wrench) for wrench in wrenches)
+    frictional = _frictional(whole, contacts, section, of_pairs)
+    answer = frictional_equilibrium(frictional, dead + live)
+    holds = True if answer.holds else None if answer.mechanism is None else False
+    factor = collapse_load(frictional, dead, live).factor if section.collapse else None
+    left_out = int((~whole.interfaces.bears[contacts.index]).sum())
+    return WithEdges(left_out, holds, factor)
 
 
 def _sliding(
@@ -234,6 +311,13 @@ def further_json(further: Further | None) -> dict[str, Any]:
         }
     if further.squeeze is not None:
         data["friction"]["squeeze"] = _squeeze_json(further.squeeze)
+    if further.bare is not None:
+        factor = further.bare.factor
+        data["with_edges_and_corners"] = {
+            "n_contacts": further.bare.n_contacts,
+            "holds": further.bare.holds,
+            "collapse_factor": None if factor is None else _finite(factor),
+        }
     if further.collapse is not None:
         c = further.collapse
         data["collapse"] = {
@@ -257,6 +341,7 @@ def further_json(further: Further | None) -> dict[str, Any]:
         data["margin"] = {
             "interlocked": m.interlocked,
             "bearing_area": m.bearing_area,
+            "unasked": m.unasked,
             "block": int(further.free_blocks[m.block]),
             "load": m.load,
         }
@@ -285,7 +370,7 @@ def _ranges_json(ranges: ForceRanges) -> dict[str, Any]:
     joints = [
         {
             "blocks": [int(ranges.block_m[k]), int(ranges.block_s[k])],
-            "least": float(ranges.least[k]),
+            "least": _finite(float(ranges.least[k])),
             "least_norm": float(ranges.shown[k]),
             "largest": _finite(float(ranges.largest[k])),
             "unbounded": bool(ranges.unbounded[k]),
@@ -295,5 +380,6 @@ def _ranges_json(ranges: ForceRanges) -> dict[str, Any]:
     return {
         "joints": joints,
         "undetermined": int(ranges.undetermined.sum()),
+        "unanswered": ranges.unanswered,
         "unbounded": int(ranges.unbounded.sum()),
     }

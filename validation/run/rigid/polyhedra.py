@@ -80,7 +80,7 @@ class PolyhedralRun(RigidAnswer):
 
     def _largest(self, values: FloatArray) -> float | None:
         """Largest of some values, where forces hold the load; else there is none."""
-        return float(values.max(initial=0.0)) if self.carried.holds else None
+        return float(values.max(initial=0.0)) if self.carried.shown else None
 
 
 def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
