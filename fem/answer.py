@@ -13,6 +13,7 @@ from fem.element.stress import von_mises
 from fem.measures import contact_on, contacts_of, measures_of
 from fem.problem.time_step import added_mass_share
 from fem.solution import Solution
+from fem.static.result import StaticError
 from geometry.answer import Answer, Array, Lazy, Measure
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
@@ -51,7 +52,13 @@ def answer_of(
         What was solved, in a line; None: load, blocks and mesh.
     beside
         More of the report, as plain data; it is asked when the report is read.
+
+    Raises
+    ------
+    StaticError
+        Printed forces of a static state that do not balance its blocks.
     """
+    require_balance(solution)
     layer = solution.deformable.assembly.layer
     measures = measures_of(solution, errors, facets=facets, remarks=remarks)
     return Answer(
@@ -69,6 +76,27 @@ def answer_of(
         problem=problem,
         cut=solution.sections,
     )
+
+
+#: Imbalance that a static state may have at least, and over its residual [-].
+_BALANCED, _OVER_RESIDUAL = 1e-6, 10.0
+
+
+def require_balance(solution: Solution) -> None:
+    """Reject a static state whose printed joint forces and reactions do not balance its blocks.
+
+    A periodic cell is not judged: the force that keeps it in place as a whole is no printed one.
+    """
+    static, whole = solution.static, solution.deformable
+    if static is None or not whole.meets or whole.assembly.image_of is not None:
+        return
+    left, most = solution.imbalance, max(_BALANCED, _OVER_RESIDUAL * static.residual)
+    if not left.largest <= most:
+        raise StaticError(
+            f"static: the forces of block {whole.assembly.named(left.block)} are out of balance by "
+            f"{left.largest:.2g} of the largest joint force; expected at most {most:.2g}: please "
+            "report this problem"
+        )
 
 
 def _title(solution: Solution) -> str:
@@ -145,6 +173,8 @@ def contact_report(
         "slip": solution.slip,
         "n_contacts": solution.contact_state.n_facets,
         "joints": solution.joints.as_json(),
+        "imbalance": solution.imbalance.as_json(),
+        "search_change": solution.search_change,
         "contact": numbers,
         "contact_cap": None if solution.cap is None else asdict(solution.cap),
     }

@@ -10,6 +10,7 @@ from typing import Literal
 
 from fem.answer import answer_of
 from fem.assembly.statement import Problem, ProblemError, require_problem
+from fem.assembly.symmetry import searched_in_all_sectors
 from fem.explicit.output.checkpoint import OtherProblemError
 from fem.explicit.setup.assembly import ExplicitAssembly
 from fem.explicit.setup.statement import ExplicitStatement, explicit_statement
@@ -173,9 +174,9 @@ def explicit_answer(
     return Solution(
         deformable=whole.deformable,
         group_displacements=whole.expand(result.displacements),
-        contact_state=whole.contact_state(result.displacements),
+        contact_state=whole.contact_state(result.displacements, result.searched, result.slips),
         finite_rotation=whole.model.effects.finite_rotation,
-        solver=_of_all_copies(result, whole.orbits.order),
+        solver=_of_all_copies(result, whole),
         statement=stated,
         restarts=restarts,
     )
@@ -201,11 +202,17 @@ def _of_all_blocks(output: Output, whole: ExplicitAssembly, restarts: int) -> Ou
     )
 
 
-def _of_all_copies(result: ExplicitResult, copies: int) -> ExplicitResult:
-    """Result with the energies of the whole tube where one of so many sectors was computed."""
-    energies = result.energies
+def _of_all_copies(result: ExplicitResult, whole: ExplicitAssembly) -> ExplicitResult:
+    """Result with the energies and forces of the whole where one of some sectors was computed."""
+    energies, copies = result.energies, whole.orbits.order
+    held, searched = result.support_forces, result.searched
+    if searched is not None:
+        searched = searched_in_all_sectors(whole.deformable, whole.orbits, searched)
     return replace(
         result,
         energies=None if energies is None else energies.times(copies),
         history=result.history.times(copies),
+        support_forces=whole.expand(held) if held else (),
+        contact_forces=whole.expand(result.contact_forces),
+        searched=searched,
     )

@@ -5,10 +5,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,16 +19,19 @@ from fem.assembly.contact_state import (
     contact_measures,
     corner_displacements,
     facing_points,
+    searched_state,
 )
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.peaks import StressPeaks, joint_forces, moved_blocks, stress_peaks
-from fem.assembly.reactions import PushCurve, push_curves, reactions, spring_reactions
+from fem.assembly.reactions import PushCurve, push_curves, reactions
 from fem.assembly.section_forces import SolvedState, section_forces
-from fem.contact.search import SearchedSurfaces, searched_surfaces
-from fem.contact.surfaces import ContactSurfaces
+from fem.assembly.symmetry import local_forces
+from fem.contact.search import searched_surfaces
 from fem.element.stress import principal_stress
 from fem.problem.recovery import Recovered, recover, stress_at_nodes
 from fem.static.result import StaticResult, loose_blocks
+from fem.static.rotation import internal_forces
+from geometry.balance import Imbalance, imbalance, of_fixed_blocks, together
 from geometry.errors import RefusedError
 from geometry.measures import JointResultants, Planes, SectionForces
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
@@ -223,9 +225,8 @@ class Solution(ReadOnlyArrays):
 
     @cached_property
     def joints(self) -> JointResultants:
-        """Resultants of the contact pressures between each two blocks; friction is not in them."""
-        friction = self.deformable.contact.friction is not None
-        return joint_forces(self.contact_state, friction=friction)
+        """Resultants of the contact forces between each two blocks, friction included."""
+        return joint_forces(self.contact_state)
 
     @cached_property
     def cap(self) -> CapAction | None:
@@ -235,42 +236,94 @@ class Solution(ReadOnlyArrays):
         return cap_action(law, state.point_pressures, state.point_areas)
 
     @cached_property
-    def reactions(self) -> dict[str, dict[str, list[float]]]:
-        """Resultant of each support on the blocks by its name: `fem.assembly.reactions`.
+    def reactions(self) -> dict[str, dict[str, Any]]:
+        """Resultants of supports and of rigid blocks by name: `geometry.balance.Reactions`."""
+        whole, forces = self.deformable, self.solver.support_forces
+        result = reactions(whole.model, forces, self.group_displacements)
+        if whole.meets:
+            rigid = np.flatnonzero(whole.group_of < 0)
+            result = together(result, of_fixed_blocks(whole.assembly, self.joints, rigid))
+        return result.as_json()
 
-        Empty where nothing but whole blocks is held, and for a sector of an explicit run.
+    @cached_property
+    def imbalance(self) -> Imbalance:
+        """What joints, loads, supports and inertia leave on a block, moments about deformed places.
+
+        Internal forces of small rotations balance about the undeformed places: their moment about
+        the deformed ones, of second order, is one of the terms.
         """
-        static, model = self.static, self.deformable.model
-        if static is None:
-            moved = spring_reactions(model, self.group_displacements)
-            return {name: dict(of) for name, of in self._of_whole_run[0].items()} | moved
-        result = reactions(model, static.support_forces) if static.support_forces else {}
-        return result | spring_reactions(model, self.group_displacements)
+        whole = self.deformable
+        others, loads = np.zeros((whole.assembly.n_blocks, 6)), local_forces(whole)
+        acting = np.zeros((whole.assembly.n_blocks, 3))
+        centres = whole.assembly.centroids + whole.offsets
+        for number, (group, u) in enumerate(
+            zip(whole.model.groups, self.group_displacements, strict=True)
+        ):
+            blocks = whole.deformable_blocks[whole.group_of[whole.deformable_blocks] == number]
+            force = self._contact_forces[number][whole.copy_of[blocks]]
+            places = (group.reference_positions() + u)[whole.copy_of[blocks]]
+            moment = np.cross(places - centres[blocks][:, None], force)
+            others[blocks] = -np.hstack([force.sum(axis=1), moment.sum(axis=1)])
+            acting[blocks] = loads[number][whole.copy_of[blocks]].sum(axis=1)
+        return imbalance(
+            whole.assembly,
+            self.joints,
+            loads=acting,
+            others=others,
+            centres=centres,
+            free=whole.deformable_blocks,
+        )
+
+    @property
+    def _contact_forces(self) -> tuple[FloatArray, ...]:
+        """What contact has to do to the nodes of each group, (n_copies, n_nodes, 3) [N]."""
+        if self.explicit is not None:
+            return self.explicit.contact_forces
+        model, held, result = self.deformable.model, self.solver.support_forces, []
+        loads = local_forces(self.deformable)
+        for number, (group, u) in enumerate(
+            zip(model.groups, self.group_displacements, strict=True)
+        ):
+            force = internal_forces(group, u, finite_rotation=self.finite_rotation)
+            force -= loads[number] @ group.rotations.transpose(0, 2, 1)
+            result.append(force - held[number] if held else force)
+        return tuple(result)
+
+    @cached_property
+    def search_change(self) -> float | None:
+        """Change of the joint forces by a search at the end, over the largest one [-].
+
+        None where facets match.
+        """
+        searched = self.solver.searched
+        if searched is None:
+            return None
+        whole, moved = self.deformable, self.group_displacements
+        fresh = searched_surfaces(facing_points(whole, moved), whole.surfaces.clearance)
+        corners = corner_displacements(whole, moved, fresh)
+        forces: dict[tuple[int, int], float] = {}
+        largest = 0.0
+        for state, sign in (
+            (replace(self.contact_state, point_frictions=None), 1.0),
+            (searched_state(fresh, corners, whole.contact), -1.0),
+        ):
+            joints = joint_forces(state)
+            largest = max(largest, float(joints.normal_force.max(initial=0.0)))
+            pairs = zip(joints.block_m.tolist(), joints.block_s.tolist(), strict=True)
+            for pair, force in zip(pairs, joints.normal_force.tolist(), strict=True):
+                forces[pair] = forces.get(pair, 0.0) + sign * force
+        return max(map(abs, forces.values()), default=0.0) / largest if largest else 0.0
 
     @cached_property
     def push_curves(self) -> tuple[PushCurve, ...]:
         """Force against displacement of each support that moves step by step."""
-        if self.static is None:
-            return self._of_whole_run[1]
+        if self.explicit is not None:
+            sector = self.statement is not None and self.statement.assembly.orbits.order > 1
+            return () if sector else self.explicit.pushed
+        assert self.static is not None
         if not self.static.pushed:
             return self.static.curves
         return push_curves(self.deformable.model, self.static.pushed)
-
-    @property
-    def reactions_left_out(self) -> bool:
-        """Whether supports have forces that an explicit run of one sector does not compute."""
-        sector = self.statement is not None and self.statement.assembly.orbits.order > 1
-        return sector and bool(self.deformable.model.supports)
-
-    @property
-    def _of_whole_run(
-        self,
-    ) -> tuple[Mapping[str, Mapping[str, list[float]]], tuple[PushCurve, ...]]:
-        """Reactions and motions of an explicit run; none where it computed one sector."""
-        result, stated = self.explicit, self.statement
-        if result is None or (stated is not None and stated.assembly.orbits.order > 1):
-            return {}, ()
-        return result.reactions, result.pushed
 
     @property
     def slip(self) -> dict[str, float] | None:
@@ -323,11 +376,7 @@ class Solution(ReadOnlyArrays):
     @cached_property
     def _state(self) -> SolvedState:
         whole, moved = self.deformable, self.group_displacements
-        surfaces: ContactSurfaces | SearchedSurfaces = whole.surfaces
-        if self.static is not None:
-            surfaces = self.static.surfaces
-        elif whole.contact.finite_sliding:
-            surfaces = searched_surfaces(facing_points(whole, moved), whole.surfaces.clearance)
+        surfaces = self.solver.searched or whole.surfaces
         return SolvedState(whole, moved, surfaces, self.finite_rotation)
 
     def sections(self, cut: Planes) -> SectionForces:

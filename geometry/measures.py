@@ -221,6 +221,9 @@ class JointResultants(Resultants):
     """Master block, (n_joints,)."""
     block_s: IntArray
     """Opposing block, (n_joints,)."""
+    couples: FloatArray | None = None
+    """Moment on both blocks alike, of friction that acts on both sides of a gap, (n_joints, 3)
+    [N mm]; None: no such moment."""
     smallest_gap: FloatArray | None = None
     """Of deformable blocks, positive where open: negative is penetration; (n_joints,) [mm]."""
     largest_gap: FloatArray | None = None
@@ -228,12 +231,6 @@ class JointResultants(Resultants):
     largest_slip: FloatArray | None = None
     """Of deformable blocks, size of the displacement of block s along the joint relative to block
     m, (n_joints,) [mm]."""
-    without_friction: bool = False
-    """Whether friction acts that these forces leave out: they come from contact pressures alone."""
-
-    def name(self, resultant: str) -> str:
-        """Name of a resultant in files: ``force``, or ``force_without_friction``."""
-        return f"{resultant}_without_friction" if self.without_friction else resultant
 
     @property
     def motion(self) -> dict[str, FloatArray]:
@@ -247,11 +244,10 @@ class JointResultants(Resultants):
         ``force`` and ``moment`` act on the second of ``blocks``, the moment about ``centroid``,
         that of the contact area; ``normal`` points from the first to the second. ``normal_force``
         is positive where blocks press and acts at ``point``, ``eccentricity`` from the centroid.
-        Lengths in mm, forces in N, moments in N mm, world axes. Where friction acts and is left
-        out, the names of all that follows from forces end in ``_without_friction``. Deformable
-        blocks have ``smallest_gap``, ``largest_gap`` and ``largest_slip`` as well.
+        Lengths in mm, forces in N, moments in N mm, world axes. Forces include friction.
+        Deformable blocks have ``smallest_gap``, ``largest_gap`` and ``largest_slip`` as well.
         """
-        resultants = {
+        columns = {
             "force": self.forces,
             "moment": self.moments,
             "normal_force": self.normal_force,
@@ -260,8 +256,6 @@ class JointResultants(Resultants):
             "twisting_moment": self.twisting_moment,
             "eccentricity": self.eccentricity,
             "point": self.points,
-        }
-        columns = {self.name(key): values for key, values in resultants.items()} | {
             "centroid": self.centroids,
             "normal": self.normals,
             "area": self.areas,

@@ -20,6 +20,7 @@ from geometry.answer import (
     place,
 )
 from geometry.assembly import AnyBlocks, Assembly
+from geometry.balance import Imbalance, Reactions, imbalance, of_fixed_blocks, together
 from geometry.errors import RefusedError
 from geometry.loads import LoadCase
 from geometry.measures import (
@@ -243,14 +244,39 @@ class _Found:
         return self.carried.joints(self.assembly, self.result.contact_index)
 
     @cached_property
-    def supports(self) -> dict[str, FloatArray]:
-        """Force and moment about the origin of each support on its block, (6,) [N, N mm]."""
-        if not self.load.held:
-            return {}
+    def loads(self) -> FloatArray:
+        """Force and moment of the loads about each mass centroid, (n_blocks, 6) [N, N mm]."""
+        return block_wrenches(self.assembly, self.load)
+
+    @cached_property
+    def supports(self) -> tuple[Reactions, FloatArray]:
+        """Supports by name, and what they do to each block: `support_wrenches`."""
         index, forces = self.result.contact_index, self.carried.forces
-        on_blocks = contact_wrenches(self.assembly, index, forces)
-        return support_wrenches(
-            self.assembly, self.load, on_blocks + block_wrenches(self.assembly, self.load)
+        on_blocks = contact_wrenches(self.assembly, index, forces) if self.load.held else 0.0
+        return support_wrenches(self.assembly, self.load, self.loads + on_blocks)
+
+    @cached_property
+    def reactions(self) -> dict[str, dict[str, Any]]:
+        """Resultants of supports and fixed blocks by name."""
+        fixed = of_fixed_blocks(self.assembly, self.joints, np.flatnonzero(self.load.fixed))
+        return together(self.supports[0], fixed).as_json()
+
+    def _balance(self) -> dict[str, Any]:
+        reactions = {"reactions": self.reactions} if self.reactions else {}
+        return {"imbalance": self.imbalance.as_json(), **reactions}
+
+    @cached_property
+    def imbalance(self) -> Imbalance:
+        """What joints, loads and supports leave on a free block."""
+        own = self.assembly.originals == np.arange(self.assembly.n_blocks)
+        free, others = np.flatnonzero(own & ~self.load.fixed), self.loads + self.supports[1]
+        return imbalance(
+            self.assembly,
+            self.joints,
+            loads=self.loads[:, :3],
+            others=others,
+            centres=self.assembly.centroids,
+            free=free,
         )
 
     @cached_property
@@ -259,14 +285,7 @@ class _Found:
         result, index, held = self.assembly.interfaces, self.result.contact_index, self.load.fixed
         sign = held[result.block_m[index]].astype(float) - held[result.block_s[index]].astype(float)
         total = (sign[:, None] * self.carried.forces).sum(axis=0)
-        return np.asarray(total + sum(wrench[:3] for wrench in self.supports.values()))
-
-    @property
-    def _reactions(self) -> dict[str, dict[str, list[float]]]:
-        return {
-            name: {"force": wrench[:3].tolist(), "moment": wrench[3:].tolist()}
-            for name, wrench in self.supports.items()
-        }
+        return np.asarray(total + self.supports[0].forces.sum(axis=0))
 
     def sections(self, cut: Planes) -> SectionForces:
         """Sum the forces of the joints between blocks on both sides of planes."""
@@ -313,7 +332,7 @@ class _Found:
             **({} if self.paper is None else {"contact": asdict(self.paper)}),
             "reaction": self.reaction.tolist() if holds else None,
             "joints": self.joints.as_json() if self.carried.shown else [],
-            **({"reactions": self._reactions} if holds and self.supports else {}),
+            **(self._balance() if self.carried.shown else {}),
             "units": REPORT_UNITS,
             "rotation_length": self.assembly.characteristic_length,
             "free_blocks": np.flatnonzero(~self.load.fixed).tolist(),

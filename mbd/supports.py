@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from geometry.assembly import AnyBlocks
+from geometry.balance import Reactions, of_supports
 from geometry.errors import RefusedError
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
@@ -105,8 +106,8 @@ def admissible(motions: FloatArray | None, rows: FloatArray) -> FloatArray:
 
 def support_wrenches(
     assembly: AnyBlocks, load: LoadCase, on_blocks: FloatArray
-) -> dict[str, FloatArray]:
-    """Force and moment about the origin of each support on its block, by its name.
+) -> tuple[Reactions, FloatArray]:
+    """Resultants of supports by name, and force and moment of all of them on each block.
 
     Where several supports hold the same motion of a block the forces of least squares are given.
 
@@ -120,11 +121,12 @@ def support_wrenches(
 
     Returns
     -------
-    dict[str, FloatArray]
-        (6,) [N, N mm] each; supports of one name are one.
+    tuple[Reactions, FloatArray]
+        Supports of one name are one; wrenches about mass centroids, (n_blocks, 6) [N, N mm].
     """
     length, result = assembly.characteristic_length, dict[str, FloatArray]()
-    scale = np.repeat([1.0, 1.0 / length], 3)
+    scale, total = np.repeat([1.0, 1.0 / length], 3), np.zeros_like(on_blocks)
+    places: dict[str, list[FloatArray]] = {}
     for block in dict.fromkeys(support.block for support in load.held):
         mine = [support for support in load.held if support.block == block]
         rows = [_unit_wrenches(assembly, support, length) for support in mine]
@@ -133,7 +135,12 @@ def support_wrenches(
         start = 0
         for support, unit in zip(mine, rows, strict=True):
             wrench = unit.T @ forces[start : start + len(unit)] / scale
+            total[block] += wrench
             wrench[3:] += np.cross(assembly.centroids[block], wrench[:3])
             result[support.title] = result.get(support.title, np.zeros(6)) + wrench
+            places.setdefault(support.title, []).append(
+                region_points(assembly, block, support.face)
+            )
             start += len(unit)
-    return result
+    middles = {name: np.concatenate(parts).mean(axis=0) for name, parts in places.items()}
+    return of_supports(result, middles), total

@@ -10,17 +10,12 @@ from functools import cached_property
 
 import numpy as np
 
-from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.deformable import Contact, DeformableAssembly
 from fem.assembly.symmetry import Orbits
 from fem.contact.law import ContactLaw, ExponentialLaw
-from fem.contact.search import (
-    BlockSurface,
-    FacingPoints,
-    PointsOnFacets,
-    SearchedSurfaces,
-    closest_points,
-)
+from fem.contact.search import BlockSurface, FacingPoints, SearchedSurfaces
 from fem.contact.surfaces import (
+    ContactNormals,
     ContactSurfaces,
     corner_overclosures,
     facet_corners,
@@ -31,7 +26,7 @@ from fem.element.facet import facet_areas, facet_functions
 from fem.element.lagrange_mesh import LagrangeMesh
 from geometry.assembly import Assembly
 from geometry.measures import BlockMeasures, block_measures, measures
-from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, structured_quads
+from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays, structured_quads
 
 
 def block_surfaces(
@@ -131,6 +126,10 @@ def facing_points(
 _SLIVER = 1e-3
 
 
+#: Slip of matched facets, in blocks, from which moments of second order are counted: 1e-8 before.
+_SLID = 1e-4
+
+
 @dataclass(frozen=True)
 class ContactState(ReadOnlyArrays):
     """Contact of an assembly at given displacements, whether facets match or a search found them.
@@ -161,6 +160,12 @@ class ContactState(ReadOnlyArrays):
     point_slips: FloatArray
     """Displacement of block s along the facet, relative to block m, world axes, (n_points, 3) [mm]:
     of points that coincided as built, or in a search of the points that face each other now."""
+    point_frictions: FloatArray | None = None
+    """Friction on block s, world axes, (n_points, 3) [MPa]; None without friction."""
+    point_moments: FloatArray | None = None
+    """Moment on blocks m and s about `positions` beside that of `point_forces`, (n_points, 2, 3)
+    [N mm]: forces act on both sides of a gap. None where it is none, without friction and with
+    current normals, until facets have slid far."""
     corner_overclosures: FloatArray | None = None
     """Where matched facets are looked at for peaks, at corners of bilinear ones, (n_facets, n)
     [mm]; None where a search found them."""
@@ -193,12 +198,15 @@ class ContactState(ReadOnlyArrays):
 
     @cached_property
     def point_forces(self) -> FloatArray:
-        """Normal force of each point on block s, (n_points, 3) [N]."""
-        return (self.point_areas * self.point_pressures)[:, None] * self.normals
+        """Force of each point on block s, friction included, (n_points, 3) [N]."""
+        traction = self.point_pressures[:, None] * self.normals
+        if self.point_frictions is not None:
+            traction += self.point_frictions
+        return self.point_areas[:, None] * traction
 
     @cached_property
     def forces(self) -> FloatArray:
-        """Normal force of each facet on block s, (n_facets, 3) [N]."""
+        """Force of each facet on block s, friction included, (n_facets, 3) [N]."""
         return self._of_facets(self.point_forces)
 
     @cached_property
@@ -294,6 +302,7 @@ def matched_state(
     displacements: tuple[FloatArray, ...],
     pressures: FloatArray,
     overclosures: FloatArray,
+    frictions: FloatArray | None = None,
 ) -> ContactState:
     """Contact of matched facets.
 
@@ -305,10 +314,13 @@ def matched_state(
         Of each group, world axes, (n_copies, n_nodes, 3) [mm].
     pressures, overclosures
         At the points of its surfaces, (n_facets, n_points) [MPa] and [mm].
+    frictions
+        Friction on block s there, (n_facets, n_points, 3) [MPa]; None: without.
     """
     surfaces, basis = deformable.surfaces, deformable.surfaces.basis
     moved = corner_displacements(deformable, displacements)
     on_m, on_s = np.split(moved, 2, axis=1)
+    apart = surfaces.offsets + basis.difference @ moved
     sides = (
         (surfaces.block_m, surfaces.quads_m, on_m),
         (surfaces.block_s, surfaces.quads_s, on_s),
@@ -321,6 +333,14 @@ def matched_state(
     )
     middle = np.einsum("pa,fai->fpi", basis.values, 0.5 * (nodes + opposite))
     normals = point_normals(surfaces, moved, deformable.contact.normals)
+    acting = pressures[..., None], normals, frictions
+    acting = surfaces.weights[..., None], apart, *acting
+    moments = _moments(*acting, deformable.contact.normals)
+    far = float(np.abs(apart).max(initial=0.0)) > _SLID * deformable.assembly.characteristic_length
+    if far and deformable.contact.normals is ContactNormals.CURRENT:
+        on_m, on_s = (basis.tangents(x) for x in (nodes, opposite))
+        turning = _turning_moments(surfaces.weights * pressures, _along(apart, normals), on_m, on_s)
+        moments = turning if moments is None else moments + turning
     return ContactState(
         block_m=surfaces.block_m,
         block_s=surfaces.block_s,
@@ -333,50 +353,131 @@ def matched_state(
         point_pressures=pressures.ravel(),
         point_overclosures=overclosures.ravel(),
         point_slips=_along(basis.difference @ moved, normals).reshape(-1, 3),
+        point_frictions=None if frictions is None else frictions.reshape(-1, 3),
+        point_moments=None if moments is None else moments.reshape(-1, 2, 3),
         corner_overclosures=corner_overclosures(surfaces, moved, deformable.contact.normals),
     )
 
 
-def searched_state(points: FacingPoints, law: ContactLaw, clearance: float) -> ContactState:
-    """Contact of all points, where they are now, that a search found to face a facet.
+def _moments(  # noqa: PLR0917
+    weights: FloatArray,
+    apart: FloatArray,
+    pressures: FloatArray,
+    normals: FloatArray,
+    frictions: FloatArray | None,
+    measured: ContactNormals,
+) -> FloatArray | None:
+    """Moments of forces on both sides of a gap about its middle, x_s - x_m apart, (..., 2, 3).
+
+    Pressures along current normals act along the gap, or half way across it: only friction counts.
+    """
+    acting = frictions
+    if measured is ContactNormals.REFERENCE:
+        acting = pressures * normals + (0.0 if frictions is None else frictions)
+    if acting is None:
+        return None
+    return np.repeat(0.5 * np.cross(apart, weights * acting)[..., None, :], 2, axis=-2)
+
+
+def _turning_moments(
+    forces: FloatArray, slips: FloatArray, on_m: FloatArray, on_s: FloatArray
+) -> FloatArray:
+    """Moments of what turns the mean normal of matched facets, (n_facets, n_points, 2, 3) [N mm].
+
+    The force of a point p on the tangents of both sides is -p/2 ∂x/∂t_k, with t_k their mean. The
+    moments of both sides are opposite, and of second order: by the slip and the tilt between them.
+    From w p (n, p) [N], slips (n, p, 3) [mm] and tangents of both sides, (n, p, 2, 3) [mm].
+    """
+    first, second = np.moveaxis(0.5 * (on_m + on_s), 2, 0)
+    lean = slips / np.linalg.norm(np.cross(first, second), axis=2, keepdims=True)
+    by = np.stack([np.cross(lean, second), np.cross(first, lean)], axis=2)
+    half = -0.25 * forces[..., None] * np.cross(on_s - on_m, by).sum(axis=2)
+    return np.stack([-half, half], axis=2)
+
+
+def searched_state(
+    surfaces: SearchedSurfaces,
+    moved: FloatArray,
+    contact: Contact | None,
+    frictions: FloatArray | None = None,
+) -> ContactState:
+    """Contact of the points of a search.
 
     Facets are those of the finer of two surfaces, one entry for each block that a facet faces,
-    with the part of its area that faces it; less than a thousandth of a facet is left out, for
-    facets are counted. The clearance [mm] is added to every gap.
+    with the part of its area that faces it. Where no point of it presses, an entry far away and one
+    of less than a thousandth of its facet is left out: facets are counted. Such a sliver that
+    presses belongs to the nearest facet of its joint.
+
+    Parameters
+    ----------
+    surfaces
+        The points.
+    moved
+        Displacements of the nodes of both facets, (n_points, nodes of both, 3) [mm], world axes.
+    contact
+        Law and normals; None: nothing presses.
+    frictions
+        Friction on block s, (n_points, 3) [MPa]; None: without.
     """
-    result = points.on_facets()
-    master, slave, weights = result.facet, result.slave, result.weights
-    position = np.einsum("pa,pai->pi", result.shapes, points.position[points.whole[slave]])
-    _, gap, normal = closest_points(points.position[points.whole[master]], position, result.xi)
-    block, areas = points.facet_block[:: points.pieces], points.facet_area
-    areas = areas.reshape(-1, points.pieces).sum(axis=1)
-    key = np.column_stack([block[master], block[slave], slave])
-    _, which = np.unique(key, axis=0, return_inverse=True)
-    area = np.bincount(which.ravel(), weights)
-    mean = np.bincount(which.ravel(), weights * gap) / area
-    near = mean[which.ravel()] <= points.farthest
-    near &= area[which.ravel()] > _SLIVER * areas[slave]
-    master, slave = master[near], slave[near]
-    position, gap, normal = position[near], gap[near], normal[near]
-    overclosure = -gap - clearance
-    slips = _searched_slips(points, result)[near]
-    key = np.column_stack([block[master], block[slave], slave])
-    entries, which = np.unique(key, axis=0, return_inverse=True)
+    normals = ContactNormals.CURRENT if contact is None else contact.normals
+    there = surfaces.kinematics(moved, normals)
+    overclosure, weights = there.overclosure[:, 0], surfaces.weights[:, 0]
+    pressure = np.zeros_like(overclosure)
+    if contact is not None:
+        law = contact.law.on(surfaces.block_m, surfaces.block_s)
+        pressure = law.pressure(there.overclosure)[:, 0]
+    key = np.column_stack([surfaces.block_m, surfaces.block_s, surfaces.position_s])
+    _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)
     which = which.ravel()
+    area = np.bincount(which, weights)
+    mean = -np.bincount(which, weights * overclosure) / area - surfaces.clearance
+    presses = np.bincount(which, pressure > 0.0) > 0.0
+    whole = area > _SLIVER * surfaces.facet_areas[first]
+    near = (((mean <= surfaces.farthest) & whole) | presses)[which]
+    n_nodes, kept = surfaces.shapes.shape[1], surfaces.subset(np.flatnonzero(near))
+    nodes = (kept.corners + moved[near])[:, n_nodes:]
+    apart = np.einsum("na,nai->ni", kept.difference[:, 0], kept.corners + moved[near])
+    positions = np.einsum("na,nai->ni", kept.shapes, nodes) - 0.5 * apart
+    direction = -there.gradient[near, 0, n_nodes:].sum(axis=1)
+    frictions = None if frictions is None else frictions[near]
+    acting = pressure[near, None], direction, frictions
+    key, part = _with_slivers(key[near], positions, whole[which][near])
+    entries, which = np.unique(key, axis=0, return_inverse=True)
+    own = np.flatnonzero(part)
+    first = own[np.unique(which.ravel()[own], return_index=True)[1]]
     return ContactState(
         block_m=entries[:, 0],
         block_s=entries[:, 1],
         interface=None,
-        corners=_faced_parts(points, entries[:, 2], which, result.cells[near]),
-        facet=which,
-        positions=position,
-        normals=normal,
+        corners=_faced_parts(nodes[first], which.ravel()[own], kept.cells[own]),
+        facet=which.ravel(),
+        positions=positions,
+        normals=direction,
         point_areas=weights[near],
-        point_pressures=law.on(block[master], block[slave]).pressure(overclosure),
-        point_overclosures=overclosure,
-        point_slips=slips,
-        position_s=points.facet_position[points.pieces * entries[:, 2]] // points.pieces,
+        point_pressures=pressure[near],
+        point_overclosures=overclosure[near],
+        point_slips=_searched_slips(kept),
+        point_frictions=frictions,
+        point_moments=_moments(weights[near, None], apart, *acting, normals),
+        position_s=entries[:, 2],
     )
+
+
+def _with_slivers(
+    key: IntArray, positions: FloatArray, whole: BoolArray
+) -> tuple[IntArray, BoolArray]:
+    """Give each point of a sliver to the nearest facet of its joint, if that has another one.
+
+    From blocks m and s and the facet of each point (n, 3), where it is (n, 3) [mm] and whether its
+    part of the facet is none (n,): the same key, and whether a point is on the facet of its key.
+    """
+    key, own = key.copy(), np.ones(len(key), dtype=np.bool_)
+    for point in np.flatnonzero(~whole).tolist():
+        others = np.flatnonzero(whole & (key[:, :2] == key[point, :2]).all(axis=1))
+        if len(others):
+            away = np.linalg.norm(positions[others] - positions[point], axis=1)
+            key[point], own[point] = key[others[away.argmin()]], False
+    return key, own
 
 
 def _along(vectors: FloatArray, normals: FloatArray) -> FloatArray:
@@ -384,31 +485,29 @@ def _along(vectors: FloatArray, normals: FloatArray) -> FloatArray:
     return vectors - np.einsum("...i,...i->...", vectors, normals)[..., None] * normals
 
 
-def _searched_slips(points: FacingPoints, found: PointsOnFacets) -> FloatArray:
+def _searched_slips(surfaces: SearchedSurfaces) -> FloatArray:
     """How far the points that face each other now were apart along the facet, (n_points, 3) [mm].
 
     Positions before any displacement: a motion that two blocks share is no slip, however large.
     """
-    reference = np.concatenate([surface.reference for surface in points.surfaces])
-    master, slave = points.whole[found.facet], points.whole[found.slave]
-    values, slopes = facet_functions(found.xi, master.shape[1])
-    here = np.einsum("pa,pai->pi", found.shapes, reference[slave])
-    there = np.einsum("pa,pai->pi", values, reference[master])
-    first, second = np.moveaxis(np.einsum("pak,pai->pki", slopes, reference[master]), 1, 0)
-    normal = np.cross(first, second)
-    return _along(there - here, normal / np.linalg.norm(normal, axis=1, keepdims=True))
+    n_nodes = surfaces.shapes.shape[1]
+    apart = -np.einsum("na,nai->ni", surfaces.difference[:, 0], surfaces.corners)
+    slopes = facet_functions(surfaces.xi, n_nodes)[1]
+    tangents = np.einsum("nak,nai->nki", slopes, surfaces.corners[:, :n_nodes])
+    normal = np.cross(tangents[:, 0], tangents[:, 1])
+    return _along(apart, normal / np.linalg.norm(normal, axis=1, keepdims=True))
 
 
-def _faced_parts(
-    points: FacingPoints, facets: IntArray, which: IntArray, cells: FloatArray
-) -> FloatArray:
-    """Corners of the part of each facet on which its points lie, (n_facets, 4, 3) [mm]."""
-    low, high = np.full((len(facets), 2), 1.0), np.full((len(facets), 2), -1.0)
+def _faced_parts(nodes: FloatArray, which: IntArray, cells: FloatArray) -> FloatArray:
+    """Corners of the part of each facet on which its points lie, (n_facets, 4, 3) [mm].
+
+    ``nodes`` are those of the facets, (n_facets, n_nodes, 3) [mm].
+    """
+    low, high = np.full((len(nodes), 2), 1.0), np.full((len(nodes), 2), -1.0)
     np.minimum.at(low, which, cells[:, 0])
     np.maximum.at(high, which, cells[:, 1])
     xi = np.stack([low, np.stack([high[:, 0], low[:, 1]], 1), high], axis=1)
     xi = np.concatenate([xi, np.stack([low[:, 0], high[:, 1]], 1)[:, None]], axis=1)
-    nodes = points.position[points.whole[facets]]
     values = facet_functions(xi.reshape(-1, 2), nodes.shape[1])[0]
     values = values.reshape(len(nodes), 4, nodes.shape[1])
     return np.einsum("fpa,fai->fpi", values, nodes)

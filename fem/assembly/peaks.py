@@ -412,11 +412,8 @@ def _nearest_face(deformable: DeformableAssembly, block: int, where: FloatArray)
 # Joints
 
 
-def joint_forces(state: ContactState, *, friction: bool = False) -> JointResultants:
-    """Resultants of every pair of blocks in contact, on the higher one, of the pressures alone.
-
-    With ``friction`` they are marked as leaving out what it carries.
-    """
+def joint_forces(state: ContactState) -> JointResultants:
+    """Resultants of every pair of blocks in contact, on the higher one, friction included."""
     m, s = state.block_m[state.facet], state.block_s[state.facet]
     onwards = np.where(s > m, 1.0, -1.0)[:, None]
     pairs = np.column_stack([np.minimum(m, s), np.maximum(m, s)])
@@ -434,10 +431,14 @@ def joint_forces(state: ContactState, *, friction: bool = False) -> JointResulta
         np.maximum.at(most, joint.ravel(), values)
         return most
 
+    if state.point_moments is not None:
+        on_m, on_s = np.moveaxis(state.point_moments, 1, 0)
+        both = np.hstack([0.5 * onwards * (on_s - on_m), 0.5 * (on_m + on_s)])
+        sums = np.stack([np.bincount(joint.ravel(), v) for v in both.T], axis=1)
+        result = replace(result, moments=result.moments + sums[:, :3], couples=sums[:, 3:])
     return replace(
         result,
         smallest_gap=-largest(state.point_overclosures),
         largest_gap=largest(-state.point_overclosures),
         largest_slip=largest(np.linalg.norm(state.point_slips, axis=1)),
-        without_friction=friction,
     )

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from fem.problem.model import Model, Support
+from geometry.balance import Reactions, of_supports
 from geometry.mesh import FloatArray, ReadOnlyArrays
 
 #: Share of a way from which its stiffness is taken: a smooth step begins with none.
@@ -17,38 +18,38 @@ _FIRST = 0.01
 Forces = tuple[FloatArray, ...]
 
 
-def reactions(model: Model, forces: Forces) -> dict[str, dict[str, list[float]]]:
-    """Resultant of each support on the blocks, by its name.
+def reactions(model: Model, forces: Forces, displacements: Forces) -> Reactions:
+    """Resultant of each support and bed of springs on the blocks, by its name.
 
-    Returns
-    -------
-    dict
-        ``force`` [N] and ``moment`` about the origin [N mm], world axes, three numbers each. Those
-        of springs are in `spring_reactions`.
+    Parameters
+    ----------
+    model
+        Supports and springs.
+    forces
+        Of the supports; () where nothing is held.
+    displacements
+        Of each group, world axes, (n_copies, n_nodes, 3) [mm]: springs follow them.
     """
-    result: dict[str, FloatArray] = {}
+    acting: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
     places = [group.reference_positions() for group in model.groups]
-    for support in model.supports:
-        force = _along(support, forces)
+    for support in model.supports if forces else ():
         at = places[support.group][support.copies, support.nodes]
-        both = np.concatenate([force.sum(axis=0), np.cross(at, force).sum(axis=0)])
-        result[support.name] = result.get(support.name, np.zeros(6)) + both
-    return {
-        name: {"force": both[:3].tolist(), "moment": both[3:].tolist()}
-        for name, both in result.items()
-    }
-
-
-def spring_reactions(model: Model, displacements: Forces) -> dict[str, dict[str, list[float]]]:
-    """Resultant force of each bed of springs on the blocks by its name, world axes [N]."""
-    result: dict[str, FloatArray] = {}
-    for group, moved in zip(model.groups, displacements, strict=True):
+        acting.setdefault(support.name, []).append((at, _along(support, forces)))
+    for group, at, moved in zip(model.groups, places, displacements, strict=True):
         if group.springs is None:
             continue
-        for turn, u in zip(group.rotations, moved, strict=True):
-            for name, force in group.springs.reactions(u @ turn).items():
-                result[name] = result.get(name, np.zeros(3)) + turn @ force
-    return {name: {"force": force.tolist()} for name, force in result.items()}
+        for turn, here, u in zip(group.rotations, at, moved, strict=True):
+            on_nodes = group.springs.forces(u @ turn) @ turn.T
+            for name, nodes, force in zip(
+                group.springs.names, group.springs.nodes, on_nodes, strict=True
+            ):
+                acting.setdefault(name, []).append((here[nodes], force))
+    wrenches, middles = {}, {}
+    for name, parts in acting.items():
+        at, force = (np.concatenate(of) for of in zip(*parts, strict=True))
+        wrenches[name] = np.concatenate([force.sum(axis=0), np.cross(at, force).sum(axis=0)])
+        middles[name] = at.mean(axis=0)
+    return of_supports(wrenches, middles)
 
 
 def _along(support: Support, forces: Forces) -> FloatArray:

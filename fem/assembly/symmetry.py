@@ -18,6 +18,8 @@ from scipy.spatial import cKDTree
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.contact.pair_laws import PairLaws
+from fem.contact.search import SearchedSurfaces
+from fem.contact.surfaces import facet_corners
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.mesh import BoolArray, FloatArray, IntArray, cross_matrix
@@ -149,6 +151,64 @@ def largest_cyclic_orbits(deformable: DeformableAssembly) -> Orbits:
             except SymmetryError:
                 continue
     return no_symmetry(deformable)
+
+
+def searched_in_all_sectors(
+    deformable: DeformableAssembly, orbits: Orbits, surfaces: SearchedSurfaces
+) -> SearchedSurfaces:
+    """Points of the whole assembly from those of one sector; their `order` is sector by sector."""
+    if orbits.order == 1:
+        return replace(surfaces, order=np.arange(surfaces.n_facets))
+    assembly, once = deformable.assembly, _images(deformable, orbits.order)
+    image, others = np.arange(assembly.n_blocks), []
+    for turn in _turns(deformable, orbits)[1:]:
+        image = once[image]
+        others.append(surfaces.turned(turn, assembly.origin, image))
+    return surfaces.joined(others)
+
+
+def vectors_in_all_sectors(
+    deformable: DeformableAssembly,
+    orbits: Orbits,
+    vectors: FloatArray,
+    searched: SearchedSurfaces | None,
+) -> FloatArray:
+    """Vectors at the points of the whole assembly, such as friction on block s.
+
+    Parameters
+    ----------
+    deformable, orbits
+        The whole, and what is computed of it.
+    vectors
+        At the points that are computed, world axes, (n_facets, n_points, 3).
+    searched
+        Points of the whole (`searched_in_all_sectors`); None: matched facets.
+    """
+    turns = np.stack(_turns(deformable, orbits))
+    if searched is not None:
+        return np.concatenate([vectors @ turn.T for turn in turns])[searched.order]
+    values = vectors.reshape(-1, 3)[orbits.point_of]
+    if len(turns) == 1:
+        return values
+    assembly, surfaces = deformable.assembly, deformable.surfaces
+    stands = orbits.facets[orbits.point_of[:, 0] // surfaces.basis.n_points]
+    middle = facet_corners(assembly, surfaces.block_m, surfaces.quads_m).mean(axis=1)
+    middle += deformable.offsets[surfaces.block_m] - assembly.origin
+    across = np.cross(assembly.axis, middle[stands])
+    away = middle[stands] - np.outer(middle[stands] @ assembly.axis, assembly.axis)
+    angle = np.arctan2((across * middle).sum(axis=1), (away * middle).sum(axis=1))
+    number = np.rint(angle * len(turns) / (2.0 * np.pi)).astype(np.int64) % len(turns)
+    turn, normals = turns[number], surfaces.normals[:, 0]
+    # Master and opposing block may have changed places: the vector acts on the other one then.
+    sign = np.sign(np.einsum("fij,fj,fi->f", turn, normals[stands], normals))
+    result: FloatArray = sign[:, None, None] * (values @ turn.transpose(0, 2, 1))
+    return result
+
+
+def _turns(deformable: DeformableAssembly, orbits: Orbits) -> list[FloatArray]:
+    """Rotations from the computed sector to each."""
+    angles = 2.0 * np.pi * np.arange(orbits.order) / orbits.order
+    return [axis_rotation(deformable.assembly.axis, angle) for angle in angles.tolist()]
 
 
 def axis_rotation(axis: FloatArray, angle: float) -> FloatArray:

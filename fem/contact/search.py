@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -433,6 +434,14 @@ class SearchedSurfaces:
     """Area that the point stands for, (n, 1 point) [mm²]."""
     order: IntArray
     """Position of each point in the search, (n,)."""
+    position_s: IntArray
+    """Position of its facet in the contact facets of block s, (n,)."""
+    cells: FloatArray
+    """Box round its area in natural coordinates, lower then upper corner, (n, 2, 2)."""
+    facet_areas: FloatArray
+    """Area of its whole facet, (n,) [mm²]."""
+    farthest: float
+    """Largest gap at which the search counts a point as facing a facet [mm]."""
     clearance: float
     """Added to every gap [mm]."""
 
@@ -489,8 +498,33 @@ class SearchedSurfaces:
 
     def subset(self, points: IntArray) -> SearchedSurfaces:
         """Keep some points, in the order given."""
-        each = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "clearance"}
-        return replace(self, **{name: values[points] for name, values in each.items()})
+        return replace(self, **{name: values[points] for name, values in self._each.items()})
+
+    @property
+    def _each(self) -> dict[str, Any]:
+        """What every point has, by name."""
+        of_all = ("clearance", "farthest")
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in of_all}
+
+    def turned(self, turn: FloatArray, origin: FloatArray, image: IntArray) -> SearchedSurfaces:
+        """The same points after a rotation (3, 3) about an origin (3,) that maps blocks (n,)."""
+        return replace(
+            self,
+            block_m=image[self.block_m],
+            block_s=image[self.block_s],
+            corners=(self.corners - origin) @ turn.T + origin,
+            normals=self.normals @ turn.T,
+        )
+
+    def joined(self, others: list[SearchedSurfaces]) -> SearchedSurfaces:
+        """These points and others, sorted by block pair; `order` is that of the list."""
+        every = [one._each for one in (self, *others)]
+        each: dict[str, Any] = {
+            name: np.concatenate([one[name] for one in every]) for name in self._each
+        }
+        each["order"] = np.arange(len(each["order"]))
+        sort = np.lexsort((each["block_s"], each["block_m"]))
+        return replace(self, **{name: values[sort] for name, values in each.items()})
 
 
 def searched_surfaces(points: FacingPoints, clearance: float) -> SearchedSurfaces:
@@ -505,6 +539,7 @@ def searched_surfaces(points: FacingPoints, clearance: float) -> SearchedSurface
     quads_m, quads_s = points.whole[master], points.whole[slave]
     position = np.einsum("na,nai->ni", shapes, points.position[quads_s])
     xi, _, normal = closest_points(points.position[quads_m], position, result.xi[order])
+    areas = points.facet_area.reshape(-1, points.pieces).sum(axis=1)
     return SearchedSurfaces(
         block_m=blocks[master],
         block_s=blocks[slave],
@@ -516,5 +551,9 @@ def searched_surfaces(points: FacingPoints, clearance: float) -> SearchedSurface
         normals=normal[:, None],
         weights=result.weights[order][:, None],
         order=order,
+        position_s=points.facet_position[points.pieces * slave] // points.pieces,
+        cells=result.cells[order],
+        facet_areas=areas[slave],
+        farthest=points.farthest,
         clearance=clearance,
     )

@@ -4,17 +4,28 @@ from __future__ import annotations
 
 import math
 import time as clock
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
 
-from fem.assembly.reactions import MovingSupport, PushCurve, moving_supports, reactions
+from fem.assembly.reactions import MovingSupport, PushCurve, moving_supports
+from fem.contact.search import SearchedSurfaces
 from fem.explicit.body import Body, make_body
-from fem.explicit.damping import adapt, applied_forces, residual, round_off, settling
+from fem.explicit.damping import (
+    adapt,
+    applied_forces,
+    free_part,
+    gravity_forces,
+    load_forces,
+    residual,
+    round_off,
+    settling,
+)
 from fem.explicit.kernels import PARALLEL, SERIAL
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.output.checkpoint import (
@@ -30,6 +41,7 @@ from fem.explicit.state import BodyState, State, initial_body_state, world_vecto
 from fem.explicit.step import (
     System,
     bound,
+    damped_internal_force,
     gravity_at,
     placed_internal_force,
     set_applied_force,
@@ -150,8 +162,16 @@ class ExplicitResult:
     """Memory of the arrays that evolve."""
     constant_bytes: int
     """Memory of stiffness, mass and connectivity of the loop."""
-    reactions: Mapping[str, Mapping[str, list[float]]] = field(default_factory=dict)
-    """Resultant of each support at the last sample (`fem.assembly.reactions`)."""
+    support_forces: tuple[FloatArray, ...] = ()
+    """Of the supports on the nodes of each group at `time`, (n_copies, n_nodes, 3) [N]; () where
+    nothing is held."""
+    contact_forces: tuple[FloatArray, ...] = ()
+    """What contact has to do to the nodes at `time`, alike [N]: inertia, damping and internal
+    forces, less loads, weight and supports."""
+    searched: SearchedSurfaces | None = None
+    """Points of contact at `time`, of the blocks that are computed; None: matched facets."""
+    slips: FloatArray | None = None
+    """Their elastic slips (`fem.explicit.step.Interaction.contact`); None without friction."""
     pushed: tuple[PushCurve, ...] = ()
     """Force against displacement of each support that moves, at the samples of this process."""
     compile_seconds: float = 0.0
@@ -542,17 +562,16 @@ def _result(
     system, state = run.system, run.state
     pairs = list(zip(system.bodies, state.bodies, strict=True))
     balance = run.history.column("energy_balance")
-    held = {}
-    if system.model.supports and state.step:
-        time = system.time(state) - system.time_step
-        held = reactions(system.model, support_forces(system, state, time))
+    end = {
+        "displacements": displacements_of(system, state),
+        "velocities": tuple(world_vectors(body, now.velocity) for body, now in pairs),
+        "time": system.time(state),
+        "n_steps": state.step,
+        **_forces_at_end(system, state),
+    }
     return ExplicitResult(
         model=system.model,
         status=status,
-        displacements=displacements_of(system, state),
-        velocities=tuple(world_vectors(body, now.velocity) for body, now in pairs),
-        time=system.time(state),
-        n_steps=state.step,
         time_step=system.time_step,
         critical=critical,
         history=run.history,
@@ -565,7 +584,7 @@ def _result(
         element_updates=system.model.n_elements * steps,
         state_bytes=sum(a.nbytes for a in state_arrays(system, state).values()),
         constant_bytes=sum(body.constant_bytes for body in system.bodies),
-        reactions=held,
+        **end,
         pushed=tuple(support.curve(at) for support, at in run.moving if len(at) > 1),
     )
 
@@ -580,6 +599,31 @@ def _refuse_imbalance(result: ExplicitResult) -> None:
             f"{100.0 * LARGEST_IMBALANCE:g} % may be; take a smaller fem.time_step or "
             f"fem.safety_factor (time step {result.time_step:.4g} s)"
         )
+
+
+def _forces_at_end(system: System, state: State) -> dict[str, Any]:
+    """Forces of the displacements that a state has, from the step that they begin."""
+    time, before = system.time(state), [now.velocity.copy() for now in state.bodies]
+    step(system, state)
+    contact, supports = [], []
+    for body, now, velocity in zip(system.bodies, state.bodies, before, strict=True):
+        change, mean = now.velocity - velocity, 0.5 * (now.velocity + velocity)
+        inertia = change / system.time_step + (state.mass_damping or 0.0) * mean
+        inner = body.mass.astype(np.float64)[:, None, None] * inertia
+        inner += damped_internal_force(system, body, now)
+        inner -= gravity_forces(system, body, time)
+        unbalanced = inner - applied_forces(body, now)
+        held = unbalanced - free_part(body, unbalanced)
+        supports.append(world_vectors(body, held))
+        contact.append(world_vectors(body, inner - load_forces(body, now, time) - held))
+    touching = [i.contact() for i in system.interactions]
+    searched, slips = touching[0] if touching else (None, None)
+    return {
+        "support_forces": tuple(supports) if system.model.supports else (),
+        "contact_forces": tuple(contact),
+        "searched": searched,
+        "slips": slips,
+    }
 
 
 def watch(system: System, state: State, history: History) -> None:

@@ -14,6 +14,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from fem.contact.search import SearchedSurfaces
 from fem.explicit import block_frame
 from fem.explicit.body import Body, BodyLoad
 from fem.explicit.kernels import (
@@ -46,6 +47,9 @@ class Interaction(Protocol):
 
     def dissipation(self) -> float:
         """Energy dissipated up to the last force evaluation [N mm]."""
+
+    def contact(self) -> tuple[SearchedSurfaces | None, FloatArray | None]:
+        """Points that a search found, and elastic slips, of the last force evaluation; or None."""
 
     def fault(self, system: System) -> str | None:
         """What makes the run unstable and what to do, where the time step is too large; or None."""

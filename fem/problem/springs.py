@@ -54,14 +54,14 @@ class Springs(ReadOnlyArrays):
         entries = (self.matrices.ravel(), (rows.ravel(), columns.ravel()))
         return bsr_array(coo_array(entries, (size, size)).tocsr(), blocksize=(3, 3))
 
-    def reactions(self, displacement: FloatArray) -> dict[str, FloatArray]:
-        """Force of each bed at displacements (n_nodes, 3) [mm]: (3,) [N], frame of the block."""
+    def forces(self, displacement: FloatArray) -> FloatArray:
+        """Forces on the nodes of each facet at displacements (n_nodes, 3) [mm], frame of the block.
+
+        (n, m, 3) [N]
+        """
         moved = displacement[self.nodes].reshape(len(self.nodes), -1)
-        forces = -np.einsum("fij,fj->fi", self.matrices, moved).reshape(*self.nodes.shape, 3)
-        result: dict[str, FloatArray] = {}
-        for name, force in zip(self.names, forces.sum(axis=1), strict=True):
-            result[name] = result.get(name, np.zeros(3)) + force
-        return result
+        result = -np.einsum("fij,fj->fi", self.matrices, moved)
+        return np.asarray(result.reshape(*self.nodes.shape, 3))
 
     @property
     def nodal_stiffness(self) -> FloatArray:

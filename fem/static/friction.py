@@ -134,6 +134,13 @@ class FrictionRows:
         back = ((slip - anchor) * (at - anchor)).sum(axis=2) < 0.0
         return np.where((slid & back)[:, :, None], anchor, slip)
 
+    def on_block_s(
+        self, displacement: FloatArray, anchor: FloatArray, pressure: FloatArray
+    ) -> FloatArray:
+        """Friction on block s in world axes, (n_facets, n_points, 3) [MPa]."""
+        traction, _ = self.tractions(self.slip(displacement), anchor, pressure)
+        return -np.einsum("fpk,fpki->fpi", traction, self.tangents)
+
     def forces(
         self, displacement: FloatArray, anchor: FloatArray, pressure: FloatArray
     ) -> FloatArray:

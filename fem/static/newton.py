@@ -524,6 +524,14 @@ def unbalanced_forces(problem: StaticProblem, state: StaticState) -> tuple[Float
     return unbalanced, forces
 
 
+def frictions(problem: StaticProblem, state: StaticState) -> FloatArray | None:
+    """Friction on block s at the points of a state, world axes, (n_facets, n_points, 3) [MPa]."""
+    if problem.friction is None:
+        return None
+    pressure = problem.system.law.pressure(state.kinematics.overclosure)
+    return problem.friction.on_block_s(state.displacement, anchor_of(state), pressure)
+
+
 def support_forces(problem: StaticProblem, state: StaticState) -> FloatArray:
     """Forces of the supports on the nodes, (n_nodes, 3) [N].
 

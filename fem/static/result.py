@@ -24,7 +24,7 @@ from fem.assembly.contact_state import (
 )
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.reactions import PushCurve
-from fem.contact.search import FacingPoints, SearchedSurfaces
+from fem.contact.search import SearchedSurfaces
 from fem.contact.surfaces import ContactSurfaces, facet_pressures
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
@@ -90,10 +90,11 @@ class StaticResult(ReadOnlyArrays):
     held."""
     pushed: tuple[tuple[float, tuple[FloatArray, ...]], ...] = ()
     """Time [s] and the same after each step in which supports moved."""
-    points: FacingPoints | None = None
-    """What faces what at the end, where a search found it; None: matched facets."""
     searched: SearchedSurfaces | None = None
-    """The same points as facets."""
+    """Points of the last residual, where a search found them; None: matched facets."""
+    frictions: FloatArray | None = None
+    """Friction on block s in the last residual at every contact point, world axes,
+    (n_facets, n_points, 3) [MPa]; None without friction."""
     curves: tuple[PushCurve, ...] = ()
     """Forces of supports that move in the last stage of a history (`fem.static.history`)."""
     slips: tuple[Any, ...] = ()
@@ -115,17 +116,20 @@ class StaticResult(ReadOnlyArrays):
     @property
     def facet_pressures(self) -> FloatArray:
         """Force over area of every facet of `contact_state`, (n_facets,) [MPa]."""
-        if self.points is not None:
+        if self.searched is not None:
             return self.contact_state.pressures
         return facet_pressures(self.deformable.surfaces, self.pressures)
 
     @cached_property
     def contact_state(self) -> ContactState:
         """Contact facet by facet."""
-        if self.points is not None:
-            law, clearance = self.deformable.contact.law, self.deformable.surfaces.clearance
-            return searched_state(self.points, law, clearance)
-        return matched_state(self.deformable, self.displacements, self.pressures, self.overclosures)
+        of, frictions = self.deformable, self.frictions
+        if self.searched is not None:
+            moved = corner_displacements(of, self.displacements, self.searched)
+            of_points = None if frictions is None else frictions[:, 0]
+            return searched_state(self.searched, moved, of.contact, of_points)
+        point_values = self.pressures, self.overclosures, frictions
+        return matched_state(of, self.displacements, *point_values)
 
     @property
     def max_displacement(self) -> float:

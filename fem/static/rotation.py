@@ -161,20 +161,25 @@ def finite_rotation_loads(
     """
     return tuple(
         nodal_load(
-            k, _in_fixed_frames(group, u) - _in_turned_frames(group, u), copies=range(len(u))
+            k,
+            internal_forces(group, u, finite_rotation=False)
+            - internal_forces(group, u, finite_rotation=True),
+            copies=range(len(u)),
         )
         for k, (group, u) in enumerate(zip(model.groups, displacements, strict=True))
     )
 
 
-def _in_fixed_frames(group: BlockGroup, displacement: FloatArray) -> FloatArray:
-    """K u of each copy, world axes, (n_copies, n_nodes, 3) [N]."""
-    forces = _forces(group, displacement @ group.rotations)
-    return forces @ group.rotations.transpose(0, 2, 1)
+def internal_forces(
+    group: BlockGroup, displacement: FloatArray, *, finite_rotation: bool
+) -> FloatArray:
+    """K u of each copy, world axes, (n_copies, n_nodes, 3) [N], springs included.
 
-
-def _in_turned_frames(group: BlockGroup, displacement: FloatArray) -> FloatArray:
-    """f_frame(u) of each copy by the formula of `fem.explicit.block_frame`, as above."""
+    With finite rotation f_frame(u), by the formula of `fem.explicit.block_frame`.
+    """
+    if not finite_rotation:
+        forces = _forces(group, displacement @ group.rotations)
+        return forces @ group.rotations.transpose(0, 2, 1)
     local, frames = block_displacements(group, displacement, finite_rotation=True)
     mass, forces = group.lumped_mass, _forces(group, local)
     arms = group.mesh.nodes - mass @ group.mesh.nodes / mass.sum()

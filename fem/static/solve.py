@@ -27,10 +27,11 @@ from fem.assembly.symmetry import (
     cyclic_orbits,
     largest_cyclic_orbits,
     no_symmetry,
+    searched_in_all_sectors,
+    vectors_in_all_sectors,
     with_half_turn,
 )
 from fem.contact.search import FacingPoints, SearchedSurfaces, searched_surfaces
-from fem.contact.surfaces import ContactSurfaces
 from fem.problem.model import Model
 from fem.static.contact_forces import grid_blocks, solve_in_contact_forces
 from fem.static.friction import friction_rows
@@ -50,6 +51,7 @@ from fem.static.newton import (
     StaticProblem,
     StaticState,
     anchor_of,
+    frictions,
     localised,
     require_near,
     start_state,
@@ -189,9 +191,9 @@ def _load(
     seconds["recovery"] = time.process_time() - solved
     seconds["total"] = time.process_time() - clock
     internal = system.internal_force(displacement)
-    outcome = _Outcome(displacement, internal, state, seconds, forces)
+    outcome = _Outcome(displacement, internal, state, seconds, forces, frictions(problem, state))
     return replace(
-        _result(system, options, outcome, searched=points is not None),
+        _result(system, options, outcome),
         slips=_slips(problem, points, state),
     )
 
@@ -244,7 +246,7 @@ def _in_contact_forces(
     spent = time.process_time() - clock
     seconds = {"setup": 0.0, "newton": spent, "recovery": 0.0, "total": spent}
     outcome = _Outcome(result.displacement, result.internal_force, state, seconds)
-    return replace(_result(system, options, outcome, searched=False), in_contact_forces=True)
+    return replace(_result(system, options, outcome), in_contact_forces=True)
 
 
 def _problem(
@@ -322,24 +324,26 @@ class _Outcome:
     """CPU time by stage [s]."""
     support_forces: FloatArray | None = None
     """Of the supports on the nodes, (n_nodes, 3) [N]; None: nothing is held."""
+    frictions: FloatArray | None = None
+    """On block s at the points of the system, (n_facets, n_points, 3) [MPa]; None: none acts."""
 
 
-def _result(
-    system: LocalSystem, options: StaticOptions, outcome: _Outcome, *, searched: bool
-) -> StaticResult:
+def _result(system: LocalSystem, options: StaticOptions, outcome: _Outcome) -> StaticResult:
     """Expand a solution to the whole assembly."""
     state, displacement = outcome.state, outcome.displacement
     deformable, orbits = system.deformable, system.orbits
     displacements = tuple(system.expand(displacement))
-    points = facing_points(deformable, displacements) if searched else None
-    surfaces: ContactSurfaces | SearchedSurfaces = deformable.surfaces
-    if points is None:
+    searched, friction = None, outcome.frictions
+    if isinstance(system.surfaces, SearchedSurfaces):
+        searched = searched_in_all_sectors(deformable, orbits, system.surfaces)
+        corners = corner_displacements(deformable, displacements, searched)
+        overclosure = searched.kinematics(corners, deformable.contact.normals).overclosure
+    else:
         result = system.kinematics(displacement, deformable.contact.normals)
         overclosure = result.overclosure.ravel()[orbits.point_of]
-    else:
-        surfaces = searched_surfaces(points, deformable.surfaces.clearance)
-        corners = corner_displacements(deformable, displacements, surfaces)
-        overclosure = surfaces.kinematics(corners, deformable.contact.normals).overclosure
+    if friction is not None:
+        friction = vectors_in_all_sectors(deformable, orbits, friction, searched)
+    surfaces = searched or deformable.surfaces
     law = deformable.contact.law.on(surfaces.block_m, surfaces.block_s)
     share = _copies(system)
     pressures = law.pressure(overclosure)
@@ -372,8 +376,8 @@ def _result(
         n_unknowns=displacement.size,
         load_steps=options.load_steps,
         cpu_seconds=outcome.seconds,
-        points=points,
-        searched=surfaces if isinstance(surfaces, SearchedSurfaces) else None,
+        searched=searched,
+        frictions=friction,
     )
 
 

@@ -29,7 +29,6 @@ def write_joints(joints: JointResultants, outputs: Outputs, names: tuple[str, ..
 
 def _write_table(joints: JointResultants, names: tuple[str, ...], path: Path) -> None:
     """One row a joint; forces and moments act on block s, moments about the centroid."""
-    name = joints.name
     named = np.array(names)
     columns = {
         "block_m": joints.block_m,
@@ -38,13 +37,13 @@ def _write_table(joints: JointResultants, names: tuple[str, ...], path: Path) ->
         "area_mm2": joints.areas,
         **components("centroid", joints.centroids, "mm"),
         **components("normal", joints.normals, ""),
-        **components(name("force"), joints.forces, "N"),
-        **components(name("moment"), joints.moments, "Nmm"),
-        f"{name('normal_force')}_N": joints.normal_force,
-        f"{name('shear_force')}_N": joints.shear_force,
-        f"{name('bending_moment')}_Nmm": joints.bending_moment,
-        f"{name('twisting_moment')}_Nmm": joints.twisting_moment,
-        **components(name("thrust_point"), joints.points, "mm"),
+        **components("force", joints.forces, "N"),
+        **components("moment", joints.moments, "Nmm"),
+        "normal_force_N": joints.normal_force,
+        "shear_force_N": joints.shear_force,
+        "bending_moment_Nmm": joints.bending_moment,
+        "twisting_moment_Nmm": joints.twisting_moment,
+        **components("thrust_point", joints.points, "mm"),
         **{f"{key}_mm": values for key, values in joints.motion.items()},
     }
 
@@ -65,13 +64,13 @@ def _write_points(joints: JointResultants, path: Path) -> None:
         path,
         joints.centroids,
         {
-            joints.name("force"): joints.forces,
-            joints.name("moment"): joints.moments,
+            "force": joints.forces,
+            "moment": joints.moments,
             "normal": joints.normals,
-            joints.name("normal_force"): joints.normal_force,
-            joints.name("shear_force"): joints.shear_force,
-            joints.name("bending_moment"): joints.bending_moment,
-            joints.name("eccentricity"): joints.eccentricity,
+            "normal_force": joints.normal_force,
+            "shear_force": joints.shear_force,
+            "bending_moment": joints.bending_moment,
+            "eccentricity": joints.eccentricity,
             "area": joints.areas,
             **joints.motion,
             "block_m": joints.block_m.astype(np.int32),

@@ -11,11 +11,15 @@ from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
+from scipy.spatial import cKDTree
 
+from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.symmetry import Orbits
 from fem.contact.friction import CoulombFriction, FrictionError
 from fem.contact.law import ContactLaw
+from fem.contact.search import SearchedSurfaces
 from fem.contact.surfaces import ContactNormals
-from fem.element.facet import FACET_VALUES
+from fem.element.facet import FACET_SLOPES, FACET_VALUES
 from fem.explicit.body import Body
 from fem.explicit.contact.alike_pairs import WIDEST, AlikePairs, unit_widths
 from fem.explicit.contact.compiled_law import compiled_law
@@ -210,6 +214,20 @@ class _BoundContact:
         gap = self._work.gap[point : point + 4 * n * width].reshape(n, 4, width)[:, :, :real]
         return gap + self._clearance, self._data.weights[first:last, :, None]
 
+    def contact(self) -> tuple[SearchedSurfaces | None, FloatArray | None]:
+        """Elastic slips at the last force evaluation: of all pairs, facets and points, (n, 2) [mm].
+
+        Along the first edge of the facet, and across it: `paired_frictions`.
+        """
+        if self._slip is None:
+            return None, None
+        slips = []
+        for kind, width, real, _, _, point, *_ in self._data.units:
+            n = int(self._data.alike[kind + 1, 1] - self._data.alike[kind, 1])
+            slip = self._slip[4 * point : 4 * (point + 4 * n * width)].reshape(n, 4, 4, width)
+            slips.append(slip[:, :, :2, :real].transpose(3, 0, 1, 2).reshape(-1, 2))
+        return None, np.concatenate(slips)
+
     def fault(self, system: System) -> str | None:
         """Where the stiffness of the law exceeds what the time step allows, and the remedy."""
         counted = self._statement.counted_stiffness
@@ -266,6 +284,74 @@ class _BoundContact:
         square = (slip[:, :, :2, :real] ** 2).sum(axis=(2, 3))
         weights = self._data.weights[first:last]
         return 0.5 * self._friction.stick_stiffness * float((weights * square).sum())
+
+
+def paired_frictions(
+    deformable: DeformableAssembly,
+    orbits: Orbits,
+    pairs: tuple[AlikePairs, ...],
+    displacements: tuple[FloatArray, ...],
+    slips: FloatArray,
+) -> FloatArray:
+    """Friction on block s of the facets of orbits, world axes, (n_facets, 4, 3) [MPa].
+
+    Parameters
+    ----------
+    deformable, orbits
+        The whole assembly, and its facets that are computed.
+    pairs
+        Those facets, as the loops have them.
+    displacements
+        Of all groups, world axes, (n_copies, n_nodes, 3) [mm].
+    slips
+        Elastic slips of their points (`Interaction.contact`), (n, 2) [mm].
+    """
+    friction, surfaces = deformable.contact.friction, deformable.surfaces.subset(orbits.facets)
+    assert friction is not None
+    blocks = [np.repeat(alike.blocks, alike.n_facets, axis=0) for alike in pairs]
+    quads = [
+        np.tile(alike.nodes[alike.corners].transpose(0, 2, 1), (alike.n_pairs, 1, 1))
+        for alike in pairs
+    ]
+    theirs = np.concatenate(blocks)
+    here = _middles(deformable, displacements, theirs, np.concatenate(quads))
+    first, second = np.moveaxis(np.einsum("pak,fai->fpki", FACET_SLOPES, here), 2, 0)
+    normal, along = (
+        v / np.linalg.norm(v, axis=2, keepdims=True) for v in (np.cross(first, second), first)
+    )
+    axes = np.stack([along, np.cross(normal, along)], axis=2).reshape(-1, 2, 3)
+    traction = -friction.stick_stiffness * np.einsum("nk,nki->ni", slips, axes)
+    # The loops order facets and corners in their own way: points are found by their places.
+    ours = np.stack([surfaces.block_m, surfaces.block_s], axis=1)
+    there = _middles(
+        deformable, displacements, ours, np.stack([surfaces.quads_m, surfaces.quads_s], axis=1)
+    )
+    at, where = (np.einsum("pa,fai->fpi", FACET_VALUES, x).reshape(-1, 3) for x in (here, there))
+    point = cKDTree(at).query(where)[1]
+    swapped = theirs[point // 4, 0] != np.repeat(surfaces.block_m, 4)
+    signed: FloatArray = np.where(swapped, -1.0, 1.0)[:, None] * traction[point]
+    return signed.reshape(-1, 4, 3)
+
+
+def _middles(
+    deformable: DeformableAssembly,
+    displacements: tuple[FloatArray, ...],
+    blocks: IntArray,
+    quads: IntArray,
+) -> FloatArray:
+    """Corners of pairs of facets, the means of both sides, (n, 4, 3) [mm].
+
+    Of blocks (n, 2) and their nodes (n, 2, 4).
+    """
+    result = np.zeros((len(blocks), 4, 3))
+    for side, of in enumerate(blocks.T):
+        for block in np.unique(of).tolist():
+            place, group = deformable.positions(block), int(deformable.group_of[block])
+            if group >= 0:
+                place = place + displacements[group][int(deformable.copy_of[block])]
+            mine = of == block
+            result[mine] += 0.5 * place[quads[mine, side]]
+    return result
 
 
 def _constants(statement: FaceContact, data: UnitArrays) -> FloatArray:

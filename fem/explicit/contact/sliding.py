@@ -17,7 +17,13 @@ import numpy as np
 from fem.assembly.contact_state import ContactState, searched_state
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw, LawConstants
-from fem.contact.search import BlockSurface, FacingPoints, facet_area_vectors
+from fem.contact.search import (
+    BlockSurface,
+    FacingPoints,
+    SearchedSurfaces,
+    facet_area_vectors,
+    searched_surfaces,
+)
 from fem.explicit.body import Body
 from fem.explicit.contact.compiled_law import compiled_law
 from fem.explicit.contact.paired import check_stick, largest_stiffness
@@ -94,8 +100,9 @@ class SlidingContact:
 
     @cached_property
     def at_start(self) -> ContactState:
-        """Contact before any displacement, of the sector that is computed."""
-        return sliding_state(self, None)
+        """What faces what before any displacement, in the sector that is computed; no pressures."""
+        points = searched_surfaces(_points(self), self.clearance)
+        return searched_state(points, np.zeros_like(points.corners), None)
 
     def bind(self, bodies: tuple[Body, ...]) -> Interaction:
         """Prepare the force for the loop."""
@@ -305,6 +312,11 @@ class BoundSlidingContact:
         """Energy dissipated by friction up to the last force evaluation [N mm]."""
         return 0.0 if self._dissipated is None else float(self._dissipated[0])
 
+    def contact(self) -> tuple[SearchedSurfaces | None, FloatArray | None]:
+        """Points at the last force evaluation, and their elastic slips (n, 3) [mm], world axes."""
+        surfaces = searched_surfaces(self.points, self._statement.clearance)
+        return surfaces, None if self._slip is None else self._slip[surfaces.order]
+
     def fault(self, system: System) -> str | None:
         """Where the stiffness of the law exceeds what the time step allows, and the remedy."""
         counted = self._statement.counted_stiffness
@@ -352,25 +364,6 @@ def _points(statement: SlidingContact) -> FacingPoints:
         symmetry=statement.symmetry,
         slight=_SLIGHT,
     )
-
-
-def sliding_state(
-    statement: SlidingContact, displacements: tuple[FloatArray, ...] | None
-) -> ContactState:
-    """Contact of all facets that face another block at given displacements.
-
-    Parameters
-    ----------
-    statement
-        Surfaces and law, every block computed.
-    displacements
-        Of each group, world axes, (n_copies, n_nodes, 3) [mm]; None: before any displacement.
-    """
-    points = _points(statement)
-    if displacements is not None:
-        points.displace(displacements)
-        points.search()
-    return searched_state(points, statement.law, statement.clearance)
 
 
 def _group(points: FacingPoints, number: int, body: Body) -> _Group:

@@ -11,6 +11,7 @@ import numpy as np
 from fem.assembly.contact_state import (
     ContactState,
     block_surfaces,
+    corner_displacements,
     facing_points,
     matched_pressures,
     matched_state,
@@ -18,12 +19,18 @@ from fem.assembly.contact_state import (
 )
 from fem.assembly.deformable import ALL_THE_WAY, DeformableAssembly
 from fem.assembly.local_system import FreeMotions, LocalSystem, free_motions, local_system
-from fem.assembly.symmetry import Orbits, no_symmetry
+from fem.assembly.symmetry import (
+    Orbits,
+    no_symmetry,
+    searched_in_all_sectors,
+    vectors_in_all_sectors,
+)
 from fem.contact.law import ContactLaw
+from fem.contact.search import SearchedSurfaces, searched_surfaces
 from fem.contact.surfaces import ContactError, ContactNormals
 from fem.explicit.body import Body
 from fem.explicit.contact.alike_pairs import alike_pairs
-from fem.explicit.contact.paired import FaceContact
+from fem.explicit.contact.paired import FaceContact, paired_frictions
 from fem.explicit.contact.sliding import SlidingContact
 from fem.explicit.kernels.layout import LaneArray, to_lanes
 from fem.explicit.state import State
@@ -109,6 +116,10 @@ class _BoundHold:
         """Nothing is lost."""
         return 0.0
 
+    def contact(self) -> tuple[SearchedSurfaces | None, FloatArray | None]:
+        """No contact."""
+        return None, None
+
     def fault(self, system: System) -> str | None:  # noqa: ARG002 - as of all
         """Never makes a run unstable."""
         return None
@@ -184,14 +195,45 @@ class ExplicitAssembly:
     sliding: SlidingContact | None = None
     """Contact of the model where a search finds facets; None: matched facets stay matched."""
 
-    def contact_state(self, displacements: tuple[FloatArray, ...]) -> ContactState:
-        """Contact of the whole assembly at displacements of the model's groups, world axes."""
-        full = self.expand(displacements)
+    def contact_state(
+        self,
+        displacements: tuple[FloatArray, ...],
+        searched: SearchedSurfaces | None = None,
+        slips: FloatArray | None = None,
+    ) -> ContactState:
+        """Contact of the whole assembly at displacements of the model's groups, world axes.
+
+        Parameters
+        ----------
+        displacements
+            (n_copies, n_nodes, 3) [mm] of each group.
+        searched, slips
+            Points and elastic slips of the run there (`fem.explicit.step.Interaction.contact`).
+            None: points are searched, and no friction acts.
+        """
+        whole, full = self.deformable, self.expand(displacements)
+        friction = whole.contact.friction
+        traction = None
         if self.sliding is not None:
-            points = facing_points(self.deformable, full)
-            return searched_state(points, self.sliding.law, self.sliding.clearance)
-        pressures, overclosures = matched_pressures(self.deformable, full)
-        return matched_state(self.deformable, full, pressures, overclosures)
+            if searched is None:
+                surfaces = searched_surfaces(facing_points(whole, full), self.sliding.clearance)
+            else:
+                surfaces = searched_in_all_sectors(whole, self.orbits, searched)
+            if friction is not None and slips is not None:
+                traction = -friction.stick_stiffness * slips[:, None]
+                traction = vectors_in_all_sectors(whole, self.orbits, traction, surfaces)[:, 0]
+            moved = corner_displacements(whole, full, surfaces)
+            return searched_state(surfaces, moved, whole.contact, traction)
+        if friction is not None and slips is not None:
+            pairs = self.face_contact.pairs
+            traction = paired_frictions(whole, self.orbits, pairs, full, slips)
+            traction = vectors_in_all_sectors(whole, self.orbits, traction, None)
+        return matched_state(whole, full, *matched_pressures(whole, full), traction)
+
+    @property
+    def face_contact(self) -> FaceContact:
+        """Contact of the model on matched facets."""
+        return next(i for i in self.model.interactions if isinstance(i, FaceContact))
 
     def expand(self, displacements: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
         """World displacements of every block from those of the representatives.

@@ -20,6 +20,7 @@ from geometry.answer import TITLES, Measure, measure_rows
 from geometry.files.whole import write_whole
 from geometry.system import peak_memory_mb
 from validation.output import answer_files
+from validation.output.balance import add_reactions, add_search
 from validation.output.console import add_dimensions, listing, two_columns
 from validation.output.deformable.fields import FRAMES
 from validation.output.files import write_csv
@@ -158,14 +159,7 @@ def _add_motion(table: Table, run: DeformableRun) -> None:
 def _add_supports(table: Table, run: DeformableRun) -> None:
     """Add the force of each support on the blocks, and how far supports moved."""
     static = run.solution.static
-    for k, (name, result) in enumerate(run.solution.reactions.items()):
-        force = ", ".join(f"{value:.5g}" for value in result["force"])
-        table.add_row("" if k else "forces of supports", f"{name}: ({force}) N")
-    if run.solution.reactions_left_out:
-        table.add_row(
-            "forces of supports",
-            'not computed: the run is of one sector; set fem.symmetry = "none" for them',
-        )
+    add_reactions(table, run.answer.report)
     words = [_curve_words(curve) for curve in run.solution.push_curves]
     if static is not None and "none was found" in static.status:
         words.insert(0, static.status)
@@ -319,6 +313,9 @@ def _add_contact(table: Table, run: DeformableRun) -> None:
         words = f"those of [mesh], {size:.3g} mm (square root of the mean area)"
         table.add_row("facets of p_eff, p_max", words)
     table.add_row("contact search", str(run.contact_search))
+    force = run.answer.measures.get("largest_joint_force")
+    bar = np.inf if force is None or force.error is None else force.error / force.value
+    add_search(table, run.answer.report, bar)
     if run.friction is not None:
         table.add_row("friction", _friction_words(run.friction))
     _add_slip(table, run.solution.slip)

@@ -12,6 +12,7 @@ from geometry.answer import FACTORS, Measure
 from geometry.assembly import AnyBlocks
 from mbd import Classification, Mechanism, MechanismClass, SelfStress
 from mbd.force_range import ForceRanges
+from validation.output.balance import add_reactions
 from validation.output.section_forces import add_sections
 from validation.run.rigid.answer import RigidAnswer
 from validation.run.rigid.further import Further
@@ -106,6 +107,7 @@ def add_first_rows(table: Table, run: RigidAnswer) -> None:
         table.add_row("normal forces of joints", joint_force_words(result, run.assembly))
     if "total_reaction" in result:
         table.add_row("total reaction", reaction_words(result, run.answer.report["reaction"]))
+        add_reactions(table, run.answer.report)
     add_sections(table, run.sections)
     if run.scene.sections and run.sections is None:
         table.add_row("sections", "none: no forces of the load")
