@@ -27,11 +27,20 @@ demo: setup
 test: setup
 	$(BIN)/python -m pytest -n 2 --dist worksteal
 
-# What is compiled, on a processor without wide vectors: no test may depend on the processor.
-PROCESSOR_TESTS ?= tests/fem/test_kernels.py tests/fem/test_contact_law.py \
-  tests/fem/test_explicit_contact.py
-processor: setup
-	NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES= $(BIN)/python -m pytest -n 2 $(PROCESSOR_TESTS)
+# No test may depend on the processor: linear algebra of processors without and with wide vectors
+# (kernels of OpenBLAS), and machine code without them (generic). Some six CPU minutes.
+PROCESSORS ?= Prescott $(shell grep -sqw avx2 /proc/cpuinfo && echo Haswell) \
+  $(shell grep -sqw avx512f /proc/cpuinfo && echo SkylakeX) generic
+PROCESSOR_TESTS ?= tests/mbd tests/cases/test_rigid_answer.py tests/fem/test_static.py \
+  tests/fem/test_condensation.py tests/fem/test_load_path.py tests/fem/test_deck_laws.py \
+  tests/fem/test_abaqus.py tests/fem/test_problem_deck.py tests/cases/test_own_files.py \
+  tests/cases/test_own_curved.py tests/fem/test_own_law.py tests/fem/test_kernels.py \
+  tests/fem/test_contact_law.py tests/fem/test_explicit_contact.py tests/fixtures
+processor: $(PROCESSORS:%=processor-%)
+
+processor-%: setup
+	$(if $(filter generic,$*),NUMBA_CPU_NAME=generic NUMBA_CPU_FEATURES=,OPENBLAS_CORETYPE=$*) \
+	  $(BIN)/python -m pytest -n 2 --dist worksteal $(PROCESSOR_TESTS)
 
 # Types take one core for a minute: the rest goes on beside them.
 check: setup

@@ -120,10 +120,9 @@ def test_the_same_scene_gives_the_same_bytes(tubelock) -> None:
         assert Path("a.inp").read_bytes() == Path("b.inp").read_bytes()
 
 
-def test_twelve_layers_are_written_in_time(tmp_path: Path) -> None:
-    """698 880 elements in 56 instances of three parts: 20 s are promised, one is needed."""
+def test_twelve_layers_are_three_parts(tmp_path: Path) -> None:
+    """698 880 elements in 56 instances: each block is written once for each of its shapes."""
     written = export_deck(load_scene("tsb1-pipe"), Flavour.GENERAL, tmp_path / "case.inp")
-    assert written.cpu_seconds < 20.0
     assert written.n_bytes < 5e6
     assert written.keywords["*Instance"] == 56
     assert written.keywords["*Part"] == 3

@@ -198,7 +198,7 @@ def test_hexagon_blocks_have_a_cell() -> None:
     mesh = ["mesh.edge=4", "mesh.radial=1"]
     scene = scene_of(*mesh, "fem.symmetry='periodic cell'", case="thb0-tunnel")
     run = run_static("cell", scene)
-    assert run.solution.static.newton_iterations < 12
+    assert run.solution.static.converged
     sparse = solve_static(run.solution.deformable, StaticOptions(method=StaticMethod.SPARSE))
     np.testing.assert_allclose(
         sparse.facet_pressures,

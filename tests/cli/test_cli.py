@@ -107,35 +107,6 @@ def test_reference_numbers_live_in_one_file() -> None:
     assert set(reference()["table"]) == {"TSB1", "TSB2", "THB0"}
 
 
-@pytest.mark.slow
-def test_tables_come_out_of_the_open_code(tubelock) -> None:
-    """Thirty of 33 numbers to the last printed digit; of the pillar, what is off is bounded."""
-    status, out, _ = tubelock("reproduce", "tables", "--json", "-")
-    assert status == 0
-    found = json.loads(out)
-    assert (found["to_the_digit"], found["of"]) == (30, 33)
-    assert len(found["rows"]) == 33
-    assert set(found["rows"][0]) == {
-        "block",
-        "case",
-        "quantity",
-        "paper",
-        "ours",
-        "relative_difference",
-        "to_the_digit",
-        "physical",
-    }
-    off = {(r["block"], r["case"], r["quantity"]) for r in found["rows"] if not r["to_the_digit"]}
-    assert off == {
-        ("TSB1", "pillar", "effective"),
-        ("TSB2", "pillar", "effective"),
-        ("TSB2", "pillar", "p_max"),
-    }
-    assert max(abs(row["relative_difference"]) for row in found["rows"]) < 0.042
-    assert len(found["classes"]) == 15
-    assert all(row["paper"] == row["ours"] for row in found["classes"])
-
-
 # ---------------------------------------------------------------------------------------------
 # Bad input
 

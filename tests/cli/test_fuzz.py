@@ -1,9 +1,8 @@
-"""Whatever stands at a key of a scene: it is read, or refused in one line and in time."""
+"""Whatever stands at a key of a scene: it is read, or refused in one line."""
 
 from __future__ import annotations
 
 import math
-import time
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -29,8 +28,6 @@ from tests.support.face import (
 from tests.support.wrong_input import PLACES, keys, kind_of
 
 EXPLICIT = 'fem.method="explicit"'
-#: CPU seconds that a refusal may take.
-LONGEST = 10.0
 
 NUMBERS = st.one_of(
     st.floats(),
@@ -74,9 +71,7 @@ def changed(name: str, path: tuple[str, ...], value: Any) -> dict[str, Any]:
 def test_every_value_of_every_key_is_read_or_refused_in_one_line(
     place: tuple[str, tuple[str, ...]], value: Any
 ) -> None:
-    start = time.process_time()
     words = refusal(lambda: check_scene(changed(*place, value), "scene"))
-    assert time.process_time() - start < LONGEST
     assert words.startswith("scene: ") or not words
     assert "\n" not in words
     assert "expected one of  " not in words
@@ -127,7 +122,7 @@ def test_what_is_read_is_built_or_refused_in_one_line(
     assert "\n" not in refusal(build)
 
 
-def test_scenes_beyond_the_memory_of_a_machine_are_refused_at_once() -> None:
+def test_scenes_beyond_the_memory_of_a_machine_are_refused() -> None:
     for name, change, remedy in (
         ("tsb1-pipe", "mesh.radial=1000000", "fewer elements"),
         ("tsb1-pipe", "assembly.layers=100000000000000000000000000000", "fewer blocks"),
@@ -136,23 +131,19 @@ def test_scenes_beyond_the_memory_of_a_machine_are_refused_at_once() -> None:
         ("cantilever", "mesh.divisions=[100000, 10000, 1000]", "fewer elements"),
         ("arch", "assembly.voussoirs=10000000", "fewer of them"),
     ):
-        start = time.process_time()
         with pytest.raises(InputError, match=f"GB of memory.*{remedy}"):
             load_scene(name, [change])
-        assert time.process_time() - start < 1.0
 
 
-def test_deformable_blocks_beyond_the_memory_of_a_machine_are_refused_at_once() -> None:
+def test_deformable_blocks_beyond_the_memory_of_a_machine_are_refused() -> None:
     for name, changes in (
         ("tsb1-pipe", ["mesh.around=1200", "mesh.radial=100", "mesh.axial=200"]),
         ("tsb1-pipe", ["mesh.around=1200", "mesh.radial=100", "mesh.axial=200", EXPLICIT]),
         ("cantilever", ["mesh.divisions=[500, 300, 300]", 'fem.method="static"']),
     ):
         file = load_scene(name, changes)
-        start = time.process_time()
         with pytest.raises(InputError, match=r"GB of memory.*fewer elements"):
             fem_section(file.scene, name)  # type: ignore[arg-type]
-        assert time.process_time() - start < 1.0
 
 
 def test_studies_without_end_are_refused_at_once() -> None:

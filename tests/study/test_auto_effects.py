@@ -132,7 +132,6 @@ def test_damping_does_not_change_the_state_at_rest() -> None:
     scene = scene_of(*plain, *damped, "effects.auto.decide=['rayleigh','bulk_viscosity']")
     decided, found = decide_effects(scene, "tube")
     assert set(found.left_out) == {EffectName.RAYLEIGH, EffectName.BULK_VISCOSITY}
-    assert found.cpu_seconds < 1.0
     with_damping = run_explicit("tube", scene_of(*plain, *damped))
     without, bare = (run_explicit("tube", s) for s in (decided, scene_of(*plain)))
     assert change(answer_of(with_damping.solution), answer_of(without.solution)).largest < 2e-3

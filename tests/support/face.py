@@ -161,7 +161,7 @@ _INNER = {
         "connected_solids file_blocks flat_side hexahedral_block six_sided_hexahedra "
         "split_tetrahedra"
     ),
-    "geometry.files.mesh_io": "interface_surface read_any_mesh write_hex_mesh write_triangles",
+    "geometry.files.mesh_io": "read_any_mesh write_hex_mesh write_triangles",
     "geometry.files.named_surfaces": "Y_UP",
     "geometry.files.quadratic": "NATURAL",
     "geometry.files.whole": "write_whole",
@@ -229,8 +229,7 @@ _INNER = {
     "validation.output.pictures.scales": "BLUE Scale VERMILION scale_from_zero symmetric_scale",
     "validation.output.pictures.sections": "picture_section=section",
     "validation.output.pictures.tubes": (
-        "MISES pictures_tubes_module=* run_facets section_heights stress_scale stresses_of "
-        "tube_section=section"
+        "MISES pictures_tubes_module=* run_facets section_heights stress_scale stresses_of"
     ),
     "validation.output.provenance": "Provenance processor program stamp_vtu stamped",
     "validation.output.rigid.assembly": "print_rigid",
@@ -243,15 +242,15 @@ _INNER = {
     "validation.pages.report": "report_scene",
     "validation.pages.verdicts": "BAD GOOD OPEN strength_verdict",
     "validation.paper.claims.claim": "Truth",
-    "validation.paper.claims.deformable": "BLOCKS PAPER_CASES=CASES pressure_pairs",
+    "validation.paper.claims.deformable": "pressure_pairs",
     "validation.paper.claims.judge": "claims judge_claims",
     "validation.paper.deformable_study": (
         "Compared complete_axes judge_geometry rank_correlations read_rows"
     ),
     "validation.paper.errata": "errata show_errata",
-    "validation.paper.evidence": "Design Evidence PATHS StudyTable read_table",
+    "validation.paper.evidence": "Design Evidence PATHS StudyTable",
     "validation.paper.figures": "cost_rows parameter_curves rings",
-    "validation.paper.figures_fem": "outer_surface paper_figures_fem_module=*",
+    "validation.paper.figures_fem": "paper_figures_fem_module=*",
     "validation.paper.reading": "ingredients paper_sensitivity=sensitivity to_the_digit",
     "validation.paper.reference": "reference",
     "validation.paper.report": "Extent report_evidence",
