@@ -1,0 +1,150 @@
+"""The command runs where the system lacks what POSIX alone has, as Windows does."""
+
+from __future__ import annotations
+
+import ast
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+PACKAGES = ("geometry", "mbd", "fem", "validation")
+#: Loaded by every Python process of a test, workers too: takes away what Windows lacks. Libraries
+#: keep their modules: they ask for the system by its name. With an environment variable a process
+#: is interrupted soon after it catches SIGTERM.
+HIDING = """
+import builtins, os, psutil, signal, threading
+
+MODULES = {"resource", "fcntl", "pwd", "grp", "termios", "tty", "pty", "posix"}
+NAMES = {
+    signal: "SIGVTALRM SIGKILL SIGALRM SIGHUP SIGPIPE SIGUSR1 SIGCHLD pthread_sigmask pthread_kill "
+    "setitimer ITIMER_VIRTUAL alarm",
+    os: "fork forkpty killpg sysconf getuid sched_getaffinity getloadavg",
+}
+for module, names in NAMES.items():
+    for name in names.split():
+        if hasattr(module, name):
+            delattr(module, name)
+load, catch = builtins.__import__, signal.signal
+
+def hiding(name, globals=None, *rest, **options):
+    loader = (globals or {}).get("__name__", "").partition(".")[0]
+    if name in MODULES and loader in PACKAGES:
+        raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+    return load(name, globals, *rest, **options)
+
+def interrupting(number, handler):
+    if number == signal.SIGTERM and callable(handler):
+        threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
+    return catch(number, handler)
+
+builtins.__import__ = hiding
+if "INTERRUPTED" in os.environ:
+    signal.signal = interrupting
+"""
+
+
+@pytest.fixture
+def poor(tmp_path: Path) -> dict[str, str]:
+    """Environment of processes that lack what POSIX alone has."""
+    (tmp_path / "hiding").mkdir()
+    text = f"PACKAGES = {PACKAGES}\n{HIDING}"
+    (tmp_path / "hiding" / "sitecustomize.py").write_text(text, encoding="utf-8")
+    return os.environ | {"PYTHONPATH": str(tmp_path / "hiding")}
+
+
+def tubelock(*words: str, cwd: Path, env: dict[str, str]) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "validation.cli", *words]
+    return subprocess.run(
+        command, cwd=cwd, env=env, capture_output=True, encoding="utf-8", check=False, timeout=300
+    )
+
+
+SMALL = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
+
+
+@pytest.mark.parametrize(("command", "key"), [("mbd", "load.layer=1"), ("fem", "fem.mesh=scene")])
+def test_an_answer(command: str, key: str, tmp_path: Path, poor: dict[str, str]) -> None:
+    settings = [word for setting in (*SMALL, key) for word in ("--set", setting)]
+    done = tubelock(command, "tsb1-beam", *settings, cwd=tmp_path, env=poor)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_an_interrupted_run_goes_on(tmp_path: Path, poor: dict[str, str]) -> None:
+    """Ctrl-C ends it with a checkpoint, from which it comes to the same fields."""
+    run = ("fem", "cantilever", "--set", "mesh.divisions=[8,2,2]", "--set", "fem.frames=0")
+    whole = tubelock(*run, "-o", "whole", cwd=tmp_path, env=poor)
+    assert (whole.returncode, whole.stderr) == (0, "")
+    cut = tubelock(*run, "-o", "cut", cwd=tmp_path, env=poor | {"INTERRUPTED": "yes"})
+    assert cut.returncode == 130
+    assert "Traceback" not in cut.stderr
+    checkpoint = str(Path("cut", "checkpoint.npz"))
+    resumed = tubelock(*run, "-o", "cut", "--resume", checkpoint, cwd=tmp_path, env=poor)
+    assert resumed.returncode == 0
+    fields = [(tmp_path / folder / "fields.vtu").read_bytes() for folder in ("whole", "cut")]
+    assert fields[0] == fields[1]
+
+
+STUDY = """
+scene = "brick-stack"
+[parameters]
+load.pressure = { from = 0.01, to = 0.2, step = 0.01 }
+[settings]
+load.case = "beam"
+mesh.divisions = [16, 12, 12]
+assembly = { columns = 2, layers = 3 }
+"""
+
+
+def rows(path: Path) -> int:
+    """Rows in a file of results; 0 while it is made."""
+    try:
+        with sqlite3.connect(f"file:{path}?mode=ro", uri=True) as connection:
+            return int(connection.execute("SELECT count(*) FROM rows").fetchone()[0])
+    except sqlite3.OperationalError:
+        return 0
+
+
+def test_an_interrupted_study_goes_on(tmp_path: Path, poor: dict[str, str]) -> None:
+    (tmp_path / "many.toml").write_text(STUDY, encoding="utf-8")
+    words = ("sweep", "many.toml", "-o", "many.sqlite", "--workers", "2")
+    command = [sys.executable, "-m", "validation.cli", *words]
+    with subprocess.Popen(
+        command,
+        cwd=tmp_path,
+        env=poor,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 - no locks
+    ) as process:
+        end = time.monotonic() + 120
+        while not rows(tmp_path / "many.sqlite") and time.monotonic() < end:
+            time.sleep(0.01)
+        os.killpg(process.pid, signal.SIGINT)
+        said = process.communicate(timeout=120)[1]
+    assert process.returncode == 130
+    assert "run the same command to go on" in said
+    assert "Traceback" not in said
+    assert 1 <= rows(tmp_path / "many.sqlite") < 20
+    done = tubelock(*words, cwd=tmp_path, env=poor)
+    assert (done.returncode, rows(tmp_path / "many.sqlite")) == (0, 20)
+    assert {path.name for path in tmp_path.iterdir()} == {"many.toml", "many.sqlite", "hiding"}
+
+
+@pytest.mark.quick
+def test_what_differs_between_systems_is_imported_in_one_file() -> None:
+    posix = {"resource", "fcntl", "pwd", "grp", "termios", "tty", "pty", "posix"}
+    root = Path(__file__).parents[2]
+    users = set()
+    for path in (path for package in PACKAGES for path in (root / package).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            modules = [name.name for name in node.names] if isinstance(node, ast.Import) else []
+            modules += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            users |= {path.relative_to(root)} if posix & set(modules) else set()
+    assert users == {Path("geometry", "system.py")}
