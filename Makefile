@@ -11,12 +11,16 @@ OUT    ?= out/demo
 export OMP_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: setup demo test processor check quick lint types floors spelling format bench benchmark fuzz mutation docs pages wheel clean
+.PHONY: setup anew demo test lowest processor check quick lint types floors spelling format bench benchmark fuzz mutation docs pages wheel clean
 
 setup: $(VENV)/.installed
 
-$(VENV)/.installed: pyproject.toml
-	$(PYTHON) -m venv $(VENV)
+# An environment belongs to one Python: `make test PYTHON=python3.12` makes that of another anew.
+OTHER := $(if $(filter-out file,$(origin PYTHON)),$(shell \
+  test "$$($(PYTHON) -VV 2>&1)" = "$$($(BIN)/python -VV 2>&1)" || echo other))
+
+$(VENV)/.installed: pyproject.toml $(OTHER:other=anew)
+	test -x $(BIN)/python -a -z "$(OTHER)" || $(PYTHON) -m venv --clear $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/python -m pip install --quiet --editable . --group dev
 	touch $@
@@ -26,6 +30,24 @@ demo: setup
 
 test: setup
 	$(BIN)/python -m pytest -n 2 --dist worksteal
+
+# Quick tests with the lowest versions that pyproject.toml allows. Their environment stays in the
+# user's cache until pyproject.toml changes.
+OLDEST ?= python3.11
+CACHE  ?= $(or $(XDG_CACHE_HOME),$(HOME)/.cache)/tubelock-lowest
+LOWEST  = $(CACHE)/$(shell cksum pyproject.toml | cut -d ' ' -f 1)
+lowest:
+	test -e $(LOWEST)/installed || $(MAKE) --no-print-directory $(LOWEST)/installed
+	$(LOWEST)/bin/uv pip install --quiet --python $(LOWEST)/bin/python --no-deps --editable .
+	$(LOWEST)/bin/python -m pytest -n 2 --dist worksteal -m "quick and not slow"
+
+$(LOWEST)/installed:
+	rm -rf $(CACHE)
+	$(OLDEST) -m venv $(LOWEST)
+	$(LOWEST)/bin/python -m pip install --quiet uv
+	$(LOWEST)/bin/uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct \
+	  --requirements pyproject.toml --group test
+	touch $@
 
 # No test may depend on the processor: linear algebra of processors without and with wide vectors
 # (kernels of OpenBLAS), and machine code without them (generic). Some six CPU minutes.
@@ -97,8 +119,9 @@ pages: setup
 	cd docs && ../$(BIN)/python -m ext.pages
 	$(BIN)/jupytext --quiet --to notebook docs/tutorials/notebook.md
 
+# Wheel and source archive.
 wheel: setup
-	$(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist .
+	$(BIN)/python -m hatchling build -d dist
 
 clean:
 	rm -rf $(VENV) out .pytest_cache .mypy_cache .ruff_cache .import_linter_cache
