@@ -7,10 +7,11 @@ import pytest
 import pyvista
 
 from mbd import analyse
-from tests.fixtures.commands import TUBE, tubelock
+from tests.support.face import command
 from validation import load_scene, write
 
-COARSE = (*TUBE, "--set", "assembly.layers=1", "--set", "fem.mesh=scene")
+MESH = ("mesh.around=12", "mesh.radial=1", "mesh.axial=4", "assembly.layers=1", "fem.mesh=scene")
+COARSE = tuple(word for setting in MESH for word in ("--set", setting))
 EXPLICIT = (
     *("--set", "fem.method=explicit", "--set", "fem.end_time=2e-5", "--set", "fem.frames=3"),
     *("--set", "fem.error_estimate=false"),
@@ -29,7 +30,7 @@ RUNS = {
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("words", RUNS.values(), ids=RUNS)
 def test_a_reader_of_others_opens_every_field_that_is_written(tmp_path, words):
-    status, printed = tubelock(*words, "-o", str(tmp_path))
+    status, _, printed = command(*words, "-o", str(tmp_path))
     assert status == 0, printed
     meshes = [path for path in tmp_path.iterdir() if path.suffix in (".vtu", ".pvd")]
     assert meshes
@@ -47,7 +48,7 @@ def test_a_reader_of_others_opens_every_field_that_is_written(tmp_path, words):
 
 def test_a_reader_of_others_opens_blocks_that_are_exported(tmp_path):
     path = tmp_path / "cubes.obj"
-    status, printed = tubelock("export", "cubes", "-o", str(path))
+    status, _, printed = command("export", "cubes", "-o", str(path))
     assert status == 0, printed
     assert pyvista.read(path).n_cells
 
@@ -58,15 +59,15 @@ def test_a_run_removes_what_it_would_have_replaced_and_nothing_else(tmp_path):
     for path in others:
         path.write_text("mine", "utf-8")
     loose = ("mbd", "tsb1-pipe", *COARSE[:-2], "--set", "block.amplitude=0", "-o", str(tmp_path))
-    assert tubelock(*loose)[0] == 0
+    assert command(*loose)[0] == 0
     assert (tmp_path / "mechanism.png").exists()
-    assert tubelock("mbd", "tsb1-pipe", *COARSE[:-2], "-o", str(tmp_path))[0] == 0
+    assert command("mbd", "tsb1-pipe", *COARSE[:-2], "-o", str(tmp_path))[0] == 0
     assert not (tmp_path / "mechanism.png").exists()
     rigid = {path.name for path in tmp_path.iterdir()}
     static = ("fem", "tsb1-pipe", *COARSE, "-o", str(tmp_path))
-    assert tubelock(*static, "--set", "fem.frames=2")[0] == 0
+    assert command(*static, "--set", "fem.frames=2")[0] == 0
     assert (tmp_path / "frames.pvd").exists()
-    assert tubelock(*static)[0] == 0
+    assert command(*static)[0] == 0
     left = {path.name for path in tmp_path.iterdir()}
     assert not [name for name in left if name.startswith("frame") and name != "frame_of_mine.vtu"]
     assert rigid <= left  # what a run of another method may not write stays
