@@ -186,8 +186,8 @@ _INNER = {
     "geometry.system": "children_cpu_seconds peak_memory_mb",
     "mbd.force_range": "DETERMINED PlaneProblem force_ranges plane_problem",
     "mbd.friction": (
-        "FrictionalContacts FrictionalEquilibrium _cones collapse_load frictional_contacts "
-        "frictional_equilibrium solve_conic"
+        "FrictionalContacts FrictionalEquilibrium admissible_cones collapse_load "
+        "frictional_contacts frictional_equilibrium solve_conic"
     ),
     "mbd.margin": "first_order_explosion",
     "mbd.options": "FrictionLaw",
