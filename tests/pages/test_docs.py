@@ -183,8 +183,10 @@ def test_every_link_inside_the_site_leads_somewhere() -> None:
 
 
 def _named(text: str) -> set[str]:
-    """First cells of tables, with the heads above them: commands, options, keys, public names."""
-    return set(re.findall(r"^(?:#.*|\| `[^|]*`|\| \[`[^|]*`)", text, re.MULTILINE))
+    """First cells of tables, with the heads above them: commands, options, keys, public names; of
+    keys their ranges, units and defaults too."""
+    row = r"\| `(?:[^|]*\|){3}[^|]*(?=\|[^|]*\|$)"
+    return set(re.findall(rf"^(?:#.*|{row}|\| \[?`[^|]*`)", text, re.MULTILINE))
 
 
 def test_reference_pages_in_the_repository_name_all_that_there_is(tmp_path: Path) -> None:
