@@ -320,7 +320,9 @@ class _Programs:
         left = self._work.simplex_iterations(entries)
         self._solver.setOptionValue("simplex_iteration_limit", left)
         self._solver.run()
-        self._work.simplex(self._solver.getInfo().simplex_iteration_count, entries)
+        iterations = self._solver.getInfo().simplex_iteration_count
+        ended = self._solver.getModelStatus() != self._status.kIterationLimit
+        self._work.simplex(iterations, entries, ended=ended)
         if self._solver.getModelStatus() != self._status.kOptimal:
             return None
         # From here on only costs change: the last x stays feasible.

@@ -15,7 +15,7 @@ Blocks that carry a load are held one way and not another: a small push along ea
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,18 +68,23 @@ class Margin:
 
 
 def interlocking_margin(
-    jacobian: ContactJacobian, areas: FloatArray, *, limit: float = MOST_WORK
+    jacobian: ContactJacobian,
+    areas: FloatArray,
+    *,
+    limit: float = MOST_WORK,
+    progress: Callable[[int], None] | None = None,
 ) -> Margin:
     """Carry unit forces and couples, both ways, on each free block in turn.
 
     Costs twelve equilibria for each free block. Areas are those of the contacts [mm²]; no further
-    load is asked after a limit of operations of `mbd.work.Work`.
+    load is asked after a limit of operations of `mbd.work.Work`. ``progress`` gets the number of
+    unit loads that were asked.
     """
     n_rows, n_contacts = jacobian.shape
     bearing = np.full((n_rows, 2), np.nan)
     mechanism: FloatArray | None = None
     weights = column_weights(Norm.PRESSURE, areas)
-    work = Work(limit)
+    work = Work(limit, progress=progress)
     for row in range(n_rows):
         for way, sign in enumerate((1.0, -1.0)):
             if work.spent:

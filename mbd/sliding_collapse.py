@@ -30,6 +30,7 @@ linear programming", Comput. Struct. 84 (2006).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -238,7 +239,8 @@ class _Programs:
         return {"options": {"maxiter": most}}
 
     def _count(self, solution: Any) -> None:
-        self.work.simplex(int(solution.nit), self._entries)
+        # Status 1: the limit of iterations.
+        self.work.simplex(int(solution.nit), self._entries, ended=solution.status != 1)
 
     def frozen(self, pressed: FloatArray) -> _State | None:
         """Largest factor, its forces and motion, with limits μ · ``pressed`` (n,) of friction.
@@ -327,13 +329,15 @@ def sliding_collapse(
     live: FloatArray,
     *,
     limit: float = MOST_WORK,
+    progress: Callable[[int], None] | None = None,
 ) -> SlidingCollapse:
     """Search the least α at which the blocks can begin to slide without dilation.
 
     The linear programs use the pyramid. With `FrictionLaw.CONE` the motion is chosen, and the state
     judged, by the cone: forces inside the pyramid reach it where joints slide along their
     tangents, as in plane walls and arches; elsewhere the state may fail to be certified. Dead and
-    live load are generalized forces, (n_rows,) [N]. ``limit`` is in operations of `mbd.work.Work`.
+    live load are generalized forces, (n_rows,) [N]. ``limit`` is in operations of `mbd.work.Work`;
+    ``progress`` gets the number of programs solved.
 
     Raises
     ------
@@ -343,7 +347,7 @@ def sliding_collapse(
     linear = replace(contacts, law=FrictionLaw.PYRAMID)
     start = collapse_load(linear, dead, live)
     scale, size = float(np.linalg.norm(dead)) or 1.0, float(np.linalg.norm(live))
-    work = Work(limit)
+    work = Work(limit, progress=progress)
     programs = _programs(linear, dead / scale, live / size, work)
     state = _first_state(programs, start, (scale, size))
     if state is None:

@@ -83,6 +83,7 @@ def squeeze(
     *,
     weights: FloatArray | None = None,
     limit: float = MOST_WORK,
+    progress: Callable[[int], None] | None = None,
 ) -> Squeeze:
     """Look for forces that the load itself brings about.
 
@@ -98,12 +99,14 @@ def squeeze(
         Column scaling of `mbd.equilibrium.column_weights`, (n_contacts,): w is its square.
     limit
         Operations of `mbd.work.Work` that may be spent; the least force of joints needs some more.
+    progress
+        Called with the number of programs solved.
     """
     size, mu = float(np.linalg.norm(load)), frictional.friction
     if size == 0.0 or not np.any(mu):
         return Squeeze(needed=False, programs=0)
     unit, limits = load / size, mu * forces[:, 0] / size
-    step, work, before = 1.0, Work(limit), np.inf
+    step, work, before = 1.0, Work(limit, progress=progress), np.inf
     normal = forces[:, 0] / size
     last = limits
     while not work.spent:

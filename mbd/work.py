@@ -6,6 +6,7 @@ cone programs those of the interior-point method, each of which factors a matrix
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 #: Operations of an analysis that solves one program after another: minutes.
@@ -25,6 +26,8 @@ class Work:
     done: float = 0.0
     programs: int = 0
     """Programs solved."""
+    progress: Callable[[int], None] | None = None
+    """Called with the number of programs solved, after each."""
 
     @property
     def spent(self) -> bool:
@@ -36,12 +39,18 @@ class Work:
         left = int((self.limit - self.done) / max(entries, 1))
         return min(max(left, 0), _MOST_ITERATIONS)
 
-    def simplex(self, iterations: int, entries: int) -> None:
-        """Count a linear program."""
-        self.programs += 1
-        self.done += iterations * entries
+    def simplex(self, iterations: int, entries: int, *, ended: bool = True) -> None:
+        """Count a linear program; one that did not end used up what was left."""
+        if not ended:
+            iterations = max(iterations, self.simplex_iterations(entries) + 1)
+        self._count(float(max(iterations, 1) * entries))
 
     def conic(self, iterations: int, entries: int) -> None:
         """Count a cone program."""
+        self._count(_FACTORS * max(iterations, 1) * entries)
+
+    def _count(self, operations: float) -> None:
         self.programs += 1
-        self.done += _FACTORS * iterations * entries
+        self.done += operations
+        if self.progress is not None:
+            self.progress(self.programs)

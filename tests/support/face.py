@@ -240,7 +240,7 @@ _INNER = {
     "validation.pages.explore.server": "application",
     "validation.pages.explore.sliders": "COARSE changed controls",
     "validation.pages.report": "report_scene",
-    "validation.pages.verdicts": "BAD GOOD OPEN strength_verdict",
+    "validation.pages.verdicts": "BAD GOOD OPEN strength_verdict verdicts",
     "validation.paper.claims.claim": "Truth",
     "validation.paper.claims.deformable": "pressure_pairs",
     "validation.paper.claims.judge": "claims judge_claims",

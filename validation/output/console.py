@@ -29,6 +29,9 @@ _WIDTH = 118
 #: Times over which the pace is measured and their number, least time left that is said [s].
 WINDOW, WINDOWS, LONG = 2.0, 3, 600.0
 
+#: Least time between two lines of progress in a pipe or a log [s].
+_PACE = 10.0
+
 _UNITS = ((365.0 * 86400.0, "years"), (86400.0, "days"), (3600.0, "h"), (60.0, "min"))
 
 #: Whether a call prints errors only (``--quiet``).
@@ -121,9 +124,21 @@ def tabled(
 
 @contextmanager
 def status(console: Console, words: str) -> Iterator[Callable[[str], None]]:
-    """Spinner with words on a terminal; yields what changes the words."""
+    """Spinner with words on a terminal; yields what changes the words.
+
+    In a pipe or a file a line each `_PACE` seconds of what is done at that time, on standard error.
+    """
+    last, errors = time.monotonic(), error_console()
+
+    def show(changed: str) -> None:
+        nonlocal last
+        spinner.update(Text(changed))
+        if not (console.is_terminal or quiet.get()) and time.monotonic() - last >= _PACE:
+            last = time.monotonic()
+            errors.print(Text(f"{changed} …"))
+
     with console.status(Text(words)) as spinner:
-        yield lambda changed: spinner.update(Text(changed))
+        yield show
 
 
 @contextmanager

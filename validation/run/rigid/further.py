@@ -143,7 +143,12 @@ def further_answers(
                 if not frictionless:
                     tell("whether the load presses the joints that need friction")
                     pressed = squeeze(
-                        contacts, frictional, dead + live, friction.forces, weights=weights
+                        contacts,
+                        frictional,
+                        dead + live,
+                        friction.forces,
+                        weights=weights,
+                        progress=_telling("whether the load presses the joints"),
                     )
         if section.collapse:
             tell("load factor at collapse")
@@ -156,7 +161,9 @@ def further_answers(
             bare = _with_edges(bodies, load, wrenches, section, of_pairs)
     if section.margin:
         every = contact_jacobian(whole, load.fixed, load.held)
-        margin = interlocking_margin(every.jacobian, every.areas)
+        margin = interlocking_margin(
+            every.jacobian, every.areas, progress=_telling("unit loads of the margin")
+        )
     with_friction = None if friction is None else (frictional, friction)
     # Without a limit the answer rests on friction that jams: how far forces are unknown decides.
     jams = collapse is not None and bool(np.isinf(collapse.factor))
@@ -219,11 +226,12 @@ def _sliding(
     wrenches: tuple[FloatArray, FloatArray],
 ) -> tuple[SlidingCollapse, SlidingState | None]:
     """Collapse by sliding without dilation, in the plane where the problem is plane."""
-    plane = _plane(assembly, contacts, frictional, loads)
+    plane, progress = _plane(assembly, contacts, frictional, loads), _telling("sliding collapse")
     if plane is None:
-        result = sliding_collapse(frictional, *loads)
+        result = sliding_collapse(frictional, *loads, progress=progress)
     else:
-        result = sliding_collapse(plane.contacts, *(plane.load(load) for load in loads))
+        flat = [plane.load(load) for load in loads]
+        result = sliding_collapse(plane.contacts, *flat, progress=progress)
         if result.mechanism is not None:
             rows = np.zeros(len(loads[0]))
             rows[plane.rows] = result.mechanism
@@ -272,6 +280,10 @@ def _ranges(
     if not smallest.holds:
         return None
     return force_ranges(contacts, load, smallest.forces, progress=_tell_joints)
+
+
+def _telling(what: str) -> Callable[[int], None]:
+    return lambda programs: tell(f"{what}: {programs} programs solved")
 
 
 def _tell_joints(done: int, joints: int) -> None:

@@ -1,0 +1,78 @@
+"""The first row answers what was asked; what only lies there is held down by its weight."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.support.face import (
+    box_block,
+    command,
+    load_scene,
+    rigid_answer,
+    solved,
+    verdicts,
+    write_hex_mesh,
+)
+
+pytestmark = pytest.mark.quick
+
+ARCH = ("block.thickness=200.0", "assembly.voussoirs=7", "assembly.embrace=140.0")
+
+
+def cubes(folder: Path, places: list[list[float]], fixed: list[int], more: str = "") -> Path:
+    """Cubes of 100 mm at places, which weigh 9.81 N each."""
+    write_hex_mesh(folder / "cube.inp", box_block((100.0, 100.0, 100.0), (1, 1, 1)).mesh)
+    at = ", ".join(f"{{at = {place}}}" for place in places)
+    path = folder / "cubes.toml"
+    path.write_text(
+        f'[block]\ntype = "mesh"\n[[parts]]\nfile = "cube.inp"\nplaces = [{at}]\n[assembly]\n'
+        f"fixed = {fixed}\n[material]\ndensity = 1e-9\nyoung_modulus = 33000.0\n"
+        "poisson_ratio = 0.2\n[effects]\n"
+        f"gravity = [0.0, 0.0, -9810.0]\n{more}"
+    )
+    return path
+
+
+def rows(folder: Path, *words: str) -> list[str]:
+    """Rows of the table that ``tubelock mbd`` prints."""
+    status, out, err = command("mbd", *words, "-o", str(folder / "out"))
+    assert status == 0, err
+    return [line for line in out.splitlines() if line.startswith("│")]
+
+
+def test_an_arch_that_stands_with_friction_is_said_to_stand(tmp_path: Path) -> None:
+    settings = [word for setting in ARCH for word in ("--set", setting)]
+    first, *others = rows(tmp_path, "arch", *settings)
+    assert first.split("│")[1].strip() == "verdict"
+    assert first.split("│")[2].strip() == "carried with friction μ = 1 (without: activated)"
+    assert any(row.split("│")[1].strip() == "without friction" for row in others)
+
+
+def test_a_block_that_only_lies_there_is_held_down_by_its_weight(tmp_path: Path) -> None:
+    """Nothing but its weight resists a push upwards; the block below resists one downwards."""
+    path = cubes(tmp_path, [[0, 0, 0], [0, 0, 100]], [0])
+    (row,) = [row for row in rows(tmp_path, str(path)) if "resistance to pushes" in row]
+    assert "resists pushes along -z; held down by its weight against pushes along +z" in row
+    answer = solved(path, method="rigid").as_dict()
+    assert answer["held_against"]["+z"]
+    assert answer["held_by_load"] == ["+z"]
+
+
+def test_a_state_held_by_prestress_is_yellow_and_has_no_pressures(tmp_path: Path) -> None:
+    """A cube between two fixed ones needs W / 2 μ from each."""
+    more = "[rigid]\nfriction = 0.5\n"
+    path = cubes(tmp_path, [[0, 0, 0], [100, 0, 0], [200, 0, 0]], [0, 2], more)
+    file = load_scene(str(path))
+    run = rigid_answer(file)
+    words = "carried only if pressed beforehand: at least 9.81 N between 0 and 1"
+    assert run.carried.words.startswith(words)
+    assert not run.answer.measures
+    assert run.answer.as_dict()["largest_patch_pressure"] is None
+    found = {verdict.question: verdict for verdict in verdicts(file.scene, run, None, {})}
+    carried = found["Does it carry the load?"]
+    assert (carried.words, carried.tone) == ("only if pressed beforehand", "caution")
+    assert words in " ".join(carried.lines)
+    first = rows(tmp_path, str(path))[0]
+    assert "carried only if pressed beforehand: at least 9.81 N" in first

@@ -1,0 +1,90 @@
+"""A limit of operations ends an analysis, which says how far it came."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from geometry.families.masonry import running_bond_wall
+from geometry.families.platonic_layers import octahedra_layer
+from mbd import contact_jacobian, newton_equilibrium
+from mbd.force_range import force_ranges
+from mbd.friction import frictional_contacts, frictional_equilibrium
+from mbd.margin import interlocking_margin
+from mbd.sliding_collapse import sliding_collapse
+from mbd.squeeze import squeeze
+from mbd.work import Work
+from tests.verification import printed_numbers
+from tests.verification.closed_forms import body_force
+
+pytestmark = pytest.mark.quick
+
+DOWN, ASIDE = np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def wall():
+    assembly = running_bond_wall((240.0, 115.0, 71.0), 2, 2)
+    contacts = contact_jacobian(assembly)
+    return assembly, contacts, frictional_contacts(assembly, contacts, 0.7)
+
+
+def test_work_is_iterations_times_entries_and_ends_at_its_limit() -> None:
+    told: list[int] = []
+    work = Work(1000.0, progress=told.append)
+    assert work.simplex_iterations(100) == 10
+    work.simplex(4, 100)
+    assert work.simplex_iterations(100) == 6
+    assert not work.spent
+    work.simplex(6, 100)
+    assert work.spent
+    assert told == [1, 2]
+    assert work.simplex_iterations(100) == 0
+
+
+def test_ranges_known_at_the_limit_are_those_without_one(wall) -> None:
+    assembly, contacts, frictional = wall
+    load = body_force(assembly, DOWN)
+    shown = newton_equilibrium(contacts.jacobian, load).forces
+    every = force_ranges(contacts, load, shown, frictional=frictional)
+    assert every is not None
+    assert every.unanswered == 0
+    # All least forces and no largest one: HiGHS needs some iterations for each.
+    few = force_ranges(contacts, load, shown, frictional=frictional, limit=2e5)
+    assert few is not None
+    assert 0 < few.unanswered <= len(few.least)
+    assert few.unanswered == np.isnan(few.width).sum()
+    for found, whole in ((few.least, every.least), (few.largest, every.largest)):
+        known = np.isfinite(found)
+        np.testing.assert_allclose(found[known], whole[known], atol=1e-6 * every.load)
+
+
+def test_a_search_for_sliding_says_where_it_stopped() -> None:
+    """From the associated state, whose joints dilate: that one is no answer."""
+    problem, assembly = printed_numbers.wall("W1")
+    loads = (problem.load(body_force(assembly, way)) for way in (DOWN, ASIDE))
+    found = sliding_collapse(problem.contacts, *loads, limit=1.0)
+    assert found.stopped
+    assert not found.certified
+    words = f"not decided (limit of work): no certified sliding state after {found.programs} "
+    assert found.status.startswith(words)
+
+
+def test_a_squeeze_that_is_not_decided_says_so(wall) -> None:
+    assembly, contacts, frictional = wall
+    load = body_force(assembly, DOWN)
+    forces = frictional_equilibrium(frictional, load).forces
+    told: list[int] = []
+    found = squeeze(contacts, frictional, load, 0.5 * forces, limit=1.0, progress=told.append)
+    assert found.needed is None
+    assert found.words().startswith("not decided (limit of work)")
+    assert told == list(range(1, found.programs + 1))
+
+
+def test_unit_loads_left_at_the_limit_are_counted() -> None:
+    contacts = contact_jacobian(octahedra_layer(50.0, 0))
+    every = interlocking_margin(contacts.jacobian, contacts.areas)
+    found = interlocking_margin(contacts.jacobian, contacts.areas, limit=1.0)
+    assert every.unasked == 0
+    assert found.unasked == every.areas.size - 1
+    assert found.bearing_area == every.areas[0, 0, 0] >= every.bearing_area
