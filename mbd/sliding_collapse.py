@@ -463,9 +463,13 @@ def _status(found: SlidingCollapse) -> str:
         beyond = f"associated limit load factor {found.associated:.6g}"
         if np.isinf(found.associated):
             beyond = "with associated friction unbounded"
+        least = "a local minimum"
+        if found.stopped:
+            least = f"the search for a smaller one stopped at the limit of work, {found.programs} "
+            least += "linear programs"
         return (
-            f"slides without dilation from load factor {found.factor:.6g} on (certified; a local "
-            f"minimum); {beyond}"
+            f"slides without dilation from load factor {found.factor:.6g} on (certified; {least}); "
+            f"{beyond}"
         )
     if found.stopped:
         return _stopped_words(found.programs)
