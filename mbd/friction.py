@@ -187,7 +187,7 @@ def frictional_contacts(
     ).tocsc()
     motions = contacts.jacobian.motions
     if motions is not None:
-        matrix = sp.csc_array(sp.block_diag(motions, format="csc") @ matrix)
+        matrix = sp.block_diag([sp.csc_array(each) for each in motions], format="csc") @ matrix
         matrix.eliminate_zeros()
     tangents = np.stack([first, second], axis=1)
     mu = np.broadcast_to(np.asarray(friction, dtype=np.float64), len(normals))
