@@ -92,8 +92,6 @@ def test_an_interruption_is_told_whenever_it_comes(
     many = ["fem", "tsb1-pipe", "--set", "assembly.layers=12", "-q", "-o", str(tmp_path / "o")]
     command = [sys.executable, "-X", "importtime", *COMMAND[1:], *many]
     quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
-    # Jobs in the background inherit that interruptions are ignored, as `nohup` and CI start them.
-    quiet["preexec_fn"] = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
     with subprocess.Popen(command, **quiet) as process:
         assert process.stderr is not None
         while process.stderr.readline().rpartition(b"|")[2].strip() != module.encode():

@@ -121,7 +121,6 @@ def test_an_interrupted_study_goes_on(tmp_path: Path, poor: dict[str, str]) -> N
         stderr=subprocess.PIPE,
         encoding="utf-8",
         start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 - no locks
     ) as process:
         end = time.monotonic() + 120
         while not rows(tmp_path / "many.sqlite") and time.monotonic() < end:
