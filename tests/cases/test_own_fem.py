@@ -44,6 +44,7 @@ from tests.support.face import (
     run_static,
     scene_statement,
     six_sided_hexahedra,
+    solved,
     split_tetrahedra,
     static_solution,
     step_hexahedra,
@@ -394,9 +395,15 @@ def test_faces_that_slide_on_each_other_press_nowhere(tmp_path: Path) -> None:
 
 def test_little_friction_holds_a_panel_by_a_squeeze_alone(tmp_path: Path) -> None:
     """Rigid blocks are in equilibrium, as their joints can press each other; from rest the four
-    slide down their faces together, in explicit runs as well."""
-    with pytest.raises(InputError, match="carried only if pressed beforehand"):
-        run_static("panel", panel_scene(tmp_path, 2, 0.3))
+    slide down their faces together, in explicit runs as well. `mbd` and `fem` name one
+    force, of one of joints that are alike: both count the contacts that have an area."""
+    scene = panel_scene(tmp_path, 2, 0.3)
+    with pytest.raises(InputError, match="carried only if pressed beforehand") as error:
+        run_static("panel", scene)
+    rigid = solved(tmp_path / "own.toml", ["rigid.friction=0.3"], method="rigid").as_dict()
+    verdict, _, joint = rigid["answer"].partition(":")
+    assert verdict == "carried only if pressed beforehand"
+    assert joint.partition(" between")[0] in str(error.value)
 
 
 def test_six_flat_sides_become_hexahedra() -> None:

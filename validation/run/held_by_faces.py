@@ -20,6 +20,7 @@ from geometry.mesh import FloatArray
 from geometry.parts.pairs import pair_values
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from mbd import Contacts, contact_jacobian, generalized_force, newton_equilibrium
+from mbd.equilibrium import column_weights
 from mbd.friction import FrictionalContacts, frictional_contacts, frictional_equilibrium
 from mbd.squeeze import squeeze
 from validation.build.blocks import build_weight
@@ -108,10 +109,12 @@ def squeeze_words(scene: DeformableScene, assembly: Assembly) -> str | None:
     if faces is None or friction is None or not faces.touches:
         return None
     frictional = _frictional(scene, faces)
-    answer = frictional_equilibrium(frictional, faces.force)
+    assert isinstance(scene, PolyhedralScene)
+    weights = column_weights(scene.rigid.norm, faces.contacts.areas)
+    answer = frictional_equilibrium(frictional, faces.force, weights=weights)
     if not answer.holds:
         return None
-    result = squeeze(faces.contacts, frictional, faces.force, answer.forces)
+    result = squeeze(faces.contacts, frictional, faces.force, answer.forces, weights=weights)
     return f"{result.words()}; the load does not press them" if result.needed else None
 
 
