@@ -55,6 +55,8 @@ class Block(ReadOnlyArrays):
     """How it is meshed anew (`geometry.meshing.charts.charts_of`); None: by its hexahedra."""
     divided: Callable[[int], Block] | None = None
     """Makes a block of so many elements along every edge anew; None: it is no such block."""
+    edge_sets: dict[str, FloatArray] = field(default_factory=dict)
+    """Named edges and corners: the places of their corners, each (n, 3) [mm]."""
     tetrahedra: float | None = None
     """Size of the tetrahedra that its hexahedra were split from [mm]; None: of no tetrahedra."""
 

@@ -115,7 +115,7 @@ def connected_solids(
     """Parts of a mesh that share no corner, in the order of their first elements.
 
     ``members`` are all nodes of each element, (n_elements, 8, 20 or 27); messages name the file.
-    Sets of the file are faces of the parts.
+    Sets of the file are faces and edges of the parts.
     """
     check_mesh(mesh, str(path))
     rows = np.repeat(np.arange(mesh.n_elements), 8)
@@ -133,8 +133,12 @@ def connected_solids(
         if members.shape[1] > 8:
             curve = quadratic_curve(path, part.elements, mesh.nodes[members[mine]])
         block = hexahedral_block("part", part, curve)
-        named = {} if sets is None else sets.faces(block.faces[SURFACE], nodes)
-        parts.append(replace(block, faces=block.faces | named))
+        if sets is not None:
+            outer = block.faces[SURFACE]
+            named, corners = sets.faces(outer, nodes), sets.edges(outer, nodes)
+            edges = {name: part.nodes[k] for name, k in corners.items() if name not in named}
+            block = replace(block, faces=block.faces | named, edge_sets=edges)
+        parts.append(block)
     return parts
 
 

@@ -1,8 +1,7 @@
 """Sets of mesh files as faces of blocks: node sets and surfaces of Abaqus, groups of gmsh.
 
 A set of nodes is a face where it is made of whole facets of a block's surface: its nodes are the
-corners of the facets all of whose corners it has. Other sets (an edge, single nodes, nodes inside)
-are no faces.
+corners of the facets all of whose corners it has. Other sets of nodes on the surface are edges.
 """
 
 from __future__ import annotations
@@ -67,6 +66,19 @@ class NamedSets:
             if mine.any():
                 result[name] = outer[mine]
         return result
+
+    def edges(self, outer: IntArray, number: IntArray) -> dict[str, IntArray]:
+        """Corners of a block, (n,), that are in each set of nodes of its surface alone.
+
+        Parameters as those of `faces`.
+        """
+        on_surface = np.isin(np.arange(len(number)), outer)
+        inside = {name: np.isin(number, members) for name, members in self.nodes.items()}
+        return {
+            name: np.flatnonzero(one)
+            for name, one in inside.items()
+            if one.any() and not (one & ~on_surface).any()
+        }
 
 
 def named_sets(path: Path, mesh: Any) -> NamedSets:

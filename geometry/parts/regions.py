@@ -81,6 +81,16 @@ class Points(ReadOnlyArrays):
         return f"{len(self.places)} points, the first at {self.places[0].tolist()}"
 
 
+class Edges(Points):
+    """Edges of a block's surface between corners that are at some places, and those corners."""
+
+    def __str__(self) -> str:
+        """In words."""
+        return (
+            f"the edges between {len(self.places)} points, the first at {self.places[0].tolist()}"
+        )
+
+
 #: Part of a block: a face by its name, what of the surface lies on a plane or in a box, or nodes.
 Where: TypeAlias = str | Plane | Box | Points
 
@@ -106,12 +116,30 @@ def region_nodes(assembly: AnyBlocks, block: int, where: Where) -> IntArray:
     shape = assembly.shape(block)
     named = isinstance(where, str)
     if isinstance(where, Points):
-        return np.flatnonzero(where.has(_nodes(assembly, block), _tolerance(assembly)))
+        nodes = np.flatnonzero(where.has(_nodes(assembly, block), _tolerance(assembly)))
+        return _between(assembly, block, nodes) if isinstance(where, Edges) else nodes
     quads = region_quads(assembly, block, where) if named else _facets(assembly, block)
     nodes = np.unique(shape.mesh.facet_nodes(quads) if isinstance(shape, Block) else quads)
     if isinstance(where, str):
         return nodes
     return nodes[where.has(_nodes(assembly, block)[nodes], _tolerance(assembly))]
+
+
+def _between(assembly: AnyBlocks, block: int, corners: IntArray) -> IntArray:
+    """Corners, and nodes on the edges and facets of the surface all of whose corners they are."""
+    shape, outer = assembly.shape(block), _facets(assembly, block)
+    inside = np.isin(outer, corners)
+    own = [corners]
+    if isinstance(shape, Block):
+        all_of = shape.mesh.facet_nodes(outer)
+        own.append(all_of[inside.all(axis=1)].ravel())
+        pairs = np.stack([outer, np.roll(outer, -1, axis=1)], axis=2)
+        facet, side = np.nonzero(inside & np.roll(inside, -1, axis=1))
+        order = np.lexsort(np.sort(pairs[facet, side], axis=1).T)
+        # Two facets share an edge, and its nodes.
+        for one, other in facet[order].reshape(-1, 2).tolist():
+            own.append(np.intersect1d(all_of[one], all_of[other]))
+    return np.unique(np.concatenate(own))
 
 
 def blocks_with(assembly: AnyBlocks, where: Where) -> IntArray:

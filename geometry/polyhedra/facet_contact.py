@@ -41,6 +41,8 @@ _SLIVER_PATCH = 0.05
 _SLIVER = 1e-7
 #: … and polygons smaller than this fraction of the smaller of two triangles are corners.
 _SPECK = 1e-12
+#: Largest angle between facing facets of flat faces unless stated [°].
+_ANGLE = 5.0
 
 
 @dataclass(frozen=True)
@@ -204,12 +206,38 @@ class ContactPoints:
         )
 
 
-def _opposing(world: PlacedShapes, cosine: float) -> IntArray:
-    """Pairs of triangles of different blocks that face each other, block m < block s; (n, 2)."""
+def _opposing(world: PlacedShapes, angle: float | None) -> IntArray:
+    """Pairs of triangles of different blocks that face each other, block m < block s; (n, 2).
+
+    ``angle`` as in `geometry.polyhedra.options.DetectionOptions`.
+    """
     pairs = world.tree.pairs(*world.boxes, world.block)
     pairs = pairs[world.block[pairs[:, 0]] < world.block[pairs[:, 1]]]
     dot = np.einsum("pi,pi->p", world.normals[pairs[:, 0]], world.normals[pairs[:, 1]])
-    return pairs[dot <= -cosine]
+    if angle is not None:
+        return pairs[dot <= -np.cos(np.radians(angle))]
+    most = np.radians(_ANGLE) + np.maximum(world.turns[pairs[:, 0]], world.turns[pairs[:, 1]])
+    return pairs[dot <= -np.cos(most)]
+
+
+def facing_areas(world: PlacedShapes, angle: float) -> tuple[IntArray, FloatArray]:
+    """Pairs of blocks that face each other within the tolerance, sorted, (n, 2); areas [mm²].
+
+    ``angle`` is the largest one between facets [°].
+    """
+    pairs = _opposing(world, angle)
+    area = _clipped(world, pairs)[2]
+    blocks = world.block[pairs[area > 0.0]]
+    first, row, _ = distinct_rows(blocks)
+    return blocks[first], np.bincount(row, weights=area[area > 0.0], minlength=len(first))
+
+
+def _clipped(world: PlacedShapes, pairs: IntArray) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Corners (n, most, 3), their number (n,) and area (n,) of what pairs of triangles share."""
+    corners = np.empty((len(pairs), MOST_CORNERS, 3))
+    count, area = np.zeros(len(pairs), dtype=np.int64), np.zeros(len(pairs))
+    clip_pairs(world.corners, world.normals, pairs, world.tolerance, corners, count, area)
+    return corners, count, area
 
 
 def _in_patches(world: PlacedShapes, pairs: IntArray, areas: FloatArray) -> BoolArray:
@@ -227,7 +255,7 @@ def find_contacts(
     translations: FloatArray,
     *,
     tolerance: float,
-    angle: float,
+    angle: float | None,
     placement: ContactPlacement,
 ) -> ContactPoints:
     """Find where blocks touch.
@@ -238,16 +266,12 @@ def find_contacts(
         As in `geometry.polyhedra.assembly.PolyhedralAssembly`.
     tolerance
         Largest gap or overlap of touching facets [mm].
-    angle
-        Largest angle between facing facets [°].
-    placement
-        Where the contact points lie.
+    angle, placement
+        As in `geometry.polyhedra.options.DetectionOptions`.
     """
     world = PlacedShapes(shapes, shape_of, rotations, translations, tolerance)
-    pairs = _opposing(world, float(np.cos(np.radians(angle))))
-    corners = np.empty((len(pairs), MOST_CORNERS, 3))
-    count, area = np.zeros(len(pairs), dtype=np.int64), np.zeros(len(pairs))
-    clip_pairs(world.corners, world.normals, pairs, tolerance, corners, count, area)
+    pairs = _opposing(world, angle)
+    corners, count, area = _clipped(world, pairs)
     least = np.minimum(world.areas[pairs[:, 0]], world.areas[pairs[:, 1]])
     least *= _SPECK if placement is ContactPlacement.VERTICES else _SLIVER
     kept = np.flatnonzero((count >= 3) & (area > least))

@@ -21,8 +21,9 @@ class DetectionOptions:
 
     tolerance: float | None = None
     """Largest gap and largest overlap of touching facets [mm]; by default 1e-4 of a block."""
-    angle: float = 5.0
-    """Largest angle between facing facets; raise it for coarse meshes of curved faces [°]."""
+    angle: float | None = None
+    """Largest angle between facing facets [°]; by default 5, and more on curved faces: by the
+    angle between neighbouring facets."""
     placement: ContactPlacement = ContactPlacement.VERTICES
 
 

@@ -34,6 +34,8 @@ _LATTICE = (np.indices((_EDGE,) * 3).reshape(3, -1).T + 0.5) / _EDGE
 _FINE = 2000
 #: Cosine of the angle to a face's normal above which edges lead out of it or along it: 14.5°.
 _OUTWARD = 0.25
+#: How far beside a block, in depths, a corner may be whose depth counts there.
+_BESIDE = 0.25
 #: What two blocks may be, by whether b is inside a and a inside b.
 _INSIDE = {
     (False, False): "",
@@ -41,6 +43,8 @@ _INSIDE = {
     (True, False): "the second inside the first: a hollow block is one object of both surfaces",
     (False, True): "the first inside the second: a hollow block is one object of both surfaces",
 }
+#: Blocks of more planes than this have curved faces, of small facets: their middles are enough.
+_CURVED = 60
 #: Part of the tolerance within which a point that is deeper can be moved and stays inside.
 _SURELY = 0.9
 
@@ -116,40 +120,53 @@ def _moved_inward(shape: Polyhedron, distance: float) -> FloatArray:
 
 
 def _deepest(
-    a: Polyhedron, b: Polyhedron, local: FloatArray, to_b: SignedDistance, tolerance: float
+    a: Polyhedron,
+    b: Polyhedron,
+    motion: tuple[FloatArray, FloatArray],
+    distances: tuple[SignedDistance, SignedDistance],
+    tolerance: float,
 ) -> tuple[float, int]:
     """Depth of the deepest vertex of a behind a face of b that it went through, and its number.
 
-    A vertex went through a face of b if no edge of a leads much deeper from it.
+    A vertex went through a face of b if no edge of a leads much deeper from it, and a is on both
+    sides of the face above it.
 
     Parameters
     ----------
     a, b
         Shapes.
-    local
-        Vertices of a in the frame of b, (n, 3) [mm].
-    to_b
-        Signed distance to b.
+    motion
+        Rotation and translation of a relative to b.
+    distances
+        Signed distances to a and to b, each in its own frame.
     tolerance
-        Vertices this far outside of b are on it [mm].
+        Points this near to a surface are on it [mm].
     """
+    (turn, shift), (to_a, to_b) = motion, distances
+    points = a.points @ turn.T + shift
     start, end = np.concatenate([a.edges, a.edges[:, ::-1]]).T
-    ray = local[end] - local[start]
+    ray = points[end] - points[start]
     rising = ray / np.linalg.norm(ray, axis=1, keepdims=True) @ b.plane_normals.T
-    lowest = np.full((len(local), len(b.plane_normals)), np.inf)
+    lowest = np.full((len(points), len(b.plane_normals)), np.inf)
     np.minimum.at(lowest, start, rising)
-    through = lowest >= -_OUTWARD
-    near = np.flatnonzero(through.any(axis=1))
-    near = near[to_b(local[near]) <= tolerance]
-    depth, deepest = 0.0, -1
-    ways, way = np.unique(through[near], axis=0, return_inverse=True)
-    for k, planes in enumerate(ways):
-        faces = Polyhedron("", b.points, b.triangles[planes[b.plane_of]])
-        points = near[way.ravel() == k]
-        depths = np.abs(SignedDistance(faces)(local[points]))
-        if depths.max() > depth:
-            depth, deepest = float(depths.max()), int(points[np.argmax(depths)])
-    return depth, deepest
+    _, on_plane = np.unique(b.plane_of, return_index=True)
+    height = np.einsum("pi,pi->p", b.corners[on_plane, 0], b.plane_normals)
+    depth = height - points @ b.plane_normals.T
+    inside = to_b(points) <= tolerance
+    vertex, plane = np.nonzero((lowest >= -_OUTWARD) & (depth >= -tolerance) & inside[:, None])
+    depths, normals = depth[vertex, plane], b.plane_normals[plane]
+    above = points[vertex] + depths[:, None] * normals
+    beside = np.maximum(tolerance, _BESIDE * depths)
+    outside = above + 2.0 * beside[:, None] * normals
+    through = to_a((outside - shift) @ turn) <= beside
+    for k in np.unique(plane).tolist():
+        mine = plane == k
+        face = SignedDistance(Polyhedron("", b.points, b.triangles[b.plane_of == k]))
+        through[mine] &= np.abs(face(above[mine])) <= beside[mine]
+    least = np.full(len(points), np.inf)
+    np.minimum.at(least, vertex[through], depths[through])
+    least[np.isinf(least)] = 0.0
+    return float(least.max()), int(np.argmax(least))
 
 
 def penetration(
@@ -216,13 +233,14 @@ def penetration(
         result = depths(points)
         if result.max(initial=0.0) > depth:
             depth, where = float(result.max()), points[int(np.argmax(result))]
-    if depth <= tolerance or max(len(a.triangles), len(b.triangles)) > _FINE:
+    if depth <= tolerance or max(len(a.plane_areas), len(b.plane_areas)) > _CURVED:
         return depth, where
-    for one, other, corners, to_other, placed in (
-        (b, a, b_points, to_a, b_points),
-        (a, b, local(a.points), to_b, a.points),
+    back = rotation.T, -translation @ rotation
+    for one, other, way, to, placed in (
+        (b, a, motion, (to_b, to_a), b_points),
+        (a, b, back, (to_a, to_b), a.points),
     ):
-        deeper, corner = _deepest(one, other, corners, to_other, tolerance)
+        deeper, corner = _deepest(one, other, way, to, tolerance)
         if deeper > depth:
             depth, where = deeper, placed[corner]
     return depth, where
@@ -295,8 +313,8 @@ _MOST_NAMED = 20
 _ROUNDING = 0.01
 
 
-def check_contacts(assembly: PolyhedralAssembly) -> None:
-    """Reject free blocks that touch nothing.
+def check_contacts(assembly: PolyhedralAssembly, supported: IntArray | None = None) -> None:
+    """Reject free blocks that touch nothing, but for those whose numbers are ``supported``.
 
     Raises
     ------
@@ -306,6 +324,8 @@ def check_contacts(assembly: PolyhedralAssembly) -> None:
     interfaces = assembly.interfaces
     touching = np.zeros(assembly.n_blocks, dtype=bool)
     touching[interfaces.block_m] = touching[interfaces.block_s] = True
+    if supported is not None:
+        touching[supported] = True
     lonely = np.flatnonzero(~touching & ~assembly.fixed)
     if not lonely.size:
         return
@@ -369,8 +389,8 @@ def _wider(assembly: PolyhedralAssembly, depth: float) -> str:
     return f", or set detection.tolerance = {tolerance:g} if they are meant to touch"
 
 
-def check_assembly(assembly: PolyhedralAssembly) -> None:
-    """Reject overlapping blocks and blocks without contact.
+def check_assembly(assembly: PolyhedralAssembly, supported: IntArray | None = None) -> None:
+    """Reject overlapping blocks and blocks that neither touch another nor are supported.
 
     Raises
     ------
@@ -388,7 +408,7 @@ def check_assembly(assembly: PolyhedralAssembly) -> None:
         )
     _check_distance(assembly)
     check_overlaps(assembly)
-    check_contacts(assembly)
+    check_contacts(assembly, supported)
 
 
 def _check_distance(assembly: PolyhedralAssembly) -> None:

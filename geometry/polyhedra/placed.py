@@ -69,6 +69,11 @@ class PlacedShapes:
         return self.of_blocks(lambda shape, _: shape.plane_areas[shape.plane_of])
 
     @cached_property
+    def turns(self) -> FloatArray:
+        """Angles by which they may be turned from curved faces, (n_triangles,) [rad]."""
+        return self.of_blocks(lambda shape, _: shape.plane_turns[shape.plane_of])
+
+    @cached_property
     def planes(self) -> IntArray:
         """Plane that each belongs to, (n_triangles,)."""
         return self.of_blocks(lambda shape, _: shape.plane_of)

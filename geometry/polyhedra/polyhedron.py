@@ -161,6 +161,21 @@ class Polyhedron:
         return ends, self.plane_of[sides]
 
     @cached_property
+    def plane_turns(self) -> FloatArray:
+        """Largest angle to a neighbour in the same curved face, (n_planes,) [rad]; 0 in flat ones.
+
+        The facets of curved faces are turned by it from the faces that they stand for.
+        """
+        planes = self.ridges[1]
+        turns = np.zeros(len(self.plane_areas))
+        cosine = np.einsum("ni,ni->n", *self.plane_normals[planes].swapaxes(0, 1))
+        angle = np.arccos(np.clip(cosine, -1.0, 1.0))
+        smooth = angle < np.radians(_SHARP)
+        for side in planes[smooth].T:
+            np.maximum.at(turns, side, angle[smooth])
+        return turns
+
+    @cached_property
     def sharp_edges(self) -> tuple[IntArray, FloatArray, IntArray]:
         """Convex edges with a real dihedral angle.
 

@@ -85,11 +85,58 @@ def test_faces_of_a_file_are_supported_and_loaded_by_name(suffix: str, tmp_path:
     assert solution.contact_state.point_pressures == pytest.approx(PRESSURE, rel=1e-8)
 
 
-@pytest.mark.parametrize("name", ["EDGE", "_Picked4", "NONE"])
-def test_sets_that_are_no_faces_are_rejected_in_one_line(name: str, tmp_path: Path) -> None:
-    file = load_scene(write(tmp_path, "inp", name))
+def test_sets_that_are_not_there_are_rejected_in_one_line(tmp_path: Path) -> None:
+    file = load_scene(write(tmp_path, "inp", "NONE"))
     with pytest.raises(
         RefusedError, match=r"block 0 .* expected one of surface, base, top"
     ) as error:
         run_static(file.name, file.scene)
     assert "\n" not in str(error.value)
+
+
+ALONE = """
+supports = [
+    {{{edge}, hold = ["x", "y", "z"], name = "edge"}},
+    {{face = "BASE", hold = ["z"], name = "base"}},
+]
+loads = [{{face = "TOP", traction = [0.4, 0.0, -2.0]}}]
+[block]
+type = "mesh"
+[[parts]]
+file = "column.inp"
+[material]
+density = 2.4e-9
+young_modulus = 30000.0
+poisson_ratio = 0.2
+[fem]
+mesh = "scene"
+degree = {degree}
+error_estimate = false
+"""
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_one_block_is_held_by_a_set_that_is_an_edge(degree: int, tmp_path: Path) -> None:
+    """As a thin box round that edge holds it, and reactions balance the load."""
+    write(tmp_path, "inp")
+    answers = []
+    for edge in ('face = "EDGE"', "box = [[0, 0, 0], [0, 20, 0]]"):
+        scene = tmp_path / "alone.toml"
+        scene.write_text(ALONE.format(edge=edge, degree=degree), "utf-8")
+        file = load_scene(str(scene))
+        reactions = run_static(file.name, file.scene).solution.reactions
+        answers.append([reactions[name]["force"] for name in ("edge", "base")])
+    area = 40.0 * 20.0
+    assert np.sum(answers[0], axis=0) == pytest.approx([-0.4 * area, 0.0, 2.0 * area], abs=1e-6)
+    np.testing.assert_allclose(answers[0], answers[1], atol=1e-8 * area)
+
+
+def test_a_block_that_nothing_holds_or_touches_is_still_rejected(tmp_path: Path) -> None:
+    path = Path(write(tmp_path, "inp"))
+    away = "places = [{at = [0, 0, 0]}, {at = [0, 0, 60]}, {at = [500, 0, 0]}]"
+    text = path.read_text("utf-8")
+    kept = [line for line in text.splitlines() if "plane" not in line]
+    path.write_text("\n".join(away if "places" in line else line for line in kept), "utf-8")
+    file = load_scene(str(path))
+    with pytest.raises(RefusedError, match="block 2 touches no other block"):
+        run_static(file.name, file.scene)

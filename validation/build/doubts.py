@@ -8,16 +8,28 @@ import numpy as np
 
 from geometry.assembly import AnyBlocks
 from geometry.files.named_surfaces import left_out
+from geometry.polyhedra.assembly import PolyhedralAssembly
+from geometry.polyhedra.near_joints import facing_surfaces
 from validation.build.polyhedra import file_solids
 from validation.scene.polyhedra import MeshScene, PolyhedralScene
 
+#: Part of the facing area that may be without contact unsaid.
+_MISSING = 0.01
 #: Supports lie to one side where they are this part of the assembly away across gravity, and
 #: farther than below.
 _ASIDE = 0.25
 
 
-def doubts(scene: PolyhedralScene, assembly: AnyBlocks, folder: Path) -> dict[str, str]:
-    """Rows that say what was changed or left out of files, and what looks turned; by name."""
+def doubts(
+    scene: PolyhedralScene,
+    assembly: AnyBlocks,
+    folder: Path,
+    surfaces: PolyhedralAssembly | None,
+) -> dict[str, str]:
+    """Rows on what was changed or left out of files, what looks turned, and faces without contact.
+
+    ``surfaces`` are the blocks as contacts were found on them; None where nothing was searched.
+    """
     rows = {}
     if isinstance(scene, MeshScene):
         out = [f"{Path(part.file).name}: {one}" for part in scene.parts for one in part.leave_out]
@@ -27,10 +39,31 @@ def doubts(scene: PolyhedralScene, assembly: AnyBlocks, folder: Path) -> dict[st
             rows["left out"] = ", ".join(out)
         if scene.block.repair:
             rows["repaired"] = _repairs(scene, folder)
+        if surfaces is not None:
+            facing = _facing(surfaces)
+            if facing:
+                rows["facing area not in contact"] = facing
         aside = _supports_aside(scene, assembly)
         if aside:
             rows["which way is up"] = aside
     return rows
+
+
+def _facing(surfaces: PolyhedralAssembly) -> str:
+    """Words where a part of the surfaces that face each other is not in contact."""
+    result = facing_surfaces(surfaces)
+    if result.missing <= _MISSING * result.area:
+        return ""
+    worst = result.joints[0]
+    pair = f"{surfaces.named(worst.block_m)} and {surfaces.named(worst.block_s)}"
+    gap = max(joint.gap for joint in result.joints)
+    apart = f", gaps up to {gap:.3g} mm" if gap else ""
+    remedy = f"detection.tolerance = {float(f'{1.05 * gap:.2g}'):g}" if gap else "detection.angle"
+    return (
+        f"{result.missing / result.area:.0%}: {result.missing:.4g} of {result.area:.4g} mm² at "
+        f"{len(result.joints)} joints, most between blocks {pair}{apart}; if they are meant to "
+        f"touch, set {remedy}{'' if gap else ' or detection.tolerance higher'}"
+    )
 
 
 def _repairs(scene: MeshScene, folder: Path) -> str:

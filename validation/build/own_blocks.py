@@ -30,7 +30,7 @@ from validation.build.polyhedra import (
     file_solids,
     placed_blocks,
 )
-from validation.build.supports import stated_load
+from validation.build.supports import stated_load, supported_blocks
 from validation.errors import InputError
 from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import MeshScene, PartSection, PolyhedralScene
@@ -47,7 +47,7 @@ def build_own_blocks(scene: PolyhedralScene, name: str) -> HexahedralBlocks:
         assembly = _assembly(scene, name)
         check_block_size(scene, assembly)
         surfaces = as_polyhedral(assembly, detection_options(scene.detection))
-        check_assembly(surfaces)
+        check_assembly(surfaces, supported_blocks(scene, assembly))
     except RefusedError as error:
         # What is wrong with the whole assembly begins with its name.
         raise InputError(f"{name}: {str(error).removeprefix(f'{name}: ')}") from None

@@ -25,6 +25,7 @@ from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import check_assembly
 from geometry.polyhedra.polyhedron import Polyhedron
 from validation.build.blocks import body_forces, build_weight
+from validation.build.supports import supported_blocks
 from validation.errors import InputError
 from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import (
@@ -94,7 +95,7 @@ def build_polyhedra(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
     else:
         assembly = _FAMILIES[type(scene)](scene, detection)
     check_block_size(scene, assembly)
-    check_assembly(assembly)
+    check_assembly(assembly, supported_blocks(scene, assembly))
     return assembly
 
 

@@ -20,6 +20,7 @@ from geometry.mesh import FloatArray, IntArray, QuadSurface
 from geometry.parts.chosen import chosen_block, chosen_blocks
 from geometry.parts.regions import (
     Box,
+    Edges,
     Plane,
     Where,
     blocks_with,
@@ -103,7 +104,10 @@ def _where(assembly: AnyBlocks, one: RegionSection) -> Where:
     """Region of a section; sets of a file have no upper case."""
     if one.face is not None:
         known = any(one.face in getattr(shape, "faces", ()) for shape in assembly.shapes)
-        return one.face if known else face_name(one.face)
+        name = one.face if known else face_name(one.face)
+        edges = [getattr(assembly.shape(b), "edge_sets", {}) for b in range(assembly.n_blocks)]
+        places = [assembly.place(b, of[name]) for b, of in enumerate(edges) if name in of]
+        return Edges(np.concatenate(places)) if places else name
     if one.box is not None:
         low, high = (np.array(corner) for corner in one.box)
         return Box(np.minimum(low, high), np.maximum(low, high))
@@ -114,6 +118,15 @@ def _where(assembly: AnyBlocks, one: RegionSection) -> Where:
     at = np.array([0.0 if value is None else value for value in (plane.x, plane.y, plane.z)])
     axis = [value is not None for value in (plane.x, plane.y, plane.z)].index(True)
     return Plane(at, np.eye(3)[axis])
+
+
+def supported_blocks(scene: DeformableScene, assembly: AnyBlocks) -> IntArray:
+    """Blocks parts of which ``[[supports]]`` hold, (n,)."""
+    blocks = [
+        _blocks(assembly, one, _where(assembly, one), f"supports[{k}]")
+        for k, one in enumerate(scene.supports)
+    ]
+    return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *blocks]))
 
 
 def held_at_faces(scene: DeformableScene) -> bool:
@@ -153,10 +166,13 @@ def _blocks(assembly: AnyBlocks, one: RegionSection, where: Where, place: str) -
             name for shape in assembly.shapes for name in getattr(shape, "faces", ())
         )
         if isinstance(where, str):
+            faces |= dict.fromkeys(
+                name for shape in assembly.shapes for name in getattr(shape, "edge_sets", ())
+            )
             names = f"faces are {', '.join(faces)}" if faces else "these blocks name none"
             raise InputError(
                 f"{place}.face: no block that is not fixed has {one.face!r}; {names} (sets of a "
-                "file are faces where they are made of whole facets of a block's surface)"
+                "file are faces or edges where all their nodes are on a block's surface)"
             )
         raise InputError(
             f"{place}: no block that is not fixed has a surface node on {where}; expected "
@@ -167,6 +183,10 @@ def _blocks(assembly: AnyBlocks, one: RegionSection, where: Where, place: str) -
 
 def _held(assembly: AnyBlocks, one: SupportSection, place: str) -> list[HeldFace]:
     where = _where(assembly, one)
+    if isinstance(where, Edges) and one.spring is not None:
+        raise InputError(
+            f"{place}.spring: {one.face!r} is an edge, which has no area; expected a face"
+        )
     result = []
     for block in _blocks(assembly, one, where, place).tolist():
         if one.hold == "normal":

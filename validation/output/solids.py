@@ -14,7 +14,8 @@ from geometry.files.named_surfaces import OWN_UNITS, Y_UP, left_out
 from geometry.files.write_solids import SOLID_SUFFIXES, write_solids
 from geometry.mesh import FloatArray, MeshError
 from geometry.polyhedra.assembly import PolyhedralAssembly
-from geometry.polyhedra.overlap import Overlap, SignedDistance, find_overlaps
+from geometry.polyhedra.near_joints import distance_between
+from geometry.polyhedra.overlap import Overlap, find_overlaps
 from geometry.polyhedra.polyhedron import Polyhedron
 from validation.errors import InputError
 from validation.output.console import two_columns
@@ -213,27 +214,13 @@ def _neighbours(
     touching = _pairs(assembly, assembly.tolerance)
     near = set(_pairs(assembly, _GAPS * assembly.tolerance)) - set(touching)
     near -= {(o.block_a, o.block_b) for o in overlaps}
-    return overlaps, [(a, b, _distance(assembly, a, b)) for a, b in sorted(near)], touching
+    return overlaps, [(a, b, distance_between(assembly, a, b)) for a, b in sorted(near)], touching
 
 
 def _pairs(assembly: PolyhedralAssembly, tolerance: float) -> _Pairs:
     contacts = assembly.contacts_within(tolerance)
     pairs = np.sort(np.column_stack([contacts.block_m, contacts.block_s]), axis=1)
     return [(a, b) for a, b in np.unique(pairs, axis=0).tolist()]
-
-
-def _distance(assembly: PolyhedralAssembly, a: int, b: int) -> float:
-    """Least distance of a corner of one block from the surface of the other [mm]."""
-    return min(
-        float(
-            np.abs(
-                SignedDistance(assembly.shape(one))(
-                    (assembly.points(other) - assembly.translations[one]) @ assembly.rotations[one]
-                )
-            ).min()
-        )
-        for one, other in ((a, b), (b, a))
-    )
 
 
 def write_repaired(path: Path, output: Path, *, units: str, up: str) -> FileCheck:

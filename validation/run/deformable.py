@@ -160,7 +160,16 @@ class DeformableRun:
         why_none = self._sections[1]
         notes: dict[str, str] = {"sections": why_none} if why_none else {}
         if isinstance(self.scene, PolyhedralScene):
-            notes |= doubts(self.scene, assembly, Path())
+            meets = self.solution.deformable.meets
+            surfaces = build_polyhedra(self.scene, Path()) if meets else None
+            notes |= doubts(self.scene, assembly, Path(), surfaces)
+            bare = [] if surfaces is None else bare_joints(surfaces)
+            more = f" and {len(bare) - 1} more pairs" if len(bare) > 1 else ""
+            if bare:
+                notes["edge contacts"] = (
+                    f"left out: blocks {assembly.named(bare[0][0])} and "
+                    f"{assembly.named(bare[0][1])}{more} touch along an edge or at a point alone"
+                )
         groups = self.solution.deformable.model.groups
         bounded = not isinstance(groups[0].mesh, LagrangeMesh) and groups[0].element in _MEAN_STRESS
         ratio = max(group.material.poisson_ratio for group in groups)
@@ -178,12 +187,4 @@ class DeformableRun:
                 f"size {min(sizes):.3g}{to} mm (mesh.size; by default ∛V), each split into "
                 "four hexahedra"
             )
-        if isinstance(self.scene, PolyhedralScene) and self.solution.deformable.meets:
-            bare = bare_joints(build_polyhedra(self.scene, Path()))
-            more = f" and {len(bare) - 1} more pairs" if len(bare) > 1 else ""
-            if bare:
-                notes["edge contacts"] = (
-                    f"left out: blocks {assembly.named(bare[0][0])} and "
-                    f"{assembly.named(bare[0][1])}{more} touch along an edge or at a point alone"
-                )
         return notes

@@ -68,8 +68,9 @@ class DetectionSection(Section):
 
     tolerance: Positive | None = None
     """Largest gap or overlap of touching facets [mm]; by default 1e-4 of a block."""
-    angle: Annotated[float, Field(gt=0, le=60)] = 5.0
-    """Largest angle between facing facets [°]; increase it for coarsely meshed curved faces."""
+    angle: Annotated[float, Field(gt=0, le=60)] | None = None
+    """Largest angle between facing facets [°]; by default 5, on curved faces more by the angle
+    between neighbouring facets."""
     points: ContactPlacement = ContactPlacement.VERTICES
     """``vertices``: exact for flat faces; ``centroids``: for finely meshed curved faces."""
 

@@ -103,7 +103,7 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
         load=load,
         push=rigid_push(scene, assembly, stated),
         loads=loads,
-        doubts=doubts(scene, assembly, file.folder),
+        doubts=doubts(scene, assembly, file.folder, assembly),
     )
     if not sum(run.bare_contacts.values()):
         return run
