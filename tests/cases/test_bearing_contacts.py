@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.dome import write_dome
+from tests.support.dome import voussoirs, write_dome
 from tests.support.face import solved
 
 FIVE_RINGS = [20.0, 34.0, 48.0, 62.0, 76.0, 90.0]
@@ -21,7 +21,7 @@ def test_five_rings_stand_by_their_faces_alone(
     """The axisymmetric limit is t/R = 0.0310. Corners where four voussoirs meet would tie the
     rings at any thickness, whatever the tolerance of contact."""
     scene = f"[rigid]\nfriction = 0.6\n[detection]\ntolerance = {tolerance}\n"
-    path = write_dome(tmp_path, thickness, sectors=16, angles=FIVE_RINGS, cap=False, scene=scene)
+    path = write_dome(tmp_path, voussoirs(thickness, 16, FIVE_RINGS), scene)
     answer = solved(path, method="rigid").as_dict()
     assert answer["carried"] is carried
     assert answer["with_edges_and_corners"]["holds"]
@@ -32,8 +32,8 @@ def test_the_limit_load_of_a_dome_is_that_of_its_faces(tmp_path: Path) -> None:
     """An independent linear program in space puts it between 3.886 and 4.063; with corners that
     have no area 4.658 was printed."""
     scene = "[load]\nacceleration = [981.0, 0.0, 0.0]\n[rigid]\nfriction = 0.5\ncollapse = true\n"
-    angles = np.linspace(10.0, 90.0, 7).tolist()
-    path = write_dome(tmp_path, 120.0, sectors=8, angles=angles, cap=True, scene=scene)
+    blocks = voussoirs(120.0, 8, np.linspace(10.0, 90.0, 7), cap=True)
+    path = write_dome(tmp_path, blocks, scene)
     answer = solved(path, method="rigid").as_dict()
     assert answer["collapse"]["certified"]
     assert 3.886 < answer["collapse"]["factor"] < 4.063

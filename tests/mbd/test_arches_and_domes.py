@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geometry.families.masonry import box, circular_arch
+from geometry.families.masonry import circular_arch
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
-from geometry.polyhedra.polyhedron import convex_polyhedron
 from mbd import contact_jacobian
 from mbd.friction import collapse_load, frictional_contacts, frictional_equilibrium
+from tests.support.dome import voussoirs
 from tests.support.limit_programs import arch, least, lune, sideways, stands
 from tests.verification.closed_forms import body_force
 
@@ -31,24 +31,9 @@ def own_arch(thickness: float, voussoirs: int, pieces: int = 1, **more: float):
 
 
 def dome(thickness: float, lunes: int, courses: int) -> PolyhedralAssembly:
-    """A hemisphere of radius 1 m of voussoirs with flat faces on one wide fixed block."""
-    around = 2.0 * np.pi * np.arange(lunes + 1) / lunes
-    down = np.linspace(0.0, np.pi / 2, courses + 1)
-    blocks = []
-    for k in range(courses):
-        points = [
-            [r * np.sin(f) * np.cos(q), r * np.sin(f) * np.sin(q), r * np.cos(f)]
-            for r in 1000.0 * (1.0 + thickness * np.array([-0.5, 0.5]))
-            for f in down[k : k + 2]
-            for q in around[:2]
-        ]
-        shape = convex_polyhedron("voussoir", np.unique(np.round(points, 9), axis=0))
-        for turn in around[:-1]:
-            c, s = np.cos(turn), np.sin(turn)
-            blocks.append((shape, np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), np.zeros(3)))
-    ground = box((3000.0, 3000.0, 100.0))
-    blocks.append((ground, np.eye(3), np.array([-1500.0, -1500.0, -100.0])))
-    return polyhedral_assembly("dome", blocks, np.arange(len(blocks)) == len(blocks) - 1)
+    blocks = voussoirs(1000.0 * thickness, lunes, np.linspace(0.0, 90.0, courses + 1))
+    places = [(block, np.eye(3), np.zeros(3)) for block in blocks.values()]
+    return polyhedral_assembly("dome", places, np.array([name[0] == "b" for name in blocks]))
 
 
 @pytest.mark.quick

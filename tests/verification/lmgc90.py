@@ -89,18 +89,19 @@ def _abutment(run: PolyhedralRun) -> BoolArray:
 
 def _thrusts(run: PolyhedralRun) -> dict[str, float]:
     """Thrust of the least-norm answer, the least and the largest one [N]."""
-    assembly, load = run.assembly, run.load
+    assembly, load = run.assembly.bearing(), run.load
     contacts = contact_jacobian(assembly, load.fixed, load.held)
     frictional = frictional_contacts(assembly, contacts, FRICTION)
     force = block_wrenches(assembly, load)[contacts.free_blocks]
     force[:, 3:] /= contacts.length
-    here = _abutment(run)
+    counted = slice(None) if run.carried.counted is None else run.carried.counted
+    here, forces = _abutment(run)[counted], run.carried.forces[counted]
     held = assembly.fixed[contacts.block_s[here]]
     normals = assembly.interfaces.normals[contacts.index]
     axes = np.concatenate([normals[:, None], frictional.tangents], axis=1)[:, :, 0]
     along = np.zeros_like(axes)
     along[here] = np.where(held, -1.0, 1.0)[:, None] * axes[here]
-    shown = run.carried.forces[here] * np.where(held, -1.0, 1.0)[:, None]
+    shown = forces[here] * np.where(held, -1.0, 1.0)[:, None]
     flat = along.ravel()
     return {
         "least-norm": float(shown[:, 0].sum()),
