@@ -185,7 +185,7 @@ def test_every_link_inside_the_site_leads_somewhere() -> None:
 def _named(text: str) -> set[str]:
     """First cells of tables, with the heads above them: commands, options, keys, public names; of
     keys their ranges, units and defaults too."""
-    row = r"\| `(?:[^|]*\|){3}[^|]*(?=\|[^|]*\|$)"
+    row = r"\| `(?:[^|\n]*\|){3}[^|\n]*(?=\|[^|\n]*\|$)"
     return set(re.findall(rf"^(?:#.*|{row}|\| \[?`[^|]*`)", text, re.MULTILINE))
 
 
