@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from geometry.errors import unreadable
 from geometry.files.mesh_io import read_any_mesh
@@ -16,7 +17,7 @@ from geometry.files.named_surfaces import OWN_UNITS, READERS, NamedSurface, read
 from geometry.files.obj import read_obj
 from geometry.files.repair import repaired, turned_alike
 from geometry.files.stl import is_text, read_stl_text
-from geometry.mesh import HEX_FACES, FloatArray, HexMesh, IntArray, MeshError, check_mesh
+from geometry.mesh import HEX_FACES, BoolArray, FloatArray, HexMesh, IntArray, MeshError, check_mesh
 from geometry.parts.chosen import numbers_of
 from geometry.polyhedra.polygons import surface_of_polygons
 from geometry.polyhedra.polyhedron import (
@@ -213,8 +214,45 @@ def _nodes(gmsh: Any) -> tuple[FloatArray, IntArray]:
     return np.asarray(coordinates, dtype=np.float64).reshape(-1, 3), place
 
 
-def _read_step(path: Path, element_size: float | None) -> list[tuple[FloatArray, IntArray]]:
-    """Triangulate the boundary of each solid of a STEP file."""
+@dataclass(frozen=True)
+class StepFaces:
+    """Faces of a STEP file that the triangles of a block are on."""
+
+    path: Path
+    faces: IntArray
+    """gmsh's number of the face of each triangle, 0 for flat ones; (n_triangles,)."""
+    outward: FloatArray
+    """Normals of the triangles, (n_triangles, 3)."""
+
+    def curved(self, triangles: IntArray) -> BoolArray:
+        """Whether triangles (n,) are of curved faces, (n,)."""
+        return self.faces[triangles] > 0
+
+    def together(self, triangles: IntArray) -> BoolArray:
+        """Whether the two triangles of each row (n, 2) are of one curved face, (n,)."""
+        one, other = self.faces[triangles].T
+        return (one == other) & (one > 0)
+
+    def on(self, points: FloatArray, triangles: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Nearest points on curved faces, and outward normals, as in `CurvedFaces`."""
+        places, normals = points.copy(), self.outward[triangles].copy()
+        if not len(triangles):
+            return places, normals
+        with _opened(self.path) as (gmsh, _):
+            for face in np.unique(self.faces[triangles]).tolist():
+                mine = self.faces[triangles] == face
+                near, at = gmsh.model.getClosestPoint(2, face, points[mine].ravel())
+                normal = np.reshape(gmsh.model.getNormal(face, at), (-1, 3))
+                along = np.einsum("ni,ni->n", normal, normals[mine])
+                places[mine] = np.reshape(near, (-1, 3))
+                normals[mine] = normal * np.sign(along)[:, None]
+        return places, normals
+
+
+def _read_step(
+    path: Path, element_size: float | None
+) -> list[tuple[FloatArray, IntArray, IntArray]]:
+    """Points and triangles of the boundary of each solid of a STEP file, and their curved faces."""
     with _opened(path) as (gmsh, volumes):
         if element_size is not None:
             gmsh.option.setNumber("Mesh.MeshSizeMax", element_size)
@@ -222,11 +260,17 @@ def _read_step(path: Path, element_size: float | None) -> list[tuple[FloatArray,
         points, place = _nodes(gmsh)
         solids = []
         for volume in volumes:
-            parts = []
+            parts, faces = [], []
             for _, face in gmsh.model.getBoundary([(3, volume)], oriented=False):
                 _, nodes = gmsh.model.mesh.getElementsByType(2, face)
                 parts.append(place[nodes.astype(np.int64)].reshape(-1, 3))
-            solids.append((points, one_solid(points, turned_alike(np.concatenate(parts)))))
+                number = 0 if gmsh.model.getType(2, face) == "Plane" else face
+                faces.append(np.full(len(parts[-1]), number))
+            every, of = np.concatenate(parts), np.concatenate(faces)
+            merged, triangles = merge_points(points, one_solid(points, turned_alike(every)))
+            # Parts of a solid are put in order, and triangles without area dropped.
+            _, nearest = cKDTree(points[every].mean(axis=1)).query(merged[triangles].mean(axis=1))
+            solids.append((merged, triangles, of[nearest]))
         return solids
 
 
@@ -244,10 +288,12 @@ class _Solid:
     repairs: tuple[str, ...] = ()
     fault: str = ""
     """Why its surface could not be taken apart into solids; empty where it could."""
+    step: tuple[Path, IntArray] | None = None
+    """STEP file, and the faces of the triangles as in `StepFaces`."""
 
     def block(self, *, straightened: bool = False) -> Polyhedron:
         """As a block, not checked."""
-        return turned_outward(
+        block = turned_outward(
             self.name,
             self.points,
             self.triangles,
@@ -256,6 +302,9 @@ class _Solid:
             held=self.held,
             repairs=self.repairs,
         )
+        if self.step is None or not self.step[1].any():
+            return block
+        return replace(block, exact=StepFaces(*self.step, block.normals))
 
 
 def read_blocks(
@@ -342,11 +391,16 @@ def _solids(
         raise MeshError(f"block.units: got {units!r}, expected one of {', '.join(UNITS)}")
     suffix = path.suffix.lower()
     if suffix in STEP_SUFFIXES:
-        result = [("", *merge_points(*solid)) for solid in _read_step(path, element_size)]
+        result = _read_step(path, element_size)
         several = len(result) > 1
         return [
-            _Solid(f"{path.name}{f' part {k}' if several else ''}", points, triangles)
-            for k, (_, points, triangles) in enumerate(result)
+            _Solid(
+                f"{path.name}{f' part {k}' if several else ''}",
+                points,
+                triangles,
+                step=(path, faces),
+            )
+            for k, (points, triangles, faces) in enumerate(result)
         ], False
     straightened = False
     surfaces = _named_surfaces(path, suffix)

@@ -305,8 +305,10 @@ def find_contacts(
         wide=_wide(world, polygons, world.faces[m][first], world.faces[s][first]),
     )
     if placement is ContactPlacement.CENTROIDS:
-        return _at_centroids(patches, polygons, direction)
-    flat_contacts = _at_vertices(patches, polygons)
+        return _on_exact_faces(
+            world, _at_centroids(patches, polygons, direction), m[first], s[first]
+        )
+    flat_contacts = _on_exact_faces(world, _at_vertices(patches, polygons), m[first], s[first])
     narrow = np.flatnonzero(~flat_contacts.bears)
     for triangle in (m, s):
         faces = world.faces[triangle][first][flat_contacts.patch[narrow]]
@@ -328,6 +330,24 @@ def _wide(
     triangles, owner = polygons.triangles
     width = widths(polygons.corners[triangles], group[polygons.patch[owner]])
     return width[group] > world.least_widths[both].min(axis=1)
+
+
+def _on_exact_faces(
+    world: PlacedShapes, contacts: ContactPoints, m: IntArray, s: IntArray
+) -> ContactPoints:
+    """Contacts where curved faces of CAD models are, with the normals of these.
+
+    ``m`` and ``s`` are triangles of the two planes of each patch, (n_patches,). The facets of a
+    cylinder are teeth to what slides along it; its surface is not.
+    """
+    points, of_s = world.on_exact_faces(contacts.centroids, s[contacts.patch])
+    points, of_m = world.on_exact_faces(points, m[contacts.patch])
+    direction = of_m - of_s
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    m, s = m[contacts.patch], s[contacts.patch]
+    curved = ((of_m != world.normals[m]) | (of_s != world.normals[s])).any(axis=1)
+    normals = np.where(curved[:, None], direction, contacts.normals)
+    return replace(contacts, centroids=points, normals=normals)
 
 
 def _with_points(

@@ -123,6 +123,26 @@ class PlacedShapes:
         """Block of each, (n_triangles,)."""
         return self.of_blocks(lambda shape, block: np.full(len(shape.triangles), block))
 
+    def on_exact_faces(
+        self, points: FloatArray, triangles: IntArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Points (n, 3) near triangles (n,) on the curved CAD faces of these, and normals there.
+
+        Points are where they were on other faces, and normals those of the planes.
+        """
+        start = np.searchsorted(self.block, np.arange(len(self.shape_of)))
+        places, normals, block = points.copy(), self.normals[triangles], self.block[triangles]
+        for one in np.unique(block).tolist():
+            exact = self.shapes[self.shape_of[one]].exact
+            if exact is None:
+                continue
+            rows = np.flatnonzero(block == one)
+            rows = rows[exact.curved(triangles[rows] - start[one])]
+            local = (points[rows] - self.translations[one]) @ self.rotations[one]
+            near, outward = exact.on(local, triangles[rows] - start[one])
+            places[rows], normals[rows] = self.placed(near, one), self.turned(outward, one)
+        return places, normals
+
     @cached_property
     def boxes(self) -> tuple[FloatArray, FloatArray]:
         """Corners of the boxes round triangles, larger by half the tolerance, (n, 3) each [mm]."""

@@ -211,13 +211,13 @@ def standing_corners(world: PlacedShapes) -> PointContacts:
     local = np.einsum("nji,nj->ni", world.rotations[p_block[i]], n[j])
     stands = _stand(rays, p_corner[i], local)
     i, j = i[stands], j[stands]
-    swap = p_block[i] > t_block[j]
+    swap, outward = p_block[i] > t_block[j], world.on_exact_faces(p[i], j)[1]
     # The face's normal points to the corner's block.
     return PointContacts(
         np.where(swap, t_block[j], p_block[i]),
         np.where(swap, p_block[i], t_block[j]),
         p[i],
-        np.where(swap[:, None], n[j], -n[j]),
+        np.where(swap[:, None], outward, -outward),
         world.within(p[i], world.faces[j]),
     )
 

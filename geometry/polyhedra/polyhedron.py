@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, cKDTree
 
 from geometry.block import Block
-from geometry.mesh import FloatArray, IntArray, MassProperties, MeshError
+from geometry.mesh import BoolArray, FloatArray, IntArray, MassProperties, MeshError
 from geometry.polyhedra.box_tree import BoxTree, boxes_of_triangles
 from geometry.polyhedra.polygons import surface_of_polygons
 from geometry.polyhedra.solids import across_matter
@@ -37,6 +37,22 @@ _SHARP = 25.0
 _FLAT = 1e-7
 
 
+class CurvedFaces(Protocol):
+    """The exact surface of a block that its triangles stand for."""
+
+    def on(self, points: FloatArray, triangles: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Nearest points on the faces of some triangles, and outward normals there, (n, 3) each.
+
+        ``points`` (n, 3) [mm] and ``triangles`` (n,) are those of the block.
+        """
+
+    def together(self, triangles: IntArray) -> BoolArray:
+        """Whether the two triangles of each row (n, 2) are of one curved face, (n,)."""
+
+    def curved(self, triangles: IntArray) -> BoolArray:
+        """Whether triangles (n,) are of curved faces, (n,)."""
+
+
 @dataclass(frozen=True)
 class Polyhedron:
     """One closed block shape in its own reference position."""
@@ -55,6 +71,8 @@ class Polyhedron:
     """Whether its file says that it is a support."""
     repairs: tuple[str, ...] = ()
     """What was changed in its surface on request."""
+    exact: CurvedFaces | None = None
+    """Faces of the CAD model that the triangles are on; None: the triangles are the shape."""
 
     @cached_property
     def corners(self) -> FloatArray:
@@ -182,7 +200,11 @@ class Polyhedron:
         Their corners (n, 2), and normals (n, 2, 3) and numbers (n, 2) of their two faces. The
         pieces of a straight edge between two planes are one edge.
         """
-        ends, planes = self.ridges
+        ends, sides = ridges(self.triangles, self.plane_of)
+        if self.exact is not None:  # edges of triangles inside a curved face are none of the block
+            between = ~self.exact.together(sides)
+            ends, sides = ends[between], sides[between]
+        planes = self.plane_of[sides]
         normals = self.plane_normals[planes]
         along = self.points[ends[:, 1]] - self.points[ends[:, 0]]
         along /= np.linalg.norm(along, axis=1, keepdims=True)
