@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from geometry.families.masonry import circular_arch
-from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
+from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import contact_jacobian
 from mbd.friction import collapse_load, frictional_contacts, frictional_equilibrium
-from tests.support.dome import voussoirs
+from tests.support.dome import hemisphere
 from tests.support.limit_programs import arch, least, lune, sideways, stands
 from tests.verification.closed_forms import body_force
 
@@ -28,12 +28,6 @@ def carried(assembly: PolyhedralAssembly, friction: float) -> bool:
 
 def own_arch(thickness: float, voussoirs: int, pieces: int = 1, **more: float):
     return circular_arch(1000.0, 1000.0 * thickness, 300.0, voussoirs, pieces=pieces, **more)
-
-
-def dome(thickness: float, lunes: int, courses: int) -> PolyhedralAssembly:
-    blocks = voussoirs(1000.0 * thickness, lunes, np.linspace(0.0, 90.0, courses + 1))
-    places = [(block, np.eye(3), np.zeros(3)) for block in blocks.values()]
-    return polyhedral_assembly("dome", places, np.array([name[0] == "b" for name in blocks]))
 
 
 @pytest.mark.quick
@@ -80,5 +74,5 @@ def test_the_least_thickness_of_a_hemisphere_is_that_of_its_lunes() -> None:
     has 0.042 (Heyman 1967)."""
     limit = least(lambda t: stands(lune(t, 16, 18), 0.25), 0.03, 0.06)
     assert limit == pytest.approx(0.0426, abs=2e-4)
-    assert carried(dome((1.0 + BESIDE) * limit, 16, 18), 0.25)
-    assert not carried(dome((1.0 - BESIDE) * limit, 16, 18), 0.25)
+    assert carried(hemisphere((1.0 + BESIDE) * limit, 16, 18), 0.25)
+    assert not carried(hemisphere((1.0 - BESIDE) * limit, 16, 18), 0.25)

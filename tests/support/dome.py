@@ -8,7 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from tests.support.face import Polyhedron, convex_polyhedron
+from tests.support.face import (
+    PolyhedralAssembly,
+    Polyhedron,
+    convex_polyhedron,
+    polyhedral_assembly,
+)
 
 
 def voussoirs(
@@ -39,6 +44,14 @@ def voussoirs(
         name: convex_polyhedron(name, np.unique(np.round(corners, 9), axis=0))
         for name, corners in points.items()
     }
+
+
+def hemisphere(thickness: float, lunes: int, courses: int) -> PolyhedralAssembly:
+    """A hemisphere of ``thickness`` times its radius, its base fixed."""
+    blocks = voussoirs(1000.0 * thickness, lunes, np.linspace(0.0, 90.0, courses + 1))
+    places = [(block, np.eye(3), np.zeros(3)) for block in blocks.values()]
+    fixed = np.array([name.startswith("base") for name in blocks])
+    return polyhedral_assembly("dome", places, fixed)
 
 
 def write_dome(folder: Path, blocks: dict[str, Polyhedron], scene: str) -> Path:
