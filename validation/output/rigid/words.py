@@ -48,11 +48,11 @@ def certificate_words(classification: Classification) -> str:
 def held_words(run: RigidAnswer) -> str:
     """Name the axes along which the assembly resists a small push beside the load, and how."""
     held, by_load = run.held or {}, run.held_by_load
-    down = f"held down by its {'weight' if run.weighs_alone else 'load'} against pushes along"
+    down = "held down by its weight" if run.weighs_alone else "held by its load"
     words = []
     for title, axes in (
         ("resists pushes along", [way for way in held if held[way] and way not in by_load]),
-        (down, list(by_load)),
+        (f"{down} against pushes along", list(by_load)),
         ("slides freely along", [way for way in held if not held[way]]),
     ):
         if axes:
