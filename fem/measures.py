@@ -21,6 +21,7 @@ from fem.assembly.peaks import (
     largest_displacement,
     largest_pressure,
     mean_of_block_maxima,
+    pressure_between_nodes,
 )
 from fem.contact.facet_peaks import LARGEST_FACTOR
 from fem.solution import Solution
@@ -216,6 +217,15 @@ def load_step_change(solution: Solution) -> dict[str, float]:
         return {}
     before, after = measures_of(coarse), measures_of(solution)
     return {name: abs(after[name].value - before[name].value) for name in after}
+
+
+def hidden_between_nodes(solution: Solution) -> dict[str, float]:
+    """What nodes may hide of the pressure at a point, in its unit; empty without contact."""
+    model = solution.deformable
+    if not model.meets:
+        return {}
+    hidden = pressure_between_nodes(model, model.contact.law, solution.contact_state)
+    return {"p_max_point": hidden}
 
 
 def bracketed(solution: Solution) -> dict[str, float]:

@@ -87,10 +87,10 @@ class Measure:
         A value that the mesh does not resolve, or whose error bar is wide, is no number to use.
         """
         value, error = self.value, self.error
-        if self.remark:
-            return self.remark
         if not self.resolved:
             return f"not resolved on this mesh: at least {value:.2g} {self.unit}"
+        if self.remark:
+            return self.remark
         if error is not None and error > WIDEST * abs(value):
             share = f"± {100 * error / abs(value):.0f} %" if value else f"± {error:.2g} {self.unit}"
             return f"not resolved on this mesh: {value:.2g} {self.unit} {share}"
@@ -113,6 +113,8 @@ class Measure:
             words += f", layer {where['layer']}"
         if where["face"] is not None:
             words += f", face {where['face']}"
+        if where.get("moved"):
+            words += " (elsewhere than under the load as stated)"
         if "radius" in where:
             height = f"z {where['height']:.1f}"
             return f"{words}, r {where['radius']:.1f}, {where['angle']:.1f}°, {height}"
@@ -185,10 +187,22 @@ UNITS = {
 }
 
 
+def by_size(measures: Mapping[str, Measure]) -> list[str]:
+    """Names of load factors, the limit that is reached first before the others."""
+
+    def size(name: str) -> tuple[bool, float]:
+        value = measures[name].value if name in measures else np.nan
+        return bool(np.isnan(value)), value
+
+    return sorted(FACTORS, key=size)
+
+
 def measure_rows(measures: Mapping[str, Measure]) -> list[tuple[str, str]]:
     """Measures in words, a row each: title; value, error, unit, remark and place."""
     result = []
-    for name in (*EVERY_TITLE, *(name for name in measures if name not in EVERY_TITLE)):
+    names = [*EVERY_TITLE, *(name for name in measures if name not in EVERY_TITLE)]
+    names[len(TITLES) : len(TITLES) + len(FACTORS)] = by_size(measures)
+    for name in names:
         if name in measures:
             measure, title = measures[name], EVERY_TITLE.get(name, Title(name))
             reported = "" if measure.remark else title.remark.format(**(measure.place or {}))

@@ -2,7 +2,8 @@
 
 Contact is not linear in the load, so each factor is found by solving again, on the mesh of the
 answer. Cracking is judged by the averaged tension. Crushing is judged by the minimum principal
-stress at a point where the mesh resolves it, else by the contact pressure at a point.
+stress at a point where the mesh resolves it, else by the contact pressure at a point. A contact
+law is stiffer under a larger load: what nodes may hide of a pressure is that at the factor.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import replace
 from fem.accuracy.one_mesh import static_solution
 from fem.assembly.deformable import DeformableAssembly
 from fem.element.material import one_strength
-from fem.measures import measures_of
+from fem.measures import hidden_between_nodes, measures_of
 from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
@@ -26,6 +27,8 @@ JUDGED = {
     "tensile_strength": ("cracking_factor", ("sigma_1_averaged",)),
     "compressive_strength": ("crushing_factor", ("sigma_3_min", "p_max_point")),
 }
+#: Why a factor is none.
+_TOO_COARSE = "not resolved: under {:.2g} times the load the law is too stiff for this mesh"
 #: Logarithm of strength over stress from which the last secant is followed without solving again
 #: (it leaves out the curvature, about its square), and most loads that are tried.
 _NEAR, _MOST = 0.03, 12
@@ -89,7 +92,7 @@ def strength_factors(
             start=state if near and not path_counts else None,
         )
         last, state = factor, result.static
-        return measures_of(result)
+        return measures_of(result, hidden_between_nodes(result))
 
     result = {}
     for name, strength in strengths.items():
@@ -115,16 +118,23 @@ def _judged(
     name = usable[0]
     stress = measures[name]
     largest = max(abs(m.value) for m in measures.values() if m.is_number and m.unit == "MPa")
-    if name == "sigma_1_averaged" and stress.value <= _ROUNDING * largest:
-        return _none("none: no tension")
-    if stress.value == 0.0:
-        return _none("none: no stress")
+    tension = name == "sigma_1_averaged"
+    if stress.value == 0.0 or (tension and stress.value <= _ROUNDING * largest):
+        return _none("none: no tension" if tension else "none: no stress")
     try:
         factor, reached = _scaled_until(strength, stress, lambda f: at(f)[name])
     except _BoundError as error:
         return _none(str(error))
-    bar = None if stress.error is None else factor * stress.error / abs(stress.value)
-    return Measure(factor, "times the load", bar, place={**(reached.place or {}), "stress": name})
+    place = {**(reached.place or {}), "stress": name}
+    if stress.place is not None and place.get("blocks") != stress.place["blocks"]:
+        place["moved"] = True
+    if not (reached.resolved and (stress.error is None or reached.is_number)):
+        remark = _TOO_COARSE.format(factor)
+        return Measure(factor, "times the load", place=place, remark=remark)
+    bar = None
+    if stress.error is not None:
+        bar = factor * max(abs((of.error or 0.0) / of.value) for of in (stress, reached))
+    return Measure(factor, "times the load", bar, place=place)
 
 
 class _BoundError(RefusedError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from tests.support.face import (
     _scaled_until,
     box_column,
     face_pressure,
+    measure_rows,
 )
 
 TUBE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=2")
@@ -83,6 +85,7 @@ def test_rigid_contacts_crush_in_proportion(tubelock) -> None:
     found = json.loads(Path("a.json").read_text())["measures"]
     peak = found["p_max_facet"]["value"]
     assert found["crushing_factor"]["value"] == pytest.approx(30.0 / peak, rel=1e-12)
+    assert "by mean pressures of facets of rigid blocks, without peaks" in " ".join(out.split())
     assert "compressive_strength" not in out.partition("ignored")[2]
 
 
@@ -95,6 +98,35 @@ def test_strengths_that_cannot_be_used_are_rejected() -> None:
     mixed = replace(problem, material=[*problem.materials[:-1], other])
     with pytest.raises(RefusedError, match="tensile_strength: got different ones"):
         solve_static(mixed, mesh="scene", error_bars=False)
+
+
+@pytest.mark.quick
+def test_the_limit_that_is_reached_first_is_named_first() -> None:
+    """Whichever it is; a limit without a factor comes last."""
+    place = {"blocks": [0], "layer": None, "face": None, "position": [0, 0, 0], "stress": "p_max"}
+    for cracking, crushing in ((312.6, 26.0), (26.0, 312.6), (math.nan, 26.0)):
+        factors = {"cracking_factor": cracking, "crushing_factor": crushing}
+        rows = measure_rows(
+            {name: Measure(v, "times the load", place=place) for name, v in factors.items()}
+        )
+        assert rows[0][1].startswith("26 times the load")
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="the bar is that of the stress under the load as stated")
+def test_the_bar_of_a_factor_is_that_of_the_stress_at_the_factor() -> None:
+    """A run at the factor has another relative bar: contact is stiffer there."""
+    block = SineBlock(
+        height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
+    )
+    blocks = tube(block, layers=1, mesh=(12, 2, 4))
+    material = replace(concrete, tensile_strength=3.0)
+    factor = solve_static(Problem(blocks, pipe(0.01), material))["cracking_factor"]
+    stress = solve_static(Problem(blocks, pipe(0.01 * factor.value), concrete))["sigma_1_averaged"]
+    assert factor.error is not None
+    assert stress.error is not None
+    shares = factor.error / factor.value, stress.error / stress.value
+    assert shares[0] == pytest.approx(shares[1], rel=0.2)
 
 
 def scaled(stress: Callable[[float], float], most: float = np.inf) -> tuple[float, list[float]]:

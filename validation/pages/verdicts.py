@@ -12,7 +12,7 @@ from geometry.answer import EVERY_TITLE, FACTORS, Answer, Measure, measure_rows
 from mbd import MechanismClass
 from validation.output.console import add_dimensions
 from validation.output.rigid import shown
-from validation.output.rigid.words import CLASS_WORDS, certificate_words
+from validation.output.rigid.words import CLASS_WORDS, OF_RIGID_BLOCKS, certificate_words
 from validation.run.accuracy import reached_rows
 from validation.run.deformable import DeformableRun
 from validation.run.rigid.answer import RigidAnswer
@@ -154,10 +154,12 @@ def strength_verdict(
 ) -> Verdict:
     """State the load factors at cracking and crushing, or the keys that they need."""
     lines, factors = [], [name for name in FACTORS if name in measures]
+    rigid = "" if computed else f" ({OF_RIGID_BLOCKS})"
     for title, words in measure_rows({name: measures[name] for name in factors}):
-        lines.append(f"{title}: {words}")
+        lines.append(f"{title}: {words}{rigid}")
     values = [measures[name].value for name in factors]
-    tone = GOOD if all(value >= 1.0 for value in values) else OPEN  # none where there is no factor
+    sure = all(measures[name].is_number for name in factors)
+    tone = GOOD if sure and all(value >= 1.0 for value in values) else OPEN
     tone = BAD if any(value < 1.0 for value in values) else tone
     for name, (key, value) in _STRENGTHS.items():
         if name in factors:

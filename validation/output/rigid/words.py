@@ -19,6 +19,8 @@ from validation.run.rigid.further import Further
 
 #: Components below this part of the largest are round-off.
 _NOISE = 1e-9
+#: What a load factor of rigid blocks is.
+OF_RIGID_BLOCKS = "by mean pressures of facets of rigid blocks, without peaks"
 #: Each kinematic class in words.
 CLASS_WORDS = {
     MechanismClass.LOCKED: "locked: no mechanism exists",
@@ -99,10 +101,8 @@ def add_first_rows(table: Table, run: RigidAnswer) -> None:
     if "p_max_facet" in result:
         table.add_row("largest contact pressure", pressure_words(result["p_max_facet"]))
     if "crushing_factor" in result:
-        words = "by mean pressures of facets, without peaks"
-        table.add_row(
-            FACTORS["crushing_factor"].words, f"{result['crushing_factor'].value_words}, {words}"
-        )
+        words = f"{result['crushing_factor'].value_words}, {OF_RIGID_BLOCKS}"
+        table.add_row(FACTORS["crushing_factor"].words, words)
     if "least_joint_force" in result:
         table.add_row("normal forces of joints", joint_force_words(result, run.assembly))
     if "total_reaction" in result:
