@@ -28,6 +28,7 @@ from fem.solution import Solution
 from fem.static.linear_step.condensed import StaticMemoryError
 from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.solve import StaticOptions
+from fem.static.time_limit import OutOfTimeError, time_limit
 from geometry.answer import ALIASES, TITLES, Measure
 from geometry.assembly import Assembly
 from geometry.block import Block
@@ -203,7 +204,7 @@ def converge(
     options
         Of the static solver.
     max_seconds
-        CPU time at most [s]; None: no limit.
+        CPU time at most [s], but for the first mesh; None: no limit.
     most_work
         Work of a mesh at most where no accuracy is requested.
     progress
@@ -226,19 +227,24 @@ def converge(
     last: Solved | None = None
     meshes, values = list[dict[str, Any]](), list[Mapping[str, Measure]]()
     limit = np.inf if requested else most_work
-    ended, errors = "the finest mesh", dict[str, float]()
+    ends = np.inf if max_seconds is None else time.process_time() + max_seconds
+    ended, errors, remarks = "the finest mesh", dict[str, float](), dict[str, str]()
+    told: Mapping[str, Measure] = {}
     for number, rung in enumerate(ladder.rungs, 1):
         stated = on_rung(problem, rung)
-        spent = sum(mesh["cpu_seconds"] for mesh in meshes)
-        left = None if max_seconds is None else max_seconds - spent
-        why = None if number < _FOR_BARS + 1 else _beyond(stated, last, left, limit)
+        left = ends - time.process_time()
+        why = None if last is None else _beyond(stated, last, left, limit, number)
         if why is not None:
             ended = why
             break
         if progress is not None:
-            progress(_progress(ladder, number, stated, last, errors))
+            progress(_progress(ladder, number, stated, last, told))
         try:
-            last = _solve(problem, stated, rung, options, last)
+            with time_limit(np.inf if last is None else left):
+                last = _solve(problem, stated, rung, options, last)
+        except OutOfTimeError:
+            ended = f"the limit of CPU time: mesh {number} was not finished in it"
+            break
         except StaticError as error:
             if last is None:
                 raise
@@ -248,17 +254,18 @@ def converge(
             )
             break
         meshes.append(_row(last))
-        values.append(last.measures)
+        values.append(told := last.measures)
         if number < _FOR_BARS:
             continue
-        errors = bars_of(ladder, values, [mesh["fineness"] for mesh in meshes], last.steps)
-        if is_reached(_with_errors(last.measures, errors), targets, number):
+        errors = bars_of(ladder, values, meshes)
+        remarks = ladder.unresolved(values) | growing(values)
+        told = _told(last.measures, errors, remarks)
+        if is_reached(told, targets, number):
             ended = "the requested accuracy"
             break
     assert last is not None
-    measures = _with_errors(last.measures, errors)
-    report = _report(meshes, measures, _among(targets, measures), ended)
-    return Converged(last.problem, last.solution, errors, growing(values), last.facets, report)
+    report = _report(meshes, told, _among(targets, told), ended)
+    return Converged(last.problem, last.solution, errors, remarks, last.facets, report)
 
 
 def climbed(
@@ -303,8 +310,7 @@ def _among(targets: Mapping[str, float], measures: Mapping[str, Measure]) -> dic
 def bars_of(
     ladder: Ladder,
     found: Sequence[Mapping[str, Measure]],
-    of_meshes: Sequence[float],
-    steps: Mapping[str, float],
+    meshes: Sequence[Mapping[str, Any]],
 ) -> dict[str, float]:
     """Error bars of the last of some meshes, with friction those of its load steps on top.
 
@@ -314,12 +320,11 @@ def bars_of(
         Whose first meshes they are.
     found
         Measures on each, at least two.
-    of_meshes
-        Fineness of each mesh.
-    steps
-        What half as many load steps change on the last, in the unit of each measure.
+    meshes
+        What the report says of each: fineness and load steps.
     """
-    bars = ladder.error_bars(found, of_meshes)
+    fine, along = ([mesh[name] for mesh in meshes] for name in ("fineness", "fineness_along"))
+    bars, steps = ladder.error_bars(found, fine, along), meshes[-1]["load_step_changes"]
     return {name: bar + steps.get(name, 0.0) for name, bar in bars.items()}
 
 
@@ -405,10 +410,14 @@ def _may_start(stated: Problem, before: Problem) -> bool:
     return all(charts_of(a).directions == charts_of(b).directions for a, b in shapes)
 
 
-def _with_errors(
-    measures: Mapping[str, Measure], errors: Mapping[str, float]
+def _told(
+    measures: Mapping[str, Measure], errors: Mapping[str, float], remarks: Mapping[str, str]
 ) -> dict[str, Measure]:
-    return {name: replace(m, error=errors.get(name)) for name, m in measures.items()}
+    """Measures with their error bars, or why they have none."""
+    return {
+        name: replace(m, error=errors.get(name), remark=remarks.get(name, ""))
+        for name, m in measures.items()
+    }
 
 
 def searched_points(blocks: Assembly, degree: int) -> FloatArray:
@@ -464,10 +473,14 @@ def _condensed_shapes(stated: Problem) -> list[Block]:
 
 
 def _beyond(
-    stated: Problem, last: Solved | None, left: float | None, most_work: float
+    stated: Problem, last: Solved, left: float, most_work: float, number: int
 ) -> str | None:
-    """Why a mesh is not solved in the CPU time that is left [s]; None where it may be."""
-    assert last is not None
+    """Why a mesh is not solved in the CPU time that is left [s]; None where it may be.
+
+    Error bars need two meshes: the second is begun as long as any time is left.
+    """
+    if number <= _FOR_BARS:
+        return None if left > 0.0 else "the limit of CPU time: none is left for a second mesh"
     static = last.solution.static
     assert static is not None
     if last.solution.large_motion is not None:
@@ -478,9 +491,10 @@ def _beyond(
     if 16.0 * (points**2).sum() > _MEMORY_SHARE * machine_memory():
         return "the memory of this machine"
     need = _expected_seconds(stated, last)
-    if left is None or need <= left:
+    if need <= left:
         return None
-    return f"the limit of CPU time: the next mesh needs about {need:.2g} s, and {left:.2g} s remain"
+    remain = f"{left:.2g} s remain" if left > 0.0 else "none is left"
+    return f"the limit of CPU time: the next mesh needs about {need:.2g} s, and {remain}"
 
 
 def _expected_seconds(stated: Problem, last: Solved) -> float:
@@ -497,11 +511,10 @@ def _progress(
     number: int,
     stated: Problem,
     last: Solved | None,
-    errors: Mapping[str, float],
+    told: Mapping[str, Measure],
 ) -> Progress:
-    before = {} if last is None else _with_errors(last.measures, errors)
     seconds = 0.0 if last is None else _expected_seconds(stated, last)
-    return Progress(number, len(ladder.rungs), round(_unknowns(stated)), before, seconds)
+    return Progress(number, len(ladder.rungs), round(_unknowns(stated)), told, seconds)
 
 
 def _report(
@@ -528,6 +541,7 @@ def _row(solved: Solved) -> dict[str, Any]:
     return {
         "degree": solved.rung.degree,
         "fineness": fineness(solved.problem),
+        "fineness_along": fineness(solved.problem, "along"),
         "elements_per_block": solved.problem.blocks.shapes[0].mesh.n_elements,
         "unknowns": solved.unknowns,
         "cpu_seconds": solved.seconds,

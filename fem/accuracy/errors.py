@@ -22,6 +22,8 @@ from typing import Any
 #: Factor of safety, and that of a sequence of meshes, as Roache's for three of them;
 #: `tests/verification/error_bars.py` measures how often they suffice.
 SAFETY, OF_SEQUENCES = 1.5, 1.25
+#: Meshes whose fineness differs by a smaller share are as fine.
+_SAME = 1e-6
 
 
 def error_bar(
@@ -55,7 +57,8 @@ def error_bar(
 def sequence_bar(values: Sequence[float], fineness: Sequence[float], rate: float) -> float:
     """Estimated error of the last of some values on finer and finer meshes.
 
-    Both meshes before it are compared, so that one agreement by chance is no convergence.
+    Both meshes before it are compared, so that one agreement by chance is no convergence. One that
+    is as fine says nothing.
 
     Parameters
     ----------
@@ -66,5 +69,13 @@ def sequence_bar(values: Sequence[float], fineness: Sequence[float], rate: float
     rate
         Power of the fineness by which the error falls.
     """
-    reductions = [(fineness[-1] / of) ** rate for of in fineness[-3:-1]]
-    return error_bar(values[-3:], reductions, safety=OF_SEQUENCES)
+    before = [
+        (value, (fineness[-1] / of) ** rate)
+        for value, of in zip(values[-3:-1], fineness[-3:-1], strict=True)
+        if fineness[-1] > (1.0 + _SAME) * of
+    ]
+    if not before:
+        return 0.0
+    compared = [value for value, _ in before]
+    reductions = [reduction for _, reduction in before]
+    return error_bar([*compared, values[-1]], reductions, safety=OF_SEQUENCES)

@@ -40,16 +40,19 @@ AT_EDGES = ("sigma_1_max", "sigma_3_min", "mises_max")
 AT_A_POINT = (*AT_EDGES, "p_max_point")
 #: Other values that a few elements decide.
 LOCAL = frozenset({"p_max_point", "sigma_1_averaged"})
-#: Least error bar over the value of stresses at edges before the mesh was refined there, and of
-#: what earlier meshes did not resolve [-]: beyond `geometry.answer.WIDEST`, so that they are
-#: printed as not resolved.
-_BEFORE_EDGES = 0.34
+#: Why values have no error bar: stresses at edges before the mesh was refined there, and what
+#: earlier meshes did not resolve.
+AT_AN_EDGE = "not resolved (grows at an edge)"
+BY_ONE_MESH = "not resolved (too few meshes reach this edge)"
 #: Means over facets, whose errors fall fastest.
 OF_FACETS = frozenset({"p_eff", "p_max", "p_max_facet"})
 #: Part of the largest last change that a local value is not known better than.
 SHARED = 0.3
 #: The same of means over facets, which elements in one direction alone may not change.
 SHARED_OF_FACETS = 0.03
+#: Measures whose errors fall with the distance of nodes: contact ends inside elements, where the
+#: degree counts once. They have bars by that distance.
+BY_LENGTHS = frozenset({"max_displacement"})
 #: Power of the fineness of a mesh by which errors fall; of values that few elements decide.
 _RATE, _RATE_OF_FEW = 1.25, 1.0
 #: Stresses below this share of the largest one need no finer mesh [-].
@@ -100,37 +103,53 @@ class Ladder:
     rungs: tuple[Rung, ...]
 
     def error_bars(
-        self, found: Sequence[Mapping[str, Measure]], fineness: Sequence[float]
+        self,
+        found: Sequence[Mapping[str, Measure]],
+        fineness: Sequence[float],
+        along: Sequence[float] | None = None,
     ) -> dict[str, float]:
         """Estimated errors of the measures of the last of its first two rungs or more.
 
-        Each rung has the `fineness` of its mesh.
+        Each rung has the `fineness` of its mesh, and that along a course. Measures that are
+        `unresolved` have no bar.
 
         A value that a few elements decide has a bar of `SHARED` of the largest last change at
         least, relative to each value, of the displacement, p_eff and values of its kind, a mean
         over facets of `SHARED_OF_FACETS`: one that hardly changed while others did agrees by
-        chance. Where the last rungs have the same elements between the upper and lower faces, or
-        equally many through the wall, stresses at an edge have a bar of `_BEFORE_EDGES` of their
-        value at least: nothing else shows what the mesh hides there. So has a value that one of
-        the last three rungs did not resolve: its change from there is none of this value.
+        chance.
         """
         last, before = found[-1], found[-2]
-        bars = {
-            name: sequence_bar([measures[name].value for measures in found], fineness, _rate(name))
-            for name in last
-        }
+        none = self.unresolved(found)
+        degrees = [rung.degree for rung in self.rungs[: len(found)]]
+        bars = {}
+        for name in (name for name in last if name not in none):
+            values = [measures[name].value for measures in found]
+            counts = degrees if name in BY_LENGTHS else [1] * len(found)
+            bars[name] = max(
+                sequence_bar(values, [a / b for a, b in zip(of, counts, strict=True)], _rate(name))
+                for of in (fineness, fineness if along is None else along)
+            )
         change = _largest_change(before, last)
         least = dict.fromkeys(LOCAL, SHARED * change)
         least |= dict.fromkeys(OF_FACETS, SHARED_OF_FACETS * change)
+        for name in least.keys() & bars.keys():
+            bars[name] = max(bars[name], least[name] * abs(last[name].value))
+        return bars
+
+    def unresolved(self, found: Sequence[Mapping[str, Measure]]) -> dict[str, str]:
+        """Say of measures of its first rungs why changes between these are no error bars.
+
+        Where the last rungs have the same elements between the upper and lower faces, or equally
+        many through the wall, nothing shows what the mesh hides of stresses at an edge. A value
+        that one of the last three rungs did not resolve has changed from there to another one.
+        """
+        hidden = {name for of in found[-3:] for name, m in of.items() if not m.resolved}
+        result = dict.fromkeys(hidden & found[-1].keys(), BY_ONE_MESH)
         rungs = self.rungs[max(0, len(found) - 3) : len(found)]
         upward, across = {(r.upward, r.upward_grading) for r in rungs}, {r.across for r in rungs}
         if 1 in (len(upward), len(across)):
-            least |= dict.fromkeys(AT_EDGES, _BEFORE_EDGES)
-        hidden = {name for of in found[-3:] for name, m in of.items() if not m.resolved}
-        least |= dict.fromkeys(hidden, _BEFORE_EDGES)
-        for name in least.keys() & last.keys():
-            bars[name] = max(bars[name], least[name] * abs(last[name].value))
-        return bars
+            result |= dict.fromkeys([n for n in AT_EDGES if n in found[-1]], AT_AN_EDGE)
+        return result
 
 
 def _largest_change(before: Mapping[str, Measure], last: Mapping[str, Measure]) -> float:
@@ -149,9 +168,15 @@ def _rate(name: str) -> float:
     return _RATE_OF_FEW if name in LOCAL or name in AT_EDGES else _RATE
 
 
-def fineness(problem: Problem) -> float:
-    """Squared degree over the mean length of the shortest elements of a block along its lines."""
+def fineness(problem: Problem, direction: str | None = None) -> float:
+    """Squared degree over the mean length of the shortest elements of a block along its lines.
+
+    Of one direction where one is named and the block has it.
+    """
     charts = charts_of(problem.blocks.shapes[0])
+    lines = dict(zip(charts.directions, charts.lines, strict=True))
+    if direction in lines and len(charts.elements) == 1:
+        return float(problem.degree**2 / np.diff(lines[direction]).min())
     shortest = [np.diff(line).min() for line in charts.lines]
     return float(problem.degree**2 / np.cbrt(np.prod(shortest) / len(charts.elements)))
 

@@ -55,8 +55,8 @@ def solve_static(
         Whether measures on the mesh of the problem have error bars, from coarser meshes, or from a
         finer one where there is none. Problems ``after`` another have none.
     max_seconds
-        CPU time that refining may take [s]; None: a fixed amount of work, about 20 CPU s, so that a
-        problem has one answer on every machine; no limit with an accuracy.
+        CPU time that meshes beyond the first may take [s]; None: a fixed amount of work, about
+        20 CPU s, so that a problem has one answer on every machine; no limit with an accuracy.
     progress
         Called before each mesh.
 

@@ -34,6 +34,7 @@ from fem.static.linear_step.condensed import levels_of
 from fem.static.linear_step.grid_block import GridBlock, PointFlexibility, grid_block
 from fem.static.newton import FARTHEST, relative_residual
 from fem.static.result import StaticError
+from fem.static.time_limit import check_time
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Holding springs of the blocks at first, over the tangent stiffness of their contacts, …
@@ -487,6 +488,7 @@ class _Iteration:
 
     def _step(self) -> ForceState | None:
         """One linear problem; the state where it is the last one."""
+        check_time()
         points, law, weights = self.points, self.contact.law, self.points.weights
         stiffness = law.stiffness(self.at)
         counts = ~points.soft(stiffness, self.bound)

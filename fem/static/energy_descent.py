@@ -34,6 +34,7 @@ from fem.static.linear_step.linearisation import (
     LinearStep,
     UnheldBlocksError,
 )
+from fem.static.time_limit import check_time
 from geometry.mesh import FloatArray
 
 #: Conjugate gradients stop at this share of the unbalanced force, or its root when it is small …
@@ -202,6 +203,7 @@ def minimise_energy(
     residuals: list[float] = []
     saddles = 0
     for _ in range(max_iterations):
+        check_time()
         pressure = energy.weights * energy.law.pressure(state.kinematics.overclosure)
         residuals.append(residual(state.force, pressure))
         precondition = _preconditioner(energy, state, holding)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import time
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,8 @@ from tests.support.face import (
     SAFETY,
     FrictionSet,
     InputError,
+    Ladder,
+    Rung,
     climbed,
     converge,
     error_bar,
@@ -116,27 +120,50 @@ def test_error_bars_cover_nine_of_ten_errors() -> None:
         by_rung = dict(zip(rungs, climbed(tube, rungs), strict=True))
         for ladder, first, n in climbs:
             solved = [by_rung[rung] for rung in ladder.rungs[:n]]
-            found, of_meshes = [s.measures for s in solved], [fineness(s.problem) for s in solved]
+            found, problems = [s.measures for s in solved], [s.problem for s in solved]
+            of_meshes = [fineness(p) for p in problems]
+            along = [fineness(p, "along") for p in problems]
             assert known.keys() <= found[0].keys()
             for k in range(first, n + 1):
-                bars = ladder.error_bars(found[:k], of_meshes[:k])
+                bars = ladder.error_bars(found[:k], of_meshes[:k], along[:k])
                 for key, reference in known.items():
+                    if key not in bars:
+                        continue
                     judged += 1
                     error = abs(found[k - 1][key].value - reference.value)
                     if error > bars[key] + reference.uncertainty:
                         missed.append((name, k, key))
-    assert judged == 70
+    assert judged >= 45  # of 70: stresses at edges, and what one mesh alone resolves, have no bar
     assert len(missed) <= judged // 10, missed
 
 
 def test_time_that_is_not_enough_ends_with_what_is_reached() -> None:
-    """Two meshes are solved whatever they take: without them there is no error bar."""
+    """One mesh is solved whatever it takes, and has no error bar alone."""
     found = converge(stated("tsb1-pipe"), {"p_max_point": 1e-6}, max_seconds=1e-3)
     told = found.report["accuracy"]
     assert told["not_reached"] == ["p_max_point"]
-    assert told["reached"]["p_max_point"] == relative(found.measures["p_max_point"])
+    assert told["reached"]["p_max_point"] == relative(found.measures["p_max_point"]) == math.inf
     assert "CPU time" in told["ended_by"]
-    assert len(found.report["meshes"]) == 2
+    assert "-" not in told["ended_by"]
+    assert len(found.report["meshes"]) == 1
+
+
+def test_a_mesh_that_takes_longer_than_the_limit_is_left_unfinished(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A clock that counts its readings, one of which each iteration takes."""
+    readings = count()
+    monkeypatch.setattr(time, "process_time", lambda: float(next(readings)))
+    problem = stated("tsb1-pipe")
+    ladder = Ladder((Rung(2, 6, 1, 2, 1.0, 1.0), Rung(3, 6, 1, 2, 1.0, 1.0)))
+    first = converge(problem, ladder=Ladder(ladder.rungs[:1]))
+    allowed = next(readings) + 3
+    begin = next(readings)
+    found = converge(problem, {"p_max_point": 1e-6}, max_seconds=allowed, ladder=ladder)
+    assert next(readings) - begin <= allowed + 5
+    assert "limit of CPU time" in found.report["accuracy"]["ended_by"]
+    assert len(found.report["meshes"]) == 1
+    assert found.measures["p_eff"].value == pytest.approx(first.measures["p_eff"].value, rel=1e-9)
 
 
 def test_command(tubelock) -> None:  # type: ignore[no-untyped-def]

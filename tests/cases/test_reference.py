@@ -89,6 +89,16 @@ def test_a_scene_without_a_converged_state_says_why(tubelock, setting, why) -> N
     assert why in data["static_reference"]["why_not"]
 
 
+def test_a_run_that_ends_before_it_is_at_rest_has_no_error_bars(tubelock) -> None:
+    """Its distance to a static state is none of the mesh: values have no bar, one row says why."""
+    out, data = answer(tubelock, "--set", "fem.end_time=0.0001")
+    assert not data["quasi_static"]["is_static"]
+    assert all(m["error"] is None for m in data["measures"].values())
+    assert out.count("not at rest: no error bar") == 1
+    assert data["error bars"] == "not at rest: no error bar"
+    assert "±" not in out
+
+
 def test_the_static_answer_of_a_comparison_is_that_of_fem(
     found: Comparison, converged: DeformableRun
 ) -> None:

@@ -100,8 +100,8 @@ _INNER = {
     "fem.accuracy.errors": "OF_SEQUENCES SAFETY error_bar sequence_bar",
     "fem.accuracy.facets": "pressures_on_facets",
     "fem.accuracy.ladder": (
-        "DEGREES LADDER Ladder PRESSURES Rung accuracy_ladder_module=* coarser fineness "
-        "graded_to_both_ends graded_to_one_end ladder_for on_mesh on_rung split"
+        "AT_AN_EDGE BY_ONE_MESH DEGREES LADDER Ladder PRESSURES Rung accuracy_ladder_module=* "
+        "coarser fineness graded_to_both_ends graded_to_one_end ladder_for on_mesh on_rung split"
     ),
     "fem.accuracy.one_mesh": "accuracy_one_mesh_module=* static_solution",
     "fem.accuracy.strength": "_BoundError _scaled_until",

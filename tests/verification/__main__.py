@@ -3,6 +3,7 @@
 Without names all tables but the long ones, four CPU minutes; CalculiX and compas_cra where they
 are installed. ``error-bars`` takes an hour, goes on where it was stopped, gives up a problem after
 ten CPU minutes, and keeps what ``error-bars-problems`` lists and ``error-bars-summary`` sums up.
+``error-bars-twelve`` solves twelve drawn tubes of one layer, ten minutes.
 ``first-answers`` runs commands with their defaults, five minutes. ``--folder PATH`` tries all files
 of blocks in a folder instead, ``--decks PATH`` all input decks in one, ``--lmgc90 FILE`` the barrel
 vault that compas_dem publishes with its forces.
@@ -53,12 +54,13 @@ TABLES: dict[str, tuple[str, Callable[[], Iterable[Row]]]] = {
     "first-answers": ("Answers by default, and before", first_answers.rows),
     "error-bars": ("Error bars of twenty problems", error_bars.rows),
     "error-bars-problems": ("Each problem with its reference", error_bars.problems),
+    "error-bars-twelve": ("Error bars of twelve drawn tubes", error_bars.twelve),
     "error-bars-summary": ("Error bars: how many hold, how wide they are", error_bars.summary),
 }
 #: Tables that are made where they are named.
 LONG = (
-    *("error-bars", "error-bars-problems", "error-bars-summary", "first-answers"),
-    *("changed-decks", "deck-friction"),
+    *("error-bars", "error-bars-problems", "error-bars-summary", "error-bars-twelve"),
+    *("first-answers", "changed-decks", "deck-friction"),
 )
 
 

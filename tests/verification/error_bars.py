@@ -34,7 +34,7 @@ from tests.support.face import (
     is_reached,
     ladder_for,
 )
-from tests.verification.error_problems import FINER_THAN, Case, cases
+from tests.verification.error_problems import FINER_THAN, Case, cases, twelve_tubes
 
 #: Meshes of the default.
 DEFAULT = ladder_for(TARGETS)
@@ -102,11 +102,10 @@ def default_answer(meshes: Sequence[Mapping[str, Any]]) -> tuple[int, dict[str, 
     """Number of the meshes after which `converge` stops, and the answer there."""
     history = [measured(mesh) for mesh in meshes]
     for n in range(2, len(meshes) + 1):
-        of_meshes = [mesh["fineness"] for mesh in meshes[:n]]
-        bars = bars_of(DEFAULT, history[:n], of_meshes, meshes[n - 1]["load_step_changes"])
-        remarks = growing(history[:n])
+        bars = bars_of(DEFAULT, history[:n], meshes[:n])
+        remarks = DEFAULT.unresolved(history[:n]) | growing(history[:n])
         answer = {
-            name: replace(m, error=bars[name], remark=remarks.get(name, ""))
+            name: replace(m, error=bars.get(name), remark=remarks.get(name, ""))
             for name, m in history[n - 1].items()
         }
         if is_reached(answer, TARGETS, n) or n == len(DEFAULT.rungs):
@@ -167,9 +166,9 @@ def stored() -> dict[str, Any]:
     return found
 
 
-def rows() -> Iterable[dict[str, Any]]:
-    """Every measure of every problem; those that are missing are solved and kept first."""
-    for case in cases():
+def rows(chosen: Sequence[Case] | None = None) -> Iterable[dict[str, Any]]:
+    """Every measure of some problems; those that are missing are solved and kept first."""
+    for case in cases() if chosen is None else chosen:
         found = stored()
         if case.name not in found:
             found[case.name] = limited(case)
@@ -179,10 +178,10 @@ def rows() -> Iterable[dict[str, Any]]:
             yield from judged(case, found[case.name])
 
 
-def problems() -> Iterable[dict[str, Any]]:
+def problems(chosen: Sequence[Case] | None = None) -> Iterable[dict[str, Any]]:
     """A row for each problem that was kept: values with error bars, their errors in brackets."""
     found = stored()
-    for case in cases():
+    for case in cases() if chosen is None else chosen:
         if TOO_DEAR in found.get(case.name, {TOO_DEAR: 0}):
             continue
         by_name = {row["measure"]: row for row in judged(case, found[case.name])}
@@ -190,6 +189,18 @@ def problems() -> Iterable[dict[str, Any]]:
         yield row | {
             title: _cell(by_name[name]) for name, title in SHORT.items() if name in by_name
         }
+
+
+def twelve() -> Iterable[dict[str, Any]]:
+    """Twelve drawn tubes, a row each, and how many bars hold, in all and of each measure."""
+    chosen = twelve_tubes()
+    numbers = [row for row in rows(chosen) if not row["printed"]]
+    yield from problems(chosen)
+    for name in ("all numbers", *dict.fromkeys(row["measure"] for row in numbers)):
+        of = [row for row in numbers if name in ("all numbers", row["measure"])]
+        share = _share(name, of)
+        words = f"{share['hold']} of {share['bars']} hold, median {share['median bar/error']:.2g}"
+        yield {"problem": name, "bars": words}
 
 
 def _cell(row: Mapping[str, Any]) -> str:
@@ -214,7 +225,7 @@ def _limit() -> None:
 
 
 def _solved(name: str) -> dict[str, Any]:
-    return solved(next(case for case in cases() if case.name == name))
+    return solved(next(case for case in (*cases(), *twelve_tubes()) if case.name == name))
 
 
 def summary() -> Iterable[dict[str, Any]]:

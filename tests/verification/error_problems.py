@@ -40,6 +40,8 @@ from tests.support.face import (
 from tests.verification.concentric import Shells
 
 SEED = 29
+#: Of twelve tubes whose shifts are any, four of them with friction.
+SEED_OF_TWELVE = 20261127
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 STEEL = Material(density=7.85e-9, young_modulus=210e3, poisson_ratio=0.3)
 WITHOUT_CONTRACTION = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.0)
@@ -62,6 +64,22 @@ TUBES: tuple[tuple[str, Load | None, dict[str, float]], ...] = (
     ("pipe", pipe(PRESSURE), {}),
     ("shaft", shaft(PRESSURE), {}),
     ("beam", beam(PRESSURE), {}),
+)
+
+#: The same of `twelve_tubes`.
+TWELVE: tuple[tuple[str, Load, dict[str, float]], ...] = (
+    ("pipe", pipe(PRESSURE), {}),
+    ("tunnel", tunnel(PRESSURE), {}),
+    ("pipe, friction", pipe(PRESSURE), {"friction": 0.2}),
+    ("shaft", shaft(PRESSURE), {}),
+    ("pillar", pillar(PRESSURE), {}),
+    ("tunnel, friction", tunnel(PRESSURE), {"friction": 0.5}),
+    ("pipe, clearance", pipe(PRESSURE), {"clearance": 0.02}),
+    ("tunnel", tunnel(PRESSURE), {}),
+    ("shaft, friction", shaft(PRESSURE), {"friction": 0.3}),
+    ("pipe", pipe(PRESSURE), {}),
+    ("shaft", shaft(PRESSURE), {}),
+    ("pillar, friction", pillar(PRESSURE), {"friction": 0.3}),
 )
 
 
@@ -127,13 +145,16 @@ class Case:
     """Mesh of the reference."""
 
 
-def drawn(rng: np.random.Generator) -> tuple[SineBlockParameters, int, tuple[int, int, int]]:
+def drawn(
+    rng: np.random.Generator, *, any_shift: bool = False
+) -> tuple[SineBlockParameters, int, tuple[int, int, int]]:
     """Draw a tube: block, layers and the mesh whose facets define means; redrawn until it fits."""
     while True:
         waves, n = int(rng.integers(1, 6)), int(rng.integers(3, 9))
         radius, thickness = rng.uniform(80.0, 200.0), rng.uniform(20.0, 60.0)
         height, share = rng.uniform(80.0, 250.0), rng.uniform(0.03, 0.12)
-        layers, shift = int(rng.integers(1, 4)), float(rng.choice([0.0, 0.5]))
+        layers = int(rng.integers(1, 4))
+        shift = float(rng.uniform(0.0, 1.0) if any_shift else rng.choice([0.0, 0.5]))
         try:
             block = SineBlockParameters(
                 height=height,
@@ -166,6 +187,20 @@ def tubes() -> list[Case]:
 
         finer = LONG_TUBES.get(number, FINER)
         found.append(Case(f"tube {number}: {words}", problem, "finer", finer=finer))
+    return found
+
+
+def twelve_tubes() -> list[Case]:
+    """Random tubes of one layer."""
+    rng, found = np.random.default_rng(SEED_OF_TWELVE), []
+    for number, (words, load, more) in enumerate(TWELVE, 1):
+        block, _, mesh = drawn(rng, any_shift=True)
+
+        def problem(block=block, mesh=mesh, load=load, more=more) -> Problem:
+            return Problem(tube(block, layers=1, mesh=mesh), load, CONCRETE, **more)
+
+        finer = THIRD if "friction" in more else NEAR
+        found.append(Case(f"drawn tube {number}: {words}", problem, "finer", finer=finer))
     return found
 
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 
 from fem import LinearPenalty, Problem, concrete, solve_static
-from geometry import Answer, Measure, SineBlock, pipe, tube
+from geometry import Answer, Assembly, Measure, SineBlock, pipe, shaft, tube
 from tests.support.face import (
+    AT_AN_EDGE,
+    BY_ONE_MESH,
     LADDER,
     LEAST_MESHES,
     OF_SEQUENCES,
@@ -35,6 +38,8 @@ from validation import load_scene
 NAMES = ("tube 5: weight", "heavy boxes")
 
 
+#: A pressure beside what is tested.
+PRESSED = {"p_eff": Measure(1.0, "MPa")}
 #: Fineness of meshes that double.
 DOUBLED = (1.0, 2.0, 4.0, 8.0, 16.0)
 
@@ -77,6 +82,30 @@ def _measures(**values: float) -> dict[str, Measure]:
     return {name: Measure(value, "MPa") for name, value in values.items()}
 
 
+@pytest.mark.parametrize("n", range(2, 7))
+def test_displacements_have_bars_where_contact_ends_inside_elements(n: int) -> None:
+    """Errors by the length of elements over their degree, to the power 1.25 of the rule.
+
+    The finest mesh has the factor of safety, whichever of the meshes is the last.
+    """
+    lengths = (1.0, 1.0, 0.75, 0.75, 0.5, 0.4)[:n]
+    degrees = [rung.degree for rung in PRESSURES.rungs[:n]]
+    errors = [(length / p) ** 1.25 for length, p in zip(lengths, degrees, strict=True)]
+    found = [{"max_displacement": Measure(1.0 + error, "mm")} | PRESSED for error in errors]
+    fine = [degree**2 / length for length, degree in zip(lengths, degrees, strict=True)]
+    bar = PRESSURES.error_bars(found, fine)["max_displacement"]
+    assert bar == pytest.approx(OF_SEQUENCES * errors[-1], rel=1e-9)
+
+
+@pytest.mark.parametrize("along", [(1.0, 1.5, 1.8), (1.0, 1.8, 1.8)])
+def test_a_step_that_refines_one_direction_less_leaves_its_errors(along: tuple[float, ...]) -> None:
+    """Errors by the length of elements along a course, which the last steps hardly change."""
+    found = [_measures(p_eff=1.0, sigma_1_averaged=1.0 + 0.1 / of) for of in along]
+    bar = PRESSURES.error_bars(found, DOUBLED[:3], along)["sigma_1_averaged"]
+    assert bar == pytest.approx(OF_SEQUENCES * 0.1 / along[-1], rel=1e-9)
+    assert PRESSURES.error_bars(found, DOUBLED[:3])["sigma_1_averaged"] < bar
+
+
 def test_a_local_value_is_not_known_better_than_others_settle() -> None:
     """Averaged tension that agrees while p_eff changes by a tenth."""
     found = [_measures(p_eff=p, sigma_1_averaged=1.0) for p in (0.7, 0.9, 1.0)]
@@ -86,10 +115,11 @@ def test_a_local_value_is_not_known_better_than_others_settle() -> None:
 def test_stresses_at_edges_are_not_resolved_before_the_mesh_is_finer_there() -> None:
     """The first meshes have as many elements between the upper and lower faces."""
     found = [_measures(sigma_1_max=2.0)] * 5
-    assert PRESSURES.error_bars(found[:4], DOUBLED[:4])["sigma_1_max"] > WIDEST * 2.0
-    assert PRESSURES.error_bars(found, DOUBLED)["sigma_1_max"] == 0.0
-    assert LADDER.error_bars(found[:3], DOUBLED[:3])["sigma_1_max"] > WIDEST * 2.0
-    assert LADDER.error_bars(found[:4], DOUBLED[:4])["sigma_1_max"] == 0.0
+    for ladder, n in ((PRESSURES, 4), (LADDER, 3)):
+        assert ladder.error_bars(found[:n], DOUBLED[:n]) == {}
+        assert ladder.unresolved(found[:n]) == {"sigma_1_max": AT_AN_EDGE}
+        assert ladder.error_bars(found[: n + 1], DOUBLED[: n + 1]) == {"sigma_1_max": 0.0}
+        assert ladder.unresolved(found[: n + 1]) == {}
 
 
 def test_round_off_needs_no_finer_mesh() -> None:
@@ -142,7 +172,9 @@ def test_the_replayed_answer_is_the_one_that_is_printed() -> None:
     assert n == len(answer.report["meshes"])
     for name, measure in answer.measures.items():
         assert replayed[name].value == pytest.approx(measure.value, rel=1e-12, abs=1e-15)
-        assert replayed[name].error == pytest.approx(measure.error, rel=1e-9, abs=1e-12)
+        assert replayed[name].remark == measure.remark
+        if measure.error is not None:
+            assert replayed[name].error == pytest.approx(measure.error, rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.slow
@@ -182,8 +214,10 @@ def test_a_value_that_an_earlier_mesh_did_not_resolve_is_no_number_yet() -> None
     found = [
         {"p_max_point": Measure(value, "MPa", resolved=k > 0)} for k, value in enumerate(values)
     ]
-    assert PRESSURES.error_bars(found[:3], DOUBLED[:3])["p_max_point"] > WIDEST * 49.5
+    assert PRESSURES.error_bars(found[:3], DOUBLED[:3]) == {}
+    assert PRESSURES.unresolved(found[:3]) == {"p_max_point": BY_ONE_MESH}
     assert PRESSURES.error_bars(found[:4], DOUBLED[:4])["p_max_point"] < WIDEST * 49.6
+    assert PRESSURES.unresolved(found[:4]) == {}
 
 
 def test_a_number_has_a_bar_that_leaves_it_one() -> None:
@@ -215,3 +249,42 @@ def test_closed_forms_of_thin_shells_are_those_of_membranes(spherical: bool) -> 
     membrane = 2.0 / (2.0 * wall) / (2.0 if spherical else 1.0)
     assert exact["sigma_1_max"] == pytest.approx(membrane, rel=4.0 * wall)
     assert exact["p_max_point"] == pytest.approx(0.5 * 2.0, rel=4.0 * wall)
+
+
+def _tube(
+    height: float, radius: float, thickness: float, mesh: tuple[int, int, int], **of: Any
+) -> Assembly:
+    """Blocks of a tube of one layer."""
+    block = SineBlock(height=height, inner_radius=radius, thickness=thickness, **of)
+    return tube(block, layers=1, mesh=mesh)
+
+
+@pytest.mark.slow
+def test_a_peak_at_the_end_of_a_joint_has_a_bar_that_holds() -> None:
+    """Pressure 0.9 mm beside a joint; 7.43 MPa on cells of 1.5 mm and degree 3 in another code."""
+    wave = {"amplitude": 16.48, "frequency": 1.5, "shift": 0.289, "blocks_per_layer": 4}
+    blocks = _tube(163.5, 190.0, 32.2, (12, 3, 6), **wave)
+    found = solve_static(Problem(blocks, pipe(0.01), concrete, clearance=0.02))["p_max_point"]
+    assert found.error is None or abs(found.value - 7.43) <= found.error
+
+
+@pytest.mark.slow
+def test_a_change_of_degree_alone_leaves_a_bar_that_holds() -> None:
+    """Displacement of a shaft against a mesh of a bar of 0.2 %."""
+    wave = {"amplitude": 10.5, "frequency": 2.0, "shift": 0.5, "blocks_per_layer": 4}
+    blocks = _tube(234.0, 107.0, 42.1, (48, 4, 4), **wave)
+    found = solve_static(Problem(blocks, shaft(0.01), concrete))["max_displacement"]
+    assert found.error is not None
+    assert abs(found.value - 0.014668) <= found.error + 0.002 * 0.014668
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="answers with friction end after two meshes")
+def test_answers_with_friction_have_bars_of_a_tenth() -> None:
+    wave = {"amplitude": 10.56, "frequency": 2.0, "shift": 0.643, "blocks_per_layer": 3}
+    blocks = _tube(158.0, 193.1, 34.5, (16, 2, 4), **wave)
+    found = solve_static(Problem(blocks, pipe(0.01), concrete, friction=0.2))
+    for name in ("max_displacement", "p_eff", "sigma_1_averaged"):
+        error = found[name].error
+        assert error is not None
+        assert error <= 0.1 * found[name].value

@@ -57,7 +57,9 @@ def fem(
     ] = None,
     max_seconds: Annotated[
         float | None,
-        typer.Option(metavar="S", min=0.0, help="CPU time limit of --accuracy [s]."),
+        typer.Option(
+            metavar="S", min=0.0, help="CPU time limit of --accuracy after the first mesh [s]."
+        ),
     ] = None,
     static_reference: Annotated[
         bool,

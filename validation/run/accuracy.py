@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isfinite
 
 from fem.accuracy.converge import Progress, is_negligible, relative, why_not_refined
 from fem.assembly.statement import Problem
@@ -121,7 +122,7 @@ def reached_rows(measures: Mapping[str, Measure], targets: Mapping[str, float]) 
     for name, share in targets.items():
         bar = relative(measures[name])
         digits = 1 if bar < 0.1 else 0
-        bar_words = f"± {100 * bar:.{digits}f} %"
+        bar_words = f"± {100 * bar:.{digits}f} %" if isfinite(bar) else "no error bar"
         if bar <= share:
             verdict = f"reached, {bar_words}"
         elif is_negligible(measures, name):

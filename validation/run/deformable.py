@@ -25,10 +25,13 @@ from validation.build.polyhedra import build_polyhedra
 from validation.build.sections import scene_planes
 from validation.errors import named
 from validation.run.measures import FrictionSet, StaticReference
+from validation.scene.deformable import Damping
 from validation.scene.family import RoundScene
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 from validation.scene.read import DeformableScene
 
+#: Why a run has no error bars.
+NOT_AT_REST = "not at rest: no error bar"
 #: Poisson's ratio from which mean stresses oscillate [-]: on TSB1, 24 × 2 × 8 elements, σ₁ of
 #: incompatible modes is then twice that of b-bar (1.2 times at 0.2), 12 times at 0.4999.
 NEARLY_INCOMPRESSIBLE = 0.49
@@ -153,12 +156,22 @@ class DeformableRun:
             f"{elements} elements{degree}{each}{self.scene.gap_words}"
         )
 
+    @property
+    def is_moving(self) -> bool:
+        """Whether a run that is damped to the static state ended before it; not by round-off."""
+        state, result = self.solution.quasi_static, self.solution.explicit
+        if state is None or result is None or self.scene.fem.damping is not Damping.STATIC:
+            return False
+        return not state.is_static and result.round_off is None
+
     @cached_property
     def notes(self) -> dict[str, str]:
         """What no key of the scene says of its elements, by the name of the row."""
         assembly = self.solution.deformable.assembly
         why_none = self._sections[1]
         notes: dict[str, str] = {"sections": why_none} if why_none else {}
+        if self.is_moving:
+            notes["error bars"] = NOT_AT_REST
         if isinstance(self.scene, PolyhedralScene):
             meets = self.solution.deformable.meets
             surfaces = build_polyhedra(self.scene, Path()) if meets else None

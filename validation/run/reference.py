@@ -47,7 +47,7 @@ def static_reference(
     """
     if run.solution.explicit is None or run.scene.fem.damping is not Damping.STATIC:
         return None
-    why = why_no_reference(run.name, run.scene)
+    why = "not at rest" if run.is_moving else why_no_reference(run.name, run.scene)
     if why is not None:
         return StaticReference(why_not=why)
     try:
