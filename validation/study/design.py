@@ -168,6 +168,7 @@ def _fem_results(study: Study, file: SceneFile) -> tuple[dict[str, Any], list[st
 
     A value that its mesh does not resolve, or that grows with every refinement, is absent.
     """
+    from fem.accuracy.ladder import AT_AN_EDGE
     from validation.run.accuracy import reached_rows
 
     run = _fem_run(study, file)
@@ -176,7 +177,7 @@ def _fem_results(study: Study, file: SceneFile) -> tuple[dict[str, Any], list[st
     for name, measure in measures.items():
         if name not in COLUMNS["fem"]:
             continue
-        if measure.remark:
+        if measure.remark not in ("", AT_AN_EDGE):  # that is said of every design by default
             named.setdefault(measure.remark, []).append(name)
         usable = measure.resolved and not measure.remark
         result[name] = measure.value if usable else None
