@@ -254,13 +254,13 @@ class Solution(ReadOnlyArrays):
         """
         whole = self.deformable
         others, loads = np.zeros((whole.assembly.n_blocks, 6)), local_forces(whole)
-        acting = np.zeros((whole.assembly.n_blocks, 3))
+        acting, needed = np.zeros((whole.assembly.n_blocks, 3)), self._contact_forces(loads)
         centres = whole.assembly.centroids + whole.offsets
         for number, (group, u) in enumerate(
             zip(whole.model.groups, self.group_displacements, strict=True)
         ):
             blocks = whole.deformable_blocks[whole.group_of[whole.deformable_blocks] == number]
-            force = self._contact_forces[number][whole.copy_of[blocks]]
+            force = needed[number][whole.copy_of[blocks]]
             places = (group.reference_positions() + u)[whole.copy_of[blocks]]
             moment = np.cross(places - centres[blocks][:, None], force)
             others[blocks] = -np.hstack([force.sum(axis=1), moment.sum(axis=1)])
@@ -274,13 +274,14 @@ class Solution(ReadOnlyArrays):
             free=whole.deformable_blocks,
         )
 
-    @property
-    def _contact_forces(self) -> tuple[FloatArray, ...]:
-        """What contact has to do to the nodes of each group, (n_copies, n_nodes, 3) [N]."""
+    def _contact_forces(self, loads: list[FloatArray]) -> tuple[FloatArray, ...]:
+        """What contact has to do to the nodes of each group, (n_copies, n_nodes, 3) [N].
+
+        From the loads on them in block frames (`local_forces`).
+        """
         if self.explicit is not None:
             return self.explicit.contact_forces
         model, held, result = self.deformable.model, self.solver.support_forces, []
-        loads = local_forces(self.deformable)
         for number, (group, u) in enumerate(
             zip(model.groups, self.group_displacements, strict=True)
         ):

@@ -462,9 +462,9 @@ def _nearest_face(deformable: DeformableAssembly, block: int, where: FloatArray)
 
 def joint_forces(state: ContactState) -> JointResultants:
     """Resultants of every pair of blocks in contact, on the higher one, friction included."""
-    m, s = state.block_m[state.facet], state.block_s[state.facet]
-    onwards = np.where(s > m, 1.0, -1.0)[:, None]
-    pairs = np.column_stack([np.minimum(m, s), np.maximum(m, s)])
+    low, high = np.minimum(state.block_m, state.block_s), np.maximum(state.block_m, state.block_s)
+    onwards = np.where(state.block_m == low, 1.0, -1.0)[state.facet, None]
+    pairs = np.column_stack([low, high])[state.facet]
     result = summed_by_joint(
         pairs,
         points=state.positions,
@@ -472,17 +472,18 @@ def joint_forces(state: ContactState) -> JointResultants:
         areas=state.point_areas,
         forces=onwards * state.point_forces,
     )
-    _, joint = np.unique(pairs, axis=0, return_inverse=True)
+    _, of_facet = np.unique(low * (high.max(initial=0) + 1) + high, return_inverse=True)
+    joint = of_facet[state.facet]
 
     def largest(values: FloatArray) -> FloatArray:
         most = np.full(len(result.block_m), -np.inf)
-        np.maximum.at(most, joint.ravel(), values)
+        np.maximum.at(most, joint, values)
         return most
 
     if state.point_moments is not None:
         on_m, on_s = np.moveaxis(state.point_moments, 1, 0)
         both = np.hstack([0.5 * onwards * (on_s - on_m), 0.5 * (on_m + on_s)])
-        sums = np.stack([np.bincount(joint.ravel(), v) for v in both.T], axis=1)
+        sums = np.stack([np.bincount(joint, v) for v in both.T], axis=1)
         result = replace(result, moments=result.moments + sums[:, :3], couples=sums[:, 3:])
     return replace(
         result,
