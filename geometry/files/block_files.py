@@ -17,7 +17,16 @@ from geometry.files.named_surfaces import OWN_UNITS, READERS, NamedSurface, read
 from geometry.files.obj import read_obj
 from geometry.files.repair import repaired, turned_alike
 from geometry.files.stl import is_text, read_stl_text
-from geometry.mesh import HEX_FACES, BoolArray, FloatArray, HexMesh, IntArray, MeshError, check_mesh
+from geometry.mesh import (
+    HEX_FACES,
+    BoolArray,
+    FloatArray,
+    HexMesh,
+    IntArray,
+    MassProperties,
+    MeshError,
+    check_mesh,
+)
 from geometry.parts.chosen import numbers_of
 from geometry.polyhedra.polygons import surface_of_polygons
 from geometry.polyhedra.polyhedron import (
@@ -221,6 +230,8 @@ class StepFaces:
     path: Path
     faces: IntArray
     """gmsh's number of the face of each triangle, 0 for flat ones; (n_triangles,)."""
+    mass: MassProperties
+    """Of the solid."""
     outward: FloatArray
     """Normals of the triangles, (n_triangles, 3)."""
 
@@ -251,17 +262,17 @@ class StepFaces:
 
 def _read_step(
     path: Path, element_size: float | None
-) -> list[tuple[FloatArray, IntArray, IntArray]]:
-    """Points and triangles of the boundary of each solid of a STEP file, and their curved faces."""
+) -> list[tuple[FloatArray, IntArray, IntArray, MassProperties]]:
+    """Points and triangles of the boundary of each solid of a STEP file, curved faces, mass."""
     with _opened(path) as (gmsh, volumes):
         if element_size is not None:
             gmsh.option.setNumber("Mesh.MeshSizeMax", element_size)
         gmsh.model.mesh.generate(2)
         points, place = _nodes(gmsh)
         solids = []
-        for volume in volumes:
+        for tag in volumes:
             parts, faces = [], []
-            for _, face in gmsh.model.getBoundary([(3, volume)], oriented=False):
+            for _, face in gmsh.model.getBoundary([(3, tag)], oriented=False):
                 _, nodes = gmsh.model.mesh.getElementsByType(2, face)
                 parts.append(place[nodes.astype(np.int64)].reshape(-1, 3))
                 number = 0 if gmsh.model.getType(2, face) == "Plane" else face
@@ -270,7 +281,13 @@ def _read_step(
             merged, triangles = merge_points(points, one_solid(points, turned_alike(every)))
             # Parts of a solid are put in order, and triangles without area dropped.
             _, nearest = cKDTree(points[every].mean(axis=1)).query(merged[triangles].mean(axis=1))
-            solids.append((merged, triangles, of[nearest]))
+            volume, *middle = (
+                gmsh.model.occ.getMass(3, tag),
+                *gmsh.model.occ.getCenterOfMass(3, tag),
+            )
+            inertia = np.reshape(gmsh.model.occ.getMatrixOfInertia(3, tag), (3, 3))
+            mass = MassProperties(volume, volume, np.array(middle), inertia)
+            solids.append((merged, triangles, of[nearest], mass))
         return solids
 
 
@@ -288,8 +305,8 @@ class _Solid:
     repairs: tuple[str, ...] = ()
     fault: str = ""
     """Why its surface could not be taken apart into solids; empty where it could."""
-    step: tuple[Path, IntArray] | None = None
-    """STEP file, and the faces of the triangles as in `StepFaces`."""
+    step: tuple[Path, IntArray, MassProperties] | None = None
+    """STEP file, the faces of the triangles and the mass as in `StepFaces`."""
 
     def block(self, *, straightened: bool = False) -> Polyhedron:
         """As a block, not checked."""
@@ -398,9 +415,9 @@ def _solids(
                 f"{path.name}{f' part {k}' if several else ''}",
                 points,
                 triangles,
-                step=(path, faces),
+                step=(path, faces, mass),
             )
-            for k, (points, triangles, faces) in enumerate(result)
+            for k, (points, triangles, faces, mass) in enumerate(result)
         ], False
     straightened = False
     surfaces = _named_surfaces(path, suffix)

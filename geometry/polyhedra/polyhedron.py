@@ -38,7 +38,11 @@ _FLAT = 1e-7
 
 
 class CurvedFaces(Protocol):
-    """The exact surface of a block that its triangles stand for."""
+    """The exact shape of a block that its triangles stand for."""
+
+    @property
+    def mass(self) -> MassProperties:
+        """Of the exact shape, for unit density."""
 
     def on(self, points: FloatArray, triangles: IntArray) -> tuple[FloatArray, FloatArray]:
         """Nearest points on the faces of some triangles, and outward normals there, (n, 3) each.
@@ -144,8 +148,10 @@ class Polyhedron:
         """Volume, centroid and inertia for unit density, by the divergence theorem.
 
         Each triangle spans a tetrahedron with a reference point; their signed moments add up
-        exactly (no quadrature).
+        exactly (no quadrature). Curved faces of a CAD model count as they are.
         """
+        if self.exact is not None:
+            return self.exact.mass
         reference = self.points.mean(axis=0)
         p = self.corners - reference
         volume6 = np.einsum("ti,ti->t", p[:, 0], np.cross(p[:, 1], p[:, 2]))
