@@ -144,6 +144,8 @@ TITLES = {
     "p_max": Title("p_max of the paper", "mean over blocks of their largest facet mean"),
     "p_eff": Title("p_eff of the paper", "mean over the effective facets"),
 }
+#: Those of the paper are means over facets and blocks: a peak hardly shows, so they come last.
+PAPER = ("p_max", "p_eff")
 #: Measures that rigid answers have beside pressures.
 FORCES = {
     "least_joint_force": Title("least normal force of a joint"),
@@ -165,7 +167,8 @@ FACTORS = {
 }
 
 #: Every measure that has a title, in the order of a table.
-EVERY_TITLE = TITLES | FACTORS | FORCES | MOTIONS
+EVERY_TITLE = {name: title for name, title in TITLES.items() if name not in PAPER}
+EVERY_TITLE |= FACTORS | FORCES | MOTIONS | {name: TITLES[name] for name in PAPER}
 
 #: Other names of measures.
 ALIASES = {"u": "max_displacement"}

@@ -115,12 +115,22 @@ def rigid_result(
     RigidResult
         `RigidResult.equilibrium` says whether the load is carried; nothing is called
         equilibrium above a relative residual of 1e-6.
+
+    Raises
+    ------
+    AnalysisError
+        Blocks of which no two touch, or arguments of another type.
     """
     check_types(assembly, load)
     if load is None:
         statement = cast("RigidStatement", assembly)
         return rigid_result(statement.blocks, statement.rigid_load, norm=norm, solver=solver)
     assembly = cast("AnyBlocks", assembly)
+    if not assembly.interfaces.n_contacts:
+        raise AnalysisError(
+            "analyse: no two of the blocks touch, and rigid blocks have forces in their joints "
+            "alone; expected blocks that meet, or solve_static for single bodies"
+        )
     seconds: dict[str, float] = {}
     clock = time.process_time()
 

@@ -132,7 +132,7 @@ class Carried:
     normal_forces: FloatArray
     """Part along the normals, (n_contacts,) [N]."""
     measures: Measures | None
-    """The paper's measures of the pressures; None where nothing holds."""
+    """The paper's measures of the pressures; None where nothing holds or no joint presses."""
     words: str
     """The answer as a headline says it."""
     mechanism: FloatArray | None
@@ -165,7 +165,7 @@ def without_friction(assembly: AnyBlocks, result: RigidResult) -> Carried:
         holds=found.holds,
         forces=forces,
         normal_forces=normal_forces,
-        measures=result.measures,
+        measures=result.measures if normal_forces.any() else None,
         words=str(result.mechanism),
         mechanism=found.mechanism,
     )
@@ -302,10 +302,11 @@ class _Found:
 
     def measures(self) -> dict[str, Measure]:
         """Pressures, joint forces and reaction; none where the load brings none about."""
-        if not self.carried.shown:
+        pressed = self.carried.forces.any()
+        if not self.carried.shown or not (pressed or self.reaction.any()):
             return {}
         result: dict[str, Measure] = {}
-        if self.contacts:
+        if self.contacts and pressed:
             result["p_max_facet"] = largest_facet_mean(self.assembly, self.contacts)
         if self.paper is not None:
             result["p_max"] = Measure(self.paper.p_max, "MPa")

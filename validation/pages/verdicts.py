@@ -110,7 +110,9 @@ def _how_much(rigid: RigidAnswer | None, run: DeformableRun | None) -> Verdict:
     lines = [] if run is None else _rows(run.answer, _SHOWN)
     of_rigid = [] if rigid is None else _rows(rigid.answer, _SHOWN_RIGID)
     lines += [f"Rigid blocks, {line}" for line in of_rigid]
-    words = lines.pop(0) if lines else "no forces: the load is not carried"
+    nothing_acts = rigid is not None and rigid.carried.holds
+    why_none = "nothing acts" if nothing_acts else "the load is not carried"
+    words = lines.pop(0) if lines else f"no forces: {why_none}"
     return Verdict("Where and how much?", words, OPEN, tuple(lines))
 
 

@@ -99,7 +99,7 @@ def faces_words(scene: DeformableScene, assembly: Assembly) -> str | None:
         motion = frictional_equilibrium(frictional, faces.force).mechanism
         if motion is None:
             return None
-    words = motion_words(faces.contacts, frictional, motion)
+    words = motion_words(faces.contacts, frictional, motion, faces.force)
     return f"the load activates a mechanism of the faces ({words}; edges and corners carry no load)"
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
 
 from fem.contact.friction import CoulombFriction
 from fem.element.facet import FACET_CORNERS, bilinear
@@ -20,7 +21,12 @@ from geometry.interface import Interfaces
 from geometry.loads import LoadCase, with_body_wrenches
 from geometry.mesh import FloatArray
 from mbd import Contacts, contact_jacobian, generalized_force, newton_equilibrium
-from mbd.friction import FrictionalContacts, frictional_contacts, frictional_equilibrium
+from mbd.friction import (
+    MOST_FRICTION,
+    FrictionalContacts,
+    frictional_contacts,
+    frictional_equilibrium,
+)
 from validation.build.blocks import build_weight
 from validation.build.deformable import build_friction, build_hexahedra
 from validation.errors import InputError
@@ -31,6 +37,8 @@ from validation.scene.read import DeformableScene
 GAUSS = 1.0 / math.sqrt(3.0)
 #: More contact points than this are left to the static solver: the cone program takes minutes.
 MOST_POINTS = 20_000
+#: Part of a unit motion that supports hold, and that is round-off.
+_HELD = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,12 +152,35 @@ def sliding_words(
     motion = smooth.mechanism
     if friction is not None:
         motion = frictional_equilibrium(frictional, force).mechanism
-    return None if motion is None else motion_words(contacts, frictional, motion)
+    return None if motion is None else motion_words(contacts, frictional, motion, force)
 
 
-def motion_words(contacts: Contacts, frictional: FrictionalContacts, motion: FloatArray) -> str:
-    """Name the joint that moves most and how."""
-    relative = frictional.slip(motion)
+def sliding_motion(frictional: FrictionalContacts, force: FloatArray) -> FloatArray | None:
+    """Motion of blocks that do not turn which the load (n_rows,) drives; None where none is.
+
+    Where forces alone find no balance, blocks slide or lift off; where moments do not, they tip.
+    A mechanism of the whole is any combination of both.
+    """
+    motions = frictional.motions
+    if motions is None:
+        motions = np.tile(np.eye(6), (len(force) // 6, 1, 1))
+    straight = np.zeros_like(motions)
+    for block, motion in enumerate(motions):
+        _, sizes, ways = np.linalg.svd((np.eye(6) - motion)[:, :3])
+        left = ways[sizes <= _HELD]
+        straight[block, :3, :3] = left.T @ left
+    projector = sp.block_diag([sp.coo_array(part) for part in straight], format="csc")
+    matrix = sp.csc_array(projector @ frictional.matrix)
+    shifted = replace(frictional, matrix=matrix, motions=straight)
+    return frictional_equilibrium(shifted, shifted.admissible(force)).mechanism
+
+
+def motion_words(
+    contacts: Contacts, frictional: FrictionalContacts, motion: FloatArray, force: FloatArray
+) -> str:
+    """Name the joint that moves most and how, in a motion that a load drives."""
+    straight = sliding_motion(frictional, force)
+    relative = frictional.slip(motion if straight is None else straight)
     most = int(np.linalg.norm(relative, axis=1).argmax())
     m, s = int(contacts.block_m[most]), int(contacts.block_s[most])
     joint = (contacts.block_m == m) & (contacts.block_s == s)
@@ -157,7 +188,7 @@ def motion_words(contacts: Contacts, frictional: FrictionalContacts, motion: Flo
     slip = np.einsum("ni,nij->nj", relative[joint, 1:], frictional.tangents[joint])
     largest = float(np.linalg.norm(relative[most]))
     # All points of a joint that slides move alike; of one that tips they open unequally.
-    if np.ptp(opening) > 0.1 * largest:
+    if straight is None and np.ptp(opening) > 0.1 * largest:
         return f"block {s} tips on block {m}"
     way = slip.mean(axis=0)
     size = float(np.linalg.norm(way))
@@ -166,4 +197,6 @@ def motion_words(contacts: Contacts, frictional: FrictionalContacts, motion: Flo
     words = ", ".join(
         f"{part:.2f}" for part in np.where(np.abs(way) < 5e-3 * size, 0.0, way / size)
     )
-    return f"block {s} slides on block {m} along ({words})"
+    stuck = replace(frictional, friction=np.full_like(frictional.friction, MOST_FRICTION))
+    tips = straight is not None and not frictional_equilibrium(stuck, force).holds
+    return f"block {s} slides{' and tips' if tips else ''} on block {m} along ({words})"

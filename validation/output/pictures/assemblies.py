@@ -46,6 +46,8 @@ _UNROLLED = 2.6
 _SMALL = 0.2
 #: Distance of side joints in their picture, in wall thicknesses.
 _APART = 1.6
+#: Part of the largest force of a facet that is round-off, and of all force that is most of it.
+_ROUND_OFF, _MOST = 1e-9, 0.9
 
 
 def draw_assembly(
@@ -100,16 +102,24 @@ def draw_assembly(
 
 
 def pressure_title(run: RigidRun) -> str:
-    """Scene, load, class and measures of a rigid result."""
-    measures = run.carried.measures
+    """Scene, load and class of a rigid result, its largest pressure and how many facets press."""
     text = f"{run.name}: {run.scene.load_words}; {run.carried.words}"
-    if measures is not None:
-        text += (
-            f"\np_max {measures.p_max:.3g} MPa (mean of the blocks' peak pressures), p_eff "
-            f"{measures.p_eff:.3g} MPa; {measures.effective_count_percent:.1f} % of the contact "
-            "facets loaded"
-        )
+    peak = run.answer.measures.get("p_max_facet")
+    if peak is not None:
+        force = np.maximum(run.carried.normal_forces, 0.0)
+        text += f"\nlargest mean pressure of a facet {peak.value:.3g} MPa; {pressing_words(force)}"
     return text
+
+
+def pressing_words(force: FloatArray) -> str:
+    """Share of contact facets that press with forces (n_facets,) [N], and of those that matter."""
+    pressing = force > _ROUND_OFF * force.max()
+    carried = np.cumsum(np.sort(force)[::-1])
+    most = int(np.searchsorted(carried, _MOST * carried[-1])) + 1
+    return (
+        f"{100 * pressing.mean():.1f} % of the contact facets press, {100 * most / len(force):.1f} "
+        f"% carry {100 * _MOST:.0f} % of the force"
+    )
 
 
 def draw_pressures(run: RigidRun, path: Path) -> None:

@@ -106,7 +106,7 @@ class RigidAnswer:
         measured = None
         if requested.holds:
             words += f" (without: {result.mechanism})"
-        if requested.holds and not further.held_by_squeeze:
+        if requested.holds and not further.held_by_squeeze and normal.any():
             measured = facet_measures(self.assembly, index, normal / found.areas[index])[1]
         return Carried(
             holds=requested.holds,
@@ -145,6 +145,7 @@ class RigidAnswer:
         """What the report says of the scene and of what it asks further."""
         return {
             "scene": self.name,
+            "load": self.scene.load_words,
             "held_against": self.held,
             "held_by_load": list(self.held_by_load),
             **({} if self.sections is None else {"sections": self.sections.as_json()}),

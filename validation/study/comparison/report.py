@@ -23,11 +23,12 @@ from validation.output.pictures.scales import PRESSURE_MAP, STRESS_MAP, Scale, s
 from validation.study.comparison.answers import ComparedAnswers, shared_facets
 
 #: Columns of the two tables, a line each.
-_COLUMNS = """p_eff: mean pressure on the effective facets of a block, mean over blocks
+_COLUMNS = """p_max at a point: largest contact pressure of deformable blocks [MPa]; needs no facets
+p_max of a facet: largest mean pressure over a facet of all blocks
 p_max: largest mean pressure over a facet of a block, mean over blocks
-p_max of a facet: the largest of these over all blocks
-p_max at a point: largest contact pressure of deformable blocks [MPa], independent of facets
-effective: share of the contact facets that carry load (participation ratio)"""
+p_eff: mean pressure on the effective facets of a block, mean over blocks
+effective: participation ratio of the facet pressures, (Σ p)² / Σ p² over their number: the facets
+  that would carry the load if all of them pressed alike"""
 _AGREEMENT = """correlation: Pearson correlation of the facet pressures, weighted by area
 overlap of loaded areas: shared loaded area over the union of both
 peaks located: static pressure within two facets of the peak of the other analysis, over the
@@ -71,19 +72,20 @@ def _parts(found: ComparedAnswers) -> Iterator[RenderableType]:
 
     columns: dict[str, Callable[[int], str]] = {
         "answer": lambda k: found.names[k],
-        "p_eff [MPa]": column("p_eff"),
-        "p_max [MPa]": column("p_max"),
-        "p_max of a facet": column("p_max_facet"),
         "p_max at a point": column("p_max_point"),
+        "p_max of a facet": column("p_max_facet"),
+        "|u| max [mm]": column("max_displacement"),
+        "p_max [MPa]": column("p_max"),
+        "p_eff [MPa]": column("p_eff"),
         "effective": lambda k: (
             f"{found.answers[k].report['contact']['effective_count_percent']:.1f} %"
         ),
-        "|u| max [mm]": column("max_displacement"),
         "CPU s": lambda k: f"{_seconds(found.answers[k].report['cpu_seconds']):.2f}",
     }
     first = found.answers[0]  # a problem without a scene has the name of its blocks
     scene = first.report.get("scene", first.title.partition(":")[0])
-    title = f"{scene}: contact pressures over the facets of [mesh]"
+    load = f"{first.report['load']}; " if "load" in first.report else ""
+    title = f"{scene}: {load}contact pressures over the facets of [mesh]"
     yield tabled(title, range(len(found.answers)), columns)
     for name, words in zip(found.names, found.words, strict=True):
         yield f"• {name}: {words}"
