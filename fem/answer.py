@@ -206,7 +206,7 @@ def _support_report(solution: Solution) -> dict[str, Any]:
             }
             for curve in solution.push_curves
         ]
-    return data
+    return data | ({"reached": solution.reached} if solution.deformable.moves else {})
 
 
 def _static_report(solution: Solution) -> dict[str, Any]:

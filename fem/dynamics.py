@@ -70,11 +70,13 @@ def solve_explicit(
     EffectError, TimeStepError
         An effect or a time step has an invalid value.
     ProblemError
-        Elements of a degree above 1.
+        Elements of a degree above 1, or nothing acts.
     UnstableRun
         A run that gained energy.
     """
     require_problem(problem)
+    if problem.check_blocks:
+        problem.require_action()
     if problem.degree > 1:
         raise ProblemError(
             f"degree: got {problem.degree}; explicit runs have elements of degree 1: expected "

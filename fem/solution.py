@@ -45,8 +45,22 @@ if TYPE_CHECKING:
 #: geometry that stays as built are as large.
 _FAR = 0.05
 
+#: Of sums of time steps [-].
+_ROUND_OFF = 1e-9
+
 #: Relative force residual at which a run to the static state stops [-].
 RESIDUAL = 1.0e-4
+
+
+def _turns(nodes: FloatArray, displacements: FloatArray) -> FloatArray:
+    """Angles by which copies of a block turn, (n_copies,) [rad]: the nearest rigid motion.
+
+    ``nodes`` are (n, 3), displacements of each copy (n_copies, n, 3) [mm] along any axes.
+    """
+    arm = nodes - nodes.mean(axis=0)
+    gradients = np.einsum("cni,nj->cij", displacements, np.linalg.pinv(arm).T)
+    spins = 0.5 * (gradients - gradients.transpose(0, 2, 1))
+    return np.asarray(np.linalg.norm(spins, axis=(1, 2)) / np.sqrt(2.0))
 
 
 class SolutionError(RefusedError):
@@ -200,14 +214,23 @@ class Solution(ReadOnlyArrays):
         """Largest nodal displacement [mm]."""
         return max(float(np.linalg.norm(u, axis=2).max()) for u in self.group_displacements)
 
+    @cached_property
+    def turns_as_small(self) -> bool:
+        """Whether a block turns by an angle that is not small, and it is counted as if it were."""
+        if self.finite_rotation:
+            return False
+        groups = zip(self.deformable.model.groups, self.group_displacements, strict=True)
+        return any(float(_turns(g.mesh.nodes, u).max(initial=0.0)) > _FAR for g, u in groups)
+
     @property
     def large_motion(self) -> float | None:
         """Largest displacement over the size of blocks that meet [-]; None where it is small.
 
-        None as well with both finite sliding and finite rotation, which count it as it is.
+        None as well where it is counted as it is: with finite sliding, and with finite rotation or
+        of blocks that hardly turn.
         """
         whole = self.deformable
-        if not whole.meets or (whole.contact.finite_sliding and self.finite_rotation):
+        if not whole.meets or (whole.contact.finite_sliding and not self.turns_as_small):
             return None
         share = self.largest_displacement / whole.assembly.characteristic_length
         return share if share > _FAR else None
@@ -325,6 +348,15 @@ class Solution(ReadOnlyArrays):
         if not self.static.pushed:
             return self.static.curves
         return push_curves(self.deformable.model, self.static.pushed)
+
+    @property
+    def reached(self) -> bool:
+        """Whether supports that move have arrived where they are prescribed."""
+        run, stated = self.explicit, self.statement
+        if run is None or stated is None:
+            return self.static is None or self.static.reached
+        arrival = stated.settled_after if self.deformable.moves else 0.0
+        return run.time >= (1.0 - _ROUND_OFF) * arrival
 
     @property
     def slip(self) -> dict[str, float] | None:

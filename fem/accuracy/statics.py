@@ -68,7 +68,7 @@ def solve_static(
     Raises
     ------
     ProblemError
-        An initial motion, which needs an explicit run.
+        An initial motion, which needs an explicit run; or nothing acts.
     AccuracyError
         A requested accuracy of a problem that cannot be refined, or beside ``mesh = "scene"``.
     StaticError
@@ -82,6 +82,8 @@ def solve_static(
     """
     require_problem(problem)
     problem.refuse_motion()
+    if problem.check_blocks:
+        problem.require_action()
     if refines(problem, mesh, accuracy):
         result = converge(
             problem,

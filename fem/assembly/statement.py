@@ -424,6 +424,35 @@ class Problem:
         weight[:, :3] = np.outer(self.densities * self.blocks.volumes, self.acceleration)
         return with_body_wrenches(self.load_case, weight)
 
+    @property
+    def acts(self) -> bool:
+        """Whether anything deforms the blocks: load, weight, motion, interference or a start."""
+        load, weight = self.load_case, self.acceleration
+        return (
+            self.after is not None
+            or self.motion is not None
+            or self.clearance < 0.0
+            or (weight is not None and bool(weight.any()))
+            or bool(load.facet_forces.any())
+            or (load.body_wrenches is not None and bool(load.body_wrenches.any()))
+            or any(held.moves for held in load.held)
+        )
+
+    def require_action(self) -> None:
+        """Reject a problem in which nothing acts: all its answers are zero.
+
+        Raises
+        ------
+        ProblemError
+            Saying so.
+        """
+        if not self.acts:
+            raise ProblemError(
+                "load: nothing acts: got no load, weight, motion of supports, interference or "
+                "start velocity, so that deformable blocks stay as they are; expected one of them "
+                "(rigid blocks have a kinematic class without)"
+            )
+
     def refuse_motion(self) -> None:
         """Reject an initial motion, which no static state has.
 

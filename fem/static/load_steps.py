@@ -24,6 +24,7 @@ from fem.static.newton import (
     converge,
     descend,
     has_potential,
+    held_in_motion,
     support_forces,
 )
 from fem.static.result import StaticError, StaticResult, load_factors
@@ -139,6 +140,8 @@ def _along(
             pressures = problem.system.law.pressure(state.kinematics.overclosure)
             more = 1.0 if moment else factor / state.load_factor
             guess = replace(guess, pressed=more * float(pressures.max(initial=0.0)))
+        if moment and problem.friction is None:
+            guess = held_in_motion(problem, guess)
         if rate is not None and leads:
             guess = _led_on(problem, guess, length * rate)
         try:

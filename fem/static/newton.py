@@ -49,6 +49,8 @@ _FADING = 0.1
 #: … down to this share of the first ones: motions that no contact resists stay determined, and
 #: others do not notice.
 _LEAST_HOLDING = 1e-6
+#: The same of those at the present pressure, where supports move.
+_LEAST_IN_MOTION = 1e-4
 #: Share of the first holding springs when blocks turn out to be unheld.
 _RESCUE_HOLDING = 1e-3
 #: Rescues after which the blocks are reported as unheld.
@@ -143,8 +145,7 @@ def start_state(system: LocalSystem, start: StaticResult | None) -> StaticState:
     rest = law.overclosure(np.maximum(load / area if area else 0.0, touching_pressure(system)))
     at = np.empty(surfaces.weights.shape)
     at.T[:] = rest  # one number, or one for each facet
-    stiffness = float(law.stiffness(rest).max())
-    holding = _FIRST_HOLDING * stiffness * area / system.n_slots
+    holding = first_holding(system, rest)
     if start is not None:
         displacement = localised(system, start)
         at = system.kinematics(displacement, contact.normals).overclosure
@@ -158,6 +159,28 @@ def start_state(system: LocalSystem, start: StaticResult | None) -> StaticState:
         # Without friction blocks that only friction holds would move far away.
         coarse_iterations=_COARSE_ITERATIONS if start is None and contact.friction is None else 0,
     )
+
+
+def first_holding(system: LocalSystem, overclosure: FloatArray) -> float:
+    """First holding springs of a block where contact is as stiff as at an overclosure [N/mm]."""
+    stiffness = float(system.law.stiffness(overclosure).max())
+    return _FIRST_HOLDING * stiffness * float(system.surfaces.areas.sum()) / system.n_slots
+
+
+def held_in_motion(problem: StaticProblem, state: StaticState) -> StaticState:
+    """State at the beginning of a step of a motion, with holding springs as stiff as its contact.
+
+    Without friction deformed surfaces push blocks that nothing holds aside, in proportion to where
+    they are: springs much softer than contact let that grow from step to step.
+    """
+    system, law = problem.system, problem.system.law
+    pressed = np.full_like(touching_pressure(system), state.pressed or 0.0)
+    least = max(
+        _LEAST_IN_MOTION * first_holding(system, law.overclosure(pressed)),
+        _LEAST_HOLDING * first_holding(system, law.overclosure(touching_pressure(system))),
+    )
+    holding = max(state.holding, least)
+    return replace(state, first_holding=least / _LEAST_HOLDING, holding=holding)
 
 
 def touching_pressure(system: LocalSystem) -> FloatArray:

@@ -78,6 +78,8 @@ class StaticResult(ReadOnlyArrays):
     """Displacement unknowns of the representative blocks."""
     cpu_seconds: dict[str, float]
     """CPU time: setup, newton, recovery, total [s]."""
+    reached: bool = True
+    """Whether supports that move have arrived; else this is the last equilibrium on their way."""
     load_steps: int = 1
     """Parts in which the load was to be applied."""
     coarser_loading: StaticResult | None = None

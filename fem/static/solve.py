@@ -362,6 +362,7 @@ def _result(system: LocalSystem, options: StaticOptions, outcome: _Outcome) -> S
         residual=state.residuals[-1],
         converged=state.converged,
         status=_status(deformable.model, state, options, loose),
+        reached=state.stopped is None,
         steps=tuple((factor, tuple(system.expand(u))) for factor, u in state.path),
         support_forces=() if held is None else tuple(system.expand(held)),
         pushed=tuple((time, tuple(system.expand(force))) for time, force in state.pushed),

@@ -23,7 +23,7 @@ from geometry.assembly import (
     require_length,
 )
 from geometry.block import Block, mapped_block
-from geometry.families.sine_block import LEAST_REACHED
+from geometry.families.sine_block import LEAST_REACHED, check_shift
 from geometry.mesh import FloatArray
 
 #: Height of a joint above its mean plane at (x from the block's middle, y from the inner face).
@@ -171,6 +171,7 @@ def planar_sine_wall(
         Free blocks in a row, free rows.
     """
     check_wall(block, divisions, columns, layers)
+    check_shift(shift)
     waves = round(2 * frequency)
     if waves < 1 or abs(waves - 2 * frequency) > 1e-12:
         raise AssemblyError(

@@ -34,6 +34,8 @@ _FACE_NAMES = {
 
 #: Part of the amplitude that corners of elements must reach; four corners a wave reach 0.707.
 LEAST_REACHED = 0.7
+#: A shift [π] whose float still has ten digits of its phase.
+LARGEST_SHIFT = 1000.0
 
 
 class BlockParameterError(RefusedError):
@@ -169,6 +171,15 @@ class SineBlockDivisions:
         return max(1, round(self.axial / 2))
 
 
+def check_shift(shift: float) -> None:
+    """Reject a shift of waves that is no number, or so large that its float has no phase left."""
+    if not is_number(shift) or abs(shift) > LARGEST_SHIFT:
+        raise BlockParameterError(
+            f"block.shift: got {shift}; expected a number between -{LARGEST_SHIFT:g} and "
+            f"{LARGEST_SHIFT:g}: waves repeat after a shift of 2"
+        )
+
+
 def check_parameters(block: SineBlockParameters) -> None:
     """Reject parameters that describe no block."""
     for name in ("height", "inner_radius", "thickness"):
@@ -178,8 +189,7 @@ def check_parameters(block: SineBlockParameters) -> None:
             f"block.amplitude: got {block.amplitude}, expected 0 or a positive length in mm "
             "(for a mirrored wave add 1 to block.shift)"
         )
-    if not is_number(block.shift):
-        raise BlockParameterError(f"block.shift: got {block.shift}, expected a finite number")
+    check_shift(block.shift)
     if block.blocks_per_layer < 2:
         raise BlockParameterError(
             f"block.blocks_per_layer: got {block.blocks_per_layer}, expected at least 2: "

@@ -16,6 +16,10 @@ class SupportError(RefusedError):
     """A support that the blocks cannot have."""
 
 
+#: Part of a motion that may lie across the directions that are held: digits of a scene [-].
+_ACROSS = 1e-3
+
+
 @dataclass(frozen=True)
 class HeldFace(ReadOnlyArrays):
     """Part of the surface of a block that is held, moved or on springs while a load acts."""
@@ -55,9 +59,23 @@ class HeldFace(ReadOnlyArrays):
             raise SupportError(
                 f"support.move: got {self.displacement.tolist()}; expected three finite mm"
             )
+        self._refuse_free_motion()
         if self.spring is not None and self.displacement is not None:
             raise SupportError(
                 "support: got springs that move; expected springs or a motion, one of the two"
+            )
+
+    def _refuse_free_motion(self) -> None:
+        """Reject a motion across the directions that are held: nothing would come of it."""
+        move = self.displacement
+        if move is None:
+            return
+        lost = move - move @ self.axes.T @ self.axes
+        if np.abs(lost).max() > _ACROSS * np.abs(move).max():
+            raise SupportError(
+                f"support.move: got {move.tolist()} for {self.title}, which is held along "
+                f"{self.axes.tolist()} alone: nothing moves it by {lost.round(12).tolist()}; "
+                "expected a motion along the directions that are held"
             )
 
     @property

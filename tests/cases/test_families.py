@@ -70,6 +70,7 @@ radial = 2
 axial = 2
 [load]
 case = "tunnel"
+pressure = 0.01
 [material]
 density = 2.4e-9
 young_modulus = 33000.0

@@ -33,6 +33,8 @@ from tests.support.face import (
 )
 from tests.support.pixels import open_pixels
 
+#: Lists in lists, as no page sends them.
+DEEP = 2000 * "[" + 2000 * "]"
 SETTINGS = ("assembly.layers=2", "mesh.around=24", "mesh.radial=2", "mesh.axial=4")
 
 
@@ -195,6 +197,9 @@ def test_a_page_sends_no_paths_and_no_code() -> None:
                 {"kind": "values", "values": {}, "view": {"width": "1e9"}},
                 {"kind": "turn", "blocks": "deformable"},
                 {"kind": "download", "what": "../../etc/passwd"},
+                DEEP,
+                f'{{"kind": "values", "values": {{"block.height": {DEEP}}}}}',
+                f'{{"kind": "values", "number": {DEEP}, "values": [1]}}',
             ]
             answers = []
             for message in messages:

@@ -79,7 +79,7 @@ def _repairs(scene: MeshScene, folder: Path) -> str:
 def _supports_aside(scene: MeshScene, assembly: AnyBlocks) -> str:
     """Words where all supports lie beside the free blocks and not below, above or around them."""
     gravity = scene.effects.gravity
-    if gravity is None or not np.any(gravity):
+    if gravity is None or not np.any(gravity) or not assembly.fixed.any():
         return ""
     down = np.array(gravity) / np.linalg.norm(gravity)
     free, held = assembly.centroids[~assembly.fixed], assembly.centroids[assembly.fixed]

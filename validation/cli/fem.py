@@ -96,7 +96,7 @@ def fem(
             _print_tighter([scene, *_options(settings)], missed, outputs)
         if outputs.folder is not None:
             outputs.path(CHECKPOINT).unlink(missing_ok=True)
-    if targets and missed:
+    if (targets and missed) or not run.solution.reached:
         raise typer.Exit(NOT_REACHED)
 
 

@@ -133,7 +133,7 @@ def read_answer(folder: Path) -> Answer:
         with np.load(folder / FILES[1], allow_pickle=False) as result:
             arrays = {name: result[name] for name in result.files}
         own = {name: arrays[name] for name in _ARRAYS}
-    except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
+    except (OSError, ValueError, KeyError, TypeError, EOFError, RecursionError) as error:
         raise InputError(f"{folder}: holds a damaged answer ({error}); write it again") from None
     return Answer(
         title=title,

@@ -115,6 +115,7 @@ class DeformableRun:
             static["static_reference"] = self.reference.as_json(self.answer.measures)
         return {
             "scene": self.name,
+            "load": self.scene.load_words,
             **self.notes,
             **friction,
             **static,

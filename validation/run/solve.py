@@ -251,6 +251,7 @@ def run_static(
             require_held_by_friction(name, scene)
         problem = scene_problem(scene, name) if problem is None else problem
         with named(name):
+            problem.require_action()
             deformable = problem.deformable
         require_held_by_faces(name, scene, deformable.assembly)
         _require_sector(name, scene, deformable)
@@ -290,6 +291,8 @@ def run_converged(
             require_held_by_friction(name, scene)
         options = static_options(scene, fem)
         problem = scene_problem(scene, name) if problem is None else problem
+        with named(name):
+            problem.require_action()
         require_held_by_faces(name, scene, problem.blocks)
         _require_sector(name, scene, problem.deformable)
         watch.lap("build")
@@ -486,6 +489,7 @@ def run_explicit(
         fem = fem_section(scene, name)
         problem = scene_problem(scene, name) if problem is None else problem
         with named(name):
+            problem.require_action()
             built = problem.deformable
         stated = scene_statement(scene, name, built) if statement is None else statement
         watch.lap("build")

@@ -45,6 +45,13 @@ def combined(scene: AnyScene, name: str) -> AnyScene:
                 f"combinations.{name}.{load}: no load has this name; expected one of "
                 f"{', '.join(known_names)} (give [[loads]] a name)"
             )
+    nameless = [k for k, one in enumerate(scene.loads) if not one.name]
+    if nameless and LOAD not in factors:
+        raise InputError(
+            f"combinations.{name}: loads[{nameless[0]}] ({scene.loads[nameless[0]].words}) has no "
+            "name, and nothing says whether it acts; expected [[loads]] with a name, or the "
+            f"factor {LOAD}, which is that of [load] and of all loads without a name"
+        )
     values: dict[str, Any] = {"combinations": {}}
     acting = [one for one in scene.loads if (one.name or LOAD) in factors]
     values["loads"] = tuple(_scaled(one, factors[one.name or LOAD]) for one in acting)

@@ -378,6 +378,11 @@ class DeformableSections(WholeScene):
                     raise ValueError(f"combinations.{name}.{key}: {SAME_SUPPORTS}")
                 if isinstance(factor, bool):
                     raise ValueError(f"combinations.{name}.{key}: got {factor}; expected a number")
+            if isinstance(factors, Mapping) and not factors:
+                raise ValueError(
+                    f"combinations.{name}: got no factors, so that nothing acts; expected some, "
+                    "such as weight = 1.35, load = 1.5"
+                )
         return value
 
     @field_validator("materials", mode="wrap")

@@ -26,6 +26,8 @@ from validation.scene.supports import PushSection
 #: Of blocks whose file has nodes between corners, in answers that have no use for them.
 STRAIGHT_EDGES = "straight between corners; the file's other nodes count with fem.degree = 2"
 Count = Annotated[int, Field(ge=1)]
+#: Forces on single blocks that words of a load name.
+_MOST_FORCES = 3
 
 
 class PointForceSection(Section):
@@ -55,9 +57,10 @@ class BodyLoadSection(Section):
         parts = []
         if self.acceleration is not None:
             parts.append(f"acceleration {vector_words(self.acceleration)} mm/s²")
-        if self.forces:
-            count = len(self.forces)
-            parts.append(f"{count} force{'s' if count > 1 else ''} on single blocks")
+        named = self.forces[:_MOST_FORCES]
+        parts += [f"force {vector_words(f.force)} N on block {f.block}" for f in named]
+        if len(self.forces) > len(named):
+            parts.append(f"{len(self.forces) - len(named)} more forces on single blocks")
         if self.push is not None:
             parts.append(self.push.words)
         return " + ".join(parts)

@@ -95,7 +95,7 @@ def _value(text: str) -> Any:
     """Value of an override: TOML if it parses, else a plain string."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except ValueError:  # no TOML, or a number of thousands of digits
+    except (ValueError, RecursionError):  # no TOML, too long a number, or lists in lists
         return text
 
 

@@ -153,7 +153,7 @@ class TubeLoadSection(Section):
     """``[load]`` of a tube: one of the five load cases."""
 
     case: LoadName
-    pressure: Annotated[Finite, PRESSURE] = 0.01
+    pressure: Annotated[Finite, PRESSURE]
     """Load pressure [MPa]."""
     as_printed: bool = False
     """Load of the paper's tables instead of the physically consistent one."""
@@ -304,8 +304,7 @@ class WholeScene(Section):
         if self.weight is not None:
             parts.append(f"weight {vector_words(self.weight)} mm/s²")
         parts += [one.words for one in getattr(self, "loads", ())]
-        if any(one.move and any(one.move) for one in getattr(self, "supports", ())):
-            parts.append("supports that move")
+        parts += filter(None, (one.moved_words for one in getattr(self, "supports", ())))
         return " + ".join(filter(None, parts)) or "no load"
 
 

@@ -79,12 +79,25 @@ class SupportSection(RegionSection):
     path: tuple[tuple[Finite, Finite], ...] = ()
     """Times [s] and shares of ``move``, straight between; by default from 0 to 1."""
 
+    @property
+    def moved_words(self) -> str:
+        """By how much it moves, and which; empty where it stays."""
+        if not (self.move and any(self.move)):
+            return ""
+        where = self.name or self.face or f"on {'a plane' if self.plane else 'a box'}"
+        return f"support {where} moved by {vector_words(self.move)} mm"
+
     @model_validator(mode="after")
     def _one_statement(self) -> SupportSection:
         if len(self.regions) != 1:
             raise ValueError(
                 f"supports: got {' and '.join(self.regions) or 'no region'}; expected one of face, "
                 "plane, box"
+            )
+        if not self.hold:
+            raise ValueError(
+                'supports.hold: got [], which holds nothing; expected some of "x", "y", "z", or '
+                '"normal"'
             )
         if self.spring is not None and self.move is not None:
             raise ValueError("supports: got spring and move; expected one of the two")

@@ -16,7 +16,7 @@ from fem.assembly.contact_state import CapAction
 from fem.measures import contact_on
 from fem.problem.model import element_words
 from fem.problem.time_step import added_mass_share
-from geometry.answer import TITLES, Measure, measure_rows
+from geometry.answer import PAPER, TITLES, Measure, measure_rows
 from geometry.files.whole import write_whole
 from geometry.system import peak_memory_mb
 from validation.output import answer_files
@@ -138,13 +138,16 @@ def _add_motion(table: Table, run: DeformableRun) -> None:
     share = run.solution.large_motion
     if share is not None:
         small = {
-            "finite_sliding": run.solution.deformable.contact.finite_sliding,
-            "finite_rotation": run.solution.finite_rotation,
+            "finite_sliding": not run.solution.deformable.contact.finite_sliding,
+            "finite_rotation": run.solution.turns_as_small,
         }
-        missing = " and ".join(f"effects.{name} = true" for name, on in small.items() if not on)
+        missing = " and ".join(
+            f"effects.{name} = true" for name, counted in small.items() if counted
+        )
+        what = "contacts" if not run.solution.turns_as_small else "contacts or rotations"
         table.add_row(
             "large motion",
-            f"blocks move by {100 * share:.2g} % of their size, but contacts or rotations are "
+            f"blocks move by {100 * share:.2g} % of their size, but {what} are "
             f"those of small motions: expect errors of this order; set {missing}",
         )
     loose = run.solution.loose_blocks.tolist()
@@ -161,8 +164,9 @@ def _add_supports(table: Table, run: DeformableRun) -> None:
     static = run.solution.static
     add_reactions(table, run.answer.report)
     words = [_curve_words(curve) for curve in run.solution.push_curves]
-    if static is not None and "none was found" in static.status:
-        words.insert(0, static.status)
+    if not run.solution.reached:
+        stopped = "the run ended before supports that move arrived: raise fem.end_time"
+        words.insert(0, stopped if static is None else static.status)
     if any(words):
         table.add_row("motion", "; ".join(filter(None, words)))
 
@@ -179,7 +183,8 @@ def _curve_words(curve: PushCurve) -> str:
 def print_run(run: DeformableRun, console: Console) -> None:
     """Print the result of a run, its evidence, and how it was computed."""
     table = two_columns(run.title)
-    add_measures(table, run.answer.measures)
+    measures = run.answer.measures
+    add_measures(table, {name: m for name, m in measures.items() if name not in PAPER})
     add_sections(table, run.sections)
     _add_supports(table, run)
     _add_motion(table, run)
@@ -313,6 +318,8 @@ def _add_contact(table: Table, run: DeformableRun) -> None:
         words = f"those of [mesh], {size:.3g} mm (square root of the mean area)"
         table.add_row("facets of p_eff, p_max", words)
     table.add_row("contact search", str(run.contact_search))
+    measures = run.answer.measures
+    add_measures(table, {name: measures[name] for name in PAPER if name in measures})
     force = run.answer.measures.get("largest_joint_force")
     bar = np.inf if force is None or force.error is None else force.error / force.value
     add_search(table, run.answer.report, bar)

@@ -71,7 +71,7 @@ def verdict_words(run: RigidRun) -> str:
 def print_rigid(run: RigidRun, console: Console) -> None:
     """Print class, residual, measures and times of a rigid result."""
     result, scene = run.result, run.scene
-    table = two_columns(f"{run.name}: rigid blocks")
+    table = two_columns(f"{run.name}, rigid blocks: {run.scene.load_words}")
     add_verdict(table, run, "kinematics (end rings fixed)", verdict_words(run))
     if result.supported_classification is not result.classification:
         supported = CLASS_WORDS[result.supported_classification.mechanism]

@@ -84,7 +84,7 @@ class _Channel(WebSocketHandler):
         try:
             data = json.loads(message)
             self.pending[str(data["kind"])] = data
-        except (ValueError, TypeError, KeyError):
+        except (ValueError, TypeError, KeyError, RecursionError):
             self.pending["unknown"] = {}
         self.wake.set()
 
@@ -103,7 +103,9 @@ class _Channel(WebSocketHandler):
                 data = self.pending.pop(kind)
                 reply = await loop.run_in_executor(self.pool, self._answer, kind, data)
                 if reply is not None:
-                    await self._send({"kind": kind, "number": data.get("number"), **reply})
+                    number = data.get("number")
+                    asked = {"number": number if isinstance(number, int) else None}
+                    await self._send({"kind": kind, **asked, **reply})
                 if kind == "deform" and self.process is None:
                     self._start()
 
@@ -126,6 +128,8 @@ class _Channel(WebSocketHandler):
             return answer(data)
         except RefusedError as error:
             return {"error": str(error)}
+        except RecursionError:
+            return {"error": "message: lists in lists, too deep; expected names and values"}
         except MemoryError:
             return {"error": "this needs more memory than there is; take fewer blocks or facets"}
 

@@ -37,13 +37,13 @@ class BoxesSection(BlockSection):
 class TopPressureSection(Section):
     """``[load]`` of a column of boxes."""
 
-    pressure: Annotated[Finite, PRESSURE] = 0.01
-    """On the top face, pushing down [MPa]."""
+    pressure: Annotated[Finite, PRESSURE] | None = None
+    """On the top face, pushing down [MPa]; by default none."""
 
     @property
     def words(self) -> str:
-        """The load with its size."""
-        return f"pressure {self.pressure:g} MPa on top"
+        """The load with its size; empty without a load."""
+        return "" if self.pressure is None else f"pressure {self.pressure:g} MPa on top"
 
 
 class BoxesScene(AssemblyScene):
@@ -61,11 +61,13 @@ class BoxesScene(AssemblyScene):
         return box_column([ColumnBox(box.size, box.divisions) for box in self.block.boxes])
 
     def build_load(self, assembly: Assembly) -> LoadCase:
-        """Press on the top."""
+        """Press on the top, where there is a pressure."""
         import numpy as np
 
-        from geometry.loads import face_pressure
+        from geometry.loads import LoadCase, face_pressure
 
+        if self.load.pressure is None:
+            return LoadCase(assembly, "none", (), assembly.fixed.copy())
         return face_pressure(assembly, np.array([assembly.n_blocks - 1]), "z+", self.load.pressure)
 
     def unmatched(self, assembly: Assembly) -> tuple[UnmatchedJoint, ...]:
