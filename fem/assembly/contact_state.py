@@ -333,11 +333,10 @@ def matched_state(
     )
     middle = np.einsum("pa,fai->fpi", basis.values, 0.5 * (nodes + opposite))
     normals = point_normals(surfaces, moved, deformable.contact.normals)
-    acting = pressures[..., None], normals, frictions
-    acting = surfaces.weights[..., None], apart, *acting
-    moments = _moments(*acting, deformable.contact.normals)
+    each, measured = surfaces.weights[..., None], deformable.contact.normals
+    moments = _moments(each, apart, pressures[..., None], normals, frictions, measured)
     far = float(np.abs(apart).max(initial=0.0)) > _SLID * deformable.assembly.characteristic_length
-    if far and deformable.contact.normals is ContactNormals.CURRENT:
+    if far and measured is ContactNormals.CURRENT:
         on_m, on_s = (basis.tangents(x) for x in (nodes, opposite))
         turning = _turning_moments(surfaces.weights * pressures, _along(apart, normals), on_m, on_s)
         moments = turning if moments is None else moments + turning
