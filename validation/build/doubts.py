@@ -40,7 +40,7 @@ def doubts(
         if scene.block.repair:
             rows["repaired"] = _repairs(scene, folder)
         if surfaces is not None:
-            facing = _facing(surfaces)
+            facing = facing_words(surfaces)
             if facing:
                 rows["facing area not in contact"] = facing
         aside = _supports_aside(scene, assembly)
@@ -49,7 +49,7 @@ def doubts(
     return rows
 
 
-def _facing(surfaces: PolyhedralAssembly) -> str:
+def facing_words(surfaces: PolyhedralAssembly) -> str:
     """Words where a part of the surfaces that face each other is not in contact."""
     result = facing_surfaces(surfaces)
     if result.missing <= _MISSING * result.area:

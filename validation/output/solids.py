@@ -17,6 +17,7 @@ from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.near_joints import distance_between
 from geometry.polyhedra.overlap import Overlap, find_overlaps
 from geometry.polyhedra.polyhedron import Polyhedron
+from validation.build.doubts import facing_words
 from validation.errors import InputError
 from validation.output.console import two_columns
 from validation.output.files import prepare_file
@@ -103,7 +104,7 @@ class FileCheck:
 
     def _lowest(self, block: Polyhedron) -> FloatArray:
         """Lowest vertex of a block, (3,) [mm]."""
-        points = block.points @ self.up.T
+        points = np.round(block.points @ self.up.T, 6) + 0.0
         return points[int(np.argmin(points[:, 2]))]
 
     def table(self) -> Table:
@@ -132,6 +133,9 @@ class FileCheck:
                 near = np.round(o.point, 2).tolist()
                 words = f"; {o.words}" if o.words else ""
                 table.add_row("overlap", f"{pair}: {o.depth:.3g} mm deep near {near} mm{words}")
+            facing = "" if self.overlaps else facing_words(self.assembly)
+            if facing:
+                table.add_row("facing area not in contact", facing)
             for a, b, gap in self.gaps[:_MOST]:
                 words = f"{self._name(a)} and {self._name(b)}: {gap:.3g} mm apart"
                 table.add_row("gap", words)
