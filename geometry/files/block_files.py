@@ -163,11 +163,12 @@ def _read_meshio(path: Path) -> tuple[FloatArray, IntArray, bool]:
     return *_surface(mesh, path), any(cells.type in _CORNERS for cells in mesh.cells)
 
 
-def _check_finite(path: Path, points: FloatArray) -> None:
+def _check_finite(path: Path, points: FloatArray, name: str = "") -> None:
     # Volumes are cubes of lengths, inertias their fifth powers: both must be numbers.
     if not (np.abs(points) < _LARGEST).all():
+        where = f"{path}: {name}" if name else str(path)
         raise MeshError(
-            f"{path}: a vertex is not finite, or lies {_LARGEST:g} units away or more; expected "
+            f"{where}: a vertex is not finite, or lies {_LARGEST:g} units away or more; expected "
             "finite coordinates"
         )
 
@@ -423,7 +424,7 @@ def _solids(
     surfaces = _named_surfaces(path, suffix)
     if surfaces:
         for surface in surfaces:
-            _check_finite(path, surface.points)
+            _check_finite(path, surface.points, surface.name)
         parts = _closed_or_whole(path, surfaces)
     else:
         points, triangles, straightened = _read_meshio(path)

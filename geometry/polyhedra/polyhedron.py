@@ -321,9 +321,9 @@ def faults(block: Polyhedron) -> Iterator[str]:
         return
     if pairs is None:
         pairs = across_matter(block.name, block.points, block.triangles)
-    yield from _folds(block, pairs)
     if block.mass_properties.volume <= 1e-12 * size**3:
         yield f"volume {block.mass_properties.volume:.3g} mm³; expected a positive volume"
+    yield from _folds(block, pairs)
     crossing = piercings(block.points, block.surface, block.plane_of, 1e-7 * size)
     if len(crossing):
         yield (
