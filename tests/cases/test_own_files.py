@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from tests.support.face import (
     Y_UP,
@@ -16,8 +15,8 @@ from tests.support.face import (
     PolyhedralAssembly,
     Polyhedron,
     RefusedError,
-    app,
     check_file,
+    command,
     convex_polyhedron,
     diagnosed_blocks,
     flat_faces,
@@ -337,10 +336,9 @@ def test_check_lists_faults_overlaps_and_gaps(tmp_path: Path) -> None:
     assert [(o.block_a, o.block_b) for o in check.overlaps] == [(0, 3)]
     assert check.overlaps[0].depth == pytest.approx(5.0, rel=1e-9)
     assert check.gaps == [(1, 2, pytest.approx(1.0, rel=1e-9))]
-    runner = CliRunner()
-    assert runner.invoke(app, ["check", str(file)]).exit_code == 1
+    assert command("check", str(file))[0] == 1
     clean = obj(tmp_path / "b.obj", STACK)
-    assert runner.invoke(app, ["check", str(clean)]).exit_code == 0
+    assert command("check", str(clean))[0] == 0
     small = {name: ([0.0, 0.0, 0.3 * k], [0.3] * 3) for k, name in enumerate("ab")}
     metres = check_file(obj(tmp_path / "c.obj", small), units="mm", up="z", repair=False)
     assert metres.as_dict()["likely_unit"] == "m"
@@ -348,9 +346,8 @@ def test_check_lists_faults_overlaps_and_gaps(tmp_path: Path) -> None:
 
 def test_repair_writes_what_check_finds_clean(tmp_path: Path) -> None:
     file = obj(tmp_path / "a.obj", STACK, _SIDES + _SIDES[:1])
-    runner = CliRunner()
     for name in ("b.obj", "b.json"):
-        assert runner.invoke(app, ["repair", str(file), "-o", str(tmp_path / name)]).exit_code == 0
+        assert command("repair", str(file), "-o", str(tmp_path / name))[0] == 0
         assert check_file(tmp_path / name, units="mm", up="z", repair=False).clean
     lid = obj(tmp_path / "open.obj", {"a": STACK["base"]}, _SIDES[:3])
     with pytest.raises(InputError, match="cannot be repaired"):

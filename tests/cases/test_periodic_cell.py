@@ -18,8 +18,8 @@ from tests.support.face import (
     StaticError,
     StaticMethod,
     Status,
-    app,
     build_deformable,
+    command,
     corner_displacements,
     corner_forces,
     floating_words,
@@ -214,30 +214,29 @@ def test_hexagon_blocks_have_a_cell() -> None:
     assert errors[1] < 0.8 * errors[0]
 
 
-def test_command_line_reports_the_measured_error(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_line_reports_the_measured_error(tmp_path: Path) -> None:
     # The cell's own answer is that of a run of the cell, and a run says what it is worth.
     path = tmp_path / "cell.json"
     settings = [f"--set={s}" for s in (*COARSE, "assembly.layers=4")]
-    app(["cell", "tsb1-pipe", *settings, "--json", str(path)], standalone_mode=False)
+    assert command("cell", "tsb1-pipe", *settings, "--json", str(path))[0] == 0
     found = json.loads(path.read_text())
     assert found["layers"] == 4
     assert abs(found["error_of_middle_layers"]["p_eff"]) > 0.01
     cell = [*settings, "--set", "fem.symmetry=periodic cell"]
-    app(["fem", "tsb1-pipe", *cell, "--json", str(path)], standalone_mode=False)
+    status, out, _ = command("fem", "tsb1-pipe", *cell, "--json", str(path))
+    assert status == 0
     run = json.loads(path.read_text())
     assert run["periodic_cell"]["error_of_middle_layers"] == found["error_of_middle_layers"]
     assert run["contact"]["p_eff"] == found["cell"]["p_eff"]
     assert run["n_blocks"] == 8
-    assert "error of the middle layers" in capsys.readouterr().out
+    assert "error of the middle layers" in out
 
 
-@pytest.mark.parametrize("command", ["compare", "effects", "cost"])
-def test_commands_that_need_the_whole_tube_refuse_a_cell(command: str) -> None:
-    settings = [f"--set={s}" for s in CELL]
-    with pytest.raises(InputError, match="needs the whole tube"):
-        app([command, "tsb1-pipe", *settings, "--json", "-"], standalone_mode=False)
+@pytest.mark.parametrize("asked", ["compare", "effects", "cost"])
+def test_commands_that_need_the_whole_tube_refuse_a_cell(asked: str) -> None:
+    status, out, err = command(asked, "tsb1-pipe", *(f"--set={s}" for s in CELL), "--json", "-")
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert "needs the whole tube" in err
 
 
 def test_blocks_that_float_in_their_gaps_are_named(monkeypatch) -> None:

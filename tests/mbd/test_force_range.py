@@ -17,7 +17,7 @@ from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from mbd import contact_jacobian, newton_equilibrium
 from mbd.force_range import ForceRanges, force_ranges, plane_problem
 from mbd.friction import FrictionLaw, frictional_contacts, frictional_equilibrium
-from tests.support.face import app
+from tests.support.face import command
 from tests.verification.closed_forms import body_force
 
 pytestmark = pytest.mark.quick
@@ -186,8 +186,6 @@ def test_no_admissible_state_has_no_ranges() -> None:
 def test_scene_answers_with_ranges_and_sliding(tmp_path: Path) -> None:
     import json
 
-    from typer.testing import CliRunner
-
     scene = tmp_path / "wall.toml"
     scene.write_text(
         '[block]\ntype = "wall"\nsize = [200, 100, 80]\n[assembly]\ncolumns = 2\nrows = 2\n'
@@ -195,10 +193,10 @@ def test_scene_answers_with_ranges_and_sliding(tmp_path: Path) -> None:
         "[rigid]\nfriction = 0.6\ncollapse = true\nsliding = true\nranges = true\n"
     )
     answer = tmp_path / "answer.json"
-    run = CliRunner().invoke(app, ["mbd", str(scene), "--json", str(answer)])
-    assert run.exit_code == 0, run.output
+    status, out, err = command("mbd", str(scene), "--json", str(answer))
+    assert status == 0, err
     data = json.loads(answer.read_text())
-    assert "statically indeterminate in" in run.output
+    assert "statically indeterminate in" in out
     joints = data["ranges"]["joints"]
     assert data["ranges"]["undetermined"] > 0
     assert all(j["least"] <= j["least_norm"] + 1e-6 <= j["largest"] + 2e-6 for j in joints)

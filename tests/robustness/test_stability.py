@@ -7,7 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.face import Check, Finding, InputError, Verdict, cases, chosen, refusal, run_case
+from tests.support.face import (
+    Check,
+    Finding,
+    InputError,
+    Verdict,
+    cases,
+    chosen,
+    command,
+    refusal,
+    run_case,
+)
 from tests.support.face import StabilityCase as Case
 
 #: Of every subject one or two that take less than half a CPU second.
@@ -93,24 +103,20 @@ def test_a_failure_or_a_missing_refusal_is_red() -> None:
     assert refusal(lambda: int("x"), ValueError, "absent words").verdict is Verdict.RED
 
 
-def test_command_writes_what_it_prints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from tests.support.face import app
-
+def test_command_writes_what_it_prints(tmp_path: Path) -> None:
     file = tmp_path / "s.json"
-    app(["stability", "--only", "layers-1", "--json", str(file)], standalone_mode=False)
+    status, out, _ = command("stability", "--only", "layers-1", "--json", str(file))
+    assert status == 0
     data = json.loads(file.read_text())
     assert data["counts"] == {"green": 1, "refused": 0, "red": 0}
     assert data["cases"][0]["name"] == "layers-1"
-    assert "layers-1" in capsys.readouterr().out
+    assert "layers-1" in out
 
 
 def test_the_list_is_written_where_json_is_asked(tmp_path: Path) -> None:
-    from tests.support.face import app
-
     file = tmp_path / "list.json"
-    app(
-        ["stability", "--list", "--only", "contact-law", "--json", str(file)], standalone_mode=False
-    )
+    words = ("stability", "--list", "--only", "contact-law", "--json", str(file))
+    assert command(*words)[0] == 0
     listed = json.loads(file.read_text())["cases"]
     assert [case["name"] for case in listed] == [case.name for case in chosen(["contact-law"])]
     assert all(case["law"] for case in listed)

@@ -16,8 +16,8 @@ from tests.support.face import (
     EffectsDecision,
     EffectsSection,
     InputError,
-    app,
     change,
+    command,
     compared_runs,
     contact_measures,
     decide_effects,
@@ -256,20 +256,19 @@ def test_finite_rotation_that_matters_is_part_of_the_static_run() -> None:
     assert change == pytest.approx(decision.change.displacement, rel=0.05)
 
 
-def test_command_line_prints_and_writes_the_decision(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_line_prints_and_writes_the_decision(tmp_path: Path) -> None:
     path = tmp_path / "run.json"
     once = ("fem.mesh=scene", "fem.error_estimate=false", "effects.friction.coefficient=0.5")
     settings = [f"--set={s}" for s in [*MESH, *once]]
-    command = ["fem", "tsb1-pipe", *settings, "--auto", "2%", "--json", str(path)]
-    app(command, standalone_mode=False)
+    words = ("fem", "tsb1-pipe", *settings, "--auto", "2%", "--json", str(path))
+    status, out, _ = command(*words)
+    assert status == 0
     data = json.loads(path.read_text())["effects_decision"]
     assert data["tolerance"] == 0.02
     row = next(d for d in data["decisions"] if d["effect"] == "friction")
     assert row["simulated"]
     assert abs(row["change"]["displacement"]) > 0.02
-    (line,) = [x for x in capsys.readouterr().out.splitlines() if x.startswith("effects ")]
+    (line,) = [x for x in out.splitlines() if x.startswith("effects ")]
     simulated, _, left_out = line.partition("left out:")
     assert "friction coefficient 0.5 (" in simulated
     assert "finite rotation (" in left_out

@@ -636,19 +636,8 @@ def test_a_scheduler_that_dies_halfway_stops_the_sweep_in_one_line(many_walls, t
 # Command line
 
 
-def test_sweep_on_the_command_line(walls, reference, tmp_path, monkeypatch, capsys) -> None:
-    from tests.support.face import main
-
-    monkeypatch.chdir(tmp_path)
+def test_sweep_on_the_command_line(walls, reference, tmp_path, monkeypatch, tubelock) -> None:
     monkeypatch.setattr(study_run, "LocalRunner", lambda study, _: Here(study))
-
-    def tubelock(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["tubelock", *arguments])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        out, err = capsys.readouterr()
-        return int(stop.value.code or 0), out, err
-
     status, out, _ = tubelock("sweep", "walls.toml", "--json", "-")
     assert status == 0
     data = json.loads(out)

@@ -1,0 +1,173 @@
+"""For every built-in scene: what a command prints and what Python gives are one answer.
+
+Measures with error bars and remarks, or the line that rejects. Scenes for which the two still
+differ are strict xfails: when both go through one door, the marks go.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from fem import solve_explicit, solve_static
+from geometry import Answer
+from mbd import analyse
+from tests.fixtures.commands import small_meshes
+from tests.support.face import RefusedError, builtin_names, command
+from validation import load_scene
+
+#: Fewer and coarser blocks, by names or their beginnings: the law holds for any scene.
+SINE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 1, "mesh.axial": 4}
+FEWER: dict[str, dict[str, Any]] = {
+    "tsb": SINE,
+    "thb": {"assembly.layers": 1, "mesh.edge": 4, "mesh.radial": 1},
+    "osteomorphic": {
+        "mesh.divisions": [6, 3, 2],
+        "assembly.layers": 2,
+        "assembly.columns": 2,
+    },
+    "planar-sine": {
+        "mesh.divisions": [12, 2, 3],
+        "assembly.layers": 2,
+        "assembly.columns": 2,
+    },
+    "hertz": {"mesh.elements": 2},
+    "cattaneo": {"mesh.elements": 2},
+    "cantilever": {"mesh.divisions": [8, 2, 2]},
+    "arch": {"assembly.voussoirs": 10},
+    "wall-with-roller": {},
+    "wall": {"assembly.rows": 3, "assembly.columns": 3},
+    "tetrahedra": {"assembly.rows": 3, "assembly.columns": 3},
+    "cubes": {"assembly.rings": 1},
+    "octahedra": {"assembly.rings": 1},
+}
+#: Both doors solve one problem to a residual of 1e-8 or less of its load; this share of the
+#: largest measure of a unit is far above what two such solutions may differ by.
+SAME = 1e-6
+
+#: What differs, and in which scenes.
+RIGID = {
+    "norm of [rigid] is dropped": (
+        *("thb0-beam", "thb0-shaft", "thb0-tunnel"),
+        *("tsb1-beam", "tsb1-pillar", "tsb1-shaft", "tsb1-tunnel"),
+        *("tsb2-beam", "tsb2-pillar", "tsb2-shaft", "tsb2-tunnel"),
+    ),
+    "friction of [rigid] is dropped": ("arch",),
+    "Python rejects finite_sliding, which the scene does not state": (
+        *("column-nonmatching", "tetrahedra", "versatile", "versatile-panel"),
+        *("wall", "wall-with-roller"),
+    ),
+    "Python rejects the friction of joints": ("pushed-panel",),
+    "Python rejects hexahedra, which rigid blocks do not need": ("voxel-puzzle",),
+    "other facets, other measures": ("cubes", "octahedra"),
+    "another line rejects": (
+        *("beam-on-springs", "cattaneo-mindlin", "hertz-ball", "hertz-roller"),
+        *("shifted-boxes", "spinning-block"),
+    ),
+    "Python ends in a ValueError of numpy": ("cantilever",),
+}
+DEFORMABLE = {
+    "another line rejects": ("arch", "brick-stack", "tetrahedra", "thb0-pillar", "wall"),
+    "keys of [fem] are dropped: end_time, error_estimate": (
+        *("cantilever", "column-nonmatching", "spinning-block"),
+    ),
+}
+RED = {
+    method: {name: why for why, names in reasons.items() for name in names}
+    for method, reasons in (("mbd", RIGID), ("fem", DEFORMABLE))
+}
+#: Deformable blocks that are not refined here: solved on the mesh of the scene, without error bars.
+UNREFINED = ("cubes", "octahedra", "versatile", "versatile-panel", "wall-with-roller")
+#: Deformable blocks that take 10 CPU s to minutes on their coarsest meshes: left out.
+DEAR = ("cattaneo-mindlin", "hertz-ball", "hertz-roller", "pushed-panel")
+
+
+def scenes(method: str) -> list[Any]:
+    return [
+        pytest.param(
+            name,
+            marks=[pytest.mark.xfail(reason=why, strict=True)]
+            if (why := RED[method].get(name))
+            else [],
+        )
+        for name in builtin_names()
+        if method == "mbd" or name not in DEAR
+    ]
+
+
+def fewer(name: str) -> dict[str, Any]:
+    return next((settings for key, settings in FEWER.items() if name.startswith(key)), {})
+
+
+def printed(method: str, name: str, settings: dict[str, Any]) -> dict[str, Any]:
+    """Answer of a command as JSON; "rejected" where it is a line."""
+    words = [w for k, v in settings.items() for w in ("--set", f"{k}={json.dumps(v)}")]
+    status, out, err = command(method, name, *words, "--json", "-")
+    if status == 2:
+        line = err.removeprefix("error: ").removesuffix("\n")
+        return {"rejected": line.removeprefix(f"{name}: ")}
+    assert status == 0, err
+    return json.loads(out)
+
+
+def given(kind: str, name: str, settings: dict[str, Any], **options: Any) -> dict[str, Any]:
+    """The same of Python, by the solver of the method that the command prints."""
+    solve = {"rigid": analyse, "static": solve_static, "explicit": solve_explicit}
+    try:
+        answer: Answer = solve[kind](load_scene(name, settings).problem(), **options)
+    except RefusedError as error:
+        return {"rejected": str(error).removeprefix(f"{name}: ")}
+    return json.loads(json.dumps(answer.as_dict()))
+
+
+def agree(one: dict[str, Any], other: dict[str, Any]) -> None:
+    for key in ("rejected", "mechanism"):
+        assert one.get(key) == other.get(key)
+    measures, expected = (answer.get("measures", {}) for answer in (one, other))
+    assert list(measures) == list(expected)
+    sizes: dict[str, float] = {}
+    for measure in expected.values():
+        unit = measure["unit"]
+        sizes[unit] = max(sizes.get(unit, 0.0), abs(measure["value"] or 0.0))
+    for measure, reference in zip(measures.values(), expected.values(), strict=True):
+        for key in ("unit", "resolved", "remark"):
+            assert measure.get(key) == reference.get(key)
+        for key in ("value", "error"):
+            size = SAME * sizes[reference["unit"]]
+            value = reference[key]
+            same = value if value is None else pytest.approx(value, rel=SAME, abs=size)
+            assert measure[key] == same
+
+
+@pytest.mark.parametrize("name", scenes("mbd"))
+def test_rigid_answers_of_command_and_python_are_one(name: str) -> None:
+    agree(printed("mbd", name, fewer(name)), given("rigid", name, fewer(name)))
+
+
+@pytest.mark.parametrize("name", scenes("fem"))
+def test_deformable_answers_of_command_and_python_are_one(name: str) -> None:
+    settings, options = fewer(name), {}
+    if name in UNREFINED:
+        settings = settings | {"fem.mesh": "scene", "fem.error_estimate": False}
+        options = {"mesh": "scene", "error_bars": False}
+    with small_meshes(1, 2):  # refined once, as both doors refine unless told otherwise
+        one = printed("fem", name, settings)
+        agree(one, given(one.get("method", "static"), name, settings, **options))
+
+
+@pytest.mark.xfail(reason="Python drops keys of [fem]", strict=True)
+@pytest.mark.parametrize(
+    "stated",
+    [
+        {"fem.mesh": "scene"},
+        {"fem.mesh": "scene", "fem.error_estimate": False},
+        {"effects.friction.coefficient": 0.3, "fem.load_steps": 1},
+    ],
+    ids=" ".join,
+)
+def test_how_a_scene_is_to_be_solved_is_read_by_python(stated: dict[str, Any]) -> None:
+    settings = SINE | stated
+    with small_meshes(1, 2):
+        agree(printed("fem", "tsb1-pipe", settings), given("static", "tsb1-pipe", settings))
