@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from geometry import Answer
-from geometry.mesh import FloatArray
 from mbd import block_wrenches
-from tests.support.face import solved
+from tests.support.face import FloatArray, solved
 
 SCENES = sorted(file.stem for file in Path(str(files("validation") / "scenes")).glob("*.toml"))
 TUBE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 1, "mesh.axial": 2}

@@ -8,9 +8,7 @@ import pytest
 
 from fem import ExponentialLaw, LinearPenalty, solve_explicit, solve_static
 from geometry import pipe
-from geometry.errors import RefusedError
-from geometry.parts.supports import HeldFace
-from tests.support.face import command
+from tests.support.face import HeldFace, RefusedError, command
 from validation import load_scene
 
 pytestmark = pytest.mark.quick

@@ -9,9 +9,8 @@ import pytest
 import pyvista
 
 from fem import solve_explicit, solve_static
-from geometry.errors import RefusedError
 from mbd import analyse
-from tests.support.face import command
+from tests.support.face import RefusedError, command
 from validation import load_scene, optimise, read_answer, sensitivity, write
 
 #: One layer of the tube of the paper, coarse.

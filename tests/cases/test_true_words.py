@@ -6,9 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from geometry.errors import RefusedError
 from mbd import analyse
-from tests.support.face import command
+from tests.support.face import RefusedError, command
 from validation import load_scene, read_answer
 
 pytestmark = pytest.mark.quick
