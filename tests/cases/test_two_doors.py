@@ -79,9 +79,12 @@ RED = {
     for method, reasons in (("mbd", RIGID), ("fem", DEFORMABLE))
 }
 #: Deformable blocks that are not refined here: solved on the mesh of the scene, without error bars.
-UNREFINED = ("cubes", "octahedra", "versatile", "versatile-panel", "wall-with-roller")
+UNREFINED = ("cubes", "versatile-panel", "wall-with-roller")
 #: Deformable blocks that take 10 CPU s to minutes on their coarsest meshes: left out.
-DEAR = ("cattaneo-mindlin", "hertz-ball", "hertz-roller", "pushed-panel")
+DEAR = (
+    *("cattaneo-mindlin", "hertz-ball", "hertz-roller", "octahedra", "pushed-panel"),
+    "versatile",
+)
 
 
 def scenes(method: str) -> list[Any]:
