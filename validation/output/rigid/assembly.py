@@ -72,7 +72,7 @@ def print_rigid(run: RigidRun, console: Console) -> None:
     """Print class, residual, measures and times of a rigid result."""
     result, scene = run.result, run.scene
     table = two_columns(f"{run.name}, rigid blocks: {run.scene.load_words}")
-    add_verdict(table, run, "kinematics (end rings fixed)", verdict_words(run))
+    add_verdict(table, run, ("kinematics (end rings fixed)",) * 2, verdict_words(run))
     if result.supported_classification is not result.classification:
         supported = CLASS_WORDS[result.supported_classification.mechanism]
         table.add_row("kinematics (supports of this load)", supported)

@@ -71,7 +71,7 @@ def print_rigid(run: PolyhedralRun, console: Console) -> None:
     """Print verdict, proof, equilibrium and contacts."""
     result, interfaces = run.result, run.assembly.interfaces
     table = two_columns(f"{run.name}, rigid blocks: {run.scene.load_words}")
-    add_verdict(table, run, "verdict (frictionless)", verdict_words(run))
+    add_verdict(table, run, ("verdict (frictionless)", "without friction"), verdict_words(run))
     if run.held is not None:
         table.add_row("resistance to pushes", held_words(run))
     add_first_rows(table, run)

@@ -62,11 +62,14 @@ def held_words(run: RigidAnswer) -> str:
     return "; ".join(words) + " (all blocks together, frictionless)"
 
 
-def add_verdict(table: Table, run: RigidAnswer, title: str, words: str) -> None:
-    """Add what was asked first: the verdict with friction, else that of the class."""
+def add_verdict(table: Table, run: RigidAnswer, titles: tuple[str, str], words: str) -> None:
+    """Add what was asked first: the verdict with friction, else that of the class.
+
+    Two titles of the class: where it is the verdict, and where it is not.
+    """
     further = run.further
     if further is None or further.friction is None:
-        table.add_row(title, words)
+        table.add_row(titles[0], words)
         return
     table.add_row("verdict", run.carried.words)
     if further.bare is not None:
@@ -76,7 +79,7 @@ def add_verdict(table: Table, run: RigidAnswer, title: str, words: str) -> None:
         proof = f"; fᵀd/‖f‖ = {further.friction.work:.3g}, least contact work "
         proof += f"{further.friction.smallest_contact_work:.1e}"
     table.add_row("with friction", further.friction.status + proof)
-    table.add_row("without friction", words)
+    table.add_row(titles[1], words)
 
 
 def edges_words(further: Further) -> str:
