@@ -24,7 +24,7 @@ from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.box_tree import overlapping_boxes
 from geometry.polyhedra.polyhedron import Polyhedron
-from geometry.polyhedra.triangle_search import Surface, distinct_rows, enclosed, segment_piercings
+from geometry.polyhedra.triangle_search import Surface, enclosed, segment_piercings
 
 #: Points along each edge of the lattice in the shared box.
 _EDGE = 7
@@ -108,15 +108,6 @@ def _inner_middles(points: FloatArray, edges: IntArray, surface: Surface) -> Flo
     middle = 0.5 * (position[1:] + position[:-1])[same]
     edge = edge[1:][same]
     return start[edge] + middle[:, None] * (end - start)[edge]
-
-
-def _moved_inward(shape: Polyhedron, distance: float) -> FloatArray:
-    """Vertices of a block, each moved inward from all planes round it by a distance, (n, 3)."""
-    inward = np.zeros_like(shape.points)
-    rows = np.column_stack([shape.triangles.ravel(), np.repeat(shape.plane_of, 3)])
-    corner, plane = rows[distinct_rows(rows)[0]].T
-    np.subtract.at(inward, corner, shape.plane_normals[plane])
-    return shape.points + distance * inward
 
 
 def _deepest(
@@ -215,8 +206,8 @@ def penetration(
 
     middles_b = _inner_middles(b_points, b.edges, a.surface)
     middles_a = _inner_middles(local(a.points), a.edges, b.surface) @ rotation.T + translation
-    of_b = [_moved_inward(b, tolerance) @ rotation.T + translation, middles_b]
-    of_a = [_moved_inward(a, tolerance), middles_a]
+    of_b = [(b.points + tolerance * b.inward) @ rotation.T + translation, middles_b]
+    of_a = [a.points + tolerance * a.inward, middles_a]
     if len(b.triangles) <= _FINE:
         of_b.append(b.middles @ rotation.T + translation)
     if len(a.triangles) <= _FINE:

@@ -179,9 +179,24 @@ class Polyhedron:
         return total / np.linalg.norm(total, axis=1, keepdims=True)
 
     @cached_property
+    def inward(self) -> FloatArray:
+        """Sum of the inward normals of the planes round each vertex, (n_points, 3)."""
+        rows = np.column_stack([self.triangles.ravel(), np.repeat(self.plane_of, 3)])
+        corner, plane = rows[distinct_rows(rows)[0]].T
+        normals = self.plane_normals[plane]
+        n = len(self.points)
+        sums = [np.bincount(corner, weights=-normals[:, axis], minlength=n) for axis in range(3)]
+        return np.column_stack(sums)
+
+    @cached_property
+    def _ridges(self) -> tuple[IntArray, IntArray]:
+        """Edges between two planes, (n, 2), and the triangles to their left and right, (n, 2)."""
+        return ridges(self.triangles, self.plane_of)
+
+    @property
     def ridges(self) -> tuple[IntArray, IntArray]:
         """Edges between two planes, (n, 2), and the planes to their left and right, (n, 2)."""
-        ends, sides = ridges(self.triangles, self.plane_of)
+        ends, sides = self._ridges
         return ends, self.plane_of[sides]
 
     @cached_property
@@ -206,7 +221,7 @@ class Polyhedron:
         Their corners (n, 2), and normals (n, 2, 3) and numbers (n, 2) of their two faces. The
         pieces of a straight edge between two planes are one edge.
         """
-        ends, sides = ridges(self.triangles, self.plane_of)
+        ends, sides = self._ridges
         if self.exact is not None:  # edges of triangles inside a curved face are none of the block
             between = ~self.exact.together(sides)
             ends, sides = ends[between], sides[between]
