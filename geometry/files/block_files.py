@@ -282,12 +282,10 @@ def _read_step(
             merged, triangles = merge_points(points, one_solid(points, turned_alike(every)))
             # Parts of a solid are put in order, and triangles without area dropped.
             _, nearest = cKDTree(points[every].mean(axis=1)).query(merged[triangles].mean(axis=1))
-            volume, *middle = (
-                gmsh.model.occ.getMass(3, tag),
-                *gmsh.model.occ.getCenterOfMass(3, tag),
-            )
+            volume = float(gmsh.model.occ.getMass(3, tag))
+            middle = np.array(gmsh.model.occ.getCenterOfMass(3, tag))
             inertia = np.reshape(gmsh.model.occ.getMatrixOfInertia(3, tag), (3, 3))
-            mass = MassProperties(volume, volume, np.array(middle), inertia)
+            mass = MassProperties(volume, volume, middle, inertia)
             solids.append((merged, triangles, of[nearest], mass))
         return solids
 
