@@ -202,7 +202,7 @@ def _held(assembly: AnyBlocks, one: SupportSection, place: str) -> list[HeldFace
                 displacement=None if one.move is None else np.array(one.move),
                 path=one.path,
                 spring=one.spring,
-                name=one.name,
+                name=one.name or (str(one.face) if isinstance(where, Edges) else ""),
             )
         )
     return result
