@@ -202,8 +202,8 @@ def answer_of(
         moving = motion
         fields["mechanism"] = lambda: _node_motion(assembly, moving, points, block)
     verdict = "carries the load" if shown.holds else "does not carry the load"
-    if not shown.by_load:
-        verdict += " unless pressed beforehand,"
+    if shown.holds and not shown.by_load:
+        verdict += " only if pressed beforehand"
     if shown.friction is not None:
         verdict += f" with friction μ = {shown.friction:g}"
     found = _Found(assembly, load, result, shown)

@@ -123,11 +123,12 @@ def _rigid_results(file: SceneFile) -> dict[str, Any]:
     with uncounted(*((RigidSection, key) for key in _NO_COLUMN)):
         run = analyse_rigid(replace(built, scene=asked))
     result = run.result
-    # With friction asked, the forces and the verdict are those with it.
+    # With friction asked, the forces and the verdict are those with it: a load that is carried only
+    # if joints were pressed beforehand is not in equilibrium by itself.
     friction = None if run.further is None else run.further.friction
     found: dict[str, Any] = {
         "mechanism": str(result.mechanism),
-        "equilibrium": int(run.carried.holds),
+        "equilibrium": int(run.carried.shown),
         "residual": result.equilibrium.residual if friction is None else friction.residual,
         "n_blocks": result.n_blocks,
         "n_contacts": result.n_contacts,
