@@ -2,13 +2,15 @@
 
 Averages over balls are taken from cells, those on the edge of a ball in part: first everywhere,
 then where they are largest at closer and closer places, surfaces included, and with smaller and
-smaller cells; the last ones are extrapolated to vanishing cells.
+smaller cells; the last ones are extrapolated to vanishing cells. In blocks with too many balls of
+that size larger balls are averaged first, and smaller ones only where those have the most tension.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -39,6 +41,11 @@ _FAIR, _GOOD, _BETTER, _BEST = 0.6, 0.9, 0.96, 0.995
 _MOST = 500
 #: Places are first looked for this many times as far apart.
 _STEPS = 4
+#: Cells of the first look, at most. Where balls are so
+#: small that there would be more, larger ones are averaged first; this many of those are kept.
+_MOST_CELLS, _FEW = 400_000, 200
+#: Points of an element among which those near some places are looked for one by one.
+_MOST_POINTS = 10_000
 
 
 @dataclass(frozen=True)
@@ -175,9 +182,22 @@ def averaged_tension(bodies: MovedBodies, radius: float) -> tuple[PointValue, Po
         within = spread * radius
         return _points_between(bodies, near(centres, spread), spacing * radius, (centres, within))
 
-    rough = _cells(bodies, np.arange(len(nodes)), _ROUGH * radius)
-    places = rough.positions[one_of_each_cube(rough.positions, radius)]
-    fair = _largest(places, _tension(rough, places, radius, _ROUGH), _FAIR, len(places))
+    radii = [radius]
+    every = np.arange(len(nodes))
+    while np.prod(_counts(bodies, every, _ROUGH * radii[-1]), axis=1).sum() > _MOST_CELLS:
+        radii.append(2.0 * radii[-1])
+    rough = _cells(bodies, every, _ROUGH * radii[-1])
+    places = rough.positions[one_of_each_cube(rough.positions, radii[-1])]
+    for wide, narrow in pairwise(reversed(radii)):
+        centres = _largest(places, _tension(rough, places, wide, _ROUGH), _FAIR, _FEW)
+        within = wide + 3.0 * narrow  # balls and centres that are looked at after them included
+        rough = _cells(bodies, near(centres, within / radius), _ROUGH * narrow, (centres, within))
+        inside = rough.positions[
+            np.isfinite(cKDTree(centres).query(rough.positions, distance_upper_bound=wide)[0])
+        ]
+        places = inside[one_of_each_cube(inside, narrow)]
+    most = len(places) if len(radii) == 1 else _MOST
+    fair = _largest(places, _tension(rough, places, radius, _ROUGH), _FAIR, most)
     places = between(fair, 1.0, _CENTRES[0])
     good = _largest(places, _tension(rough, places, radius, _ROUGH), _GOOD)
     coarse = cells(good, _CELL, sum(_CENTRES))
@@ -309,16 +329,24 @@ def _box(
     within: float,
 ) -> list[FloatArray] | None:
     """Parts of lines between which the points of an element near some places lie; None: no such."""
-    points = _contracted(bodies, lines, bodies.positions[bodies.elements[element]])
     shape = [len(line) for line in lines]
+    # Of many points first some, each of which stands for those nearer to it than to the next.
+    step = _STEPS if np.prod(shape) > _MOST_POINTS else 1
+    picked = [np.unique(np.append(np.arange(0, n, step), n - 1)) for n in shape]
+    some = [line[at] for line, at in zip(lines, picked, strict=True)]
+    points = _contracted(bodies, some, bodies.positions[bodies.elements[element]])
+    grid = points.reshape(*(len(at) for at in picked), 3)
+    if step > 1:
+        gaps = (np.linalg.norm(np.diff(grid, axis=axis), axis=-1) for axis in range(3))
+        within += sum(float(gap.max(initial=0.0)) for gap in gaps)
     apart = cKDTree(places).query(points.reshape(-1, 3), distance_upper_bound=within)[0]
-    close = np.isfinite(apart).reshape(shape)
+    close = np.isfinite(apart).reshape(grid.shape[:3])
     if not close.any():
         return None
     kept = []
-    for axis, line in enumerate(lines):
+    for axis, (line, at) in enumerate(zip(lines, picked, strict=True)):
         there = np.flatnonzero(close.any(axis=tuple({0, 1, 2} - {axis})))
-        kept.append(line[there[0] : there[-1] + 1])
+        kept.append(line[at[there[0]] : at[there[-1]] + 1])
     return kept
 
 

@@ -28,6 +28,7 @@ from geometry.files.mesh_io import write_lagrange_cells
 from geometry.mesh import FloatArray
 from geometry.meshing.charts import Places
 from geometry.meshing.refinement import charts_of
+from tests.support.blocks import random_rotation
 from tests.support.curved_blocks import CONCRETE, block, curved
 
 GRADIENT = 1e-4 * np.array([[1.0, 0.3, -0.2], [0.1, -0.5, 0.4], [0.0, 0.2, 0.7]])
@@ -217,3 +218,24 @@ def test_command_writes_fields_pictures_and_joints(tubelock) -> None:  # type: i
     grid = pv.read("curved/fields.vtu")
     assert grid.n_cells == 4 * 24
     assert "fields" in out
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_balls_that_are_too_many_are_sought_by_larger_ones(
+    monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    """The place is sought where larger balls have the most tension: the average there is the same.
+
+    A stress that varies over the body has its largest average in the same place for any ball that
+    is small in comparison. A distant point of an element is left out of boxes of near ones alone.
+    """
+    bodies = box((2, 2, 2), 60.0)
+    rotation = random_rotation(seed)
+    bodies.displacements[0] = 1e-6 * (bodies.positions @ rotation) ** 2 @ rotation.T
+    expected = averaged_tension(bodies, 4.0)
+    monkeypatch.setattr(lagrange_stress, "_MOST_CELLS", 1_000)
+    monkeypatch.setattr(lagrange_stress, "_MOST_POINTS", 1_000)
+    found = averaged_tension(bodies, 4.0)
+    for one, other in zip(found, expected, strict=True):
+        assert one.value == pytest.approx(other.value, rel=1e-6)
+        assert one.position == pytest.approx(other.position, abs=1e-6)
