@@ -429,11 +429,12 @@ class Solution(ReadOnlyArrays):
     @cached_property
     def quasi_static(self) -> QuasiStaticReport | None:
         """How static the end of an explicit run is; None where nothing recommends a frequency."""
-        from fem.explicit.setup.quasi_static import quasi_static_report
-
         result, stated = self.explicit, self.statement
         if result is None or stated is None or stated.recommended is None:
             return None
+        # Loaded here: it brings the compiler along, which static runs do without.
+        from fem.explicit.setup.quasi_static import quasi_static_report
+
         return quasi_static_report(
             result,
             ramp_time=stated.settled_after,

@@ -204,7 +204,8 @@ def measure_rows(measures: Mapping[str, Measure]) -> list[tuple[str, str]]:
     """Measures in words, a row each: title; value, error, unit, remark and place."""
     result = []
     names = [*EVERY_TITLE, *(name for name in measures if name not in EVERY_TITLE)]
-    names[len(TITLES) : len(TITLES) + len(FACTORS)] = by_size(measures)
+    first = names.index(next(iter(FACTORS)))
+    names[first : first + len(FACTORS)] = by_size(measures)
     for name in names:
         if name in measures:
             measure, title = measures[name], EVERY_TITLE.get(name, Title(name))

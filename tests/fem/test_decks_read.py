@@ -321,14 +321,18 @@ def rough_cubes() -> list[str]:
 
 
 def pushed(lines: list[str]) -> tuple[float, fem.Answer]:
-    """Force of the joint along x on the upper cube, of its friction alone [N].
+    """Force of friction along x on the lower cube [N], by the table of the joint.
 
-    The joint tilts, so the force of its pressure has a share of it.
+    The joint tilts, so the force of its pressure has a share of the force along x. Both together
+    are what the pusher needs.
     """
     deck = deck_of_lines(lines)
     answer = solve_deck(deck)
     sides = [of["force"][0] for name, of in answer.report["reactions"].items() if "b" in name]
-    return sum(sides) + float(answer.contacts["force"][:, 0].sum()), answer
+    along = float(answer.contacts["force"][:, 0].sum())
+    assert sum(sides) + along == pytest.approx(0.0, abs=1e-6)
+    state = answer.details.contact_state
+    return -float(state.point_areas @ state.point_frictions[:, 0]), answer
 
 
 #: Two nodes of the upper cube move along x by so much.

@@ -98,7 +98,8 @@ def test_the_time_step_is_that_of_block_and_springs() -> None:
 
 def test_springs_of_blocks_that_turn_are_rejected() -> None:
     held = (*GUIDES, roller(TWO, 1, Z, spring=1.0))
-    problem = Problem(TWO, case(TWO, held=held), concrete, finite_rotation=True)
+    load = case(TWO, [pulled(TWO, 1, Z, -0.5 * Z)], held)
+    problem = Problem(TWO, load, concrete, finite_rotation=True)
     for solve in (solve_static, lambda stated: solve_explicit(stated, end_time=0.01)):
         with pytest.raises(ModelError, match="springs: got blocks that may turn by any angle"):
             solve(problem)

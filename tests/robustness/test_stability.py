@@ -41,8 +41,6 @@ QUICK = [
 #: Cases whose honest answer is a refusal; all others are green.
 REFUSED = {
     "amplitude-too-large",
-    "block-on-its-corner",
-    "block-on-its-edge",
     "checkpoint-truncated",
     "cone-outside-1e-5",
     "contacts-lost",

@@ -75,7 +75,7 @@ class SupportSection(RegionSection):
     spring: Positive | None = None
     """Springs to the ground along these directions, stiffness per area [N/mm³]."""
     move: Vector | None = None
-    """By which the held directions move, after the load [mm]."""
+    """By which the held directions move, after the load; a part across them is rejected [mm]."""
     path: tuple[tuple[Finite, Finite], ...] = ()
     """Times [s] and shares of ``move``, straight between; by default from 0 to 1."""
 
