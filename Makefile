@@ -39,7 +39,7 @@ LOWEST  = $(CACHE)/$(shell cksum pyproject.toml | cut -d ' ' -f 1)
 lowest:
 	test -e $(LOWEST)/installed || $(MAKE) --no-print-directory $(LOWEST)/installed
 	$(LOWEST)/bin/uv pip install --quiet --python $(LOWEST)/bin/python --no-deps --editable .
-	$(LOWEST)/bin/python -m pytest -n 2 --dist worksteal -m "quick and not slow"
+	UNTIMED=1 $(LOWEST)/bin/python -m pytest -n 2 --dist worksteal -m "quick and not slow"
 
 $(LOWEST)/installed:
 	rm -rf $(CACHE)

@@ -84,6 +84,7 @@ def test_a_translation_asks_for_no_finite_rotation(tmp_path, sliding):
     assert ("large_motion" in answer) is not sliding
 
 
+@pytest.mark.slow
 def test_a_picture_of_pressures_counts_the_facets_that_press(tmp_path):
     """Its words follow from the pressures and areas that are written beside it."""
     small = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=4")

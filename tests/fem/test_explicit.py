@@ -84,6 +84,7 @@ def test_interrupted_run_continues_to_the_same_bits(tmp_path, effects):
     assert second.energy_balance == whole.energy_balance
 
 
+@pytest.mark.slow
 def test_killed_process_continues_to_the_same_bits(tmp_path):
     file = tmp_path / "run.npz"
     script = """
