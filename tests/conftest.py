@@ -41,7 +41,7 @@ def _cpu_seconds() -> float:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, Any]:
-    """Fail a quick test that is not, where quick tests are chosen (`make check`, not `make lowest`).
+    """Fail a quick test that is not, in `make check` (not in `make lowest`).
 
     No law depends on the speed of a machine: `make test` does not measure.
     """
