@@ -55,7 +55,8 @@ def write_checkpoint(path: Path, system: System, state: State, history: History)
     }
     temporary = path.with_name(path.name + ".part")
     with temporary.open("wb") as file:
-        np.savez(file, **contents, digest=np.array(content_digest(contents)))
+        arrays: dict[str, Any] = {**contents, "digest": np.array(content_digest(contents))}
+        np.savez(file, **arrays)
         file.flush()
         os.fsync(file.fileno())
     temporary.replace(path)
