@@ -104,9 +104,20 @@ def stop_signals(handler: Callable[[int, FrameType | None], object]) -> Iterator
 
 @contextmanager
 def interrupts_blocked() -> Iterator[None]:
-    """Let processes started here inherit a blocked Ctrl-C, where signals can be blocked."""
+    """Let processes started here inherit a blocked Ctrl-C.
+
+    Where signals cannot be blocked they are ignored meanwhile, which processes inherit as well (not
+    on Windows); only the main thread can do so.
+    """
     if not hasattr(signal, "pthread_sigmask"):
-        yield
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, handler)
         return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

@@ -65,6 +65,11 @@ def tubelock(*words: str, cwd: Path, env: dict[str, str]) -> subprocess.Complete
     )
 
 
+def reported(done: subprocess.CompletedProcess[str]) -> list[str]:
+    """Lines on standard error but the one that a first run of its kind prints while it compiles."""
+    return [line for line in done.stderr.splitlines() if not line.startswith("compiling ")]
+
+
 SMALL = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
 
 
@@ -72,14 +77,14 @@ SMALL = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
 def test_an_answer(command: str, key: str, tmp_path: Path, poor: dict[str, str]) -> None:
     settings = [word for setting in (*SMALL, key) for word in ("--set", setting)]
     done = tubelock(command, "tsb1-beam", *settings, cwd=tmp_path, env=poor)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, reported(done)) == (0, [])
 
 
 def test_an_interrupted_run_goes_on(tmp_path: Path, poor: dict[str, str]) -> None:
     """Ctrl-C ends it with a checkpoint, from which it comes to the same fields."""
     run = ("fem", "cantilever", "--set", "mesh.divisions=[8,2,2]", "--set", "fem.frames=0")
     whole = tubelock(*run, "-o", "whole", cwd=tmp_path, env=poor)
-    assert (whole.returncode, whole.stderr) == (0, "")
+    assert (whole.returncode, reported(whole)) == (0, [])
     cut = tubelock(*run, "-o", "cut", cwd=tmp_path, env=poor | {"INTERRUPTED": "yes"})
     assert cut.returncode == 130
     assert "Traceback" not in cut.stderr
