@@ -11,7 +11,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from html import escape
-from typing import TYPE_CHECKING, Any, TypeVar, final
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, final
 
 import numpy as np
 import numpy.typing as npt
@@ -267,6 +268,17 @@ def known(values: Mapping[str, Value]) -> Lazy[Value]:
     return Lazy({}, values)
 
 
+class Part(Protocol):
+    """What was found beside the measures, such as a load factor at collapse."""
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Title and words of each of its rows in the table of the answer."""
+
+    def as_json(self) -> Any:
+        """Return plain data: its entry in the report."""
+
+
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Answer:
@@ -314,6 +326,10 @@ class Answer:
     """What was solved, with its ``blocks`` on the facets of `contacts`; None in such an answer."""
     cut: Callable[[Planes], SectionForces] | None = None
     """Makes section forces; None in such an answer."""
+    parts: Mapping[str, Part] = MappingProxyType({})
+    """What was found beside the measures, by name; none in such an answer."""
+    case: Any = None
+    """What was asked (`validation.Case`); None in such an answer, and where a solver was called."""
 
     def __post_init__(self) -> None:
         for name in ("points", "cells", "block_of_point", "layer_of_point"):

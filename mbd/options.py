@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
+
+from geometry.options import check
 
 
 class Solver(StrEnum):
@@ -30,3 +33,26 @@ class FrictionLaw(StrEnum):
     """Second-order cone, exact."""
     PYRAMID = "pyramid"
     """Four-sided pyramid inside the cone: linear, a little weaker."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rigid:
+    """Rigid-block analysis: what it minimises, and what it finds beside the equilibrium."""
+
+    norm: Norm = Norm.PRESSURE
+    """``pressure`` does not depend on the mesh; ``force`` is the paper's, and does."""
+    solver: Solver = Solver.NEWTON
+    """``newton`` (ours) or ``clarabel``."""
+    friction_law: FrictionLaw = FrictionLaw.CONE
+    """``cone`` (exact) or ``pyramid`` (linear, inside the cone)."""
+    collapse: bool = False
+    """Limit analysis: collapse load factor of the variable load (associated friction)."""
+    sliding: bool = False
+    """Non-associated limit load: joints slide without opening."""
+    ranges: bool = False
+    """Smallest and largest normal force of each joint over all admissible states."""
+    margin: bool = False
+    """Interlocking margin: the load on a single block that is carried worst."""
+
+    def __post_init__(self) -> None:
+        check(self)

@@ -116,7 +116,7 @@ def test_gravity_grows_only_on_the_way_to_a_static_state():
         effects = stated.assembly.model.effects
         assert (effects.gravity_amplitude is not None) is ramped
         if not ramped:
-            assert effects.rayleigh == build_effects(scene.effects, scene.fem).rayleigh
+            assert effects.rayleigh == build_effects(scene.effects, scene.fem, "paper").rayleigh
             continue
         adaptive = effects.adaptive_mass_damping
         assert (

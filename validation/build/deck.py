@@ -36,7 +36,7 @@ from validation.build.deformable import (
 )
 from validation.build.materials import count_materials
 from validation.errors import InputError, named
-from validation.scene.deformable import Damping, EffectsSection, FemSection, Method
+from validation.scene.deformable import EffectsSection, FemSection, Method
 from validation.scene.polyhedra import STRAIGHT_EDGES
 from validation.scene.read import DeformableScene, SceneFile
 from validation.scene.usage import count, uncounted
@@ -71,13 +71,13 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
     static = fem.method is Method.STATIC if as_stated else flavour is not Flavour.GENERAL
     _count_keys(scene, flavour, static=static)
     large = scene.meets or effects.finite_rotation
-    step = _static_step(effects) if static else _explicit_step(name, fem, large_rotations=large)
+    step = _static_step(effects) if static else _explicit_step(name, scene, large_rotations=large)
     deck = replace(
         deck_of(
             problem,
             flavour,
             step,
-            _effects(effects, fem, static=static),
+            _effects(scene, static=static),
             meets=scene.meets,
             searched=bool(blocks.unmatched),
         ),
@@ -99,7 +99,7 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
         deck = with_time_step(deck, fem.safety_factor)
     # Notes also say what a deck leaves out, which is no use of a key.
     with uncounted((FemSection, "symmetry"), *_idle_keys(fem, static=static)):
-        notes += _step_notes(fem, effects, flavour, static=static)
+        notes += _step_notes(scene, flavour, static=static)
     return with_notes(deck, notes)
 
 
@@ -144,14 +144,15 @@ def _count_keys(scene: DeformableScene, flavour: Flavour, *, static: bool) -> No
 # Step, effects and notes
 
 
-def _quasi_static(fem: FemSection) -> bool:
+def _quasi_static(scene: DeformableScene) -> bool:
     """Whether the scene asks for a static state."""
-    return fem.method is Method.STATIC or fem.damping is Damping.STATIC
+    return scene.fem.method is Method.STATIC or scene.damping == "static"
 
 
-def _explicit_step(name: str, fem: FemSection, *, large_rotations: bool) -> DeckStep:
+def _explicit_step(name: str, scene: DeformableScene, *, large_rotations: bool) -> DeckStep:
+    fem = scene.fem
     end_time, ramp_time = fem.end_time, fem.ramp_time
-    if end_time is None and not _quasi_static(fem):
+    if end_time is None and not _quasi_static(scene):
         raise InputError(f"{name}: fem.end_time is missing: an explicit run needs it [s]")
     if end_time is None:
         end_time = QUASI_STATIC_END
@@ -172,23 +173,22 @@ def _static_step(effects: EffectsSection) -> DeckStep:
     return DeckStep(Procedure.STATIC, 1.0, 1.0, large_rotations=effects.finite_rotation)
 
 
-def _effects(section: EffectsSection, fem: FemSection, *, static: bool) -> Effects:
+def _effects(scene: DeformableScene, *, static: bool) -> Effects:
+    section, damping = scene.effects, scene.damping
     if static:
         section = section.changed({"rayleigh": None, "bulk_viscosity": None})
-        fem = fem.changed({"damping": None})
-    elif _quasi_static(fem):
-        fem = fem.changed({"damping": Damping.PAPER})
-    with uncounted(*_idle_keys(fem, static=static)):
-        built = build_effects(section, fem)
+        damping = "none"
+    elif _quasi_static(scene):
+        damping = "paper"
+    with uncounted(*_idle_keys(scene.fem, static=static)):
+        built = build_effects(section, scene.fem, damping)
     return Effects(
         rayleigh=built.rayleigh, bulk_viscosity=built.bulk_viscosity, gravity=built.gravity
     )
 
 
-def _step_notes(
-    fem: FemSection, effects: EffectsSection, flavour: Flavour, *, static: bool
-) -> list[str]:
-    notes = []
+def _step_notes(scene: DeformableScene, flavour: Flavour, *, static: bool) -> list[str]:
+    fem, effects, notes = scene.fem, scene.effects, list[str]()
     damped = effects.rayleigh is not None or effects.bulk_viscosity is not None
     if static:
         if fem.method is Method.EXPLICIT:
@@ -198,14 +198,14 @@ def _step_notes(
         if flavour is Flavour.CALCULIX:
             notes.append("amplitude: the smooth step is sampled at 101 points")
     else:
-        if _quasi_static(fem):
+        if _quasi_static(scene):
             notes += [
                 "step: the scene asks for its static state; damped explicit dynamics approaches it",
                 "damping: as the scene names it, else the paper's; tubelock's adaptive damping is "
                 "its own device",
             ]
         if flavour is Flavour.CALCULIX:
-            notes += _calculix_explicit_notes(effects, fem)
+            notes += _calculix_explicit_notes(scene)
     if flavour is Flavour.CALCULIX:
         notes.append("flat: nodes and elements run through the blocks in their order")
         notes.append("loads: tractions and body forces are nodal forces")
@@ -216,8 +216,8 @@ def _step_notes(
     return notes
 
 
-def _calculix_explicit_notes(effects: EffectsSection, fem: FemSection) -> list[str]:
+def _calculix_explicit_notes(scene: DeformableScene) -> list[str]:
     notes = ["integration: a predictor-corrector scheme of second order, no central differences"]
-    if effects.bulk_viscosity is not None or fem.damping is Damping.PAPER or _quasi_static(fem):
+    if scene.effects.bulk_viscosity is not None or scene.damping != "none":
         notes.append("bulk viscosity: CalculiX has none; it is not written")
     return notes

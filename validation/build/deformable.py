@@ -26,7 +26,6 @@ from validation.build.sections import scene_planes
 from validation.build.supports import held_at_faces, stated_load
 from validation.errors import InputError, named
 from validation.scene.deformable import (
-    Damping,
     EffectsSection,
     FemSection,
     Method,
@@ -96,8 +95,8 @@ def build_law(scene: DeformableScene, assembly: AnyBlocks, *, sliding: bool) -> 
     return PairLaws(law, of_pairs) if of_pairs else law
 
 
-def build_effects(section: EffectsSection, fem: FemSection) -> Effects:
-    """Effects of a run."""
+def build_effects(section: EffectsSection, fem: FemSection, damping: str) -> Effects:
+    """Effects of a run; ``damping`` is that of `DeformableSections.damping`."""
     if fem.mass_scaling is not None and section.gravity is not None:
         raise InputError(
             f"fem.mass_scaling: got {fem.mass_scaling:g} beside effects.gravity; added mass would "
@@ -106,9 +105,9 @@ def build_effects(section: EffectsSection, fem: FemSection) -> Effects:
     given, bulk = section.rayleigh, section.bulk_viscosity
     rayleigh = None if given is None else RayleighDamping(**given.model_dump())
     viscosity = None if bulk is None else BulkViscosity(**bulk.model_dump())
-    if fem.damping is Damping.PAPER:
+    if damping == "paper":
         rayleigh, viscosity = rayleigh or PAPER_RAYLEIGH, viscosity or BulkViscosity()
-    adaptive = AdaptiveMassDamping() if fem.damping is Damping.STATIC else None
+    adaptive = AdaptiveMassDamping() if damping == "static" else None
     gravity = None if section.gravity is None else np.array(section.gravity)
     return Effects(
         rayleigh=rayleigh,

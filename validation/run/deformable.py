@@ -25,7 +25,6 @@ from validation.build.polyhedra import build_polyhedra
 from validation.build.sections import scene_planes
 from validation.errors import named
 from validation.run.measures import FrictionSet, StaticReference
-from validation.scene.deformable import Damping
 from validation.scene.family import RoundScene
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 from validation.scene.read import DeformableScene
@@ -161,7 +160,7 @@ class DeformableRun:
     def is_moving(self) -> bool:
         """Whether a run that is damped to the static state ended before it; not by round-off."""
         state, result = self.solution.quasi_static, self.solution.explicit
-        if state is None or result is None or self.scene.fem.damping is not Damping.STATIC:
+        if state is None or result is None or self.scene.damping != "static":
             return False
         return not state.is_static and result.round_off is None
 

@@ -16,7 +16,7 @@ from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
 from geometry.errors import RefusedError
 from validation.run.measures import FrictionSet
-from validation.scene.deformable import Damping, Method
+from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
 
 #: Load factors of the way past the load and back.
@@ -28,7 +28,7 @@ def seeks_static_state(scene: DeformableScene) -> bool:
     fem = scene.fem
     if scene.effects.friction is None or not scene.meets or scene.moves:
         return False
-    return fem.method is Method.STATIC or fem.damping is Damping.STATIC
+    return fem.method is Method.STATIC or scene.damping == "static"
 
 
 def friction_width(

@@ -16,7 +16,7 @@ from validation.run.accuracy import refinable
 from validation.run.deformable import DeformableRun
 from validation.run.measures import StaticReference
 from validation.run.solve import run_converged
-from validation.scene.deformable import Damping, Method
+from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
 
 
@@ -45,7 +45,7 @@ def static_reference(
 
     Where there is none, the result says why.
     """
-    if run.solution.explicit is None or run.scene.fem.damping is not Damping.STATIC:
+    if run.solution.explicit is None or run.scene.damping != "static":
         return None
     why = "not at rest" if run.is_moving else why_no_reference(run.name, run.scene)
     if why is not None:

@@ -45,7 +45,7 @@ from validation.run.held_by_friction import (
 )
 from validation.run.measures import FrictionSet
 from validation.run.stages import stages, summed
-from validation.scene.deformable import Damping, FemSection, Method
+from validation.scene.deformable import FemSection, Method
 from validation.scene.read import DeformableScene
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ def _with_its_times(run: DeformableRun) -> DeformableScene:
     critical one.
     """
     stated, result = run.solution.statement, run.solution.explicit
-    if stated is None or result is None or run.scene.fem.damping is Damping.STATIC:
+    if stated is None or result is None or run.scene.damping == "static":
         return run.scene
     times: dict[str, Any] = {"fem.ramp_time": stated.ramp_time, "fem.end_time": stated.end_time}
     if run.scene.fem.time_step is not None:
@@ -433,7 +433,7 @@ def scene_statement(
         try:
             return explicit_statement(
                 deformable,
-                effects=build_effects(scene.effects, fem),
+                effects=build_effects(scene.effects, fem, scene.damping),
                 symmetry=fem.symmetry if scene.meets else "none",
                 ramp_time=fem.ramp_time,
                 end_time=fem.end_time,
@@ -448,7 +448,10 @@ def scene_statement(
 
 
 def _frames(
-    fem: FemSection, stated: ExplicitStatement, on_frame: Callable[[Frame], None] | None
+    fem: FemSection,
+    damping: str,
+    stated: ExplicitStatement,
+    on_frame: Callable[[Frame], None] | None,
 ) -> dict[str, Any]:
     """Who is called with frames and how often; nothing where nobody asks for any.
 
@@ -458,7 +461,7 @@ def _frames(
     if on_frame is None or fem.frames == 0:
         return {}
     spread = stated.end_time
-    if fem.damping is Damping.STATIC:
+    if damping == "static":
         spread = min(stated.ramp_time or stated.end_time / _FINE, stated.end_time)
     return {"on_frame": on_frame, "frame_interval": spread / max(fem.frames - 1, 1)}
 
@@ -499,13 +502,15 @@ def run_explicit(
                 stated,
                 lambda counted: scene_statement(scene, name, built, counted_pressure=counted),
                 # A run that is not damped to the static state watches the residual and goes on.
-                residual=fem.residual if fem.damping is Damping.STATIC else 0.0,
+                residual=fem.residual if scene.damping == "static" else 0.0,
                 **{key: getattr(fem, key)},
                 precision=fem.precision,
                 threads=fem.threads,
                 sample_interval=fem.sample_interval,
                 output=Output(
-                    progress=progress, checkpoint=checkpoint, **_frames(fem, stated, on_frame)
+                    progress=progress,
+                    checkpoint=checkpoint,
+                    **_frames(fem, scene.damping, stated, on_frame),
                 ),
                 resume=resume,
             )

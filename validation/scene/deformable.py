@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import fields, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
@@ -18,7 +19,8 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 
 from fem.element.hexahedron import ElementType
-from fem.problem.effects import SAFETY_FACTOR
+from fem.method import Explicit, Static
+from fem.problem.effects import BulkViscosity, RayleighDamping
 from geometry.errors import is_number
 from validation.scene.contact import ContactSection, gap_words
 from validation.scene.keys.ranges import (
@@ -37,6 +39,7 @@ from validation.scene.sections import (
     Vector,
     WholeScene,
     fewer,
+    section_of,
 )
 from validation.scene.supports import (
     NOT_LOADS,
@@ -291,65 +294,69 @@ class Method(StrEnum):
     STATIC = "static"
 
 
-class Damping(StrEnum):
-    """Damping mode of an explicit run towards a static state."""
-
-    PAPER = "paper"
-    """α = 2 /s, β = 1e-8 s and bulk viscosity, as the paper's Abaqus runs."""
-    STATIC = "static"
-    """Adaptive mass damping, a numerical device; stops on the force residual."""
+#: Methods by their names.
+METHODS: Mapping[str, type[Static | Explicit]] = {"static": Static, "explicit": Explicit}
 
 
-class FemSection(Section):
-    """``[fem]``: finite-element analysis of deformable blocks."""
+#: Keys of ``[fem]`` that say of which elements blocks are, whatever the method.
+_ELEMENTS = ("element", "degree")
+#: Fields of `Explicit` that sections of their own state.
+_EFFECTS = ("rayleigh", "bulk_viscosity")
+_FemKeys: Any = section_of(
+    Static, Explicit, about={"end_time": END_TIME}, absent=" ".join(_EFFECTS)
+)
+
+
+class FemSection(_FemKeys):  # type: ignore[misc]
+    """``[fem]``: finite-element analysis of deformable blocks, static or explicit."""
 
     method: Method = Method.STATIC
     element: ElementType = ElementType.INCOMPATIBLE
     degree: Annotated[int, Field(ge=1, le=4)] = 1
     """Of the elements: 2, 3 or 4 for static runs, on the exact shape of blocks that have one."""
-    mesh: Literal["converged", "scene"] | None = None
-    """Of a static run. Converged: finer and finer meshes until error bars are narrow; ``[mesh]``
-    then gives the facets of p_eff, p_max and p_max_facet. Scene: the elements of ``[mesh]``. None:
-    converged, unless the scene states an element or a degree."""
-    end_time: Annotated[Positive | None, END_TIME] = None
-    """End of an explicit run [s]; with damping = "static" the latest end."""
-    ramp_time: NonNegative | None = None
-    """Duration of the smooth step of the load [s]; 0: at once; by default from the lowest excited
-    frequency."""
-    damping: Damping | None = None
-    """By default no damping except that of the section ``effects``."""
-    residual: Positive = 1.0e-4
-    """Relative force residual at which a run with damping = "static" stops."""
-    load_steps: Annotated[int, Field(ge=1, le=10_000)] | None = None
-    """Number of equal load steps of a static run; with friction their load factors are squares.
-    By default one; with friction doubled until p_max, p_eff and the displacement change by less
-    than 1 %."""
-    motion_steps: Annotated[int, Field(ge=1, le=10_000)] = 20
-    """Number of steps of supports that move in a static run, after the load."""
-    time_step: Positive | None = None
-    """Time step [s]; by default safety_factor times the critical time step."""
-    safety_factor: Annotated[float, Field(gt=0, le=1)] = SAFETY_FACTOR
-    mass_scaling: Annotated[float, Field(ge=1, allow_inf_nan=False)] | None = None
-    """Mass scaling of an explicit run: time step that every element must allow, relative to the
-    shortest one; inactive by default."""
-    precision: Literal["float64", "float32"] = "float64"
-    threads: Annotated[int, Field(ge=1)] = 1
     symmetry: Literal["auto", "none", "sector", "periodic cell"] = "auto"
     """Sector: cyclic symmetry, exact for cyclic loads. Auto: sector where exact. Periodic cell: two
     layers represent the middle of a long tube."""
     frames: Annotated[int, Field(ge=0, le=10_000)] = 0
     """Frames written for ParaView, spread over what was run, the first and the end included; of a
     static run states under parts of the load, with friction those of its load steps."""
-    error_estimate: bool = True
-    """Whether `tubelock fem` solves two coarser meshes to estimate the error of every measure: a
-    quarter more time."""
-    sample_interval: Annotated[int, Field(ge=1)] = 50
-    """Increments between two samples of the energies."""
 
     @property
     def words(self) -> str:
         """How the blocks are solved."""
         return str(self.method)
+
+    @model_validator(mode="after")
+    def _keys_of_its_method(self) -> Self:
+        """Reject keys of the other method."""
+        for key in self.model_fields_set & keys_of_other(self.method):
+            other = next(name for name, kind in METHODS.items() if name != self.method)
+            raise ValueError(f'fem.{key} needs fem.method = "{other}"; remove one of the two')
+        return self
+
+    def changed(self, values: Mapping[str, Any]) -> Self:
+        """Return a copy with other values; another method drops the keys that it does not have."""
+        method = values.get("method", self.method)
+        if method == self.method:
+            return super().changed(values)
+        idle = keys_of_other(method)
+        kept = {name: self.__dict__[name] for name in self.model_fields_set - idle}
+        return Section.changed(type(self)(), kept | dict(values))
+
+    @property
+    def solver(self) -> Static | Explicit:
+        """The method itself, without the effects that sections of their own state."""
+        kind = METHODS[self.method]
+        given = {f.name: self.__dict__[f.name] for f in fields(kind) if f.name not in _EFFECTS}
+        if self.symmetry == "periodic cell":
+            given["symmetry"] = "auto"  # of the cell
+        return kind(**given)
+
+
+def keys_of_other(method: str) -> set[str]:
+    """Keys of ``[fem]`` that a method does not have."""
+    mine = {f.name for f in fields(METHODS[method])} | {"method", *_ELEMENTS}
+    return set(FemSection.model_fields) - mine
 
 
 class DeformableSections(WholeScene):
@@ -449,6 +456,27 @@ class DeformableSections(WholeScene):
     def moves(self) -> bool:
         """Whether a support moves."""
         return self.push is not None or any(s.move and any(s.move) for s in self.supports)
+
+    @property
+    def method(self) -> Static | Explicit:
+        """How deformable blocks are solved, with the effects of time integration."""
+        solver, effects = self.fem.solver, self.effects
+        if isinstance(solver, Static):
+            return solver
+        rayleigh, bulk = effects.rayleigh, effects.bulk_viscosity
+        return replace(
+            solver,
+            rayleigh=None if rayleigh is None else RayleighDamping(**rayleigh.model_dump()),
+            bulk_viscosity=None if bulk is None else BulkViscosity(**bulk.model_dump()),
+        )
+
+    @property
+    def damping(self) -> str:
+        """Damping of an explicit run, stated or by default; "none" of a static one."""
+        method = self.method
+        if isinstance(method, Static):
+            return "none"
+        return method.damped(moves=self.motion is not None)
 
     @property
     def for_rigid_blocks(self) -> bool:

@@ -14,11 +14,13 @@ from pydantic import (
     Field,
     ValidationError,
     ValidationInfo,
+    create_model,
     field_validator,
 )
 
 from geometry.loads import CASES
-from mbd.options import FrictionLaw, Norm, Solver
+from geometry.options import option_fields
+from mbd.options import Rigid
 from validation.errors import InputError, one_line
 from validation.scene.keys.docstrings import field_docstrings
 from validation.scene.keys.quantities import Unit, converted, parse_unit, unit_of
@@ -135,6 +137,25 @@ class Section(Recorded):
             raise InputError(one_line(error, type(self))) from None
 
 
+def section_of(
+    *kinds: type, about: Mapping[str, Any] | None = None, absent: Sequence[str] = ()
+) -> Any:
+    """Section whose keys are the fields of dataclasses, with their ranges, units and words.
+
+    ``about`` has what keys of scenes have beside, such as plausible ranges; what is in ``absent``
+    is no key.
+    """
+    keys: dict[str, Any] = {}
+    for kind in kinds:
+        words = field_docstrings(kind)
+        for name, (hint, default) in option_fields(kind).items():
+            if name not in (*keys, *absent):
+                beside = (about or {}).get(name)
+                ranged = hint if beside is None else Annotated[hint, beside]
+                keys[name] = ranged, Field(default, description=words[name])
+    return create_model(f"_{kinds[0].__name__}Keys", __base__=Section, **keys)
+
+
 def fewer(count: int, share: float, multiple: int = 1) -> int:
     """About a share of a number of elements, a multiple of another, at least one of those."""
     if count % multiple:
@@ -183,24 +204,19 @@ class WallLoadSection(TubeLoadSection):
         return sides.get(self.case, super().case_words)
 
 
-class RigidSection(Section):
+_RigidKeys: Any = section_of(Rigid)
+
+
+class RigidSection(_RigidKeys):  # type: ignore[misc]
     """``[rigid]``: rigid-block analysis."""
 
-    norm: Norm = Norm.PRESSURE
-    """``pressure`` does not depend on the mesh; ``force`` is the paper's, and does."""
-    solver: Solver = Solver.NEWTON
     friction: Annotated[NonNegative | None, NoAngle, FRICTION] = None
     """Coefficient of friction μ: asks whether the load can be carried with Coulomb friction."""
-    friction_law: FrictionLaw = FrictionLaw.CONE
-    """``cone`` (exact) or ``pyramid`` (linear, inside the cone)."""
-    collapse: bool = False
-    """Limit analysis: collapse load factor of the variable load (associated friction)."""
-    sliding: bool = False
-    """Non-associated limit load: joints slide without opening."""
-    ranges: bool = False
-    """Smallest and largest normal force of each joint over all admissible states."""
-    margin: bool = False
-    """Interlocking margin: the load on a single block that is carried worst."""
+
+    @property
+    def method(self) -> Rigid:
+        """The method itself."""
+        return Rigid(**self.model_dump(exclude={"friction"}))
 
 
 class PlausibilitySection(Section):

@@ -21,7 +21,7 @@ from validation.run.deformable import DeformableRun
 from validation.run.held_by_faces import require_held_by_faces
 from validation.run.rigid.answer import RigidRun, analyse_rigid
 from validation.run.solve import run_converged, run_explicit, run_static
-from validation.scene.deformable import Damping, Method
+from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
 from validation.scene.sections import RigidSection
 from validation.scene.usage import uncounted
@@ -56,7 +56,7 @@ def compared_runs(
     if one_mesh or explicit:
         result.append(run_static(name, static, problem=problem))
     if explicit:
-        damping = scene.fem.damping or Damping.STATIC
+        damping = scene.fem.damping or "static"
         dynamic = scene.changed({"fem": {"method": Method.EXPLICIT, "damping": damping}})
         result.append(run_explicit(name, dynamic, problem=problem, progress=progress))
     return rigid, result

@@ -20,7 +20,7 @@ from fem.static.solve import StaticOptions
 from geometry.errors import RefusedError
 from validation.build.deformable import fem_section, scene_problem
 from validation.errors import InputError
-from validation.scene.deformable import AutoSection, Damping, EffectName, Method
+from validation.scene.deformable import AutoSection, EffectName, Method
 from validation.scene.family import AssemblyScene
 from validation.scene.read import DeformableScene
 from validation.study.effects.limit import SHARE, most_probing, unknowns
@@ -350,7 +350,7 @@ class _Probe:
         fem, at_rest = self._full.fem, Change(0.0, 0.0, 0.0)
         if fem.method is Method.STATIC:
             return Decision(effect, setting, False, at_rest, "zero at rest: a static run")
-        if fem.damping is Damping.STATIC:
+        if self._full.damping == "static":
             return Decision(effect, setting, False, at_rest, "zero at rest, where this run ends")
         reason = "this run is not driven to rest, so damping shapes its end"
         return Decision(effect, setting, True, None, reason)

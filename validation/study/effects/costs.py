@@ -27,7 +27,6 @@ from validation.errors import InputError
 from validation.run.solve import run_explicit, scene_statement
 from validation.scene.deformable import (
     BulkViscositySection,
-    Damping,
     EffectsSection,
     FrictionSection,
     Method,
@@ -53,7 +52,7 @@ _PERIODS = 20.0
 
 def bare(scene: DeformableScene) -> DeformableScene:
     """Return the scene without any effect, to be run explicitly to its static state."""
-    still = {"method": Method.EXPLICIT, "damping": Damping.STATIC, "frames": 0}
+    still = {"method": Method.EXPLICIT, "damping": "static", "frames": 0}
     closed = {"clearance": 0.0, "spacing": 0.0, "pairs": ()}
     return scene.changed({"fem": still, "contact": closed, "effects": EffectsSection()})
 

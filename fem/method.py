@@ -1,0 +1,101 @@
+"""How deformable blocks are solved: a static state, or explicit dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from annotated_types import Ge, Gt, Le, Lt
+
+from fem.problem.effects import SAFETY_FACTOR, BulkViscosity, RayleighDamping
+from geometry.options import check
+
+#: Largest number of load steps, and of frames.
+_MOST = 10_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Static:
+    """Static state by Newton's method."""
+
+    mesh: Literal["converged", "scene"] | None = None
+    """Converged: finer and finer meshes until error bars are narrow; the mesh of the problem then
+    gives the facets of p_eff, p_max and p_max_facet. Scene: the elements of the problem. None:
+    converged, unless the problem states an element or a degree, or cannot be refined."""
+    accuracy: Mapping[str, Annotated[float, Gt(0), Lt(1)]] | None = None
+    """Relative error bars [-] by measure, such as ``{"p_max_point": 0.03}``; by default 5 % of
+    displacement, p_eff, pressure at a point and averaged tension, within a fixed amount of work."""
+    max_seconds: Annotated[float, Gt(0)] | None = None
+    """CPU time that meshes beyond the first may take [s]; by default a fixed amount of work, no
+    limit with an accuracy."""
+    error_estimate: bool = True
+    """Whether measures on the mesh of the problem have error bars, from two coarser meshes: a
+    quarter more time."""
+    load_steps: Annotated[int, Ge(1), Le(_MOST)] | None = None
+    """Number of equal load steps; with friction their load factors are squares. By default one;
+    with friction doubled until p_max, p_eff and the displacement change by less than 1 %."""
+    motion_steps: Annotated[int, Ge(1), Le(_MOST)] = 20
+    """Number of steps of supports that move, after the load."""
+    symmetry: Literal["auto", "none", "sector"] = "auto"
+    """Sector: cyclic symmetry, exact for cyclic loads. Auto: sector where exact."""
+    frames: Annotated[int, Ge(0), Le(_MOST)] = 0
+    """Frames written for ParaView: states under parts of the load, with friction those of its load
+    steps."""
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explicit:
+    """Explicit dynamics by central differences."""
+
+    end_time: Annotated[float, Gt(0)] | None = None
+    """End of the run [s], with damping = "static" the latest end; by default from the lowest
+    excited frequency."""
+    ramp_time: Annotated[float, Ge(0)] | None = None
+    """Duration of the smooth step of the load [s]; 0: at once; by default from the lowest excited
+    frequency."""
+    damping: Literal["none", "paper", "static"] | None = None
+    """Static: adaptive mass damping, a numerical device; stops on the force residual. Paper: α = 2
+    /s, β = 1e-8 s and bulk viscosity, as the paper's Abaqus runs. By default static, unless an end,
+    a start motion or mass-proportional damping is stated: then none."""
+    residual: Annotated[float, Gt(0)] = 1.0e-4
+    """Relative force residual at which a run with damping = "static" stops [-]."""
+    time_step: Annotated[float, Gt(0)] | None = None
+    """Time step [s]; by default safety_factor times the critical time step."""
+    safety_factor: Annotated[float, Gt(0), Le(1)] = SAFETY_FACTOR
+    """Time step over the critical one [-]."""
+    mass_scaling: Annotated[float, Ge(1)] | None = None
+    """Time step that every element must allow, relative to the shortest one [-]; inactive by
+    default."""
+    precision: Literal["float64", "float32"] = "float64"
+    """Of the loops."""
+    threads: Annotated[int, Ge(1)] = 1
+    """Of the loops; the bits of the answer do not depend on it."""
+    symmetry: Literal["auto", "none", "sector"] = "auto"
+    """Sector: cyclic symmetry, exact for cyclic loads. Auto: sector where exact."""
+    frames: Annotated[int, Ge(0), Le(_MOST)] = 0
+    """Frames written for ParaView, spread over what was run, the first and the end included."""
+    error_estimate: bool = True
+    """Whether two coarser meshes are run to estimate the error of every measure: a quarter more
+    time."""
+    static_reference: bool = True
+    """Whether a run to the static state stands beside the converged static state."""
+    sample_interval: Annotated[int, Ge(1)] = 50
+    """Increments between two samples of the energies."""
+    rayleigh: RayleighDamping | None = None
+    """Rayleigh damping; in scenes ``[effects.rayleigh]``."""
+    bulk_viscosity: BulkViscosity | None = None
+    """Bulk viscosity; in scenes ``[effects.bulk_viscosity]``."""
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    def damped(self, *, moves: bool = False) -> Literal["none", "paper", "static"]:
+        """Its damping, stated or by default; ``moves``: whether blocks move at the start."""
+        if self.damping is not None:
+            return self.damping
+        by_mass = self.rayleigh is not None and self.rayleigh.mass_proportional is not None
+        return "none" if moves or by_mass or self.end_time is not None else "static"

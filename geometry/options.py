@@ -1,0 +1,83 @@
+"""Options of a method as frozen dataclasses: the ranges of their fields are checked in one place.
+
+A field says its range and unit in its annotation (`annotated_types`): Python, scenes and
+``dataclasses.replace`` are checked by the same model, which pydantic makes of the dataclass.
+"""
+
+from __future__ import annotations
+
+from dataclasses import MISSING, fields
+from enum import Enum
+from functools import cache
+from typing import Annotated, Any, get_args, get_type_hints
+
+import numpy as np
+
+from geometry.errors import RefusedError
+
+
+class OptionError(RefusedError):
+    """One line: which option, what was got, what is expected."""
+
+
+@cache
+def option_fields(kind: type) -> dict[str, tuple[Any, Any]]:
+    """Annotation and default of each field of a dataclass, as ``pydantic.create_model`` takes."""
+    from pydantic import Field
+
+    hints = get_type_hints(kind, include_extras=True)
+    result: dict[str, tuple[Any, Any]] = {}
+    for field in fields(kind):
+        hint, default = hints[field.name], field.default
+        if _names(hint):  # a name stands for its option
+            hint = Annotated[hint, Field(strict=False)]
+        result[field.name] = hint, ... if default is MISSING else default
+    return result
+
+
+def _names(hint: Any) -> bool:
+    """Whether an annotation has an enumeration in it."""
+    inner = get_args(hint)
+    return any(map(_names, inner)) or (isinstance(hint, type) and issubclass(hint, Enum))
+
+
+@cache
+def _model(kind: type) -> Any:
+    """Model of a dataclass; pydantic is imported when the first one is made."""
+    from pydantic import ConfigDict, create_model
+
+    config = ConfigDict(
+        extra="forbid", strict=True, allow_inf_nan=False, arbitrary_types_allowed=True
+    )
+    keys: Any = option_fields(kind)
+    return create_model(kind.__name__, __config__=config, **keys)
+
+
+def check(options: Any) -> None:
+    """Check a dataclass by the ranges of its fields: what its ``__post_init__`` calls.
+
+    Numbers of numpy become Python's, names become options.
+
+    Raises
+    ------
+    OptionError
+        Naming the field, what was got and what is expected.
+    """
+    kind: Any = type(options)
+    given = vars(options)
+    if all(given[field.name] is field.default for field in fields(kind)):
+        return
+    from pydantic import ValidationError
+
+    plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in given.items()}
+    model: Any = _model(kind)
+    try:
+        values = model.model_validate(plain)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        name, text = str(first["loc"][0]), str(first["msg"])
+        text = text.removeprefix("Input should be ").removeprefix("Value error, ")
+        text = text.replace("a valid integer", "a whole number").replace("a valid ", "a ")
+        raise OptionError(f"{name}: got {given[name]!r}; expected {text}") from None
+    for name in given:
+        object.__setattr__(options, name, getattr(values, name))
