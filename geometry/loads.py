@@ -541,7 +541,7 @@ def named_load(name: str) -> NamedLoad:
     return CASES[name]
 
 
-def load_case(
+def named_case(
     assembly: Assembly,
     name: str,
     pressure: float,

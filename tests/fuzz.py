@@ -43,7 +43,6 @@ from tests.support.face import (
     boundary_quads,
     builtin_names,
     builtin_text,
-    load_scene,
     polyhedron_from_quads,
     quiet,
     require_deformable,
@@ -53,6 +52,7 @@ from tests.support.face import (
     write_triangles,
 )
 from tests.support.face import main as tubelock
+from validation import load_case
 
 _TUBE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
 #: Scenes that are answered in a blink, by what makes them small.
@@ -355,7 +355,7 @@ def _set(settings: Sequence[str]) -> list[str]:
 
 def _interrupt(checkpoint: Path) -> None:
     """Run `STOPPED` and stop it at its first sample."""
-    scene = require_deformable(load_scene("tsb1-pipe", STOPPED), "fem")
+    scene = require_deformable(load_case("tsb1-pipe", STOPPED), "fem")
     stop = lambda _: signal.raise_signal(signal.SIGTERM)  # noqa: E731
     run_explicit("tsb1-pipe", scene, checkpoint=checkpoint, progress=stop)
 

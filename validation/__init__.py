@@ -2,15 +2,16 @@
 
 What most need::
 
-    from validation import compare, load_scene, plot, read_answer, write
+    from validation import compare, load_case, plot, read_answer, solve, write
 
-    problem = load_scene("tsb1-pipe", {"assembly.layers": 2}).problem()
+    answer = solve(load_case("tsb1-pipe", {"assembly.layers": 2}))
     write(answer, "out/")
     plot(answer, "mises")
 
 | | |
 |---|---|
-| `load_scene`, `Scene` | a scene by its name or from TOML; its ``problem()`` |
+| `load_case`, `Case` | a problem and a method: a scene by its name or from TOML |
+| `solve` | the answer to a case |
 | `write`, `read_answer` | an answer as files, and back |
 | `plot` | a field of an answer as a matplotlib figure |
 | `section` | normal force, shear forces and moments through planes |
@@ -29,10 +30,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from validation.calls import (
-        Scene,
         compare,
         cost,
-        load_scene,
         optimise,
         plot,
         read_answer,
@@ -42,27 +41,38 @@ if TYPE_CHECKING:
         sweep,
         write,
     )
+    from validation.case import Case, load_case
+    from validation.solving import solve
 
 __all__ = [
-    "Scene",
+    "Case",
     "compare",
     "cost",
-    "load_scene",
+    "load_case",
     "optimise",
     "plot",
     "read_answer",
     "report",
     "section",
     "sensitivity",
+    "solve",
     "sweep",
     "write",
 ]
 
 
+#: Where names come from that are not in `validation.calls`.
+_PLACES = {
+    "Case": "validation.case",
+    "load_case": "validation.case",
+    "solve": "validation.solving",
+}
+
+
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'validation' has no attribute {name!r}")
-    return getattr(import_module("validation.calls"), name)
+    return getattr(import_module(_PLACES.get(name, "validation.calls")), name)
 
 
 def __dir__() -> list[str]:

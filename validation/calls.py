@@ -7,71 +7,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from validation.case import Case, Settings, load_case, settings_words
 from validation.errors import InputError
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from fem.assembly.statement import Problem
     from geometry.answer import Answer
     from geometry.measures import SectionForces
-    from validation.scene.read import SceneFile
     from validation.study.comparison.report import Comparison
     from validation.study.costs.study import CostStudy
     from validation.study.optimisation.report import SearchResult
     from validation.study.optimisation.sensitivity import Sensitivity
     from validation.study.study import Study
-
-
-@dataclass(frozen=True)
-class Scene:
-    """A checked scene."""
-
-    file: SceneFile
-    """Its name, content and folder."""
-
-    def __repr__(self) -> str:
-        """Name and kind of block."""
-        return f"<scene {self.file.name}: {self.file.scene.block.type}>"
-
-    def problem(self) -> Problem:
-        """Blocks, load, material and what acts between blocks, for any solver.
-
-        Raises
-        ------
-        InputError
-            A scene that cannot be built.
-        """
-        from validation.build.deformable import scene_problem
-
-        return scene_problem(self.file.scene, self.file.name)
-
-
-def load_scene(source: str | Path, settings: Mapping[str, Any] | None = None) -> Scene:
-    """Read and check a scene.
-
-    Parameters
-    ----------
-    source
-        Name of a built-in scene, or a TOML file.
-    settings
-        Values that replace those of the scene, such as ``{"assembly.layers": 2}``.
-
-    Raises
-    ------
-    InputError
-        One line: what was got, what is expected, what to do.
-    """
-    from validation.scene.read import load_scene as read_scene
-
-    return Scene(read_scene(str(source), _overrides(settings)))
-
-
-def _overrides(settings: Mapping[str, Any] | None) -> list[str]:
-    """Settings as the command line has them."""
-    from validation.scene.keys.toml_text import toml_value
-
-    return [f"{key}={toml_value(value)}" for key, value in (settings or {}).items()]
 
 
 def write(answer: Answer, folder: str | Path) -> tuple[Path, ...]:
@@ -114,9 +62,9 @@ def plot(answer: Answer, field: str, *, layer: int | None = None, unrolled: bool
 
 
 def report(
-    scene: str | Path | Scene | Problem,
+    case: str | Path | Case,
     page: str | Path,
-    settings: Mapping[str, Any] | None = None,
+    settings: Settings = (),
     *,
     quick: bool = False,
 ) -> Path:
@@ -124,7 +72,7 @@ def report(
 
     Parameters
     ----------
-    scene, settings
+    case, settings
         As `sweep`.
     page
         HTML file to write.
@@ -145,7 +93,7 @@ def report(
     from validation.pages.report import report_scene, write_page
 
     path = prepare_file(Path(page))
-    write_page(report_scene(_scene(scene, settings).file, deformable=not quick), path)
+    write_page(report_scene(_case(case, settings), deformable=not quick), path)
     return path
 
 
@@ -182,8 +130,8 @@ def compare(*answers: Answer) -> Comparison:
 
 
 def cost(
-    scene: str | Path | Scene | Problem,
-    settings: Mapping[str, Any] | None = None,
+    case: str | Path | Case,
+    settings: Settings = (),
     *,
     quick: bool = False,
     store: str | Path | None = None,
@@ -192,7 +140,7 @@ def cost(
 
     Parameters
     ----------
-    scene, settings
+    case, settings
         As `sweep`.
     quick
         Coarse meshes only.
@@ -210,7 +158,7 @@ def cost(
     from validation.study.costs.store import CostStore
     from validation.study.costs.study import run_cost
 
-    file = _scene(scene, settings).file
+    file = _case(case, settings)
     checked = require_cost_scene(file.scene, file.name)
     plan = (quick_plan if quick else full_plan)(file.name, checked, others=False)
     with TemporaryDirectory() as folder:
@@ -231,31 +179,15 @@ def _answer(answer: object) -> Answer:
     return answer
 
 
-def _scene(scene: str | Path | Scene | Problem, settings: Mapping[str, Any] | None) -> Scene:
-    """Scene of a name, a file, a checked scene or a problem, with some settings changed."""
-    if isinstance(scene, str | Path):
-        return load_scene(scene, settings)
-    from validation.scene.read import SceneFile, apply_overrides, check_scene
-
-    name, data = _stated(scene)
-    checked = check_scene(apply_overrides(data, _overrides(settings)), name)
-    return Scene(SceneFile(name=name, scene=checked))
-
-
-def _stated(scene: Scene | Problem) -> tuple[str, dict[str, Any]]:
-    """Name and data of a checked scene, or of the scene that states a problem."""
-    if isinstance(scene, Scene):
-        keys = scene.file.scene.model_dump(mode="json", exclude_unset=True)
-        return scene.file.name, keys
-    from fem.assembly.statement import Problem
-    from validation.build.stated import stated_scene
-
-    if not isinstance(scene, Problem):
+def _case(case: str | Path | Case, settings: Settings) -> Case:
+    """Case of a name or a file, or one that is read, with some settings changed."""
+    if isinstance(case, str | Path):
+        return load_case(case, settings)
+    if not isinstance(case, Case):
         raise InputError(
-            f"scene: got a {type(scene).__name__}; expected a name, a file, a scene "
-            "of load_scene or a Problem"
+            f"case: got a {type(case).__name__}; expected a name, a file, or a case of load_case"
         )
-    return scene.blocks.name, stated_scene(scene)
+    return case.changed(settings) if settings else case
 
 
 @dataclass(frozen=True, repr=False)
@@ -295,9 +227,9 @@ class SweepResult:
 
 
 def sweep(
-    scene: str | Path | Scene | Problem,
+    case: str | Path | Case,
     parameters: Mapping[str, Sequence[Any]],
-    settings: Mapping[str, Any] | None = None,
+    settings: Settings = (),
     *,
     quantity: Literal["rigid", "fem"] = "rigid",
     accuracy: float | None = None,
@@ -308,9 +240,8 @@ def sweep(
 
     Parameters
     ----------
-    scene
-        Name of a built-in scene, a TOML file, a scene of `load_scene`, or a `fem.Problem` whose
-        blocks `geometry.tube` made: what is varied are the keys of the scene that states it.
+    case
+        Name of a built-in scene, a TOML file, or a case of `load_case`.
     parameters
         Values by key, such as ``{"block.amplitude": [0, 10, 20]}``; the last varies fastest.
     settings
@@ -327,7 +258,7 @@ def sweep(
     Raises
     ------
     InputError
-        Parameters that a scene does not have, a problem that no scene states, or a store of
+        Parameters that a scene does not have, or a store of
         another study.
     """
     from io import StringIO
@@ -342,13 +273,13 @@ def sweep(
     from validation.study.study import check_study
 
     data: dict[str, Any] = {
-        "scene": str(scene) if isinstance(scene, str | Path) else _stated(scene)[1],
+        "scene": str(case) if isinstance(case, str | Path) else _case(case, ()).keys,
         "quantity": quantity,
         "parameters": dict(parameters),
     }
     if accuracy is not None:
         data["accuracy"] = accuracy
-    study = check_study(data, "sweep", None, _overrides(settings))
+    study = check_study(data, "sweep", None, settings_words(settings))
     with TemporaryDirectory() as folder:
         path = Path(folder) / "sweep.sqlite" if store is None else Path(store)
         with ResultFile(path, study) as results:
@@ -360,8 +291,8 @@ def sweep(
 
 
 def sensitivity(
-    scene: str | Path | Scene | Problem,
-    settings: Mapping[str, Any] | None = None,
+    case: str | Path | Case,
+    settings: Settings = (),
     *,
     method: Literal["rigid", "fem"] = "rigid",
     parameters: Sequence[str] | None = None,
@@ -373,7 +304,7 @@ def sensitivity(
 
     Parameters
     ----------
-    scene, settings
+    case, settings
         As `sweep`.
     method
         ``rigid`` or ``fem``.
@@ -390,7 +321,7 @@ def sensitivity(
     from validation.study.optimisation.sensitivity import sensitivity_of
 
     named = None if parameters is None else list(parameters)
-    return sensitivity_of(_scene(scene, settings).file, method, named, step)
+    return sensitivity_of(_case(case, settings), method, named, step)
 
 
 def optimise(

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from geometry.loads import load_case
+from geometry.loads import named_case
 from mbd import (
     clarabel_equilibrium,
     classify,
@@ -20,15 +20,8 @@ from mbd import (
     newton_equilibrium,
     solve_linear_programs,
 )
-from tests.support.face import (
-    build_scene,
-    load_scene,
-    measuring,
-    peak_memory_mb,
-    run_rigid,
-    tabled,
-    write_json,
-)
+from tests.support.face import build_scene, measuring, peak_memory_mb, run_rigid, tabled, write_json
+from validation import load_case
 
 
 @dataclass(frozen=True)
@@ -70,9 +63,9 @@ def compared(
     name: str, settings: list[str], ours: Callable[..., Any], other: str, theirs: Callable[..., Any]
 ) -> BenchmarkRow:
     """Time two solvers on the same contact Jacobian (TSB1 pipe)."""
-    assembly = build_scene(load_scene("tsb1-pipe", settings)).assembly
+    assembly = build_scene(load_case("tsb1-pipe", settings)).assembly
     contacts = contact_jacobian(assembly)
-    load = load_case(assembly, "pipe", 0.01)
+    load = named_case(assembly, "pipe", 0.01)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
     seconds, a = _cpu(lambda: ours(contacts.jacobian, force))
     other_seconds, b = _cpu(lambda: theirs(contacts.jacobian, force))
@@ -84,7 +77,7 @@ def compared(
 
 def whole_analysis(settings: list[str]) -> BenchmarkRow:
     """Time everything from the scene to the measures."""
-    seconds, run = _cpu(lambda: run_rigid(load_scene("tsb1-pipe", settings)))
+    seconds, run = _cpu(lambda: run_rigid(load_case("tsb1-pipe", settings)))
     n = run.result.n_contacts
     return BenchmarkRow("whole analysis", n, seconds, peak_memory_mb=peak_memory_mb())
 

@@ -6,20 +6,15 @@ import numpy as np
 import pytest
 
 from fem import StaticOptions
-from tests.support.face import (
-    DeformableScene,
-    build_deformable,
-    load_scene,
-    run_explicit,
-    run_static,
-)
+from tests.support.face import DeformableScene, build_deformable, run_explicit, run_static
 from tests.support.face import solve_deformable_static as solve_static
+from validation import load_case
 
 COARSE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
 
 
 def scene_of(*settings: str, case: str = "tsb1-pipe") -> DeformableScene:
-    scene = load_scene(case, [*COARSE, *settings]).scene
+    scene = load_case(case, [*COARSE, *settings]).scene
     assert isinstance(scene, DeformableScene)
     return scene
 

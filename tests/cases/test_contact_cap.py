@@ -11,7 +11,6 @@ from tests.support.face import (
     Flavour,
     Frame,
     InputError,
-    SceneFile,
     build_deck,
     build_deformable,
     check_scene,
@@ -19,6 +18,7 @@ from tests.support.face import (
     print_run,
     run_explicit,
     run_static,
+    scene_case,
     scene_statement,
 )
 from tests.support.own_blocks import column, overclosure
@@ -63,10 +63,10 @@ def test_a_cap_says_where_it_acted(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_decks_carry_a_cap_and_say_where_there_is_none() -> None:
-    plain = build_deck(SceneFile(name="column", scene=column(PRESSURE)), Flavour.GENERAL)
+    plain = build_deck(scene_case(name="column", scene=column(PRESSURE)), Flavour.GENERAL)
     assert any("no maximum stiffness" in note for note in plain.notes)
     scene = changed(PRESSURE, contact={"maximum_stiffness": 1000.0})
-    capped = build_deck(SceneFile(name="column", scene=scene), Flavour.GENERAL)
+    capped = build_deck(scene_case(name="column", scene=scene), Flavour.GENERAL)
     assert not any("no maximum stiffness" in note for note in capped.notes)
     assert capped.joint is not None
     assert capped.joint.law == run_law(scene)

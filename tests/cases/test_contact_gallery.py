@@ -12,15 +12,16 @@ import math
 import numpy as np
 import pytest
 
-from tests.support.face import Solution, load_scene, run_static, scene_problem
+from tests.support.face import Solution, run_static, scene_problem
 from tests.verification.hertz import RADIUS, effective_modulus, pressed
+from validation import load_case
 
 STEEL, ALUMINIUM = 210e3, 70e3
 THICKNESS = 0.5
 
 
 def solved(name: str, *settings: str) -> Solution:
-    file = load_scene(name, list(settings))
+    file = load_case(name, list(settings))
     return run_static(file.name, file.scene, problem=scene_problem(file.scene, name)).solution
 
 

@@ -26,11 +26,11 @@ from tests.support.face import (
     deck_of_lines,
     element_time_step,
     export_deck,
-    load_scene,
     read_cards,
     rgb,
     scene_problem,
 )
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 
@@ -70,7 +70,7 @@ def test_a_deck_is_written_again_and_solved(tubelock) -> None:
 
 def test_sets_of_blocks_hold_each_element_once() -> None:
     """FRAME, and TUBE, which are ranges or other sets."""
-    deck = build_deck(load_scene("tsb1-pipe", COARSE), Flavour.CALCULIX)
+    deck = build_deck(load_case("tsb1-pipe", COARSE), Flavour.CALCULIX)
     sets: dict[str, list[int]] = {}
     elements = 0
     for card in read_cards(list(deck_lines(deck))):
@@ -96,7 +96,7 @@ def test_sets_of_blocks_hold_each_element_once() -> None:
 @pytest.mark.parametrize(("flavour", "count"), [(Flavour.STANDARD, 1), (Flavour.GENERAL, 0)])
 def test_static_decks_request_the_forces_of_contact_pairs(flavour, count) -> None:
     """General contact has no pairs whose resultants could be written."""
-    lines = list(deck_lines(build_deck(load_scene("tsb1-pipe", COARSE), flavour)))
+    lines = list(deck_lines(build_deck(load_case("tsb1-pipe", COARSE), flavour)))
     assert lines.count("CFN, CFS") == count
 
 
@@ -122,7 +122,7 @@ def test_the_same_scene_gives_the_same_bytes(tubelock) -> None:
 
 def test_twelve_layers_are_three_parts(tmp_path: Path) -> None:
     """698 880 elements in 56 instances: each block is written once for each of its shapes."""
-    written = export_deck(load_scene("tsb1-pipe"), Flavour.GENERAL, tmp_path / "case.inp")
+    written = export_deck(load_case("tsb1-pipe"), Flavour.GENERAL, tmp_path / "case.inp")
     assert written.n_bytes < 5e6
     assert written.keywords["*Instance"] == 56
     assert written.keywords["*Part"] == 3
@@ -141,9 +141,9 @@ def test_a_deck_of_a_scene_is_read_back_as_its_problem(number: int, scene: str) 
 
     Coordinates have 14 digits, CalculiX' table is off by 7e-4 of pressures above 1e-3 MPa.
     """
-    file = load_scene(scene, SCENES[scene])
+    file = load_case(scene, SCENES[scene])
     deck = build_deck(file, list(Flavour)[number % 3])
-    stated, read = scene_problem(file.scene, scene), deck_of_lines(deck_lines(deck)).problem()
+    stated, read = scene_problem(file.scene, scene), deck_of_lines(deck_lines(deck)).problem
     assert read.blocks.n_blocks == stated.blocks.n_blocks
     assert read.blocks.volumes.sum() == pytest.approx(stated.blocks.volumes.sum(), rel=1e-10)
     assert set(read.materials) == set(stated.materials)
@@ -162,19 +162,19 @@ def test_a_deck_of_a_scene_is_read_back_as_its_problem(number: int, scene: str) 
 
 
 def test_shaft_is_a_traction_for_abaqus_and_nodal_forces_for_converters() -> None:
-    file = load_scene("tsb1-shaft", COARSE)
+    file = load_case("tsb1-shaft", COARSE)
     assert isinstance(build_deck(file, Flavour.GENERAL).loads[0], CircumferentialLoad)
     assert isinstance(build_deck(file, Flavour.STANDARD).loads[0], NodalForceLoad)
 
 
 def test_static_scene_becomes_damped_dynamics_with_the_papers_damping() -> None:
-    deck = build_deck(load_scene("tsb1-pipe", COARSE), Flavour.GENERAL)
+    deck = build_deck(load_case("tsb1-pipe", COARSE), Flavour.GENERAL)
     assert deck.step.procedure is Procedure.EXPLICIT
     assert deck.effects.rayleigh is not None
     assert deck.effects.rayleigh.mass_proportional == 2.0
     assert deck.effects.bulk_viscosity is not None
     assert any("its static state" in note for note in deck.notes)
-    named = load_scene("tsb1-pipe", [*COARSE, "effects.rayleigh.mass_proportional=7.0"])
+    named = load_case("tsb1-pipe", [*COARSE, "effects.rayleigh.mass_proportional=7.0"])
     effects = build_deck(named, Flavour.GENERAL).effects
     assert effects.rayleigh is not None
     assert effects.rayleigh.mass_proportional == 7.0
@@ -186,14 +186,14 @@ EXPLICIT = [*COARSE, "fem.method=explicit", "fem.damping=paper", "fem.end_time=1
 
 def test_a_deck_follows_the_method_of_its_scene() -> None:
     """Static: a step of Abaqus/Standard without damping, which the scene does not name."""
-    static = build_deck(load_scene("tsb1-pipe", COARSE))
+    static = build_deck(load_case("tsb1-pipe", COARSE))
     assert static.flavour is Flavour.STANDARD
     assert static.step.procedure is Procedure.STATIC
     assert static.effects == Effects()
     assert not any("Explicit" in note for note in static.notes)
-    standard = build_deck(load_scene("tsb1-pipe", EXPLICIT), Flavour.STANDARD)
+    standard = build_deck(load_case("tsb1-pipe", EXPLICIT), Flavour.STANDARD)
     assert standard.step.procedure is Procedure.STATIC
-    explicit = build_deck(load_scene("tsb1-pipe", EXPLICIT))
+    explicit = build_deck(load_case("tsb1-pipe", EXPLICIT))
     assert explicit.flavour is Flavour.GENERAL
     assert explicit.step.procedure is Procedure.EXPLICIT
 
@@ -222,7 +222,7 @@ def test_mass_scaling_is_in_the_deck_as_the_step_that_every_element_allows(tubel
     found = {}
     for factor in (1, 2):
         setting = f"fem.mass_scaling={factor}"
-        deck = build_deck(load_scene("tsb1-pipe", [*EXPLICIT, setting]))
+        deck = build_deck(load_case("tsb1-pipe", [*EXPLICIT, setting]))
         step = next(note for note in deck.notes if "increments of" in note)
         found[factor] = float(re.search(r"step: (\S+) increments", step)[1])  # type: ignore[index]
         lines = list(deck_lines(deck))
@@ -233,13 +233,13 @@ def test_mass_scaling_is_in_the_deck_as_the_step_that_every_element_allows(tubel
     assert found[1] == pytest.approx(2.0 * found[2], rel=0.05)  # printed with two digits
     box = ["fem.method=explicit", "fem.end_time=0.001", "fem.mass_scaling=2", "fem.element=full"]
     with pytest.raises(InputError, match=r"fem\.mass_scaling: got 2 with --flavour calculix"):
-        build_deck(load_scene("cantilever", box), Flavour.CALCULIX)
+        build_deck(load_case("cantilever", box), Flavour.CALCULIX)
 
 
 @pytest.mark.parametrize(("end_time", "double"), [(0.01, False), (8.0, True)])
 def test_a_long_explicit_deck_recommends_double_precision(end_time, double) -> None:
     """Abaqus does from 300 000 increments on; these have 2 800 and 2.2 million."""
-    deck = build_deck(load_scene("tsb1-pipe", [*EXPLICIT, f"fem.end_time={end_time}"]))
+    deck = build_deck(load_case("tsb1-pipe", [*EXPLICIT, f"fem.end_time={end_time}"]))
     step = deck.step
     assert step.safety_factor is not None
     expected = end_time / (step.safety_factor * element_time_step(deck))
@@ -250,7 +250,7 @@ def test_a_long_explicit_deck_recommends_double_precision(end_time, double) -> N
 
 def test_gaps_that_calculix_cannot_close_are_named() -> None:
     for setting, named in (("contact.spacing=0.05", True), ("contact.spacing=0.0", False)):
-        deck = build_deck(load_scene("tsb1-pipe", [*COARSE, setting]), Flavour.CALCULIX)
+        deck = build_deck(load_case("tsb1-pipe", [*COARSE, setting]), Flavour.CALCULIX)
         assert ("too many cutbacks" in " ".join(deck.notes)) is named
 
 
@@ -273,7 +273,7 @@ def test_scene_sections_reach_the_deck(tubelock) -> None:
 
 def test_elastic_frame_is_held_at_its_outer_faces() -> None:
     deck = build_deck(
-        load_scene("tsb1-pipe", [*COARSE, "effects.elastic_frame=true"]), Flavour.STANDARD
+        load_case("tsb1-pipe", [*COARSE, "effects.elastic_frame=true"]), Flavour.STANDARD
     )
     assert {hold.face for hold in deck.holds} == {"bottom", "top"}
     assert len(deck.held_blocks) == 0
@@ -282,9 +282,9 @@ def test_elastic_frame_is_held_at_its_outer_faces() -> None:
 @pytest.mark.parametrize("name", ["cantilever"])
 def test_boxes_give_the_model_of_the_scene(name, tmp_path: Path) -> None:
     """The imported deck states what `tubelock fem` computes."""
-    file = load_scene(name, ["fem.method=explicit", "fem.end_time=0.001"])
+    file = load_case(name, ["fem.method=explicit", "fem.end_time=0.001"])
     export_deck(file, Flavour.GENERAL, tmp_path / "box.inp")
-    problem = read_deck(tmp_path / "box.inp").problem()
+    problem = read_deck(tmp_path / "box.inp").problem
     model = problem.deformable.model
     ours = build_deformable(file.scene, name).model  # type: ignore[arg-type]
     assert model.n_elements == ours.n_elements
@@ -296,7 +296,7 @@ def test_boxes_give_the_model_of_the_scene(name, tmp_path: Path) -> None:
 
 def test_explicit_box_for_calculix_gets_a_stable_time_step() -> None:
     settings = ["fem.element=full", "fem.end_time=0.001", "fem.method=explicit"]
-    deck = build_deck(load_scene("cantilever", settings), Flavour.CALCULIX)
+    deck = build_deck(load_case("cantilever", settings), Flavour.CALCULIX)
     assert deck.element is ElementType.FULL
     assert deck.step.time_step is not None
     assert 0 < deck.step.time_step < 1e-5
@@ -356,4 +356,4 @@ def test_meshes_alone_are_no_decks(tubelock) -> None:
 def test_initial_motion_needs_an_explicit_step() -> None:
     """A static scene refuses it at the door, so no deck can lose it."""
     with pytest.raises(InputError, match="initial: got a motion"):
-        load_scene("spinning-block", ["fem.method=static"])
+        load_case("spinning-block", ["fem.method=static"])

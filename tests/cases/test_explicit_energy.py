@@ -6,7 +6,7 @@ import pytest
 
 from fem import ExponentialLaw, LinearPenalty, solve_explicit
 from tests.support.face import command
-from validation import load_scene
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 
@@ -33,7 +33,7 @@ def _scene(tmp_path_factory):
 @pytest.fixture(name="column", scope="module")
 def _column(scene):
     """A box that chatters on another: a pressure that acts at once closes a gap of 0.01 mm."""
-    return replace(load_scene(scene).problem(), clearance=0.01)
+    return replace(load_case(scene).problem, clearance=0.01)
 
 
 def run(problem):

@@ -18,12 +18,12 @@ from tests.support.face import (
     first_order_explosion,
     follow_explosion,
     hexagon_tube,
-    load_scene,
     outward_directions,
     run_explosion,
     sine_tube,
 )
 from tests.support.face import rigid_explosion_module as explosion
+from validation import load_case
 
 HEXAGONS = hexagon_tube(HexagonBlockParameters(4, 120.0, 40.0), HexagonBlockDivisions(6, 3), 1)
 SINES = sine_tube(tsb(), SineBlockDivisions(24, 3, 4), 1)
@@ -75,7 +75,7 @@ def test_scenes_explode_or_not(monkeypatch: pytest.MonkeyPatch) -> None:
         ("thb0-pipe", ["mesh.edge=6", "mesh.radial=3"], True),
         ("tsb2-pipe", ["mesh.around=24", "mesh.radial=3", "mesh.axial=4"], False),
     ):
-        run = run_explosion(load_scene(name, [*settings, "assembly.layers=4"]))
+        run = run_explosion(load_case(name, [*settings, "assembly.layers=4"]))
         assert run.explodes == explodes
         assert explosion_json(run)["first_order"]["admissible"] == explodes
         assert str(run.held) == ("activated" if explodes else "locked")
@@ -85,6 +85,6 @@ def test_what_is_no_tube_is_refused() -> None:
     with pytest.raises(AssemblyError, match="not a tube"):
         outward_directions(brick_stack((1.0, 1.0, 1.0), (1, 1, 1), columns=2, layers=1))
     with pytest.raises(InputError, match="makes no tube"):
-        run_explosion(load_scene("brick-stack"))
+        run_explosion(load_case("brick-stack"))
     with pytest.raises(InputError, match="no mesh of a family"):
-        run_explosion(load_scene("tetrahedra"))
+        run_explosion(load_case("tetrahedra"))

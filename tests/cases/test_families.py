@@ -19,10 +19,10 @@ from tests.support.face import (
     RoundScene,
     build_deck,
     builtin_names,
-    load_scene,
     round_types,
 )
 from tests.support.face import scene_families_module as families
+from validation import load_case
 
 #: A family that nobody knows of: a tube of plain bricks, as short as a record can be.
 NEW = '''
@@ -87,9 +87,8 @@ from validation.run.rigid.explosion import run_explosion
 from validation.run.rigid.answer import run_rigid
 from validation.run.solve import run_static
 from validation.scene.family import round_types
-from validation.scene.read import load_scene
 from validation.scene.keys.schema import scene_schema
-file = load_scene("plain.toml")
+file = load_case("plain.toml")
 schema = scene_schema()["properties"]["block"]["properties"]["type"]["enum"]
 print(json.dumps({
     "rigid": str(run_rigid(file).result.mechanism),
@@ -135,7 +134,7 @@ def test_a_load_case_is_one_record(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     monkeypatch.setitem(CASES, "stripes", stripes)
     small = ["mesh.around=12", "mesh.radial=1", "mesh.axial=2", "assembly.layers=1"]
-    file = load_scene("tsb1-pipe", ["load.case=stripes", *small])
+    file = load_case("tsb1-pipe", ["load.case=stripes", *small])
     (load,) = build_deck(file, Flavour.GENERAL).loads
     assert isinstance(load, PressureLoad)
     assert load.blocks.tolist() == [4, 6]
@@ -157,7 +156,7 @@ def test_every_family_is_in_the_table_once() -> None:
 
 @pytest.mark.parametrize("name", builtin_names())
 def test_coarse_meshes_have_no_more_elements(name: str) -> None:
-    scene = load_scene(name).scene
+    scene = load_case(name).scene
     if not isinstance(scene, AssemblyScene):
         return
     counts, coarse = scene.element_counts, scene.coarse_mesh(6, 2, 3)

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.face import FILES, DeformableScene, load_scene, run_scene
-from validation import read_answer
+from tests.support.face import FILES, DeformableScene, run_scene
+from validation import load_case, read_answer
 
 
 def box(scene: str, *settings: str) -> DeformableScene:
-    found = load_scene(scene, settings).scene
+    found = load_case(scene, settings).scene
     assert isinstance(found, DeformableScene)
     return found
 

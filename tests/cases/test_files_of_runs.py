@@ -8,7 +8,7 @@ import pyvista
 
 from mbd import analyse
 from tests.support.face import command
-from validation import load_scene, write
+from validation import load_case, write
 
 MESH = ("mesh.around=12", "mesh.radial=1", "mesh.axial=4", "assembly.layers=1", "fem.mesh=scene")
 COARSE = tuple(word for setting in MESH for word in ("--set", setting))
@@ -75,8 +75,8 @@ def test_a_run_removes_what_it_would_have_replaced_and_nothing_else(tmp_path):
 
 
 def test_an_answer_that_is_written_again_leaves_no_file_of_the_other(tmp_path):
-    tube = load_scene("tsb1-pipe", {"assembly.layers": 1, "mesh.around": 12, "mesh.axial": 4})
-    answer = analyse(tube.problem())
+    tube = load_case("tsb1-pipe", {"assembly.layers": 1, "mesh.around": 12, "mesh.axial": 4})
+    answer = analyse(tube.problem)
     write(answer, tmp_path)
     assert (tmp_path / "contact_pressures.vtu").exists()
     write(replace(answer, contacts={}), tmp_path)

@@ -10,11 +10,11 @@ import pytest
 from tests.support.face import (
     FrameWriter,
     build_deformable,
-    load_scene,
     run_explicit,
     run_static,
     scene_problem,
 )
+from validation import load_case
 
 COARSE = "mesh.divisions=[4,2,2]"
 
@@ -27,7 +27,7 @@ def written(folder: Path) -> list[float]:
 
 
 def box_frames(folder: Path, count: int, *settings: str):
-    scene = load_scene("cantilever", [COARSE, f"fem.frames={count}", *settings]).scene
+    scene = load_case("cantilever", [COARSE, f"fem.frames={count}", *settings]).scene
     box = scene_problem(scene, "box")  # type: ignore[arg-type]
     groups = box.deformable.model.groups
     writer = FrameWriter(folder, groups, count, finite_rotation=False)
@@ -81,7 +81,7 @@ def test_frames_of_a_static_run_of_blocks_are_its_load_steps(tmp_path: Path) -> 
     small += ["block.frequency=0.5", "block.amplitude=10.0"]
 
     def run(folder: Path | None, *settings: str):
-        scene = load_scene("tsb1-pipe", [*small, *settings]).scene
+        scene = load_case("tsb1-pipe", [*small, *settings]).scene
         problem = scene_problem(scene, "tube")  # type: ignore[arg-type]
         writer = None
         if folder is not None:
@@ -104,7 +104,7 @@ def test_frames_of_a_static_run_of_blocks_are_its_load_steps(tmp_path: Path) -> 
 
 
 def test_a_resumed_run_keeps_the_frames_before(tmp_path: Path) -> None:
-    scene = load_scene("cantilever", [COARSE]).scene
+    scene = load_case("cantilever", [COARSE]).scene
     groups = build_deformable(scene, "box").model.groups  # type: ignore[arg-type]
     still = (np.zeros((1, groups[0].n_nodes, 3)),)
 

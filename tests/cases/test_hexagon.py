@@ -6,15 +6,9 @@ import numpy as np
 import pytest
 
 from mbd import Mechanism, contact_jacobian, generalized_force
-from tests.support.face import (
-    DeformableScene,
-    load_scene,
-    reference,
-    run_rigid,
-    run_static,
-    section_heights,
-)
+from tests.support.face import DeformableScene, reference, run_rigid, run_static, section_heights
 from tests.support.face import picture_section as section
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 
@@ -23,7 +17,7 @@ CASES = ("pipe", "tunnel", "pillar", "beam", "shaft")
 
 @pytest.mark.parametrize("case", CASES)
 def test_class_of_each_load_case_is_the_printed_one(case: str) -> None:
-    run = run_rigid(load_scene(f"thb0-{case}", ["mesh.edge=12", "mesh.radial=5"]))
+    run = run_rigid(load_case(f"thb0-{case}", ["mesh.edge=12", "mesh.radial=5"]))
     printed = reference()["table"]["THB0"][case]["mechanism"]
     assert str(run.result.mechanism) == printed
     assert run.result.equilibrium.holds == (case == "tunnel")
@@ -41,7 +35,7 @@ def test_class_of_each_load_case_is_the_printed_one(case: str) -> None:
 
 
 def test_tunnel_reaches_the_printed_numbers() -> None:
-    measures = run_rigid(load_scene("thb0-tunnel")).result.measures
+    measures = run_rigid(load_case("thb0-tunnel")).result.measures
     assert measures is not None
     printed = reference()["table"]["THB0"]["tunnel"]
     # Goals of the project: 1.5 points in the count, 4 % in the pressures.
@@ -53,7 +47,7 @@ def test_tunnel_reaches_the_printed_numbers() -> None:
 def test_sections_lie_in_the_layer_that_they_name() -> None:
     """Hexagon tubes: layers reach into each other, so layer k is not between (k-1)h and kh."""
     small = ["mesh.edge=4", "mesh.radial=1", "assembly.layers=1"]
-    scene = load_scene("thb0-tunnel", small).scene
+    scene = load_case("thb0-tunnel", small).scene
     assert isinstance(scene, DeformableScene)
     run = run_static("thb0-tunnel", scene)
     assembly = run.solution.deformable.assembly

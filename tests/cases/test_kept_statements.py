@@ -9,7 +9,7 @@ import pytest
 from fem import ExponentialLaw, LinearPenalty, solve_explicit, solve_static
 from geometry import pipe
 from tests.support.face import HeldFace, RefusedError, command
-from validation import load_scene
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 
@@ -158,7 +158,7 @@ def test_rigid_blocks_on_which_nothing_acts_have_a_class(run):
 @pytest.mark.parametrize("solve", [solve_static, solve_explicit])
 def test_a_problem_in_which_nothing_acts_is_rejected(solve):
     settings = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 1, "mesh.axial": 4}
-    problem = replace(load_scene("tsb1-pipe", settings).problem(), load=pipe(0.0))
+    problem = replace(load_case("tsb1-pipe", settings).problem, load=pipe(0.0))
     with pytest.raises(RefusedError, match="nothing acts"):
         solve(problem)
 

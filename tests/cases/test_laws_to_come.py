@@ -11,7 +11,7 @@ import pyvista
 from fem import solve_explicit, solve_static
 from mbd import analyse
 from tests.support.face import RefusedError, command
-from validation import load_scene, optimise, read_answer, sensitivity, write
+from validation import load_case, optimise, read_answer, sensitivity, write
 
 #: One layer of the tube of the paper, coarse.
 COARSE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 1, "mesh.axial": 4}
@@ -24,7 +24,7 @@ def sets(settings):
 
 @pytest.fixture(name="tube", scope="module")
 def _tube():
-    return load_scene("tsb1-pipe", COARSE).problem()
+    return load_case("tsb1-pipe", COARSE).problem
 
 
 # ---------------------------------------------------------------------------------------------

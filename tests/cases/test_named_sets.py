@@ -8,7 +8,8 @@ import meshio
 import numpy as np
 import pytest
 
-from tests.support.face import RefusedError, box_block, load_scene, run_static
+from tests.support.face import RefusedError, box_block, run_static
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 
@@ -78,7 +79,7 @@ GMSH = ("gmsh:physical", "gmsh:geometrical")
 @pytest.mark.parametrize("suffix", ["inp", "msh"])
 def test_faces_of_a_file_are_supported_and_loaded_by_name(suffix: str, tmp_path: Path) -> None:
     """A uniform stress, exact for trilinear elements: reaction p A, and the joint passes p."""
-    file = load_scene(write(tmp_path, suffix))
+    file = load_case(write(tmp_path, suffix))
     solution = run_static(file.name, file.scene).solution
     force = PRESSURE * 40.0 * 20.0
     assert solution.reactions["base"]["force"] == pytest.approx([0.0, 0.0, force], abs=1e-8 * force)
@@ -86,7 +87,7 @@ def test_faces_of_a_file_are_supported_and_loaded_by_name(suffix: str, tmp_path:
 
 
 def test_sets_that_are_not_there_are_rejected_in_one_line(tmp_path: Path) -> None:
-    file = load_scene(write(tmp_path, "inp", "NONE"))
+    file = load_case(write(tmp_path, "inp", "NONE"))
     with pytest.raises(
         RefusedError, match=r"block 0 .* expected one of surface, base, top"
     ) as error:
@@ -123,7 +124,7 @@ def test_one_block_is_held_by_a_set_that_is_an_edge(degree: int, tmp_path: Path)
     for edge in ('face = "EDGE"', "box = [[0, 0, 0], [0, 20, 0]]"):
         scene = tmp_path / "alone.toml"
         scene.write_text(ALONE.format(edge=edge, degree=degree), "utf-8")
-        file = load_scene(str(scene))
+        file = load_case(str(scene))
         reactions = run_static(file.name, file.scene).solution.reactions
         answers.append([reactions[name]["force"] for name in ("edge", "base")])
     area = 40.0 * 20.0
@@ -137,6 +138,6 @@ def test_a_block_that_nothing_holds_or_touches_is_still_rejected(tmp_path: Path)
     text = path.read_text("utf-8")
     kept = [line for line in text.splitlines() if "plane" not in line]
     path.write_text("\n".join(away if "places" in line else line for line in kept), "utf-8")
-    file = load_scene(str(path))
+    file = load_case(str(path))
     with pytest.raises(RefusedError, match="block 2 touches no other block"):
         run_static(file.name, file.scene)

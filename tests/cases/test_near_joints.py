@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from tests.support.drawn_blocks import Drawn, arch, write_obj
-from tests.support.face import load_scene, run_polyhedra
+from tests.support.face import run_polyhedra
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 
@@ -22,7 +23,7 @@ def _notes(folder: Path, blocks: dict[str, Drawn], fixed: list[str], extra: str 
         f"[effects]\ngravity = [0, 0, -9810]\n[detection]\ntolerance = 0.4\n{extra}",
         "utf-8",
     )
-    file = load_scene(str(folder / "a.toml"))
+    file = load_case(str(folder / "a.toml"))
     run = run_polyhedra(file, file.scene)
     return run.doubts, run.assembly
 

@@ -15,7 +15,7 @@ from mbd import analyse
 from tests.fixtures.commands import small_meshes
 from tests.support.face import Motion
 from tests.support.studies import Here
-from validation import compare, cost, load_scene, plot, read_answer, sweep, write
+from validation import compare, cost, load_case, plot, read_answer, sweep, write
 
 COARSE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 2}
 SETTINGS = [word for key, value in COARSE.items() for word in ("--set", f"{key}={value}")]
@@ -23,7 +23,7 @@ SETTINGS = [word for key, value in COARSE.items() for word in ("--set", f"{key}=
 
 @pytest.fixture(scope="module")
 def problem() -> Problem:
-    return load_scene("tsb1-pipe", COARSE).problem()
+    return load_case("tsb1-pipe", COARSE).problem
 
 
 @pytest.fixture(scope="module")
@@ -151,7 +151,7 @@ def test_what_cannot_be_drawn_or_compared_is_refused(answers) -> None:
         plot(answers[1], "mises", layer=7)
     with pytest.raises(ValueError, match="got 1 answers"):
         compare(answers[0])
-    other = analyse(load_scene("tsb1-pipe", COARSE | {"mesh.radial": 3}).problem())
+    other = analyse(load_case("tsb1-pipe", COARSE | {"mesh.radial": 3}).problem)
     with pytest.raises(ValueError, match="share no contact facet"):
         compare(other, answers[1])
 
@@ -160,8 +160,8 @@ def test_a_sweep_is_a_call(tmp_path: Path) -> None:
     values = {"block.amplitude": [10.0, 20.0]}
     study = sweep("tsb1-pipe", values, COARSE, store=tmp_path / "study.sqlite")
     assert [row["block.amplitude"] for row in study.rows] == [10.0, 20.0]
-    scene = load_scene("tsb1-pipe", COARSE | {"block.amplitude": 10.0})
-    one = analyse(scene.problem(), norm="force")
+    scene = load_case("tsb1-pipe", COARSE | {"block.amplitude": 10.0})
+    one = analyse(scene.problem, norm="force")
     assert study.rows[0]["p_max"] == one["p_max"].value
     again = sweep("tsb1-pipe", values, COARSE, store=tmp_path / "study.sqlite")
     assert again.rows == study.rows
@@ -183,7 +183,7 @@ def test_a_problem_is_swept_as_the_scene_that_states_it(problem, monkeypatch) ->
     norm = {"rigid.norm": "pressure"}
     rows = [
         [row["p_max"] for row in sweep(source, values, norm).rows]
-        for source in (made, problem, load_scene("tsb1-pipe", COARSE))
+        for source in (made, problem, load_case("tsb1-pipe", COARSE))
     ]
     assert rows[0] == rows[1] == rows[2]
     for amplitude, p_max in zip(values["block.amplitude"], rows[0], strict=True):

@@ -16,7 +16,6 @@ from tests.support.face import (
     Effects,
     Flavour,
     InputError,
-    SceneFile,
     SmoothStepAmplitude,
     StopCriterion,
     box_column,
@@ -27,13 +26,14 @@ from tests.support.face import (
     export_deck,
     face_pressure,
     law_table,
-    load_scene,
     recommended_times,
     run_rigid,
+    scene_case,
     scene_data,
 )
 from tests.support.face import solve_deformable_static as solve_static
 from tests.support.fem_problems import deformable_assembly
+from validation import load_case
 
 COARSE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=2")
 STATIC = (*COARSE, "fem.method=static", "effects.friction={coefficient=0.2, stick_stiffness=1e3}")
@@ -53,9 +53,9 @@ GRAVITY = np.array([0.0, 0.0, -9810.0])
 def test_an_exported_deck_states_what_the_scene_solves(setting, flavour, tmp_path: Path) -> None:
     """Coordinates go through decimals: 1e-13 mm, over c0 = 1e-3 mm, is 1e-10 of a pressure, and
     the static solutions agree to their residual of 1e-8 times a gain of contact below 1e2."""
-    file = load_scene("tsb1-pipe", [*STATIC, setting])
+    file = load_case("tsb1-pipe", [*STATIC, setting])
     export_deck(file, flavour, tmp_path / "a.inp")
-    imported = read_deck(tmp_path / "a.inp").problem().deformable
+    imported = read_deck(tmp_path / "a.inp").problem.deformable
     ours = build_deformable(file.scene, "tube")  # type: ignore[arg-type]
     assert imported.contact.friction == ours.contact.friction
     answers = [solve_static(problem) for problem in (ours, imported)]
@@ -74,7 +74,7 @@ def test_clearance_and_spacing_are_two_gaps() -> None:
     """A uniform gap is 0.01 mm on every facet; blocks moved apart open wavy joints unevenly."""
     gaps = {}
     for kind in ("clearance", "spacing"):
-        file = load_scene("tsb1-pipe", [*COARSE, f"contact.{kind}=0.01"])
+        file = load_case("tsb1-pipe", [*COARSE, f"contact.{kind}=0.01"])
         gaps[kind] = build_deformable(file.scene, kind).surfaces.initial_gaps  # type: ignore[arg-type]
     # Facets coincide up to rounding of coordinates of 400 mm.
     assert np.abs(gaps["clearance"] - 0.01).max() < 1e-12
@@ -86,23 +86,21 @@ def test_pairs_that_slide_freely_take_no_clearance_and_general_contact_does() ->
     settings = [*COARSE, "effects.finite_sliding=true", "fem.end_time=1.0"]
     settings.append("contact.clearance=0.01")
     with pytest.raises(InputError, match=r"clearance: got 0\.01 mm.*expected --flavour general"):
-        build_deck(load_scene("tsb1-pipe", settings), Flavour.STANDARD)
-    assert build_deck(load_scene("tsb1-pipe", settings), Flavour.GENERAL).clearance == 0.01
+        build_deck(load_case("tsb1-pipe", settings), Flavour.STANDARD)
+    assert build_deck(load_case("tsb1-pipe", settings), Flavour.GENERAL).clearance == 0.01
 
 
 def test_the_table_for_calculix_is_moved_by_the_clearance() -> None:
     law, clearance = ExponentialLaw(), 0.01
     pressure, overclosure = law_table(law, clearance)[:-1].T
     assert np.allclose(law.pressure(overclosure - clearance), pressure, rtol=1e-12, atol=1e-15)
-    deck = build_deck(
-        load_scene("tsb1-pipe", [*COARSE, "contact.clearance=0.01"]), Flavour.CALCULIX
-    )
+    deck = build_deck(load_case("tsb1-pipe", [*COARSE, "contact.clearance=0.01"]), Flavour.CALCULIX)
     assert "moved by the clearance" in " ".join(deck.notes)
 
 
 def test_the_key_that_meant_two_things_is_refused_with_what_to_write() -> None:
     with pytest.raises(InputError) as refused:
-        load_scene("tsb1-pipe", ["contact.initial_clearance=0.01"])
+        load_case("tsb1-pipe", ["contact.initial_clearance=0.01"])
     assert "contact.clearance = 0.01" in str(refused.value)
     assert "contact.spacing = 0.01" in str(refused.value)
 
@@ -145,7 +143,7 @@ def test_gravity_is_stated_once() -> None:
 def test_rigid_blocks_carry_the_weight_that_the_scene_states() -> None:
     """A column's lowest joint bears the pressure and all that stands above it."""
     gravity = "effects.gravity=[0.0, 0.0, -9810.0]"
-    weightless, heavy = (run_rigid(load_scene("column", s)) for s in ((), (gravity,)))
+    weightless, heavy = (run_rigid(load_case("column", s)) for s in ((), (gravity,)))
     found = []
     for run in (weightless, heavy):
         joints = run.assembly.interfaces
@@ -158,5 +156,5 @@ def test_rigid_blocks_carry_the_weight_that_the_scene_states() -> None:
     data = scene_data("column")[1] | {"effects": {"gravity": GRAVITY.tolist()}}
     del data["material"]
     # Without a material the blocks are of concrete, as this scene says itself.
-    unstated = run_rigid(SceneFile(name="column", scene=check_scene(data)))
+    unstated = run_rigid(scene_case(name="column", scene=check_scene(data)))
     np.testing.assert_allclose(unstated.result.contact_forces, heavy.result.contact_forces)

@@ -24,7 +24,6 @@ from tests.support.face import (
     Outputs,
     Polyhedron,
     QuadSurface,
-    SceneFile,
     box,
     box_block,
     box_column,
@@ -42,6 +41,7 @@ from tests.support.face import (
     run_explicit,
     run_facets,
     run_static,
+    scene_case,
     scene_statement,
     six_sided_hexahedra,
     solved,
@@ -106,7 +106,7 @@ def test_joints_of_a_static_column_that_do_not_match_are_found() -> None:
 
 
 def test_the_deck_of_a_column_holds_its_bottom_face() -> None:
-    deck = build_deck(SceneFile(name="column", scene=column(0.5)), Flavour.CALCULIX)
+    deck = build_deck(scene_case(name="column", scene=column(0.5)), Flavour.CALCULIX)
     assert [(hold.block, hold.face) for hold in deck.holds] == [(0, "z-")]
 
 

@@ -20,12 +20,12 @@ from tests.support.face import (
     convex_polyhedron,
     diagnosed_blocks,
     flat_faces,
-    load_scene,
     read_blocks,
     run_polyhedra,
     write_repaired,
     write_solids,
 )
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 
@@ -83,7 +83,7 @@ def scene_of(file: Path, *lines: str) -> Path:
 
 
 def rigid(file: Path, *lines: str):  # type: ignore[no-untyped-def]
-    loaded = load_scene(str(scene_of(file, *lines)))
+    loaded = load_case(str(scene_of(file, *lines)))
     return run_polyhedra(loaded, loaded.scene)  # type: ignore[arg-type]
 
 
@@ -321,7 +321,7 @@ def test_overlaps_are_named_with_a_tolerance_that_works(tmp_path: Path) -> None:
     ) as e:
         rigid(file, "fixed = [0]")
     tolerance = str(e.value).partition("detection.tolerance = ")[2].split()[0]
-    loaded = load_scene(str(scene_of(file, "fixed = [0]")), [f"detection.tolerance={tolerance}"])
+    loaded = load_case(str(scene_of(file, "fixed = [0]")), [f"detection.tolerance={tolerance}"])
     assert run_polyhedra(loaded, loaded.scene).carried.holds  # type: ignore[arg-type]
 
 
@@ -416,7 +416,7 @@ def test_the_density_of_the_material_is_that_of_the_weight(tmp_path: Path) -> No
     text = file.read_text()
     material = "[material]\ndensity = 7.85e-9\nyoung_modulus = 2.1e5\npoisson_ratio = 0.3\n"
     file.write_text(text + "\n" + material)
-    loaded = load_scene(str(file))
+    loaded = load_case(str(file))
     run = run_polyhedra(loaded, loaded.scene)  # type: ignore[arg-type]
     weight = 7.85e-9 * 2e6 * 9810.0
     assert run.carried.normal_forces.sum() == pytest.approx(weight, rel=1e-9)

@@ -9,7 +9,7 @@ from fem import Problem, StaticOptions, solve_static
 from tests.support.face import coarser
 from tests.support.face import static_newton_module as newton
 from tests.support.face import static_solve_module as static
-from validation import load_scene
+from validation import load_case
 
 ONE_STEP = StaticOptions(load_steps=1)
 
@@ -23,7 +23,7 @@ def panel(divisions: int = 1) -> Problem:
         "mesh.divisions": divisions,
         "effects.friction.coefficient": 0.6,
     }
-    return load_scene("tetrahedra", settings).problem()
+    return load_case("tetrahedra", settings).problem
 
 
 def test_stick_that_is_softened_first_ends_at_the_same_state(

@@ -23,7 +23,6 @@ from tests.support.face import (
     corner_displacements,
     corner_forces,
     floating_words,
-    load_scene,
     local_forces,
     middle_answer,
     point_kinematics,
@@ -35,13 +34,14 @@ from tests.support.face import (
 from tests.support.face import run_solve_module as solve
 from tests.support.face import solve_deformable_static as solve_static
 from tests.support.fem_problems import pair_resultants
+from validation import load_case
 
 COARSE = ["mesh.around=12", "mesh.radial=1", "mesh.axial=2"]
 CELL = [*COARSE, "fem.symmetry='periodic cell'"]
 
 
 def scene_of(*settings: str, case: str = "tsb1-pipe") -> DeformableScene:
-    scene = load_scene(case, settings).scene
+    scene = load_case(case, settings).scene
     assert isinstance(scene, DeformableScene)
     return scene
 
@@ -245,7 +245,7 @@ def test_blocks_that_float_in_their_gaps_are_named(monkeypatch) -> None:
     cell = (*coarse, 'fem.symmetry="periodic cell"')
     words = {}
     for gap, case in ((0.01, "tunnel"), (0.01, "pipe"), (0.0, "tunnel")):
-        file = load_scene("tsb2-tunnel", (*cell, f"contact.clearance={gap}", f"load.case={case}"))
+        file = load_case("tsb2-tunnel", (*cell, f"contact.clearance={gap}", f"load.case={case}"))
         scene = require_deformable(file, "fem")
         assert scene.fem is not None
         options = static_options(scene, scene.fem)

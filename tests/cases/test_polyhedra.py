@@ -17,24 +17,23 @@ from tests.support.face import (
     PolyhedralScene,
     Polyhedron,
     RefusedError,
-    SceneFile,
     box,
     build_deformable,
     command,
     convex_polyhedron,
     faces_words,
-    load_scene,
     motion,
     run_polyhedra,
     tetrahedra_layer,
     tetrahedron,
 )
 from tests.support.face import print_polyhedra as print_rigid
+from validation import Case, load_case
 
 EDGE = 60.0
 
 
-def _answer(file: SceneFile) -> dict[str, object]:
+def _answer(file: Case) -> dict[str, object]:
     assert isinstance(file.scene, PolyhedralScene)
     return run_polyhedra(file, file.scene).answer.as_dict()
 
@@ -63,10 +62,10 @@ def _layer_scene(folder: Path, units: str = "mm") -> Path:
 
 @pytest.mark.parametrize("units", ["mm", "m"])
 def test_a_layer_of_stl_tetrahedra_is_judged_interlocked(tmp_path: Path, units: str) -> None:
-    answer = _answer(load_scene(str(_layer_scene(tmp_path, units))))
+    answer = _answer(load_case(str(_layer_scene(tmp_path, units))))
     assert answer["interlocked"] is True
     assert answer["n_blocks"] == 9
-    family = _answer(load_scene("tetrahedra", ["assembly.columns=3", "assembly.rows=3"]))
+    family = _answer(load_case("tetrahedra", ["assembly.columns=3", "assembly.rows=3"]))
     # STL holds single precision: patches change by 1e-6, none is lost.
     assert answer["n_patches"] == family["n_patches"]
     assert answer["n_contacts"] == family["n_contacts"]
@@ -85,17 +84,17 @@ def test_a_layer_of_stl_tetrahedra_is_judged_interlocked(tmp_path: Path, units: 
 )
 def test_built_in_scenes_have_their_known_verdicts(name: str, locked: bool) -> None:
     settings = ["rigid.margin=false"] if name == "tetrahedra" else []
-    answer = _answer(load_scene(name, settings))
+    answer = _answer(load_case(name, settings))
     assert answer["interlocked"] is locked
     json.dumps(answer, allow_nan=False)
 
 
 def test_what_is_not_asked_is_absent_and_what_is_asked_is_answered() -> None:
-    plain = _answer(load_scene("octahedra", ["assembly.rings=0"]))
+    plain = _answer(load_case("octahedra", ["assembly.rings=0"]))
     assert not {"friction", "collapse", "margin"} & set(plain)
-    asked = _answer(load_scene("octahedra", ["assembly.rings=0", "rigid.margin=true"]))
+    asked = _answer(load_case("octahedra", ["assembly.rings=0", "rigid.margin=true"]))
     assert asked["margin"]["interlocked"] is True  # type: ignore[index]
-    wall = _answer(load_scene("wall", ["assembly.columns=2", "assembly.rows=2"]))
+    wall = _answer(load_case("wall", ["assembly.columns=2", "assembly.rows=2"]))
     assert wall["friction"]["holds"] is True  # type: ignore[index]
     collapse = wall["collapse"]
     assert isinstance(collapse, dict)
@@ -109,14 +108,14 @@ def test_friction_can_be_asked_of_a_tube() -> None:
 
     settings = ["mesh.edge=6", "mesh.radial=3", "assembly.layers=4"]
     slippery = run_rigid(
-        load_scene("thb0-pipe", [*settings, "rigid.friction=0.01"])
+        load_case("thb0-pipe", [*settings, "rigid.friction=0.01"])
     ).answer.as_dict()
     assert slippery["friction"]["holds"] is False
     assert slippery["friction"]["work"] > 0
     assert slippery["friction"]["smallest_contact_work"] >= -1e-6 * slippery["friction"]["work"]
-    rough = run_rigid(load_scene("thb0-pipe", [*settings, "rigid.friction=1.0"])).answer.as_dict()
+    rough = run_rigid(load_case("thb0-pipe", [*settings, "rigid.friction=1.0"])).answer.as_dict()
     assert rough["friction"]["holds"] is True
-    assert "friction" not in run_rigid(load_scene("thb0-pipe", settings)).answer.as_dict()
+    assert "friction" not in run_rigid(load_case("thb0-pipe", settings)).answer.as_dict()
 
 
 def test_command_writes_contacts_and_pictures(tmp_path: Path) -> None:
@@ -129,14 +128,14 @@ def test_command_writes_contacts_and_pictures(tmp_path: Path) -> None:
     area = 0.0
     for a, b, c in contacts.points[contacts.cells[0].data]:
         area += 0.5 * float(np.linalg.norm(np.cross(b - a, c - a)))
-    answer = _answer(load_scene(str(scene)))
+    answer = _answer(load_case(str(scene)))
     assert area == pytest.approx(float(str(answer["contact_area"])), rel=1e-9)
     assert (tmp_path / "out" / "contacts.png").stat().st_size > 10_000
 
 
 def _refusal(path: Path, settings: list[str] | None = None) -> str:
     with pytest.raises(RefusedError) as error:
-        _answer(load_scene(str(path), settings or []))
+        _answer(load_case(str(path), settings or []))
     return str(error.value)
 
 
@@ -198,7 +197,7 @@ def test_scales_that_look_wrong_are_refused(tmp_path: Path) -> None:
             ("thickness", 0.04),
         )
     ]
-    tube = load_scene("tsb1-pipe", [*metres, "mesh.around=12", "mesh.radial=2", "mesh.axial=2"])
+    tube = load_case("tsb1-pipe", [*metres, "mesh.around=12", "mesh.radial=2", "mesh.axial=2"])
     with pytest.raises(RefusedError, match="in metres, multiply by 1000"):
         build_assembly(tube.scene)  # type: ignore[arg-type]
 
@@ -223,7 +222,7 @@ def test_blocks_beyond_the_digits_of_coordinates_are_refused(tmp_path: Path) -> 
     far = scene.read_text().replace(f"at = [{first}]", f"at = [{x + 1e12}, {y}, {z}]")
     scene.write_text(far)
     with pytest.raises(RefusedError, match=r"1e\+12 mm from the origin.*move the assembly"):
-        _answer(load_scene(str(scene)))
+        _answer(load_case(str(scene)))
 
 
 # ---------------------------------------------------------------------------------------------
@@ -256,7 +255,7 @@ def _panel(folder: Path, extra: str = "") -> Path:
 
 def test_what_point_contacts_alone_lock_is_said_to_be(tmp_path: Path) -> None:
     """Locked by edges that cross; by the faces it is a mechanism that the weight drives."""
-    file = load_scene(str(_panel(tmp_path)))
+    file = load_case(str(_panel(tmp_path)))
     assert isinstance(file.scene, PolyhedralScene)
     run = run_polyhedra(file, file.scene)
     answer = run.answer.as_dict()
@@ -302,7 +301,7 @@ def test_faces_are_decided_where_newton_stagnates(
         f'[block]\ntype = "mesh"\nunits = "mm"\n[assembly]\nfixed = {ring}\n'
         '[[parts]]\nfile = "panel.obj"\n[effects]\ngravity = [0, 0, -9810]\n'
     )
-    answer = _answer(load_scene(str(scene)))
+    answer = _answer(load_case(str(scene)))
     assert answer["mechanism"] == "locked"
     assert answer["by_faces_alone"]["mechanism"] == "activated"
 
@@ -316,7 +315,7 @@ def test_deformable_blocks_name_the_mechanism_of_their_faces(tmp_path: Path, ask
 
 
 def test_faces_alone_are_no_verdict_where_every_contact_has_an_area() -> None:
-    answer = _answer(load_scene("cubes"))
+    answer = _answer(load_case("cubes"))
     assert answer["n_points_without_area"] == 0
     assert answer["by_faces_alone"] is None
 
@@ -335,7 +334,7 @@ def test_weight_holds_faces_together(tmp_path: Path, lift: float, carried: bool)
         lines += ["[[parts.places]]", f"at = [0.0, 0.0, {height}]"]
     path = tmp_path / "bricks.toml"
     path.write_text("\n".join(lines))
-    file = load_scene(str(path))
+    file = load_case(str(path))
     assert isinstance(file.scene, MeshScene)
     deformable = build_deformable(file.scene, file.name)
     words = faces_words(file.scene, deformable.assembly)

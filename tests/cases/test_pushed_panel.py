@@ -23,7 +23,6 @@ from tests.support.face import (
     force_ranges,
     frictional_contacts,
     frictional_equilibrium,
-    load_scene,
     push_curves,
     rigid_limit,
     run_polyhedra,
@@ -34,6 +33,7 @@ from tests.support.face import (
     tetrahedron,
 )
 from tests.support.face import solve_deformable_static as solve_static
+from validation import load_case
 
 FRICTION, STICK = 0.3, 100.0
 
@@ -54,7 +54,7 @@ def pushed(scene: Any) -> Pushed:
 
 
 def panel(*overrides: str) -> Any:
-    return load_scene("pushed-panel", overrides).scene
+    return load_case("pushed-panel", overrides).scene
 
 
 def ringed(*overrides: str) -> Any:
@@ -131,7 +131,7 @@ def test_the_work_of_the_push_is_found_again(pressed: Pushed, squeezed: StaticRe
 def test_rigid_blocks_say_the_limit_of_the_push() -> None:
     """Certified from both sides, by faces alone; a fixed ring jams with associated friction, and
     without dilation nothing that presses holds the block."""
-    file = load_scene("pushed-panel", ())
+    file = load_case("pushed-panel", ())
     limit = run_polyhedra(file, file.scene).answer.as_dict()["push_limit"]
     assert limit["certified"]
     assert limit["upper_bound"] == pytest.approx(limit["associated"], rel=1e-6)

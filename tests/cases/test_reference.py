@@ -16,16 +16,15 @@ from tests.support.face import (
     DeformableRun,
     DeformableScene,
     compared_runs,
-    load_scene,
     run_converged,
 )
-from validation import compare
+from validation import compare, load_case
 
 TO_REST = ["fem", "column", "--set", "fem.method=explicit", "--set", "fem.damping=static"]
 
 
 def column(*settings: str) -> DeformableScene:
-    scene = load_scene("column", settings).scene
+    scene = load_case("column", settings).scene
     assert isinstance(scene, DeformableScene)
     return scene
 

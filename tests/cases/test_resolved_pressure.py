@@ -14,17 +14,17 @@ from tests.support.face import (
     TubeScene,
     bracketed,
     facet_peaks,
-    load_scene,
     print_run,
     relative,
     run_static,
 )
+from validation import load_case
 
 COARSE = ["assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4"]
 
 
 def coarse_tube(clearance: float) -> DeformableRun:
-    file = load_scene("tsb1-pipe", [*COARSE, f"contact.clearance={clearance}"])
+    file = load_case("tsb1-pipe", [*COARSE, f"contact.clearance={clearance}"])
     assert isinstance(file.scene, TubeScene)
     return run_static("tube", file.scene)
 

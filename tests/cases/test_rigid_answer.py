@@ -24,15 +24,15 @@ from tests.support.face import (
     first_largest,
     frictional_contacts,
     frictional_equilibrium,
-    load_scene,
     print_rigid,
     run_polyhedra,
     run_rigid,
 )
+from validation import load_case
 
 
 def solved(path: Path | str, *settings: str) -> PolyhedralRun:
-    file = load_scene(str(path), list(settings))
+    file = load_case(str(path), list(settings))
     assert isinstance(file.scene, PolyhedralScene)
     return run_polyhedra(file, file.scene)
 
@@ -205,7 +205,7 @@ pressure = 0.01
 def tube(folder: Path, case: str, *, amplitude: float = 20.0, radial: int = 2) -> RigidRun:
     path = folder / "tube.toml"
     path.write_text(TUBE.format(case=case, amplitude=amplitude, radial=radial))
-    return run_rigid(load_scene(str(path)))
+    return run_rigid(load_case(str(path)))
 
 
 def test_the_largest_pressure_is_the_largest_of_all_contacts(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from mbd import analyse
 from tests.support.arch import arch_run
 from tests.support.face import ColumnBox, LoadCase, SectionError, box_column, run_static
 from tests.support.pressed_boxes import AREA, PRESSURE, SHEAR, STICK, boxes
-from validation import load_scene, read_answer, section, write
+from validation import load_case, read_answer, section, write
 
 pytestmark = pytest.mark.quick
 
@@ -34,7 +34,7 @@ def test_a_cantilever_has_its_shear_and_moment(degree) -> None:
     """A traction of -0.05 MPa on 40 × 60 mm at x = 400 mm: V and M = V (L - x), at nodes and
     between them; equations of a linear body are solved to round-off."""
     settings = {"mesh.divisions": [8, 2, 2], "fem.method": "static", "fem.degree": degree}
-    run = run_static("cantilever", load_scene("cantilever", settings).file.scene)
+    run = run_static("cantilever", load_case("cantilever", settings).scene)
     x = np.array([1.0, 50.0, 130.0, 200.0, 399.0])
     points = np.column_stack([x, np.zeros(5), np.zeros(5)])
     found = section(run.answer, points, [2.0, 0.0, 0.0])
@@ -116,7 +116,7 @@ def test_sections_of_an_arch_are_in_equilibrium_with_the_blocks_between() -> Non
 
 def test_a_pillar_carries_the_same_rigid_and_static() -> None:
     settings = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 2}
-    problem = load_scene("tsb1-pillar", settings).problem()
+    problem = load_case("tsb1-pillar", settings).problem
     rigid = section(analyse(problem), [0.0, 0.0, 200.0], [0.0, 0.0, 1.0])
     static = solve_static(problem, mesh="scene", error_bars=False)
     z = np.array([150.0, 100.0])

@@ -30,7 +30,6 @@ from tests.support.face import (
     explicit_assembly,
     face_pressure,
     initial_state,
-    load_scene,
     polyhedron_from_quads,
     prepare,
     print_run,
@@ -42,6 +41,7 @@ from tests.support.face import (
 )
 from tests.support.fem_problems import deformable_assembly, in_contact
 from tests.support.own_blocks import QUADS, SECTIONS, brick_corners, overclosure, write_stl
+from validation import load_case
 
 Box = tuple[tuple[float, float, float], tuple[int, int, int]]
 
@@ -213,7 +213,7 @@ def test_frequencies_are_those_of_the_facets_that_face_each_other() -> None:
     searched; a joint that does not match has as much area. Facets of a tube are warped: a search
     spreads their area over the points by its projection, a square of the warp of 1e-2 apart."""
     small = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
-    tube = load_scene("tsb1-pipe", small).scene
+    tube = load_case("tsb1-pipe", small).scene
     alike = column(*[(WIDE, (4, 4, 2))] * 3)
     for scene, rel in ((alike, 1e-9), (tube, 1e-3)):
         deformable = build_deformable(scene, "scene")  # type: ignore[arg-type]
@@ -240,7 +240,7 @@ def test_measures_of_a_small_slide_are_those_of_matched_facets() -> None:
     found = []
     for way in ways:
         settings = (*small, "fem.method='explicit'", "fem.residual=1e-6", *way)
-        run = run_explicit("tube", load_scene("tsb1-pipe", settings).scene)  # type: ignore[arg-type]
+        run = run_explicit("tube", load_case("tsb1-pipe", settings).scene)  # type: ignore[arg-type]
         found.append(run)
     matched, searched = found
     ours, theirs = (asdict(run.solution.contact) for run in (searched, matched))
@@ -346,11 +346,11 @@ def test_own_blocks_that_do_not_match(tmp_path: Path) -> None:
     path.write_text(
         f'[block]\ntype = "mesh"\n{parts}\n[effects]\ngravity = [0, 0, -9810]\n{SECTIONS}', "utf-8"
     )
-    static = load_scene(str(path)).scene
+    static = load_case(str(path)).scene
     assert isinstance(static, DeformableScene)
     weight = 2.4e-9 * 400_000.0 * 9810.0
     assert run_static("own", static).solution.contact.force == pytest.approx(weight, rel=1e-6)
-    explicit = load_scene(str(path), ["fem.method='explicit'"]).scene
+    explicit = load_case(str(path), ["fem.method='explicit'"]).scene
     assert isinstance(explicit, DeformableScene)
     run = run_explicit("own", explicit)
     assert str(run.contact_search) == "finite sliding (non-matching meshes)"
@@ -387,7 +387,7 @@ forces = [{block = 3, force = [0, 0, -4000]}]
         "utf-8",
     )
     settings = ["fem.residual=1e-6", "effects.friction.coefficient=0.3", f"fem.method='{method}'"]
-    scene = load_scene(str(path), settings).scene
+    scene = load_case(str(path), settings).scene
     assert isinstance(scene, DeformableScene)
     found = run_scene("own", scene).solution.contact_state
     weight = 2.4e-9 * 400_000.0 * 9810.0
@@ -425,7 +425,7 @@ def test_blocks_that_nothing_determines_and_large_motions_are_named(
 ) -> None:
     """A ring of four blocks whose gaps close under pressure, on four points each: fewer than six
     contacts without friction hold no block, whichever way contact is found."""
-    scene = load_scene("tsb1-pipe").scene
+    scene = load_case("tsb1-pipe").scene
     assert isinstance(scene, DeformableScene)
     mesh = {"mesh.around": 12, "mesh.radial": 1, "mesh.axial": 2, "assembly.layers": 1}
     contact = {"contact.clearance": clearance, "effects.finite_sliding": sliding}
@@ -445,7 +445,7 @@ def test_blocks_that_nothing_determines_and_large_motions_are_named(
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_contact_forces_of_blocks_that_move_away_end() -> None:
     """They grew until squares of displacements overflowed; energy descent has the answer."""
-    scene = load_scene("tsb1-pipe").scene
+    scene = load_case("tsb1-pipe").scene
     assert isinstance(scene, DeformableScene)
     mesh = {"mesh.around": 12, "mesh.radial": 1, "mesh.axial": 4, "assembly.layers": 1}
     scene = scene.changed(mesh | {"contact.clearance": 5.0, "fem.degree": 3})

@@ -21,7 +21,6 @@ from tests.support.face import (
     ModelError,
     Plane,
     PressureLoad,
-    SceneFile,
     SupportError,
     TractionLoad,
     box_block,
@@ -29,6 +28,7 @@ from tests.support.face import (
     combination_answers,
     combined,
     envelope,
+    scene_case,
     scene_problem,
     stated_load,
 )
@@ -297,7 +297,7 @@ def test_a_combination_is_the_sum_of_its_loads_times_their_factors() -> None:
 
 
 def test_the_envelope_names_the_combination_that_governs() -> None:
-    file = SceneFile(name="box", scene=check_scene(COMBINED))
+    file = scene_case(name="box", scene=check_scene(COMBINED))
     answers = dict(combination_answers(file, "fem"))
     assert list(answers) == ["all", "weight"]
     for measure, (name, largest) in envelope(answers).items():
@@ -310,7 +310,7 @@ def test_a_factor_of_no_load_is_rejected() -> None:
     with pytest.raises(InputError, match=r"combinations.all.snow: .* weight, load, wind"):
         combined(scene, "all")
     with pytest.raises(InputError, match="combinations: got none"):
-        next(combination_answers(SceneFile(name="box", scene=check_scene(BOX)), "fem"))
+        next(combination_answers(scene_case(name="box", scene=check_scene(BOX)), "fem"))
 
 
 @pytest.mark.parametrize("factors", [{"held": 1.0}, {"supports": ["held"]}, {"push": {}}])

@@ -17,7 +17,6 @@ from tests.support.face import (
     RefusedError,
     check_scene,
     faces_words,
-    load_scene,
     mapped_block,
     require_held_by_faces,
     require_held_by_friction,
@@ -26,6 +25,7 @@ from tests.support.face import (
     scene_data,
     scene_problem,
 )
+from validation import load_case
 
 
 def solved(name: str) -> Any:
@@ -73,7 +73,7 @@ def test_a_roller_takes_what_presses_the_top_row_of_a_wall() -> None:
     p / E = 2e-5, under weights that add up to half of the force.
     """
     force = 0.1 * 115.0 * 71.0
-    file = load_scene("wall-with-roller")
+    file = load_case("wall-with-roller")
     assert isinstance(file.scene, PolyhedralScene)
     rigid = run_polyhedra(file, file.scene).answer.as_dict()["reactions"]["roller"]
     assert rigid["force"] == pytest.approx([-force, 0.0, 0.0], abs=1e-9 * force)

@@ -8,7 +8,7 @@ import pytest
 
 from mbd import analyse
 from tests.support.face import RefusedError, command
-from validation import load_scene, read_answer
+from validation import load_case, read_answer
 
 pytestmark = pytest.mark.quick
 
@@ -112,7 +112,7 @@ def test_an_assembly_without_a_load_has_a_class_and_no_rows_of_zeros(tmp_path, s
     status, printed, _ = command("mbd", scene, "--json", str(path))
     assert status == 0
     assert "pressure" not in printed
-    answer = analyse(load_scene(scene).problem())
+    answer = analyse(load_case(scene).problem)
     assert "locked" in answer.title
     assert dict(answer.measures) == json.loads(path.read_text("utf-8"))["measures"] == {}
 
@@ -120,4 +120,4 @@ def test_an_assembly_without_a_load_has_a_class_and_no_rows_of_zeros(tmp_path, s
 @pytest.mark.parametrize("scene", ["cantilever", "spinning-block", "beam-on-springs"])
 def test_rigid_analysis_of_single_bodies_is_one_refusal(scene):
     with pytest.raises(RefusedError, match=r"expected|remove it"):
-        analyse(load_scene(scene).problem())
+        analyse(load_case(scene).problem)

@@ -7,16 +7,15 @@ differ are strict xfails: when both go through one door, the marks go.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from fem import solve_explicit, solve_static
 from geometry import Answer
-from mbd import analyse
 from tests.fixtures.commands import small_meshes
 from tests.support.face import RefusedError, builtin_names, command
-from validation import load_scene
+from validation import load_case, solve
 
 #: Fewer and coarser blocks, by names or their beginnings: the law holds for any scene.
 SINE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 1, "mesh.axial": 4}
@@ -48,35 +47,7 @@ FEWER: dict[str, dict[str, Any]] = {
 SAME = 1e-6
 
 #: What differs, and in which scenes.
-RIGID = {
-    "norm of [rigid] is dropped": (
-        *("thb0-beam", "thb0-shaft", "thb0-tunnel"),
-        *("tsb1-beam", "tsb1-pillar", "tsb1-shaft", "tsb1-tunnel"),
-        *("tsb2-beam", "tsb2-pillar", "tsb2-shaft", "tsb2-tunnel"),
-    ),
-    "friction of [rigid] is dropped": ("arch",),
-    "Python rejects finite_sliding, which the scene does not state": (
-        *("column-nonmatching", "tetrahedra", "versatile", "versatile-panel"),
-        *("wall", "wall-with-roller"),
-    ),
-    "Python rejects the friction of joints": ("pushed-panel",),
-    "Python rejects hexahedra, which rigid blocks do not need": ("voxel-puzzle",),
-    "another line rejects": (
-        *("beam-on-springs", "cantilever", "cattaneo-mindlin", "hertz-ball", "hertz-roller"),
-        *("shifted-boxes", "spinning-block"),
-    ),
-}
-DEFORMABLE = {
-    "Python solves blocks of files on which nothing acts": ("cubes",),
-    "another line rejects": ("arch", "brick-stack", "tetrahedra", "thb0-pillar", "wall"),
-    "keys of [fem] are dropped: end_time, error_estimate": (
-        *("cantilever", "column-nonmatching", "spinning-block"),
-    ),
-}
-RED = {
-    method: {name: why for why, names in reasons.items() for name in names}
-    for method, reasons in (("mbd", RIGID), ("fem", DEFORMABLE))
-}
+RED = {"column-nonmatching": "the command also estimates the error of an explicit run"}
 #: Deformable blocks that are not refined here: solved on the mesh of the scene, without error bars.
 UNREFINED = ("cubes", "versatile-panel", "wall-with-roller")
 #: Deformable blocks that take 10 CPU s to minutes on their coarsest meshes: left out.
@@ -86,16 +57,14 @@ DEAR = (
 )
 
 
-def scenes(method: str) -> list[Any]:
+def deformable() -> list[Any]:
     return [
         pytest.param(
             name,
-            marks=[pytest.mark.xfail(reason=why, strict=True)]
-            if (why := RED[method].get(name))
-            else [],
+            marks=[pytest.mark.xfail(reason=why, strict=True)] if (why := RED.get(name)) else [],
         )
         for name in builtin_names()
-        if method == "mbd" or name not in DEAR
+        if name not in DEAR
     ]
 
 
@@ -114,14 +83,16 @@ def printed(method: str, name: str, settings: dict[str, Any]) -> dict[str, Any]:
     return json.loads(out)
 
 
-def given(kind: str, name: str, settings: dict[str, Any], **options: Any) -> dict[str, Any]:
-    """The same of Python, by the solver of the method that the command prints."""
-    solve = {"rigid": analyse, "static": solve_static, "explicit": solve_explicit}
+def given(kind: str, name: str, settings: dict[str, Any]) -> dict[str, Any]:
+    """The same of Python."""
+    return _data(name, lambda: solve(load_case(name, settings).with_method(kind)))
+
+
+def _data(name: str, solved: Callable[[], Answer]) -> dict[str, Any]:
     try:
-        answer: Answer = solve[kind](load_scene(name, settings).problem(), **options)
+        return json.loads(json.dumps(solved().as_dict()))
     except RefusedError as error:
         return {"rejected": str(error).removeprefix(f"{name}: ")}
-    return json.loads(json.dumps(answer.as_dict()))
 
 
 def agree(one: dict[str, Any], other: dict[str, Any]) -> None:
@@ -143,23 +114,21 @@ def agree(one: dict[str, Any], other: dict[str, Any]) -> None:
             assert measure[key] == same
 
 
-@pytest.mark.parametrize("name", scenes("mbd"))
+@pytest.mark.parametrize("name", builtin_names())
 def test_rigid_answers_of_command_and_python_are_one(name: str) -> None:
     agree(printed("mbd", name, fewer(name)), given("rigid", name, fewer(name)))
 
 
-@pytest.mark.parametrize("name", scenes("fem"))
+@pytest.mark.parametrize("name", deformable())
 def test_deformable_answers_of_command_and_python_are_one(name: str) -> None:
-    settings, options = fewer(name), {}
+    settings = fewer(name)
     if name in UNREFINED:
         settings = settings | {"fem.mesh": "scene", "fem.error_estimate": False}
-        options = {"mesh": "scene", "error_bars": False}
     with small_meshes(1, 2):  # refined once, as both doors refine unless told otherwise
         one = printed("fem", name, settings)
-        agree(one, given(one.get("method", "static"), name, settings, **options))
+        agree(one, given(one.get("method", "static"), name, settings))
 
 
-@pytest.mark.xfail(reason="Python drops keys of [fem]", strict=True)
 @pytest.mark.parametrize(
     "stated",
     [

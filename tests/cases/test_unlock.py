@@ -7,13 +7,8 @@ import json
 import pytest
 
 from mbd import MechanismClass
-from tests.support.face import (
-    class_with_layers,
-    frame_warning,
-    layers_to_unlock,
-    load_scene,
-    run_rigid,
-)
+from tests.support.face import class_with_layers, frame_warning, layers_to_unlock, run_rigid
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 
@@ -22,25 +17,25 @@ COARSE = ("mesh.edge=4", "mesh.radial=2")
 
 def test_the_least_number_of_layers_is_least() -> None:
     """Locked with one layer less, not locked with it: by the classes themselves."""
-    file = load_scene("thb0-pipe", COARSE)
+    file = load_case("thb0-pipe", COARSE)
     found = layers_to_unlock(file)
     assert found.layers is not None
     assert found.layers > 1
     assert class_with_layers(file, found.layers) is not MechanismClass.LOCKED
     assert class_with_layers(file, found.layers - 1) is MechanismClass.LOCKED
-    sine = load_scene("tsb1-pipe", ["mesh.around=12", "mesh.radial=2", "mesh.axial=2"])
+    sine = load_case("tsb1-pipe", ["mesh.around=12", "mesh.radial=2", "mesh.axial=2"])
     assert layers_to_unlock(sine, most=4).layers is None
 
 
 def test_a_short_tube_says_that_its_frames_lock_it() -> None:
-    short = load_scene("thb0-pipe", [*COARSE, "assembly.layers=1"])
+    short = load_case("thb0-pipe", [*COARSE, "assembly.layers=1"])
     warning = frame_warning(short, run_rigid(short))
     assert warning is not None
     assert "with 12 layers the tube is activated" in warning
     # Long tubes, tubes that are not locked and tubes of Sine Blocks have nothing to say.
-    long = load_scene("thb0-pipe", COARSE)
+    long = load_case("thb0-pipe", COARSE)
     assert frame_warning(long, run_rigid(long)) is None
-    sine = load_scene(
+    sine = load_case(
         "tsb1-pipe", ["mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=1"]
     )
     assert frame_warning(sine, run_rigid(sine)) is None

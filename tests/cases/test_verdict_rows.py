@@ -6,15 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.face import (
-    box_block,
-    command,
-    load_scene,
-    rigid_answer,
-    solved,
-    verdicts,
-    write_hex_mesh,
-)
+from tests.support.face import box_block, command, rigid_answer, solved, verdicts, write_hex_mesh
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 
@@ -64,7 +57,7 @@ def test_a_state_held_by_prestress_is_yellow_and_has_no_pressures(tmp_path: Path
     """A cube between two fixed ones needs W / 2 μ from each."""
     more = "[rigid]\nfriction = 0.5\n"
     path = cubes(tmp_path, [[0, 0, 0], [100, 0, 0], [200, 0, 0]], [0, 2], more)
-    file = load_scene(str(path))
+    file = load_case(str(path))
     run = rigid_answer(file)
     words = "carried only if pressed beforehand: at least 9.81 N between 0 and 1"
     assert run.carried.words.startswith(words)

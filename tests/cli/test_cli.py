@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from tests.support.coarse_tubes import SMALL
-from tests.support.face import FILES, builtin_names, load_scene, write_json
-from validation import read_answer
+from tests.support.face import FILES, builtin_names, write_json
+from validation import load_case, read_answer
 
 pytestmark = pytest.mark.quick
 
@@ -95,9 +95,9 @@ def test_scenes_are_listed_printed_and_all_valid(tubelock) -> None:
             assert f"{block}-{case}" in out
     _, text, _ = tubelock("scenes", "tsb1-pipe")
     Path("mine.toml").write_text(text)
-    assert load_scene("mine.toml").scene == load_scene("tsb1-pipe").scene
+    assert load_case("mine.toml").scene == load_case("tsb1-pipe").scene
     for name in builtin_names():
-        load_scene(name)
+        load_case(name)
 
 
 def test_reference_numbers_live_in_one_file() -> None:

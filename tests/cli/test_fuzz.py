@@ -23,9 +23,9 @@ from tests.support.face import (
     check_scene,
     check_study,
     fem_section,
-    load_scene,
 )
 from tests.support.wrong_input import PLACES, keys, kind_of
+from validation import load_case
 
 EXPLICIT = 'fem.method="explicit"'
 
@@ -113,7 +113,7 @@ def test_what_is_read_is_built_or_refused_in_one_line(
     key = ".".join(path)
 
     def build() -> None:
-        scene = load_scene(name, [*SMALL[name], f"{key}={value!r}"]).scene
+        scene = load_case(name, [*SMALL[name], f"{key}={value!r}"]).scene
         if isinstance(scene, PolyhedralScene):
             build_body_loads(scene, build_polyhedra(scene, Path()))
         else:
@@ -132,7 +132,7 @@ def test_scenes_beyond_the_memory_of_a_machine_are_refused() -> None:
         ("arch", "assembly.voussoirs=10000000", "fewer of them"),
     ):
         with pytest.raises(InputError, match=f"GB of memory.*{remedy}"):
-            load_scene(name, [change])
+            load_case(name, [change])
 
 
 def test_deformable_blocks_beyond_the_memory_of_a_machine_are_refused() -> None:
@@ -141,7 +141,7 @@ def test_deformable_blocks_beyond_the_memory_of_a_machine_are_refused() -> None:
         ("tsb1-pipe", ["mesh.around=1200", "mesh.radial=100", "mesh.axial=200", EXPLICIT]),
         ("cantilever", ["mesh.divisions=[500, 300, 300]", 'fem.method="static"']),
     ):
-        file = load_scene(name, changes)
+        file = load_case(name, changes)
         with pytest.raises(InputError, match=r"GB of memory.*fewer elements"):
             fem_section(file.scene, name)  # type: ignore[arg-type]
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from tests.fuzz import Fate, judge, try_line
-from tests.support.face import InputError, load_scene, load_study, unreadable
+from tests.support.face import InputError, load_study, unreadable
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 
@@ -27,7 +28,7 @@ def test_what_is_no_file_is_refused_before_it_is_opened(tmp_path: Path) -> None:
     (tmp_path / "zero.toml").symlink_to("/dev/zero")
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
     for name in ("pipe", "folder", "loop", "zero", "bytes"):
-        for read in (load_scene, load_study):
+        for read in (load_case, load_study):
             with pytest.raises(InputError, match=rf"{name}\.toml: .*; expected") as refused:
                 read(str(tmp_path / f"{name}.toml"))
             assert "\n" not in str(refused.value)

@@ -20,11 +20,11 @@ from tests.support.face import (
     Provenance,
     builtin_text,
     check_scene,
-    load_scene,
     program,
     stamp_vtu,
     stamped,
 )
+from validation import load_case
 
 SMALL = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
 
@@ -60,7 +60,7 @@ def test_json_holds_all_that_asks_the_same_question_again(
     assert re.fullmatch(r"\d{4}-\d\d-\d\d", origin["date"])
     stated = origin["scene"]
     assert stated.pop("name") == "tsb1-pipe"
-    assert check_scene(stated) == load_scene("tsb1-pipe", SMALL).scene
+    assert check_scene(stated) == load_case("tsb1-pipe", SMALL).scene
 
 
 def test_field_file_names_scene_load_and_mesh_and_is_still_read(
@@ -88,7 +88,7 @@ def test_stamp_changes_no_number(tmp_path: Path) -> None:
     meshio.write(path, meshio.Mesh(points, [("quad", np.array([[0, 1, 2, 3]]))]))
     # Two hyphens would end a comment of XML.
     (tmp_path / "a--b.toml").write_text(builtin_text("tsb1-pipe"), "utf-8")
-    stamp_vtu(path, Provenance(load_scene(str(tmp_path / "a--b.toml"))))
+    stamp_vtu(path, Provenance(load_case(str(tmp_path / "a--b.toml"))))
     assert np.array_equal(meshio.read(path).points, points)
 
 
@@ -101,7 +101,7 @@ def test_files_of_the_scene_are_no_outputs(tmp_path: Path) -> None:
     mine = tmp_path / "mine.toml"
     mine.write_text(builtin_text("tsb1-pipe"), "utf-8")
     with pytest.raises(Exception, match="is a file that this call reads"):
-        Outputs(json=str(mine), scene=load_scene(str(mine))).__enter__()
+        Outputs(json=str(mine), scene=load_case(str(mine))).__enter__()
     assert tomllib.loads(mine.read_text("utf-8"))["block"]["type"] == "sine"
 
 

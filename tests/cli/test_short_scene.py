@@ -10,7 +10,8 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from tests.support.face import InputError, TubeScene, check_scene, load_scene, scene_schema
+from tests.support.face import InputError, TubeScene, check_scene, scene_schema
+from validation import load_case
 
 README = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
 SHORT = re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL)[0]
@@ -76,7 +77,7 @@ def test_a_material_by_name_is_its_constants() -> None:
 def test_facets_left_out_are_those_of_the_built_in_tube() -> None:
     """As many along a wave for any number of waves."""
     data = {key: value for key, value in tomllib.loads(SHORT).items() if key != "mesh"}
-    built_in = load_scene("tsb1-pipe").scene
+    built_in = load_case("tsb1-pipe").scene
     assert isinstance(built_in, TubeScene)
     found = check_scene(data)
     assert isinstance(found, TubeScene)

@@ -17,18 +17,18 @@ from tests.support.face import (
     _targets,
     box_block,
     builtin_text,
-    load_scene,
     parse_targets,
     read_any_mesh,
     run_static,
     write_hex_mesh,
 )
+from validation import load_case
 
 
 def refusal(path: Path, text: str) -> str:
     path.write_text(text, "utf-8")
     with pytest.raises(RefusedError) as error:
-        load_scene(str(path))
+        load_case(str(path))
     return str(error.value)
 
 
@@ -49,7 +49,7 @@ def test_misspelt_keys_and_sections_are_named_before_what_is_missing(tmp_path: P
     assert "10,5: numbers have a point" in refusal(path, comma)
     path.write_text(text, "utf-8")
     with pytest.raises(RefusedError, match=r"did you mean .*mytube\.toml"):
-        load_scene(str(tmp_path / "mytube"))
+        load_case(str(tmp_path / "mytube"))
 
 
 def test_a_file_in_the_place_of_a_folder_is_named(
@@ -104,7 +104,7 @@ def test_waves_that_are_almost_upright_are_named(
     status, out, _ = tubelock("export", "tsb1-pipe", *words, "-o", "a.inp")
     assert status == 0
     assert ("as steep as" in out) is (degrees is not None)
-    file = load_scene("tsb1-pipe", sets)
+    file = load_case("tsb1-pipe", sets)
     shape = file.scene.shape  # type: ignore[union-attr]
     block = file.scene.build().shapes[0]  # type: ignore[union-attr]
     quads = block.mesh.nodes[block.faces["top"]]
@@ -125,7 +125,7 @@ def test_oscillating_mean_stresses_are_named(ratio: float, degree: int) -> None:
     found = {}
     for element in ("incompatible", "b-bar") if degree == 1 else (None,):
         kind = [f"fem.degree={degree}"] if element is None else [f"fem.element={element}"]
-        scene = load_scene("cantilever", settings + kind).scene
+        scene = load_case("cantilever", settings + kind).scene
         found[element] = run_static("cantilever", scene).notes  # type: ignore[arg-type]
     assert ("nearly incompressible" in found[None if degree > 1 else "incompatible"]) is (
         ratio > 0.4

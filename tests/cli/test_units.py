@@ -12,16 +12,16 @@ from tests.support.face import (
     build_polyhedra,
     builtin_text,
     check_scene,
-    load_scene,
     parse_unit,
     scene_schema,
 )
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 
 
 def number(scene: str, key: str, text: str) -> float:
-    found = load_scene(scene, [f"{key}={text}"]).scene
+    found = load_case(scene, [f"{key}={text}"]).scene
     for name in key.split("."):
         found = getattr(found, name)
     return found
@@ -90,7 +90,7 @@ def test_units_multiply_and_divide() -> None:
 )
 def test_slips_of_units_are_named_and_can_be_meant(scene: str, change: str, words: str) -> None:
     with pytest.raises(InputError, match=words) as refused:
-        load_scene(scene, [change])
+        load_case(scene, [change])
     message = str(refused.value)
     assert "\n" not in message
     # What the message says makes the scene pass: for all that looks wrong, one after the other.
@@ -101,7 +101,7 @@ def test_slips_of_units_are_named_and_can_be_meant(scene: str, change: str, word
         accepted.append(message.split('accept = ["')[1].split('"', maxsplit=1)[0])
         message = ""
         try:
-            load_scene(scene, [change, f"plausibility.accept={accepted}"])
+            load_case(scene, [change, f"plausibility.accept={accepted}"])
         except InputError as error:
             message = str(error)
     assert not message
@@ -126,8 +126,8 @@ def test_editors_know_texts_with_units() -> None:
 def test_a_size_that_no_block_has_can_be_meant_as_well() -> None:
     """The same key as for slips of units: a dust of blocks, and what the message names lets it."""
     small = ["block.edge=0.4", "assembly.rings=0"]
-    file = load_scene("octahedra", small)
+    file = load_case("octahedra", small)
     with pytest.raises(RefusedError, match=r"a block measures 0\.3.*accept = \[\"block\.size\"\]"):
         build_polyhedra(file.scene, file.folder)  # type: ignore[arg-type]
-    meant = load_scene("octahedra", [*small, 'plausibility.accept=["block.size"]'])
+    meant = load_case("octahedra", [*small, 'plausibility.accept=["block.size"]'])
     assert build_polyhedra(meant.scene, meant.folder).n_blocks == 7  # type: ignore[arg-type]

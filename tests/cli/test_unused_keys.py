@@ -15,12 +15,10 @@ from tests.support.face import (
     InputError,
     KeyUse,
     RefusedError,
-    SceneFile,
     apply_overrides,
     build_deck,
     builtin_names,
     check_scene,
-    load_scene,
     load_study,
     recording,
     refuse_idle_parameters,
@@ -28,9 +26,11 @@ from tests.support.face import (
     run_explicit,
     run_rigid,
     run_static,
+    scene_case,
     scene_data,
 )
 from tests.support.keys import leaves, other
+from validation import Case, load_case
 
 COARSE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=1")
 #: Keys that methods tell apart, each with a value that would matter where it acts.
@@ -42,25 +42,25 @@ EVERYTHING = (
 )
 
 
-def rigid(file: SceneFile) -> FloatArray:
+def rigid(file: Case) -> FloatArray:
     return run_rigid(file).result.contact_pressures
 
 
-def static(file: SceneFile) -> FloatArray:
+def static(file: Case) -> FloatArray:
     return run_static(file.name, file.scene).solution.contact_state.pressures  # type: ignore[arg-type]
 
 
-def explicit(file: SceneFile) -> FloatArray:
+def explicit(file: Case) -> FloatArray:
     run = run_explicit(file.name, file.scene)  # type: ignore[arg-type]
     return run.solution.contact_state.pressures
 
 
 @pytest.mark.parametrize(("answer", "method"), [(rigid, "static"), (static, "static")])
 def test_what_is_named_unused_does_not_change_a_bit(
-    answer: Callable[[SceneFile], FloatArray], method: str
+    answer: Callable[[Case], FloatArray], method: str
 ) -> None:
     settings = (*COARSE, *EVERYTHING, f"fem.method={method}")
-    file = load_scene("tsb1-pipe", settings)
+    file = load_case("tsb1-pipe", settings)
     with recording(file.scene) as use:
         expected = answer(file)
     assert "fem.threads" in use.unused
@@ -76,7 +76,7 @@ def test_what_is_named_unused_does_not_change_a_bit(
         if key == "fem.method" or new == value:
             continue
         scene = check_scene(apply_overrides(data, [f"{key}={json.dumps(new)}"]))
-        assert np.array_equal(answer(SceneFile(name="changed", scene=scene)), expected), key
+        assert np.array_equal(answer(scene_case(name="changed", scene=scene)), expected), key
         changed.append(key)
     assert len(changed) > 6
 
@@ -86,7 +86,7 @@ def test_what_is_used_is_not_named() -> None:
     settings = (*COARSE, "effects.friction.coefficient=0.2", "effects.gravity=[0, 0, -9.81e6]")
     found = {}
     for answer in (rigid, static):
-        file = load_scene("tsb1-pipe", settings)
+        file = load_case("tsb1-pipe", settings)
         with recording(file.scene) as use:
             answer(file)
         found[answer] = use.unused
@@ -100,7 +100,7 @@ def test_what_is_used_is_not_named() -> None:
 
 def test_explicit_runs_and_decks_name_what_only_others_have() -> None:
     settings = (*COARSE, "fem.method=explicit", "fem.load_steps=4", "fem.end_time=1e-5")
-    file = load_scene("tsb1-pipe", (*settings, "fem.threads=2", "fem.damping=paper"))
+    file = load_case("tsb1-pipe", (*settings, "fem.threads=2", "fem.damping=paper"))
     with recording(file.scene) as use:
         explicit(file)
     assert use.words == "fem.load_steps, [rigid]"
@@ -113,7 +113,7 @@ def test_explicit_runs_and_decks_name_what_only_others_have() -> None:
 @pytest.mark.parametrize("name", builtin_names())
 def test_nothing_read_is_everything_unused(name: str) -> None:
     """All that a scene sets is found, with the places that its file has."""
-    scene = load_scene(name).scene
+    scene = load_case(name).scene
     given = KeyUse(scene).unused
     data = scene_data(name)[1]
     for key in given:
@@ -181,13 +181,13 @@ def test_every_key_that_is_read_changes_the_rigid_answer(
     """A key is named unused, or another value of it is refused or gives another answer."""
 
     def answer(data: dict[str, object]) -> tuple[str, bytes]:
-        run = run_rigid(SceneFile(name=name, scene=check_scene(data)))
+        run = run_rigid(scene_case(name=name, scene=check_scene(data)))
         found = run.assembly.interfaces
         numbers = (run.result.contact_forces, run.assembly.centroids, found.centroids)
         return str(run.result.mechanism), b"".join(np.ascontiguousarray(n) for n in numbers)
 
     data = apply_overrides(scene_data(name)[1], settings)
-    file = load_scene(name, settings)
+    file = load_case(name, settings)
     with recording(file.scene) as use:
         run_rigid(file)
     base, changed = answer(data), 0

@@ -35,7 +35,7 @@ from geometry import Assembly
 from geometry.block import box_block
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.loads import PressureLoad, TractionLoad, load_case
+from geometry.loads import PressureLoad, TractionLoad, named_case
 from geometry.mesh import HEX_FACES
 from tests.support.blocks import random_rotation, tsb
 
@@ -60,7 +60,7 @@ def tube_deck(
     flavour: Flavour = Flavour.GENERAL,
     **changes,
 ) -> Deck:
-    load = load_case(tube, case, 0.01, as_printed=as_printed)
+    load = named_case(tube, case, 0.01, as_printed=as_printed)
     deck = Deck(
         name="a scene",
         flavour=flavour,
@@ -390,7 +390,7 @@ def test_pressure_force_of_the_deck_is_that_of_the_scene(tube, case) -> None:
             corners = faces[f"{part[instance]}:{face}"]
             area = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
             force[instance] = -float(row[2]) * turn[instance] @ area.sum(axis=0)
-    load = load_case(tube, case, 0.01)
+    load = named_case(tube, case, 0.01)
     assert len(force) == len(np.unique(load.block))
     for block in np.unique(load.block).tolist():
         wanted = load.facet_forces[load.block == block].sum(axis=0)
@@ -403,7 +403,7 @@ def test_pressure_force_of_the_deck_is_that_of_the_scene(tube, case) -> None:
 def test_nodal_forces_of_the_deck_have_the_resultant_of_the_scene(tube, case, as_printed) -> None:
     """The patches are bilinear: their 2 × 2 area differs from the vector area by the warp."""
     deck = tube_deck(tube, case, as_printed=as_printed)
-    case_ = load_case(tube, case, 0.01, as_printed=as_printed)
+    case_ = named_case(tube, case, 0.01, as_printed=as_printed)
     for block in np.unique(case_.block).tolist():
         found = nodal_forces(deck, deck.loads[0], block).sum(axis=0)
         wanted = case_.facet_forces[case_.block == block].sum(axis=0)
@@ -516,7 +516,7 @@ def test_what_abaqus_has_no_words_for_is_refused_by_name(tube) -> None:
     adaptive = Effects(adaptive_mass_damping=AdaptiveMassDamping())
     with pytest.raises(DeckError, match=r"fem.damping"):
         text_of(tube_deck(tube, effects=adaptive))
-    case = load_case(tube, "pipe", 0.01)
+    case = named_case(tube, "pipe", 0.01)
     moments = replace(case, body_wrenches=np.ones((tube.n_blocks, 6)))
     with pytest.raises(DeckError, match="moments"):
         loads_of_case(moments)

@@ -9,7 +9,7 @@ from fem import Material
 from fem.assembly.symmetry import no_symmetry
 from fem.explicit.contact.alike_pairs import alike_pairs
 from geometry.families.boxes import brick_stack
-from geometry.loads import load_case
+from geometry.loads import named_case
 from tests.support.fem_problems import deformable_assembly
 
 pytestmark = pytest.mark.quick
@@ -20,7 +20,7 @@ CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 def column():
     """Three equal bricks on one another between fixed ones: four joints."""
     stack = brick_stack((100.0, 60.0, 50.0), (2, 2, 1), columns=1, layers=3)
-    return deformable_assembly(stack, load_case(stack, "pillar", 0.01), CONCRETE)
+    return deformable_assembly(stack, named_case(stack, "pillar", 0.01), CONCRETE)
 
 
 def sizes(deformable) -> list[int]:

@@ -23,7 +23,7 @@ from fem.problem.effects import Effects, RayleighDamping
 from fem.static.solve import solve_static
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.loads import load_case
+from geometry.loads import named_case
 from geometry.mesh import HexMesh
 from tests.support.blocks import tsb
 from tests.support.face import CalculixError, calculix_available, run_calculix
@@ -108,7 +108,7 @@ def test_flat_deck_names_only_what_it_defines() -> None:
 
 def test_tractions_become_nodal_forces_with_the_same_resultant() -> None:
     assembly = canonical(sine_tube(tsb(), COARSE, 1))
-    case = load_case(assembly, "shaft", 0.01)
+    case = named_case(assembly, "shaft", 0.01)
     deck = replace(tube_deck(COARSE), assembly=assembly, loads=loads_of_case(case), holds=())
     force = np.zeros(3)
     for _, row in card(deck, "CLOAD").rows():
@@ -192,7 +192,7 @@ def test_instance_decks_remember_that_facets_do_not_match(flavour) -> None:
     for k in pairs:
         assert "type=SURFACE TO SURFACE" in lines[k]
         assert lines[k + 1] == "L01-B01.Z-MIN, L00-B01.Z-MAX"
-    found = solve_static(deck_of_lines(lines).problem().deformable)
+    found = solve_static(deck_of_lines(lines).problem.deformable)
     assert found.converged
     assert found.pressures == pytest.approx(0.01, rel=1e-6)
 
@@ -254,7 +254,7 @@ def test_converter_expands_every_instance_and_drops_nothing(tmp_path: Path, case
     import abq2ccx
 
     assembly = canonical(sine_tube(tsb(), COARSE, 2))
-    load = load_case(assembly, case, 0.01)
+    load = named_case(assembly, case, 0.01)
     deck = replace(
         tube_deck(COARSE, Flavour.STANDARD), assembly=assembly, loads=loads_of_case(load)
     )

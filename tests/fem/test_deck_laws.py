@@ -21,7 +21,8 @@ from fem.decks.statement import Deck, Flavour
 from fem.decks.write import deck_lines
 from fem.problem.effects import Effects
 from fem.problem.time_step import characteristic_time_step
-from tests.support.face import build_deck, load_scene
+from tests.support.face import build_deck
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 
@@ -57,7 +58,7 @@ def test_neither_flavour_takes_it_for_the_exponential_law() -> None:
 
 def tube_deck(flavour: Flavour, *keys: str) -> Deck:
     coarse = ["mesh.around=12", "mesh.radial=1", "mesh.axial=2", "assembly.layers=1"]
-    return build_deck(load_scene("tsb1-pipe", [*coarse, *keys]), flavour)
+    return build_deck(load_case("tsb1-pipe", [*coarse, *keys]), flavour)
 
 
 @given(lengths=st.lists(st.integers(1, 80), max_size=60))
@@ -101,7 +102,7 @@ def test_fixed_blocks_are_held_in_every_direction() -> None:
         lines = list(deck_lines(tube_deck(flavour)))
         at = lines.index("*Boundary")
         assert lines[at + 1] == "FRAME, 1, 3"
-        read = deck_of_lines(lines).problem().load_case.fixed
+        read = deck_of_lines(lines).problem.load_case.fixed
         np.testing.assert_array_equal(read, tube_deck(flavour).assembly.fixed)
 
 

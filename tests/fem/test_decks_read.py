@@ -28,12 +28,12 @@ from tests.support.cubes_deck import CUBES, changed, changed_lines
 from tests.support.face import (
     build_deck,
     calculix_available,
-    load_scene,
     run_calculix,
     scene_problem,
     solve_deck,
 )
 from tests.verification.deck_press_fit import MU, STICK, block, block_pressure
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 
@@ -413,7 +413,7 @@ def test_words_of_symmetry_hold_the_components_of_their_planes() -> None:
 @pytest.mark.parametrize("flavour", ["general", "calculix"])
 def test_a_spinning_block_is_read_back(flavour) -> None:
     """Velocity and spin, of the words for it in Abaqus and of all nodes in CalculiX."""
-    file = load_scene("spinning-block", ["fem.element=full"] if flavour == "calculix" else [])
+    file = load_case("spinning-block", ["fem.element=full"] if flavour == "calculix" else [])
     stated = scene_problem(file.scene, "a").motion
     read = deck_of_lines(list(deck_lines(build_deck(file, Flavour(flavour))))).problem().motion
     assert stated is not None
@@ -424,7 +424,7 @@ def test_a_spinning_block_is_read_back(flavour) -> None:
 
 def test_scaled_masses_are_read_back() -> None:
     changes = ["fem.method=explicit", "fem.mass_scaling=3.0", "fem.end_time=1.0"]
-    file = load_scene("tsb1-pipe", [*COARSE, *changes])
+    file = load_case("tsb1-pipe", [*COARSE, *changes])
     deck = deck_of_lines(list(deck_lines(build_deck(file, Flavour("general")))))
     assert deck.explicit_options()["mass_scaling"] == pytest.approx(3.0, rel=1e-9)
 
@@ -469,7 +469,7 @@ def test_an_exported_deck_has_the_answer_of_its_scene(flavour) -> None:
 
     A load that grows along a table in 101 points stays on a line: one stage, with friction too.
     """
-    file = load_scene(
+    file = load_case(
         "tsb1-pipe", [*COARSE, "effects.friction={coefficient=0.3, stick_stiffness=100.0}"]
     )
     ours = solve_static(scene_problem(file.scene, "a").deformable)

@@ -13,7 +13,7 @@ from fem.static.solve import StaticMethod, solve_static
 from geometry import SineBlock as SineBlockParameters
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.loads import load_case
+from geometry.loads import named_case
 from tests.support.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
@@ -30,7 +30,7 @@ TSB1 = SineBlockParameters(
 
 def tunnel(clearance, **options):
     assembly = sine_tube(TSB1, SineBlockDivisions(12, 2, 4), 2)
-    load = load_case(assembly, "tunnel", 0.01)
+    load = named_case(assembly, "tunnel", 0.01)
     return deformable_assembly(assembly, load, CONCRETE, clearance=clearance, **options)
 
 

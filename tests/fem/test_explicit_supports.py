@@ -11,8 +11,9 @@ from fem.assembly.statement import Motion
 from fem.problem.model import ModelError
 from fem.problem.time_step import TimeStepError, critical_time_step
 from geometry.loads import LineLoad
-from tests.support.face import load_scene, run_explicit
+from tests.support.face import run_explicit
 from tests.support.supports import ONE, TWO, A, X, Y, Z, case, pulled, roller
+from validation import load_case
 
 SIDES = tuple(roller(ONE, 0, -axis) for axis in (X, Y))
 TOP = ONE.centroids[0] + 0.5 * A * np.ones(3)
@@ -116,7 +117,7 @@ def test_a_sector_has_the_reactions_of_the_whole_ring(symmetry: str) -> None:
     """Of the ends, and of what both leave of the pressure together: none."""
     small = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
     short = ("fem.method=explicit", "fem.end_time=1e-5", "effects.elastic_frame=true")
-    scene = load_scene("tsb1-pipe", [*small, *short, f"fem.symmetry={symmetry}"]).scene
+    scene = load_case("tsb1-pipe", [*small, *short, f"fem.symmetry={symmetry}"]).scene
     found = run_explicit("tsb1-pipe", scene).solution
     assert found.imbalance.largest < 1e-9
     assert found.reactions.keys() == {"bottom", "top"}

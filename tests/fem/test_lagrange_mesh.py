@@ -45,7 +45,6 @@ from tests.support.face import (
     build_deck,
     calculix_available,
     estimated_errors,
-    load_scene,
     run_calculix,
     run_static,
     scene_problem,
@@ -58,6 +57,7 @@ from tests.support.fem_problems import (
 )
 from tests.support.lagrange_meshes import CURVED, HEXAGON, from_twenty, relative, sine
 from tests.support.own_blocks import deformable
+from validation import load_case
 
 
 def distorted() -> Block:
@@ -359,7 +359,7 @@ CANTILEVER = ("fem.method='static'", "mesh.divisions=[4,1,2]", "fem.degree=2")
 @pytest.mark.skipif(not calculix_available(), reason="CalculiX (ccx) is not installed")
 def test_calculix_solves_the_quadratic_deck_as_our_element_does(tmp_path: Path) -> None:
     """The same 20 functions and 27 Gauss points: seven digits are printed."""
-    file = load_scene("cantilever", CANTILEVER)
+    file = load_case("cantilever", CANTILEVER)
     write_deck(tmp_path / "bar.inp", build_deck(file, Flavour.CALCULIX))
     found = run_calculix(tmp_path / "bar.inp").displacements
     problem = stated("cantilever", *CANTILEVER)
@@ -387,6 +387,6 @@ def test_calculix_solves_the_quadratic_deck_as_our_element_does(tmp_path: Path) 
 def test_decks_refuse_degrees_by_name(
     scene: str, flavour: Flavour, settings: tuple[str, ...], text: str
 ) -> None:
-    file = load_scene(scene, ("fem.method='static'", "fem.degree=2", *settings))
+    file = load_case(scene, ("fem.method='static'", "fem.degree=2", *settings))
     with pytest.raises(InputError, match=text):
         build_deck(file, flavour)

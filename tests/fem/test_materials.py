@@ -33,13 +33,13 @@ from geometry.loads import LoadCase, PressureLoad, TractionLoad
 from tests.support.face import (
     calculix_available,
     check_scene,
-    load_scene,
     recording,
     run_calculix,
     run_polyhedra,
     scene_problem,
 )
 from tests.support.shapes import SHAPE
+from validation import load_case
 
 SOFT = Material(density=1e-9, young_modulus=3_000.0, poisson_ratio=0.0)
 STIFF = Material(density=5e-9, young_modulus=60_000.0, poisson_ratio=0.0)
@@ -85,7 +85,7 @@ def test_decks_have_a_material_for_each_part(flavour: Flavour, tmp_path: Path) -
     load = LoadCase(even.blocks, "pressed", even.load_case.faces, np.array([True, False]))
     deck = problem_deck(replace(even, load=load), flavour)
     write_deck(tmp_path / "two.inp", deck)
-    read = read_deck(tmp_path / "two.inp").problem()
+    read = read_deck(tmp_path / "two.inp").problem
     assert read.materials == (SOFT, STIFF)
     if flavour is Flavour.STANDARD:
         moved = solve_blocks(read.deformable).displacements
@@ -165,7 +165,7 @@ def test_materials_are_one_or_one_for_each_block(material: object, words: str) -
 
 
 def stated(scene: str, *settings: str) -> Problem:
-    file = load_scene(scene, settings)
+    file = load_case(scene, settings)
     return scene_problem(file.scene, file.name)
 
 
@@ -189,7 +189,7 @@ def test_parts_of_files_name_their_material(tmp_path: Path) -> None:
         "[materials.oak]\ndensity = 0.7e-9\nyoung_modulus = 11000.0\npoisson_ratio = 0.3\n"
         "[effects]\ngravity = [0, 0, -9810]\n"
     )
-    file = load_scene(str(tmp_path / "own.toml"))
+    file = load_case(str(tmp_path / "own.toml"))
     problem = scene_problem(file.scene, file.name)
     assert [m.density for m in problem.materials] == [2.4e-9, 7.85e-9, 0.7e-9]
     rigid = run_polyhedra(file, file.scene)  # type: ignore[arg-type]
@@ -201,7 +201,7 @@ def test_parts_of_files_name_their_material(tmp_path: Path) -> None:
 
 def test_constants_of_a_known_name_are_not_given_keys() -> None:
     """What a scene does not state is neither written down as its input nor called ignored."""
-    file = load_scene("column", ["materials.steel.blocks=[1]"])
+    file = load_case("column", ["materials.steel.blocks=[1]"])
     assert file.scene.materials["steel"].young_modulus == 210000.0
     stated = file.scene.model_dump(exclude_unset=True)
     assert stated["materials"] == {"steel": {"blocks": (1,)}}

@@ -41,8 +41,9 @@ from geometry.families.boxes import ColumnBox, box_column
 from geometry.families.sine_block import BlockParameterError
 from geometry.loads import LoadCase, PressureLoad, face_pressure
 from mbd import analyse
-from tests.support.face import load_scene, run_static
+from tests.support.face import run_static
 from tests.support.shapes import SHAPE
+from validation import load_case
 
 
 @pytest.fixture(scope="module")
@@ -199,7 +200,7 @@ def test_three_answers_are_those_of_the_scene(problem, static) -> None:
     """The scene states the same problem: the same bits. Explicit comes to a residual of 1e-4, and
     pressures follow forces with a gain of some ten."""
     settings = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=2")
-    scene = load_scene("tsb1-pipe", settings).scene
+    scene = load_case("tsb1-pipe", settings).scene
     run = run_static("scene", scene)  # type: ignore[arg-type]
     pressures = static.contacts["pressure"]
     assert np.array_equal(run.solution.contact_state.pressures, pressures)

@@ -25,9 +25,10 @@ from mbd.force_range import force_ranges
 from mbd.friction import collapse_load, frictional_contacts
 from mbd.options import FrictionLaw
 from mbd.sliding_collapse import sliding_collapse
-from tests.support.face import EffectName, load_scene, run_rigid, scene_problem, without_effect
+from tests.support.face import EffectName, run_rigid, scene_problem, without_effect
 from tests.support.pushed_bricks import EDGE, PRESSURE, ROUGH, SCENE, SMOOTH, STONE, dice, pushed
 from tests.support.shapes import SHAPE
+from validation import load_case
 
 FRICTION = CoulombFriction(0.2, of_pairs=((0, 1, ROUGH), (2, 0, SMOOTH)))
 
@@ -144,7 +145,7 @@ def test_decks_have_an_interaction_for_each_friction(tmp_path: Path) -> None:
     problem = pushed(FRICTION)
     problem = replace(problem, load=replace(problem.load_case, held=()))
     write_deck(problem, tmp_path / "dice.inp")
-    read = read_deck(tmp_path / "dice.inp").problem().coulomb
+    read = read_deck(tmp_path / "dice.inp").problem.coulomb
     assert read is not None
     assert list(read.on(np.array([0, 0]), np.array([1, 2]))) == [ROUGH, SMOOTH]
     with pytest.raises(DeckError, match=r"contact.pairs: general contact has one friction"):
@@ -153,7 +154,7 @@ def test_decks_have_an_interaction_for_each_friction(tmp_path: Path) -> None:
 
 def test_a_scene_names_pairs_by_block_and_by_material(tmp_path: Path) -> None:
     (tmp_path / "pairs.toml").write_text(SCENE, "utf-8")
-    file = load_scene(str(tmp_path / "pairs.toml"))
+    file = load_case(str(tmp_path / "pairs.toml"))
     friction = scene_problem(file.scene, file.name).coulomb
     assert friction is not None
     assert (friction.coefficient, friction.of_pairs) == (0.4, ((0, 1, 0.2), (1, 2, 0.1)))
@@ -163,7 +164,7 @@ def test_a_scene_names_pairs_by_block_and_by_material(tmp_path: Path) -> None:
 def test_friction_of_some_joints_needs_that_of_the_others(tmp_path: Path) -> None:
     """Frictionless others would be a trap; what decides effects leaves out both."""
     (tmp_path / "pairs.toml").write_text(SCENE, "utf-8")
-    scene = load_scene(str(tmp_path / "pairs.toml")).scene
+    scene = load_case(str(tmp_path / "pairs.toml")).scene
     bare = scene.changed({"effects.friction": None})
     with pytest.raises(RefusedError, match=r"without that of the others; expected \[effects.fric"):
         scene_problem(bare, "pairs")
@@ -198,7 +199,7 @@ def test_wrong_pairs_of_a_scene_are_told_in_one_line(
     (tmp_path / "pairs.toml").write_text(SCENE, "utf-8")
 
     def stated() -> Problem:
-        file = load_scene(str(tmp_path / "pairs.toml"), [f"contact.pairs={setting}"])
+        file = load_case(str(tmp_path / "pairs.toml"), [f"contact.pairs={setting}"])
         return scene_problem(file.scene, file.name)
 
     with pytest.raises(RefusedError, match=words) as refused:

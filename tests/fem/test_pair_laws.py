@@ -17,8 +17,9 @@ from fem.explicit.setup.statement import explicit_statement
 from fem.problem.effects import AdaptiveMassDamping, Effects
 from fem.static.solve import solve_static as solve_blocks
 from geometry.parts.pairs import PairError
-from tests.support.face import EffectName, load_scene, scene_problem, without_effect
+from tests.support.face import EffectName, scene_problem, without_effect
 from tests.support.pushed_bricks import EDGE, PRESSURE, SCENE, STONE, pushed
+from validation import load_case
 
 SOFT, STIFF = LinearPenalty(50.0), LinearPenalty(500.0)
 #: Two dice on a plate: the first has the default, the second, named last block first, its own.
@@ -107,7 +108,7 @@ def test_decks_have_an_interaction_for_each_law(tmp_path: Path) -> None:
     """Read back, the same laws; general contact has one and says so, headings have one cap."""
     problem = pressed(PairLaws(ExponentialLaw(), ((0, 2, SOFT),)))
     write_deck(problem, tmp_path / "dice.inp")
-    assert read_deck(tmp_path / "dice.inp").problem().law == problem.law
+    assert read_deck(tmp_path / "dice.inp").problem.law == problem.law
     lines = (tmp_path / "dice.inp").read_text("utf-8").splitlines()
     assert sum(line.startswith("*Surface Interaction") for line in lines) == 2
     with pytest.raises(DeckError, match=r"contact.pairs: general contact has one friction and one"):
@@ -123,7 +124,7 @@ def test_decks_have_an_interaction_for_each_law(tmp_path: Path) -> None:
 def test_a_scene_names_laws_by_block_and_by_material(tmp_path: Path) -> None:
     text = SCENE.replace("friction = 0.1", 'law = "linear"\nstiffness = 500.0')
     (tmp_path / "laws.toml").write_text(text, "utf-8")
-    file = load_scene(str(tmp_path / "laws.toml"))
+    file = load_case(str(tmp_path / "laws.toml"))
     problem = scene_problem(file.scene, file.name)
     assert problem.contact_law == PairLaws(ExponentialLaw(), ((1, 2, STIFF),))
     assert problem.coulomb is not None

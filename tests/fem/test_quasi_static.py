@@ -23,10 +23,11 @@ from fem.static.solve import solve_static
 from geometry.families.boxes import brick_stack
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.loads import LoadCase, load_case
+from geometry.loads import LoadCase, named_case
 from tests.support.blocks import tsb
-from tests.support.face import DeformableScene, load_scene, run_explicit, run_static
+from tests.support.face import DeformableScene, run_explicit, run_static
 from tests.support.fem_problems import deformable_assembly
+from validation import load_case
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 
@@ -40,7 +41,7 @@ def column(law, *, layers=1, material=CONCRETE):
 
 def tube(**options):
     found = sine_tube(tsb(), SineBlockDivisions(12, 2, 4), 1)
-    return deformable_assembly(found, load_case(found, "pipe", 0.01), CONCRETE, **options)
+    return deformable_assembly(found, named_case(found, "pipe", 0.01), CONCRETE, **options)
 
 
 def test_rigid_motions_are_rigid():
@@ -225,7 +226,7 @@ def test_floating_blocks_are_named_by_static_and_explicit_runs() -> None:
     1e-4 of the load that an explicit run may leave, and places of blocks that nothing determines
     (2 % of u apart)."""
     coarse = ["assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2"]
-    scene = load_scene("tsb1-pipe", [*coarse, "contact.spacing=0.05", "fem.mesh=scene"]).scene
+    scene = load_case("tsb1-pipe", [*coarse, "contact.spacing=0.05", "fem.mesh=scene"]).scene
     assert isinstance(scene, DeformableScene)
     static = run_static("tube", scene)
     explicit = run_explicit("tube", scene.changed({"fem.method": "explicit"}))

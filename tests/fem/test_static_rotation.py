@@ -23,7 +23,7 @@ from geometry.families.boxes import ColumnBox, box_column
 from geometry.families.hexagon_block import HexagonBlockDivisions
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import hexagon_tube, sine_tube
-from geometry.loads import face_pressure, load_case
+from geometry.loads import face_pressure, named_case
 from tests.support.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
@@ -40,7 +40,7 @@ TSB1 = SineBlockParameters(
 
 def pipe(clearance):
     assembly = sine_tube(TSB1, SineBlockDivisions(12, 2, 4), 2)
-    load = load_case(assembly, "pipe", 0.01)
+    load = named_case(assembly, "pipe", 0.01)
     return deformable_assembly(assembly, load, CONCRETE, clearance=clearance)
 
 
@@ -99,7 +99,7 @@ def test_soft_motions_do_not_stop_the_rounds():
     """
     block = HexagonBlockParameters(4, 120.0, 40.0)
     assembly = hexagon_tube(block, HexagonBlockDivisions(4, 2), 2)
-    load = load_case(assembly, "shaft", 0.01)
+    load = named_case(assembly, "shaft", 0.01)
     result = solve_static_with_rotation(
         deformable_assembly(assembly, load, CONCRETE, clearance=0.01)
     )

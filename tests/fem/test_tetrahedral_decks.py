@@ -12,7 +12,7 @@ from fem.decks.problem import problem_deck
 from fem.decks.statement import Flavour
 from fem.element.tetrahedral_mesh import TetrahedralMesh, tetrahedral_block
 from tests.support.face import calculix_available, run_calculix
-from validation import load_scene
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 
@@ -21,7 +21,7 @@ RINGS = {"assembly.rings": 0, "effects.gravity": [0.0, 0.0, -9810.0], "fem.mesh"
 
 
 def octahedra():
-    return load_scene("octahedra", RINGS).problem()
+    return load_case("octahedra", RINGS).problem
 
 
 def ten_nodes():

@@ -21,7 +21,7 @@ from geometry.families.platonic_layers import (
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.families.voxels import voxel_assembly
-from geometry.loads import LoadCase, load_case
+from geometry.loads import LoadCase, named_case
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral, polyhedral_assembly
 from geometry.polyhedra.facet_contact import _at_vertices
@@ -52,7 +52,7 @@ from mbd.friction import (
 )
 from mbd.margin import held_against, interlocking_margin
 from tests.support.blocks import random_rotation, tsb
-from tests.support.face import load_scene
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 
@@ -224,7 +224,7 @@ def test_detected_contacts_agree_with_the_conforming_ones_on_the_sine_block() ->
     # a wavy surface approximated by n facets a wave is off by (π/n)²/6: 0.5 %.
     area, exact = mixed.interfaces.areas.sum(), fine.interfaces.areas.sum()
     assert area == pytest.approx(exact, rel=0.005)
-    load = load_case(fine, "pipe", 0.01)
+    load = named_case(fine, "pipe", 0.01)
     expected = rigid_result(fine, load, norm=Norm.PRESSURE)
     bodies = replace(load, faces=(), body_wrenches=block_wrenches(fine, load))
     found = rigid_result(mixed, bodies, norm=Norm.PRESSURE)
@@ -430,7 +430,7 @@ def test_friction_zero_is_the_frictionless_answer() -> None:
 
 
 def _puzzle(fixed: str) -> PolyhedralAssembly:
-    drawing = load_scene("voxel-puzzle").scene.block.layers  # type: ignore[union-attr]
+    drawing = load_case("voxel-puzzle").scene.block.layers  # type: ignore[union-attr]
     return voxel_assembly(drawing, 20.0, fixed)
 
 

@@ -14,7 +14,7 @@ from geometry import Assembly
 from geometry.assembly import moved, renumbered
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.loads import load_case
+from geometry.loads import named_case
 from mbd import (
     MatrixJacobian,
     Mechanism,
@@ -119,7 +119,7 @@ def test_strictly_positive_self_stress_without_full_rank_is_not_locked() -> None
 def test_sine_tube_is_locked_and_the_linear_programs_agree(shift: float) -> None:
     tube = sine_tube(tsb(shift), SineBlockDivisions(12, 2, 2), 2)
     contacts = contact_jacobian(tube)
-    load = load_case(tube, "pipe", 0.01)
+    load = named_case(tube, "pipe", 0.01)
     force = generalized_force(tube, load, contacts.free_blocks, contacts.length)
     found = classify(contacts.jacobian, force)
     assert found.locked
@@ -147,19 +147,19 @@ def test_sine_tube_is_locked_and_the_linear_programs_agree(shift: float) -> None
 )
 def test_plain_tube_is_not_locked(case: str, expected: MechanismClass) -> None:
     tube = sine_tube(tsb(amplitude=0.0), SineBlockDivisions(12, 2, 4), 3)
-    result = rigid_result(tube, load_case(tube, case, 0.01))
+    result = rigid_result(tube, named_case(tube, case, 0.01))
     assert result.mechanism is expected
 
 
 def test_released_top_frame_can_lift_and_the_load_opposes_it(small_tube: Assembly) -> None:
-    result = rigid_result(small_tube, load_case(small_tube, "pillar", 0.01))
+    result = rigid_result(small_tube, named_case(small_tube, "pillar", 0.01))
     assert result.mechanism is MechanismClass.LOCKED
     assert result.supported_classification.mechanism is MechanismClass.SUPPRESSED
 
 
 def test_activated_mechanism_multiplies_out() -> None:
     tube = sine_tube(tsb(amplitude=0.0), SineBlockDivisions(12, 2, 4), 2)
-    load = load_case(tube, "shaft", 0.01)
+    load = named_case(tube, "shaft", 0.01)
     result = rigid_result(tube, load)
     motion = result.equilibrium.mechanism
     assert motion is not None
@@ -197,8 +197,8 @@ def test_rotation_and_translation_leave_every_measure_unchanged(
     small_tube: Assembly, case: str
 ) -> None:
     there = moved(small_tube, random_rotation(7), np.array([300.0, -200.0, 50.0]))
-    a = rigid_result(small_tube, load_case(small_tube, case, 0.01))
-    b = rigid_result(there, load_case(there, case, 0.01))
+    a = rigid_result(small_tube, named_case(small_tube, case, 0.01))
+    b = rigid_result(there, named_case(there, case, 0.01))
     assert a.mechanism is b.mechanism
     np.testing.assert_allclose(numbers(b), numbers(a), rtol=1e-9)
 
@@ -209,8 +209,8 @@ def test_units_leave_every_measure_unchanged(length_unit: float, force_unit: flo
     # Pressure = force / length²: a scene in other units, its pressures converted back.
     a, b = scaled(1.0), scaled(length_unit)
     pressure_unit = force_unit / length_unit**2
-    here = numbers(rigid_result(a, load_case(a, "shaft", 0.01)))
-    there = numbers(rigid_result(b, load_case(b, "shaft", 0.01 * pressure_unit)))
+    here = numbers(rigid_result(a, named_case(a, "shaft", 0.01)))
+    there = numbers(rigid_result(b, named_case(b, "shaft", 0.01 * pressure_unit)))
     there[3:] /= pressure_unit  # three percentages, then pressures
     np.testing.assert_allclose(there, here, rtol=1e-9)
 
@@ -222,15 +222,15 @@ def test_renumbering_the_blocks_leaves_every_measure_unchanged(
 ) -> None:
     order = np.random.default_rng(seed).permutation(small_tube.n_blocks)
     other = renumbered(small_tube, order)
-    a = numbers(rigid_result(small_tube, load_case(small_tube, "tunnel", 0.01)))
-    b = numbers(rigid_result(other, load_case(other, "tunnel", 0.01)))
+    a = numbers(rigid_result(small_tube, named_case(small_tube, "tunnel", 0.01)))
+    b = numbers(rigid_result(other, named_case(other, "tunnel", 0.01)))
     np.testing.assert_allclose(b, a, rtol=1e-9)
 
 
 def test_pressures_scale_with_the_load_from_tiny_to_huge(small_tube: Assembly) -> None:
-    base = numbers(rigid_result(small_tube, load_case(small_tube, "pipe", 1.0)))
+    base = numbers(rigid_result(small_tube, named_case(small_tube, "pipe", 1.0)))
     for factor in (1e-12, 1e9):
-        found = numbers(rigid_result(small_tube, load_case(small_tube, "pipe", factor)))
+        found = numbers(rigid_result(small_tube, named_case(small_tube, "pipe", factor)))
         np.testing.assert_allclose(found[:3], base[:3], rtol=1e-12)
         np.testing.assert_allclose(found[3:], factor * base[3:], rtol=1e-12)
 

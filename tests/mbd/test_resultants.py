@@ -19,13 +19,9 @@ from geometry.measures import (
 from mbd import contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from tests.support.arch import arch_run
-from tests.support.face import (
-    load_scene,
-    run_rigid,
-    run_static,
-    write_contacts,
-)
+from tests.support.face import run_rigid, run_static, write_contacts
 from tests.support.own_blocks import column
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 
@@ -161,7 +157,7 @@ def test_an_attempt_that_failed_is_no_field(tmp_path: Path) -> None:
 
 def tube(scene: str, *more: str) -> dict[str, Any]:
     small = ("mesh.edge=2", "mesh.radial=1", "assembly.layers=2")
-    return run_rigid(load_scene(scene, (*small, *more))).answer.as_dict()
+    return run_rigid(load_case(scene, (*small, *more))).answer.as_dict()
 
 
 def test_a_tube_shows_the_answer_with_friction() -> None:

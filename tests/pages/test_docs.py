@@ -16,7 +16,8 @@ from typing import Any
 import pytest
 import typer
 
-from tests.support.face import SCENE_TYPES, app, builtin_names, load_scene
+from tests.support.face import SCENE_TYPES, app, builtin_names
+from validation import load_case
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -166,7 +167,7 @@ def test_every_key_of_a_scene_exists_and_whole_scenes_are_accepted(tmp_path: Pat
         if {"block", "assembly", "load"} <= set(table) and "parts" not in table:
             file = tmp_path / f"scene{whole}.toml"
             file.write_text(text, "utf-8")
-            load_scene(str(file))
+            load_case(str(file))
             whole += 1
     assert whole > 0
 

@@ -27,11 +27,11 @@ from tests.support.face import (
     changed,
     controls,
     explore,
-    load_scene,
     measure_rows,
     run_rigid,
 )
 from tests.support.pixels import open_pixels
+from validation import load_case
 
 #: Lists in lists, as no page sends them.
 DEEP = 2000 * "[" + 2000 * "]"
@@ -39,7 +39,7 @@ SETTINGS = ("assembly.layers=2", "mesh.around=24", "mesh.radial=2", "mesh.axial=
 
 
 def tube(*settings: str):
-    return load_scene("tsb1-pipe", [*SETTINGS, *settings])
+    return load_case("tsb1-pipe", [*SETTINGS, *settings])
 
 
 # ---------------------------------------------------------------------------------------------
@@ -66,7 +66,7 @@ def test_every_number_of_a_tube_has_a_slider_around_its_value() -> None:
         "limits.least_wall",
     } == keys
     assert found.case == "pipe"
-    for slider in (*found.sliders, *controls(load_scene("wall")).sliders):
+    for slider in (*found.sliders, *controls(load_case("wall")).sliders):
         assert slider.low <= slider.value <= slider.high
         # The value of the scene is one that the slider can stand at.
         steps = (slider.value - slider.low) / slider.step
@@ -88,10 +88,10 @@ def test_values_of_the_page_make_the_scene_that_set_makes() -> None:
     more = changed(tube(), controls(tube()), {"block.frequency": 2.5}, coarse=False).scene
     assert more.mesh.around == 5 * tube().scene.mesh.around // 3
     parts = changed(
-        load_scene("wall"), controls(load_scene("wall")), {"block.size.1": 120}, coarse=True
+        load_case("wall"), controls(load_case("wall")), {"block.size.1": 120}, coarse=True
     )
     assert parts.scene.block.size == (240.0, 120.0, 71.0)
-    pushed = load_scene("wall", ["load.forces=[{block = 3, force = [0.0, 0.0, -200.0]}]"])
+    pushed = load_case("wall", ["load.forces=[{block = 3, force = [0.0, 0.0, -200.0]}]"])
     more = changed(pushed, controls(pushed), {"load.forces.0.force.2": -350.0}, coarse=True)
     assert more.scene.load.forces[0].force == (0.0, 0.0, -350.0)
 

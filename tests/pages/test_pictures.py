@@ -41,7 +41,6 @@ from tests.support.face import (
     drawing_scale,
     gallery,
     labelled,
-    load_scene,
     looking,
     require_picture,
     round_length,
@@ -57,7 +56,7 @@ from tests.support.face import pictures_assemblies_module as assemblies
 from tests.support.face import pictures_gallery_module as gallery_pictures
 from tests.support.face import pictures_tubes_module as tubes
 from tests.support.own_blocks import column
-from validation import compare
+from validation import compare, load_case
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -203,7 +202,7 @@ def test_scale_bars_are_round(most: float) -> None:
 
 def test_unrolled_facets_keep_their_place_and_area() -> None:
     """∫ r dθ dr over the map is the area of the ring that the joint covers, seen along the axis."""
-    run = run_rigid(load_scene("tsb1-tunnel", COARSE))
+    run = run_rigid(load_case("tsb1-tunnel", COARSE))
     facets = assemblies.interface_facets(
         run.assembly, run.result.contact_index, run.result.contact_pressures
     )
@@ -221,7 +220,7 @@ def test_unrolled_facets_keep_their_place_and_area() -> None:
 
 def test_unrolled_side_joints_lie_apart_and_keep_their_area() -> None:
     """Four joints of TSB1 between the waves of a layer: thickness times height each."""
-    run = run_rigid(load_scene("tsb1-tunnel", COARSE))
+    run = run_rigid(load_case("tsb1-tunnel", COARSE))
     facets = assemblies.interface_facets(
         run.assembly, run.result.contact_index, run.result.contact_pressures
     )
@@ -304,23 +303,23 @@ def assert_words_have_room(figure: Figure) -> None:
 
 
 def rigid_pictures(path: Path) -> None:
-    run = run_rigid(load_scene("tsb1-pipe", COARSE))
+    run = run_rigid(load_case("tsb1-pipe", COARSE))
     assemblies.draw_pressures(run, path)
-    built = build_scene(load_scene("tsb1-pillar", COARSE))
+    built = build_scene(load_case("tsb1-pillar", COARSE))
     assemblies.draw_assembly(built.assembly, built.load, path, title="a tube")
-    assemblies.draw_pressures(run_rigid(load_scene("osteomorphic")), path)
-    assemblies.draw_mechanism(run_rigid(load_scene("brick-stack")), path)
+    assemblies.draw_pressures(run_rigid(load_case("osteomorphic")), path)
+    assemblies.draw_mechanism(run_rigid(load_case("brick-stack")), path)
 
 
 def polyhedral_pictures(path: Path) -> None:
-    file = load_scene("arch")
+    file = load_case("arch")
     run = run_polyhedra(file, file.scene)  # type: ignore[arg-type]
     draw_polyhedra(run, path)
     assert "mechanism" not in run.answer.fields  # it stands
-    sliding = load_scene("arch", ("rigid.friction=0.1",))
+    sliding = load_case("arch", ("rigid.friction=0.1",))
     run = run_polyhedra(sliding, sliding.scene)  # type: ignore[arg-type]
     draw_polyhedral_mechanism(run, path)
-    file = load_scene("wall")
+    file = load_case("wall")
     draw_polyhedra(run_polyhedra(file, file.scene), path)  # type: ignore[arg-type]
 
 
@@ -338,7 +337,7 @@ def column_pictures(path: Path) -> None:
 
 
 def box_pictures(path: Path) -> None:
-    scene = load_scene("cantilever", ["fem.method=static", "mesh.divisions=[8,2,2]"]).scene
+    scene = load_case("cantilever", ["fem.method=static", "mesh.divisions=[8,2,2]"]).scene
     tubes.draw_stresses(run_static("cantilever", scene), path)  # type: ignore[arg-type]
 
 
@@ -388,7 +387,7 @@ def test_no_words_of_a_comparison_overlap_or_leave_the_page(
 
 
 def test_titles_name_scene_load_and_program(figures: list[Figure], tmp_path: Path) -> None:
-    assemblies.draw_pressures(run_rigid(load_scene("tsb1-pipe", COARSE)), tmp_path / "p.png")
+    assemblies.draw_pressures(run_rigid(load_case("tsb1-pipe", COARSE)), tmp_path / "p.png")
     words = " ".join(words_of(figures[0]))
     for part in (
         "tsb1-pipe",
@@ -401,7 +400,7 @@ def test_titles_name_scene_load_and_program(figures: list[Figure], tmp_path: Pat
 
 def test_a_third_stress_is_one_line(figures: list[Figure], tmp_path: Path, monkeypatch) -> None:
     """What is made of principal stresses gets its panel, its bar and its mark."""
-    scene = load_scene("cantilever", ["fem.method=static", "mesh.divisions=[8,2,2]"]).scene
+    scene = load_case("cantilever", ["fem.method=static", "mesh.divisions=[8,2,2]"]).scene
     run = run_static("cantilever", scene)  # type: ignore[arg-type]
     middle = tubes.Stress("σ₂", lambda principal: principal[:, 1], "largest", "sigma_1_max")
     monkeypatch.setattr(tubes, "STRESSES", (*tubes.STRESSES, middle))

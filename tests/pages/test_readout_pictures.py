@@ -18,7 +18,7 @@ from tests.support.face import (
     stress_scale,
     stresses_of,
 )
-from validation import load_scene
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 #: Points of an arrow: four rings of ten.
@@ -33,7 +33,7 @@ def bar(traction: float, *, mises: bool = False):
         "material.poisson_ratio": 0.0,
         "pictures.mises": mises,
     }
-    file = load_scene("cantilever", settings).file
+    file = load_case("cantilever", settings)
     scene = file.scene.changed({"load": {"x+": {"traction": [traction, 0.0, 0.0]}}})
     return run_static("bar", scene)
 

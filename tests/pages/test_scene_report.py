@@ -17,13 +17,12 @@ from tests.support.face import (
     OPEN,
     InputError,
     check_scene,
-    load_scene,
     report_scene,
     run_rigid,
     strength_verdict,
     toml_text,
 )
-from validation import report
+from validation import load_case, report
 
 COARSE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 2}
 SETTINGS = [f"{key}={value}" for key, value in COARSE.items()]
@@ -80,7 +79,7 @@ def test_the_page_of_a_tube(tmp_path) -> None:
     places = [html.index(part) for part in ("<img", 'id="answers"', 'id="loads"', 'id="tables"')]
     assert places == sorted(places)
     words = text_of(page)
-    answer = run_rigid(load_scene("tsb1-pipe", SETTINGS)).answer
+    answer = run_rigid(load_case("tsb1-pipe", SETTINGS)).answer
     assert answer.measures["p_max_facet"].value_words in words
     assert all(re.search(rf"<th>{case}</th>", html) for case in CASES)
     # What is missing for a load factor is named with its key.
@@ -89,11 +88,11 @@ def test_the_page_of_a_tube(tmp_path) -> None:
 
 
 def test_every_load_case_has_its_own_answer() -> None:
-    file = load_scene("tsb1-pipe", SETTINGS)
+    file = load_case("tsb1-pipe", SETTINGS)
     (table,) = report_scene(file, deformable=False).loads
     assert not table.failed
     for case, answer in table.answers.items():
-        own = run_rigid(load_scene("tsb1-pipe", [*SETTINGS, f"load.case={case}"])).answer
+        own = run_rigid(load_case("tsb1-pipe", [*SETTINGS, f"load.case={case}"])).answer
         assert answer["p_max"].value == own["p_max"].value
 
 
@@ -103,7 +102,7 @@ def test_the_page_of_own_blocks(tmp_path) -> None:
     page = report(tmp_path / "own.toml", tmp_path / "own.html", quick=True)
     words = text_of(page)
     # Weight of 1000 mm³ of the default density on 100 mm², once, and in both combinations.
-    density = load_scene(str(tmp_path / "own.toml")).scene.material.density
+    density = load_case(str(tmp_path / "own.toml")).scene.material.density
     pressure = density * 9810.0 * 10.0
     for factor in (1.0, 0.5, 2.0):
         assert f"{factor * pressure:.5g} MPa" in words
@@ -121,7 +120,7 @@ def test_an_answer_that_is_missing_says_why(tmp_path) -> None:
     (tmp_path / "cubes.obj").write_text(CUBES)
     loose = OWN.replace("gravity = [0, 0, -9810]", "gravity = [0, 0, 9810]")
     (tmp_path / "own.toml").write_text(loose)
-    result = report_scene(load_scene(str(tmp_path / "own.toml")))
+    result = report_scene(load_case(str(tmp_path / "own.toml")))
     verdicts = {verdict.question: verdict for verdict in result.verdicts}
     assert verdicts["Does it carry the load?"].words == "no"
     assert verdicts["Deformable blocks?"].lines == (result.failed["fem"],)
@@ -135,7 +134,7 @@ def test_an_answer_that_is_missing_says_why(tmp_path) -> None:
 )
 def test_only_a_factor_below_one_is_bad_news(factor: float, remark: str, tone: str) -> None:
     measure = Measure(factor, "times the load", remark=remark)
-    scene = load_scene("tsb1-pipe", [*SETTINGS, "material.tensile_strength=3"]).scene
+    scene = load_case("tsb1-pipe", [*SETTINGS, "material.tensile_strength=3"]).scene
     found = strength_verdict(scene, {"cracking_factor": measure}, computed=True)
     assert found.tone == tone
     assert (remark or measure.value_words) in found.words
@@ -151,7 +150,7 @@ def test_a_scene_without_any_answer_is_rejected(tmp_path) -> None:
 
 @pytest.mark.quick
 def test_toml_text_is_read_back() -> None:
-    scene = load_scene("wall").scene
+    scene = load_case("wall").scene
     data = scene.model_dump(mode="json", exclude_unset=True)
     assert check_scene(tomllib.loads(toml_text(data))) == scene
     odd = {"a": {"b c": 'so "called"\n', "d": [1, 2.5e-9, {"e": True}]}, "list": [[1], [2]]}

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.face import DeformableScene, InputError, RefusedError, check_request, load_scene
+from tests.support.face import DeformableScene, InputError, RefusedError, check_request
 from tests.support.wrong_input import PLACES, kind_of
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 
@@ -34,7 +35,7 @@ def test_a_key_that_lacks_a_letter_is_answered_with_the_key(
     if slip in kind_of(name).model_fields:
         return
     with pytest.raises(RefusedError) as refused:
-        load_scene(name, [f"{section}.{slip}=1"])
+        load_case(name, [f"{section}.{slip}=1"])
     words = str(refused.value)
     assert "\n" not in words
     assert f"{section}.{slip}" in words
@@ -43,7 +44,7 @@ def test_a_key_that_lacks_a_letter_is_answered_with_the_key(
 
 @cache
 def tube(auto: float | None) -> DeformableScene:
-    scene = load_scene("tsb1-pipe", [] if auto is None else [f"effects.auto={auto}"]).scene
+    scene = load_case("tsb1-pipe", [] if auto is None else [f"effects.auto={auto}"]).scene
     assert isinstance(scene, DeformableScene)
     return scene
 

@@ -31,7 +31,6 @@ from tests.support.face import (
     circular_arch,
     frictional_contacts,
     frictional_equilibrium,
-    load_scene,
     octahedra_layer,
     piped,
     running_bond_wall,
@@ -42,6 +41,7 @@ from tests.support.face import stability_deformable as deformable
 from tests.support.face import stability_relative as relative
 from tests.support.face import stability_tube as tube
 from tests.support.views import VIEWS, View, seen, seen_load
+from validation import load_case
 
 _HERE = View("here")
 #: Specific weight of assemblies that come without a load, along a direction like no other [N/mm³].
@@ -141,7 +141,7 @@ def _weighed(assembly: PolyhedralAssembly, friction: float | None = 0.6) -> Subj
 
 def _scene(name: str) -> Subject:
     """Blocks, load and friction of a built-in scene on a coarse mesh."""
-    scene = load_scene(name).scene
+    scene = load_case(name).scene
     if isinstance(scene, PolyhedralScene):
         built = build_polyhedra(scene, Path())
         loads = build_body_loads(scene, built)
@@ -172,7 +172,7 @@ _RIGID: dict[str, Callable[[], Subject]] = {
     **{
         f"view-{name}": partial(_scene, name)
         for name in builtin_names()
-        if (scene := load_scene(name).scene).block.type != "box" and scene.for_rigid_blocks
+        if (scene := load_case(name).scene).block.type != "box" and scene.for_rigid_blocks
     },
     # layers-200: six CPU seconds for what two layers show.
     **{f"view-{k}": partial(_tube, b) for k, (_, b) in TUBES.items() if k != "layers-200"},

@@ -21,7 +21,6 @@ from tests.support.face import (
     compared_runs,
     contact_measures,
     decide_effects,
-    load_scene,
     run_explicit,
     run_static,
     with_auto,
@@ -31,7 +30,7 @@ from tests.support.face import effect_answer_of as answer_of
 from tests.support.face import effects_limit_module as limit
 from tests.support.face import solve_deformable_static as solve_static
 from tests.support.fem_problems import pair_resultants
-from validation import compare
+from validation import compare, load_case
 
 #: Finer than the probe's 12 × 2 × 4 elements, and still quick.
 MESH = ["assembly.layers=2", "mesh.around=24", "mesh.radial=2", "mesh.axial=6"]
@@ -42,7 +41,7 @@ ACCEPTED = "plausibility.accept=['contact.clearance']"
 
 
 def scene_of(*settings: str, case: str = "tsb1-pipe") -> DeformableScene:
-    scene = load_scene(case, settings).scene
+    scene = load_case(case, settings).scene
     assert isinstance(scene, DeformableScene)
     return scene
 
@@ -155,7 +154,7 @@ def test_damping_stays_in_a_run_that_is_not_driven_to_rest() -> None:
 
 def test_what_is_kept_stays_and_what_is_left_out_leaves_no_bit() -> None:
     small = ["effects.friction.coefficient=1e-4", "effects.elastic_frame=false"]
-    file = load_scene("tsb1-pipe", [*COARSE, *small])
+    file = load_case("tsb1-pipe", [*COARSE, *small])
     auto = with_auto(file, "5%").scene
     kept = with_auto(file, "5%", ["friction"]).scene
     assert isinstance(auto, DeformableScene)

@@ -30,7 +30,6 @@ from tests.support.face import (
     InputError,
     Point,
     Rung,
-    SceneFile,
     SineBlockDivisions,
     TubeScene,
     base_mesh,
@@ -48,7 +47,6 @@ from tests.support.face import (
     full_plan,
     graded,
     grid_of,
-    load_scene,
     measure,
     measured_answer,
     measurement_key,
@@ -60,18 +58,20 @@ from tests.support.face import (
     richardson,
     rigid_setting,
     run_static,
+    scene_case,
     static_setting,
     with_setting,
 )
 from tests.support.face import costs_measure_module as costs_measure
 from tests.support.face import costs_study_module as cost
 from tests.verification.calculix import half_facet_angle
+from validation import load_case
 
 SETTINGS = ("--set", "assembly.layers=1")
 
 
 def tube(*settings: str) -> TubeScene:
-    scene = load_scene("tsb1-pipe", ["assembly.layers=1", *settings]).scene
+    scene = load_case("tsb1-pipe", ["assembly.layers=1", *settings]).scene
     assert isinstance(scene, TubeScene)
     return scene
 
@@ -86,7 +86,7 @@ OTHERS = {
 
 
 def other(name: str) -> AssemblyScene:
-    scene = load_scene(name, OTHERS[name]).scene
+    scene = load_case(name, OTHERS[name]).scene
     assert isinstance(scene, AssemblyScene)
     return scene
 
@@ -367,7 +367,7 @@ def test_rungs_of_curved_elements_are_judged_by_the_finest(
 def test_the_reference_is_curved_where_a_run_climbs_so_far() -> None:
     assert "curved" in full_plan("a", tube()).judges[-1].words
     # A wall has no blocks that are alike: fine meshes take too long.
-    wall = load_scene("planar-sine").scene
+    wall = load_case("planar-sine").scene
     assert isinstance(wall, AssemblyScene)
     assert "curved" not in full_plan("a", wall).judges[-1].words
 
@@ -427,7 +427,7 @@ def test_what_calculix_prints_is_measured_as_our_own_answer() -> None:
     scene = with_setting(
         tube(), base_mesh(tube(), "a"), static_setting(ElementType.INCOMPATIBLE, 1)
     )
-    deck = build_deck(SceneFile(name="a", scene=scene), Flavour.CALCULIX)
+    deck = build_deck(scene_case(name="a", scene=scene), Flavour.CALCULIX)
     ours = run_static("a", scene)
     nodes = np.concatenate([ours_of(ours, block) for block in range(deck.assembly.n_blocks)])
     every = np.arange(len(nodes))
@@ -459,7 +459,7 @@ def test_calculix_converges_to_what_we_find() -> None:
     half the angle between neighbouring facets, and with them the largest pressure; nodes that
     leave a rim are lost. All of that falls with the mesh.
     """
-    scene = load_scene("tsb1-tunnel", ["assembly.layers=1"]).scene
+    scene = load_case("tsb1-tunnel", ["assembly.layers=1"]).scene
     assert isinstance(scene, TubeScene)
     base = base_mesh(scene, "a")
     apart: dict[str, list[float]] = {"max_displacement": [], "p_eff": [], "field": []}

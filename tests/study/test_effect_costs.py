@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from tests.support.face import bare, effect_costs, load_scene
+from tests.support.face import bare, effect_costs
+from validation import load_case
 
 TINY = ["assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2"]
 
 
 def test_base_has_no_effect() -> None:
-    file = load_scene("tsb1-pipe", [*TINY, "effects.friction.coefficient=0.3"])
+    file = load_case("tsb1-pipe", [*TINY, "effects.friction.coefficient=0.3"])
     effects = bare(file.scene).effects
     assert not any(getattr(effects, name) for name in type(effects).model_fields)
 
 
 def test_effects_leave_no_trace_when_off() -> None:
     # The base runs before and after each effect: bit for bit the same, nothing compiled anew.
-    file = load_scene("tsb1-pipe", TINY)
+    file = load_case("tsb1-pipe", TINY)
     report = effect_costs(file.scene, file.name, answers=False)
     assert len(report["costs"]) == 9
     for cost in report["costs"]:

@@ -533,8 +533,8 @@ def test_a_script_without_a_main_guard_sweeps(tmp_path) -> None:
     """Worker processes that import the calling script start its study again, and end."""
     script = tmp_path / "plain.py"
     script.write_text(
-        "from validation import load_scene, sweep\n"
-        'wall = load_scene("brick-stack", {"mesh.divisions": [2, 1, 1], "assembly.layers": 1})\n'
+        "from validation import load_case, sweep\n"
+        'wall = load_case("brick-stack", {"mesh.divisions": [2, 1, 1], "assembly.layers": 1})\n'
         'study = sweep(wall, {"load.pressure": [0.01, 0.02]})\n'
         'print([row["status"] for row in study.rows], __file__)\n'
     )

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from tests.support.face import (
-    PolyhedralRun,
-    load_scene,
-    run_polyhedra,
-)
+from tests.support.face import PolyhedralRun, run_polyhedra
+from validation import load_case
 
 ARCH = (
     "block.thickness=200.0",
@@ -17,5 +14,5 @@ ARCH = (
 
 
 def arch_run(friction: float) -> PolyhedralRun:
-    file = load_scene("arch", [*ARCH, f"rigid.friction={friction}"])
+    file = load_case("arch", [*ARCH, f"rigid.friction={friction}"])
     return run_polyhedra(file, file.scene)  # type: ignore[arg-type]

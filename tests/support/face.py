@@ -18,35 +18,27 @@ from unittest import mock
 
 if TYPE_CHECKING:
     from geometry import Answer
-    from validation import Scene
+    from validation import Case
 
 #: Settings as a mapping of keys to values, or as words of ``--set``.
 Settings = Mapping[str, Any] | Sequence[str]
 
 
-def case(source: str | Path, settings: Settings = ()) -> Scene:
+def case(source: str | Path, settings: Settings = ()) -> Case:
     """A built-in scene or one in a file, with settings that replace its own."""
-    from validation.calls import Scene
-    from validation.scene.keys.toml_text import toml_value
-    from validation.scene.read import load_scene
+    from validation import load_case
 
-    if isinstance(settings, Mapping):
-        settings = [f"{key}={toml_value(value)}" for key, value in settings.items()]
-    return Scene(load_scene(str(source), settings))
+    return load_case(source, settings)
 
 
 def solved(
-    stated: str | Path | Scene, settings: Settings = (), *, method: str | None = None
+    stated: str | Path | Case, settings: Settings = (), *, method: str | None = None
 ) -> Answer:
     """Answer of a case by "rigid", "static" or "explicit"; None: deformable, as it states."""
-    from validation.run.rigid.polyhedra import rigid_answer
-    from validation.run.solve import run_scene
+    from validation import solve
 
-    file = (case(stated, settings) if isinstance(stated, str | Path) else stated).file
-    if method == "rigid":
-        return rigid_answer(file).answer
-    scene = file.scene if method is None else file.scene.changed({"fem.method": method})
-    return run_scene(file.name, scene).answer
+    asked = case(stated, settings) if isinstance(stated, str | Path) else stated
+    return solve(asked if method is None else asked.with_method(method))
 
 
 def rejected(stated: str | Path, settings: Settings = (), *, method: str | None = None) -> str:
@@ -168,7 +160,7 @@ _INNER = {
     "geometry.files.write_solids": "flat_faces write_solids",
     "geometry.loads": (
         "CASES CircumferentialLoad LineLoad LoadCase LoadCaseError NamedLoad PressureLoad "
-        "TractionLoad face_pressure load_case with_body_wrenches"
+        "TractionLoad face_pressure named_case with_body_wrenches"
     ),
     "geometry.measures": "SectionError first_largest",
     "geometry.mesh": (
@@ -202,6 +194,7 @@ _INNER = {
     "validation.build.deformable": "build_deformable build_effects fem_section scene_problem",
     "validation.build.polyhedra": "build_body_loads build_polyhedra motion",
     "validation.build.supports": "stated_load",
+    "validation.case": "Case require_deformable scene_case with_auto",
     "validation.cli.app": "app main",
     "validation.cli.completion": "_keys",
     "validation.cli.fem": "_targets",
@@ -282,8 +275,8 @@ _INNER = {
     "validation.scene.keys.toml_text": "toml_text",
     "validation.scene.polyhedra": "MeshScene PlaceSection PolyhedralScene",
     "validation.scene.read": (
-        "DeformableScene POLYHEDRAL_TYPES SCENE_TYPES SceneFile TubeScene apply_overrides "
-        "check_scene load_scene require_deformable scene_data with_auto"
+        "DeformableScene POLYHEDRAL_TYPES SCENE_TYPES TubeScene apply_overrides check_scene "
+        "scene_data"
     ),
     "validation.scene.usage": "KeyUse recording",
     "validation.stability.case": "Check Finding StabilityCase=Case Verdict refusal run_case",

@@ -10,11 +10,8 @@ from scipy.optimize import brentq
 
 from geometry.mesh import FloatArray
 from geometry.polyhedra.polyhedron import Polyhedron
-from tests.support.face import (
-    DeformableScene,
-    check_scene,
-    load_scene,
-)
+from tests.support.face import DeformableScene, check_scene
+from validation import load_case
 
 SECTIONS = """
 [material]
@@ -36,7 +33,7 @@ QUADS = np.array(
 
 
 def deformable(name: str, *settings: str) -> DeformableScene:
-    scene = load_scene(name, settings).scene
+    scene = load_case(name, settings).scene
     assert isinstance(scene, DeformableScene)
     return scene
 

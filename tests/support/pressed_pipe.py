@@ -13,7 +13,7 @@ from geometry import SineBlock as SineBlockParameters
 from geometry.block import Block, box_block
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.loads import LoadCase, PressureLoad, TractionLoad, load_case
+from geometry.loads import LoadCase, PressureLoad, TractionLoad, named_case
 from geometry.mesh import HexMesh
 from tests.support.fem_problems import deformable_assembly
 
@@ -37,7 +37,7 @@ def tube(layers=1, divisions=(12, 2, 4)):
 
 def pipe(layers=1, divisions=(12, 2, 4), case="pipe", **options):
     assembly = tube(layers, divisions)
-    return deformable_assembly(assembly, load_case(assembly, case, 0.01), CONCRETE, **options)
+    return deformable_assembly(assembly, named_case(assembly, case, 0.01), CONCRETE, **options)
 
 
 def column(n_blocks=2, *, shear=0.0, divisions=(2, 2, 2), height=20.0):

@@ -37,8 +37,8 @@ from tests.support.face import (
     canonical,
     deck_assembly,
     deck_model,
-    load_case,
     loads_of_case,
+    named_case,
     run_calculix,
     sine_tube,
 )
@@ -118,7 +118,7 @@ def tube_deck(divisions: SineBlockDivisions, flavour: Flavour = Flavour.CALCULIX
     normals than we do, and it loses nodes that slide over a rim by 1e-3 of a facet.
     """
     assembly = canonical(sine_tube(replace(TSB1, frequency=0.5), divisions, 1))
-    case = load_case(assembly, "pipe", 0.01)
+    case = named_case(assembly, "pipe", 0.01)
     return Deck(
         name="tube",
         flavour=flavour,

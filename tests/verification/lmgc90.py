@@ -25,10 +25,10 @@ from tests.support.face import (
     PolyhedralRun,
     admissible_cones,
     frictional_contacts,
-    load_scene,
     rigid_answer,
     solve_conic,
 )
+from validation import load_case
 
 #: Of the stored run; density in t/mm³.
 FRICTION, DENSITY = 0.5, 2e-9
@@ -56,7 +56,7 @@ def analysed(path: Path) -> PolyhedralRun:
             f"[rigid]\nfriction = {FRICTION}\nranges = true\n",
             "utf-8",
         )
-        run = rigid_answer(load_scene(str(scene)))
+        run = rigid_answer(load_case(str(scene)))
     assert isinstance(run, PolyhedralRun)
     return run
 

@@ -14,8 +14,9 @@ from itertools import pairwise
 import pytest
 
 from fem import solve_static
-from tests.support.face import PAST_AND_BACK, load_scene, load_step_change, run_explicit, run_static
+from tests.support.face import PAST_AND_BACK, load_step_change, run_explicit, run_static
 from tests.verification.error_problems import PRESSED, exact_push, pushed_box
+from validation import load_case
 
 #: Measures that are compared, and what the table calls them.
 MEASURES = {"p_max": "p_max", "p_eff": "p_eff", "max_displacement": "u"}
@@ -44,7 +45,7 @@ def solved(load, friction, gap):
     coarse = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
     law = (f"effects.friction.coefficient={friction}", f"contact.clearance={gap}")
     static, explicit = (
-        load_scene(
+        load_case(
             f"tsb1-{load}", [*coarse, *law, "fem.damping='static'", f"fem.method='{method}'"]
         ).scene
         for method in ("static", "explicit")

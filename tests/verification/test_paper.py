@@ -26,12 +26,12 @@ from tests.support.face import (
     errata,
     ingredients,
     judge_claims,
-    load_scene,
     run_rigid,
     show_errata,
     to_the_digit,
 )
 from tests.support.face import paper_sensitivity as sensitivity
+from validation import load_case
 
 # ---------------------------------------------------------------------------------------------
 # Parameter study
@@ -123,7 +123,7 @@ def test_tubes_that_are_built_once_give_the_results_of_each_scene() -> None:
     tubes = SharedTubes()
     mesh = ["mesh.around=12", "mesh.radial=2", "mesh.axial=4", "assembly.layers=2"]
     for scene, more in (("tsb1-pipe", []), ("tsb1-shaft", []), ("tsb1-pipe", ["block.shift=0.5"])):
-        file = load_scene(scene, [*mesh, *more])
+        file = load_case(scene, [*mesh, *more])
         shared, alone = tubes.run(file), run_rigid(file)
         assert (shared.name, shared.scene) == (alone.name, alone.scene)
         np.testing.assert_array_equal(

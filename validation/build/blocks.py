@@ -12,11 +12,12 @@ from geometry.loads import LoadCase
 from geometry.mesh import FloatArray
 from validation.build.materials import densities
 from validation.build.supports import stated_load
+from validation.case import Case
 from validation.errors import InputError
 from validation.scene.family import AssemblyScene
 from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import PolyhedralScene
-from validation.scene.read import DeformableScene, SceneFile
+from validation.scene.read import DeformableScene
 from validation.scene.sections import Vector
 
 
@@ -94,7 +95,7 @@ class BuiltScene:
     cpu_seconds: float
 
 
-def build_scene(file: SceneFile, *, command: str = "mbd") -> BuiltScene:
+def build_scene(file: Case, *, command: str = "mbd") -> BuiltScene:
     """Build what a scene describes; ``command`` is named where that is not enough for it."""
     start = time.process_time()
     scene = require_assembly(file.scene, file.name, command)

@@ -35,14 +35,15 @@ from validation.build.deformable import (
     scene_load,
 )
 from validation.build.materials import count_materials
+from validation.case import Case
 from validation.errors import InputError, named
 from validation.scene.deformable import EffectsSection, FemSection, Method
 from validation.scene.polyhedra import STRAIGHT_EDGES
-from validation.scene.read import DeformableScene, SceneFile
+from validation.scene.read import DeformableScene
 from validation.scene.usage import count, uncounted
 
 
-def build_deck(file: SceneFile, flavour: Flavour | None = None) -> Deck:
+def build_deck(file: Case, flavour: Flavour | None = None) -> Deck:
     """State the problem of a scene for another program.
 
     Without a flavour the deck follows the scene's method: static as a static step of

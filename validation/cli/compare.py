@@ -38,14 +38,14 @@ def compare(
     from geometry.system import peak_memory_mb
     from validation.build.cell import refuse_cell
     from validation.calls import compare as compared
+    from validation.case import load_case, require_deformable, with_auto
     from validation.output.console import explicit_progress, status, told_of_compilation
     from validation.run.accuracy import progress_words
-    from validation.scene.read import load_scene, require_deformable, with_auto
     from validation.scene.usage import recording
     from validation.study.comparison import report
     from validation.study.comparison.scene import comparable_problem, compared_runs
 
-    file = with_auto(load_scene(scene, settings or ()), auto, keep or ())
+    file = with_auto(load_case(scene, settings or ()), auto, keep or ())
     with scene_outputs(file, json, output, (report.PICTURE,), ending="-compare") as outputs:
         checked, added = require_deformable(file, "compare"), {}
         if checked.effects.auto is not None:
@@ -99,12 +99,12 @@ def clearance(
 
     Prints displacements and contact pressures (static analysis) for each gap.
     """
+    from validation.case import load_case, require_deformable
     from validation.output.console import status
-    from validation.scene.read import load_scene, require_deformable
     from validation.scene.usage import recording
     from validation.study.clearance import GAPS, clearance_rows, draw_clearance, print_rows
 
-    file = load_scene(scene, settings or ())
+    file = load_case(scene, settings or ())
     checked = require_deformable(file, "clearance")
     names = ("clearance.png",)
     with scene_outputs(file, json, output, names, ending="-clearance") as outputs:

@@ -36,14 +36,14 @@ def cost(
 
     Runs every method on a sequence of meshes; prints and plots error against CPU time.
     """
+    from validation.case import load_case
     from validation.output.console import status
-    from validation.scene.read import load_scene
     from validation.study.costs.plan import full_plan, quick_plan, require_cost_scene
     from validation.study.costs.report import draw_study, print_study, study_json
     from validation.study.costs.store import CostStore
     from validation.study.costs.study import run_cost
 
-    file = load_scene(scene, settings or ())
+    file = load_case(scene, settings or ())
     checked = require_cost_scene(file.scene, file.name)
     plan = (quick_plan if quick else full_plan)(file.name, checked, others=others)
     names, stores = ("cost.png",), {"--store": store}

@@ -11,7 +11,7 @@ from validation.cli.options import JsonOption, SceneArgument, SetOption, output_
 from validation.errors import InputError
 
 if TYPE_CHECKING:
-    from validation.scene.read import SceneFile
+    from validation.case import Case
 
 
 def export(
@@ -45,14 +45,14 @@ def export(
     Decks are for Abaqus/Standard, Abaqus/Explicit or CalculiX.
     """
     from fem.decks.statement import Flavour
+    from validation.case import load_case
     from validation.output.decks import export_deck, print_export
     from validation.output.outputs import Outputs
-    from validation.scene.read import load_scene
     from validation.scene.usage import recording
 
     if flavour is not None and flavour not in set(Flavour):
         raise InputError(f"--flavour {flavour}: expected one of {', '.join(Flavour)}")
-    file = load_scene(scene, settings or ())
+    file = load_case(scene, settings or ())
     if output.suffix.lower() != ".inp":
         if flavour is not None:
             raise InputError(f"--flavour {flavour}: {output} is no deck; expected -o FILE.inp")
@@ -65,7 +65,7 @@ def export(
         outputs.tell_unused(use)
 
 
-def _export_blocks(file: SceneFile, output: Path) -> None:
+def _export_blocks(file: Case, output: Path) -> None:
     """Write the blocks of a scene where they stand."""
     from geometry.files.write_solids import SOLID_SUFFIXES, write_solids
     from geometry.polyhedra.assembly import as_polyhedral

@@ -72,10 +72,10 @@ def fem(
 
     Static or explicit: displacements, principal stresses, contact pressures, energies.
     """
+    from validation.case import load_case, with_auto
     from validation.output.deformable.answers import FILES
-    from validation.scene.read import load_scene, with_auto
 
-    file = with_auto(load_scene(scene, settings or ()), auto, keep or ())
+    file = with_auto(load_case(scene, settings or ()), auto, keep or ())
     targets = _targets(accuracy, max_seconds, resume)
     stated = scene_outputs(file, json, output, (*FILES, CHECKPOINT), ending="-fem")
     if resume is not None and not _goes_on(resume, stated):

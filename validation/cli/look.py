@@ -18,7 +18,7 @@ from validation.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from validation.scene.read import SceneFile
+    from validation.case import Case
 
 
 def scenes(
@@ -52,11 +52,11 @@ def show(
     ] = False,
 ) -> None:
     """Draw a scene: blocks, fixed end rings, load and supports."""
+    from validation.case import load_case
     from validation.output.files import picture_file
     from validation.output.outputs import Outputs
-    from validation.scene.read import load_scene
 
-    file = load_scene(scene, settings or ())
+    file = load_case(scene, settings or ())
     name = "block.png" if block else "assembly.png"
     picture = picture_file(output, Path("out") / file.name / name, file)
     with Outputs(files={"-o": picture}, scene=file) as outputs:
@@ -67,7 +67,7 @@ def show(
         outputs.say("picture", picture)
 
 
-def _draw_scene(file: SceneFile, path: Path) -> None:
+def _draw_scene(file: Case, path: Path) -> None:
     """Draw the blocks before any answer, with load and supports where they are of the scene."""
     from validation.scene.polyhedra import PolyhedralScene
 
@@ -86,7 +86,7 @@ def _draw_scene(file: SceneFile, path: Path) -> None:
     draw_assembly(built.assembly, built.load, path, title=title, weight=file.scene.weight)
 
 
-def _draw_one_block(file: SceneFile, output: Path) -> None:
+def _draw_one_block(file: Case, output: Path) -> None:
     """Draw one block of a tube of Sine Blocks with the measures of its scene."""
     from validation.build.blocks import build_scene
     from validation.errors import InputError
@@ -118,15 +118,15 @@ def report(
     The page needs no network. Loads side by side are the combinations of the scene; of tubes
     without combinations, the five load cases.
     """
+    from validation.case import load_case
     from validation.errors import InputError
     from validation.output.console import status, told_of_compilation
     from validation.output.files import PAGES
     from validation.output.outputs import Outputs
     from validation.pages.report import report_scene, write_page
-    from validation.scene.read import load_scene
     from validation.scene.usage import recording
 
-    file = load_scene(scene, settings or ())
+    file = load_case(scene, settings or ())
     page = Path("out") / file.name / "report.html" if output is None else output
     if page.suffix.lower() not in PAGES:
         raise InputError(f"-o {page}: expected a file name that ends in .html")
@@ -162,11 +162,11 @@ def explore(
     """
     from importlib.util import find_spec
 
+    from validation.case import load_case, require_deformable
     from validation.errors import InputError
     from validation.output.console import text_console
-    from validation.scene.read import load_scene, require_deformable
 
-    file = load_scene(scene, settings or ())
+    file = load_case(scene, settings or ())
     require_deformable(file, "explore")
     if find_spec("tornado") is None:
         raise InputError(

@@ -14,8 +14,8 @@ from validation.cli.completion import complete_effects, complete_scenes, complet
 from validation.scene.builtin import builtin_about, builtin_names, builtin_text
 
 if TYPE_CHECKING:
+    from validation.case import Case
     from validation.output.outputs import Outputs
-    from validation.scene.read import SceneFile
 
 SceneArgument = Annotated[
     str,
@@ -86,7 +86,7 @@ def folder_option(what: str, default: str) -> Any:
 
 
 def scene_outputs(
-    file: SceneFile,
+    file: Case,
     json: str | None,
     output: Path | None,
     names: tuple[str, ...],

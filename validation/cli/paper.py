@@ -195,13 +195,13 @@ def _tables(outputs: Outputs) -> None:
 
 def _rigid(outputs: Outputs) -> None:
     """Draw three tubes of rigid blocks, and write their contact pressures."""
+    from validation.case import load_case
     from validation.output.answer_files import write_contacts
     from validation.output.pictures.assemblies import draw_assembly, draw_pressures
     from validation.run.rigid.answer import run_rigid
-    from validation.scene.read import load_scene
 
     for name in ("tsb1-pipe", "tsb2-pipe", "tsb1-pillar"):
-        run = run_rigid(load_scene(name))
+        run = run_rigid(load_case(name))
         draw = partial(draw_assembly, run.assembly, run.load)
         title = f"{name}: {run.scene.load_words}"
         outputs.write("picture", f"{name}-scene.png", partial(draw, title=title))
@@ -212,8 +212,8 @@ def _rigid(outputs: Outputs) -> None:
 def _deformable(outputs: Outputs) -> None:
     """Solve the reduced-layer case by statics and compare it with rigid blocks."""
     from validation.calls import compare
+    from validation.case import load_case, require_deformable
     from validation.output.pictures.tubes import draw_sections, draw_stresses
-    from validation.scene.read import load_scene, require_deformable
     from validation.study.comparison.report import print_comparison
     from validation.study.comparison.scene import compared_runs
 
@@ -221,7 +221,7 @@ def _deformable(outputs: Outputs) -> None:
         "The same tube with two layers, rigid blocks and deformable ones (static, refined until "
         "the error bars are small; about half a minute):"
     )
-    scene = require_deformable(load_scene("tsb1-pipe", REDUCED), "demo")
+    scene = require_deformable(load_case("tsb1-pipe", REDUCED), "demo")
     rigid, (static,) = compared_runs("tsb1-pipe", scene)
     result = compare(*(run.answer for run in rigid), static.answer)
     print_comparison(result, outputs.console)
@@ -233,10 +233,10 @@ def _deformable(outputs: Outputs) -> None:
 def _decks(outputs: Outputs) -> None:
     """Write the reduced-layer case as input decks for Abaqus and CalculiX."""
     from fem.decks.statement import Flavour
+    from validation.case import load_case
     from validation.output.decks import export_deck
-    from validation.scene.read import load_scene
 
-    file = load_scene("tsb1-pipe", REDUCED)
+    file = load_case("tsb1-pipe", REDUCED)
     names = {Flavour.GENERAL: "tsb1-pipe-abaqus.inp", Flavour.CALCULIX: "tsb1-pipe-calculix.inp"}
     for kind, name in names.items():
         outputs.write("deck", name, partial(export_deck, file, kind))

@@ -45,6 +45,7 @@ def mbd(
     Prints the kinematic classification with its proof, the equilibrium residual and the contact
     pressures.
     """
+    from validation.case import load_case
     from validation.output.console import status, told_of_compilation
     from validation.output.rigid import shown
     from validation.run.rigid.changed import (
@@ -56,10 +57,9 @@ def mbd(
     )
     from validation.run.rigid.polyhedra import rigid_answer
     from validation.run.stages import telling
-    from validation.scene.read import load_scene
     from validation.scene.usage import recording
 
-    file = load_scene(scene, settings or ())
+    file = load_case(scene, settings or ())
     if unlock:
         require_tube(file)
     if refine:
@@ -111,14 +111,14 @@ def explode(
 
     Prints how far the blocks of a tube can move radially before they overlap.
     """
+    from validation.case import load_case
     from validation.output.files import picture_file
     from validation.output.outputs import Outputs
     from validation.output.rigid.assembly import print_explosion
     from validation.run.rigid.explosion import explosion_json, run_explosion
-    from validation.scene.read import load_scene
     from validation.scene.usage import recording
 
-    file = load_scene(scene, settings or ())
+    file = load_case(scene, settings or ())
     picture = None
     if output is not None or json is None:
         picture = picture_file(output, Path("out") / file.name / "explosion.png", file)

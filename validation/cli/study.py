@@ -162,12 +162,12 @@ def combinations(
 
     Sections [combinations.NAME] give factors of named loads: weight, load and those of [[loads]].
     """
+    from validation.case import load_case
     from validation.output.console import status, told_of_compilation
-    from validation.scene.read import load_scene
     from validation.scene.usage import recording
     from validation.study import combinations as study
 
-    file = load_scene(scene, settings or ())
+    file = load_case(scene, settings or ())
     ending, name = "-combinations", "combinations.csv"
     with scene_outputs(file, json, output, (name,), ending=ending) as outputs:
         with (
@@ -236,11 +236,11 @@ def sensitivity(
 
     Each comes with its elasticity and the error of the difference quotient.
     """
+    from validation.case import load_case
     from validation.output.console import status, told_of_compilation
-    from validation.scene.read import load_scene
     from validation.study.optimisation import sensitivity as study
 
-    file = load_scene(scene, settings or ())
+    file = load_case(scene, settings or ())
     names = ("sensitivity.csv", "sensitivity.png")
     with scene_outputs(file, json, output, names, ending="-sensitivity") as outputs:
         with status(outputs.console, f"{file.name}: sensitivity") as tell, told_of_compilation():

@@ -65,11 +65,11 @@ def effects(
 
     Adds one effect at a time to the reference run of a tube.
     """
-    from validation.scene.read import load_scene, require_deformable
+    from validation.case import load_case, require_deformable
     from validation.study.effects import report
     from validation.study.effects.costs import effect_costs
 
-    file = load_scene(scene, settings or ())
+    file = load_case(scene, settings or ())
     checked = require_deformable(file, "effects")
     bound = report.bound(checked, tolerance)
     with scene_outputs(file, json, output, (report.PICTURE,)) as outputs:
@@ -91,12 +91,12 @@ def cell(scene: SceneArgument, *, settings: SetOption = None, json: JsonOption =
     The reference is the full tube.
     """
     from validation.build.deformable import fem_section
+    from validation.case import load_case, require_deformable
     from validation.output.console import status
     from validation.output.outputs import Outputs
-    from validation.scene.read import load_scene, require_deformable
     from validation.study.effects.cell import cell_error, cell_table
 
-    file = load_scene(scene, settings or ())
+    file = load_case(scene, settings or ())
     checked = require_deformable(file, "cell")
     fem_section(checked, file.name)
     with Outputs(json, scene=file) as outputs:

@@ -24,10 +24,10 @@ from geometry.answer import Answer
 from geometry.errors import RefusedError
 from geometry.files.whole import write_whole
 from validation.build.deck import build_deck
+from validation.case import Case
 from validation.errors import InputError, named
 from validation.output.console import two_columns
 from validation.output.files import prepare_file
-from validation.scene.read import SceneFile
 
 #: Largest strain, and rotation [rad] where it is linear: their products are a fiftieth of them.
 LARGEST_STRAIN = 0.02
@@ -51,7 +51,7 @@ class WrittenDeck:
     """CPU time of building and writing it."""
 
 
-def export_deck(file: SceneFile, flavour: Flavour | None, path: Path) -> WrittenDeck:
+def export_deck(file: Case, flavour: Flavour | None, path: Path) -> WrittenDeck:
     """Write the deck of a scene, whole or not at all."""
     start = time.process_time()
     if path.suffix.lower() != ".inp":

@@ -17,7 +17,7 @@ from geometry.files.whole import write_whole
 from validation.errors import InputError
 
 if TYPE_CHECKING:
-    from validation.scene.read import SceneFile
+    from validation.case import Case
 
 #: Endings of the pictures that can be written.
 PICTURES = (".png", ".svg", ".pdf")
@@ -83,7 +83,7 @@ def require_picture(path: Path) -> None:
         )
 
 
-def picture_file(given: Path | None, default: Path, scene: SceneFile) -> Path:
+def picture_file(given: Path | None, default: Path, scene: Case) -> Path:
     """Where the picture of a scene goes: by default with the ending that the scene asks for."""
     requested = scene.scene.pictures
     if given is None:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from geometry.answer import Answer
-    from validation.scene.read import SceneFile
+    from validation.case import Case
     from validation.scene.usage import KeyUse
 
 
@@ -48,7 +48,7 @@ class Outputs:
     """Files of results, which are read and added to, by the option that names them."""
     reads: tuple[Path, ...] = ()
     """Files that the call reads, beside those of its scene."""
-    scene: SceneFile | None = None
+    scene: Case | None = None
     """Scene that the call is about; what is written names it."""
     _of_this_call: set[str] = field(default_factory=set, repr=False)
     _unused: tuple[str, ...] | None = field(default=None, repr=False)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from validation.scene.read import SceneFile
+    from validation.case import Case
 
 #: Version of what ``--json`` writes. It rises when a key goes or changes its meaning.
 JSON_VERSION = 3
@@ -55,7 +55,7 @@ def program() -> str:
 class Provenance:
     """Origin that every file of one call states."""
 
-    scene: SceneFile | None = None
+    scene: Case | None = None
     """Scene that was asked about; None where the call has none or several."""
 
     def line(self) -> str:

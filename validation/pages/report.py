@@ -12,6 +12,7 @@ from typing import Any
 from geometry.answer import Answer
 from geometry.errors import RefusedError
 from geometry.files.whole import write_whole
+from validation.case import Case
 from validation.errors import InputError
 from validation.output.deformable.answers import print_run, run_pictures
 from validation.output.pictures.view_3d import View3d, viewer_page
@@ -29,7 +30,7 @@ from validation.run.solve import run_as_asked, with_factors
 from validation.scene.combinations import combined
 from validation.scene.family import RoundScene
 from validation.scene.keys.toml_text import toml_text
-from validation.scene.read import DeformableScene, SceneFile
+from validation.scene.read import DeformableScene
 from validation.study.combinations import answer_to, combination_rows
 
 Tell = Callable[[str], None]
@@ -76,7 +77,7 @@ class LoadTable:
 class SceneReport:
     """Everything that the page shows."""
 
-    file: SceneFile
+    file: Case
     rigid: RigidAnswer | None
     deformable: DeformableRun | None
     failed: Mapping[str, str] = field(default_factory=dict)
@@ -127,7 +128,7 @@ class SceneReport:
 
 
 def report_scene(
-    file: SceneFile, *, deformable: bool = True, tell: Tell = lambda _: None
+    file: Case, *, deformable: bool = True, tell: Tell = lambda _: None
 ) -> SceneReport:
     """Compute the answers that a report shows; ``tell`` is called with a line before each."""
     failed: dict[str, str] = {}
@@ -161,7 +162,7 @@ def _tried(failed: dict[str, str], kind: str, solve: Callable[[], Any]) -> Any:
         return None
 
 
-def _deformable(file: SceneFile, tell: Tell) -> DeformableRun:
+def _deformable(file: Case, tell: Tell) -> DeformableRun:
     run = run_as_asked(
         file.name,
         file.scene,
@@ -185,14 +186,14 @@ def load_scenes(scene: DeformableScene) -> tuple[str, dict[str, DeformableScene]
 
 
 def _side_by_side(
-    file: SceneFile, scenes: Mapping[str, DeformableScene], kind: Any, known: Answer, tell: Tell
+    file: Case, scenes: Mapping[str, DeformableScene], kind: Any, known: Answer, tell: Tell
 ) -> LoadTable:
     """Answers under each load; that of the scene itself is known."""
     answers: dict[str, Answer] = {}
     failed: dict[str, str] = {}
     for name, scene in scenes.items():
         tell(f"{file.name}: {name}, {'rigid' if kind == 'rigid' else 'deformable'} blocks")
-        one = replace(file, name=f"{file.name}, {name}", scene=scene)
+        one = replace(file.stating(scene), name=f"{file.name}, {name}")
         solve = partial(answer_to, one, kind)
         answer = known if scene == file.scene else _tried(failed, name, solve)
         if answer is not None:

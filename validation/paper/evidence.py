@@ -18,11 +18,11 @@ from rich.console import Console
 
 from geometry.families.sine_block import LayerTurn
 from geometry.measures import Measures
+from validation.case import load_case
 from validation.errors import InputError
 from validation.output.console import status
 from validation.paper.reading import MESH_OF_TABLES, solve_row
 from validation.run.rigid.answer import RigidRun, SharedTubes
-from validation.scene.read import load_scene
 from validation.study.report import sweep_progress
 from validation.study.run import LocalRunner, sweep
 from validation.study.store import Older, ResultFile
@@ -157,7 +157,7 @@ class Evidence:
         key = (scene, settings)
         if key not in self.rigid_runs:
             start = time.process_time()
-            self.rigid_runs[key] = self._tubes.run(load_scene(scene, settings))
+            self.rigid_runs[key] = self._tubes.run(load_case(scene, settings))
             spent = time.process_time() - start
             self.cpu_seconds["rigid"] = self.cpu_seconds.get("rigid", 0.0) + spent
         return self.rigid_runs[key]
@@ -201,7 +201,7 @@ class Evidence:
         name = f"{block.lower()}-{case}"
         mesh = (f"mesh.around={around}", f"mesh.radial={radial}", f"mesh.axial={axial}")
         own = ("fem.method=static", f"fem.symmetry={symmetry}", *mesh)
-        file = load_scene(name, [*own, *settings])
+        file = load_case(name, [*own, *settings])
         assert isinstance(file.scene, DeformableScene)
         with status(self.console, f"deformable blocks: {name} {words}"):
             run = run_static(name, file.scene)

@@ -11,11 +11,11 @@ from typing import Any
 from rich.console import Console
 from rich.progress import track
 
+from validation.case import load_case
 from validation.output.console import tabled
 from validation.paper.reading import DECIMALS, Solve, as_read, solve_row, to_the_digit
 from validation.paper.reference import reference
 from validation.run.rigid.answer import RigidRun, SharedTubes
-from validation.scene.read import load_scene
 
 #: Words of the quantities.
 HEADS = {
@@ -43,7 +43,7 @@ def compute_tables(console: Console, solve: Solve | None = None) -> dict[str, An
         tubes = SharedTubes()
 
         def solve(scene: str, *settings: str) -> RigidRun:
-            return tubes.run(load_scene(scene, settings))
+            return tubes.run(load_case(scene, settings))
 
     rows, classes = [], []
     tasks = [(block, case) for block, cases in reference()["table"].items() for case in cases]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
@@ -469,6 +469,14 @@ class DeformableSections(WholeScene):
             rayleigh=None if rayleigh is None else RayleighDamping(**rayleigh.model_dump()),
             bulk_viscosity=None if bulk is None else BulkViscosity(**bulk.model_dump()),
         )
+
+    def solved_by(self, method: Static | Explicit) -> Self:
+        """Return the scene with another method, its elements kept."""
+        name = next(name for name, kind in METHODS.items() if isinstance(method, kind))
+        given = {f.name: getattr(method, f.name) for f in fields(method)}
+        effects = {key: given.pop(key, None) for key in _EFFECTS}
+        sections = {key: value and asdict(value) for key, value in effects.items()}
+        return self.changed({"fem": {"method": name, **given}, "effects": sections})
 
     @property
     def damping(self) -> str:

@@ -47,11 +47,11 @@ class AssemblyScene(DeformableSections):
 
     def build_load(self, assembly: Assembly) -> LoadCase:
         """Put the load on the blocks."""
-        from geometry.loads import load_case, named_load
+        from geometry.loads import named_case, named_load
 
         load = self.load
         assert isinstance(load, TubeLoadSection)
-        return load_case(
+        return named_case(
             assembly,
             load.case,
             load.pressure,

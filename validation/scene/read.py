@@ -11,7 +11,6 @@ import json
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -20,11 +19,10 @@ from pydantic import ValidationError
 from geometry.errors import unreadable
 from validation.errors import InputError, one_line
 from validation.scene.builtin import builtin_names, builtin_text
-from validation.scene.deformable import AutoSection, EffectName, parse_share
 from validation.scene.families import sine
 from validation.scene.family import AssemblyScene
 from validation.scene.plausibility import implausible, too_large
-from validation.scene.polyhedra import POLYHEDRAL_TYPES, MeshScene, PolyhedralScene
+from validation.scene.polyhedra import POLYHEDRAL_TYPES, PolyhedralScene
 
 #: A value with a decimal comma, which is no TOML.
 _DECIMAL_COMMA = re.compile(r"^\s*\w+\s*=\s*([-+]?\d+,\d+)\s*(?:#.*)?$", re.MULTILINE)
@@ -38,27 +36,6 @@ SCENE_TYPES: dict[str, type[DeformableScene]] = {
     **AssemblyScene.families,
     **POLYHEDRAL_TYPES,
 }
-
-
-@dataclass(frozen=True, kw_only=True)
-class SceneFile:
-    """A checked scene and where it came from."""
-
-    name: str
-    """Name of the built-in scene or stem of the file."""
-    scene: DeformableScene
-    """The checked content, overrides applied."""
-    folder: Path = Path()
-    """Folder that file names in the scene are relative to."""
-    source: Path | None = None
-    """File that the scene was read from; None: it is built in."""
-
-    @property
-    def reads(self) -> tuple[Path, ...]:
-        """Files that say what the scene is: its own, and those of its blocks."""
-        parts = self.scene.parts if isinstance(self.scene, MeshScene) else ()
-        own = () if self.source is None else (self.source,)
-        return (*own, *(self.folder / part.file for part in parts))
 
 
 # ---------------------------------------------------------------------------------------------
@@ -119,61 +96,6 @@ def apply_overrides(data: Mapping[str, Any], overrides: Iterable[str]) -> dict[s
             target = inner
         target[keys[-1]] = value
     return result
-
-
-def load_scene(source: str, overrides: Iterable[str] = ()) -> SceneFile:
-    """Read and check a scene.
-
-    It is a TOML file or built in; overrides, ``section.key=value``, replace or add values.
-    """
-    name, data = scene_data(source)
-    scene = check_scene(apply_overrides(data, overrides), source)
-    if isinstance(scene, MeshScene):
-        scene = scene.located(Path(source).parent)
-    path = Path(source)
-    own = path if path.exists() else None
-    return SceneFile(name=name, scene=scene, folder=path.parent, source=own)
-
-
-def require_deformable(file: SceneFile, command: str) -> DeformableScene:
-    """Scene of a file, where it can have deformable blocks in contact."""
-    if not file.scene.meets:
-        raise InputError(
-            f"{file.name}: block.type {file.scene.block.type!r} has no deformable blocks in "
-            f"contact, and `tubelock {command}` needs them; expected a scene such as tsb1-pipe"
-        )
-    return file.scene
-
-
-def with_auto(file: SceneFile, tolerance: str | None, keep: Iterable[str] = ()) -> SceneFile:
-    """Scene whose effects are decided before a run, as ``[effects.auto]`` would say.
-
-    A tolerance is such as ``1%``, None that of the scene; effects to keep are not decided.
-    """
-    names = tuple(keep)
-    if tolerance is None and not names:
-        return file
-    if not file.scene.meets:
-        raise InputError(
-            f"{file.name}: --auto compares contact pressures of deformable blocks; expected a "
-            "scene with contact, such as tsb1-pipe"
-        )
-    effects = file.scene.effects
-    if tolerance is None and effects.auto is None:
-        raise InputError("--keep: nothing is decided without --auto; expected --auto 1% beside it")
-    unknown = [name for name in names if name not in set(EffectName)]
-    if unknown:
-        raise InputError(f"--keep {unknown[0]}: expected one of {', '.join(EffectName)}")
-    share = None if tolerance is None else parse_share(tolerance)
-    if tolerance is not None and share is None:
-        raise InputError(f"--auto {tolerance}: expected a share between 0 and 100 %, such as 1%")
-    given = effects.auto or AutoSection()
-    kept = tuple(dict.fromkeys((*given.keep, *(EffectName(name) for name in names))))
-    decide = None if given.decide is None else tuple(e for e in given.decide if e not in kept)
-    auto = AutoSection(
-        tolerance=given.tolerance if share is None else share, decide=decide, keep=kept
-    )
-    return replace(file, scene=file.scene.changed({"effects.auto": auto}))
 
 
 def scene_data(source: str) -> tuple[str, dict[str, Any]]:

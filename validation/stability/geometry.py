@@ -148,11 +148,11 @@ def _bending() -> Finding:
 @CASES.add("units-metre-scene", "A scene written in metres: rejected, the factor named")
 def _metre_scene() -> Finding:
     from validation.build.blocks import build_assembly
-    from validation.scene.read import load_scene
+    from validation.case import load_case
 
     def build() -> None:
         values = ("height=0.2", "amplitude=0.02", "inner_radius=0.12", "thickness=0.04")
-        file = load_scene("tsb1-pipe", [f"block.{value}" for value in values])
+        file = load_case("tsb1-pipe", [f"block.{value}" for value in values])
         build_assembly(file.scene)  # type: ignore[arg-type]
 
     return refusal(build, RefusedError, "multiply by 1000")

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from geometry.assembly import Assembly, AssemblyError, renumbered
 from geometry.families.sine_block import SineBlockDivisions
-from geometry.loads import LoadCase, load_case
+from geometry.loads import LoadCase, named_case
 from geometry.mesh import FloatArray
 from mbd import (
     Classification,
@@ -83,7 +83,7 @@ def _driven(
 
 def piped(assembly: Assembly) -> LoadCase:
     """Pressure of the paper's pipe."""
-    return load_case(assembly, "pipe", PRESSURE)
+    return named_case(assembly, "pipe", PRESSURE)
 
 
 CERTIFIED = "class and equilibrium under pipe pressure multiply out with G"
@@ -128,15 +128,15 @@ def _driven_column() -> Finding:
 @CASES.add("zero-load-rigid", "No load: equilibrium with λ = 0 exactly")
 def _no_load() -> Finding:
     assembly = tube()
-    result = rigid_result(assembly, load_case(assembly, "pipe", 0.0))
+    result = rigid_result(assembly, named_case(assembly, "pipe", 0.0))
     largest = float(np.abs(result.contact_forces).max())
     return Finding(Check("holds", result.equilibrium.holds, 1, 1), Check("largest λ", largest, 0))
 
 
 def _scale_law(pressure: float) -> Finding:
     assembly = tube()
-    unit = rigid_result(assembly, load_case(assembly, "pipe", 1.0))
-    other = rigid_result(assembly, load_case(assembly, "pipe", pressure))
+    unit = rigid_result(assembly, named_case(assembly, "pipe", 1.0))
+    other = rigid_result(assembly, named_case(assembly, "pipe", pressure))
     difference = relative(other.contact_forces / pressure, unit.contact_forces)
     # λ is determined to the residual target 1e-12 times the condition of the pressing columns.
     return Finding(
@@ -157,7 +157,7 @@ def _repeated(jacobian: PairJacobian, times: int) -> PairJacobian:
 
 def _repetition_law(times: int, least: int = 0) -> Finding:
     assembly = tube()
-    load = load_case(assembly, "pipe", PRESSURE)
+    load = named_case(assembly, "pipe", PRESSURE)
     contacts = contact_jacobian(assembly, load.fixed)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
     once = newton_equilibrium(contacts.jacobian, force)
@@ -184,7 +184,7 @@ CASES.case(
 @CASES.add("zero-area-contacts", "Contacts of zero area carry nothing; the rest balance, finite")
 def _zero_area() -> Finding:
     assembly = tube()
-    load = load_case(assembly, "pipe", PRESSURE)
+    load = named_case(assembly, "pipe", PRESSURE)
     contacts = contact_jacobian(assembly, load.fixed)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
     areas = contacts.areas.copy()

@@ -11,11 +11,11 @@ from typing import Any, Literal
 from rich.console import Console
 
 from geometry.answer import EVERY_TITLE, FACTORS, Answer, Measure, Title
+from validation.case import Case
 from validation.errors import InputError
 from validation.output.console import add_dimensions, listing, two_columns
 from validation.output.files import write_csv
 from validation.scene.combinations import combined
-from validation.scene.read import SceneFile
 
 #: Measures that govern where they are small.
 _LEAST = (*FACTORS, "least_joint_force")
@@ -24,7 +24,7 @@ Kind = Literal["rigid", "fem"]
 
 
 def combination_answers(
-    file: SceneFile, kind: Kind, tell: Callable[[str], None] | None = None
+    file: Case, kind: Kind, tell: Callable[[str], None] | None = None
 ) -> Iterator[tuple[str, Answer]]:
     """Answer to each combination of a scene, as `tubelock mbd` or `fem` gives it.
 
@@ -39,11 +39,11 @@ def combination_answers(
     for name, scene in stated.items():
         if tell is not None:
             tell(f"{file.name}: {name}")
-        one = replace(file, name=f"{file.name}, {name}", scene=scene)
+        one = replace(file.stating(scene), name=f"{file.name}, {name}")
         yield name, answer_to(one, kind)
 
 
-def answer_to(file: SceneFile, kind: Kind) -> Answer:
+def answer_to(file: Case, kind: Kind) -> Answer:
     """Answer to a scene, as `tubelock mbd` or `fem` gives it."""
     if kind == "rigid":
         from validation.run.rigid.polyhedra import rigid_answer
@@ -84,7 +84,7 @@ def combinations_json(answers: Mapping[str, Answer]) -> dict[str, Any]:
     }
 
 
-def print_combinations(file: SceneFile, answers: Mapping[str, Answer], console: Console) -> None:
+def print_combinations(file: Case, answers: Mapping[str, Answer], console: Console) -> None:
     """Print each measure under each combination, which one governs, and what is built."""
     table = listing(f"{file.name}: load combinations", "", numbers=(*answers, "governing"))
     for row in combination_rows(answers):

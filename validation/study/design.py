@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from geometry.parts.dimensions import dimensions
+from validation.case import Case
 from validation.errors import InputError
-from validation.scene.read import SceneFile
 from validation.scene.sections import RigidSection
 from validation.scene.usage import recording, uncounted
 from validation.study.study import BUILT, COLUMNS, RANKING, Study, Value
@@ -114,7 +114,7 @@ def failed_row(study: Study, number: int, message: str) -> Row:
 _NO_COLUMN = ("collapse", "sliding", "ranges", "margin")
 
 
-def _rigid_results(file: SceneFile) -> dict[str, Any]:
+def _rigid_results(file: Case) -> dict[str, Any]:
     from validation.build.blocks import build_scene
     from validation.run.rigid.answer import analyse_rigid
 
@@ -150,7 +150,7 @@ def _built(report: Mapping[str, Any]) -> dict[str, Any]:
     return {name: report.get(name) for name in BUILT}
 
 
-def _fem_run(study: Study, file: SceneFile) -> DeformableRun:
+def _fem_run(study: Study, file: Case) -> DeformableRun:
     """Solve a design as `tubelock fem` does: on finer and finer meshes, or on its own."""
     from fem.accuracy.converge import TARGETS
     from validation.run.solve import run_as_asked, with_factors
@@ -164,7 +164,7 @@ def _fem_run(study: Study, file: SceneFile) -> DeformableRun:
     return with_factors(run) if strong else run
 
 
-def _fem_results(study: Study, file: SceneFile) -> tuple[dict[str, Any], list[str]]:
+def _fem_results(study: Study, file: Case) -> tuple[dict[str, Any], list[str]]:
     """Value and error bar of each measure, and what is to be known of them.
 
     A value that its mesh does not resolve, or that grows with every refinement, is absent.

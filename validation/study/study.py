@@ -30,11 +30,12 @@ from typing import Any, Literal
 from geometry.answer import ALIASES, EVERY_TITLE, FACTORS, TITLES, Title
 from geometry.errors import unreadable
 from geometry.parts.dimensions import UNITS as DIMENSIONS
+from validation.case import Case, scene_case
 from validation.errors import InputError
 from validation.scene.builtin import builtin_text
 from validation.scene.deformable import parse_share
 from validation.scene.keys.quantities import unit_of_key
-from validation.scene.read import SceneFile, apply_overrides, check_scene, read_text, scene_data
+from validation.scene.read import apply_overrides, check_scene, read_text, scene_data
 
 Quantity = Literal["rigid", "fem"]
 Value = Any
@@ -172,10 +173,10 @@ class Study:
         """Parameters of more than one value, the one that varies slowest first."""
         return [path for path, values in self.parameters if len(values) > 1]
 
-    def scene_file(self, number: int) -> SceneFile:
+    def scene_file(self, number: int) -> Case:
         """Checked scene of a design."""
         name = f"{self.name}[{number}]"
-        return SceneFile(name=name, scene=check_scene(self._data(self.design(number)), name))
+        return scene_case(check_scene(self._data(self.design(number)), name), name)
 
     def _data(self, values: Mapping[str, Value]) -> dict[str, Any]:
         return apply_overrides(self.scene, _assignments(values))

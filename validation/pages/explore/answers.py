@@ -8,7 +8,7 @@ import math
 import tempfile
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ import numpy as np
 
 from geometry.answer import measure_rows
 from geometry.errors import RefusedError
+from validation.case import Case, scene_case
 from validation.errors import InputError
 from validation.output.pictures.canvas import View
 from validation.output.pictures.scales import Scale
@@ -26,7 +27,6 @@ from validation.pages.views import layer_words, middle_layers, rigid_view, stres
 from validation.run.rigid.answer import RigidAnswer, RigidRun
 from validation.run.rigid.polyhedra import rigid_answer
 from validation.scene.keys.toml_text import toml_text
-from validation.scene.read import SceneFile
 from validation.scene.usage import recording
 
 _STRESS = "maximum principal stress σ₁, red is tension"
@@ -47,7 +47,7 @@ class Shown:
     """The picture to download (PNG) where it is drawn already."""
 
 
-def rigid_shown(file: SceneFile) -> tuple[RigidAnswer, Shown]:
+def rigid_shown(file: Case) -> tuple[RigidAnswer, Shown]:
     """Answer a scene by rigid blocks."""
     start = time.process_time()
     with recording(file.scene) as use:
@@ -148,7 +148,7 @@ def solve_deformable(connection: Any, name: str, data: Mapping[str, Any], folder
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the server ends this process
     try:
-        file = SceneFile(name=name, scene=check_scene(data, name), folder=Path(folder))
+        file = replace(scene_case(check_scene(data, name), name), folder=Path(folder))
         connection.send(("done", _deformable_shown(file, partial(_send, connection))))
     except RefusedError as error:
         connection.send(("failed", str(error)))
@@ -160,7 +160,7 @@ def _send(connection: Any, words: str) -> None:
     connection.send(("progress", words))
 
 
-def _deformable_shown(file: SceneFile, tell: Any) -> Shown:
+def _deformable_shown(file: Case, tell: Any) -> Shown:
     from validation.output.pictures.tubes import draw_stresses
     from validation.run.accuracy import progress_words
     from validation.run.measures import drawing_scale
@@ -200,7 +200,7 @@ def _png(draw: Any) -> bytes:
 
 
 def download(
-    what: str, file: SceneFile, run: RigidAnswer | None, shown: Shown | None
+    what: str, file: Case, run: RigidAnswer | None, shown: Shown | None
 ) -> tuple[str, bytes]:
     """Name and content of what the page asks for: ``scene``, ``picture`` or ``deck``."""
     if what == "scene":
@@ -217,7 +217,7 @@ def download(
     return f"{file.name}.png", _png(_drawing(run))
 
 
-def _deck(file: SceneFile) -> bytes:
+def _deck(file: Case) -> bytes:
     from validation.output.decks import export_deck
 
     with tempfile.TemporaryDirectory() as folder:

@@ -23,6 +23,7 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from geometry.errors import RefusedError
 from geometry.system import stop_signals
+from validation.case import Case
 from validation.errors import InputError
 from validation.pages.explore.answers import (
     Shown,
@@ -35,7 +36,6 @@ from validation.pages.explore.sliders import Controls, changed, controls
 from validation.pages.page import page_text
 from validation.run.rigid.answer import RigidAnswer
 from validation.scene.family import RoundScene
-from validation.scene.read import SceneFile
 
 #: Names of this machine in the address of a page; others are answered with 404, so that no page of
 #: another site can reach the server under a name of its own.
@@ -66,7 +66,7 @@ class _Page(RequestHandler):
 class _Channel(WebSocketHandler):
     """What one open page and the server tell each other; tornado rejects pages of other sites."""
 
-    def initialize(self, file: SceneFile, known: Controls, pool: ThreadPoolExecutor) -> None:
+    def initialize(self, file: Case, known: Controls, pool: ThreadPoolExecutor) -> None:
         self.file, self.known, self.pool = file, known, pool
         self.current = file
         self.run: RigidAnswer | None = None
@@ -226,7 +226,7 @@ def _mapping(data: dict[str, Any], name: str) -> dict[str, Any]:
 # The server
 
 
-def application(file: SceneFile, pool: ThreadPoolExecutor, *, host: str = HERE) -> Application:
+def application(file: Case, pool: ThreadPoolExecutor, *, host: str = HERE) -> Application:
     """Return the pages of a scene, under the names of a host (a pattern)."""
     known = controls(file)
     text = page_text(
@@ -241,7 +241,7 @@ def application(file: SceneFile, pool: ThreadPoolExecutor, *, host: str = HERE) 
     return app
 
 
-async def serve(file: SceneFile, host: str, port: int, tell: Callable[[str], None]) -> None:
+async def serve(file: Case, host: str, port: int, tell: Callable[[str], None]) -> None:
     """Serve the page of a scene until it is interrupted; ``tell`` is called with the address.
 
     Raises
@@ -275,8 +275,6 @@ async def serve(file: SceneFile, host: str, port: int, tell: Callable[[str], Non
             process.terminate()
 
 
-def explore_until_stopped(
-    file: SceneFile, host: str, port: int, tell: Callable[[str], None]
-) -> None:
+def explore_until_stopped(file: Case, host: str, port: int, tell: Callable[[str], None]) -> None:
     """Serve the page of a scene; Ctrl-C ends it."""
     asyncio.run(serve(file, host, port, tell))

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from annotated_types import Ge
 
 from geometry.loads import CASES
+from validation.case import Case
 from validation.errors import InputError
 from validation.scene.family import AssemblyScene
 from validation.scene.keys.docstrings import field_docstrings
 from validation.scene.keys.quantities import unit_of
-from validation.scene.read import SceneFile, TubeScene, check_scene
+from validation.scene.read import TubeScene, check_scene
 from validation.scene.sections import Section, TubeLoadSection
 
 #: Sections whose numbers have sliders.
@@ -75,7 +76,7 @@ class Controls:
         return asdict(self)
 
 
-def controls(file: SceneFile) -> Controls:
+def controls(file: Case) -> Controls:
     """Find the sliders of a scene, and its load cases."""
     scene = file.scene
     found = []
@@ -144,9 +145,7 @@ def _round_step(most: float) -> float:
     return next(float(f"{k * power:.1g}") for k in (5, 2, 1) if k * power <= most * (1 + 1e-9))
 
 
-def changed(
-    file: SceneFile, known: Controls, values: Mapping[str, Any], *, coarse: bool
-) -> SceneFile:
+def changed(file: Case, known: Controls, values: Mapping[str, Any], *, coarse: bool) -> Case:
     """Scene with the values of a page, on its own facets or on coarse ones."""
     data = file.scene.model_dump(mode="json", exclude_unset=True)
     every = file.scene.model_dump(mode="json")
@@ -163,7 +162,7 @@ def changed(
     scene = check_scene(data, file.name)
     if coarse and (mesh := scene.coarse_mesh(*COARSE)):
         scene = scene.changed({"mesh": mesh})
-    return replace(file, scene=scene)
+    return file.stating(scene)
 
 
 def _put(data: Any, every: Any, keys: list[str], value: float) -> None:
@@ -179,7 +178,7 @@ def _put(data: Any, every: Any, keys: list[str], value: float) -> None:
         data[last] = value
 
 
-def _keep_facets_of_a_wave(file: SceneFile, data: dict[str, Any]) -> None:
+def _keep_facets_of_a_wave(file: Case, data: dict[str, Any]) -> None:
     """Keep the facets along a wave where another frequency has more or fewer waves."""
     stated = file.scene
     if isinstance(stated, TubeScene) and "around" in data.get("mesh", {}):

@@ -23,12 +23,13 @@ from validation.build.materials import compressive_strength
 from validation.build.pairs import friction_of_pairs, stated_pairs
 from validation.build.sections import scene_planes
 from validation.build.supports import stated_load
+from validation.case import Case
 from validation.errors import named
 from validation.run.rigid.further import Further, further_answers, further_json
 from validation.run.stages import tell
 from validation.scene.family import AssemblyScene, RoundScene
 from validation.scene.polyhedra import PolyhedralScene
-from validation.scene.read import DeformableScene, SceneFile
+from validation.scene.read import DeformableScene
 
 #: Load cases that put the ring of a tube under pressure: the loaded face, and what the ring gets.
 _RINGS = {"pipe": ("inner", "tension"), "tunnel": ("outer", "compression")}
@@ -215,7 +216,7 @@ def ring_pressure(scene: object) -> dict[str, Any] | None:
     }
 
 
-def run_rigid(file: SceneFile) -> RigidRun:
+def run_rigid(file: Case) -> RigidRun:
     """Build and rigid_result a scene."""
     return analyse_rigid(build_scene(file))
 
@@ -238,7 +239,7 @@ class SharedTubes:
 
     _built: dict[str, BuiltScene] = field(default_factory=dict)
 
-    def run(self, file: SceneFile) -> RigidRun:
+    def run(self, file: Case) -> RigidRun:
         """Build the blocks of a scene, unless another scene has the same, and rigid_result them.
 
         The CPU time of building is that of the first of them: what the scene alone would take.

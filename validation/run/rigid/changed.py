@@ -9,14 +9,14 @@ hexagon-based blocks under internal pressure are. More layers tell.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from mbd import MechanismClass
+from validation.case import Case
 from validation.errors import InputError
 from validation.run.rigid.answer import RigidAnswer, RigidRun, run_rigid
 from validation.scene.family import AssemblyScene, RoundScene
-from validation.scene.read import SceneFile
 
 #: Elements along every edge over those of the scene.
 FACTOR = 2.0
@@ -66,7 +66,7 @@ class Refinement:
         return asdict(self) | {"not_converged": self.not_converged}
 
 
-def require_mesh(file: SceneFile) -> AssemblyScene:
+def require_mesh(file: Case) -> AssemblyScene:
     """Refuse scenes whose facets are given node by node or by triangles."""
     if not isinstance(file.scene, AssemblyScene) or file.scene.coarser(FACTOR) is None:
         raise InputError(
@@ -76,12 +76,12 @@ def require_mesh(file: SceneFile) -> AssemblyScene:
     return file.scene
 
 
-def refined(file: SceneFile, run: RigidAnswer) -> Refinement:
+def refined(file: Case, run: RigidAnswer) -> Refinement:
     """Solve the scene on facets of half the length and compare."""
     finer = require_mesh(file).coarser(FACTOR)
     assert finer is not None
     assert isinstance(run, RigidRun)
-    result = run_rigid(replace(file, scene=finer))
+    result = run_rigid(file.stating(finer))
     one, other = _compared(run), _compared(result)
     values = other if one else {}
     return Refinement(
@@ -129,7 +129,7 @@ class Unlocking:
         return {"layers": self.layers, "classes": classes}
 
 
-def require_tube(file: SceneFile) -> RoundScene:
+def require_tube(file: Case) -> RoundScene:
     """Return the scene if it is a tube."""
     if not isinstance(file.scene, RoundScene):
         raise InputError(
@@ -139,13 +139,13 @@ def require_tube(file: SceneFile) -> RoundScene:
     return file.scene
 
 
-def class_with_layers(file: SceneFile, layers: int) -> MechanismClass:
+def class_with_layers(file: Case, layers: int) -> MechanismClass:
     """Mechanism class, frames held, of a tube with another number of layers."""
     scene = require_tube(file).changed({"assembly.layers": layers})
-    return run_rigid(replace(file, scene=scene)).result.mechanism
+    return run_rigid(file.stating(scene)).result.mechanism
 
 
-def layers_to_unlock(file: SceneFile, most: int = 4 * LONG_TUBE) -> Unlocking:
+def layers_to_unlock(file: Case, most: int = 4 * LONG_TUBE) -> Unlocking:
     """Find the least number of layers with which a tube is not locked.
 
     Doubled until it is not, then halved in between: a mechanism of some layers is taken to be one
@@ -168,7 +168,7 @@ def layers_to_unlock(file: SceneFile, most: int = 4 * LONG_TUBE) -> Unlocking:
     return Unlocking(dict(sorted(result.items())), high)
 
 
-def frame_warning(file: SceneFile, run: RigidAnswer) -> str | None:
+def frame_warning(file: Case, run: RigidAnswer) -> str | None:
     """Say where a short tube is locked by its frames alone."""
     scene = require_tube(file)
     if scene.assembly.layers >= LONG_TUBE or run.result.mechanism is not MechanismClass.LOCKED:

@@ -15,9 +15,9 @@ from geometry.polyhedra.explosion import FiniteExplosion, follow_explosion, outw
 from mbd import MechanismClass, classify, contact_jacobian
 from mbd.margin import FirstOrderExplosion, first_order_explosion
 from validation.build.blocks import build_assembly, require_assembly
+from validation.case import Case
 from validation.errors import InputError
 from validation.scene.family import RoundScene, round_types
-from validation.scene.read import SceneFile
 
 #: Displacements looked at, in wall thicknesses.
 STEPS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.25, 0.5, 0.75, 1.0)
@@ -58,7 +58,7 @@ def _surface_scene(scene: RoundScene) -> RoundScene:
     return scene.changed({"mesh": scene.coarse_mesh(12, 6, 8), "assembly.layers": layers})
 
 
-def run_explosion(file: SceneFile) -> Explosion:
+def run_explosion(file: Case) -> Explosion:
     """Judge the explosion of a tube."""
     start = time.process_time()
     scene = require_assembly(file.scene, file.name, "explode")

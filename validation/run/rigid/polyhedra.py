@@ -18,11 +18,11 @@ from mbd.push import PushLimit, at_rest
 from validation.build.doubts import doubts
 from validation.build.polyhedra import BodyLoads, build_body_loads, build_polyhedra
 from validation.build.supports import stated_load
+from validation.case import Case
 from validation.run.rigid.answer import RigidAnswer, run_rigid
 from validation.run.rigid.push import push_json, rigid_push
 from validation.run.stages import stages, tell
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
-from validation.scene.read import SceneFile
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +83,7 @@ class PolyhedralRun(RigidAnswer):
         return float(values.max(initial=0.0)) if self.carried.shown else None
 
 
-def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
+def run_polyhedra(file: Case, scene: PolyhedralScene) -> PolyhedralRun:
     """Build, check and analyse a scene of triangulated blocks."""
     with stages() as watch:
         tell("reads the blocks and finds where they touch")
@@ -117,7 +117,7 @@ def run_polyhedra(file: SceneFile, scene: PolyhedralScene) -> PolyhedralRun:
     return replace(run, faces=faces, cpu_seconds=seconds)
 
 
-def rigid_answer(file: SceneFile) -> RigidAnswer:
+def rigid_answer(file: Case) -> RigidAnswer:
     """Build, check and analyse rigid blocks of any kind."""
     if isinstance(file.scene, PolyhedralScene):
         return run_polyhedra(file, file.scene)

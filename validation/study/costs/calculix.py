@@ -23,9 +23,9 @@ from geometry.measures import block_measures
 from geometry.mesh import FloatArray, IntArray
 from validation.build.deck import build_deck
 from validation.build.materials import count_materials
+from validation.case import scene_case
 from validation.errors import InputError
 from validation.scene.family import AssemblyScene
-from validation.scene.read import SceneFile
 from validation.study.comparison.calculix import CalculixError, CalculixResult, run_calculix
 
 #: Wall time after which a run is given up [s].
@@ -49,7 +49,7 @@ class MethodAnswer:
 
 def solve_by_calculix(where: str, scene: AssemblyScene) -> MethodAnswer:
     """Write the deck of a scene, run CalculiX on it and measure what it answers."""
-    deck = build_deck(SceneFile(name=where, scene=scene), Flavour.CALCULIX)
+    deck = build_deck(scene_case(scene, where), Flavour.CALCULIX)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "deck.inp"
         write_deck(path, deck)

@@ -19,13 +19,13 @@ from geometry.families.sine_block import SineBlockDivisions
 from geometry.mesh import FloatArray
 from validation.build.blocks import build_assembly, build_scene
 from validation.build.deformable import build_deformable, scene_problem
+from validation.case import scene_case
 from validation.errors import InputError
 from validation.output.provenance import processor
 from validation.run.deformable import DeformableRun
 from validation.run.rigid.answer import analyse_rigid
 from validation.run.solve import run_explicit, run_static, scene_statement
 from validation.scene.family import AssemblyScene
-from validation.scene.read import SceneFile
 from validation.study.costs.calculix import MethodAnswer, solve_by_calculix
 from validation.study.costs.partition import PARTITION_LEVEL, partition_pressures
 from validation.study.costs.settings import BaseMesh, CostSetting, with_setting
@@ -126,7 +126,7 @@ def _rows(setting: CostSetting, base: BaseMesh) -> FloatArray | None:
 
 def _rigid(where: str, scene: AssemblyScene, _: CostSetting) -> MethodAnswer:
     start = time.process_time()
-    rigid = analyse_rigid(build_scene(SceneFile(name=where, scene=scene)))
+    rigid = analyse_rigid(build_scene(scene_case(scene, where)))
     seconds = time.process_time() - start
     result = rigid.result
     if result.measures is None:

@@ -18,8 +18,9 @@ from fem.accuracy.converge import Solved, climbed
 from fem.accuracy.ladder import LADDER, Rung
 from fem.assembly.statement import Problem
 from validation.build.deformable import scene_problem
+from validation.case import load_case
 from validation.output.console import listing, tabled
-from validation.scene.read import DeformableScene, load_scene
+from validation.scene.read import DeformableScene
 from validation.study.costs.references import Reference, references
 from validation.study.study import UNITS
 
@@ -57,7 +58,7 @@ def order(elements: Sequence[Sequence[int]], errors: Sequence[float], known_to: 
 
 def tube(*settings: str) -> Problem:
     """Two layers of TSB1 pipe."""
-    scene = load_scene(NAME, (*SETTINGS, *settings)).scene
+    scene = load_case(NAME, (*SETTINGS, *settings)).scene
     assert isinstance(scene, DeformableScene)
     return scene_problem(scene, NAME)
 

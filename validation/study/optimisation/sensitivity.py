@@ -19,13 +19,13 @@ from rich.console import Console
 
 from geometry.answer import EVERY_TITLE, Measure, Title
 from geometry.errors import RefusedError
+from validation.case import Case, require_deformable
 from validation.errors import InputError
 from validation.output.console import listing
 from validation.output.files import write_csv
 from validation.output.pictures.gallery import save_figure, subplots
 from validation.output.pictures.scales import BLUE, VERMILION
 from validation.scene.keys.quantities import unit_of_key
-from validation.scene.read import SceneFile, require_deformable
 from validation.study.combinations import answer_to
 
 Method = Literal["rigid", "fem"]
@@ -209,7 +209,7 @@ def _with_error(value: float, error: float) -> str:
 
 
 def sensitivity_of(
-    file: SceneFile,
+    file: Case,
     method: Method = "rigid",
     parameters: list[str] | None = None,
     step: float = 0.01,
@@ -247,7 +247,7 @@ def sensitivity_of(
     return Sensitivity(file.name, method, tuple(slopes), failed)
 
 
-def _numbers_of(file: SceneFile, method: Method) -> list[str]:
+def _numbers_of(file: Case, method: Method) -> list[str]:
     """All numbers of the sections that describe a block, in the order of the scene."""
     result = []
     for name in _SECTIONS[method]:
@@ -263,7 +263,7 @@ def _numbers_of(file: SceneFile, method: Method) -> list[str]:
     return [path for path in result if path.partition(".")[2] not in _NOT_STATIC]
 
 
-def _number(file: SceneFile, path: str) -> float:
+def _number(file: Case, path: str) -> float:
     value: Any = file.scene
     for key in path.split("."):
         value = getattr(value, key, None)
@@ -275,7 +275,7 @@ def _number(file: SceneFile, path: str) -> float:
     return value
 
 
-def answers_at(file: SceneFile, method: Method, meshes: int = 2) -> list[Values]:
+def answers_at(file: Case, method: Method, meshes: int = 2) -> list[Values]:
     """Measures on so many meshes from coarse to fine; rigid blocks have the scene's own."""
     if method == "fem":
         return list(_deformable(file, meshes))
@@ -287,7 +287,7 @@ def answers_at(file: SceneFile, method: Method, meshes: int = 2) -> list[Values]
     return [values]
 
 
-def _deformable(file: SceneFile, meshes: int) -> Iterator[Values]:
+def _deformable(file: Case, meshes: int) -> Iterator[Values]:
     """Measures on the first meshes of the sequence for means over facets and averaged tension."""
     from fem.accuracy.converge import climbed
     from fem.accuracy.ladder import ladder_for
@@ -328,9 +328,7 @@ class _Parameter:
         return Slope(*known, derivative, error, remark)
 
 
-def _slopes(
-    file: SceneFile, method: Method, path: str, share: float, base: list[Values]
-) -> list[Slope]:
+def _slopes(file: Case, method: Method, path: str, share: float, base: list[Values]) -> list[Slope]:
     """Derivatives with respect to one parameter."""
     value = _number(file, path)
     unit = unit_of_key(file.scene, path)
@@ -339,7 +337,7 @@ def _slopes(
     def at(other: float, meshes: int = 2) -> list[Values]:
         changed: float = round(other) if isinstance(value, int) else other
         name = f"{file.name}, {path} = {changed:.6g}"
-        one = replace(file, name=name, scene=file.scene.changed({path: changed}))
+        one = replace(file.stating(file.scene.changed({path: changed})), name=name)
         return answers_at(one, method, meshes)
 
     small = share * abs(value) if value else share

@@ -1,0 +1,227 @@
+"""A case: what is asked. A problem, stated by a scene or in Python, and a method."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from fem.method import Explicit, Static
+from mbd.options import Rigid
+from validation.errors import InputError
+from validation.scene.deformable import (
+    METHODS,
+    AutoSection,
+    DeformableSections,
+    EffectName,
+    parse_share,
+)
+from validation.scene.keys.toml_text import toml_value
+from validation.scene.polyhedra import MeshScene
+from validation.scene.read import DeformableScene, apply_overrides, check_scene, scene_data
+from validation.scene.sections import LimitsSection
+
+if TYPE_CHECKING:
+    from fem.assembly.statement import Problem
+
+#: How blocks are answered.
+Method: TypeAlias = Rigid | Static | Explicit
+#: Values by key, such as ``{"assembly.layers": 2}``, or words such as ``assembly.layers=2``.
+Settings: TypeAlias = Mapping[str, Any] | Sequence[str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """A problem and a method: what `validation.solve` answers.
+
+    ``Case(name="mine", stated=problem, method=Rigid())`` is one of a problem made in Python.
+    """
+
+    name: str
+    """Name of the built-in scene or stem of the file."""
+    stated: DeformableScene | Problem
+    """The checked scene, or the problem itself."""
+    method: Method
+    """How it is answered; of a scene its ``[fem]``, unless `with_method` says another."""
+    folder: Path = Path()
+    """Folder that file names in the scene are relative to."""
+    source: Path | None = None
+    """File that the scene was read from; None: it is built in, or a problem."""
+
+    def __repr__(self) -> str:
+        """Name and method."""
+        return f"<case {self.name}: {self.method}>"
+
+    @property
+    def scene(self) -> DeformableScene:
+        """The scene that states it.
+
+        Raises
+        ------
+        InputError
+            A case of a problem, which has no keys.
+        """
+        if isinstance(self.stated, DeformableSections):
+            return self.stated
+        raise InputError(
+            f"{self.name}: got a problem, which has no keys of a scene; expected a case of "
+            "load_case, or dataclasses.replace(problem, ...)"
+        )
+
+    @cached_property
+    def problem(self) -> Problem:
+        """Blocks, load, material and what acts between blocks, for any method.
+
+        Raises
+        ------
+        InputError
+            A scene that cannot be built.
+        """
+        if not isinstance(self.stated, DeformableSections):
+            return self.stated
+        from validation.build.deformable import scene_problem
+
+        return scene_problem(self.stated, self.name)
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """What its scene states, as plain data."""
+        return self.scene.model_dump(mode="json", exclude_unset=True)
+
+    @property
+    def limits(self) -> LimitsSection:
+        """What can be built."""
+        scene = self.stated if isinstance(self.stated, DeformableSections) else None
+        return LimitsSection() if scene is None else scene.limits
+
+    @property
+    def reads(self) -> tuple[Path, ...]:
+        """Files that say what the case is: its own, and those of its blocks."""
+        parts = self.stated.parts if isinstance(self.stated, MeshScene) else ()
+        own = () if self.source is None else (self.source,)
+        return (*own, *(self.folder / part.file for part in parts))
+
+    def changed(self, settings: Settings) -> Case:
+        """Return the case with other values, by the keys of its scene.
+
+        Raises
+        ------
+        InputError
+            A key or a value that the scene does not have.
+        """
+        scene = check_scene(apply_overrides(self.keys, settings_words(settings)), self.name)
+        return self.stating(scene)
+
+    def stating(self, scene: DeformableScene) -> Case:
+        """Return the case with another scene, and the same kind of method."""
+        method = scene.rigid.method if isinstance(self.method, Rigid) else scene.method
+        return replace(self, stated=scene, method=method)
+
+    def with_method(self, method: Method | str) -> Case:
+        """Return the case with another method, or with "rigid", "static" or "explicit" as stated.
+
+        Raises
+        ------
+        InputError
+            A method of another name, or one that the blocks cannot have.
+        """
+        if not isinstance(self.stated, DeformableSections):
+            return replace(self, method=_named(self.name, method))
+        if method == "rigid":
+            return replace(self, method=self.stated.rigid.method)
+        if isinstance(method, Rigid):
+            keys = {f.name: getattr(method, f.name) for f in fields(method)}
+            return replace(self, stated=self.stated.changed({"rigid": keys}), method=method)
+        if isinstance(method, str):
+            _named(self.name, method)
+            return self.stating(self.stated.changed({"fem": {"method": method}}))
+        return self.stating(self.stated.solved_by(method))
+
+
+def _named(name: str, method: Method | str) -> Method:
+    """Method of a name; what is a method already stays."""
+    if not isinstance(method, str):
+        return method
+    kinds = {"rigid": Rigid, **METHODS}
+    if method not in kinds:
+        raise InputError(f"{name}: method: got {method!r}; expected one of {', '.join(kinds)}")
+    return kinds[method]()
+
+
+def load_case(source: str | Path, settings: Settings = ()) -> Case:
+    """Read and check a scene.
+
+    Parameters
+    ----------
+    source
+        Name of a built-in scene, or a TOML file.
+    settings
+        Values that replace or add to those of the scene, such as ``{"assembly.layers": 2}``.
+
+    Raises
+    ------
+    InputError
+        One line: what was got, what is expected, what to do.
+    """
+    text, path = str(source), Path(source)
+    name, data = scene_data(text)
+    scene = check_scene(apply_overrides(data, settings_words(settings)), text)
+    if isinstance(scene, MeshScene):
+        scene = scene.located(path.parent)
+    own = path if path.exists() else None
+    return Case(name=name, stated=scene, method=scene.method, folder=path.parent, source=own)
+
+
+def scene_case(scene: DeformableScene, name: str) -> Case:
+    """Case of a scene that was made, not read."""
+    return Case(name=name, stated=scene, method=scene.method)
+
+
+def settings_words(settings: Settings) -> list[str]:
+    """Settings as the command line has them."""
+    if not isinstance(settings, Mapping):
+        return list(settings)
+    return [f"{key}={toml_value(value)}" for key, value in settings.items()]
+
+
+def require_deformable(case: Case, command: str) -> DeformableScene:
+    """Scene of a case, where it can have deformable blocks in contact."""
+    if not case.scene.meets:
+        raise InputError(
+            f"{case.name}: block.type {case.scene.block.type!r} has no deformable blocks in "
+            f"contact, and `tubelock {command}` needs them; expected a scene such as tsb1-pipe"
+        )
+    return case.scene
+
+
+def with_auto(case: Case, tolerance: str | None, keep: Iterable[str] = ()) -> Case:
+    """Case whose effects are decided before a run, as ``[effects.auto]`` would say.
+
+    A tolerance is such as ``1%``, None that of the scene; effects to keep are not decided.
+    """
+    names = tuple(keep)
+    if tolerance is None and not names:
+        return case
+    if not case.scene.meets:
+        raise InputError(
+            f"{case.name}: --auto compares contact pressures of deformable blocks; expected a "
+            "scene with contact, such as tsb1-pipe"
+        )
+    effects = case.scene.effects
+    if tolerance is None and effects.auto is None:
+        raise InputError("--keep: nothing is decided without --auto; expected --auto 1% beside it")
+    unknown = [name for name in names if name not in set(EffectName)]
+    if unknown:
+        raise InputError(f"--keep {unknown[0]}: expected one of {', '.join(EffectName)}")
+    share = None if tolerance is None else parse_share(tolerance)
+    if tolerance is not None and share is None:
+        raise InputError(f"--auto {tolerance}: expected a share between 0 and 100 %, such as 1%")
+    given = effects.auto or AutoSection()
+    kept = tuple(dict.fromkeys((*given.keep, *(EffectName(name) for name in names))))
+    decide = None if given.decide is None else tuple(e for e in given.decide if e not in kept)
+    auto = AutoSection(
+        tolerance=given.tolerance if share is None else share, decide=decide, keep=kept
+    )
+    return case.stating(case.scene.changed({"effects.auto": auto}))
