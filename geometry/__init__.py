@@ -14,6 +14,8 @@ What most need::
 |---|---|
 | `SineBlock`, `HexagonBlock` | parameters of a block of a tube |
 | `tube` | layers of such blocks between two frames |
+| `blocks` | blocks of meshes in memory: trimesh, pyvista, compas, vertices and faces |
+| `DetectionOptions` | what counts as contact of such blocks |
 | `Assembly` | any blocks with hexahedra, placed by rigid motions |
 | `pipe`, `tunnel`, `pillar`, `beam`, `shaft` | the load cases of a tube, from a pressure in MPa |
 | `Load` | a load before it is put on blocks |
@@ -32,17 +34,21 @@ if TYPE_CHECKING:
     from geometry.families.hexagon_block import HexagonBlockParameters as HexagonBlock
     from geometry.families.sine_block import SineBlockParameters as SineBlock
     from geometry.families.tube import tube
+    from geometry.files.memory import blocks
     from geometry.files.mesh_io import contact_mesh
     from geometry.loads import Load, beam, pillar, pipe, shaft, tunnel
+    from geometry.polyhedra.options import DetectionOptions
 
 __all__ = [
     "Answer",
     "Assembly",
+    "DetectionOptions",
     "HexagonBlock",
     "Load",
     "Measure",
     "SineBlock",
     "beam",
+    "blocks",
     "contact_mesh",
     "pillar",
     "pipe",
@@ -55,11 +61,13 @@ __all__ = [
 _PLACES = {
     "Answer": ("geometry.answer", "Answer"),
     "Assembly": ("geometry.assembly", "Assembly"),
+    "DetectionOptions": ("geometry.polyhedra.options", "DetectionOptions"),
     "HexagonBlock": ("geometry.families.hexagon_block", "HexagonBlockParameters"),
     "Load": ("geometry.loads", "Load"),
     "Measure": ("geometry.answer", "Measure"),
     "SineBlock": ("geometry.families.sine_block", "SineBlockParameters"),
     "beam": ("geometry.loads", "beam"),
+    "blocks": ("geometry.files.memory", "blocks"),
     "contact_mesh": ("geometry.files.mesh_io", "contact_mesh"),
     "pillar": ("geometry.loads", "pillar"),
     "pipe": ("geometry.loads", "pipe"),

@@ -218,7 +218,7 @@ def check_size(assembly: AnyBlocks) -> None:
         raise AssemblyError(
             f"{assembly.name}: a block measures {length:.3g} mm (∛ volume); expected lengths in "
             f"millimetres, blocks from {SMALLEST_BLOCK:g} to {LARGEST_BLOCK:g} mm: if yours are in "
-            'metres, multiply by 1000 (own meshes: block.units = "m")'
+            'metres, multiply by 1000 (own meshes: units = "m")'
         )
 
 

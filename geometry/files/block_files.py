@@ -322,6 +322,20 @@ class _Solid:
             return block
         return replace(block, exact=StepFaces(*self.step, block.normals))
 
+    def checked(self, *, straightened: bool = False) -> Polyhedron:
+        """As a block.
+
+        Raises
+        ------
+        MeshError
+            When it bounds no solid.
+        """
+        if self.fault:
+            raise MeshError(self.fault)
+        block = self.block(straightened=straightened)
+        check_polyhedron(block)
+        return block
+
 
 def read_blocks(
     path: Path,
@@ -372,13 +386,36 @@ def _checked(solids: Sequence[_Solid], k: int, *, straightened: bool) -> Polyhed
     """One of the solids of a file as a block, checked; where it is faulty, how to go on without."""
     without = f"; or leave it out: parts.leave_out = [{k}] (`tubelock check` lists all faults)"
     try:
-        if solids[k].fault:
-            raise MeshError(solids[k].fault)
-        block = solids[k].block(straightened=straightened)
-        check_polyhedron(block)
+        return solids[k].checked(straightened=straightened)
     except MeshError as error:
         raise MeshError(f"{error}{without if len(solids) > 1 else ''}") from None
-    return block
+
+
+def surface_blocks(
+    place: str, surface: NamedSurface, *, scale: float, repair: bool
+) -> list[Polyhedron]:
+    """Blocks of a surface: one for each closed part of it, as `read_blocks` makes them.
+
+    Parameters
+    ----------
+    place
+        What messages call it where it has no name.
+    surface
+        Its points in any unit.
+    scale
+        Millimetres in that unit.
+    repair
+        Whether to mend it as `geometry.files.repair.repaired` does.
+
+    Raises
+    ------
+    MeshError
+        When it bounds no solid.
+    """
+    _check_finite(Path(place), surface.points, surface.name)
+    points, triangles = merge_points(*_triangulated(Path(place), [surface])[0])
+    solids = _solids_of(Path(place), surface, scale * points, triangles, repair=repair)
+    return [solid.checked() for solid in solids]
 
 
 def diagnosed_blocks(
@@ -403,8 +440,7 @@ def _solids(
     path: Path, units: str, element_size: float | None, *, repair: bool
 ) -> tuple[list[_Solid], bool]:
     """Surfaces of all solids of a file, and whether nodes between corners were left out."""
-    if units not in UNITS:
-        raise MeshError(f"block.units: got {units!r}, expected one of {', '.join(UNITS)}")
+    scale = millimetres(units)
     suffix = path.suffix.lower()
     if suffix in STEP_SUFFIXES:
         result = _read_step(path, element_size)
@@ -427,7 +463,7 @@ def _solids(
     else:
         points, triangles, straightened = _read_meshio(path)
         parts = [(NamedSurface("", points, ()), *merge_points(points, triangles))]
-    scale = 1.0 if suffix in OWN_UNITS else UNITS[units]
+    scale = 1.0 if suffix in OWN_UNITS else scale
     solids: list[_Solid] = []
     for surface, points, triangles in parts:
         solids += _solids_of(path, surface, scale * points, triangles, repair=repair)
@@ -437,6 +473,13 @@ def _solids(
             for k, solid in enumerate(solids)
         ]
     return solids, straightened
+
+
+def millimetres(units: str) -> float:
+    """Millimetres in a unit."""
+    if units not in UNITS:
+        raise MeshError(f"units: got {units!r}; expected one of {', '.join(UNITS)}")
+    return UNITS[units]
 
 
 def _named_surfaces(path: Path, suffix: str) -> list[NamedSurface]:

@@ -60,7 +60,7 @@ class PolyhedralAssembly(PlacedBlocks[Polyhedron]):
             self.translations,
             tolerance=tolerance,
             angle=self.detection.angle,
-            placement=self.detection.placement,
+            placement=self.detection.points,
         )
 
     def with_faces_alone(self) -> PolyhedralAssembly:
@@ -147,7 +147,7 @@ def polyhedral_assembly(
     if not (fixed.any() or supported):
         raise AssemblyError(
             f"{name}: no block is fixed; without a frame every assembly moves away as a whole: "
-            "name fixed blocks, or state [[supports]]"
+            "name fixed blocks, or state supports"
         )
     if fixed.all():
         raise AssemblyError(f"{name}: all {len(blocks)} blocks are fixed; leave some free")

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Annotated
+
+from annotated_types import Gt, Le
+
+from geometry.options import check
 
 
 class ContactPlacement(StrEnum):
@@ -17,14 +22,18 @@ class ContactPlacement(StrEnum):
 
 @dataclass(frozen=True)
 class DetectionOptions:
-    """Tolerances of contact detection."""
+    """Contact detection of non-matching meshes."""
 
-    tolerance: float | None = None
-    """Largest gap and largest overlap of touching facets [mm]; by default 1e-4 of a block."""
-    angle: float | None = None
-    """Largest angle between facing facets [°]; by default 5, and more on curved faces: by the
-    angle between neighbouring facets."""
-    placement: ContactPlacement = ContactPlacement.VERTICES
+    tolerance: Annotated[float, Gt(0)] | None = None
+    """Largest gap or overlap of touching facets [mm]; by default 1e-4 of a block."""
+    angle: Annotated[float, Gt(0), Le(60)] | None = None
+    """Largest angle between facing facets [°]; by default 5, on curved faces more by the angle
+    between neighbouring facets."""
+    points: ContactPlacement = ContactPlacement.VERTICES
+    """``vertices``: exact for flat faces; ``centroids``: for finely meshed curved faces."""
+
+    def __post_init__(self) -> None:
+        check(self)
 
 
 class CubeArrangement(StrEnum):

@@ -83,7 +83,7 @@ def _corner(blocks: _Blocks, distance: float) -> None:
 
 #: Change of the arch, words of `check`, words of `mbd`.
 _ARCHES: dict[str, tuple[Callable[[_Blocks], None], list[str], list[str]]] = {
-    "metres as mm": (_metres, ["likely unit", "--units m"], ['block.units = "m"']),
+    "metres as mm": (_metres, ["likely unit", "--units m"], ['units = "m"']),
     "y up": (
         _y_up,
         [f"block {k} (V{k + 1:02d}) 1.2678e+07 mm³, lowest at z = -150 mm" for k in range(11)],

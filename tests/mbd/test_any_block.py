@@ -247,7 +247,7 @@ def test_flat_joints_at_vertices_do_not_rock() -> None:
         (ContactPlacement.VERTICES, True),
         (ContactPlacement.CENTROIDS, False),
     ):
-        options = DetectionOptions(placement=placement)
+        options = DetectionOptions(points=placement)
         assembly = polyhedral_assembly("two", blocks, np.array([True, False]), options)
         contacts = contact_jacobian(assembly)
         force = np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0])

@@ -95,7 +95,7 @@ def test_points_at_centroids_have_the_first_moment_of_the_contact_area(seed: int
     """Boxes that share a rectangle of 7 × 5: the mean of the points is its middle."""
     turn = random_rotation(seed)
     shapes = [(box((10.0, 10.0, 4.0)), [0.0, 0.0, 0.0]), (box((10.0, 10.0, 4.0)), [3.0, 5.0, 4.0])]
-    found = stacked(shapes, turn, placement=ContactPlacement.CENTROIDS).interfaces
+    found = stacked(shapes, turn, points=ContactPlacement.CENTROIDS).interfaces
     assert found.areas.sum() == pytest.approx(35.0, rel=1e-9)
     mean = found.areas @ found.centroids / found.areas.sum()
     np.testing.assert_allclose(mean, turn @ np.array([6.5, 7.5, 4.0]), atol=1e-9)

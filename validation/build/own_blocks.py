@@ -26,7 +26,6 @@ from validation.build.blocks import HexahedralBlocks
 from validation.build.polyhedra import (
     build_live_load,
     build_polyhedra,
-    detection_options,
     file_solids,
     placed_blocks,
 )
@@ -46,7 +45,7 @@ def build_own_blocks(scene: PolyhedralScene, name: str) -> HexahedralBlocks:
     try:
         assembly = _assembly(scene, name)
         check_block_size(scene, assembly)
-        surfaces = as_polyhedral(assembly, detection_options(scene.detection))
+        surfaces = as_polyhedral(assembly, scene.detection.options)
         check_assembly(surfaces, supported_blocks(scene, assembly))
     except RefusedError as error:
         # What is wrong with the whole assembly begins with its name.

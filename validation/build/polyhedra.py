@@ -31,7 +31,6 @@ from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import (
     ArchScene,
     CubesScene,
-    DetectionSection,
     MeshScene,
     OctahedraScene,
     PartSection,
@@ -82,14 +81,9 @@ _FAMILIES: dict[type, Callable[[Any, DetectionOptions], PolyhedralAssembly]] = {
 }
 
 
-def detection_options(section: DetectionSection) -> DetectionOptions:
-    """Tolerances of contact detection."""
-    return DetectionOptions(section.tolerance, section.angle, section.points)
-
-
 def build_polyhedra(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
     """Build and check the blocks of a scene; names of files are relative to the folder."""
-    detection = detection_options(scene.detection)
+    detection = scene.detection.options
     if isinstance(scene, MeshScene):
         assembly = _from_files(scene, folder, detection)
     else:

@@ -25,7 +25,6 @@ from mbd.friction import FrictionalContacts, frictional_contacts, frictional_equ
 from mbd.squeeze import squeeze
 from validation.build.blocks import build_weight
 from validation.build.pairs import friction_of_pairs
-from validation.build.polyhedra import detection_options
 from validation.errors import InputError
 from validation.run.held_by_friction import MOST_POINTS, motion_words
 from validation.scene.polyhedra import PolyhedralScene
@@ -55,7 +54,7 @@ def _faces(scene: DeformableScene, assembly: Assembly) -> _Faces | None:
     # Loaded here: it reads files, which other scenes have none of.
     from validation.build.own_blocks import own_load
 
-    surfaces = as_polyhedral(assembly, detection_options(scene.detection))
+    surfaces = as_polyhedral(assembly, scene.detection.options)
     bare = surfaces.with_faces_alone()
     n = bare.interfaces.n_contacts
     if n > MOST_POINTS or not surfaces.interfaces.n_contacts:

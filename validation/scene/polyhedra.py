@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import Field, model_validator
 
 from geometry.assembly import Assembly
 from geometry.families.versatile_panel import PanelArrangement
-from geometry.polyhedra.options import ContactPlacement, CubeArrangement
+from geometry.polyhedra.options import CubeArrangement, DetectionOptions
 from validation.scene.deformable import MATERIALS, DeformableSections
 from validation.scene.keys.ranges import ACCELERATION, SIZE
 from validation.scene.sections import (
@@ -19,6 +19,7 @@ from validation.scene.sections import (
     RigidSection,
     Section,
     Vector,
+    section_of,
     vector_words,
 )
 from validation.scene.supports import PushSection
@@ -66,16 +67,16 @@ class BodyLoadSection(Section):
         return " + ".join(parts)
 
 
-class DetectionSection(Section):
+_DetectionKeys: Any = section_of(DetectionOptions)
+
+
+class DetectionSection(_DetectionKeys):  # type: ignore[misc]
     """``[detection]``: contact detection of non-matching meshes."""
 
-    tolerance: Positive | None = None
-    """Largest gap or overlap of touching facets [mm]; by default 1e-4 of a block."""
-    angle: Annotated[float, Field(gt=0, le=60)] | None = None
-    """Largest angle between facing facets [°]; by default 5, on curved faces more by the angle
-    between neighbouring facets."""
-    points: ContactPlacement = ContactPlacement.VERTICES
-    """``vertices``: exact for flat faces; ``centroids``: for finely meshed curved faces."""
+    @property
+    def options(self) -> DetectionOptions:
+        """The same, for `geometry`."""
+        return DetectionOptions(self.tolerance, self.angle, self.points)
 
 
 class SolidMeshSection(Section):
