@@ -12,6 +12,7 @@ import numpy as np
 from geometry.answer import (
     Answer,
     Array,
+    Contacts,
     Lazy,
     Measure,
     interface_contacts,
@@ -234,10 +235,11 @@ class _Found:
     carried: Carried
 
     @cached_property
-    def contacts(self) -> Lazy[Array]:
+    def contacts(self) -> Contacts:
         """`Answer.contacts`; nothing where nothing balances the load."""
         index = self.result.contact_index
-        return Lazy(_contacts(self.assembly, index, self.carried) if self.carried.shown else {})
+        makers = _contacts(self.assembly, index, self.carried) if self.carried.shown else {}
+        return Contacts(Lazy(makers))
 
     @cached_property
     def joints(self) -> JointResultants:
