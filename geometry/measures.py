@@ -454,6 +454,11 @@ class SectionForces(Resultants):
             for k, name in enumerate(self.planes.names)
         ]
 
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """A line for each section."""
+        return [(f"section {name}", self.words(k)) for k, name in enumerate(self.planes.names)]
+
     def words(self, row: int) -> str:
         """One section in a line."""
         force, moment = self.forces[row], self.moments[row]
@@ -474,8 +479,7 @@ class SectionForces(Resultants):
 
     def __repr__(self) -> str:
         """Return a line for each section."""
-        names = self.planes.names
-        return "\n".join(f"section {name}: {self.words(k)}" for k, name in enumerate(names))
+        return "\n".join(f"{title}: {words}" for title, words in self.rows)
 
 
 def sections_through_joints(

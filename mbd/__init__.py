@@ -2,9 +2,9 @@
 
 What most need::
 
-    from mbd import analyse
+    from mbd import Rigid, analyse
 
-    answer = analyse(problem)
+    answer = analyse(problem, Rigid(collapse=True))
     print(answer)
     answer["p_max_facet"], answer.report["mechanism"], answer.contacts["pressure"]
 
@@ -12,7 +12,8 @@ What most need::
 |---|---|
 | `analyse` | the rigid answer to a problem, or to blocks and a load: a `geometry.Answer` |
 | `rigid_result`, `RigidResult` | the same with certificates, forces and equilibrium as objects |
-| `Norm`, `Solver` | what contact forces minimise; which solver finds them |
+| `Rigid` | the method: what contact forces minimise, what is found beside |
+| `Norm`, `Solver` | its options by name |
 | `contact_jacobian`, `Contacts` | velocities of gaps by motions of blocks |
 | `PairJacobian`, `MatrixJacobian` | the Jacobian by pairs of blocks, and as a matrix |
 | `generalized_force`, `block_wrenches` | loads as forces and moments on blocks |
@@ -54,7 +55,7 @@ from mbd.mechanism import (
     classify,
     solve_linear_programs,
 )
-from mbd.options import Norm, Solver
+from mbd.options import Norm, Rigid, Solver
 
 __all__ = [
     "EQUILIBRIUM_TOLERANCE",
@@ -69,6 +70,7 @@ __all__ = [
     "MechanismClass",
     "Norm",
     "PairJacobian",
+    "Rigid",
     "RigidResult",
     "SelfStress",
     "Solver",

@@ -3,18 +3,45 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
-from typing import Protocol, cast
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Protocol, cast
 
-from geometry.assembly import AnyBlocks, PlacedBlocks
+import numpy as np
+import scipy.spatial  # noqa: F401 - what matches facets, loaded before the clock runs
+
+from geometry.answer import Part
+from geometry.assembly import AnyBlocks, Assembly, PlacedBlocks
 from geometry.errors import RefusedError
-from geometry.loads import LoadCase
-from geometry.measures import BlockMeasures, Measures, facet_measures
+from geometry.loads import LoadCase, with_body_wrenches
+from geometry.measures import (
+    BlockMeasures,
+    JointResultants,
+    Measures,
+    facet_measures,
+    joint_resultants,
+)
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
-from mbd.contact_jacobian import contact_jacobian, generalized_force
+from geometry.parts.pairs import OfPairs
+from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
+from mbd.contact_jacobian import block_wrenches, contact_jacobian, generalized_force
 from mbd.equilibrium import Equilibrium, column_weights, equilibrium
-from mbd.mechanism import MANY_BLOCKS, Classification, MechanismClass, classify
-from mbd.options import Norm, Solver
+from mbd.mechanism import (
+    MANY_BLOCKS,
+    Classification,
+    Mechanism,
+    MechanismClass,
+    classify,
+    classify_opposed,
+    judged,
+)
+from mbd.options import Norm, Rigid, Solver
+from mbd.parts import ByFaces, Friction, Push, Pushes, Question
+from mbd.push import push_limit
+
+if TYPE_CHECKING:
+    from geometry.polyhedra.assembly import PolyhedralAssembly
 
 
 @dataclass(frozen=True)
@@ -44,7 +71,13 @@ class RigidResult(ReadOnlyArrays):
     n_blocks: int
     """Blocks free to move under the load."""
     cpu_seconds: dict[str, float]
-    """CPU time of each stage: interfaces, jacobian, mechanism, equilibrium, measures [s]."""
+    """CPU time of each stage: interfaces, jacobian, mechanism, equilibrium, measures, parts [s]."""
+    blocks: AnyBlocks = field(repr=False)
+    """What was analysed …"""
+    load: LoadCase = field(repr=False)
+    """… under which loads and supports, weight included."""
+    parts: Mapping[str, Part] = field(default_factory=dict)
+    """What was found beside, by name."""
 
     @property
     def mechanism(self) -> MechanismClass:
@@ -56,76 +89,284 @@ class RigidResult(ReadOnlyArrays):
         """Contacts that touch at least one free block."""
         return len(self.contact_forces)
 
-
-class RigidStatement(Protocol):
-    """A statement of a problem, such as `fem.Problem`, of which rigid blocks read two things."""
+    @property
+    def friction(self) -> Friction | None:
+        """What friction adds; None without it."""
+        return cast("Friction | None", self.parts.get("friction"))
 
     @property
-    def blocks(self) -> AnyBlocks:
-        """The assembly of blocks."""
+    def holds(self) -> bool:
+        """Whether forces balance the load: with friction, where there is some."""
+        return self.equilibrium.holds if self.friction is None else self.friction.holds
+
+    @property
+    def shown(self) -> bool:
+        """Whether forces are those of the load itself.
+
+        Else they are of some state that was pressed beforehand, or there are none.
+        """
+        return self.holds and not (self.friction is not None and self.friction.needs_squeeze)
+
+    @property
+    def words(self) -> str:
+        """The answer as a headline says it."""
+        return str(self.mechanism) if self.friction is None else self.friction.words
+
+    @property
+    def driven(self) -> FloatArray | None:
+        """What the load drives, (n_rows,), where it is not carried."""
+        found = self.equilibrium if self.friction is None else self.friction.equilibrium
+        return found.mechanism
+
+    @cached_property
+    def forces(self) -> FloatArray:
+        """On block s of each contact, zero where nothing holds; (n_contacts, 3) [N]."""
+        if self.friction is not None:
+            given = self.friction.forces
+            return np.zeros((self.n_contacts, 3)) if given is None else given
+        normals = self.blocks.interfaces.normals[self.contact_index]
+        return (self.contact_forces * self.holds)[:, None] * normals
+
+    @cached_property
+    def normal_forces(self) -> FloatArray:
+        """Part of `forces` along the normals, (n_contacts,) [N]."""
+        if self.friction is None:
+            return self.contact_forces * self.holds
+        normals = self.blocks.interfaces.normals[self.contact_index]
+        return np.asarray(np.maximum(np.einsum("ni,ni->n", self.forces, normals), 0.0))
+
+    @cached_property
+    def shown_measures(self) -> Measures | None:
+        """The paper's measures of `normal_forces`; None where no joint presses."""
+        if not self.shown or not self.normal_forces.any():
+            return None
+        if self.friction is None:
+            return self.measures
+        pressures = self.normal_forces / self.blocks.interfaces.areas[self.contact_index]
+        return facet_measures(self.blocks, self.contact_index, pressures)[1]
+
+    @cached_property
+    def joints(self) -> JointResultants:
+        """Resultants of the forces between each two blocks."""
+        counted = None if self.friction is None else self.friction.counted
+        kept = slice(None) if counted is None else counted
+        index, found, centroids = self.contact_index[kept], self.blocks.interfaces, None
+        if not isinstance(self.blocks, Assembly):
+            pairs = np.unique(np.column_stack([found.block_m[index], found.block_s[index]]), axis=0)
+            centroids = cast("PolyhedralAssembly", self.blocks).joint_centroids(pairs)
+        return joint_resultants(found, index, self.forces[kept], centroids)
+
+    @cached_property
+    def patch_pressures(self) -> FloatArray:
+        """Mean pressure of each flat patch of solids, zero where nothing holds; (n_patches,)."""
+        found = cast("PolyhedralAssembly", self.blocks).interfaces
+        return found.patch_pressures(self.contact_index, self.normal_forces)
+
+    @property
+    def bare_contacts(self) -> dict[int, int]:
+        """Number of contacts without area of each kind; of solids alone."""
+        if isinstance(self.blocks, Assembly):
+            return {}
+        patch = cast("PolyhedralAssembly", self.blocks).interfaces.patch
+        return {kind: int((patch == kind).sum()) for kind in (CROSSING_EDGES, STANDING_CORNER)}
+
+
+class Coulomb(Protocol):
+    """Friction of all joints, such as `fem.CoulombFriction`."""
+
+    @property
+    def coefficient(self) -> float:
+        """Coefficient μ [-]."""
+
+    @property
+    def of_pairs(self) -> OfPairs:
+        """That of some pairs of blocks."""
+
+
+class RigidStatement(Protocol):
+    """A statement of a problem, such as `fem.Problem`, as far as rigid blocks read it."""
+
+    @property
+    def rigid_blocks(self) -> AnyBlocks:
+        """The assembly of blocks, on the contacts of rigid ones."""
 
     @property
     def rigid_load(self) -> LoadCase:
-        """Loads and supports, weight included."""
+        """Loads and supports without the weight."""
+
+    @property
+    def rigid_weight(self) -> FloatArray | None:
+        """Weight of each block about its mass centroid, (n_blocks, 6) [N, N mm]; None: none."""
+
+    @property
+    def coulomb(self) -> Coulomb | None:
+        """Friction; None: frictionless."""
+
+    @property
+    def interference(self) -> float:
+        """By which joints are squeezed before any load acts [mm]."""
+
+    @property
+    def compressive_strength(self) -> float | None:
+        """Of all blocks [MPa]; None: not stated."""
+
+
+@dataclass(frozen=True)
+class Stated:
+    """Blocks and a load without more: a `RigidStatement`."""
+
+    rigid_blocks: AnyBlocks
+    rigid_load: LoadCase
+    rigid_weight: FloatArray | None = None
+    coulomb: Coulomb | None = None
+    interference: float = 0.0
+    compressive_strength: float | None = None
+
+    @property
+    def blocks(self) -> AnyBlocks:
+        """The assembly."""
+        return self.rigid_blocks
 
 
 class AnalysisError(RefusedError):
     """An argument of the wrong type; the message names it and what is expected."""
 
 
-def check_types(assembly: object, load: object) -> None:
-    """Reject what is neither blocks with a load case nor a statement of both."""
-    blocks = isinstance(assembly, PlacedBlocks)
-    if load is None and (blocks or getattr(type(assembly), "rigid_load", None) is None):
-        got = "blocks without a load case" if blocks else f"a {type(assembly).__name__}"
+def as_statement(problem: object, load: object) -> RigidStatement:
+    """Return what is to be analysed; what is no statement and no blocks with a load is rejected."""
+    blocks = isinstance(problem, PlacedBlocks)
+    stated = isinstance(problem, Stated) or hasattr(type(problem), "rigid_load")
+    if load is None and (blocks or not stated):
+        got = "blocks without a load case" if blocks else f"a {type(problem).__name__}"
         raise AnalysisError(
             f"analyse: got {got}; expected a Problem, or blocks and a load case: "
-            "analyse(blocks, pipe(0.01).on(blocks))"
+            "analyse(blocks, load=pipe(0.01).on(blocks))"
         )
-    if load is not None and not (blocks and isinstance(load, LoadCase)):
+    if load is None:
+        return cast("RigidStatement", problem)
+    if not (blocks and isinstance(load, LoadCase)):
         raise AnalysisError(
-            f"analyse: got a {type(assembly).__name__} and a {type(load).__name__}; expected "
-            "blocks and a load case: analyse(blocks, pipe(0.01).on(blocks))"
+            f"analyse: got a {type(problem).__name__} and a {type(load).__name__}; expected "
+            "blocks and a load case: analyse(blocks, load=pipe(0.01).on(blocks))"
         )
+    return Stated(cast("AnyBlocks", problem), load)
 
 
 def rigid_result(
-    assembly: AnyBlocks | RigidStatement,
-    load: LoadCase | None = None,
+    problem: AnyBlocks | RigidStatement,
+    method: Rigid | None = None,
     *,
-    norm: Norm = Norm.PRESSURE,
-    solver: Solver = Solver.NEWTON,
+    load: LoadCase | None = None,
+    tell: Callable[[str], None] = lambda _: None,
 ) -> RigidResult:
-    """Classify an assembly and solve for its contact forces (Algorithm 1).
+    """Classify rigid blocks, solve for their contact forces, and find what a method asks beside.
 
     Parameters
     ----------
-    assembly
-        Blocks and conforming interfaces; or a whole statement, which has its load.
+    problem
+        A whole statement such as `fem.Problem`; or blocks, with a ``load``.
+    method
+        What the contact forces minimise and what is found beside; None: `Rigid()`.
     load
         Tractions and supports of blocks that come without.
-    norm
-        What the contact forces minimise: ``pressure``, which does not depend on the mesh, or
-        ``force``, as the paper prints it.
-    solver
-        ``newton`` (ours) or ``clarabel``.
+    tell
+        Called with what is being found.
 
     Returns
     -------
     RigidResult
-        `RigidResult.equilibrium` says whether the load is carried; nothing is called
-        equilibrium above a relative residual of 1e-6.
+        `RigidResult.holds` says whether the load is carried; nothing is called equilibrium above a
+        relative residual of 1e-6.
 
     Raises
     ------
     AnalysisError
         Blocks of which no two touch, or arguments of another type.
+    RefusedError
+        What rigid blocks do not have, such as gaps and supports that move.
     """
-    check_types(assembly, load)
-    if load is None:
-        statement = cast("RigidStatement", assembly)
-        return rigid_result(statement.blocks, statement.rigid_load, norm=norm, solver=solver)
-    assembly = cast("AnyBlocks", assembly)
+    stated, method = as_statement(problem, load), method or Rigid()
+    blocks, live_case, weight = stated.rigid_blocks, stated.rigid_load, stated.rigid_weight
+    pushed = live_case
+    if any(support.is_push for support in live_case.held):
+        held = tuple(support for support in live_case.held if not support.is_push)
+        live_case = replace(live_case, held=held)
+    whole = live_case if weight is None else with_body_wrenches(live_case, weight)
+    tell(f"{int((~whole.fixed).sum())} free blocks: equilibrium and mechanisms")
+    result = frictionless_result(blocks, whole, method.norm, method.solver)
+    start = time.process_time()
+    dead = np.zeros((blocks.n_blocks, 6)) if weight is None else weight
+    live = block_wrenches(blocks, live_case)
+    coulomb = stated.coulomb
+    parts = Question(
+        whole=blocks,
+        load=whole,
+        wrenches=(dead, live),
+        method=method,
+        friction=None if coulomb is None else coulomb.coefficient,
+        of_pairs=() if coulomb is None else coulomb.of_pairs,
+        interference=stated.interference,
+        carried=result.equilibrium.holds,
+        frictionless=str(result.mechanism),
+        tell=tell,
+    ).parts()
+    balance = result.equilibrium
+    if coulomb is None and balance.holds and not result.supported_classification.locked:
+        alone = bool(np.any(dead)) and not np.any(live)
+        parts = {"pushes": Pushes(blocks, whole, balance, result.norm, alone), **parts}
+    if pushed is not live_case:
+        load_of_push = pushed if weight is None else with_body_wrenches(pushed, weight)
+        parts["push_limit"] = _push(blocks, load_of_push, coulomb)
+    if sum(result.bare_contacts.values()):
+        tell("class by faces alone")
+        parts["by_faces_alone"] = ByFaces(class_by_faces(result))
+    spent = time.process_time() - start
+    seconds = result.cpu_seconds | {"parts": spent}
+    seconds["total"] += spent
+    return replace(result, parts=parts, cpu_seconds=seconds)
+
+
+def _push(blocks: AnyBlocks, load: LoadCase, coulomb: Coulomb | None) -> Push:
+    """Limit of the support that pushes a block, by contacts with an area alone.
+
+    They are those of deformable blocks: edges and corners carry nothing.
+    """
+    faces = blocks
+    if not isinstance(blocks, Assembly):
+        faces = cast("PolyhedralAssembly", blocks).with_faces_alone()
+    friction, of_pairs = (0.0, ()) if coulomb is None else (coulomb.coefficient, coulomb.of_pairs)
+    try:
+        return Push(friction, push_limit(faces, replace(load, assembly=faces), friction, of_pairs))
+    except RefusedError as error:
+        return Push(friction, f"none: {error}")
+
+
+def class_by_faces(result: RigidResult) -> Classification:
+    """Mechanism class where solids press on each other's faces alone, all held blocks fixed.
+
+    Edges that cross and corners that stand have no area: a chamfer removes them, and no finite
+    pressure acts there. A motion that opens or leaves all contacts does so with fewer of them.
+    """
+    full, load = result.classification, result.load
+    if full.mechanism is MechanismClass.ACTIVATED:
+        return full
+    bare = cast("PolyhedralAssembly", result.blocks).with_faces_alone()
+    contacts = contact_jacobian(bare, supports=load.held)
+    force = generalized_force(bare, load, contacts.free_blocks, contacts.length)
+    if full.mechanism is MechanismClass.SUPPRESSED and isinstance(full.certificate, Mechanism):
+        opposed = full.certificate.virtual_displacement.ravel()
+        same = bool((load.fixed == bare.fixed).all())
+        start = result.equilibrium.multiplier if same else None
+        weights = column_weights(result.norm, contacts.areas) if same else None
+        driven = judged(contacts.jacobian, force, weights=weights, start=start)
+        return classify_opposed(contacts.jacobian, force, opposed, driven)
+    return classify(contacts.jacobian, force)
+
+
+def frictionless_result(
+    assembly: AnyBlocks, load: LoadCase, norm: Norm, solver: Solver
+) -> RigidResult:
+    """Classify an assembly and solve for its contact forces (Algorithm 1)."""
     if not assembly.interfaces.n_contacts:
         raise AnalysisError(
             "analyse: no two of the blocks touch, and rigid blocks have forces in their joints "
@@ -174,4 +415,6 @@ def rigid_result(
         norm=norm,
         n_blocks=len(contacts.free_blocks),
         cpu_seconds=seconds,
+        blocks=assembly,
+        load=load,
     )

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from geometry.answer import (
     Answer,
     Array,
-    Contacts,
     Lazy,
     Measure,
     interface_contacts,
@@ -22,7 +21,6 @@ from geometry.answer import (
 )
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.balance import Imbalance, Reactions, imbalance, of_fixed_blocks, together
-from geometry.errors import RefusedError
 from geometry.loads import LoadCase
 from geometry.measures import (
     JointResultants,
@@ -31,15 +29,15 @@ from geometry.measures import (
     SectionError,
     SectionForces,
     first_largest,
-    joint_resultants,
     sections_through_joints,
 )
-from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.mesh import FloatArray, IntArray
 from geometry.parts.dimensions import dimensions
-from mbd.analysis import RigidResult, RigidStatement, check_types, rigid_result
+from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
+from mbd.analysis import AnalysisError, RigidResult, RigidStatement, as_statement, rigid_result
 from mbd.contact_jacobian import block_wrenches, contact_wrenches
-from mbd.mechanism import Classification, Mechanism, SelfStress
-from mbd.options import Norm, Solver
+from mbd.mechanism import Mechanism
+from mbd.options import Rigid
 from mbd.supports import support_wrenches
 
 if TYPE_CHECKING:
@@ -56,173 +54,99 @@ REPORT_UNITS = {
     "in mm (3), to any scale",
 }
 
-Option = TypeVar("Option", Norm, Solver)
-
 
 def analyse(
-    assembly: AnyBlocks | RigidStatement,
-    load: LoadCase | None = None,
+    problem: AnyBlocks | RigidStatement,
+    method: Rigid | None = None,
     *,
-    norm: Norm | str | None = None,
-    solver: Solver | str = Solver.NEWTON,
+    load: LoadCase | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> Answer:
-    """Classify rigid blocks without friction and solve for their contact forces (Algorithm 1).
+    """Classify rigid blocks and solve for their contact forces (Algorithm 1), with friction or not.
 
     Parameters
     ----------
-    assembly
-        Blocks and conforming interfaces; or a whole statement such as `fem.Problem`, which has its
-        load.
+    problem
+        A whole statement such as `fem.Problem`; or blocks, with a ``load``. The class and the
+        paper's measures are frictionless; friction of the problem adds its verdict and its forces.
+    method
+        What the contact forces minimise, and what is found beside: load factors, ranges, margin.
+        None: `Rigid()`.
     load
         Tractions and supports of blocks that come without.
-    norm
-        What the contact forces minimise: ``pressure`` or ``force``; None: the default of
-        `mbd.rigid_result`.
-    solver
-        ``newton`` (ours) or ``clarabel``.
+    progress
+        Called with a line on what is being found.
 
     Returns
     -------
     Answer
-        Its title says the class and whether the load is carried; `details` is the `RigidResult`.
-        Where the load is not carried there are no measures and no pressures, for nothing balances
-        it; the field ``mechanism`` is then the first-order motion, largest 1 [-].
+        Its title says the class and whether the load is carried; `details` is the `RigidResult`,
+        `parts` what was found beside. Where the load is not carried there are no measures and no
+        pressures, for nothing balances it; the field ``mechanism`` is then the first-order motion,
+        largest 1 [-].
 
     Raises
     ------
     RefusedError
         What rigid blocks do not have, such as gaps.
     """
-    check_types(assembly, load)
-    if load is None:
-        statement = cast("RigidStatement", assembly)
-        return analyse(statement.blocks, statement.rigid_load, norm=norm, solver=solver)
-    blocks = cast("AnyBlocks", assembly)
-    chosen = {} if norm is None else {"norm": _named(Norm, "norm", norm)}
-    result = rigid_result(blocks, load, solver=_named(Solver, "solver", solver), **chosen)
-    return answer_of(blocks, load, result)
+    if method is not None and not isinstance(method, Rigid):
+        raise AnalysisError(
+            f"analyse: got a {type(method).__name__}; expected a method Rigid(...), and a load "
+            "case as load="
+        )
+    stated = as_statement(problem, load)
+    tell = progress or (lambda _: None)
+    return answer_of(stated, rigid_result(stated, method, tell=tell))
 
 
-class OptionError(RefusedError):
-    """An option that the rigid analysis does not have."""
-
-
-def _named(kind: type[Option], name: str, value: Option | str) -> Option:
-    """Option of a name; one that is an option already stays."""
-    try:
-        return kind(value)
-    except ValueError:
-        known = ", ".join(repr(str(option)) for option in kind)
-        raise OptionError(f"{name}: got {value!r}; expected {known}") from None
-
-
-class Stated(NamedTuple):
-    """What was analysed: a `RigidStatement`."""
-
-    blocks: AnyBlocks
-    rigid_load: LoadCase
-
-
-@dataclass(frozen=True)
-class Carried:
-    """Contact forces that an answer shows, and whether they balance the load."""
-
-    holds: bool
-    forces: FloatArray
-    """On block s of each contact, zero where nothing holds; (n_contacts, 3) [N]."""
-    normal_forces: FloatArray
-    """Part along the normals, (n_contacts,) [N]."""
-    measures: Measures | None
-    """The paper's measures of the pressures; None where nothing holds or no joint presses."""
-    words: str
-    """The answer as a headline says it."""
-    mechanism: FloatArray | None
-    """What the load drives, (n_rows,), where it is not carried."""
-    friction: float | None = None
-    """Coefficient [-]; None without friction."""
-    by_load: bool = True
-    """Whether the load itself presses the joints; else forces and pressures are those of some
-    state that was pressed beforehand, and not shown."""
-    counted: BoolArray | None = None
-    """Contacts at which forces may act, (n_contacts,); None: all."""
-
-    @property
-    def shown(self) -> bool:
-        """Whether the forces are those of the load."""
-        return self.holds and self.by_load
-
-    def joints(self, assembly: AnyBlocks, index: IntArray) -> JointResultants:
-        """Resultants between each two blocks of contacts at places ``index`` (n_contacts,)."""
-        kept = slice(None) if self.counted is None else self.counted
-        return joints_of(assembly, index[kept], self.forces[kept])
-
-
-def without_friction(assembly: AnyBlocks, result: RigidResult) -> Carried:
-    """Contact forces of a rigid result."""
-    found = result.equilibrium
-    normal_forces = result.contact_forces * found.holds
-    forces = normal_forces[:, None] * assembly.interfaces.normals[result.contact_index]
-    return Carried(
-        holds=found.holds,
-        forces=forces,
-        normal_forces=normal_forces,
-        measures=result.measures if normal_forces.any() else None,
-        words=str(result.mechanism),
-        mechanism=found.mechanism,
-    )
-
-
-def answer_of(
-    assembly: AnyBlocks,
-    load: LoadCase,
-    result: RigidResult,
-    *,
-    carried: Carried | None = None,
-    beside: Callable[[], dict[str, Any]] | None = None,
-) -> Answer:
-    """Make the answer of a rigid result.
-
-    Parameters
-    ----------
-    assembly, load
-        What was analysed.
-    result
-        Its class and its forces without friction.
-    carried
-        The forces that are shown; None: those without friction.
-    beside
-        More of the report, as plain data; it is asked when the report is read.
-    """
-    shown = without_friction(assembly, result) if carried is None else carried
+def answer_of(stated: RigidStatement, result: RigidResult) -> Answer:
+    """Make the answer of a rigid result."""
+    assembly, load = result.blocks, result.load
     points, cells, block = _points(assembly)
     n_blocks = assembly.n_blocks
     layer = assembly.layer if isinstance(assembly, Assembly) else np.zeros(n_blocks, np.int64)
-    motion = block_motion(assembly, load, result, shown)
+    motion = block_motion(result)
     fields: dict[str, Callable[[], Array]] = {}
     if motion is not None:
         moving = motion
         fields["mechanism"] = lambda: _node_motion(assembly, moving, points, block)
-    verdict = "carries the load" if shown.holds else "does not carry the load"
-    if shown.holds and not shown.by_load:
+    verdict = "carries the load" if result.holds else "does not carry the load"
+    if result.holds and not result.shown:
         verdict += " only if pressed beforehand"
-    if shown.friction is not None:
-        verdict += f" with friction μ = {shown.friction:g}"
-    found = _Found(assembly, load, result, shown)
+    if result.friction is not None:
+        verdict += f" with friction μ = {result.friction.coefficient:g}"
+    found = _Found(assembly, load, result)
+    measures = found.measures()
+    measures |= _crushing(stated.compressive_strength, measures)
     return Answer(
         title=f"{assembly.name}: rigid, {result.mechanism}, {verdict}",
         method="rigid",
-        measures=known(found.measures()),
+        measures=known(measures),
         fields=Lazy(fields),
         points=points,
         cells=cells,
         block_of_point=block,
         layer_of_point=layer[block],
         contacts=found.contacts,
-        reported=lambda: found.report() | ({} if beside is None else beside()),
+        reported=found.report,
         details=result,
-        problem=Stated(assembly, load),
+        problem=stated,
         cut=found.sections,
+        parts=result.parts,
     )
+
+
+def _crushing(strength: float | None, measures: dict[str, Measure]) -> dict[str, Measure]:
+    """Factor of all loads at which the largest mean pressure of a facet is the strength [MPa].
+
+    Rigid contact forces are proportional to the loads. Nothing without a strength.
+    """
+    peak = measures.get("p_max_facet")
+    if strength is None or peak is None or peak.place is None or not peak.value > 0.0:
+        return {}
+    place = {**peak.place, "stress": "p_max_facet"}
+    return {"crushing_factor": Measure(strength / peak.value, "times the load", place=place)}
 
 
 @dataclass(frozen=True)
@@ -232,18 +156,16 @@ class _Found:
     assembly: AnyBlocks
     load: LoadCase
     result: RigidResult
-    carried: Carried
 
     @cached_property
-    def contacts(self) -> Contacts:
+    def contacts(self) -> Lazy[Array]:
         """`Answer.contacts`; nothing where nothing balances the load."""
         index = self.result.contact_index
-        makers = _contacts(self.assembly, index, self.carried) if self.carried.shown else {}
-        return Contacts(Lazy(makers))
+        return Lazy(_contacts(self.assembly, index, self.result) if self.result.shown else {})
 
     @cached_property
     def joints(self) -> JointResultants:
-        return self.carried.joints(self.assembly, self.result.contact_index)
+        return self.result.joints
 
     @cached_property
     def loads(self) -> FloatArray:
@@ -253,7 +175,7 @@ class _Found:
     @cached_property
     def supports(self) -> tuple[Reactions, FloatArray]:
         """Supports by name, and what they do to each block: `support_wrenches`."""
-        index, forces = self.result.contact_index, self.carried.forces
+        index, forces = self.result.contact_index, self.result.forces
         on_blocks = contact_wrenches(self.assembly, index, forces) if self.load.held else 0.0
         return support_wrenches(self.assembly, self.load, self.loads + on_blocks)
 
@@ -286,12 +208,12 @@ class _Found:
         """Force of held blocks and supports on the rest, against load and weight, (3,) [N]."""
         result, index, held = self.assembly.interfaces, self.result.contact_index, self.load.fixed
         sign = held[result.block_m[index]].astype(float) - held[result.block_s[index]].astype(float)
-        total = (sign[:, None] * self.carried.forces).sum(axis=0)
+        total = (sign[:, None] * self.result.forces).sum(axis=0)
         return np.asarray(total + self.supports[0].forces.sum(axis=0))
 
     def sections(self, cut: Planes) -> SectionForces:
         """Sum the forces of the joints between blocks on both sides of planes."""
-        if not self.carried.shown:
+        if not self.result.shown:
             raise SectionError("section: nothing carries the load by itself: there are no forces")
         if getattr(self.assembly, "image_of", None) is not None:
             raise SectionError("section: a periodic cell is a part of a section; cut the tube")
@@ -300,12 +222,12 @@ class _Found:
     @property
     def paper(self) -> Measures | None:
         """The paper's measures, which are means over facets that match."""
-        return self.carried.measures if isinstance(self.assembly, Assembly) else None
+        return self.result.shown_measures if isinstance(self.assembly, Assembly) else None
 
     def measures(self) -> dict[str, Measure]:
         """Pressures, joint forces and reaction; none where the load brings none about."""
-        pressed = self.carried.forces.any()
-        if not self.carried.shown or not (pressed or self.reaction.any()):
+        pressed = self.result.forces.any()
+        if not self.result.shown or not (pressed or self.reaction.any()):
             return {}
         result: dict[str, Measure] = {}
         if self.contacts and pressed:
@@ -318,11 +240,11 @@ class _Found:
 
     def report(self) -> dict[str, Any]:
         """What the analysis says of itself, as plain data."""
-        result, balance, holds = self.result, self.result.equilibrium, self.carried.holds
+        result, balance, holds = self.result, self.result.equilibrium, self.result.holds
         return {
             "mechanism": str(result.mechanism),
             "mechanism_as_supported": str(result.supported_classification.mechanism),
-            "certificate": certificate_report(result.classification),
+            "certificate": result.classification.as_json()["certificate"],
             "equilibrium": {
                 "holds": balance.holds,
                 "residual": balance.residual,
@@ -330,12 +252,12 @@ class _Found:
                 "status": balance.status,
             },
             "norm": str(result.norm),
-            "answer": self.carried.words,
+            "answer": result.words,
             "carried": holds,
             **({} if self.paper is None else {"contact": asdict(self.paper)}),
             "reaction": self.reaction.tolist() if holds else None,
-            "joints": self.joints.as_json() if self.carried.shown else [],
-            **(self._balance() if self.carried.shown else {}),
+            "joints": self.joints.as_json() if self.result.shown else [],
+            **(self._balance() if self.result.shown else {}),
             "units": REPORT_UNITS,
             "rotation_length": self.assembly.characteristic_length,
             "free_blocks": np.flatnonzero(~self.load.fixed).tolist(),
@@ -343,6 +265,31 @@ class _Found:
             "n_contacts": result.n_contacts,
             "dimensions": dimensions(self.assembly).as_json(),
             "cpu_seconds": result.cpu_seconds,
+            **self._solids(),
+            **{name: part.as_json() for name, part in result.parts.items()},
+        }
+
+    def _solids(self) -> dict[str, Any]:
+        """What solids alone have, whose contacts are points on flat patches."""
+        if isinstance(self.assembly, Assembly):
+            return {}
+        solids, result = cast("PolyhedralAssembly", self.assembly), self.result
+        patches, bare = solids.interfaces.patches, result.bare_contacts
+
+        def largest(values: FloatArray) -> float | None:
+            return float(values.max(initial=0.0)) if result.shown else None
+
+        return {
+            "interlocked": result.classification.locked,
+            "largest_contact_force": largest(result.normal_forces),
+            "largest_patch_pressure": largest(result.patch_pressures),
+            "n_patches": len(patches.areas),
+            "n_points_without_area": sum(bare.values()),
+            "n_crossing_edges": bare[CROSSING_EDGES],
+            "n_standing_corners": bare[STANDING_CORNER],
+            "contact_area": float(patches.areas.sum()),
+            "tolerance": solids.tolerance,
+            **({"block_names": list(solids.names)} if solids.names else {}),
         }
 
 
@@ -361,17 +308,8 @@ def _joint_extremes(assembly: AnyBlocks, joints: JointResultants) -> dict[str, M
     return result
 
 
-def joints_of(assembly: AnyBlocks, index: IntArray, forces: FloatArray) -> JointResultants:
-    """Resultants of forces on block s of some contacts, (n, 3) [N], by pairs of blocks."""
-    result, centroids = assembly.interfaces, None
-    if not isinstance(assembly, Assembly):
-        pairs = np.unique(np.column_stack([result.block_m[index], result.block_s[index]]), axis=0)
-        centroids = cast("PolyhedralAssembly", assembly).joint_centroids(pairs)
-    return joint_resultants(result, index, forces, centroids)
-
-
 def _contacts(
-    assembly: AnyBlocks, index: IntArray, carried: Carried
+    assembly: AnyBlocks, index: IntArray, carried: RigidResult
 ) -> dict[str, Callable[[], Array]]:
     """Facets in the order of the interfaces, of triangulated blocks flat patches."""
     if isinstance(assembly, Assembly):
@@ -409,21 +347,19 @@ def _points(assembly: AnyBlocks) -> tuple[FloatArray, IntArray, IntArray]:
     return np.concatenate(points), np.concatenate(cells), owner
 
 
-def block_motion(
-    assembly: AnyBlocks, load: LoadCase, result: RigidResult, carried: Carried
-) -> FloatArray | None:
+def block_motion(result: RigidResult) -> FloatArray | None:
     """(δt [mm], δθ [rad]) of each block under the mechanism, (n_blocks, 6).
 
     None where locked, or where friction holds the blocks. Prefers the mechanism that the load
     drives; blocks held by the certificate's supports stay.
     """
-    certificate = result.classification.certificate
-    if carried.mechanism is not None:
-        return placed_motion(assembly, carried.mechanism, ~load.fixed)
-    if carried.friction is not None and carried.holds:
+    certificate, blocks = result.classification.certificate, result.blocks
+    if result.driven is not None:
+        return placed_motion(blocks, result.driven, ~result.load.fixed)
+    if result.friction is not None and result.holds:
         return None
     if isinstance(certificate, Mechanism):
-        return placed_motion(assembly, certificate.virtual_displacement, ~assembly.fixed)
+        return placed_motion(blocks, certificate.virtual_displacement, ~blocks.fixed)
     return None
 
 
@@ -442,23 +378,3 @@ def _node_motion(
     arms = points - assembly.centroids[block]
     moved = moving[block, :3] + np.cross(moving[block, 3:], arms)
     return np.asarray(moved / np.linalg.norm(moved, axis=1).max())
-
-
-def certificate_report(classification: Classification) -> dict[str, Any] | None:
-    """Return the proof of the mechanism class as plain data."""
-    certificate = classification.certificate
-    if isinstance(certificate, SelfStress):
-        return {
-            "kind": "self-stress",
-            "smallest_force": float(certificate.forces.min()),
-            "residual": certificate.residual,
-            "smallest_singular_value": certificate.smallest_singular_value,
-        }
-    if isinstance(certificate, Mechanism):
-        return {
-            "kind": "mechanism",
-            "virtual_displacement": certificate.virtual_displacement.tolist(),
-            "smallest_gap_rate": certificate.smallest_gap_rate,
-            "work": certificate.work,
-        }
-    return None

@@ -53,6 +53,20 @@ class MechanismClass(StrEnum):
     UNDECIDED = "undecided"
     """Neither a self-stress nor a mechanism could be certified within tolerance."""
 
+    @property
+    def words(self) -> str:
+        """The class in words."""
+        return _CLASS_WORDS[self]
+
+
+_CLASS_WORDS = {
+    MechanismClass.LOCKED: "locked: no mechanism exists",
+    MechanismClass.SUPPRESSED: "suppressed: a mechanism exists, the load acts against it",
+    MechanismClass.NEUTRAL: "neutral: a mechanism exists, the load does no work on it",
+    MechanismClass.ACTIVATED: "activated: a mechanism exists, and the load drives it",
+    MechanismClass.UNDECIDED: "undecided: no proof of locking or of a mechanism within tolerance",
+}
+
 
 @dataclass(frozen=True)
 class SelfStress(ReadOnlyArrays):
@@ -90,6 +104,42 @@ class Classification:
     def locked(self) -> bool:
         """Whether no mechanism exists."""
         return self.mechanism is MechanismClass.LOCKED
+
+    @property
+    def proof(self) -> str:
+        """The certificate with its numbers, in words."""
+        certificate = self.certificate
+        if isinstance(certificate, SelfStress):
+            return (
+                "self-stress state λ ≥ 1, equilibrium error ‖Gλ‖/‖λ‖ = "
+                f"{certificate.residual:.1e}, σ_min/σ_max = "
+                f"{certificate.smallest_singular_value:.1e}"
+            )
+        if isinstance(certificate, Mechanism):
+            return (
+                "mechanism δq, smallest gap rate min Gᵀδq = "
+                f"{certificate.smallest_gap_rate:.1e}, work fᵀδq/‖f‖ = {certificate.work:.3g}"
+            )
+        return "none"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the class and its certificate as plain data."""
+        certificate, data = self.certificate, None
+        if isinstance(certificate, SelfStress):
+            data = {
+                "kind": "self-stress",
+                "smallest_force": float(certificate.forces.min()),
+                "residual": certificate.residual,
+                "smallest_singular_value": certificate.smallest_singular_value,
+            }
+        elif isinstance(certificate, Mechanism):
+            data = {
+                "kind": "mechanism",
+                "virtual_displacement": certificate.virtual_displacement.tolist(),
+                "smallest_gap_rate": certificate.smallest_gap_rate,
+                "work": certificate.work,
+            }
+        return {"mechanism": str(self.mechanism), "certificate": data}
 
 
 def as_mechanism(jacobian: ContactJacobian, direction: FloatArray, load: FloatArray) -> Mechanism:

@@ -150,7 +150,9 @@ def _named(name: str, method: Method | str) -> Method:
     return kinds[method]()
 
 
-def load_case(source: str | Path, settings: Settings = ()) -> Case:
+def load_case(
+    source: str | Path, settings: Settings = (), *, method: Method | str | None = None
+) -> Case:
     """Read and check a scene.
 
     Parameters
@@ -159,6 +161,8 @@ def load_case(source: str | Path, settings: Settings = ()) -> Case:
         Name of a built-in scene, or a TOML file.
     settings
         Values that replace or add to those of the scene, such as ``{"assembly.layers": 2}``.
+    method
+        "rigid", "static", "explicit", or a method itself; None: as ``[fem]`` says.
 
     Raises
     ------
@@ -171,7 +175,8 @@ def load_case(source: str | Path, settings: Settings = ()) -> Case:
     if isinstance(scene, MeshScene):
         scene = scene.located(path.parent)
     own = path if path.exists() else None
-    return Case(name=name, stated=scene, method=scene.method, folder=path.parent, source=own)
+    case = Case(name=name, stated=scene, method=scene.method, folder=path.parent, source=own)
+    return case if method is None else case.with_method(method)
 
 
 def scene_case(scene: DeformableScene, name: str) -> Case:

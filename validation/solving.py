@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
 
+from geometry.answer import Notes
 from mbd.options import Rigid
 from validation.case import Case
+from validation.errors import named
+from validation.scene.family import RoundScene
+from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 
 if TYPE_CHECKING:
-    from geometry.answer import Answer
+    from geometry.answer import Answer, Part
+    from mbd.analysis import RigidStatement
+
+#: Load cases that put the ring of a tube under pressure: the loaded face, and what the ring gets.
+_RINGS = {"pipe": ("inner", "tension"), "tunnel": ("outer", "compression")}
+_OPPOSITE = {"tension": "compression", "compression": "tension"}
 
 
 def solve(case: Case, progress: Callable[[str], None] | None = None) -> Answer:
@@ -33,20 +42,100 @@ def solve(case: Case, progress: Callable[[str], None] | None = None) -> Answer:
     InputError
         One line: what was got, what is expected, what to do.
     """
-    from validation.run.stages import telling
-
-    with telling(progress or (lambda _: None)):
-        answer = _rigid(case) if isinstance(case.method, Rigid) else _deformable(case)
+    tell = progress or (lambda _: None)
+    answer = solve_rigid(case, tell) if isinstance(case.method, Rigid) else _deformable(case)
     return replace(answer, case=case)
-
-
-def _rigid(case: Case) -> Answer:
-    from validation.run.rigid.polyhedra import rigid_answer
-
-    return rigid_answer(case).answer
 
 
 def _deformable(case: Case) -> Answer:
     from validation.run.solve import run_as_asked, with_factors
 
     return with_factors(run_as_asked(case.name, case.scene)).answer
+
+
+# ---------------------------------------------------------------------------------------------
+# Rigid blocks
+
+
+def solve_rigid(
+    case: Case, tell: Callable[[str], None], stated: RigidStatement | None = None
+) -> Answer:
+    """Answer a case by rigid blocks, which may be built already: ``stated``."""
+    from mbd.answer import analyse
+    from validation.build.rigid import rigid_statement
+    from validation.run.stages import stages, summed
+
+    assert isinstance(case.method, Rigid)
+    with stages() as watch:
+        if stated is None:
+            tell("reads the blocks and finds where they touch")
+            stated = rigid_statement(case)
+        watch.lap("build")
+    built = watch.seconds()
+    with named(case.name):
+        answer = analyse(stated, case.method, progress=tell)
+        parts = _rigid_parts(case, answer)
+    seconds = summed({"build": 0.0} | answer.details.cpu_seconds, built)
+    told = {"scene": case.name, "load": case.scene.load_words, "cpu_seconds": seconds}
+    return replace(answer.beside(parts, told), case=case)
+
+
+def _rigid_parts(case: Case, answer: Answer) -> dict[str, Part]:
+    """What a scene adds to the answer of its rigid blocks."""
+    from validation.build.sections import scene_planes
+
+    scene, blocks = case.scene, answer.details.blocks
+    parts: dict[str, Part] = {}
+    hoop = hoop_stress(scene)
+    if hoop is not None:
+        parts["ring_pressure"] = hoop
+    cut = scene_planes(scene, blocks)
+    if cut is not None:
+        shown = answer.details.shown and answer.cut is not None
+        none = Notes([("sections", "none: no forces of the load")])
+        parts["sections"] = answer.cut(cut) if shown and answer.cut is not None else none
+    if isinstance(scene, PolyhedralScene):
+        from validation.build.doubts import doubts
+
+        straight = any(shape.straightened for shape in blocks.shapes)
+        rows = [("edges", STRAIGHT_EDGES)] if straight else []
+        parts["notes"] = Notes([*rows, *doubts(scene, blocks, case.folder, blocks).items()])
+    return parts
+
+
+@dataclass(frozen=True)
+class HoopStress:
+    """Mean hoop stress p·r/t of a closed ring, by hand."""
+
+    value: float
+    """[MPa]"""
+    radius: float
+    """Of the loaded face [mm]."""
+    sense: str
+    """Tension or compression."""
+    unit: str = "MPa"
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """The stress, with a remark on dry joints."""
+        words = f"{self.value:.5g} MPa, mean hoop {self.sense} of a closed ring, "
+        words += f"r = {self.radius:g} mm"
+        if self.sense == "tension":
+            words += "; dry joints carry no tension: waves and end rings do"
+        return [("hoop stress p·r/t", words)]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return asdict(self)
+
+
+def hoop_stress(scene: object) -> HoopStress | None:
+    """Hoop stress of a tube under pressure; None of all else."""
+    if not isinstance(scene, RoundScene) or scene.load.case not in _RINGS:
+        return None
+    face, sense = _RINGS[scene.load.case]
+    pressure, thickness = scene.load.pressure, scene.thickness
+    radius = float(scene.block.inner_radius)  # type: ignore[attr-defined]
+    radius += thickness * (face == "outer")
+    sense = sense if pressure >= 0.0 else _OPPOSITE[sense]
+    return HoopStress(abs(pressure) * radius / thickness, radius, sense)

@@ -41,12 +41,13 @@ from fem.element.material import (
     Material,
     MaterialError,
     each_material,
+    one_strength,
 )
 from fem.problem.effects import Effects
 from fem.problem.model import Model
 from geometry.assembly import Assembly, spacing_offsets
 from geometry.errors import RefusedError
-from geometry.loads import Load, LoadCase, with_body_wrenches
+from geometry.loads import Load, LoadCase
 from geometry.mesh import BoolArray, FloatArray, check_mesh
 from geometry.parts.pairs import OfPairs, check_pairs
 
@@ -392,9 +393,14 @@ class Problem:
         """Tractions on facets, and what is held while they act."""
         return self.load.on(self.blocks) if isinstance(self.load, Load) else self.load
 
-    @cached_property
+    @property
+    def rigid_blocks(self) -> Assembly:
+        """The blocks with the contacts of rigid ones."""
+        return self.blocks
+
+    @property
     def rigid_load(self) -> LoadCase:
-        """The same for rigid blocks, whose weight acts at their mass centroids.
+        """Loads and supports of rigid blocks, whose weight is `rigid_weight`.
 
         Elasticity, element, law, normals and frames say how blocks deform: no rigid answer has
         them, and fixed blocks are held as a whole.
@@ -402,27 +408,42 @@ class Problem:
         Raises
         ------
         ProblemError
-            For what rigid blocks without friction do not have.
+            For what rigid blocks do not have.
         """
-        for name in ("friction", "clearance", "spacing"):
-            if getattr(self, name):
+        for name in ("clearance", "spacing"):
+            if getattr(self, name) > 0.0:
                 raise ProblemError(
-                    f"{name}: got {getattr(self, name)}; the rigid-block analysis is frictionless "
-                    "and without gaps: remove it (dataclasses.replace), or use mbd.friction"
+                    f"{name}: got {getattr(self, name):g} mm; rigid blocks have no gaps to close: "
+                    "expected none, or deformable blocks"
                 )
         for name in ("finite_sliding", "finite_rotation"):
             if getattr(self, name):
                 raise ProblemError(
-                    f"{name}: got True; the rigid-block analysis assumes small motions and facets "
-                    "that match: where they do, remove it (dataclasses.replace); `tubelock mbd` "
-                    "finds the contacts of others"
+                    f"{name}: got True; rigid blocks move by small amounts: expected it off, or "
+                    "deformable blocks"
                 )
         self.refuse_motion()
+        return self.load_case
+
+    @cached_property
+    def rigid_weight(self) -> FloatArray | None:
+        """Weight of each block about its mass centroid, (n_blocks, 6) [N, N mm]; None: absent."""
         if self.acceleration is None:
-            return self.load_case
+            return None
         weight = np.zeros((self.blocks.n_blocks, 6))
         weight[:, :3] = np.outer(self.densities * self.blocks.volumes, self.acceleration)
-        return with_body_wrenches(self.load_case, weight)
+        return weight
+
+    @property
+    def interference(self) -> float:
+        """By which joints are squeezed before the load acts [mm]."""
+        return max(0.0, -self.clearance)
+
+    @property
+    def compressive_strength(self) -> float | None:
+        """Of all blocks [MPa]; None: not stated."""
+        strengths = (material.compressive_strength for material in self.materials)
+        return one_strength("compressive_strength", strengths)
 
     @property
     def acts(self) -> bool:

@@ -16,6 +16,8 @@ class SupportError(RefusedError):
     """A support that the blocks cannot have."""
 
 
+#: Name of a support that pushes its block.
+PUSH = "push"
 #: Part of a motion that may lie across the directions that are held: digits of a scene [-].
 _ACROSS = 1e-3
 
@@ -87,6 +89,11 @@ class HeldFace(ReadOnlyArrays):
     def moves(self) -> bool:
         """Whether it moves along a direction along which it is held."""
         return self.displacement is not None and bool((self.axes @ self.displacement).any())
+
+    @property
+    def is_push(self) -> bool:
+        """Whether it moves a block against what holds it, and rigid blocks give its limit."""
+        return self.moves and self.name == PUSH
 
     @property
     def title(self) -> str:

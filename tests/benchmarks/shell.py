@@ -135,7 +135,7 @@ def main() -> None:
         n = sum(1 for _ in blocks(asked.rows))
         table = [
             measured("mbd", scene, n),
-            measured("mbd, friction 0.6", scene, n, "--set", "rigid.friction=0.6"),
+            measured("mbd, friction 0.6", scene, n, "--set", "effects.friction=0.6"),
         ]
     columns = {
         "command": lambda row: row.command,

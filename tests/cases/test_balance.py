@@ -92,7 +92,7 @@ def random_case(seed: int) -> tuple[str, dict[str, Any]]:
             "assembly.rows": int(rng.integers(1, 4)),
             "assembly.columns": int(rng.integers(1, 4)),
             "load.acceleration": [push, 0.0, 0.0],
-            "rigid.friction": 0.7,
+            "effects.friction": 0.7,
             "rigid.collapse": False,
         }
     if kind == "arch":

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from mbd import Mechanism, contact_jacobian, generalized_force
-from tests.support.face import DeformableScene, reference, run_rigid, run_static, section_heights
+from tests.support.face import DeformableScene, reference, run_static, section_heights
 from tests.support.face import picture_section as section
-from validation import load_case
+from validation import load_case, solve
 
 pytestmark = pytest.mark.quick
 
@@ -17,25 +17,25 @@ CASES = ("pipe", "tunnel", "pillar", "beam", "shaft")
 
 @pytest.mark.parametrize("case", CASES)
 def test_class_of_each_load_case_is_the_printed_one(case: str) -> None:
-    run = run_rigid(load_case(f"thb0-{case}", ["mesh.edge=12", "mesh.radial=5"]))
+    run = solve(load_case(f"thb0-{case}", ["mesh.edge=12", "mesh.radial=5"], method="rigid"))
     printed = reference()["table"]["THB0"][case]["mechanism"]
-    assert str(run.result.mechanism) == printed
-    assert run.result.equilibrium.holds == (case == "tunnel")
+    assert str(run.details.mechanism) == printed
+    assert run.details.equilibrium.holds == (case == "tunnel")
     # The certificate, by one multiplication: no gap closes beyond round-off, and the load's
     # work has the sign of the class.
-    certificate = run.result.classification.certificate
+    certificate = run.details.classification.certificate
     assert isinstance(certificate, Mechanism)
-    held = contact_jacobian(run.assembly)
+    held = contact_jacobian(run.details.blocks)
     motion = certificate.virtual_displacement.ravel()
     assert held.jacobian.gap_rates(motion).min() > -1e-9
     assert np.linalg.norm(motion) == pytest.approx(1.0)
-    force = generalized_force(run.assembly, run.load, held.free_blocks, held.length)
+    force = generalized_force(run.details.blocks, run.details.load, held.free_blocks, held.length)
     work = float(force @ motion)
     assert {"activated": work > 0, "suppressed": work < 0, "neutral": work == 0.0}[printed]
 
 
 def test_tunnel_reaches_the_printed_numbers() -> None:
-    measures = run_rigid(load_case("thb0-tunnel")).result.measures
+    measures = solve(load_case("thb0-tunnel", method="rigid")).details.measures
     assert measures is not None
     printed = reference()["table"]["THB0"]["tunnel"]
     # Goals of the project: 1.5 points in the count, 4 % in the pressures.

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from tests.support.drawn_blocks import Drawn, arch, write_obj
-from tests.support.face import run_polyhedra
-from validation import load_case
+from validation import load_case, solve
 
 pytestmark = pytest.mark.quick
 
@@ -24,8 +23,8 @@ def _notes(folder: Path, blocks: dict[str, Drawn], fixed: list[str], extra: str 
         "utf-8",
     )
     file = load_case(str(folder / "a.toml"))
-    run = run_polyhedra(file, file.scene)
-    return run.doubts, run.assembly
+    run = solve(file.with_method("rigid"))
+    return run.report["notes"], run.details.blocks
 
 
 def _wavy(k: int, n: int, bottom: int) -> Drawn:

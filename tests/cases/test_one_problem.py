@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem import ExponentialLaw, Frames, Material, read_deck, solve
+from fem import ExponentialLaw, Frames, Material, read_deck
+from fem.explicit.solve import solve as solve_model
 from tests.support.face import (
     AdaptiveMassDamping,
     ColumnBox,
@@ -27,13 +28,12 @@ from tests.support.face import (
     face_pressure,
     law_table,
     recommended_times,
-    run_rigid,
     scene_case,
     scene_data,
 )
 from tests.support.face import solve_deformable_static as solve_static
 from tests.support.fem_problems import deformable_assembly
-from validation import load_case
+from validation import load_case, solve
 
 COARSE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=2")
 STATIC = (*COARSE, "fem.method=static", "effects.friction={coefficient=0.2, stick_stiffness=1e3}")
@@ -55,7 +55,7 @@ def test_an_exported_deck_states_what_the_scene_solves(setting, flavour, tmp_pat
     the static solutions agree to their residual of 1e-8 times a gain of contact below 1e2."""
     file = load_case("tsb1-pipe", [*STATIC, setting])
     export_deck(file, flavour, tmp_path / "a.inp")
-    imported = read_deck(tmp_path / "a.inp").problem.deformable
+    imported = read_deck(tmp_path / "a.inp").problem().deformable
     ours = build_deformable(file.scene, "tube")  # type: ignore[arg-type]
     assert imported.contact.friction == ours.contact.friction
     answers = [solve_static(problem) for problem in (ours, imported)]
@@ -123,7 +123,7 @@ def test_gravity_of_the_assembly_reaches_an_explicit_run() -> None:
     ramp = SmoothStepAmplitude(times.ramp_time)
     stated = explicit_assembly(column, effects=effects, amplitude=ramp)
     stop = StopCriterion(residual=1e-6, not_before=times.ramp_time)
-    explicit = solve(stated.model, end_time=4 * times.end_time, stop=stop)
+    explicit = solve_model(stated.model, end_time=4 * times.end_time, stop=stop)
     dynamic = stated.contact_state(explicit.displacements)
     static = solve_static(column).contact_state
     bears = 40.0**2 * (1e-4 + CONCRETE.density * 9810.0 * 60.0)
@@ -143,12 +143,12 @@ def test_gravity_is_stated_once() -> None:
 def test_rigid_blocks_carry_the_weight_that_the_scene_states() -> None:
     """A column's lowest joint bears the pressure and all that stands above it."""
     gravity = "effects.gravity=[0.0, 0.0, -9810.0]"
-    weightless, heavy = (run_rigid(load_case("column", s)) for s in ((), (gravity,)))
+    weightless, heavy = (solve(load_case("column", s, method="rigid")) for s in ((), (gravity,)))
     found = []
     for run in (weightless, heavy):
-        joints = run.assembly.interfaces
-        lowest = joints.block_m[run.result.contact_index] == 0
-        found.append(run.result.contact_forces[lowest].sum())
+        joints = run.details.blocks.interfaces
+        lowest = joints.block_m[run.details.contact_index] == 0
+        found.append(run.details.contact_forces[lowest].sum())
     above = heavy.assembly.volumes[1:].sum()
     density = heavy.scene.material.density  # type: ignore[union-attr]
     # The equilibrium's residual is below 1e-6 of the forces.
@@ -156,5 +156,5 @@ def test_rigid_blocks_carry_the_weight_that_the_scene_states() -> None:
     data = scene_data("column")[1] | {"effects": {"gravity": GRAVITY.tolist()}}
     del data["material"]
     # Without a material the blocks are of concrete, as this scene says itself.
-    unstated = run_rigid(scene_case(name="column", scene=check_scene(data)))
-    np.testing.assert_allclose(unstated.result.contact_forces, heavy.result.contact_forces)
+    unstated = solve(scene_case(name="column", scene=check_scene(data)).with_method("rigid"))
+    np.testing.assert_allclose(unstated.details.contact_forces, heavy.details.contact_forces)

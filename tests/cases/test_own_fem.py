@@ -400,7 +400,7 @@ def test_little_friction_holds_a_panel_by_a_squeeze_alone(tmp_path: Path) -> Non
     scene = panel_scene(tmp_path, 2, 0.3)
     with pytest.raises(InputError, match="carried only if pressed beforehand") as error:
         run_static("panel", scene)
-    rigid = solved(tmp_path / "own.toml", ["rigid.friction=0.3"], method="rigid").as_dict()
+    rigid = solved(tmp_path / "own.toml", ["effects.friction=0.3"], method="rigid").as_dict()
     verdict, _, joint = rigid["answer"].partition(":")
     assert verdict == "carried only if pressed beforehand"
     assert joint.partition(" between")[0] in str(error.value)

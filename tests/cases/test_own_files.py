@@ -21,11 +21,10 @@ from tests.support.face import (
     diagnosed_blocks,
     flat_faces,
     read_blocks,
-    run_polyhedra,
     write_repaired,
     write_solids,
 )
-from validation import load_case
+from validation import load_case, solve
 
 pytestmark = pytest.mark.quick
 
@@ -84,7 +83,7 @@ def scene_of(file: Path, *lines: str) -> Path:
 
 def rigid(file: Path, *lines: str):  # type: ignore[no-untyped-def]
     loaded = load_case(str(scene_of(file, *lines)))
-    return run_polyhedra(loaded, loaded.scene)  # type: ignore[arg-type]
+    return solve(loaded.with_method("rigid"))  # type: ignore[arg-type]
 
 
 def test_objects_of_an_obj_are_blocks_with_names(tmp_path: Path) -> None:
@@ -283,7 +282,7 @@ def test_files_that_are_none_get_one_line(tmp_path: Path, name: str, text: str) 
 def test_blocks_are_fixed_by_name(tmp_path: Path) -> None:
     file = obj(tmp_path / "a.obj", STACK)
     run = rigid(file, 'fixed = ["base"]')
-    assert run.assembly.fixed.tolist() == [True, False]
+    assert run.details.blocks.fixed.tolist() == [True, False]
     assert run.answer.as_dict()["block_names"] == ["base", "block"]
     with pytest.raises(RefusedError, match=r"got block 'bas', but names are base, block"):
         rigid(file, 'fixed = ["bas"]')
@@ -292,7 +291,7 @@ def test_blocks_are_fixed_by_name(tmp_path: Path) -> None:
 def test_supports_of_a_file_are_supports(tmp_path: Path) -> None:
     lower, upper = read_blocks(obj(tmp_path / "a.obj", STACK))
     write_solids(tmp_path / "b.json", placed([lower, upper], [True, False], step=0.0))
-    assert rigid(tmp_path / "b.json").assembly.fixed.tolist() == [True, False]
+    assert rigid(tmp_path / "b.json").details.blocks.fixed.tolist() == [True, False]
 
 
 def test_y_up_gives_the_answer_of_z_up(tmp_path: Path) -> None:
@@ -303,8 +302,10 @@ def test_y_up_gives_the_answer_of_z_up(tmp_path: Path) -> None:
     }
     file = obj(tmp_path / "y.obj", lying)
     turned = rigid(file, "fixed = [0]", 'up = "y"')
-    np.testing.assert_allclose(turned.assembly.centroids, upright.assembly.centroids, atol=1e-9)
-    forces = [float(run.carried.normal_forces.sum()) for run in (turned, upright)]
+    np.testing.assert_allclose(
+        turned.details.blocks.centroids, upright.details.blocks.centroids, atol=1e-9
+    )
+    forces = [float(run.details.normal_forces.sum()) for run in (turned, upright)]
     assert forces[0] == pytest.approx(forces[1], rel=1e-9)
     assert not turned.doubts
     assert not upright.doubts
@@ -322,7 +323,7 @@ def test_overlaps_are_named_with_a_tolerance_that_works(tmp_path: Path) -> None:
         rigid(file, "fixed = [0]")
     tolerance = str(e.value).partition("detection.tolerance = ")[2].split()[0]
     loaded = load_case(str(scene_of(file, "fixed = [0]")), [f"detection.tolerance={tolerance}"])
-    assert run_polyhedra(loaded, loaded.scene).carried.holds  # type: ignore[arg-type]
+    assert solve(loaded.with_method("rigid")).details.holds  # type: ignore[arg-type]
 
 
 def test_check_lists_faults_overlaps_and_gaps(tmp_path: Path) -> None:
@@ -417,9 +418,9 @@ def test_the_density_of_the_material_is_that_of_the_weight(tmp_path: Path) -> No
     material = "[material]\ndensity = 7.85e-9\nyoung_modulus = 2.1e5\npoisson_ratio = 0.3\n"
     file.write_text(text + "\n" + material)
     loaded = load_case(str(file))
-    run = run_polyhedra(loaded, loaded.scene)  # type: ignore[arg-type]
+    run = solve(loaded.with_method("rigid"))  # type: ignore[arg-type]
     weight = 7.85e-9 * 2e6 * 9810.0
-    assert run.carried.normal_forces.sum() == pytest.approx(weight, rel=1e-9)
+    assert run.details.normal_forces.sum() == pytest.approx(weight, rel=1e-9)
 
 
 def test_faulty_solids_are_left_out_by_name_or_number(tmp_path: Path) -> None:
@@ -432,9 +433,9 @@ def test_faulty_solids_are_left_out_by_name_or_number(tmp_path: Path) -> None:
         rigid(file, "fixed = [0]")
     for which in ('"extra"', "2"):
         run = rigid(file, "fixed = [0]", f"leave_out = [{which}]")
-        assert run.assembly.names == ("base", "block")
+        assert run.details.blocks.names == ("base", "block")
         assert run.doubts["left out"] == f"a.obj: {which.strip(chr(34))}"
-        assert run.carried.holds
+        assert run.details.holds
     with pytest.raises(RefusedError, match=r"parts\.leave_out: got block 'lid'"):
         rigid(file, "fixed = [0]", 'leave_out = ["lid"]')
     with pytest.raises(RefusedError, match="names all 3 solids"):

@@ -16,7 +16,6 @@ from tests.support.face import (
     LoadCase,
     PushCurve,
     StaticResult,
-    TetrahedraLayer,
     at_rest,
     build_polyhedra,
     compared_runs,
@@ -26,14 +25,14 @@ from tests.support.face import (
     frictional_equilibrium,
     push_curves,
     rigid_limit,
-    run_polyhedra,
     scene_problem,
     stated_load,
     static_options,
+    tetrahedra_layer,
     tetrahedron,
 )
 from tests.support.face import solve_deformable_static as solve_static
-from validation import load_case
+from validation import load_case, solve
 
 FRICTION, STICK = 0.3, 100.0
 
@@ -109,7 +108,7 @@ def test_no_force_is_larger_than_the_rigid_limit(pressed: Pushed) -> None:
     the one as built: blocks of 60 mm that move by 0.12 mm turn its faces by no more than 0.2 %."""
     limit = rigid_limit(panel())
     assert limit is not None
-    assert pressed.result.converged
+    assert pressed.details.converged
     assert pressed.curve.displacements[-1] == pytest.approx(0.12, rel=1e-12)
     assert pressed.curve.peak[0] <= 1.002 * limit
 
@@ -118,7 +117,7 @@ def test_the_work_of_the_push_is_found_again(pressed: Pushed, squeezed: StaticRe
     """Work of the push and of the side forces is strain energy, contact energy, friction, and the
     energy of elastic slips: at most (μ p)² / 2 k per area. The curve is concave, so that trapezia
     miss some of the work and add none."""
-    before, after, contact = squeezed, pressed.result, pressed.result.contact_state
+    before, after, contact = squeezed, pressed.result, pressed.details.contact_state
     work = pressed.curve.work + after.external_work - before.external_work
     stored = after.strain_energy - before.strain_energy
     stored += after.contact_energy - before.contact_energy
@@ -132,12 +131,12 @@ def test_rigid_blocks_say_the_limit_of_the_push() -> None:
     """Certified from both sides, by faces alone; a fixed ring jams with associated friction, and
     without dilation nothing that presses holds the block."""
     file = load_case("pushed-panel", ())
-    limit = run_polyhedra(file, file.scene).answer.as_dict()["push_limit"]
+    limit = solve(file.with_method("rigid")).as_dict()["push_limit"]
     assert limit["certified"]
     assert limit["upper_bound"] == pytest.approx(limit["associated"], rel=1e-6)
     assert 0.0 < limit["non_associated"] < limit["associated"]
 
-    limit = run_polyhedra(file, ringed()).answer.as_dict()["push_limit"]
+    limit = solve(file.stating(ringed()).with_method("rigid")).as_dict()["push_limit"]
     assert limit["unbounded"]
     assert limit["associated"] is None
     assert limit["non_associated"] == pytest.approx(0.0, abs=1e-9)
@@ -148,7 +147,7 @@ def test_steps_far_longer_than_the_contact_law_are_taken() -> None:
     starts where the one before leads to, the first from shorter ones. The push of a block that
     nothing presses stays below a hundredth of that between the side forces."""
     far = pushed(ringed("mesh.divisions=1", "load.push.distance=4", "fem.motion_steps=4"))
-    assert far.result.converged
+    assert far.details.converged
     assert far.curve.displacements[-1] == pytest.approx(4.0, rel=1e-12)
     assert 0.0 < far.curve.peak[0] < 0.01 * 4800.0
 
@@ -175,13 +174,13 @@ def test_truncated_tetrahedra_have_the_volume_of_their_sections() -> None:
 @pytest.mark.parametrize("freed", [(10,), (21,)])
 def test_only_blocks_of_the_ring_are_freed(freed: tuple[int, ...]) -> None:
     with pytest.raises(AssemblyError, match=f"freed: got {freed[0]}; expected numbers of blocks"):
-        TetrahedraLayer(100.0, 3, 3, freed=freed).build()
+        tetrahedra_layer(100.0, 3, 3, freed=freed)
 
 
 @pytest.mark.quick
 def test_a_thickness_beyond_the_edges_is_rejected() -> None:
     with pytest.raises(AssemblyError, match=r"thickness: got 80; expected less than 70\.71"):
-        TetrahedraLayer(100.0, 3, 3, thickness=80.0).build()
+        tetrahedra_layer(100.0, 3, 3, thickness=80.0)
 
 
 @pytest.mark.parametrize(
@@ -197,7 +196,7 @@ def test_a_push_that_meets_nothing_has_a_curve_of_no_force(overrides: dict[str, 
     loose = panel("mesh.divisions=1", "load.push.distance=2", "fem.motion_steps=2")
     loose = loose.changed({"supports": (), "loads": (), **overrides})
     found = pushed(loose)
-    assert found.result.converged
+    assert found.details.converged
     assert found.curve.displacements[-1] == pytest.approx(2.0, rel=1e-12)
     assert not found.curve.forces.any()
     assert found.curve.free_after == 0.0

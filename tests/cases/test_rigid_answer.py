@@ -10,31 +10,28 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from geometry import Answer
 from mbd import contact_jacobian
 from tests.support.face import (
-    CircularArch,
     FloatArray,
     FrictionLaw,
     IntArray,
-    PolyhedralRun,
     PolyhedralScene,
     Polyhedron,
-    RigidRun,
+    circular_arch,
     convex_polyhedron,
     first_largest,
     frictional_contacts,
     frictional_equilibrium,
     print_rigid,
-    run_polyhedra,
-    run_rigid,
 )
-from validation import load_case
+from validation import load_case, solve
 
 
-def solved(path: Path | str, *settings: str) -> PolyhedralRun:
+def solved(path: Path | str, *settings: str) -> Answer:
     file = load_case(str(path), list(settings))
     assert isinstance(file.scene, PolyhedralScene)
-    return run_polyhedra(file, file.scene)
+    return solve(file.with_method("rigid"))
 
 
 # ---------------------------------------------------------------------------------------------
@@ -72,17 +69,14 @@ def flat_arch(folder: Path) -> Path:
 
 def test_a_jam_of_associated_friction_is_no_proof_that_nothing_slides(tmp_path: Path) -> None:
     run = solved(flat_arch(tmp_path))
-    assert run.further is not None
-    collapse, sliding, ranges = run.further.collapse, run.further.sliding, run.further.ranges
-    assert collapse is not None
-    assert sliding is not None
+    collapse, sliding = (run.parts[name].load for name in ("collapse", "sliding"))
+    ranges = run.parts["ranges"].forces
     assert np.isinf(collapse.factor)
     assert "associated friction" in collapse.status
     assert "no crushing" in collapse.status
     # The analysis without dilation runs there, and the range of the forces is told unasked.
     assert sliding.certified
     assert 0.0 < sliding.factor < 1.0
-    assert ranges is not None
     assert ranges.unbounded.all()
 
 
@@ -130,7 +124,7 @@ def multiplied_out(sliding: dict[str, Any]) -> dict[str, float]:
 
 def test_certified_sliding_can_be_checked_from_the_json(tmp_path: Path) -> None:
     """STL files round corners to 1e-7 of their size; programs are solved to 1e-7."""
-    answer = solved(flat_arch(tmp_path)).answer.as_dict()
+    answer = solved(flat_arch(tmp_path)).as_dict()
     sliding = answer["sliding"]
     assert sliding["certified"]
     laws = multiplied_out(sliding)
@@ -155,7 +149,7 @@ def test_the_frictional_state_of_a_symmetric_arch_is_symmetric(
     law: FrictionLaw, turn: float
 ) -> None:
     """The state of least norm is one, and so is its mirror image: they are the same."""
-    arch = CircularArch(1000.0, 250.0, 300.0, 9).build()
+    arch = circular_arch(1000.0, 250.0, 300.0, 9)
     angle = np.radians(turn)
     about = np.array(
         [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
@@ -202,38 +196,38 @@ pressure = 0.01
 """
 
 
-def tube(folder: Path, case: str, *, amplitude: float = 20.0, radial: int = 2) -> RigidRun:
+def tube(folder: Path, case: str, *, amplitude: float = 20.0, radial: int = 2) -> Answer:
     path = folder / "tube.toml"
     path.write_text(TUBE.format(case=case, amplitude=amplitude, radial=radial))
-    return run_rigid(load_case(str(path)))
+    return solve(load_case(str(path), method="rigid"))
 
 
 def test_the_largest_pressure_is_the_largest_of_all_contacts(tmp_path: Path) -> None:
     run = tube(tmp_path, "tunnel")
-    peak = run.answer.as_dict()["measures"]["p_max_facet"]
-    pressures = run.answer.contacts["pressure"]
+    peak = run.as_dict()["measures"]["p_max_facet"]
+    pressures = run.contacts["pressure"]
     assert peak["value"] == pressures.max()
-    assert peak["value"] >= run.answer["p_max"].value
-    contact = run.result.contact_index[first_largest(pressures)]
-    found, place = run.assembly.interfaces, peak["place"]
+    assert peak["value"] >= run["p_max"].value
+    contact = run.details.contact_index[first_largest(pressures)]
+    found, place = run.details.blocks.interfaces, peak["place"]
     np.testing.assert_allclose(place["position"], found.centroids[contact])
     assert place["blocks"] == [found.block_m[contact], found.block_s[contact]]
-    assert place["layer"] == run.assembly.layer[place["blocks"][0]]
+    assert place["layer"] == run.details.blocks.layer[place["blocks"][0]]
     # The face is the one whose facets have their middle there.
     block = place["blocks"][0]
-    quads = run.assembly.shape(block).faces[place["face"]]
-    middles = run.assembly.nodes(block)[quads].mean(axis=1)
+    quads = run.details.blocks.shape(block).faces[place["face"]]
+    middles = run.details.blocks.nodes(block)[quads].mean(axis=1)
     assert np.linalg.norm(middles - found.centroids[contact], axis=1).min() < 1e-9
 
 
 @pytest.mark.parametrize("scene", ["wall", "arch", "tetrahedra"])
 def test_the_supports_carry_the_weight(scene: str) -> None:
-    run = solved(scene, "rigid.friction=1.0", "rigid.margin=false")
-    answer = run.answer.as_dict()
+    run = solved(scene, "effects.friction=1.0", "rigid.margin=false")
+    answer = run.as_dict()
     found = answer["measures"]
-    weight = run.load.body_wrenches
+    weight = run.details.load.body_wrenches
     assert weight is not None
-    applied = weight[~run.load.fixed, :3].sum(axis=0)
+    applied = weight[~run.details.load.fixed, :3].sum(axis=0)
     # Residual of an equilibrium, relative to the load.
     size = np.linalg.norm(applied)
     np.testing.assert_allclose(answer["reaction"], -applied, atol=1e-6 * size)
@@ -247,23 +241,23 @@ def test_the_supports_carry_the_weight(scene: str) -> None:
     ("case", "radius", "sense"), [("tunnel", 180.0, "compression"), ("pipe", 120.0, "tension")]
 )
 def test_ring_pressure_by_hand(tmp_path: Path, case: str, radius: float, sense: str) -> None:
-    ring = tube(tmp_path, case).answer.as_dict()["ring_pressure"]
+    ring = tube(tmp_path, case).as_dict()["ring_pressure"]
     assert ring["value"] == pytest.approx(0.01 * radius / 60.0, rel=1e-15)
     assert ring["sense"] == sense
-    assert tube(tmp_path, "shaft").answer.as_dict()["ring_pressure"] is None
+    assert "ring_pressure" not in tube(tmp_path, "shaft").as_dict()
 
 
 def test_the_default_norm_gives_the_ring_pressure_on_any_mesh(tmp_path: Path) -> None:
     """Straight joints of a tube in a pressure of 0.01 MPa: p·r/t, whatever the facets are."""
     for radial in (1, 2, 4):
         run = tube(tmp_path, "tunnel", amplitude=0.0, radial=radial)
-        upright = np.abs(run.assembly.interfaces.normals[run.result.contact_index, 2]) < 1e-6
-        pressures = run.answer.contacts["pressure"][upright]
-        areas = run.assembly.interfaces.areas[run.result.contact_index][upright]
+        upright = np.abs(run.details.blocks.interfaces.normals[run.details.contact_index, 2]) < 1e-6
+        pressures = run.contacts["pressure"][upright]
+        areas = run.details.blocks.interfaces.areas[run.details.contact_index][upright]
         assert pressures @ areas / areas.sum() == pytest.approx(0.03, rel=0.02)
         if radial == 1:
             # One facet through the wall: its mean is that of the joint.
-            assert run.answer["p_max_facet"].value == pytest.approx(0.03, rel=0.02)
+            assert run["p_max_facet"].value == pytest.approx(0.03, rel=0.02)
 
 
 def test_first_rows_are_printed_before_the_paper_s_measures(tmp_path: Path) -> None:

@@ -7,8 +7,8 @@ import json
 import pytest
 
 from mbd import MechanismClass
-from tests.support.face import class_with_layers, frame_warning, layers_to_unlock, run_rigid
-from validation import load_case
+from tests.support.face import class_with_layers, frame_warning, layers_to_unlock
+from validation import load_case, solve
 
 pytestmark = pytest.mark.quick
 
@@ -29,16 +29,16 @@ def test_the_least_number_of_layers_is_least() -> None:
 
 def test_a_short_tube_says_that_its_frames_lock_it() -> None:
     short = load_case("thb0-pipe", [*COARSE, "assembly.layers=1"])
-    warning = frame_warning(short, run_rigid(short))
+    warning = frame_warning(short, solve(short.with_method("rigid")))
     assert warning is not None
     assert "with 12 layers the tube is activated" in warning
     # Long tubes, tubes that are not locked and tubes of Sine Blocks have nothing to say.
     long = load_case("thb0-pipe", COARSE)
-    assert frame_warning(long, run_rigid(long)) is None
+    assert frame_warning(long, solve(long.with_method("rigid"))) is None
     sine = load_case(
         "tsb1-pipe", ["mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=1"]
     )
-    assert frame_warning(sine, run_rigid(sine)) is None
+    assert frame_warning(sine, solve(sine.with_method("rigid"))) is None
 
 
 def test_the_command_warns_and_finds(tubelock) -> None:

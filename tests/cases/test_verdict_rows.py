@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.face import box_block, command, rigid_answer, solved, verdicts, write_hex_mesh
-from validation import load_case
+from tests.support.face import box_block, command, solved, verdicts, write_hex_mesh
+from validation import load_case, solve
 
 pytestmark = pytest.mark.quick
 
@@ -49,7 +49,7 @@ def test_a_block_that_only_lies_there_is_held_down_by_its_weight(tmp_path: Path)
     (row,) = [row for row in rows(tmp_path, str(path)) if "resistance to pushes" in row]
     assert "resists pushes along -z; held down by its weight against pushes along +z" in row
     answer = solved(path, method="rigid").as_dict()
-    assert answer["held_against"]["+z"]
+    assert answer["pushes"]["held_against"]["+z"]
     assert answer["held_by_load"] == ["+z"]
 
 
@@ -58,11 +58,11 @@ def test_a_state_held_by_prestress_is_yellow_and_has_no_pressures(tmp_path: Path
     more = "[rigid]\nfriction = 0.5\n"
     path = cubes(tmp_path, [[0, 0, 0], [100, 0, 0], [200, 0, 0]], [0, 2], more)
     file = load_case(str(path))
-    run = rigid_answer(file)
+    run = solve(file.with_method("rigid"))
     words = "carried only if pressed beforehand: at least 9.81 N between 0 and 1"
-    assert run.carried.words.startswith(words)
-    assert not run.answer.measures
-    assert run.answer.as_dict()["largest_patch_pressure"] is None
+    assert run.details.words.startswith(words)
+    assert not run.measures
+    assert run.as_dict()["largest_patch_pressure"] is None
     found = {verdict.question: verdict for verdict in verdicts(file.scene, run, None, {})}
     carried = found["Does it carry the load?"]
     assert (carried.words, carried.tone) == ("only if pressed beforehand", "caution")

@@ -29,7 +29,7 @@ JOINTS = (
     *("contact.maximum_stiffness=100.0", "effects.finite_sliding=false"),
     *("effects.friction.coefficient=0.2", "effects.elastic_frame=false"),
     "effects.friction.stick_stiffness=50.0",
-    *("rigid.friction=0.3", "rigid.friction_law='cone'", "rigid.margin=false"),
+    *("effects.friction=0.3", "rigid.friction_law='cone'", "rigid.margin=false"),
 )
 
 #: Of an answer: what differs from run to run, and what only repeats the scene.
@@ -125,7 +125,7 @@ WALKS = {
     "compare": Walk(
         ("compare", "--explicit"),
         "column",
-        ("fem.residual=1e-2", "rigid.friction=0.3", "fem.symmetry='none'", "fem.mesh='scene'"),
+        ("fem.residual=1e-2", "effects.friction=0.3", "fem.symmetry='none'", "fem.mesh='scene'"),
     ),
 }
 
@@ -190,7 +190,7 @@ def test_a_load_that_is_printed_as_it_is_names_the_key(tubelock, case: str) -> N
 
 
 SWEPT = {
-    "rigid.friction": (0.05, 0.5),
+    "effects.friction": (0.05, 0.5),
     "rigid.friction_law": ("cone", "pyramid"),
     "rigid.norm": ("force", "pressure"),
     "rigid.margin": (False, True),
@@ -206,7 +206,7 @@ SWEPT = {
 def test_every_parameter_of_a_rigid_study_changes_rows_or_is_named(tmp_path, key: str) -> None:
     """Rows over friction are those with friction, not two of the frictionless answer."""
     path = tmp_path / "study.toml"
-    settings = dict(s.split("=") for s in (*TUBE[:3], "assembly.layers=2", "rigid.friction=0.2"))
+    settings = dict(s.split("=") for s in (*TUBE[:3], "assembly.layers=2", "effects.friction=0.2"))
     settings.pop(key, None)
     text = "".join(f'"{k}" = {v}\n' for k, v in settings.items())
     path.write_text(

@@ -80,7 +80,7 @@ def test_units_multiply_and_divide() -> None:
         ("tsb1-pipe", "material.young_modulus=33e9", r"Pa\? write 33000"),
         ("tsb1-pipe", "effects.gravity=[0, 0, -9.81]", r"m/s²\? write 9810"),
         ("tsb1-pipe", "contact.clearance_at_zero_pressure=1e-6", r"m\? write 0.001"),
-        ("tsb1-pipe", "rigid.friction=30", r"an angle in degrees\? write 0.577"),
+        ("tsb1-pipe", "effects.friction=30", r"an angle in degrees\? write 0.577"),
         ("tsb1-pipe", "load.pressure=1e4", r"Pa\? write 0.01"),
         ("brick-stack", "block.size=[0.25, 0.12, 0.06]", r"m\? write 250"),
         ("arch", "effects.gravity=[0, 0, -9.81]", r"m/s²\? write 9810"),

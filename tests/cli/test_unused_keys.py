@@ -24,13 +24,12 @@ from tests.support.face import (
     refuse_idle_parameters,
     run_design,
     run_explicit,
-    run_rigid,
     run_static,
     scene_case,
     scene_data,
 )
 from tests.support.keys import leaves, other
-from validation import Case, load_case
+from validation import Case, load_case, solve
 
 COARSE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=1")
 #: Keys that methods tell apart, each with a value that would matter where it acts.
@@ -43,7 +42,7 @@ EVERYTHING = (
 
 
 def rigid(file: Case) -> FloatArray:
-    return run_rigid(file).result.contact_pressures
+    return solve(file.with_method("rigid")).details.contact_pressures
 
 
 def static(file: Case) -> FloatArray:
@@ -181,15 +180,15 @@ def test_every_key_that_is_read_changes_the_rigid_answer(
     """A key is named unused, or another value of it is refused or gives another answer."""
 
     def answer(data: dict[str, object]) -> tuple[str, bytes]:
-        run = run_rigid(scene_case(name=name, scene=check_scene(data)))
+        run = solve(scene_case(name=name, scene=check_scene(data)).with_method("rigid"))
         found = run.assembly.interfaces
-        numbers = (run.result.contact_forces, run.assembly.centroids, found.centroids)
-        return str(run.result.mechanism), b"".join(np.ascontiguousarray(n) for n in numbers)
+        numbers = (run.details.contact_forces, run.assembly.centroids, found.centroids)
+        return str(run.details.mechanism), b"".join(np.ascontiguousarray(n) for n in numbers)
 
     data = apply_overrides(scene_data(name)[1], settings)
     file = load_case(name, settings)
     with recording(file.scene) as use:
-        run_rigid(file)
+        solve(file.with_method("rigid"))
     base, changed = answer(data), 0
     for key, value in leaves(data):
         new = other(value)

@@ -35,11 +35,10 @@ from tests.support.face import (
     check_scene,
     recording,
     run_calculix,
-    run_polyhedra,
     scene_problem,
 )
 from tests.support.shapes import SHAPE
-from validation import load_case
+from validation import load_case, solve
 
 SOFT = Material(density=1e-9, young_modulus=3_000.0, poisson_ratio=0.0)
 STIFF = Material(density=5e-9, young_modulus=60_000.0, poisson_ratio=0.0)
@@ -192,8 +191,8 @@ def test_parts_of_files_name_their_material(tmp_path: Path) -> None:
     file = load_case(str(tmp_path / "own.toml"))
     problem = scene_problem(file.scene, file.name)
     assert [m.density for m in problem.materials] == [2.4e-9, 7.85e-9, 0.7e-9]
-    rigid = run_polyhedra(file, file.scene)  # type: ignore[arg-type]
-    joints = np.sort(np.unique(rigid.carried.normal_forces.round(9)))
+    rigid = solve(file.with_method("rigid"))  # type: ignore[arg-type]
+    joints = np.sort(np.unique(rigid.details.normal_forces.round(9)))
     each = 4e5 * 9810.0 * np.array([0.7e-9, 7.85e-9 + 0.7e-9])
     # Four points carry each joint alike.
     assert joints == pytest.approx(each / 4.0, rel=1e-6)

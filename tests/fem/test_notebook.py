@@ -40,7 +40,7 @@ from geometry.errors import RefusedError
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.families.sine_block import BlockParameterError
 from geometry.loads import LoadCase, PressureLoad, face_pressure
-from mbd import analyse
+from mbd import Rigid, analyse
 from tests.support.face import run_static
 from tests.support.shapes import SHAPE
 from validation import load_case
@@ -167,7 +167,7 @@ def test_an_answer_goes_to_another_process_and_back(static) -> None:
     assert again.as_dict() == json.loads(json.dumps(static.as_dict()))
     for name in static.fields:
         assert np.array_equal(again.fields[name], static.fields[name])
-    for name in static.contacts.arrays:
+    for name in static.contacts:
         assert np.array_equal(again.contacts[name], static.contacts[name])
     assert again.mesh().n_points == static.mesh().n_points
     assert not again.fields["displacement"].flags.writeable
@@ -215,7 +215,7 @@ def test_three_answers_are_those_of_the_scene(problem, static) -> None:
     for name in ("blocks", "layer", "side", "centroid"):
         assert np.array_equal(explicit.contacts[name], static.contacts[name])
     rigid = analyse(problem)
-    again = analyse(problem.blocks, problem.load_case)
+    again = analyse(problem.blocks, load=problem.load_case)
     assert np.array_equal(rigid.contacts["pressure"], again.contacts["pressure"])
     for name in ("blocks", "layer", "side", "centroid", "normal"):
         assert np.array_equal(rigid.contacts[name], static.contacts[name])
@@ -237,17 +237,17 @@ def test_the_rigid_answer_has_the_same_type(problem) -> None:
 
 
 def test_options_of_the_rigid_analysis_are_words(problem) -> None:
-    assert analyse(problem, norm="pressure")["p_eff"] == analyse(problem)["p_eff"]
-    assert analyse(problem, norm="force")["p_eff"] != analyse(problem)["p_eff"]
+    assert analyse(problem, Rigid(norm="pressure"))["p_eff"] == analyse(problem)["p_eff"]
+    assert analyse(problem, Rigid(norm="force"))["p_eff"] != analyse(problem)["p_eff"]
     with pytest.raises(RefusedError, match="norm: got 'forces'; expected 'force', 'pressure'"):
-        analyse(problem, norm="forces")
+        analyse(problem, Rigid(norm="forces"))
 
 
 def test_rigid_blocks_that_move_show_how(problem) -> None:
     """Two boxes pulled apart: nothing balances the load, and the upper one goes up by one."""
     boxes = box_column([ColumnBox((40.0, 40.0, 60.0), (2, 2, 2))] * 2)
     load = face_pressure(boxes, np.array([1]), "z+", -1e-3)
-    answer = analyse(boxes, replace(load, fixed=np.array([True, False])))
+    answer = analyse(boxes, load=replace(load, fixed=np.array([True, False])))
     assert answer.title.endswith("does not carry the load")
     assert not answer.measures
     assert not answer.contacts

@@ -25,10 +25,10 @@ from mbd.force_range import force_ranges
 from mbd.friction import collapse_load, frictional_contacts
 from mbd.options import FrictionLaw
 from mbd.sliding_collapse import sliding_collapse
-from tests.support.face import EffectName, run_rigid, scene_problem, without_effect
+from tests.support.face import EffectName, scene_problem, without_effect
 from tests.support.pushed_bricks import EDGE, PRESSURE, ROUGH, SCENE, SMOOTH, STONE, dice, pushed
 from tests.support.shapes import SHAPE
-from validation import load_case
+from validation import load_case, solve
 
 FRICTION = CoulombFriction(0.2, of_pairs=((0, 1, ROUGH), (2, 0, SMOOTH)))
 
@@ -158,7 +158,7 @@ def test_a_scene_names_pairs_by_block_and_by_material(tmp_path: Path) -> None:
     friction = scene_problem(file.scene, file.name).coulomb
     assert friction is not None
     assert (friction.coefficient, friction.of_pairs) == (0.4, ((0, 1, 0.2), (1, 2, 0.1)))
-    assert "others between pairs" in run_rigid(file).carried.words
+    assert "others between pairs" in solve(file.with_method("rigid")).details.words
 
 
 def test_friction_of_some_joints_needs_that_of_the_others(tmp_path: Path) -> None:

@@ -89,8 +89,8 @@ def test_analyses() -> None:
         (("tsb1-pipe", load), "a str"),
     ):
         with pytest.raises(RefusedError, match=f"analyse: got .*{words}.*expected"):
-            analyse(*arguments)  # type: ignore[arg-type]
-    assert analyse(blocks, load).details.equilibrium.holds
+            analyse(arguments[0], load=arguments[1] if arguments[1:] else None)  # type: ignore[arg-type]
+    assert analyse(blocks, load=load).details.equilibrium.holds
 
 
 @pytest.mark.parametrize(
@@ -162,7 +162,7 @@ def test_what_is_no_answer_no_scene_and_no_problem() -> None:
         with pytest.raises(RefusedError, match="answer: got a Assembly; expected what solve"):
             call()
     for call in (lambda: validation.cost(blocks), lambda: validation.sweep(blocks, {})):
-        with pytest.raises(RefusedError, match="scene: got a Assembly; expected a name, a file"):
+        with pytest.raises(RefusedError, match="case: got a Assembly; expected a name, a file"):
             call()
     with pytest.raises(RefusedError, match="problem: got a Assembly; expected Problem"):
         write_deck(blocks, "nowhere.inp")

@@ -91,7 +91,10 @@ def test_the_answer_does_not_depend_on_the_numbering(axis: int, size: float, see
     np.testing.assert_allclose(
         np.sort(other.interfaces.areas), np.sort(written.interfaces.areas), rtol=1e-9
     )
-    first, second = rigid_result(written, weight(written)), rigid_result(other, weight(other))
+    first, second = (
+        rigid_result(written, load=weight(written)),
+        rigid_result(other, load=weight(other)),
+    )
     assert first.mechanism is second.mechanism
     assert first.equilibrium.holds is second.equilibrium.holds
 

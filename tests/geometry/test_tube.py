@@ -226,7 +226,7 @@ def test_s_and_s_plus_one_are_one_tube_upside_down() -> None:
     found = []
     for shift in (0.5, 1.5):
         tube = sine_tube(tsb(shift), SineBlockDivisions(12, 2, 4), 2)
-        result = rigid_result(tube, named_case(tube, "pipe", 0.01))
+        result = rigid_result(tube, load=named_case(tube, "pipe", 0.01))
         found.append(np.sort(result.contact_pressures))
     np.testing.assert_allclose(found[0], found[1], atol=1e-8 * found[0].max())
 

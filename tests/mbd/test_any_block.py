@@ -11,16 +11,16 @@ from scipy.spatial.transform import Rotation
 
 from geometry import Assembly
 from geometry.assembly import AnyBlocks
-from geometry.families.masonry import CircularArch, RunningBondWall, box
+from geometry.families.masonry import box, circular_arch, running_bond_wall
 from geometry.families.planar_wall import WallBlock, osteomorphic_wall, planar_sine_wall
 from geometry.families.platonic_layers import (
-    CubesLayer,
-    OctahedraLayer,
-    TetrahedraLayer,
+    cubes_layer,
+    octahedra_layer,
+    tetrahedra_layer,
 )
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.families.voxels import VoxelPuzzle
+from geometry.families.voxels import voxel_assembly
 from geometry.loads import LoadCase, named_case
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral, polyhedral_assembly
@@ -32,6 +32,7 @@ from mbd import (
     Contacts,
     Mechanism,
     Norm,
+    Rigid,
     SelfStress,
     Solver,
     block_wrenches,
@@ -52,7 +53,7 @@ from mbd.friction import (
 )
 from mbd.margin import held_against, interlocking_margin
 from tests.support.blocks import random_rotation, tsb
-from validation import load_case
+from validation import load_case, solve
 
 pytestmark = pytest.mark.quick
 
@@ -82,13 +83,13 @@ def _verdict(assembly: AnyBlocks) -> tuple[Contacts, Classification]:
 
 
 KNOWN: dict[str, tuple[PolyhedralAssembly | Assembly, bool]] = {
-    "one tetrahedron in its ring": (TetrahedraLayer(50.0, 1, 1).build(), True),
-    "tetrahedra": (TetrahedraLayer(50.0, 3, 3).build(), True),
-    "octahedra": (OctahedraLayer(50.0, 1).build(), True),
-    "cubes on their corners": (CubesLayer(50.0, 1).build(), True),
-    "cubes as paving": (CubesLayer(50.0, 1, CubeArrangement.SQUARE).build(), False),
-    "brick wall": (RunningBondWall((200.0, 100.0, 80.0), 3, 3).build(), False),
-    "arch": (CircularArch(1000.0, 150.0, 300.0, 9).build(), False),
+    "one tetrahedron in its ring": (tetrahedra_layer(50.0, 1, 1), True),
+    "tetrahedra": (tetrahedra_layer(50.0, 3, 3), True),
+    "octahedra": (octahedra_layer(50.0, 1), True),
+    "cubes on their corners": (cubes_layer(50.0, 1), True),
+    "cubes as paving": (cubes_layer(50.0, 1, CubeArrangement.SQUARE), False),
+    "brick wall": (running_bond_wall((200.0, 100.0, 80.0), 3, 3), False),
+    "arch": (circular_arch(1000.0, 150.0, 300.0, 9), False),
     "osteomorphic": (
         osteomorphic_wall(WallBlock(200.0, 100.0, 80.0, 8.0), (8, 4, 2), columns=2, layers=2),
         True,
@@ -122,7 +123,7 @@ def test_verdict_of_known_assemblies(name: str) -> None:
 def test_tetrahedra_need_their_crossing_edges() -> None:
     # With face contacts alone 2 × 2 tetrahedra slide out along their faces, all four at once;
     # the edges of diagonal neighbours, which cross there, are what stops them.
-    assembly = TetrahedraLayer(50.0, 2, 2).build()
+    assembly = tetrahedra_layer(50.0, 2, 2)
     assert _verdict(assembly)[1].locked
     found = assembly.interfaces
     assert (found.patch < 0).sum() > 0
@@ -158,7 +159,7 @@ def test_verdict_agrees_with_the_linear_programs_and_with_random_loads(name: str
 
 
 def test_margin_is_positive_exactly_when_locked_and_turns_with_the_assembly() -> None:
-    assembly = OctahedraLayer(50.0, 0).build()
+    assembly = octahedra_layer(50.0, 0)
     contacts = contact_jacobian(assembly)
     margin = interlocking_margin(contacts.jacobian, contacts.areas)
     assert margin.interlocked
@@ -188,7 +189,7 @@ def test_margin_is_positive_exactly_when_locked_and_turns_with_the_assembly() ->
 
 
 def test_verdict_does_not_depend_on_position_or_units() -> None:
-    layer = TetrahedraLayer(50.0, 2, 1).build()
+    layer = tetrahedra_layer(50.0, 2, 1)
     turn, shift, scale = random_rotation(2), np.array([300.0, -200.0, 50.0]), 10.0
     moved = replace(
         layer,
@@ -225,9 +226,9 @@ def test_detected_contacts_agree_with_the_conforming_ones_on_the_sine_block() ->
     area, exact = mixed.interfaces.areas.sum(), fine.interfaces.areas.sum()
     assert area == pytest.approx(exact, rel=0.005)
     load = named_case(fine, "pipe", 0.01)
-    expected = rigid_result(fine, load, norm=Norm.PRESSURE)
+    expected = rigid_result(fine, Rigid(norm=Norm.PRESSURE), load=load)
     bodies = replace(load, faces=(), body_wrenches=block_wrenches(fine, load))
-    found = rigid_result(mixed, bodies, norm=Norm.PRESSURE)
+    found = rigid_result(mixed, Rigid(norm=Norm.PRESSURE), load=bodies)
     assert found.mechanism is expected.mechanism
     assert found.measures is not None
     assert expected.measures is not None
@@ -372,7 +373,7 @@ def test_semicircular_arch_stands_down_to_the_couplet_heyman_thickness() -> None
     # t/R = 0.1075 (four digits); joints every 4.5° miss the best hinge (54.5° from the crown) by
     # half a degree, where the thrust line's distance is stationary: 1e-4 in t/R.
     def stands(ratio: float) -> bool:
-        arch = CircularArch(1000.0, 1000.0 * ratio, 300.0, 40).build()
+        arch = circular_arch(1000.0, 1000.0 * ratio, 300.0, 40)
         contacts = _with_friction(arch, 1.0)
         load = _weights(arch, DOWN)
         found = frictional_equilibrium(contacts, load)
@@ -388,7 +389,7 @@ def test_semicircular_arch_stands_down_to_the_couplet_heyman_thickness() -> None
 
 
 def test_wall_slides_on_its_foundation_at_mu() -> None:
-    wall = RunningBondWall((240.0, 115.0, 71.0), 3, 2).build()
+    wall = running_bond_wall((240.0, 115.0, 71.0), 3, 2)
     contacts = _with_friction(wall, 0.6)
     found = collapse_load(contacts, _weights(wall, DOWN), _weights(wall, I[0]))
     assert found.certified
@@ -414,7 +415,7 @@ def test_collapse_answers_what_cannot_be_asked() -> None:
 
 
 def test_friction_zero_is_the_frictionless_answer() -> None:
-    layer = TetrahedraLayer(50.0, 2, 1).build()
+    layer = tetrahedra_layer(50.0, 2, 1)
     contacts = contact_jacobian(layer)
     load = np.random.default_rng(5).standard_normal(contacts.jacobian.shape[0])
     without = newton_equilibrium(contacts.jacobian, load)
@@ -431,7 +432,7 @@ def test_friction_zero_is_the_frictionless_answer() -> None:
 
 def _puzzle(fixed: str) -> PolyhedralAssembly:
     drawing = load_case("voxel-puzzle").scene.block.layers  # type: ignore[union-attr]
-    return VoxelPuzzle(drawing, 20.0, fixed).build()
+    return voxel_assembly(drawing, 20.0, fixed)
 
 
 def test_puzzle_is_locked_with_its_key_and_any_neighbour_but_not_with_the_key_alone() -> None:
@@ -461,7 +462,7 @@ def test_what_weighs_on_a_floor_in_a_corner_is_held_against_what_it_leans_on() -
     load = LoadCase(assembly, "weight", (), assembly.fixed, body_wrenches=weight)
     held = held_against(assembly, load)
     assert held == {"+x": True, "-x": False, "+y": False, "-y": False, "+z": True, "-z": True}
-    assert str(rigid_result(assembly, load).mechanism) == "suppressed"
+    assert str(rigid_result(assembly, load=load).mechanism) == "suppressed"
     turn = Rotation.from_euler("z", 90.0, degrees=True).as_matrix()
     aside = replace(
         assembly,
@@ -476,25 +477,18 @@ def test_what_weighs_on_a_floor_in_a_corner_is_held_against_what_it_leans_on() -
 
 
 def test_loads_of_body_scenes_are_weights_and_pushes(tmp_path: Path) -> None:
-    from tests.support.face import POLYHEDRAL_TYPES, build_body_loads
-
-    assembly = _incline()
-    scene = POLYHEDRAL_TYPES["mesh"].model_validate(
-        {
-            "block": {"type": "mesh"},
-            "parts": [{"file": "incline.stl"}],
-            "material": {"name": "concrete", "density": 2e-9},
-            "effects": {"gravity": [0, 0, -9810]},
-            "load": {"forces": [{"block": 1, "force": [3, 0, 0], "point": [50, 50, 14]}]},
-        }
-    )
-    loads = build_body_loads(scene, assembly)
-    weight = 2e-9 * 9810 * assembly.volumes
-    np.testing.assert_allclose(loads.dead[:, 2], -weight)
-    # The push acts 2 mm above the centroid of a block 4 mm high: M_y = 2 · 3.
-    np.testing.assert_allclose(loads.live[1], [3, 0, 0, 0, 6, 0], atol=1e-12)
-    case: LoadCase = loads.load_case(assembly)
-    np.testing.assert_allclose(block_wrenches(assembly, case), loads.dead + loads.live)
+    """The push acts 2 mm above the centroid of a block 4 mm high: M_y = 2 · 3."""
+    force = {"block": 5, "force": [3.0, 0.0, 0.0]}
+    case = load_case("wall", {"load.acceleration": [0, 0, 0], "load.forces": [force]})
+    result = solve(case.with_method("rigid")).details
+    at = result.blocks.centroids[5] + [0.0, 0.0, 2.0]
+    raised = case.changed({"load.forces": [force | {"point": at.tolist()}]})
+    other = solve(raised.with_method("rigid")).details
+    loads, pushed = (block_wrenches(r.blocks, r.load) for r in (result, other))
+    weight = 1.9e-9 * 9810 * result.blocks.volumes
+    np.testing.assert_allclose(loads[:, 2], -weight)
+    np.testing.assert_allclose(loads[5, [0, 1, 3, 4, 5]], [3, 0, 0, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(pushed[5] - loads[5], [0, 0, 0, 0, 6, 0], atol=1e-9)
 
 
 def test_limits_shown_beside_closed_forms() -> None:

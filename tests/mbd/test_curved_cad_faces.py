@@ -63,7 +63,7 @@ def _carried(path: Path, wrench: list[float]) -> bool:
     moment = wrench[3:] + np.cross([0.0, 0.0, 100.0] - plug.centroid, wrench[:3])
     wrenches = np.array([np.zeros(6), [*wrench[:3], *moment]])
     load = LoadCase(assembly, "push", (), assembly.fixed, body_wrenches=wrenches)
-    return bool(rigid_result(assembly, load).equilibrium.holds)
+    return bool(rigid_result(assembly, load=load).equilibrium.holds)
 
 
 @pytest.mark.parametrize(

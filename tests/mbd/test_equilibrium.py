@@ -19,6 +19,7 @@ from geometry.mesh import HexMesh, grid_faces, structured_hexahedra
 from mbd import (
     MatrixJacobian,
     Norm,
+    Rigid,
     Solver,
     clarabel_equilibrium,
     column_weights,
@@ -143,7 +144,7 @@ def test_contact_and_load_wrenches_balance_on_every_block(
 ) -> None:
     # Summed here block by block from points and normals, without G.
     load = named_case(small_tube, case, 0.01)
-    result = rigid_result(small_tube, load, norm=norm)
+    result = rigid_result(small_tube, Rigid(norm=norm), load=load)
     assert result.equilibrium.holds
     found = small_tube.interfaces
     index = result.contact_index
@@ -211,7 +212,7 @@ def test_plain_ring_under_external_pressure_carries_the_hoop_pressure(
 ) -> None:
     # A block's outer pressure has the resultant of its chord; the two radial joints carry
     # p r_o h each, on t h: p r_o / t, exactly, whatever the polygon.
-    result = rigid_result(plain_ring, named_case(plain_ring, "tunnel", 0.01), norm=norm)
+    result = rigid_result(plain_ring, Rigid(norm=norm), load=named_case(plain_ring, "tunnel", 0.01))
     found = plain_ring.interfaces
     sides = np.abs(found.normals[result.contact_index][:, 2]) < 0.5
     np.testing.assert_allclose(result.contact_pressures[sides], 0.01 * 160 / 40, rtol=1e-10)
@@ -219,7 +220,7 @@ def test_plain_ring_under_external_pressure_carries_the_hoop_pressure(
 
 
 def test_stack_of_bricks_carries_the_axial_pressure_in_every_joint(two_bricks: Assembly) -> None:
-    result = rigid_result(two_bricks, named_case(two_bricks, "pillar", 0.02))
+    result = rigid_result(two_bricks, load=named_case(two_bricks, "pillar", 0.02))
     np.testing.assert_allclose(result.contact_pressures, 0.02, rtol=1e-11)
 
 
@@ -277,7 +278,7 @@ def test_smaller_amplitude_means_larger_pressure_down_to_a_thousandth_of_a_milli
     found = []
     for amplitude in (20.0, 5.0, 1.0, 0.1, 1e-2, 1e-3):
         tube = sine_tube(tsb(amplitude=amplitude), SineBlockDivisions(24, 2, 6), 3)
-        result = rigid_result(tube, named_case(tube, "pipe", 0.01))
+        result = rigid_result(tube, load=named_case(tube, "pipe", 0.01))
         assert result.mechanism == "locked"
         assert result.equilibrium.residual < 1e-9
         assert result.measures is not None
@@ -288,8 +289,8 @@ def test_smaller_amplitude_means_larger_pressure_down_to_a_thousandth_of_a_milli
 
 def test_solvers_agree_on_a_tube(small_tube: Assembly) -> None:
     load = named_case(small_tube, "shaft", 0.01)
-    a = rigid_result(small_tube, load, solver=Solver.NEWTON)
-    b = rigid_result(small_tube, load, solver=Solver.CLARABEL)
+    a = rigid_result(small_tube, Rigid(solver=Solver.NEWTON), load=load)
+    b = rigid_result(small_tube, Rigid(solver=Solver.CLARABEL), load=load)
     difference = np.linalg.norm(a.contact_forces - b.contact_forces)
     assert difference < 1e-6 * np.linalg.norm(a.contact_forces)
 
@@ -316,7 +317,7 @@ def test_refining_the_mesh_changes_the_force_norm_but_not_the_pressure_norm() ->
         values = []
         for around in (24, 48):
             tube = sine_tube(tsb(), SineBlockDivisions(around, 4, 8), 1)
-            result = rigid_result(tube, named_case(tube, "tunnel", 0.01), norm=norm)
+            result = rigid_result(tube, Rigid(norm=norm), load=named_case(tube, "tunnel", 0.01))
             flat = np.abs(tube.interfaces.normals[result.contact_index][:, 2]) < 1e-9
             values.append(result.contact_forces[flat].sum())
         changes[norm] = abs(values[1] / values[0] - 1)
@@ -325,7 +326,7 @@ def test_refining_the_mesh_changes_the_force_norm_but_not_the_pressure_norm() ->
 
 def test_one_brick_between_two() -> None:
     wall = brick_stack((100.0, 50.0, 40.0), (2, 2, 2), columns=2, layers=1)
-    assert not rigid_result(wall, named_case(wall, "pipe", 0.01)).equilibrium.holds
+    assert not rigid_result(wall, load=named_case(wall, "pipe", 0.01)).equilibrium.holds
 
 
 @pytest.mark.parametrize("solver", [newton_equilibrium, clarabel_equilibrium])

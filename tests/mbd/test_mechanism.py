@@ -147,12 +147,12 @@ def test_sine_tube_is_locked_and_the_linear_programs_agree(shift: float) -> None
 )
 def test_plain_tube_is_not_locked(case: str, expected: MechanismClass) -> None:
     tube = sine_tube(tsb(amplitude=0.0), SineBlockDivisions(12, 2, 4), 3)
-    result = rigid_result(tube, named_case(tube, case, 0.01))
+    result = rigid_result(tube, load=named_case(tube, case, 0.01))
     assert result.mechanism is expected
 
 
 def test_released_top_frame_can_lift_and_the_load_opposes_it(small_tube: Assembly) -> None:
-    result = rigid_result(small_tube, named_case(small_tube, "pillar", 0.01))
+    result = rigid_result(small_tube, load=named_case(small_tube, "pillar", 0.01))
     assert result.mechanism is MechanismClass.LOCKED
     assert result.supported_classification.mechanism is MechanismClass.SUPPRESSED
 
@@ -160,7 +160,7 @@ def test_released_top_frame_can_lift_and_the_load_opposes_it(small_tube: Assembl
 def test_activated_mechanism_multiplies_out() -> None:
     tube = sine_tube(tsb(amplitude=0.0), SineBlockDivisions(12, 2, 4), 2)
     load = named_case(tube, "shaft", 0.01)
-    result = rigid_result(tube, load)
+    result = rigid_result(tube, load=load)
     motion = result.equilibrium.mechanism
     assert motion is not None
     contacts = contact_jacobian(tube, load.fixed)
@@ -197,8 +197,8 @@ def test_rotation_and_translation_leave_every_measure_unchanged(
     small_tube: Assembly, case: str
 ) -> None:
     there = moved(small_tube, random_rotation(7), np.array([300.0, -200.0, 50.0]))
-    a = rigid_result(small_tube, named_case(small_tube, case, 0.01))
-    b = rigid_result(there, named_case(there, case, 0.01))
+    a = rigid_result(small_tube, load=named_case(small_tube, case, 0.01))
+    b = rigid_result(there, load=named_case(there, case, 0.01))
     assert a.mechanism is b.mechanism
     np.testing.assert_allclose(numbers(b), numbers(a), rtol=1e-9)
 
@@ -209,8 +209,8 @@ def test_units_leave_every_measure_unchanged(length_unit: float, force_unit: flo
     # Pressure = force / length²: a scene in other units, its pressures converted back.
     a, b = scaled(1.0), scaled(length_unit)
     pressure_unit = force_unit / length_unit**2
-    here = numbers(rigid_result(a, named_case(a, "shaft", 0.01)))
-    there = numbers(rigid_result(b, named_case(b, "shaft", 0.01 * pressure_unit)))
+    here = numbers(rigid_result(a, load=named_case(a, "shaft", 0.01)))
+    there = numbers(rigid_result(b, load=named_case(b, "shaft", 0.01 * pressure_unit)))
     there[3:] /= pressure_unit  # three percentages, then pressures
     np.testing.assert_allclose(there, here, rtol=1e-9)
 
@@ -222,15 +222,15 @@ def test_renumbering_the_blocks_leaves_every_measure_unchanged(
 ) -> None:
     order = np.random.default_rng(seed).permutation(small_tube.n_blocks)
     other = renumbered(small_tube, order)
-    a = numbers(rigid_result(small_tube, named_case(small_tube, "tunnel", 0.01)))
-    b = numbers(rigid_result(other, named_case(other, "tunnel", 0.01)))
+    a = numbers(rigid_result(small_tube, load=named_case(small_tube, "tunnel", 0.01)))
+    b = numbers(rigid_result(other, load=named_case(other, "tunnel", 0.01)))
     np.testing.assert_allclose(b, a, rtol=1e-9)
 
 
 def test_pressures_scale_with_the_load_from_tiny_to_huge(small_tube: Assembly) -> None:
-    base = numbers(rigid_result(small_tube, named_case(small_tube, "pipe", 1.0)))
+    base = numbers(rigid_result(small_tube, load=named_case(small_tube, "pipe", 1.0)))
     for factor in (1e-12, 1e9):
-        found = numbers(rigid_result(small_tube, named_case(small_tube, "pipe", factor)))
+        found = numbers(rigid_result(small_tube, load=named_case(small_tube, "pipe", factor)))
         np.testing.assert_allclose(found[:3], base[:3], rtol=1e-12)
         np.testing.assert_allclose(found[3:], factor * base[3:], rtol=1e-12)
 

@@ -8,7 +8,7 @@ import meshio
 import numpy as np
 import pytest
 
-from geometry.families.masonry import CircularArch
+from geometry.families.masonry import circular_arch
 from geometry.measures import (
     JointResultants,
     chain,
@@ -19,9 +19,9 @@ from geometry.measures import (
 from mbd import contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from tests.support.arch import arch_run
-from tests.support.face import run_rigid, run_static, write_contacts
+from tests.support.face import run_static, write_contacts
 from tests.support.own_blocks import column
-from validation import load_case
+from validation import load_case, solve
 
 pytestmark = pytest.mark.quick
 
@@ -32,7 +32,7 @@ def test_normal_forces_of_an_arch_are_those_of_compas_cra() -> None:
     Both take the smallest contact forces; theirs lets joints pull at a price, so the last of the
     three digits may differ.
     """
-    arch = CircularArch(1000.0, 200.0, 200.0, 7, embrace=140.0).build(pieces=1)
+    arch = circular_arch(1000.0, 200.0, 200.0, 7, embrace=140.0, pieces=1)
     contacts = contact_jacobian(arch)
     frictional = frictional_contacts(arch, contacts, 0.6)
     weight = np.zeros((7, 6))
@@ -48,7 +48,7 @@ def test_normal_forces_of_an_arch_are_those_of_compas_cra() -> None:
 
 def test_joint_resultants_balance_each_block() -> None:
     run = arch_run(0.6)
-    assembly, joints = run.assembly, run.joints
+    assembly, joints = run.details.blocks, run.details.joints
     total = np.zeros((assembly.n_blocks, 6))
     total[:, :3] = run.loads.dead[:, :3] + run.loads.live[:, :3]
     for k, (m, s) in enumerate(zip(joints.block_m, joints.block_s, strict=True)):
@@ -66,7 +66,7 @@ def test_joint_resultants_balance_each_block() -> None:
 
 def test_thrust_lies_in_the_joints_and_shear_in_the_cone() -> None:
     run = arch_run(0.6)
-    joints = run.joints
+    joints = run.details.joints
     row = chain(joints)
     assert row is not None
     assert (joints.block_s[row[:-1]] == joints.block_m[row[1:]]).all()
@@ -123,19 +123,19 @@ def test_only_a_row_of_blocks_has_a_line() -> None:
 def test_the_field_that_is_written_carries_the_load(tmp_path: Path) -> None:
     """Before, it was that of the frictionless attempt, which failed."""
     run = arch_run(0.6)
-    assert not run.result.equilibrium.holds
+    assert not run.details.equilibrium.holds
     write_contacts(run, tmp_path / "contacts.vtu")
     mesh = meshio.read(tmp_path / "contacts.vtu")
     p = mesh.points[mesh.cells_dict["triangle"]]
     area = 0.5 * np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
     on_first = mesh.cell_data["block_m"][0] == 0
-    on_last = mesh.cell_data["block_s"][0] == run.assembly.n_blocks - 1
+    on_last = mesh.cell_data["block_s"][0] == run.details.blocks.n_blocks - 1
     traction = mesh.cell_data["patch_traction"][0]
     lifted = (area[on_first, None] * traction[on_first]).sum(axis=0)
     lifted -= (area[on_last, None] * traction[on_last]).sum(axis=0)
-    weight = 2.4e-9 * 9810.0 * run.assembly.volumes[~run.assembly.fixed].sum()
+    weight = 2.4e-9 * 9810.0 * run.details.blocks.volumes[~run.details.blocks.fixed].sum()
     np.testing.assert_allclose(lifted, [0.0, 0.0, weight], atol=1e-5 * weight)
-    answer = run.answer.as_dict()
+    answer = run.as_dict()
     assert answer["carried"]
     assert answer["answer"] == "carried with friction μ = 0.6 (without: activated)"
     assert len(answer["joints"]) == 8
@@ -149,7 +149,7 @@ def test_an_attempt_that_failed_is_no_field(tmp_path: Path) -> None:
     run = arch_run(0.05)
     write_contacts(run, tmp_path / "contacts.vtu")
     assert "patch_pressure" not in meshio.read(tmp_path / "contacts.vtu").cell_data
-    answer = run.answer.as_dict()
+    answer = run.as_dict()
     assert answer["answer"] == "not carried with friction μ = 0.05"
     assert answer["largest_contact_force"] is None
     assert answer["joints"] == []
@@ -157,11 +157,11 @@ def test_an_attempt_that_failed_is_no_field(tmp_path: Path) -> None:
 
 def tube(scene: str, *more: str) -> dict[str, Any]:
     small = ("mesh.edge=2", "mesh.radial=1", "assembly.layers=2")
-    return run_rigid(load_case(scene, (*small, *more))).answer.as_dict()
+    return solve(load_case(scene, (*small, *more), method="rigid")).as_dict()
 
 
 def test_a_tube_shows_the_answer_with_friction() -> None:
-    answer = tube("thb0-tunnel", "rigid.friction=0.6")
+    answer = tube("thb0-tunnel", "effects.friction=0.6")
     assert answer["answer"] == "carried with friction μ = 0.6 (without: suppressed)"
     largest = answer["measures"]["p_max_facet"]["value"]
     assert 0.0 < answer["measures"]["p_max"]["value"] <= largest
@@ -169,7 +169,7 @@ def test_a_tube_shows_the_answer_with_friction() -> None:
 
 def test_forces_of_what_was_pressed_beforehand_are_not_those_of_the_load() -> None:
     """Rings in tension open: friction carries the load where something else presses the joints."""
-    answer = tube("thb0-pipe", "rigid.friction=0.6")
+    answer = tube("thb0-pipe", "effects.friction=0.6")
     assert answer["carried"]
     assert answer["answer"].startswith("carried only if pressed beforehand")
     assert not answer["measures"]

@@ -65,8 +65,8 @@ def stack(request) -> AnyBlocks:
 def test_a_roller_holds_from_both_sides_and_takes_the_whole_traction(stack, sense):
     """Q on a face of B × C: the roller at the other end of the brick carries Q B C either way."""
     load = case(stack, push(stack, 1, X, sense * Q * X), weight=10.0)
-    assert not rigid_result(stack, load).equilibrium.holds
-    answer = analyse(stack, replace(load, held=(roller(stack, 1, -X, name="wall"),)))
+    assert not rigid_result(stack, load=load).equilibrium.holds
+    answer = analyse(stack, load=replace(load, held=(roller(stack, 1, -X, name="wall"),)))
     assert answer.report["carried"]
     force = np.array(answer.report["reactions"]["wall"]["force"])
     np.testing.assert_allclose(force, [-sense * Q * B * C, 0, 0], atol=1e-6 * Q * B * C)
@@ -78,8 +78,8 @@ def test_a_roller_holds_from_both_sides_and_takes_the_whole_traction(stack, sens
 def test_three_rollers_lock_a_brick_and_two_leave_the_third_direction(stack):
     load = case(stack, weight=1.0)
     rollers = tuple(roller(stack, 1, -axis) for axis in (X, Y, Z))
-    assert rigid_result(stack, replace(load, held=rollers)).mechanism is MechanismClass.LOCKED
-    left = rigid_result(stack, replace(load, held=rollers[1:]))
+    assert rigid_result(stack, load=replace(load, held=rollers)).mechanism is MechanismClass.LOCKED
+    left = rigid_result(stack, load=replace(load, held=rollers[1:]))
     motion = left.classification.certificate.virtual_displacement[0]
     assert left.mechanism is MechanismClass.NEUTRAL
     np.testing.assert_allclose(np.abs(motion), np.eye(6)[0], atol=1e-8)
@@ -89,9 +89,9 @@ def test_a_face_held_in_all_directions_is_a_fixed_block():
     """What lies on it is carried alike; the support takes weight and joint force of its brick."""
     pair = bricks(2)
     load = case(pair, weight=10.0)
-    answer = analyse(pair, replace(load, held=(HeldFace(1, side(pair, 1, Y), name="clamp"),)))
+    answer = analyse(pair, load=replace(load, held=(HeldFace(1, side(pair, 1, Y), name="clamp"),)))
     fixed = np.array([True, True, False])
-    other = analyse(pair, replace(load, fixed=fixed))
+    other = analyse(pair, load=replace(load, fixed=fixed))
     (joint,) = (j for j in answer.report["joints"] if j["blocks"] == [1, 2])
     (same,) = other.report["joints"]
     assert joint["normal_force"] == pytest.approx(same["normal_force"], rel=1e-9)
@@ -109,7 +109,7 @@ def test_a_line_load_and_a_pressed_region_by_hand(stack):
     line = LineLoad(np.array([1]), top - [0, B, 0], top, p)
     pressed = PressureLoad(np.array([1]), side(stack, 1, Z), Q)
     load = case(stack, pressed, lines=(line,), held=(roller(stack, 1, -Z),))
-    answer = analyse(stack, load)
+    answer = analyse(stack, load=load)
     found = next(iter(answer.report["reactions"].values()))
     forces = np.array([p * B, [0, 0, -Q * A * B]])
     points = np.array([top - [0, B / 2, 0], top - [A / 2, B / 2, 0]])
@@ -149,8 +149,8 @@ def test_supports_turn_with_everything():
         ),
         body_wrenches=wrench,
     )
-    first = list(analyse(stack, load).report["reactions"].values())
-    second = list(analyse(turned, other).report["reactions"].values())
+    first = list(analyse(stack, load=load).report["reactions"].values())
+    second = list(analyse(turned, load=other).report["reactions"].values())
     for one, two in zip(first, second, strict=True):
         np.testing.assert_allclose(turn @ one["force"], two["force"], atol=1e-6)
 
@@ -216,7 +216,7 @@ def test_resistance_to_pushes_counts_rollers(stack):
 def test_springs_and_motions_are_rejected_by_name(stack, stated, words):
     load = case(stack, held=(roller(stack, 1, -X, name="bed", **stated),))
     with pytest.raises(RigidSupportError, match=words):
-        analyse(stack, load)
+        analyse(stack, load=load)
 
 
 def test_names_of_faces_are_those_of_the_file(stack):

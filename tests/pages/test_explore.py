@@ -28,10 +28,9 @@ from tests.support.face import (
     controls,
     explore,
     measure_rows,
-    run_rigid,
 )
 from tests.support.pixels import open_pixels
-from validation import load_case
+from validation import load_case, solve
 
 #: Lists in lists, as no page sends them.
 DEEP = 2000 * "[" + 2000 * "]"
@@ -115,7 +114,7 @@ def test_values_of_the_page_make_the_scene_that_set_makes() -> None:
 )
 def test_bad_values_are_lines(values: dict[str, Any], line: str) -> None:
     with pytest.raises(ValueError, match=line):
-        run_rigid(changed(tube(), controls(tube()), values, coarse=True))
+        solve(changed(tube(), controls(tube()), values, coarse=True).with_method("rigid"))
 
 
 # ---------------------------------------------------------------------------------------------
@@ -174,7 +173,7 @@ def test_of_values_that_come_quickly_the_last_wins() -> None:
     *answers, file = asyncio.run(visit())
     # All ten are sent before the first is answered: it, and the last one, have an answer.
     assert len(answers) < 10
-    own = run_rigid(tube("block.amplitude=19.0")).answer
+    own = solve(tube("block.amplitude=19.0").with_method("rigid"))
     assert [tuple(row) for row in answers[-1]["measures"]] == measure_rows(own.measures)
     assert answers[-1]["picture"] != answers[0]["picture"]
     # The scene to download is the one that is shown.
@@ -328,7 +327,7 @@ def test_a_slider_moves_the_number_and_the_picture(tmp_path) -> None:
                 )
             await rest(page, number)
             after, moved = await page.evaluate(measure), await stage(page)
-            own = [run_rigid(tube(f"block.amplitude={a}")).answer for a in (20.0, 19.0)]
+            own = [solve(tube(f"block.amplitude={a}").with_method("rigid")) for a in (20.0, 19.0)]
             words = [measure_rows(answer.measures)[0][1] for answer in own]
             assert [before, after] == words
             # The tube is drawn, and its pressures are others.

@@ -44,8 +44,6 @@ from tests.support.face import (
     looking,
     require_picture,
     round_length,
-    run_polyhedra,
-    run_rigid,
     run_static,
     scale_from_zero,
     sharp_edges,
@@ -56,7 +54,7 @@ from tests.support.face import pictures_assemblies_module as assemblies
 from tests.support.face import pictures_gallery_module as gallery_pictures
 from tests.support.face import pictures_tubes_module as tubes
 from tests.support.own_blocks import column
-from validation import compare, load_case
+from validation import compare, load_case, solve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -202,12 +200,12 @@ def test_scale_bars_are_round(most: float) -> None:
 
 def test_unrolled_facets_keep_their_place_and_area() -> None:
     """∫ r dθ dr over the map is the area of the ring that the joint covers, seen along the axis."""
-    run = run_rigid(load_case("tsb1-tunnel", COARSE))
+    run = solve(load_case("tsb1-tunnel", COARSE, method="rigid"))
     facets = assemblies.interface_facets(
-        run.assembly, run.result.contact_index, run.result.contact_pressures
+        run.details.blocks, run.details.contact_index, run.details.contact_pressures
     )
     rows = facets.between(1)
-    flat = assemblies.unrolled_corners(run.assembly, facets.corners[rows])
+    flat = assemblies.unrolled_corners(run.details.blocks, facets.corners[rows])
     angle, radius = np.radians(flat[..., 0]), flat[..., 1]
     assert np.ptp(angle, axis=1).max() < 0.5
     x, y = radius * np.cos(angle), radius * np.sin(angle)
@@ -220,9 +218,9 @@ def test_unrolled_facets_keep_their_place_and_area() -> None:
 
 def test_unrolled_side_joints_lie_apart_and_keep_their_area() -> None:
     """Four joints of TSB1 between the waves of a layer: thickness times height each."""
-    run = run_rigid(load_case("tsb1-tunnel", COARSE))
+    run = solve(load_case("tsb1-tunnel", COARSE, method="rigid"))
     facets = assemblies.interface_facets(
-        run.assembly, run.result.contact_index, run.result.contact_pressures
+        run.details.blocks, run.details.contact_index, run.details.contact_pressures
     )
     rows = facets.within(1)
     flat, middles = assemblies.side_by_side(facets, rows)
@@ -303,24 +301,24 @@ def assert_words_have_room(figure: Figure) -> None:
 
 
 def rigid_pictures(path: Path) -> None:
-    run = run_rigid(load_case("tsb1-pipe", COARSE))
+    run = solve(load_case("tsb1-pipe", COARSE, method="rigid"))
     assemblies.draw_pressures(run, path)
     built = build_scene(load_case("tsb1-pillar", COARSE))
     assemblies.draw_assembly(built.assembly, built.load, path, title="a tube")
-    assemblies.draw_pressures(run_rigid(load_case("osteomorphic")), path)
-    assemblies.draw_mechanism(run_rigid(load_case("brick-stack")), path)
+    assemblies.draw_pressures(solve(load_case("osteomorphic", method="rigid")), path)
+    assemblies.draw_mechanism(solve(load_case("brick-stack", method="rigid")), path)
 
 
 def polyhedral_pictures(path: Path) -> None:
     file = load_case("arch")
-    run = run_polyhedra(file, file.scene)  # type: ignore[arg-type]
+    run = solve(file.with_method("rigid"))  # type: ignore[arg-type]
     draw_polyhedra(run, path)
-    assert "mechanism" not in run.answer.fields  # it stands
-    sliding = load_case("arch", ("rigid.friction=0.1",))
-    run = run_polyhedra(sliding, sliding.scene)  # type: ignore[arg-type]
+    assert "mechanism" not in run.fields  # it stands
+    sliding = load_case("arch", ("effects.friction=0.1",))
+    run = solve(sliding.with_method("rigid"))  # type: ignore[arg-type]
     draw_polyhedral_mechanism(run, path)
     file = load_case("wall")
-    draw_polyhedra(run_polyhedra(file, file.scene), path)  # type: ignore[arg-type]
+    draw_polyhedra(solve(file.with_method("rigid")), path)  # type: ignore[arg-type]
 
 
 def tube_pictures(path: Path) -> None:
@@ -387,7 +385,9 @@ def test_no_words_of_a_comparison_overlap_or_leave_the_page(
 
 
 def test_titles_name_scene_load_and_program(figures: list[Figure], tmp_path: Path) -> None:
-    assemblies.draw_pressures(run_rigid(load_case("tsb1-pipe", COARSE)), tmp_path / "p.png")
+    assemblies.draw_pressures(
+        solve(load_case("tsb1-pipe", COARSE, method="rigid")), tmp_path / "p.png"
+    )
     words = " ".join(words_of(figures[0]))
     for part in (
         "tsb1-pipe",

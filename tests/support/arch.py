@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tests.support.face import PolyhedralRun, run_polyhedra
-from validation import load_case
+from geometry import Answer
+from validation import load_case, solve
 
 ARCH = (
     "block.thickness=200.0",
@@ -13,6 +13,6 @@ ARCH = (
 )
 
 
-def arch_run(friction: float) -> PolyhedralRun:
-    file = load_case("arch", [*ARCH, f"rigid.friction={friction}"])
-    return run_polyhedra(file, file.scene)  # type: ignore[arg-type]
+def arch_run(friction: float) -> Answer:
+    file = load_case("arch", [*ARCH, f"effects.friction={friction}"])
+    return solve(file.with_method("rigid"))  # type: ignore[arg-type]

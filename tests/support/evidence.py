@@ -7,11 +7,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from tests.support.face import (
-    Evidence,
-    RigidRun,
-    StudyTable,
-)
+from geometry import Answer
+from tests.support.face import Evidence, StudyTable
 
 AXES = ((0.0, 0.5), (1.0, 1.5, 2.0), (2, 3, 4, 5, 6), (30.0, 40.0, 50.0, 60.0))
 
@@ -37,7 +34,7 @@ def synthetic_study(**changes: float) -> StudyTable:
 class CoarseEvidence(Evidence):
     """Evidence on meshes small enough for tests, with the parameter study given."""
 
-    def rigid(self, scene: str, *settings: str) -> RigidRun:
+    def rigid(self, scene: str, *settings: str) -> Answer:
         coarse = {"mesh.around": 24, "mesh.radial": 3, "mesh.axial": 6}
         if scene.startswith("thb"):
             coarse = {"mesh.edge": 8, "mesh.radial": 3}

@@ -16,19 +16,18 @@ from typing import Any
 
 import numpy as np
 
+from geometry import Answer
 from mbd import Contacts, block_wrenches, contact_jacobian
 from tests.support.face import (
     DETERMINED,
     BoolArray,
     FloatArray,
     FrictionalContacts,
-    PolyhedralRun,
     admissible_cones,
     frictional_contacts,
-    rigid_answer,
     solve_conic,
 )
-from validation import load_case
+from validation import load_case, solve
 
 #: Of the stored run; density in t/mm³.
 FRICTION, DENSITY = 0.5, 2e-9
@@ -45,7 +44,7 @@ def stored(path: Path) -> dict[tuple[int, int], tuple[FloatArray, float]]:
     }
 
 
-def analysed(path: Path) -> PolyhedralRun:
+def analysed(path: Path) -> Answer:
     """Our answer to the same blocks, with the range of each joint's force."""
     with TemporaryDirectory() as folder:
         scene = Path(folder, "vault.toml")
@@ -56,8 +55,8 @@ def analysed(path: Path) -> PolyhedralRun:
             f"[rigid]\nfriction = {FRICTION}\nranges = true\n",
             "utf-8",
         )
-        run = rigid_answer(load_case(str(scene)))
-    assert isinstance(run, PolyhedralRun)
+        run = solve(load_case(str(scene), method="rigid"))
+    assert isinstance(run, Answer)
     return run
 
 
@@ -79,23 +78,23 @@ def extreme_thrust(
     return size * float(along @ np.asarray(result.x)) if "Solved" in str(result.status) else -np.inf
 
 
-def _abutment(run: PolyhedralRun) -> BoolArray:
+def _abutment(run: Answer) -> BoolArray:
     """Contacts of free blocks on the fixed blocks at small x, (n_contacts,)."""
-    assembly, found = run.assembly, run.assembly.interfaces
+    assembly, found = run.details.blocks, run.details.blocks.interfaces
     middle = assembly.centroids[:, 0].mean()
     held = assembly.fixed & (assembly.centroids[:, 0] < middle)
-    return (held[found.block_m] != held[found.block_s])[run.result.contact_index]
+    return (held[found.block_m] != held[found.block_s])[run.details.contact_index]
 
 
-def _thrusts(run: PolyhedralRun) -> dict[str, float]:
+def _thrusts(run: Answer) -> dict[str, float]:
     """Thrust of the least-norm answer, the least and the largest one [N]."""
-    assembly, load = run.assembly.bearing(), run.load
+    assembly, load = run.details.blocks.bearing(), run.details.load
     contacts = contact_jacobian(assembly, load.fixed, load.held)
     frictional = frictional_contacts(assembly, contacts, FRICTION)
     force = block_wrenches(assembly, load)[contacts.free_blocks]
     force[:, 3:] /= contacts.length
-    counted = slice(None) if run.carried.counted is None else run.carried.counted
-    here, forces = _abutment(run)[counted], run.carried.forces[counted]
+    counted = slice(None) if run.details.counted is None else run.details.counted
+    here, forces = _abutment(run)[counted], run.details.forces[counted]
     held = assembly.fixed[contacts.block_s[here]]
     normals = assembly.interfaces.normals[contacts.index]
     axes = np.concatenate([normals[:, None], frictional.tangents], axis=1)[:, :, 0]

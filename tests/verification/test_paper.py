@@ -26,12 +26,11 @@ from tests.support.face import (
     errata,
     ingredients,
     judge_claims,
-    run_rigid,
     show_errata,
     to_the_digit,
 )
 from tests.support.face import paper_sensitivity as sensitivity
-from validation import load_case
+from validation import load_case, solve
 
 # ---------------------------------------------------------------------------------------------
 # Parameter study
@@ -124,12 +123,12 @@ def test_tubes_that_are_built_once_give_the_results_of_each_scene() -> None:
     mesh = ["mesh.around=12", "mesh.radial=2", "mesh.axial=4", "assembly.layers=2"]
     for scene, more in (("tsb1-pipe", []), ("tsb1-shaft", []), ("tsb1-pipe", ["block.shift=0.5"])):
         file = load_case(scene, [*mesh, *more])
-        shared, alone = tubes.run(file), run_rigid(file)
-        assert (shared.name, shared.scene) == (alone.name, alone.scene)
+        shared, alone = tubes.run(file), solve(file.with_method("rigid"))
+        assert (shared.case.name, shared.case.scene) == (alone.case.name, alone.case.scene)
         np.testing.assert_array_equal(
-            shared.result.contact_pressures, alone.result.contact_pressures
+            shared.details.contact_pressures, alone.details.contact_pressures
         )
-        assert shared.cpu_seconds["build"] > 0
+        assert shared.report["cpu_seconds"]["build"] > 0
 
 
 def test_each_ingredient_moves_what_it_says(tmp_path) -> None:
@@ -275,8 +274,8 @@ def test_ring_pressures_carry_the_load_to_the_frames(tmp_path) -> None:
         "the bottom frame",
     ]
     for rows in found.values():
-        index = run.result.contact_index[rows]
-        force = run.result.contact_pressures[rows] * interfaces.areas[index]
+        index = run.details.contact_index[rows]
+        force = run.details.contact_pressures[rows] * interfaces.areas[index]
         axial = force @ interfaces.normals[index, 2]
         # Equilibrium holds to a relative residual of 1e-6 per block, twelve layers deep.
         assert abs(axial) == pytest.approx(load, rel=1e-4)

@@ -29,7 +29,7 @@ from geometry.parts.regions import (
     region_nodes,
     region_quads,
 )
-from geometry.parts.supports import HeldFace
+from geometry.parts.supports import PUSH, HeldFace
 from validation.errors import InputError
 from validation.scene.family import AssemblyScene
 from validation.scene.read import DeformableScene
@@ -40,8 +40,6 @@ from validation.scene.supports import (
     SurfaceLoadSection,
 )
 
-#: Name of the support that pushes a block.
-PUSH = "push"
 #: Share of the area of a region by which its vector area may fall short where it is flat.
 _FLAT = 1e-6
 

@@ -67,7 +67,7 @@ def compare(
                 progress=progress,
                 refinement=lambda now: tell(f"{file.name}: static, {progress_words(now)}"),
             )
-            result = compared(*(run.answer for run in rigid), *(run.answer for run in deformable))
+            result = compared(*rigid, *(run.answer for run in deformable))
             data = result.as_dict()
         report.print_comparison(result, outputs.console)
         outputs.tell_unused(use)

@@ -198,15 +198,15 @@ def _rigid(outputs: Outputs) -> None:
     from validation.case import load_case
     from validation.output.answer_files import write_contacts
     from validation.output.pictures.assemblies import draw_assembly, draw_pressures
-    from validation.run.rigid.answer import run_rigid
+    from validation.solving import solve
 
     for name in ("tsb1-pipe", "tsb2-pipe", "tsb1-pillar"):
-        run = run_rigid(load_case(name))
-        draw = partial(draw_assembly, run.assembly, run.load)
-        title = f"{name}: {run.scene.load_words}"
+        run = solve(load_case(name, method="rigid"))
+        draw = partial(draw_assembly, run.details.blocks, run.details.load)
+        title = f"{name}: {run.case.scene.load_words}"
         outputs.write("picture", f"{name}-scene.png", partial(draw, title=title))
         outputs.write("picture", f"{name}-pressures.png", partial(draw_pressures, run))
-        outputs.write("pressures", f"{name}-pressures.vtu", partial(write_contacts, run.answer))
+        outputs.write("pressures", f"{name}-pressures.vtu", partial(write_contacts, run))
 
 
 def _deformable(outputs: Outputs) -> None:
@@ -223,7 +223,7 @@ def _deformable(outputs: Outputs) -> None:
     )
     scene = require_deformable(load_case("tsb1-pipe", REDUCED), "demo")
     rigid, (static,) = compared_runs("tsb1-pipe", scene)
-    result = compare(*(run.answer for run in rigid), static.answer)
+    result = compare(*rigid, static.answer)
     print_comparison(result, outputs.console)
     outputs.write("picture", "compare-rigid-fem.png", result.draw)
     outputs.write("picture", "fem-stresses.png", partial(draw_stresses, static))

@@ -47,7 +47,7 @@ def mbd(
     """
     from validation.case import load_case
     from validation.output.console import status, told_of_compilation
-    from validation.output.rigid import shown
+    from validation.output.rigid import FILES, print_rigid, write_rigid
     from validation.run.rigid.changed import (
         frame_warning,
         layers_to_unlock,
@@ -55,30 +55,27 @@ def mbd(
         require_mesh,
         require_tube,
     )
-    from validation.run.rigid.polyhedra import rigid_answer
-    from validation.run.stages import telling
     from validation.scene.usage import recording
+    from validation.solving import solve
 
-    file = load_case(scene, settings or ())
+    file = load_case(scene, settings or (), method="rigid")
     if unlock:
         require_tube(file)
     if refine:
         require_mesh(file)
-    rigid = shown(file.scene)
-    with scene_outputs(file, json, output, rigid.FILES) as outputs:
+    with scene_outputs(file, json, output, FILES) as outputs:
         with (
             recording(file.scene) as use,
             status(outputs.console, file.name) as show,
-            telling(lambda words: show(f"{file.name}: {words}")),
             told_of_compilation(),
         ):
-            run = rigid_answer(file)
-            _ = run.answer  # what it reads of the scene
+            answer = solve(file, lambda words: show(f"{file.name}: {words}"))
+            _ = answer.report  # what it reads of the scene
         use.count(file.scene.limits)
-        rigid.print_rigid(run, outputs.console)
+        print_rigid(answer, outputs.console)
         outputs.tell_unused(use)
         added: dict[str, Any] = {}
-        warning = frame_warning(file, run) if file.scene.frames_may_lock else None
+        warning = frame_warning(file, answer) if file.scene.frames_may_lock else None
         if warning is not None:
             outputs.console.print(f"{'note':9} {warning}")
             added["frame_warning"] = warning
@@ -87,12 +84,12 @@ def mbd(
             outputs.console.print(f"{'unlock':9} {result.words}")
             added["layers_to_unlock"] = result.as_json()
         if refine:
-            change = refined(file, run)
+            change = refined(file, answer)
             outputs.console.print(f"{'refined':9} {change.words}")
             added["refinement"] = change.as_json()
         if outputs.folder is not None:
-            rigid.write_rigid(run, outputs)
-        outputs.write_answer(run.answer.with_report(added))
+            write_rigid(answer, outputs)
+        outputs.write_answer(answer.with_report(added))
 
 
 def explode(
@@ -114,7 +111,7 @@ def explode(
     from validation.case import load_case
     from validation.output.files import picture_file
     from validation.output.outputs import Outputs
-    from validation.output.rigid.assembly import print_explosion
+    from validation.output.rigid import print_explosion
     from validation.run.rigid.explosion import explosion_json, run_explosion
     from validation.scene.usage import recording
 

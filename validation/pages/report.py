@@ -17,20 +17,19 @@ from validation.errors import InputError
 from validation.output.deformable.answers import print_run, run_pictures
 from validation.output.pictures.view_3d import View3d, viewer_page
 from validation.output.provenance import Provenance
-from validation.output.rigid import shown
+from validation.output.rigid import is_meshed, print_rigid, rigid_pictures
 from validation.pages.page import PrintedTable, page_text, printed_tables, webp_of
 from validation.pages.verdicts import OPEN, Verdict, verdicts
 from validation.pages.views import layer_words, middle_layers, pressure_view, stress_view
 from validation.run.accuracy import progress_words
 from validation.run.deformable import DeformableRun
-from validation.run.rigid.answer import RigidAnswer, RigidRun
 from validation.run.rigid.changed import frame_warning
-from validation.run.rigid.polyhedra import rigid_answer
 from validation.run.solve import run_as_asked, with_factors
 from validation.scene.combinations import combined
 from validation.scene.family import RoundScene
 from validation.scene.keys.toml_text import toml_text
 from validation.scene.read import DeformableScene
+from validation.solving import solve
 from validation.study.combinations import answer_to, combination_rows
 
 Tell = Callable[[str], None]
@@ -78,7 +77,7 @@ class SceneReport:
     """Everything that the page shows."""
 
     file: Case
-    rigid: RigidAnswer | None
+    rigid: Answer | None
     deformable: DeformableRun | None
     failed: Mapping[str, str] = field(default_factory=dict)
     """Why there is no rigid or no deformable answer, by its kind."""
@@ -106,7 +105,7 @@ class SceneReport:
         tables = []
         if self.rigid is not None:
             of = self.rigid
-            tables += printed_tables(lambda console: shown(of.scene).print_rigid(of, console))
+            tables += printed_tables(lambda console: print_rigid(of, console))
         if self.deformable is not None:
             run = self.deformable
             tables += printed_tables(lambda console: print_run(run, console))
@@ -117,7 +116,7 @@ class SceneReport:
         return {
             "scene": self.file.name,
             "verdicts": {verdict.question: verdict.words for verdict in self.verdicts},
-            "rigid": None if self.rigid is None else self.rigid.answer.as_dict(),
+            "rigid": None if self.rigid is None else self.rigid.as_dict(),
             "deformable": None if self.deformable is None else self.deformable.answer.as_dict(),
             "failed": dict(self.failed),
             "loads": {
@@ -133,7 +132,7 @@ def report_scene(
     """Compute the answers that a report shows; ``tell`` is called with a line before each."""
     failed: dict[str, str] = {}
     tell(f"{file.name}: rigid blocks")
-    rigid = _tried(failed, "rigid", lambda: rigid_answer(file))
+    rigid = _tried(failed, "rigid", lambda: solve(file.with_method("rigid")))
     run = None
     if deformable:
         tell(f"{file.name}: deformable blocks")
@@ -141,9 +140,9 @@ def report_scene(
     if rigid is None and run is None:
         raise InputError(next(iter(failed.values())))
     title, scenes = load_scenes(file.scene)
-    known = {"rigid": rigid, "fem": run}
+    known = {"rigid": rigid, "fem": None if run is None else run.answer}
     loads = [
-        _side_by_side(file, scenes, kind, answered.answer, tell)
+        _side_by_side(file, scenes, kind, answered, tell)
         for kind, answered in known.items()
         if answered is not None and scenes
     ]
@@ -213,17 +212,18 @@ def _pictures(report: SceneReport) -> Iterator[tuple[str, str, Callable[[Path], 
             yield "deformable", Path(name).stem, partial(draw, run)
     if rigid is None:
         return
-    if isinstance(rigid, RigidRun):
+    if is_meshed(rigid):
         yield "all", "assembly", lambda path: _draw_assembly(rigid, path)
-    for name, drawn in shown(rigid.scene).rigid_pictures(rigid).items():
+    for name, drawn in rigid_pictures(rigid).items():
         yield "rigid", Path(name).stem, drawn
 
 
-def _draw_assembly(run: RigidRun, path: Path) -> None:
+def _draw_assembly(run: Answer, path: Path) -> None:
     from validation.output.pictures.assemblies import draw_assembly
 
-    title = f"{run.name}: {run.scene.load_words}"
-    draw_assembly(run.assembly, run.load, path, title=title, weight=run.scene.weight)
+    scene, result = run.case.scene, run.details
+    title = f"{run.case.name}: {scene.load_words}"
+    draw_assembly(result.blocks, result.load, path, title=title, weight=scene.weight)
 
 
 def figures(report: SceneReport) -> list[Figure]:
@@ -247,8 +247,8 @@ def _views(report: SceneReport) -> list[View3d]:
         return views
     rigid, run = report.rigid, report.deformable
     if rigid is not None:
-        layers = middle_layers(rigid.scene, rigid.assembly)
-        words = "Contact pressures" if rigid.carried.shown else "Blocks"
+        layers = middle_layers(rigid.case.scene, rigid.details.blocks)
+        words = "Contact pressures" if rigid.details.shown else "Blocks"
         views.append(pressure_view(rigid, words + layer_words(layers), "rigid", layers))
     if run is not None:
         layers = middle_layers(run.scene, run.solution.deformable.assembly)

@@ -11,11 +11,9 @@ from rich.table import Table
 from geometry.answer import EVERY_TITLE, FACTORS, Answer, Measure, measure_rows
 from mbd import MechanismClass
 from validation.output.console import add_dimensions
-from validation.output.rigid import shown
-from validation.output.rigid.words import CLASS_WORDS, OF_RIGID_BLOCKS, certificate_words
+from validation.output.rigid import OF_RIGID_BLOCKS, verdict_words
 from validation.run.accuracy import reached_rows
 from validation.run.deformable import DeformableRun
-from validation.run.rigid.answer import RigidAnswer
 from validation.scene.read import DeformableScene
 
 #: Whether an answer is good news, bad news, neither, or good on a condition, as pages colour it.
@@ -46,7 +44,7 @@ class Verdict:
 
 def verdicts(
     scene: DeformableScene,
-    rigid: RigidAnswer | None,
+    rigid: Answer | None,
     run: DeformableRun | None,
     failed: Mapping[str, str],
 ) -> list[Verdict]:
@@ -58,7 +56,7 @@ def verdicts(
         result.append(Verdict("Deformable blocks?", "no answer", BAD, (failed["fem"],)))
     result.append(_how_much(rigid, run))
     result.append(_how_sure(run))
-    answer = run.answer if run is not None else None if rigid is None else rigid.answer
+    answer = run.answer if run is not None else None if rigid is None else rigid
     assert answer is not None
     result += [
         strength_verdict(scene, answer.measures, computed=run is not None),
@@ -67,32 +65,31 @@ def verdicts(
     return result
 
 
-def _locked(rigid: RigidAnswer) -> Verdict:
+def _locked(rigid: Answer) -> Verdict:
     """Say whether a mechanism exists."""
-    found = rigid.result.classification
-    words = shown(rigid.scene).verdict_words(rigid)
-    lines = [f"Proof: {certificate_words(found)}."]
-    supported = rigid.result.supported_classification
+    found = rigid.details.classification
+    words = verdict_words(rigid)
+    lines = [f"Proof: {found.proof}."]
+    supported = rigid.details.supported_classification
     if supported is not found:
-        lines.append(f"With the supports of this load: {CLASS_WORDS[supported.mechanism]}.")
+        lines.append(f"With the supports of this load: {supported.mechanism.words}.")
     tone = GOOD if found.mechanism is MechanismClass.LOCKED else OPEN
     return Verdict("Is it locked?", words, tone, tuple(lines))
 
 
-def _carried(rigid: RigidAnswer) -> Verdict:
+def _carried(rigid: Answer) -> Verdict:
     """Say whether rigid blocks carry the load, and up to which limit."""
-    carried, further = rigid.carried, rigid.further
-    lines = [f"Load: {rigid.scene.load_words}."]
-    if carried.friction is None:
-        lines.append(f"Rigid blocks without friction: {rigid.result.equilibrium.status}.")
+    result = rigid.details
+    lines = [f"Load: {rigid.case.scene.load_words}."]
+    if result.friction is None:
+        lines.append(f"Rigid blocks without friction: {result.equilibrium.status}.")
     else:
-        lines.append(f"Rigid blocks: {carried.words}.")
-    if further is not None and further.collapse is not None:
-        lines.append(f"Limit load: {further.collapse.status}.")
-    if further is not None and further.sliding is not None:
-        lines.append(f"Non-associated limit load: {further.sliding.status}.")
-    words, tone = ("yes", GOOD) if carried.holds else ("no", BAD)
-    pressed = None if further is None else further.squeeze
+        lines.append(f"Rigid blocks: {result.words}.")
+    for name in ("collapse", "sliding"):
+        for title, words in rigid.parts[name].rows if name in rigid.parts else ():
+            lines.append(f"{title.capitalize()}: {words}.")
+    words, tone = ("yes", GOOD) if result.holds else ("no", BAD)
+    pressed = None if result.friction is None else result.friction.squeeze
     if pressed is not None and pressed.needed is not False:
         words = "only if pressed beforehand" if pressed.needed else "not decided"
         tone = CAUTION if pressed.needed else OPEN
@@ -105,12 +102,12 @@ def _rows(answer: Answer, names: tuple[str, ...]) -> list[str]:
     return [f"{title}: {words}" for title, words in measure_rows(found)]
 
 
-def _how_much(rigid: RigidAnswer | None, run: DeformableRun | None) -> Verdict:
+def _how_much(rigid: Answer | None, run: DeformableRun | None) -> Verdict:
     """State the largest pressure, tension and displacement, and where they are."""
     lines = [] if run is None else _rows(run.answer, _SHOWN)
-    of_rigid = [] if rigid is None else _rows(rigid.answer, _SHOWN_RIGID)
+    of_rigid = [] if rigid is None else _rows(rigid, _SHOWN_RIGID)
     lines += [f"Rigid blocks, {line}" for line in of_rigid]
-    nothing_acts = rigid is not None and rigid.carried.holds
+    nothing_acts = rigid is not None and rigid.details.holds
     why_none = "nothing acts" if nothing_acts else "the load is not carried"
     words = lines.pop(0) if lines else f"no forces: {why_none}"
     return Verdict("Where and how much?", words, OPEN, tuple(lines))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from geometry.answer import Answer
 from validation.output.pictures.bodies import (
     PressedFacets,
     block_surfaces,
@@ -24,10 +25,9 @@ from validation.output.pictures.polyhedra import FROM_THE_SIDE, contact_parts, p
 from validation.output.pictures.scales import Scale
 from validation.output.pictures.tubes import all_faces, stress_scale
 from validation.output.pictures.view_3d import View3d, make_view
+from validation.output.rigid import is_meshed
 from validation.run.deformable import DeformableRun
 from validation.run.measures import drawing_scale
-from validation.run.rigid.answer import RigidAnswer, RigidRun
-from validation.run.rigid.polyhedra import PolyhedralRun
 from validation.scene.family import RoundScene
 from validation.scene.read import DeformableScene
 
@@ -35,10 +35,10 @@ from validation.scene.read import DeformableScene
 _AROUND = 1
 
 
-def pressed_facets(run: RigidRun) -> PressedFacets:
+def pressed_facets(run: Answer) -> PressedFacets:
     """Contact facets of a rigid result with their pressures."""
-    pressures = run.answer.contacts["pressure"]
-    return interface_facets(run.assembly, run.result.contact_index, pressures)
+    result = run.details
+    return interface_facets(result.blocks, result.contact_index, run.contacts["pressure"])
 
 
 def pressed(facets: PressedFacets, layers: Sequence[int] | None = None) -> tuple[View, Scale]:
@@ -53,35 +53,30 @@ def pressed(facets: PressedFacets, layers: Sequence[int] | None = None) -> tuple
     return View(parts, eye(assembly)), scale
 
 
-def rigid_view(
-    run: RigidAnswer, layers: Sequence[int] | None = None
-) -> tuple[View, Scale | None, str]:
+def rigid_view(run: Answer, layers: Sequence[int] | None = None) -> tuple[View, Scale | None, str]:
     """Contact pressures of rigid blocks with their scale, or the blocks where none are carried.
 
     The last value says in words what is shown.
     """
     words = "faces that can meet another block, coloured by contact pressure"
-    if isinstance(run, PolyhedralRun):
+    blocks = run.details.blocks
+    if not is_meshed(run):
         parts, scale = contact_parts(run)
         view = View(parts, FROM_THE_SIDE)
         if scale.reached[1] > 0.0:
             return view, scale, "contact interfaces, coloured by mean contact pressure"
-        return View(polyhedra_parts(run.assembly), FROM_THE_SIDE), None, "blocks; fixed ones grey"
-    assert isinstance(run, RigidRun)
-    if run.carried.shown:
+        return View(polyhedra_parts(blocks), FROM_THE_SIDE), None, "blocks; fixed ones grey"
+    if run.details.shown:
         view, scale = pressed(pressed_facets(run), layers)
         return view, scale, words
-    blocks = _in_layers(run.assembly.layer, layers)
-    colours = colours_of_blocks(run.load.fixed, turns(run.assembly))
-    drawn: list[Part] = [
-        block_surfaces(run.assembly, blocks, colours),
-        outlines(run.assembly, blocks),
-    ]
-    return View(drawn, eye(run.assembly)), None, "blocks; fixed ones grey"
+    some = _in_layers(blocks.layer, layers)
+    colours = colours_of_blocks(run.details.load.fixed, turns(blocks))
+    drawn: list[Part] = [block_surfaces(blocks, some, colours), outlines(blocks, some)]
+    return View(drawn, eye(blocks)), None, "blocks; fixed ones grey"
 
 
 def pressure_view(
-    run: RigidAnswer, title: str, name: str, layers: Sequence[int] | None = None
+    run: Answer, title: str, name: str, layers: Sequence[int] | None = None
 ) -> View3d:
     """Contact facets, coloured by pressure."""
     view, scale, words = rigid_view(run, layers)

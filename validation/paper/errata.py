@@ -147,7 +147,7 @@ def _tsb1() -> SineBlockParameters:
 def _density_unit(evidence: Evidence) -> Shown:
     fem = reference()["fem"]
     run = evidence.case("TSB1", "pipe")
-    volume = float(run.assembly.volumes[run.assembly.free_blocks[0]])
+    volume = float(run.details.blocks.volumes[run.details.blocks.free_blocks[0]])
     kilograms = {"kg/mm³": fem["density"] * volume, "t/mm³": 1e3 * fem["density"] * volume}
     speed = {
         "kg/mm³": np.sqrt(fem["young_modulus"] / (1e-3 * fem["density"])) / 1e6,
@@ -165,11 +165,13 @@ def _density_unit(evidence: Evidence) -> Shown:
 def _friction(evidence: Evidence) -> Shown:
     run = evidence.case("TSB1", "pipe")
     coefficient = reference()["fem"]["friction_coefficient"]
-    block = int(run.assembly.free_blocks[len(run.assembly.free_blocks) // 2])
-    interfaces, index = run.assembly.interfaces, run.result.contact_index
+    block = int(run.details.blocks.free_blocks[len(run.details.blocks.free_blocks) // 2])
+    interfaces, index = run.details.blocks.interfaces, run.details.contact_index
     touches = (interfaces.block_m[index] == block) | (interfaces.block_s[index] == block)
-    normal = float(run.result.contact_forces[touches].sum())
-    load = float(np.linalg.norm(run.load.facet_forces[run.load.block == block].sum(axis=0)))
+    normal = float(run.details.contact_forces[touches].sum())
+    load = float(
+        np.linalg.norm(run.details.load.facet_forces[run.details.load.block == block].sum(axis=0))
+    )
     share = coefficient * normal / load
     return Shown(
         f"one block of TSB1, pipe: contact forces {normal:.0f} N for a load of {load:.0f} N; "
@@ -237,7 +239,7 @@ def _one_wave(evidence: Evidence) -> Shown:
 def _pillar_frames(evidence: Evidence) -> Shown:
     words, values = [], {}
     for block in ("TSB1", "TSB2", "THB0"):
-        result = evidence.case(block, "pillar").result
+        result = evidence.case(block, "pillar").details
         held, free = str(result.mechanism), str(result.supported_classification.mechanism)
         words.append(f"{block}: {held} with both frames held, {free} with the top frame free")
         values[block] = {"held": held, "released": free}

@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from geometry.answer import Answer
 from geometry.families.sine_block import LayerTurn
 from geometry.measures import Measures
 from validation.case import load_case
 from validation.errors import InputError
 from validation.output.console import status
-from validation.paper.reading import MESH_OF_TABLES, solve_row
-from validation.run.rigid.answer import RigidRun, SharedTubes
+from validation.paper.reading import MESH_OF_TABLES, SharedTubes, solve_row
 from validation.study.report import sweep_progress
 from validation.study.run import LocalRunner, sweep
 from validation.study.store import Older, ResultFile
@@ -117,7 +117,7 @@ class Evidence:
     turn: LayerTurn = LayerTurn.ONE_WAVE
     """Turn of every second layer in the parameter study; the paper's, or another reading."""
     _tubes: SharedTubes = field(default_factory=SharedTubes)
-    rigid_runs: dict[tuple[str, tuple[str, ...]], RigidRun] = field(default_factory=dict)
+    rigid_runs: dict[tuple[str, tuple[str, ...]], Answer] = field(default_factory=dict)
     """Those computed so far, by scene and settings."""
     fem_runs: dict[tuple[str, str], DeformableRun] = field(default_factory=dict)
     """Those computed so far, by block and load case."""
@@ -150,23 +150,23 @@ class Evidence:
         self.cpu_seconds[words] = table.cpu_seconds
         return table
 
-    def rigid(self, scene: str, *settings: str) -> RigidRun:
+    def rigid(self, scene: str, *settings: str) -> Answer:
         """Rigid-block result of a built-in scene with overrides, computed once."""
         if scene.rpartition("-")[2] in _ONE_READING:
             settings = tuple(s for s in settings if not s.startswith("load.as_printed"))
         key = (scene, settings)
         if key not in self.rigid_runs:
             start = time.process_time()
-            self.rigid_runs[key] = self._tubes.run(load_case(scene, settings))
+            self.rigid_runs[key] = self._tubes.solve(scene, *settings)
             spent = time.process_time() - start
             self.cpu_seconds["rigid"] = self.cpu_seconds.get("rigid", 0.0) + spent
         return self.rigid_runs[key]
 
-    def case(self, block: str, case: str) -> RigidRun:
+    def case(self, block: str, case: str) -> Answer:
         """A row of the paper's tables, on their mesh and read as they are."""
         return solve_row(self.rigid, block, case)
 
-    def tsb(self, design: Design) -> RigidRun:
+    def tsb(self, design: Design) -> Answer:
         """Rigid-block result of a design of the study at the resolution of the tables."""
         values = [f"{path}={value}" for path, value in zip(PATHS, design, strict=True)]
         turn = f'assembly.turn="{self.turn}"'
@@ -210,12 +210,13 @@ class Evidence:
         return run
 
 
-def measures_of(run: RigidRun) -> Measures:
+def measures_of(run: Answer) -> Measures:
     """Return the paper's measures of a tube that its contacts hold in equilibrium."""
-    assert run.result.measures is not None
-    return run.result.measures
+    measures: Measures | None = run.details.measures
+    assert measures is not None
+    return measures
 
 
-def p_max(run: RigidRun) -> float:
+def p_max(run: Answer) -> float:
     """Max–mean contact pressure of such a tube [MPa]."""
     return measures_of(run).p_max

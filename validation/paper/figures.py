@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import Console
 
+from geometry.answer import Answer
 from geometry.measures import between_layers
 from geometry.mesh import IntArray
 from validation.output.console import listing
@@ -22,9 +22,6 @@ from validation.output.pictures.gallery import Panel, gallery, save_figure, subp
 from validation.output.pictures.scales import PRESSURE_MAP, Scale, scale_from_zero
 from validation.paper.evidence import Evidence, StudyTable
 from validation.paper.reference import reference
-
-if TYPE_CHECKING:
-    from validation.run.rigid.answer import RigidRun
 
 #: Okabe–Ito, dark enough on white, and a mark each: readable without colour.
 _LINES = (
@@ -131,30 +128,32 @@ def draw_parameter_study(
 # Pressure distributions
 
 
-def rings(run: RigidRun) -> dict[str, IntArray]:
+def rings(run: Answer) -> dict[str, IntArray]:
     """Rows of the result on the top frame, between the middle layers and on the bottom frame."""
-    layers = run.assembly.n_layers
+    layers = run.details.blocks.n_layers
     middle = layers // 2
     lower = {
         f"layer {layers} and the top frame": layers,
         f"layers {middle} and {middle + 1}": middle,
         "the bottom frame and layer 1": 0,
     }
-    index = run.result.contact_index
-    return {title: between_layers(run.assembly, index, layer) for title, layer in lower.items()}
+    index = run.details.contact_index
+    return {
+        title: between_layers(run.details.blocks, index, layer) for title, layer in lower.items()
+    }
 
 
-def draw_pressure_comparison(left: RigidRun, right: RigidRun, path: Path, *, title: str) -> None:
+def draw_pressure_comparison(left: Answer, right: Answer, path: Path, *, title: str) -> None:
     """Draw two pressure distributions in the same colours: whole tubes outside, rings inside."""
-    highest = [run.result.contact_pressures for run in (left, right)]
+    highest = [run.details.contact_pressures for run in (left, right)]
     scale = scale_from_zero("contact pressure [MPa]", PRESSURE_MAP, highest)
 
-    def tube(run: RigidRun) -> list[Panel]:
-        return [Panel(f"{run.name}, cut open", _view(run, _far_half(run), scale, EYE))]
+    def tube(run: Answer) -> list[Panel]:
+        return [Panel(f"{run.case.name}, cut open", _view(run, _far_half(run), scale, EYE))]
 
-    def inside(run: RigidRun) -> list[Panel]:
+    def inside(run: Answer) -> list[Panel]:
         return [
-            Panel(f"{run.name}: {title}", _view(run, rows, scale, FROM_ABOVE))
+            Panel(f"{run.case.name}: {title}", _view(run, rows, scale, FROM_ABOVE))
             for title, rows in rings(run).items()
         ]
 
@@ -162,14 +161,14 @@ def draw_pressure_comparison(left: RigidRun, right: RigidRun, path: Path, *, tit
     gallery(columns, title, path, height=9.0, scale=scale)
 
 
-def _far_half(run: RigidRun) -> IntArray:
-    points = run.assembly.interfaces.centroids[run.result.contact_index]
-    return np.flatnonzero(far_side(run.assembly, points))
+def _far_half(run: Answer) -> IntArray:
+    points = run.details.blocks.interfaces.centroids[run.details.contact_index]
+    return np.flatnonzero(far_side(run.details.blocks, points))
 
 
-def _view(run: RigidRun, rows: IntArray, scale: Scale, direction: Direction) -> View:
-    result = run.result
-    facets = interface_facets(run.assembly, result.contact_index, result.contact_pressures)
+def _view(run: Answer, rows: IntArray, scale: Scale, direction: Direction) -> View:
+    result = run.details
+    facets = interface_facets(run.details.blocks, result.contact_index, result.contact_pressures)
     return View([facets.surface(rows, scale)], direction)
 
 
@@ -239,7 +238,7 @@ def draw_cost(evidence: Evidence, path: Path) -> None:
     printed = reference()["cost"]
     rows = list(evidence.study.rows.values())
     figure, panel = subplots(1, 1, size=(8.5, 5.5))
-    fine = [run for run in evidence.rigid_runs.values() if run.result.n_contacts > 20_000]
+    fine = [run for run in evidence.rigid_runs.values() if run.details.n_contacts > 20_000]
     series = (
         (
             [(row["n_contacts"], row["cpu_seconds"]) for row in rows],
@@ -247,7 +246,7 @@ def draw_cost(evidence: Evidence, path: Path) -> None:
             "rigid blocks, tubelock: the 480 designs",
         ),
         (
-            [(run.result.n_contacts, run.cpu_seconds["total"]) for run in fine],
+            [(run.details.n_contacts, run.report["cpu_seconds"]["total"]) for run in fine],
             {"marker": "s", "markersize": 4, "color": "#009E73"},
             "rigid blocks, tubelock: more than 20 000 contacts",
         ),

@@ -7,17 +7,23 @@ an ingredient shows how many of the printed numbers then still come out to the l
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol, TypeAlias
 
 import numpy as np
 
+from geometry.answer import Answer
+from geometry.assembly import Assembly
 from geometry.loads import LoadCase, PressureLoad, TractionLoad, surface_means
 from geometry.measures import Measures
 from mbd import rigid_result
+from validation.build.rigid import rigid_statement
+from validation.case import load_case
 from validation.paper.reference import reference
-from validation.run.rigid.answer import RigidRun
+from validation.scene.family import RoundScene
+from validation.solving import solve, solve_rigid
 
 #: Quantities of a table's row, and the decimals that are printed.
 DECIMALS = {"effective": 1, "p_eff": 3, "p_max": 3}
@@ -40,7 +46,7 @@ Values = dict[str, float | None]
 class Solve(Protocol):
     """Computes a built-in scene with overrides, by rigid blocks."""
 
-    def __call__(self, scene: str, *settings: str) -> RigidRun:
+    def __call__(self, scene: str, *settings: str) -> Answer:
         """Scene and ``section.key=value`` overrides, the later ones winning."""
 
 
@@ -49,7 +55,37 @@ def table_settings(block: str) -> tuple[str, ...]:
     return (*MESH_OF_TABLES[block[:3]], "load.as_printed=true")
 
 
-def solve_row(solve: Solve, block: str, case: str, *settings: str) -> RigidRun:
+@dataclass
+class SharedTubes:
+    """Tubes built so far, by what their blocks are."""
+
+    _built: dict[str, tuple[Assembly, float]] = field(default_factory=dict)
+
+    def solve(self, scene: str, *settings: str) -> Answer:
+        """Answer a scene by rigid blocks, built once for all scenes that have the same.
+
+        The CPU time of building is that of the first of them: what the scene alone would take.
+        """
+        case = load_case(scene, settings, method="rigid")
+        tube_scene = case.scene
+        if not isinstance(tube_scene, RoundScene):
+            return solve(case)
+        sections = (tube_scene.block, tube_scene.assembly, tube_scene.mesh)
+        key = "\n".join(section.model_dump_json() for section in sections)
+        if key not in self._built:
+            start = time.process_time()
+            tube = rigid_statement(case).rigid_blocks
+            assert isinstance(tube, Assembly)
+            _ = tube.interfaces  # found once and kept
+            self._built[key] = tube, time.process_time() - start
+        tube, seconds = self._built[key]
+        answer = solve_rigid(case, lambda _: None, rigid_statement(case, tube))
+        spent = answer.report["cpu_seconds"]
+        spent |= {name: spent[name] + seconds for name in ("build", "total")}
+        return answer.with_report({"cpu_seconds": spent})
+
+
+def solve_row(solve: Solve, block: str, case: str, *settings: str) -> Answer:
     """Rigid-block result of a row of the tables, with changes."""
     return solve(f"{block.lower()}-{case}", *table_settings(block), *settings)
 
@@ -95,7 +131,7 @@ def _measured_by(quantity: str, measure: str) -> Without:
     """Rows in which a quantity is another of the measures."""
 
     def without(solve: Solve, block: str, case: str) -> Values | None:
-        measures = solve_row(solve, block, case).result.measures
+        measures = solve_row(solve, block, case).details.measures
         if measures is None:
             return None
         return as_read(measures) | {quantity: getattr(measures, measure)}
@@ -109,13 +145,13 @@ def _with_setting(setting: str, only: str) -> Without:
     def without(solve: Solve, block: str, case: str) -> Values | None:
         if only not in (block, case):
             return None
-        return as_read(solve_row(solve, block, case, setting).result.measures)
+        return as_read(solve_row(solve, block, case, setting).details.measures)
 
     return without
 
 
 def _other_mesh(solve: Solve, block: str, case: str) -> Values | None:
-    return as_read(solve_row(solve, block, case, *_SCENE_MESH[block[:3]]).result.measures)
+    return as_read(solve_row(solve, block, case, *_SCENE_MESH[block[:3]]).details.measures)
 
 
 def _one_direction(load: LoadCase) -> LoadCase:
@@ -130,29 +166,30 @@ def _one_direction(load: LoadCase) -> LoadCase:
     return replace(load, faces=acts)
 
 
-def _with_load(change: Callable[[RigidRun], LoadCase], only: str) -> Without:
+def _with_load(change: Callable[[Answer], LoadCase], only: str) -> Without:
     """Rows of one load case with another load on the same blocks."""
 
     def without(solve: Solve, block: str, case: str) -> Values | None:
         if case != only:
             return None
         run = solve_row(solve, block, case)
-        return as_read(rigid_result(run.assembly, change(run), norm=run.scene.rigid.norm).measures)
+        result = rigid_result(run.details.blocks, run.case.method, load=change(run))
+        return as_read(result.measures)
 
     return without
 
 
-def _at_mass_centroid(run: RigidRun) -> LoadCase:
-    forces = np.zeros((run.assembly.n_blocks, 6))
-    np.add.at(forces[:, :3], run.load.block, run.load.facet_forces)
-    return replace(run.load, faces=(), body_wrenches=forces)
+def _at_mass_centroid(run: Answer) -> LoadCase:
+    forces = np.zeros((run.details.blocks.n_blocks, 6))
+    np.add.at(forces[:, :3], run.details.load.block, run.details.load.facet_forces)
+    return replace(run.details.load, faces=(), body_wrenches=forces)
 
 
 def _radii(solve: Solve) -> str:
     """Say how far from the axis both points of a block lie."""
     run = solve_row(solve, "TSB1", "shaft")
-    block = int(run.load.block[0])
-    points = surface_means(run.assembly)[block], run.assembly.centroids[block]
+    block = int(run.details.load.block[0])
+    points = surface_means(run.details.blocks)[block], run.details.blocks.centroids[block]
     mean, mass = (float(np.hypot(*point[:2])) for point in points)
     return f"in TSB1 they are {mean:.1f} and {mass:.1f} mm from the axis"
 
@@ -194,7 +231,7 @@ def ingredients() -> tuple[Ingredient, ...]:
             "beam-pressure",
             "beam: a constant surface load on the outer surface of one block",
             "the true normal pressure, not one constant direction",
-            _with_load(lambda run: _one_direction(run.load), "beam"),
+            _with_load(lambda run: _one_direction(run.details.load), "beam"),
         ),
         Ingredient(
             "shaft-force",
@@ -254,7 +291,7 @@ def sensitivity(solve: Solve, chosen: Sequence[Ingredient] | None = None) -> lis
         for case, row in cases.items()
         if "p_max" in row
     ]
-    whole = [as_read(solve_row(solve, block, case).result.measures) for block, case, _ in rows]
+    whole = [as_read(solve_row(solve, block, case).details.measures) for block, case, _ in rows]
     result = [_entry("all of them", rows, whole)]
     for ingredient in ingredients() if chosen is None else chosen:
         changed = [ingredient.without(solve, block, case) for block, case, _ in rows]

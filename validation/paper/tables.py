@@ -11,11 +11,10 @@ from typing import Any
 from rich.console import Console
 from rich.progress import track
 
-from validation.case import load_case
+from geometry.answer import Answer
 from validation.output.console import tabled
-from validation.paper.reading import DECIMALS, Solve, as_read, solve_row, to_the_digit
+from validation.paper.reading import DECIMALS, SharedTubes, Solve, as_read, solve_row, to_the_digit
 from validation.paper.reference import reference
-from validation.run.rigid.answer import RigidRun, SharedTubes
 
 #: Words of the quantities.
 HEADS = {
@@ -40,17 +39,14 @@ def compute_tables(console: Console, solve: Solve | None = None) -> dict[str, An
         load case; how many numbers round to what is printed, of how many.
     """
     if solve is None:
-        tubes = SharedTubes()
-
-        def solve(scene: str, *settings: str) -> RigidRun:
-            return tubes.run(load_case(scene, settings))
+        solve = SharedTubes().solve
 
     rows, classes = [], []
     tasks = [(block, case) for block, cases in reference()["table"].items() for case in cases]
     for block, case in track(tasks, description="tables", console=console, transient=True):
         printed = reference()["table"][block][case]
         run = solve_row(solve, block, case)
-        mechanism = str(run.result.mechanism)
+        mechanism = str(run.details.mechanism)
         place = {"block": block, "case": case}
         classes.append(place | {"paper": printed["mechanism"], "ours": mechanism})
         if "p_max" in printed:
@@ -63,8 +59,8 @@ def compute_tables(console: Console, solve: Solve | None = None) -> dict[str, An
     return {"to_the_digit": met, "of": len(rows), "rows": rows, "classes": classes}
 
 
-def _rows(printed: dict[str, Any], run: RigidRun, physical: RigidRun) -> Iterator[dict[str, Any]]:
-    read, measures = as_read(run.result.measures), physical.result.measures
+def _rows(printed: dict[str, Any], run: Answer, physical: Answer) -> Iterator[dict[str, Any]]:
+    read, measures = as_read(run.details.measures), physical.details.measures
     true = as_read(measures) | {"p_eff": None if measures is None else measures.p_eff}
     for quantity in DECIMALS:
         paper, ours = printed[quantity], read[quantity]

@@ -35,6 +35,7 @@ from validation.scene.sections import (
     NoAngle,
     NonNegative,
     Positive,
+    RigidSection,
     Section,
     Vector,
     WholeScene,
@@ -256,6 +257,8 @@ class EffectsSection(Section):
             given = {} if given else None
         elif isinstance(given, int | float | str):
             given = {"tolerance": given}
+        if isinstance(data.get("friction"), int | float | str) and data["friction"] != "auto":
+            data["friction"] = {"coefficient": data["friction"]}
         named = []
         for key, value in list(data.items()):
             if key in set(EffectName) and value == "auto":
@@ -283,6 +286,7 @@ class EffectsSection(Section):
         when = {"type": "object", "required": ["when"], "properties": {"when": {"const": "auto"}}}
         for name in set(EffectName) & set(keys):
             keys[name] = {"anyOf": [keys[name], {"const": "auto"}, when]}
+        keys["friction"] = {"anyOf": [keys["friction"], {"type": ["number", "string"]}]}
         keys["auto"] = {"anyOf": [keys["auto"], {"type": ["number", "string", "boolean"]}]}
         return result
 
@@ -302,7 +306,9 @@ METHODS: Mapping[str, type[Static | Explicit]] = {"static": Static, "explicit": 
 _ELEMENTS = ("element", "degree")
 #: Fields of `Explicit` that sections of their own state.
 _EFFECTS = ("rayleigh", "bulk_viscosity")
-_FemKeys: Any = section_of(Static, Explicit, about={"end_time": END_TIME}, absent=_EFFECTS)
+_FemKeys: Any = section_of(
+    Static, Explicit, about={"end_time": END_TIME}, absent=" ".join(_EFFECTS)
+)
 
 
 class FemSection(_FemKeys):  # type: ignore[misc]
@@ -366,12 +372,31 @@ class DeformableSections(WholeScene):
     contact: ContactSection = ContactSection()
     effects: EffectsSection = EffectsSection()
     fem: FemSection = FemSection()
+    rigid: RigidSection = RigidSection()
     supports: tuple[SupportSection, ...] = ()
     """``[[supports]]``: parts of the surfaces that are held, moved or on springs."""
     loads: tuple[SurfaceLoadSection, ...] = ()
     """``[[loads]]``: on parts of the surfaces, along edges, on single blocks."""
     combinations: dict[str, dict[str, Finite]] = Field(default_factory=dict)
     """``[combinations.NAME]``: factors of loads by name; see `tubelock combinations`."""
+
+    @model_validator(mode="after")
+    def _one_friction(self) -> Self:
+        """Read ``rigid.friction`` as ``effects.friction``, which holds for every method."""
+        given, effects = self.rigid.friction, self.effects
+        if given is None:
+            return self
+        stated = effects.friction
+        if stated is not None and stated.coefficient != given:
+            raise ValueError(
+                f"rigid.friction: got {given:g} beside effects.friction = {stated.coefficient:g}; "
+                "expected one of the two: effects.friction holds for every method"
+            )
+        if stated is None and given:
+            effects = effects.changed({"friction": FrictionSection(coefficient=given)})
+        object.__setattr__(self, "effects", effects)
+        object.__setattr__(self, "rigid", self.rigid.changed({"friction": None}))
+        return self
 
     @field_validator("combinations", mode="before")
     @classmethod

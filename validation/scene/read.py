@@ -19,6 +19,7 @@ from pydantic import ValidationError
 from geometry.errors import unreadable
 from validation.errors import InputError, one_line
 from validation.scene.builtin import builtin_names, builtin_text
+from validation.scene.deformable import METHODS, keys_of_other
 from validation.scene.families import sine
 from validation.scene.family import AssemblyScene
 from validation.scene.plausibility import implausible, too_large
@@ -95,7 +96,20 @@ def apply_overrides(data: Mapping[str, Any], overrides: Iterable[str]) -> dict[s
                 raise InputError(f"--set {override}: {key!r} is a value, not a section")
             target = inner
         target[keys[-1]] = value
+    _drop_keys_of_replaced_method(data.get("fem"), result.get("fem"))
     return result
+
+
+def _drop_keys_of_replaced_method(before: Any, after: Any) -> None:
+    """Another method takes the place of the one that was stated, with the keys of that alone."""
+    if not isinstance(before, Mapping) or not isinstance(after, dict):
+        return
+    old, new = (str(fem.get("method", "static")) for fem in (before, after))
+    if old == new or not {old, new} <= METHODS.keys():
+        return
+    for key in keys_of_other(new):
+        if key in before and after.get(key) == before[key]:
+            after.pop(key, None)
 
 
 def scene_data(source: str) -> tuple[str, dict[str, Any]]:

@@ -40,7 +40,7 @@ def certified(assembly: Assembly, load: LoadCase) -> tuple[Check, ...]:
     contacts = contact_jacobian(assembly, load.fixed)
     matrix = contacts.jacobian.to_matrix()
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
-    result = rigid_result(assembly, load)
+    result = rigid_result(assembly, load=load)
     size = float(np.linalg.norm(force))
     checks = list(_class_checks(result.supported_classification, matrix))
     balance = result.equilibrium
@@ -121,22 +121,22 @@ for _name, (_words, _build) in TUBES.items():
 def _driven_column() -> Finding:
     assembly = stack(2)
     load = pressed(assembly, PRESSURE, face="inner")
-    balance = rigid_result(assembly, load).equilibrium
+    balance = rigid_result(assembly, load=load).equilibrium
     return Finding(*certified(assembly, load), refusal=balance.status)
 
 
 @CASES.add("zero-load-rigid", "No load: equilibrium with λ = 0 exactly")
 def _no_load() -> Finding:
     assembly = tube()
-    result = rigid_result(assembly, named_case(assembly, "pipe", 0.0))
+    result = rigid_result(assembly, load=named_case(assembly, "pipe", 0.0))
     largest = float(np.abs(result.contact_forces).max())
     return Finding(Check("holds", result.equilibrium.holds, 1, 1), Check("largest λ", largest, 0))
 
 
 def _scale_law(pressure: float) -> Finding:
     assembly = tube()
-    unit = rigid_result(assembly, named_case(assembly, "pipe", 1.0))
-    other = rigid_result(assembly, named_case(assembly, "pipe", pressure))
+    unit = rigid_result(assembly, load=named_case(assembly, "pipe", 1.0))
+    other = rigid_result(assembly, load=named_case(assembly, "pipe", pressure))
     difference = relative(other.contact_forces / pressure, unit.contact_forces)
     # λ is determined to the residual target 1e-12 times the condition of the pressing columns.
     return Finding(

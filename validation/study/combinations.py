@@ -46,9 +46,9 @@ def combination_answers(
 def answer_to(file: Case, kind: Kind) -> Answer:
     """Answer to a scene, as `tubelock mbd` or `fem` gives it."""
     if kind == "rigid":
-        from validation.run.rigid.polyhedra import rigid_answer
+        from validation.solving import solve
 
-        return rigid_answer(file).answer
+        return solve(file.with_method("rigid"))
     from validation.run.solve import run_as_asked, with_factors
 
     return with_factors(run_as_asked(file.name, file.scene)).answer

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from geometry.parts.dimensions import dimensions
+from mbd.options import Rigid
 from validation.case import Case
 from validation.errors import InputError
 from validation.scene.sections import RigidSection
@@ -59,7 +60,7 @@ def run_design(study: Study, number: int) -> Row:
         file = study.scene_file(number)
         with recording(file.scene) as use:
             if rigid:
-                results = _rigid_results(file)
+                results = _rigid_results(file.with_method("rigid"))
             else:
                 results, remarks = _fem_results(study, file)
         unused = use.unused
@@ -94,7 +95,7 @@ def refuse_idle_parameters(study: Study) -> None:
         try:
             file = study.scene_file(number)
             with recording(file.scene) as use:
-                _rigid_results(file)
+                _rigid_results(file.with_method("rigid"))
         except ValueError:
             return  # a design that cannot be computed says nothing; its row will say why
         idle &= set(use.unused)
@@ -115,30 +116,29 @@ _NO_COLUMN = ("collapse", "sliding", "ranges", "margin")
 
 
 def _rigid_results(file: Case) -> dict[str, Any]:
-    from validation.build.blocks import build_scene
-    from validation.run.rigid.answer import analyse_rigid
+    from validation.solving import solve
 
-    built = build_scene(file, command="sweep")
-    asked = built.scene.changed({"rigid": dict.fromkeys(_NO_COLUMN, False)})
+    assert isinstance(file.method, Rigid)
+    idle: dict[str, Any] = dict.fromkeys(_NO_COLUMN, False)
+    method = replace(file.method, **idle)
     with uncounted(*((RigidSection, key) for key in _NO_COLUMN)):
-        run = analyse_rigid(replace(built, scene=asked))
-    result = run.result
-    # With friction asked, the forces and the verdict are those with it: a load that is carried only
-    # if joints were pressed beforehand is not in equilibrium by itself.
-    friction = None if run.further is None else run.further.friction
+        answer = solve(file.with_method(method))
+    result, friction = answer.details, answer.details.friction
+    # With friction the forces and the verdict are those with it: a load that is carried only if
+    # joints were pressed beforehand is not in equilibrium by itself.
     found: dict[str, Any] = {
         "mechanism": str(result.mechanism),
-        "equilibrium": int(run.carried.shown),
-        "residual": result.equilibrium.residual if friction is None else friction.residual,
+        "equilibrium": int(result.shown),
+        "residual": (result if friction is None else friction).equilibrium.residual,
         "n_blocks": result.n_blocks,
         "n_contacts": result.n_contacts,
         "iterations": result.equilibrium.iterations,
-        **_built(dimensions(run.assembly).as_json()),
+        **_built(dimensions(result.blocks).as_json()),
     }
     if file.scene.material.compressive_strength is not None:
-        crushing = run.answer.measures.get("crushing_factor")
+        crushing = answer.measures.get("crushing_factor")
         found["crushing_factor"] = None if crushing is None else crushing.value
-    measures = run.carried.measures
+    measures = result.shown_measures
     names = ("effective_count_percent", "effective_area_percent", "p_eff", "p_eff_pooled", "p_max")
     for name in names:
         found[name] = None if measures is None else getattr(measures, name)

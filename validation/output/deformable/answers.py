@@ -19,6 +19,7 @@ from fem.problem.time_step import added_mass_share
 from geometry.answer import PAPER, TITLES, Measure, measure_rows
 from geometry.files.whole import write_whole
 from geometry.system import peak_memory_mb
+from validation.case import scene_case
 from validation.output import answer_files
 from validation.output.balance import add_reactions, add_search
 from validation.output.console import add_dimensions, listing, two_columns
@@ -32,9 +33,9 @@ from validation.output.pictures.energies import draw_energies
 from validation.output.pictures.motions import draw_motions
 from validation.output.section_forces import SECTION_FILES, add_sections, write_sections
 from validation.run.accuracy import reached_rows
-from validation.run.rigid.push import rigid_limit
 from validation.run.stages import cpu_words
 from validation.scene.family import RoundScene
+from validation.solving import solve
 
 if TYPE_CHECKING:
     from fem.assembly.reactions import PushCurve
@@ -94,7 +95,7 @@ def run_pictures(state: DeformableRun) -> dict[str, Callable[[DeformableRun, Pat
 
 def _write_motions(run: DeformableRun, outputs: Outputs) -> None:
     """Write force against displacement of supports that move, next to the rigid limit."""
-    curves, limit = run.solution.push_curves, rigid_limit(run.scene)
+    curves, limit = run.solution.push_curves, _rigid_limit(run)
     rows = [
         (curve.name, *row)
         for curve in curves
@@ -107,6 +108,15 @@ def _write_motions(run: DeformableRun, outputs: Outputs) -> None:
         "motions.png",
         lambda path: draw_motions(curves, path, title=run.name, limit=limit),
     )
+
+
+def _rigid_limit(run: DeformableRun) -> float | None:
+    """Limit of the push of a scene with associated friction [N]; None where there is none."""
+    if run.scene.push is None:
+        return None
+    case = scene_case(run.scene, run.name).with_method("rigid")
+    push = solve(case).parts["push_limit"]
+    return push.associated  # type: ignore[attr-defined]
 
 
 def _write_history(history: History, name: str, outputs: Outputs) -> None:

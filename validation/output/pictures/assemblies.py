@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from geometry.answer import Answer
 from geometry.assembly import Assembly
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
@@ -38,7 +39,6 @@ from validation.output.pictures.scales import ORANGE, PRESSURE_MAP, VERMILION, S
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from validation.run.rigid.answer import RigidAnswer, RigidRun
 
 #: Width over height of unrolled joints.
 _UNROLLED = 2.6
@@ -101,12 +101,12 @@ def draw_assembly(
 # Contact pressures
 
 
-def pressure_title(run: RigidRun) -> str:
+def pressure_title(run: Answer) -> str:
     """Scene, load and class of a rigid result, its largest pressure and how many facets press."""
-    text = f"{run.name}: {run.scene.load_words}; {run.carried.words}"
-    peak = run.answer.measures.get("p_max_facet")
+    text = f"{run.case.name}: {run.case.scene.load_words}; {run.details.words}"
+    peak = run.measures.get("p_max_facet")
     if peak is not None:
-        force = np.maximum(run.carried.normal_forces, 0.0)
+        force = np.maximum(run.details.normal_forces, 0.0)
         text += f"\nlargest mean pressure of a facet {peak.value:.3g} MPa; {pressing_words(force)}"
     return text
 
@@ -122,12 +122,12 @@ def pressing_words(force: FloatArray) -> str:
     )
 
 
-def draw_pressures(run: RigidRun, path: Path) -> None:
+def draw_pressures(run: Answer, path: Path) -> None:
     """Draw the contact pressures of a rigid result in equilibrium."""
     facets = interface_facets(
-        run.assembly, run.result.contact_index, run.answer.contacts["pressure"]
+        run.details.blocks, run.details.contact_index, run.contacts["pressure"]
     )
-    draw_pressed_facets(facets, path, title=pressure_title(run), weight=run.scene.weight)
+    draw_pressed_facets(facets, path, title=pressure_title(run), weight=run.case.scene.weight)
 
 
 def draw_pressed_facets(
@@ -324,10 +324,10 @@ def _joint_edges(flat: FloatArray, pair: IntArray) -> FloatArray:
 # Mechanisms
 
 
-def draw_mechanism(run: RigidRun, path: Path) -> None:
+def draw_mechanism(run: Answer, path: Path) -> None:
     """Draw the certified mechanism: blocks moved along it, coloured by how far they move."""
-    assembly = run.assembly
-    displacement = run.answer.fields.get("mechanism")
+    assembly = run.details.blocks
+    displacement = run.fields.get("mechanism")
     if displacement is None:
         raise ValueError("a locked assembly has no mechanism to draw")
     length = 0.3 * assembly.characteristic_length
@@ -347,16 +347,17 @@ def draw_mechanism(run: RigidRun, path: Path) -> None:
         coloured_blocks(assembly, blocks, size, scale, nodes=moved, faces=faces, lit=True),
         outlines(assembly, blocks, nodes=moved),
     ]
-    draw_motion(run, View(parts, EYE, weight=run.scene.weight), length, path, scale=scale)
+    draw_motion(run, View(parts, EYE, weight=run.case.scene.weight), length, path, scale=scale)
 
 
-def draw_motion(run: RigidAnswer, view: View, length: float, path: Path, **options: Any) -> None:
+def draw_motion(run: Answer, view: View, length: float, path: Path, **options: Any) -> None:
     """Draw a certified mechanism whose largest motion is as long [mm]; options of `gallery`."""
-    driven = run.carried.mechanism is not None
+    driven = run.details.driven is not None
     words = "the load activates it" if driven else "the load does not activate it"
     gallery(
         [[Panel(f"first-order motion, largest displacement drawn {length:.3g} mm", view)]],
-        f"{run.name}: {run.scene.load_words}; {run.carried.words}; a mechanism exists, {words}",
+        f"{run.case.name}: {run.case.scene.load_words}; {run.details.words}; "
+        f"a mechanism exists, {words}",
         path,
         **{"height": 7.0, **options},
     )

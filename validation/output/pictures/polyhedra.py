@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from geometry.answer import Answer
 from geometry.measures import chain
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from validation.run.rigid.explosion import Explosion
-    from validation.run.rigid.polyhedra import PolyhedralRun
 
 #: From the side, a little above.
 FROM_THE_SIDE: Direction = (1.0, -1.9, 1.5)
@@ -74,37 +74,37 @@ def _count(n: int, what: str) -> str:
     return f"{n} {what}{'' if n == 1 else 's'}"
 
 
-def contact_parts(run: PolyhedralRun) -> tuple[list[Part], Scale]:
+def contact_parts(run: Answer) -> tuple[list[Part], Scale]:
     """Contact interfaces in the colours of their pressures, within the edges of the blocks."""
-    interfaces = run.assembly.interfaces
-    pressures = run.patch_pressures if run.carried.shown else np.zeros(0)
+    interfaces = run.details.blocks.interfaces
+    pressures = run.details.patch_pressures if run.details.shown else np.zeros(0)
     label = "mean contact pressure [MPa]"
     scale = scale_from_zero(label, PRESSURE_MAP, [pressures], nothing="open joint")
     triangles, owner = interfaces.polygons.triangles
     colour: Any = _PALE
     if scale.reached[1] > 0.0:
         colour = scale.of(pressures[interfaces.polygons.patch[owner]])
-    every = range(run.assembly.n_blocks)
-    parts: list[Part] = [outlines(run.assembly, every, width=1.4, opacity=0.35)]
+    every = range(run.details.blocks.n_blocks)
+    parts: list[Part] = [outlines(run.details.blocks, every, width=1.4, opacity=0.35)]
     if len(triangles):
         parts.append(Surface(interfaces.polygons.corners, triangles, colour, lit=False))
     return parts, scale
 
 
-def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
+def draw_polyhedra(run: Answer, path: Path) -> None:
     """Draw the blocks, and beside them the contacts that were found."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    assembly, interfaces, result = run.assembly, run.assembly.interfaces, run.result
+    assembly, interfaces, result = run.details.blocks, run.details.blocks.interfaces, run.details
     contacts, scale = contact_parts(run)
     pressed = scale.reached[1] > 0.0
     every = range(assembly.n_blocks)
     legend = block_legend()
-    row = chain(run.joints) if pressed else None
+    row = chain(run.details.joints) if pressed else None
     if row is not None:
         ends = np.column_stack([np.arange(len(row) - 1), np.arange(1, len(row))])
-        contacts.append(Lines(run.joints.points[row], ends, VERMILION, width=5.0))
+        contacts.append(Lines(run.details.joints.points[row], ends, VERMILION, width=5.0))
         legend.append(Line2D([], [], color=VERMILION, label="thrust line"))
     bare = interfaces.patch < 0
     if not pressed:
@@ -119,9 +119,9 @@ def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
             )
         )
     verdict = "interlocked" if result.classification.locked else "not interlocked"
-    requested = run.scene.rigid.friction is not None
-    answer = run.carried.words if requested else f"{verdict} ({result.mechanism})"
-    weight = run.scene.weight
+    requested = result.friction is not None
+    answer = run.details.words if requested else f"{verdict} ({result.mechanism})"
+    weight = run.case.scene.weight
     blocks = Panel("blocks", View(polyhedra_parts(assembly), FROM_THE_SIDE, weight=weight))
     counts = (result.n_blocks, "free block"), (interfaces.n_contacts, "contact point")
     gallery(
@@ -129,7 +129,7 @@ def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
             [with_labels(blocks, assembly, every)],
             [Panel("contact interfaces", View(contacts, FROM_THE_SIDE, weight=weight))],
         ],
-        f"{run.name}: {run.scene.load_words}; {answer}\n"
+        f"{run.case.name}: {run.case.scene.load_words}; {answer}\n"
         f"{', '.join(_count(*count) for count in counts)}",
         path,
         height=6.0,
@@ -138,13 +138,13 @@ def draw_polyhedra(run: PolyhedralRun, path: Path) -> None:
     )
 
 
-def draw_polyhedral_mechanism(run: PolyhedralRun, path: Path) -> None:
+def draw_polyhedral_mechanism(run: Answer, path: Path) -> None:
     """Draw the blocks moved along their mechanism."""
-    assembly, answer = run.assembly, run.answer
+    assembly, answer = run.details.blocks, run
     scale = 0.25 * assembly.characteristic_length
     moved = answer.points + scale * answer.fields["mechanism"]
     places = np.split(moved, np.flatnonzero(np.diff(answer.block_of_point)) + 1)
-    view = View(polyhedra_parts(assembly, places), FROM_THE_SIDE, weight=run.scene.weight)
+    view = View(polyhedra_parts(assembly, places), FROM_THE_SIDE, weight=run.case.scene.weight)
     draw_motion(run, view, scale, path, height=6.5, legend=block_legend())
 
 

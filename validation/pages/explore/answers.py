@@ -15,19 +15,19 @@ from typing import Any
 
 import numpy as np
 
-from geometry.answer import measure_rows
+from geometry.answer import Answer, measure_rows
 from geometry.errors import RefusedError
 from validation.case import Case, scene_case
 from validation.errors import InputError
 from validation.output.pictures.canvas import View
 from validation.output.pictures.scales import Scale
 from validation.output.pictures.view_3d import colour_gradient
+from validation.output.rigid import is_meshed, rigid_pictures
 from validation.pages.verdicts import verdicts
 from validation.pages.views import layer_words, middle_layers, rigid_view, stressed
-from validation.run.rigid.answer import RigidAnswer, RigidRun
-from validation.run.rigid.polyhedra import rigid_answer
 from validation.scene.keys.toml_text import toml_text
 from validation.scene.usage import recording
+from validation.solving import solve
 
 _STRESS = "maximum principal stress σ₁, red is tension"
 _FRAMES = "end rings may lock a short tube whose blocks alone are not: `tubelock mbd` checks it"
@@ -47,22 +47,22 @@ class Shown:
     """The picture to download (PNG) where it is drawn already."""
 
 
-def rigid_shown(file: Case) -> tuple[RigidAnswer, Shown]:
+def rigid_shown(file: Case) -> tuple[Answer, Shown]:
     """Answer a scene by rigid blocks."""
     start = time.process_time()
     with recording(file.scene) as use:
-        run = rigid_answer(file)
+        run = solve(file.with_method("rigid"))
         found = [vars(v) for v in verdicts(file.scene, run, None, {})]
     use.count(file.scene.limits)
     ignored = [key for key in use.unused if key.startswith(("block.", "assembly.", "load."))]
-    layers = dict.fromkeys((None, middle_layers(file.scene, run.assembly)))
+    layers = dict.fromkeys((None, middle_layers(file.scene, run.details.blocks)))
     views = []
     for some in layers:
         view, scale, words = rigid_view(run, some)
         views.append((view, scale, f"Rigid blocks{layer_words(some)}: {words}."))
     facts = {
         "verdicts": found,
-        "measures": measure_rows(run.answer.measures),
+        "measures": measure_rows(run.measures),
         "ignored": ignored,
         "note": _FRAMES if file.scene.frames_may_lock else "",
         "mesh": _mesh_words(run),
@@ -71,11 +71,11 @@ def rigid_shown(file: Case) -> tuple[RigidAnswer, Shown]:
     return run, Shown(tuple(views), facts)
 
 
-def _mesh_words(run: RigidAnswer) -> str:
+def _mesh_words(run: Answer) -> str:
     """Facets of a block, where there is a mesh."""
-    mesh = getattr(run.scene, "mesh", None)
-    words = getattr(mesh, "words", "") if isinstance(run, RigidRun) else ""
-    return words or f"{run.result.n_contacts} contact points"
+    mesh = getattr(run.case.scene, "mesh", None)
+    words = getattr(mesh, "words", "") if is_meshed(run) else ""
+    return words or f"{run.details.n_contacts} contact points"
 
 
 def camera(drawn: View, view: Mapping[str, Any]) -> tuple[View, dict[str, float]]:
@@ -199,9 +199,7 @@ def _png(draw: Any) -> bytes:
         return path.read_bytes()
 
 
-def download(
-    what: str, file: Case, run: RigidAnswer | None, shown: Shown | None
-) -> tuple[str, bytes]:
+def download(what: str, file: Case, run: Answer | None, shown: Shown | None) -> tuple[str, bytes]:
     """Name and content of what the page asks for: ``scene``, ``picture`` or ``deck``."""
     if what == "scene":
         data = file.scene.model_dump(mode="json", exclude_unset=True)
@@ -226,11 +224,9 @@ def _deck(file: Case) -> bytes:
         return path.read_bytes()
 
 
-def _drawing(run: RigidAnswer) -> Any:
+def _drawing(run: Answer) -> Any:
     """The first picture of `tubelock mbd`."""
-    from validation.output.rigid import shown
-
-    pictures = shown(run.scene).rigid_pictures(run)
+    pictures = rigid_pictures(run)
     if not pictures:
         raise InputError("picture: the load is not carried; there are no pressures to draw")
     return next(iter(pictures.values()))

@@ -21,6 +21,7 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
+from geometry.answer import Answer
 from geometry.errors import RefusedError
 from geometry.system import stop_signals
 from validation.case import Case
@@ -34,7 +35,6 @@ from validation.pages.explore.answers import (
 )
 from validation.pages.explore.sliders import Controls, changed, controls
 from validation.pages.page import page_text
-from validation.run.rigid.answer import RigidAnswer
 from validation.scene.family import RoundScene
 
 #: Names of this machine in the address of a page; others are answered with 404, so that no page of
@@ -69,7 +69,7 @@ class _Channel(WebSocketHandler):
     def initialize(self, file: Case, known: Controls, pool: ThreadPoolExecutor) -> None:
         self.file, self.known, self.pool = file, known, pool
         self.current = file
-        self.run: RigidAnswer | None = None
+        self.run: Answer | None = None
         self.rigid: Shown | None = None
         self.deformable: Shown | None = None
         self.process: Any = None

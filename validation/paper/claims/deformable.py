@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from fem.problem.recovery import recover
+from geometry.answer import Answer
 from geometry.measures import between_layers
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from validation.paper.claims.claim import Claims, Truth, Verdict, judged
 from validation.paper.evidence import Evidence
 from validation.run.deformable import DeformableRun
-from validation.run.rigid.answer import RigidRun
 from validation.scene.read import TubeScene
 from validation.study.comparison.agreement import effective_region
 
@@ -109,22 +109,22 @@ def pressure_pairs(evidence: Evidence) -> list[PressurePair]:
     return result
 
 
-def _pair(name: str, run: DeformableRun, rigid: RigidRun, lower: int) -> PressurePair:
+def _pair(name: str, run: DeformableRun, rigid: Answer, lower: int) -> PressurePair:
     assembly = run.solution.deformable.assembly
     rows = between_layers(assembly, run.solution.contact_state.matched, lower)
-    other = between_layers(rigid.assembly, rigid.result.contact_index, lower)
+    other = between_layers(rigid.details.blocks, rigid.details.contact_index, lower)
     contacts = run.solution.contact_state.matched[rows]
-    order = np.argsort(rigid.result.contact_index[other])
-    position = np.searchsorted(rigid.result.contact_index[other][order], contacts)
+    order = np.argsort(rigid.details.contact_index[other])
+    position = np.searchsorted(rigid.details.contact_index[other][order], contacts)
     return PressurePair(
         name,
         contacts,
-        rigid.result.contact_pressures[other][order][position],
+        rigid.details.contact_pressures[other][order][position],
         run.solution.contact_state.pressures[rows],
     )
 
 
-def same_mesh(evidence: Evidence, run: DeformableRun) -> RigidRun:
+def same_mesh(evidence: Evidence, run: DeformableRun) -> Answer:
     """Rigid-block result on the mesh of a deformable one, with the full load."""
     mesh = _tube(run).mesh.model_dump()
     return evidence.rigid(run.name, *(f"mesh.{key}={value}" for key, value in mesh.items()))
@@ -511,11 +511,11 @@ def _monolithic(evidence: Evidence) -> Verdict:
 def _speed_up(evidence: Evidence) -> Verdict:
     run = evidence.fem("TSB1", "pipe")
     rigid = same_mesh(evidence, run)
-    ratio = run.cpu_seconds["total"] / rigid.cpu_seconds["total"]
+    ratio = run.cpu_seconds["total"] / rigid.report["cpu_seconds"]["total"]
     return judged(
         4.5 < np.log10(ratio) < 5.5,
         f"same tube, same mesh, one core: static deformable {run.cpu_seconds['total']:.1f} s, "
-        f"rigid {rigid.cpu_seconds['total']:.3f} s: × {ratio:.0f}; five orders lie between two "
-        "codes, not between the two models",
+        f"rigid {rigid.report['cpu_seconds']['total']:.3f} s: × {ratio:.0f}; five orders lie "
+        "between two codes, not between the two models",
         ratio=ratio,
     )

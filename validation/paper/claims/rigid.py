@@ -7,12 +7,12 @@ from itertools import product
 
 import numpy as np
 
+from geometry.answer import Answer
 from geometry.mesh import FloatArray, IntArray
 from mbd import contact_jacobian
 from validation.paper.claims.claim import Claims, Truth, Verdict, judged
 from validation.paper.evidence import Design, Evidence, measures_of, p_max
 from validation.paper.reference import reference
-from validation.run.rigid.answer import RigidRun
 
 RIGID_CLAIMS = Claims()
 
@@ -38,7 +38,7 @@ def _locked(evidence: Evidence) -> Verdict:
     locked = sum(row["mechanism"] == "locked" for row in rows)
     flat, low = (
         [
-            str(evidence.rigid(f"tsb{k}-pipe", f"block.amplitude={a}").result.mechanism)
+            str(evidence.rigid(f"tsb{k}-pipe", f"block.amplitude={a}").details.mechanism)
             for k in (1, 2)
         ]
         for a in ("0", "0.1")
@@ -319,7 +319,7 @@ def _length(_: Evidence) -> Verdict:
 # Tables
 
 
-def _rows(evidence: Evidence, case: str) -> tuple[RigidRun, RigidRun]:
+def _rows(evidence: Evidence, case: str) -> tuple[Answer, Answer]:
     return evidence.case("TSB1", case), evidence.case("TSB2", case)
 
 
@@ -377,12 +377,12 @@ for _case, _target in (("pipe", 30.0), ("tunnel", 50.0)):
 # Load transfer
 
 
-def _by_layer(run: RigidRun, measure: str = "p_max") -> tuple[IntArray, FloatArray]:
+def _by_layer(run: Answer, measure: str = "p_max") -> tuple[IntArray, FloatArray]:
     """Free layers and the mean over the blocks of each of a measure of theirs."""
-    result = run.result
+    result = run.details
     assert result.per_block is not None
     values = getattr(result.per_block, measure)
-    layer = run.assembly.layer[result.measured_blocks]
+    layer = run.details.blocks.layer[result.measured_blocks]
     layers = np.unique(layer)
     return layers, np.array([values[layer == k].mean() for k in layers])
 
@@ -392,9 +392,9 @@ def _blocks_alike(evidence: Evidence) -> Verdict:
     worst = 0.0
     for case in ("pipe", "tunnel", "pillar", "shaft"):
         for run in _rows(evidence, case):
-            result = run.result
+            result = run.details
             assert result.per_block is not None
-            layer = run.assembly.layer[result.measured_blocks]
+            layer = run.details.blocks.layer[result.measured_blocks]
             for k in np.unique(layer):
                 values = result.per_block.p_max[layer == k]
                 worst = max(worst, float(np.ptp(values) / values.max()))
@@ -453,9 +453,9 @@ def _layer_words(found: dict[str, list[int]]) -> str:
     )
 
 
-def _radial_gap_rate(run: RigidRun) -> float:
+def _radial_gap_rate(run: Answer) -> float:
     """Smallest gap rate, relative to the largest, when every block moves outward by one unit."""
-    assembly = run.assembly
+    assembly = run.details.blocks
     nothing_held = np.zeros(assembly.n_blocks, dtype=bool)
     contacts = contact_jacobian(assembly, nothing_held)
     arm = assembly.centroids - assembly.origin
@@ -483,7 +483,7 @@ def _no_explosion(evidence: Evidence) -> Verdict:
 @RIGID_CLAIMS.add
 def _axially_open(evidence: Evidence) -> Verdict:
     classes = [
-        str(run.result.supported_classification.mechanism) for run in _rows(evidence, "pillar")
+        str(run.details.supported_classification.mechanism) for run in _rows(evidence, "pillar")
     ]
     return judged(
         set(classes) == {"suppressed"},
@@ -500,7 +500,7 @@ def _axially_open(evidence: Evidence) -> Verdict:
 @RIGID_CLAIMS.add
 def _hexagon_classes(evidence: Evidence) -> Verdict:
     table = reference()["table"]["THB0"]
-    result = {case: str(evidence.case("THB0", case).result.mechanism) for case in table}
+    result = {case: str(evidence.case("THB0", case).details.mechanism) for case in table}
     right = sum(result[case] == row["mechanism"] for case, row in table.items())
     return judged(
         right == len(table),

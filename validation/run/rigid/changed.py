@@ -12,11 +12,12 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from geometry.answer import Answer
 from mbd import MechanismClass
 from validation.case import Case
 from validation.errors import InputError
-from validation.run.rigid.answer import RigidAnswer, RigidRun, run_rigid
 from validation.scene.family import AssemblyScene, RoundScene
+from validation.solving import solve
 
 #: Elements along every edge over those of the scene.
 FACTOR = 2.0
@@ -76,25 +77,24 @@ def require_mesh(file: Case) -> AssemblyScene:
     return file.scene
 
 
-def refined(file: Case, run: RigidAnswer) -> Refinement:
+def refined(file: Case, answer: Answer) -> Refinement:
     """Solve the scene on facets of half the length and compare."""
     finer = require_mesh(file).coarser(FACTOR)
     assert finer is not None
-    assert isinstance(run, RigidRun)
-    result = run_rigid(file.stating(finer))
-    one, other = _compared(run), _compared(result)
+    result = solve(file.stating(finer).with_method("rigid"))
+    one, other = _compared(answer), _compared(result)
     values = other if one else {}
     return Refinement(
-        n_contacts=result.result.n_contacts,
-        class_changes=result.result.mechanism is not run.result.mechanism,
+        n_contacts=result.details.n_contacts,
+        class_changes=result.details.mechanism is not answer.details.mechanism,
         values=values,
         changes={name: value - one[name] for name, value in values.items()},
     )
 
 
-def _compared(run: RigidRun) -> dict[str, float]:
+def _compared(answer: Answer) -> dict[str, float]:
     """Pressures of an answer by name [MPa]; none where nothing holds."""
-    peak, paper = run.answer.measures.get("p_max_facet"), run.carried.measures
+    peak, paper = answer.measures.get("p_max_facet"), answer.details.shown_measures
     if paper is None or peak is None:
         return {}
     return {"p_max_facet": peak.value} | {k: getattr(paper, k) for k in _COMPARED}
@@ -142,7 +142,8 @@ def require_tube(file: Case) -> RoundScene:
 def class_with_layers(file: Case, layers: int) -> MechanismClass:
     """Mechanism class, frames held, of a tube with another number of layers."""
     scene = require_tube(file).changed({"assembly.layers": layers})
-    return run_rigid(file.stating(scene)).result.mechanism
+    mechanism: MechanismClass = solve(file.stating(scene).with_method("rigid")).details.mechanism
+    return mechanism
 
 
 def layers_to_unlock(file: Case, most: int = 4 * LONG_TUBE) -> Unlocking:
@@ -168,10 +169,10 @@ def layers_to_unlock(file: Case, most: int = 4 * LONG_TUBE) -> Unlocking:
     return Unlocking(dict(sorted(result.items())), high)
 
 
-def frame_warning(file: Case, run: RigidAnswer) -> str | None:
+def frame_warning(file: Case, answer: Answer) -> str | None:
     """Say where a short tube is locked by its frames alone."""
     scene = require_tube(file)
-    if scene.assembly.layers >= LONG_TUBE or run.result.mechanism is not MechanismClass.LOCKED:
+    if scene.assembly.layers >= LONG_TUBE or answer.details.mechanism is not MechanismClass.LOCKED:
         return None
     other = class_with_layers(file, LONG_TUBE)
     if other is MechanismClass.LOCKED:

@@ -48,7 +48,7 @@ def _pressed(
     if point is not None:
         wrenches[-1, 3:] = np.cross(point - assembly.centroids[-1], force)
     load = LoadCase(assembly, "push", (), fixed, body_wrenches=wrenches)
-    return assembly, rigid_result(assembly, load)
+    return assembly, rigid_result(assembly, load=load)
 
 
 _DOWN = np.array([0.0, 0.0, -1.0])

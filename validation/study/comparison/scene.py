@@ -10,21 +10,23 @@ from collections.abc import Iterator
 from typing import Any
 
 from fem.assembly.statement import Problem
+from geometry.answer import Answer
 from geometry.assembly import Assembly
-from mbd.options import Norm
-from validation.build.blocks import BuiltScene
-from validation.build.deformable import fem_section, scene_load, scene_problem
+from mbd.options import Norm, Rigid
+from validation.build.deformable import fem_section, scene_problem
 from validation.build.facing import facing_blocks
+from validation.build.rigid import rigid_statement
+from validation.case import Case, scene_case
 from validation.errors import InputError
 from validation.run.accuracy import refined
 from validation.run.deformable import DeformableRun
 from validation.run.held_by_faces import require_held_by_faces
-from validation.run.rigid.answer import RigidRun, analyse_rigid
 from validation.run.solve import run_converged, run_explicit, run_static
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
 from validation.scene.sections import RigidSection
 from validation.scene.usage import uncounted
+from validation.solving import solve_rigid
 
 
 def compared_runs(
@@ -34,7 +36,7 @@ def compared_runs(
     explicit: bool = False,
     progress: Any = None,
     refinement: Any = None,
-) -> tuple[list[RigidRun], list[DeformableRun]]:
+) -> tuple[list[Answer], list[DeformableRun]]:
     """Answer a scene by rigid blocks in both norms, and by static and ``explicit`` elements.
 
     ``progress`` is called by the explicit run, ``refinement`` before each mesh of the static one.
@@ -62,23 +64,22 @@ def compared_runs(
     return rigid, result
 
 
-def _rigid_runs(name: str, scene: DeformableScene, problem: Problem) -> Iterator[RigidRun]:
+def _rigid_runs(name: str, scene: DeformableScene, problem: Problem) -> Iterator[Answer]:
     """Answers of rigid blocks in both norms."""
     assembly: Assembly = problem.blocks
     if problem.finite_sliding:
         assembly = facing_blocks(problem.deformable.assembly)
-    load = scene_load(scene, assembly)
     idle = [(RigidSection, key) for key in RigidSection.model_fields if key != "solver"]
+    stated = rigid_statement(scene_case(scene, name), assembly)
     for norm in Norm:
         # Both norms are compared, and no answer further to them.
-        section = RigidSection(norm=norm, solver=scene.rigid.solver)
+        method = Rigid(norm=norm, solver=scene.rigid.solver)
+        case = Case(name=name, stated=scene, method=method)
         with uncounted(*idle):
-            run = analyse_rigid(
-                BuiltScene(name, scene.changed({"rigid": section}), assembly, load, 0.0)
-            )
-        if not run.result.equilibrium.holds:
-            raise InputError(f"{name}: {run.result.equilibrium.status}")
-        yield run
+            answer = solve_rigid(case, lambda _: None, stated)
+        if not answer.details.equilibrium.holds:
+            raise InputError(f"{name}: {answer.details.equilibrium.status}")
+        yield answer
 
 
 def comparable_problem(scene: DeformableScene, name: str) -> Problem:

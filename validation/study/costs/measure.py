@@ -17,15 +17,15 @@ from fem.accuracy.ladder import LADDER
 from fem.explicit.solve import Status
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.mesh import FloatArray
-from validation.build.blocks import build_assembly, build_scene
+from validation.build.blocks import build_assembly
 from validation.build.deformable import build_deformable, scene_problem
 from validation.case import scene_case
 from validation.errors import InputError
 from validation.output.provenance import processor
 from validation.run.deformable import DeformableRun
-from validation.run.rigid.answer import analyse_rigid
 from validation.run.solve import run_explicit, run_static, scene_statement
 from validation.scene.family import AssemblyScene
+from validation.solving import solve
 from validation.study.costs.calculix import MethodAnswer, solve_by_calculix
 from validation.study.costs.partition import PARTITION_LEVEL, partition_pressures
 from validation.study.costs.settings import BaseMesh, CostSetting, with_setting
@@ -126,9 +126,9 @@ def _rows(setting: CostSetting, base: BaseMesh) -> FloatArray | None:
 
 def _rigid(where: str, scene: AssemblyScene, _: CostSetting) -> MethodAnswer:
     start = time.process_time()
-    rigid = analyse_rigid(build_scene(scene_case(scene, where)))
+    rigid = solve(scene_case(scene, where).with_method("rigid"))
     seconds = time.process_time() - start
-    result = rigid.result
+    result = rigid.details
     if result.measures is None:
         raise InputError(f"{where}: {result.equilibrium.status}")
     details: dict[str, Any] = {
@@ -138,7 +138,7 @@ def _rigid(where: str, scene: AssemblyScene, _: CostSetting) -> MethodAnswer:
     }
     scalars = {"p_eff": result.measures.p_eff}
     contacts, pressures = result.contact_index, result.contact_pressures
-    return MethodAnswer(rigid.assembly, scalars, contacts, pressures, seconds, details)
+    return MethodAnswer(rigid.details.blocks, scalars, contacts, pressures, seconds, details)
 
 
 def _curved(where: str, scene: AssemblyScene, setting: CostSetting) -> MethodAnswer:

@@ -1,0 +1,660 @@
+"""What a rigid answer has beside its equilibrium: friction, load factors, ranges, margin, pushes.
+
+Each part gives rows of a table and plain data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from geometry.answer import Part
+from geometry.assembly import AnyBlocks, Assembly
+from geometry.loads import LoadCase
+from geometry.mesh import BoolArray, FloatArray
+from geometry.parts.pairs import OfPairs, pair_values
+from mbd.contact_jacobian import Contacts, contact_jacobian
+from mbd.equilibrium import Equilibrium, column_weights, equilibrium
+from mbd.force_range import ForceRanges, PlaneProblem, force_ranges, plane_problem
+from mbd.friction import (
+    CollapseLoad,
+    FrictionalContacts,
+    FrictionalEquilibrium,
+    FrictionError,
+    collapse_load,
+    frictional_contacts,
+    frictional_equilibrium,
+)
+from mbd.margin import Margin, held_against, held_by_load, interlocking_margin
+from mbd.mechanism import Classification
+from mbd.options import Rigid
+from mbd.push import PushLimit
+from mbd.sliding_collapse import SlidingCollapse, SlidingState, sliding_collapse, sliding_state
+from mbd.squeeze import Squeeze, squeeze
+
+if TYPE_CHECKING:
+    from geometry.polyhedra.assembly import PolyhedralAssembly
+
+#: Dead and live load of each block, (n_blocks, 6) each [N, N mm].
+Wrenches = tuple[FloatArray, FloatArray]
+
+
+@dataclass(frozen=True)
+class WithEdges:
+    """The same questions where edges and corners count that meet edges and corners."""
+
+    n_contacts: int
+    """Contacts that were left out."""
+    holds: bool | None
+    """Whether the load could be carried with them; None: not certain."""
+    factor: float | None
+    """Load factor at collapse with them; None where it is not asked, or nothing is carried."""
+
+    def words(self, holds: bool, factor: float | None) -> str:
+        """What they would add to a verdict and a load factor."""
+        words = "nothing to the verdict"
+        if self.holds is not holds:
+            words = "the load would be carried" if self.holds else "not certain"
+        if self.factor is not None and factor is not None:
+            words += f"; limit load factor {self.factor:.6g} for {factor:.6g}"
+        left = f"({self.n_contacts} contacts without area, left out: a chamfer removes them)"
+        return f"{words} {left}"
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Whether the load is carried with Coulomb friction."""
+
+    coefficient: float
+    """Of all joints, but those of pairs [-]."""
+    of_pairs: bool
+    """Whether pairs of blocks have their own."""
+    equilibrium: FrictionalEquilibrium
+    forces: FloatArray | None
+    """On block s at all contacts of free blocks, which carry the load; None where none do;
+    (n_contacts, 3) [N]."""
+    squeeze: Squeeze | None
+    """Whether friction that carries the load is pressed by it."""
+    counted: BoolArray | None
+    """Contacts of free blocks at which friction counts, (n_contacts,); None: all."""
+    edges: WithEdges | None
+    """What edges and corners would add; None where every contact bears."""
+    interference: float
+    """By which joints are stated to be squeezed [mm]; 0: they are not."""
+    frictionless: str
+    """Class without friction, in words."""
+    factor: float | None
+    """Load factor at collapse, where it is asked."""
+    named: Callable[[int], str] = field(repr=False)
+    """Name of a block."""
+
+    @property
+    def holds(self) -> bool:
+        """Whether forces balance the load."""
+        return self.equilibrium.holds
+
+    @property
+    def needs_squeeze(self) -> bool:
+        """Whether friction carries the load only where joints are pressed beforehand."""
+        return self.squeeze is not None and self.squeeze.needed is True
+
+    @property
+    def words(self) -> str:
+        """Whether the load is carried, and what it takes."""
+        given = f"μ = {self.coefficient:g}{', others between pairs' if self.of_pairs else ''}"
+        if self.squeeze is not None:
+            words = self.squeeze.words(self.named)
+        else:
+            words = "not carried" if self.equilibrium.mechanism is not None else "not decided"
+        words += f"{',' if ':' in words else ''} with friction {given}"
+        if self.needs_squeeze and self.interference:
+            words += (
+                f". The interference fit of {self.interference:g} mm presses them; `tubelock fem` "
+                "computes the forces of deformable blocks"
+            )
+        return f"{words} (without: {self.frictionless})" if self.holds else words
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Verdict, what edges would add, and the proof."""
+        found = self.equilibrium
+        rows = [("verdict", self.words)]
+        if self.edges is not None:
+            rows.append(("edges and corners would add", self.edges.words(self.holds, self.factor)))
+        proof = ""
+        if found.mechanism is not None:
+            proof = f"; fᵀd/‖f‖ = {found.work:.3g}, least contact work "
+            proof += f"{found.smallest_contact_work:.1e}"
+        return [*rows, ("with friction", found.status + proof)]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        f = self.equilibrium
+        data: dict[str, Any] = {
+            "holds": f.holds,
+            "residual": f.residual,
+            "largest_normal_force": float(f.forces[:, 0].max(initial=0.0)) if f.holds else None,
+            "mechanism": _rows(f.mechanism),
+            "work": f.work,
+            "smallest_contact_work": f.smallest_contact_work,
+            "status": f.status,
+        }
+        if self.squeeze is not None:
+            blocks = None if self.squeeze.blocks is None else list(self.squeeze.blocks)
+            data["squeeze"] = {
+                "needed": self.squeeze.needed,
+                "blocks": blocks,
+                "least": self.squeeze.least if self.squeeze.needed else None,
+                "programs": self.squeeze.programs,
+            }
+        if self.edges is not None:
+            factor = self.edges.factor
+            data["with_edges_and_corners"] = {
+                "n_contacts": self.edges.n_contacts,
+                "holds": self.edges.holds,
+                "collapse_factor": None if factor is None else finite(factor),
+            }
+        return data
+
+
+@dataclass(frozen=True)
+class Collapse:
+    """Load factor at collapse, with associated friction."""
+
+    load: CollapseLoad
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """The factor and its proof."""
+        c = self.load
+        proof = ""
+        if c.mechanism is not None:
+            proof = f"; kinematic upper bound {c.upper_bound:.6g}, residual {c.residual:.1e}"
+        return [("limit load", c.status + proof)]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        c = self.load
+        return {
+            "factor": finite(c.factor),
+            "upper_bound": finite(c.upper_bound),
+            "never": bool(np.isinf(c.factor)),
+            "certified": c.certified,
+            "residual": c.residual,
+            "smallest_contact_work": c.smallest_contact_work,
+            "mechanism": _rows(c.mechanism),
+            "status": c.status,
+        }
+
+
+@dataclass(frozen=True)
+class Sliding:
+    """Load factor at which joints slide without opening."""
+
+    load: SlidingCollapse
+    state: SlidingState | None
+    """Its forces and motion, for a check by another program."""
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """The factor."""
+        return [("non-associated limit load", self.load.status)]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        found = self.load
+        data = {
+            "factor": finite(found.factor),
+            "associated_factor": finite(found.associated),
+            "certified": found.certified,
+            "check": None if found.check is None else asdict(found.check),
+            "mechanism": _rows(found.mechanism),
+            "status": found.status,
+        }
+        return data if self.state is None else data | self.state.as_json()
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """Least and largest force of each joint over all admissible states."""
+
+    forces: ForceRanges
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """How many joints are statically indeterminate, and the widest range."""
+        return [("joint forces", self._words)]
+
+    @property
+    def _words(self) -> str:
+        ranges = self.forces
+        wide, unbounded = int(ranges.undetermined.sum()), int(ranges.unbounded.sum())
+        of = f"of {len(ranges.least)} joints"
+        if ranges.unanswered:
+            return (
+                f"not decided (limit of work) in {ranges.unanswered} {of}; of the others {wide} "
+                f"are statically indeterminate, {unbounded} of them unbounded (self-stress)"
+            )
+        if wide == 0:
+            return f"statically determinate {of}: every admissible state has the same forces"
+        bound = f", {unbounded} of them unbounded (self-stress)" if unbounded else ""
+        k = int(np.argmax(np.where(ranges.unbounded, -1.0, ranges.width)))
+        if unbounded == len(ranges.least):
+            k = int(ranges.least.argmax())
+        pair = f"blocks {ranges.block_m[k]} and {ranges.block_s[k]}"
+        most = "unbounded" if ranges.unbounded[k] else f"{ranges.largest[k]:.4g} N"
+        return (
+            f"statically indeterminate in {wide} {of}{bound}; between {pair}: minimum "
+            f"{ranges.least[k]:.4g} N, minimum-norm {ranges.shown[k]:.4g} N, maximum {most}"
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        ranges = self.forces
+        joints = [
+            {
+                "blocks": [int(ranges.block_m[k]), int(ranges.block_s[k])],
+                "least": finite(float(ranges.least[k])),
+                "least_norm": float(ranges.shown[k]),
+                "largest": finite(float(ranges.largest[k])),
+                "unbounded": bool(ranges.unbounded[k]),
+            }
+            for k in range(len(ranges.least))
+        ]
+        return {
+            "joints": joints,
+            "undetermined": int(ranges.undetermined.sum()),
+            "unanswered": ranges.unanswered,
+            "unbounded": int(ranges.unbounded.sum()),
+        }
+
+
+@dataclass(frozen=True)
+class WorstLoad:
+    """Interlocking margin: the unit load on a single block that is carried worst."""
+
+    margin: Margin
+    block: int
+    """Number of that block."""
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """The load and its bearing area."""
+        m = self.margin
+        if m.unasked:
+            of = m.areas.size
+            words = f"not decided (limit of work): {of - m.unasked} of {of} unit loads were asked; "
+            words += f"the worst of them: {m.load} on block {self.block}, {m.bearing_area:.4g} mm²"
+        elif m.interlocked:
+            words = f"smallest bearing area {m.bearing_area:.4g} mm² (unit load {m.load} on block "
+            words += f"{self.block})"
+        else:
+            words = f"none: unit load {m.load} on block {self.block} is not statically admissible"
+        return [("margin", words)]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        m = self.margin
+        return {
+            "interlocked": m.interlocked,
+            "bearing_area": m.bearing_area,
+            "unasked": m.unasked,
+            "block": self.block,
+            "load": m.load,
+        }
+
+
+@dataclass(frozen=True)
+class ByFaces:
+    """Mechanism class by the contacts that have an area alone."""
+
+    classification: Classification
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Class and proof."""
+        return [
+            ("by faces alone", self.classification.mechanism.words),
+            ("proof for the faces", self.classification.proof),
+        ]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return self.classification.as_json()
+
+
+@dataclass(frozen=True)
+class Push:
+    """Largest force with which a support that moves pushes its block, by faces alone."""
+
+    friction: float
+    """Coefficient under which it is pushed [-]."""
+    limit: PushLimit | str
+    """Or why there is none."""
+
+    @property
+    def associated(self) -> float | None:
+        """With associated friction [N]; None where there is none."""
+        return None if isinstance(self.limit, str) else finite(self.limit.associated.factor)
+
+    @property
+    def words(self) -> str:
+        """Force at which the block moves with associated friction, and without dilation."""
+        if isinstance(self.limit, str):
+            return self.limit
+        most, slides = self.limit.associated, self.limit.sliding
+        words = f"{most.factor:.5g} N with associated friction"
+        if np.isinf(most.factor):
+            words = "unbounded with associated friction: faces jam"
+        elif not most.certified:
+            words += " (not certified)"
+        if slides.certified:
+            words += f"; slides without dilation from {abs(slides.factor):.5g} N on"
+            return f"{words} (friction pyramid)"
+        return f"{words}; no certified state slides without dilation"
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """The force."""
+        return [("limit of the push", f"{self.words} (by faces alone)")]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data: forces in N; None where friction jams and there is no limit."""
+        if isinstance(self.limit, str):
+            return {"friction": self.friction, "status": self.limit}
+        most, slides = self.limit.associated, self.limit.sliding
+        return {
+            "friction": self.friction,
+            "associated": finite(most.factor),
+            "upper_bound": finite(most.upper_bound),
+            "certified": most.certified,
+            "unbounded": bool(np.isinf(most.factor)),
+            "non_associated": finite(slides.factor) if slides.certified else None,
+            "status": self.words,
+        }
+
+
+@dataclass(frozen=True)
+class Pushes:
+    """Small pushes on all blocks together that are resisted beside the load, without friction."""
+
+    blocks: AnyBlocks
+    load: LoadCase
+    balance: Equilibrium
+    norm: Any
+    weighs_alone: bool
+    """Whether the load is weight and nothing else."""
+
+    @cached_property
+    def held(self) -> dict[str, bool]:
+        """Whether each push is held, by its axis."""
+        return held_against(self.blocks, self.load, self.norm, self.balance)
+
+    @cached_property
+    def by_load(self) -> tuple[str, ...]:
+        """Those that nothing but the load resists."""
+        return held_by_load(self.blocks, self.load, self.held)
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Axes along which the assembly resists, is held by its load, and slides freely."""
+        down = "held down by its weight" if self.weighs_alone else "held by its load"
+        words = []
+        for title, axes in (
+            (
+                "resists pushes along",
+                [way for way in self.held if self.held[way] and way not in self.by_load],
+            ),
+            (f"{down} against pushes along", list(self.by_load)),
+            ("slides freely along", [way for way in self.held if not self.held[way]]),
+        ):
+            if axes:
+                words.append(f"{title} {', '.join(axes)}")
+        words[-1:] = [f"{words[-1]} (all blocks together, frictionless)"]
+        return [("resistance to pushes", "; ".join(words))]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {"held_against": self.held, "held_by_load": list(self.by_load)}
+
+
+# ---------------------------------------------------------------------------------------------
+# What is asked
+
+
+@dataclass(frozen=True, kw_only=True)
+class Question:
+    """What is asked of rigid blocks beside their equilibrium without friction."""
+
+    whole: AnyBlocks
+    """All contacts."""
+    load: LoadCase
+    """Says what is held."""
+    wrenches: Wrenches
+    """What acts."""
+    method: Rigid
+    friction: float | None
+    """Coefficient of all joints [-]; None: frictionless."""
+    of_pairs: OfPairs
+    """That of some pairs of blocks."""
+    interference: float
+    """By which joints are stated to be squeezed [mm]."""
+    carried: bool
+    """Whether the load is carried without friction.
+
+    Forces that balance it are then admissible whatever the limits of friction: no joint needs a
+    squeeze beforehand."""
+    frictionless: str
+    """Class without friction, in words."""
+    tell: Callable[[str], None]
+    """Called with what is being found."""
+
+    @cached_property
+    def blocks(self) -> AnyBlocks:
+        """Those contacts at which friction counts: with an area, or in the interior of a face."""
+        if self.friction is None or isinstance(self.whole, Assembly):
+            return self.whole
+        return cast("PolyhedralAssembly", self.whole).bearing()
+
+    @cached_property
+    def contacts(self) -> Contacts:
+        """Contacts of `blocks`."""
+        return contact_jacobian(self.blocks, self.load.fixed, self.load.held)
+
+    @cached_property
+    def frictional(self) -> FrictionalContacts:
+        """Contacts with the friction that is stated, 0 where there is none."""
+        return self._frictional(self.blocks, self.contacts)
+
+    def _frictional(self, blocks: AnyBlocks, contacts: Contacts) -> FrictionalContacts:
+        given = pair_values(self.friction or 0.0, self.of_pairs, contacts.block_m, contacts.block_s)
+        return frictional_contacts(blocks, contacts, given, self.method.friction_law)
+
+    @cached_property
+    def loads(self) -> Wrenches:
+        """Dead and live load in the rows of the free blocks."""
+        dead, live = (_generalized(self.contacts, wrench) for wrench in self.wrenches)
+        return dead, live
+
+    @property
+    def all_loads(self) -> FloatArray:
+        """Dead and live load together, (n_rows,) [N]."""
+        return self.loads[0] + self.loads[1]
+
+    @cached_property
+    def weights(self) -> FloatArray | None:
+        """Of the forces in the norm that is minimised."""
+        return column_weights(self.method.norm, self.contacts.areas)
+
+    @cached_property
+    def counted(self) -> BoolArray | None:
+        """Contacts of free blocks at which friction counts, (n_contacts,); None: all."""
+        if self.blocks is self.whole:
+            return None
+        found = cast("PolyhedralAssembly", self.whole).interfaces
+        return found.bears[~(self.load.fixed[found.block_m] & self.load.fixed[found.block_s])]
+
+    @cached_property
+    def balance(self) -> FrictionalEquilibrium | None:
+        """Equilibrium with friction; None without it."""
+        if self.friction is None:
+            return None
+        self.tell("equilibrium with friction")
+        return frictional_equilibrium(self.frictional, self.all_loads, weights=self.weights)
+
+    @cached_property
+    def collapse(self) -> CollapseLoad | None:
+        """Load factor at collapse; None where it is not asked."""
+        if not self.method.collapse:
+            return None
+        self.tell("load factor at collapse")
+        return collapse_load(self.frictional, *self.loads)
+
+    def parts(self) -> dict[str, Part]:
+        """What is found, by name."""
+        method, balance, collapse = self.method, self.balance, self.collapse
+        parts: dict[str, Part] = {}
+        if balance is not None:
+            parts["friction"] = self._friction(balance)
+        if collapse is not None:
+            parts["collapse"] = Collapse(collapse)
+        if method.sliding:
+            self.tell("collapse by sliding without dilation")
+            parts["sliding"] = self._sliding()
+        # Without a limit the answer rests on friction that jams: the ranges of forces decide.
+        jams = collapse is not None and bool(np.isinf(collapse.factor))
+        if (method.ranges or jams) and (balance is None or balance.holds):
+            ranges = self._ranges()
+            if ranges is not None:
+                parts["ranges"] = Ranges(ranges)
+        if method.margin:
+            every = contact_jacobian(self.whole, self.load.fixed, self.load.held)
+            progress = self._counting("unit loads of the margin")
+            margin = interlocking_margin(every.jacobian, every.areas, progress=progress)
+            parts["margin"] = WorstLoad(margin, int(every.free_blocks[margin.block]))
+        return parts
+
+    def _friction(self, balance: FrictionalEquilibrium) -> Friction:
+        forces = pressed = edges = None
+        counted = self.counted
+        if balance.holds:
+            normals = self.blocks.interfaces.normals[self.contacts.index]
+            forces = self.frictional.world(balance.forces, normals)
+            if counted is not None:
+                given, forces = forces, np.zeros((len(counted), 3))
+                forces[counted] = given
+            pressed = Squeeze(needed=False, programs=0)
+            if counted is not None or not self.carried:
+                self.tell("whether the load presses the joints that need friction")
+                pressed = squeeze(
+                    self.contacts,
+                    self.frictional,
+                    self.all_loads,
+                    balance.forces,
+                    weights=self.weights,
+                    progress=self._counting("whether the load presses the joints"),
+                )
+        if counted is not None and not counted.all():
+            self.tell("what edges and corners would add")
+            edges = self._with_edges()
+        return Friction(
+            coefficient=self.friction or 0.0,
+            of_pairs=bool(self.of_pairs),
+            equilibrium=balance,
+            forces=forces,
+            squeeze=pressed,
+            counted=counted,
+            edges=edges,
+            interference=self.interference,
+            frictionless=self.frictionless,
+            factor=None if self.collapse is None else self.collapse.factor,
+            named=self.whole.named,
+        )
+
+    def _with_edges(self) -> WithEdges:
+        """Whether friction would carry the load, and to which factor, if all contacts counted."""
+        contacts = contact_jacobian(self.whole, self.load.fixed, self.load.held)
+        dead, live = (_generalized(contacts, wrench) for wrench in self.wrenches)
+        frictional = self._frictional(self.whole, contacts)
+        answer = frictional_equilibrium(frictional, dead + live)
+        holds = True if answer.holds else None if answer.mechanism is None else False
+        factor = collapse_load(frictional, dead, live).factor if self.method.collapse else None
+        whole = cast("PolyhedralAssembly", self.whole)
+        left_out = int((~whole.interfaces.bears[contacts.index]).sum())
+        return WithEdges(left_out, holds, factor)
+
+    def _sliding(self) -> Sliding:
+        """Collapse by sliding without dilation, in the plane where the problem is plane."""
+        plane, progress = self._plane(*self.loads), self._counting("sliding collapse")
+        if plane is None:
+            result = sliding_collapse(self.frictional, *self.loads, progress=progress)
+        else:
+            flat = [plane.load(load) for load in self.loads]
+            result = sliding_collapse(plane.contacts, *flat, progress=progress)
+            if result.mechanism is not None:
+                rows = np.zeros(len(self.loads[0]))
+                rows[plane.rows] = result.mechanism
+                result = replace(result, mechanism=rows)
+        state = sliding_state(
+            self.blocks,
+            self.contacts,
+            result,
+            frictional=self.frictional,
+            plane=plane,
+            wrenches=self.wrenches,
+        )
+        return Sliding(result, state)
+
+    def _plane(self, *loads: FloatArray) -> PlaneProblem | None:
+        """Return the problem in the plane in which blocks and loads lie; None: there is none."""
+        for axis in range(3):
+            try:
+                plane = plane_problem(self.blocks, self.contacts, self.frictional, axis)
+                for load in loads:
+                    plane.load(load)
+            except FrictionError:
+                continue
+            return plane
+        return None
+
+    def _ranges(self) -> ForceRanges | None:
+        """Ranges of the joints' forces, where forces balance the load."""
+
+        def progress(done: int, of: int) -> None:
+            self.tell(f"range of the forces of joints: {done} of {of}")
+
+        contacts, load = self.contacts, self.all_loads
+        if self.balance is not None:
+            plane, shown = self._plane(load), self.balance.forces[:, 0]
+            frictional = self.frictional
+            return force_ranges(
+                contacts, load, shown, frictional=frictional, plane=plane, progress=progress
+            )
+        solver = self.method.solver
+        smallest = equilibrium(contacts.jacobian, load, solver=solver, weights=self.weights)
+        if not smallest.holds:
+            return None
+        return force_ranges(contacts, load, smallest.forces, progress=progress)
+
+    def _counting(self, what: str) -> Callable[[int], None]:
+        return lambda programs: self.tell(f"{what}: {programs} programs solved")
+
+
+def _generalized(contacts: Contacts, wrench: FloatArray) -> FloatArray:
+    scaled = wrench[contacts.free_blocks]
+    scaled[:, 3:] /= contacts.length
+    return contacts.jacobian.admissible(scaled.ravel())
+
+
+def finite(value: float) -> float | None:
+    """A number as plain data; None where it is none."""
+    return float(value) if np.isfinite(value) else None
+
+
+def _rows(motion: FloatArray | None) -> list[list[float]] | None:
+    """Motion of each block, where there is one."""
+    return None if motion is None else motion.reshape(-1, 6).tolist()
