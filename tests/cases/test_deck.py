@@ -284,7 +284,7 @@ def test_boxes_give_the_model_of_the_scene(name, tmp_path: Path) -> None:
     """The imported deck states what `tubelock fem` computes."""
     file = load_case(name, ["fem.method=explicit", "fem.end_time=0.001"])
     export_deck(file, Flavour.GENERAL, tmp_path / "box.inp")
-    problem = read_deck(tmp_path / "box.inp").problem
+    problem = read_deck(tmp_path / "box.inp").problem()
     model = problem.deformable.model
     ours = build_deformable(file.scene, name).model  # type: ignore[arg-type]
     assert model.n_elements == ours.n_elements

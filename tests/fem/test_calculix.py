@@ -192,7 +192,7 @@ def test_instance_decks_remember_that_facets_do_not_match(flavour) -> None:
     for k in pairs:
         assert "type=SURFACE TO SURFACE" in lines[k]
         assert lines[k + 1] == "L01-B01.Z-MIN, L00-B01.Z-MAX"
-    found = solve_static(deck_of_lines(lines).problem.deformable)
+    found = solve_static(deck_of_lines(lines).problem().deformable)
     assert found.converged
     assert found.pressures == pytest.approx(0.01, rel=1e-6)
 

@@ -102,7 +102,7 @@ def test_fixed_blocks_are_held_in_every_direction() -> None:
         lines = list(deck_lines(tube_deck(flavour)))
         at = lines.index("*Boundary")
         assert lines[at + 1] == "FRAME, 1, 3"
-        read = deck_of_lines(lines).problem.load_case.fixed
+        read = deck_of_lines(lines).problem().load_case.fixed
         np.testing.assert_array_equal(read, tube_deck(flavour).assembly.fixed)
 
 

@@ -84,7 +84,7 @@ def test_decks_have_a_material_for_each_part(flavour: Flavour, tmp_path: Path) -
     load = LoadCase(even.blocks, "pressed", even.load_case.faces, np.array([True, False]))
     deck = problem_deck(replace(even, load=load), flavour)
     write_deck(tmp_path / "two.inp", deck)
-    read = read_deck(tmp_path / "two.inp").problem
+    read = read_deck(tmp_path / "two.inp").problem()
     assert read.materials == (SOFT, STIFF)
     if flavour is Flavour.STANDARD:
         moved = solve_blocks(read.deformable).displacements

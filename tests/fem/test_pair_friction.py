@@ -145,7 +145,7 @@ def test_decks_have_an_interaction_for_each_friction(tmp_path: Path) -> None:
     problem = pushed(FRICTION)
     problem = replace(problem, load=replace(problem.load_case, held=()))
     write_deck(problem, tmp_path / "dice.inp")
-    read = read_deck(tmp_path / "dice.inp").problem.coulomb
+    read = read_deck(tmp_path / "dice.inp").problem().coulomb
     assert read is not None
     assert list(read.on(np.array([0, 0]), np.array([1, 2]))) == [ROUGH, SMOOTH]
     with pytest.raises(DeckError, match=r"contact.pairs: general contact has one friction"):

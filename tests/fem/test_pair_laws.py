@@ -108,7 +108,7 @@ def test_decks_have_an_interaction_for_each_law(tmp_path: Path) -> None:
     """Read back, the same laws; general contact has one and says so, headings have one cap."""
     problem = pressed(PairLaws(ExponentialLaw(), ((0, 2, SOFT),)))
     write_deck(problem, tmp_path / "dice.inp")
-    assert read_deck(tmp_path / "dice.inp").problem.law == problem.law
+    assert read_deck(tmp_path / "dice.inp").problem().law == problem.law
     lines = (tmp_path / "dice.inp").read_text("utf-8").splitlines()
     assert sum(line.startswith("*Surface Interaction") for line in lines) == 2
     with pytest.raises(DeckError, match=r"contact.pairs: general contact has one friction and one"):

@@ -43,7 +43,7 @@ def test_a_deck_states_what_the_problem_states(problem, changes, tmp_path: Path)
     friction while sticking is the program's own in decks, so that problem names it."""
     stated = replace(problem, **changes)
     path = write_deck(stated, tmp_path / "case.inp")
-    found, expected = (by_block(one.deformable) for one in (read_deck(path).problem, stated))
+    found, expected = (by_block(one.deformable) for one in (read_deck(path).problem(), stated))
     assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
 
 
@@ -101,7 +101,7 @@ def test_names_of_blocks_are_labels_of_their_own_in_decks(problem, tmp_path: Pat
     names = [given[k % len(given)] for k in range(len(blocks.shapes))]
     shapes = tuple(replace(s, name=n) for s, n in zip(blocks.shapes, names, strict=True))
     stated = replace(problem, blocks=replace(blocks, name="my.arch", shapes=shapes))
-    read = read_deck(write_deck(stated, tmp_path / "case.inp")).problem.blocks
+    read = read_deck(write_deck(stated, tmp_path / "case.inp")).problem().blocks
     assert len({shape.name for shape in read.shapes}) == len(read.shapes) == len(shapes)
     volumes = [stated.blocks.shape(b).mesh.n_elements for b in range(blocks.n_blocks)]
     assert [read.shape(b).mesh.n_elements for b in range(read.n_blocks)] == volumes
@@ -115,7 +115,7 @@ def test_names_of_blocks_are_labels_of_their_own_in_decks(problem, tmp_path: Pat
 def test_facets_that_do_not_match_have_contact_pairs(tmp_path: Path) -> None:
     """Whole faces meet: the deck of the problem is read back as one whose contact is searched."""
     stated = scene_problem(load_case("column-nonmatching").scene, "column")
-    read = read_deck(write_deck(stated, tmp_path / "case.inp", program="calculix")).problem
+    read = read_deck(write_deck(stated, tmp_path / "case.inp", program="calculix")).problem()
     assert (stated.finite_sliding, read.finite_sliding) == (True, True)
 
 
@@ -140,7 +140,7 @@ def test_supports_that_lean_have_axes_of_their_own(program, tmp_path: Path) -> N
     across = TractionLoad(np.zeros(1, dtype=np.int64), "y+", 33.0 * aside)
     load = LoadCase(blocks, "stretch", (across,), blocks.fixed, held=tuple(held))
     path = write_deck(Problem(blocks, load, concrete), tmp_path / "case.inp", program=program)
-    read = read_deck(path).problem
+    read = read_deck(path).problem()
     (moved,) = by_block(read.deformable)[None] @ turn
     places = (read.blocks.nodes(0) - 1.0) @ turn
     assert moved[:, 0] == pytest.approx(0.01 * places[:, 0] / 20.0, abs=1e-9)
