@@ -27,6 +27,7 @@ from fem.contact.facet_peaks import LARGEST_FACTOR
 from fem.solution import Solution
 from geometry.answer import (
     Array,
+    Contacts,
     Lazy,
     Measure,
     facet_sides,
@@ -148,17 +149,15 @@ def contact_on(
     return replace(result, **shared, per_block=per_block)
 
 
-def contacts_of(
-    solution: Solution, facets: tuple[Assembly, FloatArray] | None = None
-) -> Lazy[Array]:
+def contacts_of(solution: Solution, facets: tuple[Assembly, FloatArray] | None = None) -> Contacts:
     """Contact facets of a solution (`Answer.contacts`), or of other facets where these are given.
 
     They come in the order of the interfaces that they are. Facets that a search found are none:
     they come in the order of their blocks and of the facets of the second one.
     """
     if facets is not None:
-        return Lazy(_interfaces_of(*facets))
-    return Lazy(_facets_of(solution) if solution.deformable.meets else {})
+        return Contacts(Lazy(_interfaces_of(*facets)))
+    return Contacts(Lazy(_facets_of(solution) if solution.deformable.meets else {}))
 
 
 def _facets_of(solution: Solution) -> dict[str, Callable[[], Array]]:

@@ -263,6 +263,67 @@ class Lazy(Mapping[str, Value]):
         return Lazy, ({}, dict(self))
 
 
+#: Components of arrays of contacts, and the unit that the names of their columns have.
+_COLUMNS: dict[str, tuple[tuple[str, ...], str]] = {
+    "blocks": (("block_m", "block_s"), ""),
+    "layer": (("layer_m", "layer_s"), ""),
+    "facet": (("facet_m", "facet_s"), ""),
+    "area": (("area",), "_mm2"),
+    **{
+        name: ((f"{name}_x", f"{name}_y", f"{name}_z"), unit)
+        for name, unit in (("centroid", "_mm"), ("normal", ""), ("force", "_N"), ("slip", "_mm"))
+    },
+    "pressure": (("pressure",), "_MPa"),
+    "gap": (("gap",), "_mm"),
+}
+
+
+class Contacts(Lazy[Array], dict[str, Array]):
+    """Arrays of contacts by name, and the same as columns of a table of numbers.
+
+    ``contacts["force"]`` is an array; names and values are those of the columns, such as
+    ``force_x_N``: pandas makes a table of it, which it does of subclasses of dict alone.
+    """
+
+    def __init__(self, arrays: Mapping[str, Array]) -> None:
+        self.arrays = arrays
+        super().__init__(
+            {
+                name + unit: partial(self._column, of, k)
+                for of, (names, unit) in _COLUMNS.items()
+                for k, name in enumerate(names)
+                if of in arrays
+            }
+        )
+
+    def _column(self, name: str, component: int) -> Array:
+        values = self.arrays[name]
+        return values if values.ndim == 1 else values[:, component]
+
+    def __getitem__(self, name: str) -> Array:
+        """Return an array or a column."""
+        return super().__getitem__(name) if name in self._names else self.arrays[name]
+
+    def __contains__(self, name: object) -> bool:
+        """Whether there is such an array or a column; nothing is computed."""
+        return name in self._names or name in self.arrays
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the arrays, all of them computed."""
+        return Contacts, (known(dict(self.arrays)),)
+
+    def _refuse(self, *_: Any) -> Any:
+        """Reject a change: nothing is stored in the dict itself."""
+        raise TypeError("contacts of an answer cannot be changed; expected dict(contacts)")
+
+    __setitem__ = __delitem__ = setdefault = popitem = clear = copy = _refuse
+    pop: Any = _refuse
+    update: Any = _refuse
+    __or__: Any = _refuse
+    __ror__: Any = _refuse
+    __ior__: Any = _refuse
+
+
 def known(values: Mapping[str, Value]) -> Lazy[Value]:
     """Values that are computed already."""
     return Lazy({}, values)
@@ -319,7 +380,7 @@ class Answer:
     """Number of the block of each point, (n_points,)."""
     layer_of_point: IntArray
     """Its layer, (n_points,): 0 the lower frame."""
-    contacts: Mapping[str, Array]
+    contacts: Contacts
     """Values of the contact facets by name, each (n_contacts, …), in the order of the assembly's
     `interfaces` for every solver, before the load acts: ``pressure`` [MPa], compression positive,
     ``area`` [mm²], ``blocks`` (n, 2), their ``layer`` (n, 2), the ``facet`` (n, 2) of each in its
@@ -329,7 +390,7 @@ class Answer:
     and of deformable blocks the smallest ``gap`` [mm], positive where the facet is open, and the
     ``slip`` of the second block along the facet, relative to the first, (n, 3) [mm]. Flat patches
     of triangulated blocks have no layer, facet, side and corners. Empty where blocks do not
-    meet."""
+    meet. ``pandas.DataFrame(answer.contacts)`` is their table."""
     reported: Callable[[], dict[str, Any]]
     """Makes `report`."""
     details: Any = None
@@ -431,7 +492,7 @@ class Answer:
         """Contact facets as a pyvista mesh, with pressure, area, blocks, layers and normals."""
         import pyvista as pv
 
-        result = self.contacts
+        result = self.contacts.arrays
         if "corners" in result:
             n, per_facet = result["corners"].shape[:2]
             faces = np.arange(n * per_facet).reshape(n, per_facet)

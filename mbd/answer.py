@@ -12,6 +12,7 @@ import numpy as np
 from geometry.answer import (
     Answer,
     Array,
+    Contacts,
     Lazy,
     Measure,
     interface_contacts,
@@ -158,10 +159,11 @@ class _Found:
     result: RigidResult
 
     @cached_property
-    def contacts(self) -> Lazy[Array]:
+    def contacts(self) -> Contacts:
         """`Answer.contacts`; nothing where nothing balances the load."""
         index = self.result.contact_index
-        return Lazy(_contacts(self.assembly, index, self.result) if self.result.shown else {})
+        makers = _contacts(self.assembly, index, self.result) if self.result.shown else {}
+        return Contacts(Lazy(makers))
 
     @cached_property
     def joints(self) -> JointResultants:

@@ -122,7 +122,11 @@ def test_answers_are_written_and_read(answers, tmp_path: Path) -> None:
         again = read_answer(tmp_path / answer.method)
         assert repr(again) == repr(answer)
         assert again.as_dict() == json.loads(json.dumps(answer.as_dict()))
-        for found, kept in ((answer.fields, again.fields), (answer.contacts, again.contacts)):
+        for found, kept in (
+            (answer.fields, again.fields),
+            (answer.contacts, again.contacts),
+            (answer.contacts.arrays, again.contacts.arrays),
+        ):
             assert list(found) == list(kept)
             assert all(np.array_equal(found[name], kept[name]) for name in found)
         assert np.array_equal(again.mesh().points, answer.mesh().points)
@@ -132,6 +136,26 @@ def test_answers_are_written_and_read(answers, tmp_path: Path) -> None:
         read_answer(tmp_path / "static")
     with pytest.raises(ValueError, match="no such file"):
         read_answer(tmp_path / "nowhere")
+
+
+def test_contacts_are_a_table_of_numbers(answers) -> None:
+    pandas = pytest.importorskip("pandas")
+    for answer in answers:
+        contacts = answer.contacts
+        table = pandas.DataFrame(contacts)
+        assert list(table) == list(contacts)
+        assert len(table) == len(contacts["pressure"])
+        assert all(kind.kind in "if" for kind in table.dtypes)
+        vectors = ("centroid_{}_mm", "normal_{}", "force_{}_N")
+        for name, column in zip(("centroid", "normal", "force"), vectors, strict=True):
+            if name in contacts:  # facets of another mesh than that of the solution have no force
+                columns = table[[column.format(axis) for axis in "xyz"]]
+                np.testing.assert_array_equal(columns.to_numpy(), contacts[name])
+        np.testing.assert_array_equal(table[["block_m", "block_s"]], contacts["blocks"])
+        np.testing.assert_array_equal(table["pressure_MPa"], contacts["pressure"])
+        np.testing.assert_array_equal(table["area_mm2"], contacts["area"])
+        with pytest.raises(TypeError, match="cannot be changed"):
+            contacts["pressure"] = 0.0
 
 
 @pytest.mark.parametrize("field", ["sigma_1", "mises", "displacement", "pressure", "area"])

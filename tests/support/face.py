@@ -136,7 +136,7 @@ _INNER = {
     "fem.static.newton": "static_newton_module=*",
     "fem.static.result": "StaticError StaticResult",
     "fem.static.solve": "StaticMethod solve_deformable_static=solve_static static_solve_module=*",
-    "geometry.answer": "WIDEST measure_rows",
+    "geometry.answer": "Contacts WIDEST measure_rows",
     "geometry.assembly": "AnyBlocks AssemblyError",
     "geometry.block": "Block box_block mapped_block",
     "geometry.errors": "RefusedError unreadable",

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.answer import Answer, Array, Measure, known
+from geometry.answer import Answer, Array, Contacts, Measure, known
 from geometry.errors import unreadable
 from geometry.files.mesh_io import write_hex_mesh, write_surface, write_triangles
 from geometry.files.whole import write_whole
@@ -63,7 +63,7 @@ def answer_files(answer: Answer) -> Iterator[tuple[str, str, Callable[[Path], No
 def _write_arrays(answer: Answer, path: Path) -> None:
     arrays: dict[str, Any] = {name: getattr(answer, name) for name in _ARRAYS}
     arrays |= {f"field {name}": values for name, values in answer.fields.items()}
-    arrays |= {f"contact {name}": values for name, values in answer.contacts.items()}
+    arrays |= {f"contact {name}": values for name, values in answer.contacts.arrays.items()}
     with path.open("wb") as file:
         np.savez(file, **arrays)
 
@@ -140,7 +140,7 @@ def read_answer(folder: Path) -> Answer:
         method=method,
         measures=known(measures),
         fields=known(_named(arrays, "field ")),
-        contacts=known(_named(arrays, "contact ")),
+        contacts=Contacts(known(_named(arrays, "contact "))),
         reported=lambda: data,
         **own,
     )
