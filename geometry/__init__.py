@@ -17,6 +17,8 @@ What most need::
 | `blocks` | blocks of meshes in memory: trimesh, pyvista, compas, vertices and faces |
 | `DetectionOptions` | what counts as contact of such blocks |
 | `Assembly` | any blocks with hexahedra, placed by rigid motions |
+| `TetrahedraLayer`, `OctahedraLayer`, `CubesLayer`, `VersatilePanel` | planar layers in a ring |
+| `RunningBondWall`, `CircularArch`, `VoxelPuzzle` | masonry, puzzles; `.build()` as those above |
 | `pipe`, `tunnel`, `pillar`, `beam`, `shaft` | the load cases of a tube, from a pressure in MPa |
 | `Load` | a load before it is put on blocks |
 | `Answer`, `Measure` | what a solver returns, and one number of it |
@@ -32,8 +34,12 @@ if TYPE_CHECKING:
     from geometry.answer import Answer, Measure
     from geometry.assembly import Assembly
     from geometry.families.hexagon_block import HexagonBlockParameters as HexagonBlock
+    from geometry.families.masonry import CircularArch, RunningBondWall
+    from geometry.families.platonic_layers import CubesLayer, OctahedraLayer, TetrahedraLayer
     from geometry.families.sine_block import SineBlockParameters as SineBlock
     from geometry.families.tube import tube
+    from geometry.families.versatile_panel import VersatilePanel
+    from geometry.families.voxels import VoxelPuzzle
     from geometry.files.memory import blocks
     from geometry.files.mesh_io import contact_mesh
     from geometry.loads import Load, beam, pillar, pipe, shaft, tunnel
@@ -42,11 +48,18 @@ if TYPE_CHECKING:
 __all__ = [
     "Answer",
     "Assembly",
+    "CircularArch",
+    "CubesLayer",
     "DetectionOptions",
     "HexagonBlock",
     "Load",
     "Measure",
+    "OctahedraLayer",
+    "RunningBondWall",
     "SineBlock",
+    "TetrahedraLayer",
+    "VersatilePanel",
+    "VoxelPuzzle",
     "beam",
     "blocks",
     "contact_mesh",
@@ -61,11 +74,18 @@ __all__ = [
 _PLACES = {
     "Answer": ("geometry.answer", "Answer"),
     "Assembly": ("geometry.assembly", "Assembly"),
+    "CircularArch": ("geometry.families.masonry", "CircularArch"),
+    "CubesLayer": ("geometry.families.platonic_layers", "CubesLayer"),
     "DetectionOptions": ("geometry.polyhedra.options", "DetectionOptions"),
     "HexagonBlock": ("geometry.families.hexagon_block", "HexagonBlockParameters"),
     "Load": ("geometry.loads", "Load"),
     "Measure": ("geometry.answer", "Measure"),
+    "OctahedraLayer": ("geometry.families.platonic_layers", "OctahedraLayer"),
+    "RunningBondWall": ("geometry.families.masonry", "RunningBondWall"),
     "SineBlock": ("geometry.families.sine_block", "SineBlockParameters"),
+    "TetrahedraLayer": ("geometry.families.platonic_layers", "TetrahedraLayer"),
+    "VersatilePanel": ("geometry.families.versatile_panel", "VersatilePanel"),
+    "VoxelPuzzle": ("geometry.families.voxels", "VoxelPuzzle"),
     "beam": ("geometry.loads", "beam"),
     "blocks": ("geometry.files.memory", "blocks"),
     "contact_mesh": ("geometry.files.mesh_io", "contact_mesh"),

@@ -6,14 +6,24 @@ A field says its range and unit in its annotation (`annotated_types`): Python, s
 
 from __future__ import annotations
 
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, dataclass, fields
 from enum import Enum
 from functools import cache
 from typing import Annotated, Any, get_args, get_type_hints
 
 import numpy as np
+from annotated_types import Ge, Gt
 
 from geometry.errors import RefusedError
+
+#: A positive length [mm].
+Length = Annotated[float, Gt(0)]
+#: Edges along x, y, z [mm].
+Size = tuple[Length, Length, Length]
+#: A number of things, at least one.
+Count = Annotated[int, Ge(1)]
+#: Elements along x, y, z.
+Divisions = tuple[Count, Count, Count]
 
 
 class OptionError(RefusedError):
@@ -56,7 +66,7 @@ def _model(kind: type) -> Any:
 def check(options: Any) -> None:
     """Check a dataclass by the ranges of its fields: what its ``__post_init__`` calls.
 
-    Numbers of numpy become Python's, names become options.
+    Numbers of numpy become Python's, lists and arrays tuples, names options.
 
     Raises
     ------
@@ -69,10 +79,9 @@ def check(options: Any) -> None:
         return
     from pydantic import ValidationError
 
-    plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in given.items()}
     model: Any = _model(kind)
     try:
-        values = model.model_validate(plain)
+        values = model.model_validate({name: _plain(value) for name, value in given.items()})
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         name, text = str(first["loc"][0]), str(first["msg"])
@@ -81,3 +90,18 @@ def check(options: Any) -> None:
         raise OptionError(f"{name}: got {given[name]!r}; expected {text}") from None
     for name in given:
         object.__setattr__(options, name, getattr(values, name))
+
+
+def _plain(value: Any) -> Any:
+    """Value without lists and arrays."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    return tuple(map(_plain, value)) if isinstance(value, list | tuple) else value
+
+
+@dataclass(frozen=True)
+class Options:
+    """Base of dataclasses that check their fields."""
+
+    def __post_init__(self) -> None:
+        check(self)

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Gt, Le
 
-from geometry.assembly import AssemblyError, require_counts, require_length, require_size
+from geometry.assembly import AssemblyError, require_size
 from geometry.mesh import HexMesh, boundary_quads, structured_hexahedra
+from geometry.options import Count, Length, Options, Size
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_quads
@@ -28,34 +32,25 @@ def box(size: tuple[float, float, float], name: str = "box") -> Polyhedron:
     )
 
 
-def running_bond_wall(
-    size: tuple[float, float, float],
-    columns: int,
-    rows: int,
-    detection: DetectionOptions | None = None,
-) -> PolyhedralAssembly:
-    """Stack rows of bricks shifted by half a brick on a fixed foundation.
+@dataclass(frozen=True)
+class RunningBondWall(Options):
+    """Wall of bricks in running bond on a fixed foundation.
 
     Every other row has a half brick at both ends, so the wall's ends are plumb.
-
-    Parameters
-    ----------
-    size
-        Length (x), depth (y) and height (z) of a brick [mm].
-    columns, rows
-        Whole bricks in a row without half bricks; rows.
-    detection
-        What counts as contact.
-
-    Raises
-    ------
-    AssemblyError
-        For sizes or counts that are not positive.
     """
-    require_size(size)
-    require_counts(columns=columns, rows=rows)
-    even, odd = [1.0] * columns, [0.5, *[1.0] * (columns - 1), 0.5]
-    return wall_of_rows(size, [odd if row % 2 else even for row in range(rows)], detection)
+
+    size: Size
+    """Length, depth and height of a brick [mm]."""
+    columns: Count
+    """Whole bricks in a row without half bricks."""
+    rows: Count
+    """Rows above the foundation."""
+
+    def build(self, detection: DetectionOptions | None = None) -> PolyhedralAssembly:
+        """Stack the rows."""
+        even, odd = [1.0] * self.columns, [0.5, *[1.0] * (self.columns - 1), 0.5]
+        rows = [odd if row % 2 else even for row in range(self.rows)]
+        return wall_of_rows(self.size, rows, detection)
 
 
 def wall_of_rows(
@@ -116,51 +111,41 @@ def voussoir(
     return polyhedron_from_quads("voussoir", nodes, quads)
 
 
-def circular_arch(
-    radius: float,
-    thickness: float,
-    depth: float,
-    voussoirs: int,
-    *,
-    embrace: float = 180.0,
-    pieces: int = _PIECES,
-    detection: DetectionOptions | None = None,
-) -> PolyhedralAssembly:
-    """Build a circular arch between two fixed voussoirs beyond its springings.
+@dataclass(frozen=True)
+class CircularArch(Options):
+    """Circular arch between two fixed voussoirs beyond its springings."""
 
-    Parameters
-    ----------
-    radius
-        Of the centre line [mm].
-    thickness, depth
-        In the radial direction and out of the plane (y) [mm].
-    voussoirs
-        Free blocks, numbered 1 … n from the right springing (+x); 0 and n + 1 are fixed.
-    embrace
-        Angle between the springings [°]; 180 is the semicircle.
-    pieces
-        Flat pieces that approximate a voussoir's curved faces.
-    detection
-        What counts as contact.
-    """
-    for name, value in (("radius", radius), ("thickness", thickness), ("depth", depth)):
-        require_length(name, value)
-    if thickness >= 2 * radius:
-        raise AssemblyError(
-            f"block.thickness: got {thickness:g} mm, more than twice the radius {radius:g} mm"
-        )
-    if voussoirs < 2:
-        raise AssemblyError(f"assembly.voussoirs: got {voussoirs}, expected at least 2")
-    step = np.radians(embrace) / voussoirs
-    if not 0.0 < embrace <= 180.0:
-        raise AssemblyError(f"assembly.embrace: got {embrace}, expected an angle up to 180 degrees")
-    shape = voussoir(radius, thickness, depth, step, pieces=pieces)
-    first = 0.5 * np.pi - np.radians(embrace) / 2
-    blocks = []
-    for k in range(-1, voussoirs + 1):
-        c, s = np.cos(first + k * step), np.sin(first + k * step)
-        turn = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
-        blocks.append((shape, turn, np.zeros(3)))
-    fixed = np.zeros(len(blocks), dtype=bool)
-    fixed[[0, -1]] = True
-    return polyhedral_assembly("arch", blocks, fixed, detection)
+    radius: Length
+    """Of the centre line [mm]."""
+    thickness: Length
+    """Radial [mm]."""
+    depth: Length
+    """Out of the plane, y [mm]."""
+    voussoirs: Annotated[int, Ge(2)]
+    """Free blocks, numbered from 1 at the right springing (+x) on."""
+    embrace: Annotated[float, Gt(0), Le(180)] = 180.0
+    """Angle between the springings [°]; 180 is the semicircle."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.thickness >= 2 * self.radius:
+            raise AssemblyError(
+                f"block.thickness: got {self.thickness:g} mm, more than twice the radius "
+                f"{self.radius:g} mm"
+            )
+
+    def build(
+        self, detection: DetectionOptions | None = None, *, pieces: int = _PIECES
+    ) -> PolyhedralAssembly:
+        """Place the voussoirs, whose curved faces are approximated by flat pieces."""
+        step = np.radians(self.embrace) / self.voussoirs
+        shape = voussoir(self.radius, self.thickness, self.depth, step, pieces=pieces)
+        first = 0.5 * np.pi - np.radians(self.embrace) / 2
+        blocks = []
+        for k in range(-1, self.voussoirs + 1):
+            c, s = np.cos(first + k * step), np.sin(first + k * step)
+            turn = np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+            blocks.append((shape, turn, np.zeros(3)))
+        fixed = np.zeros(len(blocks), dtype=bool)
+        fixed[[0, -1]] = True
+        return polyhedral_assembly("arch", blocks, fixed, detection)

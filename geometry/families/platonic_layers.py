@@ -8,23 +8,18 @@ interlocking of platonic solids", Phil. Mag. Lett. 83 (2003).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge
 
-from geometry.assembly import AssemblyError, require_length
+from geometry.assembly import AssemblyError
 from geometry.mesh import FloatArray
+from geometry.options import Count, Length, Options
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import CubeArrangement, DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
-
-
-def _check(edge: float, counts: tuple[int, ...]) -> None:
-    require_length("edge", edge)
-    if min(counts) < 1:
-        raise AssemblyError(
-            f"assembly: got {' × '.join(map(str, counts))} free blocks, expected at least 1"
-        )
 
 
 def tetrahedron(edge: float, thickness: float | None = None) -> Polyhedron:
@@ -40,46 +35,58 @@ def tetrahedron(edge: float, thickness: float | None = None) -> Polyhedron:
     return convex_polyhedron("tetrahedron", list(dict.fromkeys(map(tuple, corners))))
 
 
-def tetrahedra_layer(
-    edge: float,
-    columns: int,
-    rows: int,
-    detection: DetectionOptions | None = None,
-    *,
-    thickness: float | None = None,
-    freed: Sequence[int] = (),
-) -> PolyhedralAssembly:
-    """Lay ``columns`` × ``rows`` free tetrahedra in a fixed ring, every other turned by 90°.
+@dataclass(frozen=True)
+class TetrahedraLayer(Options):
+    """Planar layer of regular tetrahedra in a fixed ring, every other turned by 90°."""
 
-    The edge is in mm, and so is the thickness to which planes cut them; None: they are whole.
-    Blocks of the ring that are ``freed``, by their numbers, are not fixed.
-    """
-    _check(edge, (columns, rows))
-    height = edge / np.sqrt(2.0)
-    if thickness is not None and not 0.0 < thickness < height:
-        raise AssemblyError(
-            f"block.thickness: got {thickness:g}; expected less than {height:.4g} mm, the height "
-            "of the whole tetrahedron"
-        )
-    shape = tetrahedron(edge, thickness)
-    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    blocks, fixed = [], []
-    for j in range(rows + 2):
-        for i in range(columns + 2):
-            if (i in (0, columns + 1)) and (j in (0, rows + 1)):
-                continue  # the corners of the ring touch no free block
-            turn = quarter if (i + j) % 2 else np.eye(3)
-            blocks.append((shape, turn, np.array([i, j, 0.0]) * edge / 2))
-            fixed.append(i in (0, columns + 1) or j in (0, rows + 1))
-    held = np.array(fixed)
-    for block in freed:
-        if not 0 <= block < len(held) or not held[block]:
+    edge: Length
+    """[mm]"""
+    columns: Count
+    """Free blocks along x."""
+    rows: Count
+    """Free blocks along y."""
+    thickness: Length | None = None
+    """Distance of two planes that cut off the upper and lower edge [mm]; by default none do."""
+    freed: tuple[Annotated[int, Ge(0)], ...] = ()
+    """Numbers of blocks of the ring that are not fixed: for stated supports and loads."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        height = self.edge / np.sqrt(2.0)
+        if self.thickness is not None and self.thickness >= height:
             raise AssemblyError(
-                f"assembly.freed: got {block}; expected numbers of blocks of the fixed ring: "
-                f"{', '.join(map(str, np.flatnonzero(fixed)))}"
+                f"block.thickness: got {self.thickness:g}; expected less than {height:.4g} mm, the "
+                "height of the whole tetrahedron"
             )
-        held[block] = False
-    return polyhedral_assembly("tetrahedra-layer", blocks, held, detection)
+
+    def build(self, detection: DetectionOptions | None = None) -> PolyhedralAssembly:
+        """Lay the blocks, row by row.
+
+        Raises
+        ------
+        AssemblyError
+            For blocks that are freed and not of the ring.
+        """
+        shape = tetrahedron(self.edge, self.thickness)
+        quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        blocks, fixed = [], []
+        for j in range(self.rows + 2):
+            for i in range(self.columns + 2):
+                ends = i in (0, self.columns + 1), j in (0, self.rows + 1)
+                if all(ends):
+                    continue  # the corners of the ring touch no free block
+                turn = quarter if (i + j) % 2 else np.eye(3)
+                blocks.append((shape, turn, np.array([i, j, 0.0]) * self.edge / 2))
+                fixed.append(any(ends))
+        held = np.array(fixed)
+        for block in self.freed:
+            if block >= len(held) or not held[block]:
+                raise AssemblyError(
+                    f"assembly.freed: got {block}; expected numbers of blocks of the fixed ring: "
+                    f"{', '.join(map(str, np.flatnonzero(fixed)))}"
+                )
+            held[block] = False
+        return polyhedral_assembly("tetrahedra-layer", blocks, held, detection)
 
 
 def octahedron(edge: float) -> Polyhedron:
@@ -122,38 +129,41 @@ def _lattice(distance: float, first: float) -> FloatArray:
     return distance * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(2)])
 
 
-def octahedra_layer(
-    edge: float, rings: int, detection: DetectionOptions | None = None
-) -> PolyhedralAssembly:
-    """Lay octahedra on their faces: ``rings`` free rings round the middle one, one more fixed.
+@dataclass(frozen=True)
+class OctahedraLayer(Options):
+    """Planar layer of octahedra lying on their faces, in a fixed ring."""
 
-    With no free ring the middle block alone is free; the edge is in mm.
-    """
-    _check(edge, (rings + 1,))
-    steps = _lattice(edge * np.sqrt(3.0) / 2, 0.0)
-    return _hexagonal("octahedra-layer", octahedron(edge), steps, rings, detection)
+    edge: Length
+    """[mm]"""
+    rings: Annotated[int, Ge(0)]
+    """Free rings round the middle block; one more is fixed."""
+
+    def build(self, detection: DetectionOptions | None = None) -> PolyhedralAssembly:
+        """Lay the blocks; with no free ring the middle one alone is free."""
+        steps = _lattice(self.edge * np.sqrt(3.0) / 2, 0.0)
+        return _hexagonal("octahedra-layer", octahedron(self.edge), steps, self.rings, detection)
 
 
-def cubes_layer(
-    edge: float,
-    rings: int,
-    arrangement: CubeArrangement = CubeArrangement.HEXAGONAL,
-    detection: DetectionOptions | None = None,
-) -> PolyhedralAssembly:
-    """Lay cubes on their corners (hexagonal) or on their faces (square) [mm].
+@dataclass(frozen=True)
+class CubesLayer(Options):
+    """Planar layer of cubes in a fixed ring."""
 
-    ``rings`` are the free ones round the middle block; one more is fixed.
-    """
-    _check(edge, (rings + 1,))
-    if arrangement is CubeArrangement.HEXAGONAL:
-        steps = _lattice(edge * np.sqrt(1.5), 0.0)
-        return _hexagonal("cubes-layer", cube(edge), steps, rings, detection)
-    half = edge / 2
-    shape = convex_polyhedron(
-        "cube", [[x, y, z] for x in (-half, half) for y in (-half, half) for z in (-half, half)]
-    )
-    last = rings + 1
-    places = [(i, j) for i in range(-last, last + 1) for j in range(-last, last + 1)]
-    blocks = [(shape, np.eye(3), np.array([i * edge, j * edge, 0.0])) for i, j in places]
-    fixed = np.array([max(abs(i), abs(j)) == last for i, j in places])
-    return polyhedral_assembly("cubes-layer", blocks, fixed, detection)
+    edge: Length
+    """[mm]"""
+    rings: Annotated[int, Ge(0)]
+    """Free rings round the middle block; one more is fixed."""
+    arrangement: CubeArrangement = CubeArrangement.HEXAGONAL
+    """``hexagonal``: on their corners; ``square``: on their faces, like paving."""
+
+    def build(self, detection: DetectionOptions | None = None) -> PolyhedralAssembly:
+        """Lay the blocks."""
+        edge, last = self.edge, self.rings + 1
+        if self.arrangement is CubeArrangement.HEXAGONAL:
+            steps = _lattice(edge * np.sqrt(1.5), 0.0)
+            return _hexagonal("cubes-layer", cube(edge), steps, self.rings, detection)
+        ends = (-edge / 2, edge / 2)
+        shape = convex_polyhedron("cube", [[x, y, z] for x in ends for y in ends for z in ends])
+        places = [(i, j) for i in range(-last, last + 1) for j in range(-last, last + 1)]
+        blocks = [(shape, np.eye(3), np.array([i * edge, j * edge, 0.0])) for i, j in places]
+        fixed = np.array([max(abs(i), abs(j)) == last for i, j in places])
+        return polyhedral_assembly("cubes-layer", blocks, fixed, detection)

@@ -7,11 +7,12 @@ groups).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
-from geometry.assembly import require_counts, require_length
+from geometry.options import Count, Length, Options
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, polyhedron
@@ -48,26 +49,31 @@ def versatile_block(side: float, height: float) -> Polyhedron:
     return polyhedron("versatile", points, triangles)
 
 
-def versatile_panel(
-    side: float,
-    height: float,
-    columns: int,
-    rows: int,
-    *,
-    arrangement: PanelArrangement = PanelArrangement.P1,
-    detection: DetectionOptions | None = None,
-) -> PolyhedralAssembly:
-    """Lay ``columns`` × ``rows`` free blocks in a fixed ring of the same blocks; lengths in mm."""
-    require_length("side", side)
-    require_length("height", height)
-    require_counts(columns=columns, rows=rows)
-    shape, turns = versatile_block(side, height), _TURNS[arrangement]
-    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    blocks, fixed = [], []
-    for j in range(rows + 2):
-        for i in range(columns + 2):
-            row = turns[j % len(turns)]
-            turn = np.linalg.matrix_power(quarter, row[i % len(row)])
-            blocks.append((shape, turn, np.array([i * side, j * side, 0.0])))
-            fixed.append(i in (0, columns + 1) or j in (0, rows + 1))
-    return polyhedral_assembly("versatile-panel", blocks, np.array(fixed), detection)
+@dataclass(frozen=True)
+class VersatilePanel(Options):
+    """Panel of Versatile Blocks in a fixed ring of the same blocks."""
+
+    side: Length
+    """Of the square below [mm]."""
+    height: Length
+    """[mm]"""
+    columns: Count
+    """Free blocks along x."""
+    rows: Count
+    """Free blocks along y."""
+    arrangement: PanelArrangement = PanelArrangement.P1
+    """``p1``: all blocks alike; ``pg``: every other column turned by 90°; ``p4``: four turns round
+    a point."""
+
+    def build(self, detection: DetectionOptions | None = None) -> PolyhedralAssembly:
+        """Lay the blocks, row by row."""
+        shape, turns = versatile_block(self.side, self.height), _TURNS[self.arrangement]
+        quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        blocks, fixed = [], []
+        for j in range(self.rows + 2):
+            for i in range(self.columns + 2):
+                row = turns[j % len(turns)]
+                turn = np.linalg.matrix_power(quarter, row[i % len(row)])
+                blocks.append((shape, turn, np.array([i * self.side, j * self.side, 0.0])))
+                fixed.append(i in (0, self.columns + 1) or j in (0, self.rows + 1))
+        return polyhedral_assembly("versatile-panel", blocks, np.array(fixed), detection)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.assembly import AssemblyError, require_length
+from geometry.assembly import AssemblyError
 from geometry.mesh import CUBE, HexMesh, IntArray, boundary_quads
+from geometry.options import Length, Options
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_quads
@@ -57,26 +59,35 @@ def _connected(cells: IntArray) -> bool:
     return int(scipy.ndimage.label(grid)[1]) == 1
 
 
-def voxel_assembly(
-    layers: Sequence[Sequence[str]],
-    size: float,
-    fixed: str,
-    detection: DetectionOptions | None = None,
-) -> PolyhedralAssembly:
-    """Puzzle drawn as `read_drawing` says; blocks are numbered in the order of the letters.
+@dataclass(frozen=True)
+class VoxelPuzzle(Options):
+    """Puzzle of unit cubes: pieces drawn with letters, layer by layer from the bottom."""
 
-    ``size`` is the edge of a cube [mm], ``fixed`` names the pieces that are held.
-    """
-    require_length("size", size)
-    pieces = read_drawing(layers)
-    unknown = sorted(set(fixed) - set(pieces))
-    if unknown:
-        raise AssemblyError(
-            f"assembly.fixed: got {', '.join(unknown)}, expected letters among {''.join(pieces)}"
-        )
-    blocks = [
-        (voxel_piece(letter, cells, size), np.eye(3), np.zeros(3))
-        for letter, cells in pieces.items()
-    ]
-    held = np.array([letter in fixed for letter in pieces])
-    return polyhedral_assembly("voxels", blocks, held, detection)
+    layers: tuple[tuple[str, ...], ...]
+    """Each layer a list of rows; the same letter is the same piece, a dot is empty."""
+    size: Length
+    """Edge of a unit cube [mm]."""
+    fixed: str
+    """Letters of the fixed pieces."""
+
+    def build(self, detection: DetectionOptions | None = None) -> PolyhedralAssembly:
+        """Place the pieces, numbered in the order of their letters.
+
+        Raises
+        ------
+        AssemblyError
+            For a drawing that is none, and letters of no piece.
+        """
+        pieces = read_drawing(self.layers)
+        unknown = sorted(set(self.fixed) - set(pieces))
+        if unknown:
+            raise AssemblyError(
+                f"assembly.fixed: got {', '.join(unknown)}, expected letters among "
+                f"{''.join(pieces)}"
+            )
+        blocks = [
+            (voxel_piece(letter, cells, self.size), np.eye(3), np.zeros(3))
+            for letter, cells in pieces.items()
+        ]
+        held = np.array([letter in self.fixed for letter in pieces])
+        return polyhedral_assembly("voxels", blocks, held, detection)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from annotated_types import Gt, Le
 
-from geometry.options import check
+from geometry.options import Length, Options
 
 
 class ContactPlacement(StrEnum):
@@ -21,19 +21,16 @@ class ContactPlacement(StrEnum):
 
 
 @dataclass(frozen=True)
-class DetectionOptions:
-    """Contact detection of non-matching meshes."""
+class DetectionOptions(Options):
+    """Contact detection of meshes that do not match."""
 
-    tolerance: Annotated[float, Gt(0)] | None = None
+    tolerance: Length | None = None
     """Largest gap or overlap of touching facets [mm]; by default 1e-4 of a block."""
     angle: Annotated[float, Gt(0), Le(60)] | None = None
     """Largest angle between facing facets [°]; by default 5, on curved faces more by the angle
     between neighbouring facets."""
     points: ContactPlacement = ContactPlacement.VERTICES
     """``vertices``: exact for flat faces; ``centroids``: for finely meshed curved faces."""
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 class CubeArrangement(StrEnum):

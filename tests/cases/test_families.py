@@ -5,20 +5,27 @@ from __future__ import annotations
 import importlib
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import geometry
 from tests.support.face import (
     CASES,
     SCENE_TYPES,
     AssemblyScene,
     Flavour,
     NamedLoad,
+    PlacedBlocks,
+    Polyhedron,
     PressureLoad,
     RoundScene,
     build_deck,
+    build_polyhedra,
     builtin_names,
+    check_scene,
     round_types,
 )
 from tests.support.face import scene_families_module as families
@@ -86,6 +93,7 @@ from validation.build.deck import build_deck
 from validation.run.rigid.explosion import run_explosion
 from validation.run.rigid.answer import run_rigid
 from validation.run.solve import run_static
+from validation import load_case
 from validation.scene.family import round_types
 from validation.scene.keys.schema import scene_schema
 file = load_case("plain.toml")
@@ -166,3 +174,62 @@ def test_coarse_meshes_have_no_more_elements(name: str) -> None:
             zip(value, counts[key], strict=True) if key == "divisions" else [(value, counts[key])]
         )
         assert all(0 < a <= b for a, b in pairs)
+
+
+#: A small scene of each family of triangulated blocks, and the same blocks made in Python.
+LAYERS = {
+    "tetrahedra": (
+        {"block": {"edge": 50.0, "thickness": 20.0}, "assembly": {"columns": 2, "rows": 1}},
+        geometry.TetrahedraLayer(50.0, 2, 1, thickness=20.0),
+    ),
+    "octahedra": (
+        {"block": {"edge": 50.0}, "assembly": {"rings": 1}},
+        geometry.OctahedraLayer(50.0, 1),
+    ),
+    "cubes": (
+        {"block": {"edge": 50.0, "arrangement": "square"}, "assembly": {"rings": 0}},
+        geometry.CubesLayer(50.0, 0, "square"),
+    ),
+    "versatile": (
+        {
+            "block": {"side": 60.0, "height": 40.0, "arrangement": "p4"},
+            "assembly": {"columns": 2, "rows": 1},
+        },
+        geometry.VersatilePanel(60.0, 40.0, 2, 1, "p4"),
+    ),
+    "wall": (
+        {"block": {"size": [200.0, 100.0, 80.0]}, "assembly": {"columns": 2, "rows": 3}},
+        geometry.RunningBondWall((200.0, 100.0, 80.0), 2, 3),
+    ),
+    "arch": (
+        {
+            "block": {"radius": 1000.0, "thickness": 200.0, "depth": 300.0},
+            "assembly": {"voussoirs": 5, "embrace": 120.0},
+        },
+        geometry.CircularArch(1000.0, 200.0, 300.0, 5, 120.0),
+    ),
+    "voxels": (
+        {"block": {"size": 10.0, "layers": [["AA", "BB"]]}, "assembly": {"fixed": "A"}},
+        geometry.VoxelPuzzle([["AA", "BB"]], 10.0, "A"),
+    ),
+}
+
+
+def same_blocks(one: PlacedBlocks, other: PlacedBlocks) -> None:
+    """Shapes, places and what is fixed, to the last bit."""
+    for name in ("shape_of", "rotations", "translations", "fixed"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+    for shape, same in zip(one.shapes, other.shapes, strict=True):
+        nodes = [s.points if isinstance(s, Polyhedron) else s.mesh.nodes for s in (shape, same)]
+        np.testing.assert_array_equal(*nodes)
+
+
+@pytest.mark.parametrize("kind", SCENE_TYPES.keys() - AssemblyScene.families.keys() - {"mesh"})
+def test_a_scene_states_the_dataclass_that_python_takes(kind: str) -> None:
+    """Keys of its sections are the fields, and both build the same blocks."""
+    data, stated = LAYERS[kind]
+    scene = check_scene({**data, "block": {"type": kind, **data["block"]}})
+    keys = [*type(scene.block).model_fields, *type(scene.assembly).model_fields]
+    assert sorted(keys) == sorted(["type", *(field.name for field in fields(stated))])
+    assert scene.stated == stated
+    same_blocks(build_polyhedra(scene, Path()), stated.build())

@@ -17,6 +17,7 @@ from tests.support.face import (
     PolyhedralScene,
     Polyhedron,
     RefusedError,
+    TetrahedraLayer,
     box,
     build_deformable,
     command,
@@ -24,7 +25,6 @@ from tests.support.face import (
     faces_words,
     motion,
     print_rigid,
-    tetrahedra_layer,
     tetrahedron,
 )
 from validation import Case, load_case, solve
@@ -45,7 +45,7 @@ def _layer_scene(folder: Path, units: str = "mm") -> Path:
     """A user's scene: one STL file, a list of places, the outer ring fixed."""
     _save(folder / "tetra.stl", tetrahedron(EDGE), 1e-3 if units == "m" else 1.0)
     lines = ["[block]", 'type = "mesh"', f'units = "{units}"', "[[parts]]", 'file = "tetra.stl"']
-    layer = tetrahedra_layer(EDGE, 3, 3)
+    layer = TetrahedraLayer(EDGE, 3, 3).build()
     for turn, shift, fixed in zip(layer.rotations, layer.translations, layer.fixed, strict=True):
         angle = 90.0 if abs(turn[0, 1]) > 0.5 else 0.0
         lines += [

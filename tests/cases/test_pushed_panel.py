@@ -16,6 +16,7 @@ from tests.support.face import (
     LoadCase,
     PushCurve,
     StaticResult,
+    TetrahedraLayer,
     at_rest,
     build_polyhedra,
     compared_runs,
@@ -28,7 +29,6 @@ from tests.support.face import (
     scene_problem,
     stated_load,
     static_options,
-    tetrahedra_layer,
     tetrahedron,
 )
 from tests.support.face import solve_deformable_static as solve_static
@@ -174,13 +174,13 @@ def test_truncated_tetrahedra_have_the_volume_of_their_sections() -> None:
 @pytest.mark.parametrize("freed", [(10,), (21,)])
 def test_only_blocks_of_the_ring_are_freed(freed: tuple[int, ...]) -> None:
     with pytest.raises(AssemblyError, match=f"freed: got {freed[0]}; expected numbers of blocks"):
-        tetrahedra_layer(100.0, 3, 3, freed=freed)
+        TetrahedraLayer(100.0, 3, 3, freed=freed).build()
 
 
 @pytest.mark.quick
 def test_a_thickness_beyond_the_edges_is_rejected() -> None:
     with pytest.raises(AssemblyError, match=r"thickness: got 80; expected less than 70\.71"):
-        tetrahedra_layer(100.0, 3, 3, thickness=80.0)
+        TetrahedraLayer(100.0, 3, 3, thickness=80.0).build()
 
 
 @pytest.mark.parametrize(

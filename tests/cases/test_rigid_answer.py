@@ -13,12 +13,12 @@ from rich.console import Console
 from geometry import Answer
 from mbd import contact_jacobian
 from tests.support.face import (
+    CircularArch,
     FloatArray,
     FrictionLaw,
     IntArray,
     PolyhedralScene,
     Polyhedron,
-    circular_arch,
     convex_polyhedron,
     first_largest,
     frictional_contacts,
@@ -149,7 +149,7 @@ def test_the_frictional_state_of_a_symmetric_arch_is_symmetric(
     law: FrictionLaw, turn: float
 ) -> None:
     """The state of least norm is one, and so is its mirror image: they are the same."""
-    arch = circular_arch(1000.0, 250.0, 300.0, 9)
+    arch = CircularArch(1000.0, 250.0, 300.0, 9).build()
     angle = np.radians(turn)
     about = np.array(
         [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]

@@ -6,7 +6,7 @@ import meshio
 import numpy as np
 import pytest
 
-from geometry.families.masonry import circular_arch
+from geometry.families.masonry import CircularArch
 from geometry.files import mesh_io
 from geometry.files.block_files import read_blocks
 from geometry.files.obj import read_obj
@@ -77,7 +77,7 @@ def test_a_block_that_touches_itself_is_one_block(tmp_path: Path) -> None:
 
 
 def test_an_arch_in_one_file_is_as_many_voussoirs(tmp_path: Path) -> None:
-    arch = circular_arch(1000.0, 200.0, 100.0, 9, embrace=180.0)
+    arch = CircularArch(1000.0, 200.0, 100.0, 9, embrace=180.0).build()
     parts = [
         (arch.shape(b).points @ arch.rotations[b].T + arch.translations[b], arch.shape(b).triangles)
         for b in range(arch.n_blocks)

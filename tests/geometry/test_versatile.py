@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geometry.errors import RefusedError
-from geometry.families.versatile_panel import PanelArrangement, versatile_block, versatile_panel
+from geometry.families.versatile_panel import PanelArrangement, VersatilePanel, versatile_block
 from geometry.polyhedra.overlap import check_assembly
 from mbd import classify, contact_jacobian, generalized_force
 from tests.support.face import build_body_loads, build_polyhedra
@@ -27,7 +27,7 @@ def test_a_block_is_as_large_as_its_part_of_the_plate() -> None:
 
 @pytest.mark.parametrize("arrangement", list(PanelArrangement))
 def test_free_blocks_touch_with_all_of_their_sides(arrangement: PanelArrangement) -> None:
-    panel = versatile_panel(SIDE, HEIGHT, 3, 2, arrangement=arrangement)
+    panel = VersatilePanel(SIDE, HEIGHT, 3, 2, arrangement=arrangement).build()
     check_assembly(panel)
     block = versatile_block(SIDE, HEIGHT)
     sides = block.areas[np.abs(block.normals[:, 2]) < 1.0 - 1e-12].sum()
@@ -49,4 +49,4 @@ def test_the_scene_is_interlocked_by_its_faces_in_every_arrangement(arrangement:
 @pytest.mark.parametrize("wrong", [(0.0, 1.0, 1, 1), (1.0, -1.0, 1, 1), (1.0, 1.0, 0, 1)])
 def test_panels_that_cannot_be_built(wrong: tuple[float, float, int, int]) -> None:
     with pytest.raises(RefusedError, match="expected"):
-        versatile_panel(*wrong)
+        VersatilePanel(*wrong).build()

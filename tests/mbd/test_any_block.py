@@ -11,16 +11,16 @@ from scipy.spatial.transform import Rotation
 
 from geometry import Assembly
 from geometry.assembly import AnyBlocks
-from geometry.families.masonry import box, circular_arch, running_bond_wall
+from geometry.families.masonry import CircularArch, RunningBondWall, box
 from geometry.families.planar_wall import WallBlock, osteomorphic_wall, planar_sine_wall
 from geometry.families.platonic_layers import (
-    cubes_layer,
-    octahedra_layer,
-    tetrahedra_layer,
+    CubesLayer,
+    OctahedraLayer,
+    TetrahedraLayer,
 )
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
-from geometry.families.voxels import voxel_assembly
+from geometry.families.voxels import VoxelPuzzle
 from geometry.loads import LoadCase, named_case
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral, polyhedral_assembly
@@ -83,13 +83,13 @@ def _verdict(assembly: AnyBlocks) -> tuple[Contacts, Classification]:
 
 
 KNOWN: dict[str, tuple[PolyhedralAssembly | Assembly, bool]] = {
-    "one tetrahedron in its ring": (tetrahedra_layer(50.0, 1, 1), True),
-    "tetrahedra": (tetrahedra_layer(50.0, 3, 3), True),
-    "octahedra": (octahedra_layer(50.0, 1), True),
-    "cubes on their corners": (cubes_layer(50.0, 1), True),
-    "cubes as paving": (cubes_layer(50.0, 1, CubeArrangement.SQUARE), False),
-    "brick wall": (running_bond_wall((200.0, 100.0, 80.0), 3, 3), False),
-    "arch": (circular_arch(1000.0, 150.0, 300.0, 9), False),
+    "one tetrahedron in its ring": (TetrahedraLayer(50.0, 1, 1).build(), True),
+    "tetrahedra": (TetrahedraLayer(50.0, 3, 3).build(), True),
+    "octahedra": (OctahedraLayer(50.0, 1).build(), True),
+    "cubes on their corners": (CubesLayer(50.0, 1).build(), True),
+    "cubes as paving": (CubesLayer(50.0, 1, CubeArrangement.SQUARE).build(), False),
+    "brick wall": (RunningBondWall((200.0, 100.0, 80.0), 3, 3).build(), False),
+    "arch": (CircularArch(1000.0, 150.0, 300.0, 9).build(), False),
     "osteomorphic": (
         osteomorphic_wall(WallBlock(200.0, 100.0, 80.0, 8.0), (8, 4, 2), columns=2, layers=2),
         True,
@@ -123,7 +123,7 @@ def test_verdict_of_known_assemblies(name: str) -> None:
 def test_tetrahedra_need_their_crossing_edges() -> None:
     # With face contacts alone 2 × 2 tetrahedra slide out along their faces, all four at once;
     # the edges of diagonal neighbours, which cross there, are what stops them.
-    assembly = tetrahedra_layer(50.0, 2, 2)
+    assembly = TetrahedraLayer(50.0, 2, 2).build()
     assert _verdict(assembly)[1].locked
     found = assembly.interfaces
     assert (found.patch < 0).sum() > 0
@@ -159,7 +159,7 @@ def test_verdict_agrees_with_the_linear_programs_and_with_random_loads(name: str
 
 
 def test_margin_is_positive_exactly_when_locked_and_turns_with_the_assembly() -> None:
-    assembly = octahedra_layer(50.0, 0)
+    assembly = OctahedraLayer(50.0, 0).build()
     contacts = contact_jacobian(assembly)
     margin = interlocking_margin(contacts.jacobian, contacts.areas)
     assert margin.interlocked
@@ -189,7 +189,7 @@ def test_margin_is_positive_exactly_when_locked_and_turns_with_the_assembly() ->
 
 
 def test_verdict_does_not_depend_on_position_or_units() -> None:
-    layer = tetrahedra_layer(50.0, 2, 1)
+    layer = TetrahedraLayer(50.0, 2, 1).build()
     turn, shift, scale = random_rotation(2), np.array([300.0, -200.0, 50.0]), 10.0
     moved = replace(
         layer,
@@ -373,7 +373,7 @@ def test_semicircular_arch_stands_down_to_the_couplet_heyman_thickness() -> None
     # t/R = 0.1075 (four digits); joints every 4.5° miss the best hinge (54.5° from the crown) by
     # half a degree, where the thrust line's distance is stationary: 1e-4 in t/R.
     def stands(ratio: float) -> bool:
-        arch = circular_arch(1000.0, 1000.0 * ratio, 300.0, 40)
+        arch = CircularArch(1000.0, 1000.0 * ratio, 300.0, 40).build()
         contacts = _with_friction(arch, 1.0)
         load = _weights(arch, DOWN)
         found = frictional_equilibrium(contacts, load)
@@ -389,7 +389,7 @@ def test_semicircular_arch_stands_down_to_the_couplet_heyman_thickness() -> None
 
 
 def test_wall_slides_on_its_foundation_at_mu() -> None:
-    wall = running_bond_wall((240.0, 115.0, 71.0), 3, 2)
+    wall = RunningBondWall((240.0, 115.0, 71.0), 3, 2).build()
     contacts = _with_friction(wall, 0.6)
     found = collapse_load(contacts, _weights(wall, DOWN), _weights(wall, I[0]))
     assert found.certified
@@ -415,7 +415,7 @@ def test_collapse_answers_what_cannot_be_asked() -> None:
 
 
 def test_friction_zero_is_the_frictionless_answer() -> None:
-    layer = tetrahedra_layer(50.0, 2, 1)
+    layer = TetrahedraLayer(50.0, 2, 1).build()
     contacts = contact_jacobian(layer)
     load = np.random.default_rng(5).standard_normal(contacts.jacobian.shape[0])
     without = newton_equilibrium(contacts.jacobian, load)
@@ -432,7 +432,7 @@ def test_friction_zero_is_the_frictionless_answer() -> None:
 
 def _puzzle(fixed: str) -> PolyhedralAssembly:
     drawing = load_case("voxel-puzzle").scene.block.layers  # type: ignore[union-attr]
-    return voxel_assembly(drawing, 20.0, fixed)
+    return VoxelPuzzle(drawing, 20.0, fixed).build()
 
 
 def test_puzzle_is_locked_with_its_key_and_any_neighbour_but_not_with_the_key_alone() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geometry.families.masonry import circular_arch
+from geometry.families.masonry import CircularArch
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import contact_jacobian
 from mbd.friction import collapse_load, frictional_contacts, frictional_equilibrium
@@ -27,7 +27,7 @@ def carried(assembly: PolyhedralAssembly, friction: float) -> bool:
 
 
 def own_arch(thickness: float, voussoirs: int, pieces: int = 1, **more: float):
-    return circular_arch(1000.0, 1000.0 * thickness, 300.0, voussoirs, pieces=pieces, **more)
+    return CircularArch(1000.0, 1000.0 * thickness, 300.0, voussoirs, **more).build(pieces=pieces)
 
 
 @pytest.mark.quick

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from geometry import Assembly
 from geometry.block import box_block
-from geometry.families.masonry import box, running_bond_wall
+from geometry.families.masonry import RunningBondWall, box
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
@@ -149,7 +149,7 @@ def test_a_tip_in_a_pit_stands_on_all_its_sides() -> None:
 @settings(max_examples=30, deadline=None)
 def test_least_work_of_a_contact_is_that_of_some_admissible_force(seed: int, mu: float) -> None:
     """By enumeration: corners of the pyramid, directions of the cone."""
-    wall = running_bond_wall((200.0, 100.0, 80.0), 1, 1)
+    wall = RunningBondWall((200.0, 100.0, 80.0), 1, 1).build()
     contacts = contact_jacobian(wall)
     motion = np.random.default_rng(seed).standard_normal(contacts.jacobian.shape[0])
     angles = np.linspace(0.0, 2 * np.pi, 721)[:-1]
@@ -171,7 +171,7 @@ def test_least_work_of_a_contact_is_that_of_some_admissible_force(seed: int, mu:
 def test_projected_forces_lie_between_the_corners_of_the_law(law: FrictionLaw) -> None:
     """In every direction they reach no further than the corners (720 of the cone: 1e-5 of it);
     forces half as far from the axis as the nearest side of the pyramid stay as they are."""
-    wall = running_bond_wall((200.0, 100.0, 80.0), 1, 1)
+    wall = RunningBondWall((200.0, 100.0, 80.0), 1, 1).build()
     contacts, mu = contact_jacobian(wall), 0.4
     frictional = frictional_contacts(wall, contacts, mu, law)
     forces = np.random.default_rng(1).standard_normal((frictional.matrix.shape[1] // 3, 3))
@@ -236,7 +236,7 @@ def test_weight_in_a_shallow_groove_holds_against_a_small_push(degrees: float) -
 
 
 def plane_wall() -> tuple[PlaneProblem, FloatArray]:
-    wall = running_bond_wall((200.0, 100.0, 80.0), 2, 2)
+    wall = RunningBondWall((200.0, 100.0, 80.0), 2, 2).build()
     contacts = contact_jacobian(wall)
     frictional = frictional_contacts(wall, contacts, 0.5, FrictionLaw.PYRAMID)
     down = np.zeros((len(contacts.free_blocks), 6))

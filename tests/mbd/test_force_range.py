@@ -10,8 +10,8 @@ import pytest
 import scipy.sparse as sp
 from scipy.optimize import linprog
 
-from geometry.families.masonry import box, circular_arch, running_bond_wall
-from geometry.families.platonic_layers import tetrahedra_layer
+from geometry.families.masonry import CircularArch, RunningBondWall, box
+from geometry.families.platonic_layers import TetrahedraLayer
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from mbd import contact_jacobian, newton_equilibrium
@@ -81,7 +81,7 @@ def test_a_stack_is_determined() -> None:
 
 
 def test_a_locked_layer_can_be_prestressed_without_bound() -> None:
-    layer = tetrahedra_layer(50.0, 2, 2)
+    layer = TetrahedraLayer(50.0, 2, 2).build()
     found = _ranges(layer, body_force(layer, DOWN))
     assert found.unbounded.all()
     assert (found.least <= found.shown + 1e-9 * found.load).all()
@@ -89,7 +89,7 @@ def test_a_locked_layer_can_be_prestressed_without_bound() -> None:
 
 def test_friction_widens_every_range() -> None:
     # Every state without friction is one with it.
-    wall = running_bond_wall((200.0, 100.0, 80.0), 2, 2)
+    wall = RunningBondWall((200.0, 100.0, 80.0), 2, 2).build()
     contacts, load = contact_jacobian(wall), body_force(wall, DOWN)
     without = _ranges(wall, load)
     frictional = frictional_contacts(wall, contacts, 0.5)
@@ -105,7 +105,7 @@ def test_friction_widens_every_range() -> None:
 def test_arch_ranges_are_thrust_lines() -> None:
     # The horizontal thrust of an arch in the plane lies in one interval; forces at the two
     # springings mirror each other.
-    arch = circular_arch(1000.0, 150.0, 300.0, 7)
+    arch = CircularArch(1000.0, 150.0, 300.0, 7).build()
     contacts, load = contact_jacobian(arch), body_force(arch, DOWN)
     frictional = frictional_contacts(arch, contacts, 0.8)
     shown = frictional_equilibrium(frictional, load).forces[:, 0]
@@ -120,7 +120,7 @@ def test_arch_ranges_are_thrust_lines() -> None:
 
 def test_ranges_in_the_plane_are_those_in_space() -> None:
     # The mean of a state and its mirror image is a state in the plane with the same joint forces.
-    wall = running_bond_wall((200.0, 100.0, 80.0), 2, 2)
+    wall = RunningBondWall((200.0, 100.0, 80.0), 2, 2).build()
     contacts, load = contact_jacobian(wall), body_force(wall, DOWN + 0.1 * np.eye(3)[0])
     frictional = frictional_contacts(wall, contacts, 0.5, FrictionLaw.PYRAMID)
     shown = frictional_equilibrium(frictional, load).forces[:, 0]
@@ -137,7 +137,7 @@ def test_ranges_in_the_plane_are_those_in_space() -> None:
 
 def test_the_solver_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
     """What goes to standard output would be in the middle of ``--json -``."""
-    arch = circular_arch(1000.0, 150.0, 300.0, 3)
+    arch = CircularArch(1000.0, 150.0, 300.0, 3).build()
     contacts, load = contact_jacobian(arch), body_force(arch, DOWN)
     frictional = frictional_contacts(arch, contacts, 0.8)
     shown = frictional_equilibrium(frictional, load).forces[:, 0]
@@ -147,7 +147,7 @@ def test_the_solver_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
 
 def test_ranges_are_those_of_programs_from_scratch() -> None:
     """Each joint's range beside a linear program of its own, with scipy's HiGHS."""
-    wall = running_bond_wall((200.0, 100.0, 80.0), 2, 2)
+    wall = RunningBondWall((200.0, 100.0, 80.0), 2, 2).build()
     contacts, load = contact_jacobian(wall), body_force(wall, DOWN + 0.1 * np.eye(3)[0])
     mu = 0.5
     frictional = frictional_contacts(wall, contacts, mu, FrictionLaw.PYRAMID)

@@ -8,7 +8,7 @@ import meshio
 import numpy as np
 import pytest
 
-from geometry.families.masonry import circular_arch
+from geometry.families.masonry import CircularArch
 from geometry.measures import (
     JointResultants,
     chain,
@@ -32,7 +32,7 @@ def test_normal_forces_of_an_arch_are_those_of_compas_cra() -> None:
     Both take the smallest contact forces; theirs lets joints pull at a price, so the last of the
     three digits may differ.
     """
-    arch = circular_arch(1000.0, 200.0, 200.0, 7, embrace=140.0, pieces=1)
+    arch = CircularArch(1000.0, 200.0, 200.0, 7, embrace=140.0).build(pieces=1)
     contacts = contact_jacobian(arch)
     frictional = frictional_contacts(arch, contacts, 0.6)
     weight = np.zeros((7, 6))

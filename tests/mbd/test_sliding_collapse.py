@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from geometry.assembly import AssemblyError
-from geometry.families.masonry import running_bond_wall, wall_of_rows
+from geometry.families.masonry import RunningBondWall, wall_of_rows
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from mbd import contact_jacobian
 from mbd.force_range import plane_problem
@@ -109,7 +109,7 @@ def test_a_block_slides_without_dilation_at_the_same_slope(friction: float) -> N
 
 
 def test_plane_problem_has_the_factors_of_the_problem_in_space() -> None:
-    assembly = running_bond_wall((240.0, 115.0, 71.0), 2, 2)
+    assembly = RunningBondWall((240.0, 115.0, 71.0), 2, 2).build()
     contacts = contact_jacobian(assembly)
     space = frictional_contacts(assembly, contacts, 0.7)
     plane = plane_problem(assembly, contacts, space, axis=1)
@@ -160,7 +160,7 @@ def test_rows_of_a_wall_are_checked() -> None:
         wall_of_rows((400.0, 200.0, 175.0), [[1, 0, 1], [1, 1]])
     with pytest.raises(AssemblyError, match=r"block\.size"):
         wall_of_rows((400.0, -1.0, 175.0), [[1]])
-    bonded = running_bond_wall((400.0, 200.0, 175.0), 3, 2)
+    bonded = RunningBondWall((400.0, 200.0, 175.0), 3, 2).build()
     same = wall_of_rows((400.0, 200.0, 175.0), [[1, 1, 1], [0.5, 1, 1, 0.5]])
     np.testing.assert_allclose(same.translations, bonded.translations)
     np.testing.assert_allclose(same.volumes, bonded.volumes)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from geometry.families.masonry import running_bond_wall
-from geometry.families.platonic_layers import octahedra_layer
+from geometry.families.masonry import RunningBondWall
+from geometry.families.platonic_layers import OctahedraLayer
 from mbd import contact_jacobian, newton_equilibrium
 from mbd.force_range import force_ranges
 from mbd.friction import frictional_contacts, frictional_equilibrium
@@ -24,7 +24,7 @@ DOWN, ASIDE = np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])
 
 @pytest.fixture(scope="module")
 def wall():
-    assembly = running_bond_wall((240.0, 115.0, 71.0), 2, 2)
+    assembly = RunningBondWall((240.0, 115.0, 71.0), 2, 2).build()
     contacts = contact_jacobian(assembly)
     return assembly, contacts, frictional_contacts(assembly, contacts, 0.7)
 
@@ -83,7 +83,7 @@ def test_a_squeeze_that_is_not_decided_says_so(wall) -> None:
 
 
 def test_unit_loads_left_at_the_limit_are_counted() -> None:
-    contacts = contact_jacobian(octahedra_layer(50.0, 0))
+    contacts = contact_jacobian(OctahedraLayer(50.0, 0).build())
     every = interlocking_margin(contacts.jacobian, contacts.areas)
     found = interlocking_margin(contacts.jacobian, contacts.areas, limit=1.0)
     assert every.unasked == 0

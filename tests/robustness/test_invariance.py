@@ -19,22 +19,22 @@ from tests.support.face import (
     TUBES,
     AnyBlocks,
     AssemblyScene,
+    CircularArch,
     FloatArray,
     IntArray,
     LoadCase,
+    OctahedraLayer,
     PolyhedralAssembly,
     PolyhedralScene,
+    RunningBondWall,
+    TetrahedraLayer,
     build_blocks,
     build_body_loads,
     build_polyhedra,
     builtin_names,
-    circular_arch,
     frictional_contacts,
     frictional_equilibrium,
-    octahedra_layer,
     piped,
-    running_bond_wall,
-    tetrahedra_layer,
 )
 from tests.support.face import solve_deformable_static as solve_static
 from tests.support.face import stability_deformable as deformable
@@ -162,11 +162,11 @@ def _tube(build: Callable[[], Assembly]) -> Subject:
 
 
 _FRICTION: dict[str, Callable[[], PolyhedralAssembly]] = {
-    "arch-that-stands": lambda: circular_arch(1000.0, 200.0, 200.0, 7, embrace=140.0),
-    "arch-too-thin": lambda: circular_arch(1000.0, 100.0, 300.0, 16, pieces=1),
-    "wall-with-friction": lambda: running_bond_wall((240.0, 115.0, 71.0), 3, 3),
-    "tetrahedra-with-friction": lambda: tetrahedra_layer(100.0, 2, 2),
-    "octahedra-with-friction": lambda: octahedra_layer(80.0, 1),
+    "arch-that-stands": lambda: CircularArch(1000.0, 200.0, 200.0, 7, embrace=140.0).build(),
+    "arch-too-thin": lambda: CircularArch(1000.0, 100.0, 300.0, 16).build(pieces=1),
+    "wall-with-friction": lambda: RunningBondWall((240.0, 115.0, 71.0), 3, 3).build(),
+    "tetrahedra-with-friction": lambda: TetrahedraLayer(100.0, 2, 2).build(),
+    "octahedra-with-friction": lambda: OctahedraLayer(80.0, 1).build(),
 }
 _RIGID: dict[str, Callable[[], Subject]] = {
     **{

@@ -15,12 +15,12 @@ import numpy as np
 
 from mbd import contact_jacobian
 from tests.support.face import (
+    CircularArch,
     FloatArray,
     FrictionalEquilibrium,
     PolyhedralAssembly,
     Polyhedron,
     box,
-    circular_arch,
     collapse_load,
     convex_polyhedron,
     frictional_contacts,
@@ -81,7 +81,7 @@ def groove(angle: float) -> PolyhedralAssembly:
 
 def arch_answer(ratio: float, voussoirs: int, friction: float = 1.0) -> FrictionalEquilibrium:
     """Semicircular arch of radius 1 m under its weight: does it stand at t/R = ``ratio``."""
-    arch = circular_arch(1000.0, 1000.0 * ratio, 300.0, voussoirs)
+    arch = CircularArch(1000.0, 1000.0 * ratio, 300.0, voussoirs).build()
     contacts = frictional_contacts(arch, contact_jacobian(arch), friction)
     return frictional_equilibrium(contacts, body_force(arch, np.array([0.0, 0.0, -1.0])))
 

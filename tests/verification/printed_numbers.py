@@ -15,10 +15,10 @@ import numpy as np
 
 from mbd import contact_jacobian
 from tests.support.face import (
+    CircularArch,
     PlaneProblem,
     PolyhedralAssembly,
     SlidingCollapse,
-    circular_arch,
     collapse_load,
     frictional_contacts,
     frictional_equilibrium,
@@ -70,7 +70,7 @@ def wall_factors(name: str) -> SlidingCollapse:
 
 def straight_arch_stands(ratio: float, *, friction: float = 0.5) -> bool:
     """Whether the arch of 27 straight voussoirs of thickness ``ratio`` R stands by itself."""
-    arch = circular_arch(10_000.0, 10_000.0 * ratio, 1000.0, 27, pieces=1)
+    arch = CircularArch(10_000.0, 10_000.0 * ratio, 1000.0, 27).build(pieces=1)
     contacts = frictional_contacts(arch, contact_jacobian(arch), friction)
     return frictional_equilibrium(contacts, body_force(arch, _DOWN)).holds
 

@@ -23,12 +23,12 @@ import pytest
 from mbd import classify, contact_jacobian
 from tests.support.dome import hemisphere
 from tests.support.face import (
+    CircularArch,
     PolyhedralAssembly,
-    circular_arch,
+    RunningBondWall,
     flat_side,
     frictional_contacts,
     frictional_equilibrium,
-    running_bond_wall,
 )
 from tests.support.limit_programs import lune, stands
 from tests.verification import printed_numbers as others
@@ -89,11 +89,11 @@ def printed():
 #: Walls that grow, and arches on both sides of the limit t/R = 0.1075: the assembly, friction, and
 #: whether it stands by theory.
 PROBLEMS = {
-    f"wall {n} × {n}": (partial(running_bond_wall, (240.0, 115.0, 71.0), n, n), 0.6, True)
+    f"wall {n} × {n}": (RunningBondWall((240.0, 115.0, 71.0), n, n).build, 0.6, True)
     for n in (3, 5, 8, 12, 16)
 } | {
     f"arch t/R = {ratio}": (
-        partial(circular_arch, 1000.0, 1000.0 * ratio, 300.0, 20, pieces=1),
+        partial(CircularArch(1000.0, 1000.0 * ratio, 300.0, 20).build, pieces=1),
         1.0,
         theory,
     )

@@ -5,16 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from geometry.assembly import AnyBlocks, AssemblyError
-from geometry.families.masonry import circular_arch, running_bond_wall
-from geometry.families.platonic_layers import cubes_layer, octahedra_layer, tetrahedra_layer
-from geometry.families.versatile_panel import versatile_panel
-from geometry.families.voxels import voxel_assembly
 from geometry.files.block_files import read_blocks
 from geometry.files.named_surfaces import Y_UP
 from geometry.loads import LoadCase
@@ -29,17 +25,10 @@ from validation.build.supports import supported_blocks
 from validation.errors import InputError
 from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import (
-    ArchScene,
-    CubesScene,
     MeshScene,
-    OctahedraScene,
     PartSection,
     PlaceSection,
     PolyhedralScene,
-    TetrahedraScene,
-    VersatileScene,
-    VoxelScene,
-    WallScene,
 )
 
 Shape = TypeVar("Shape")
@@ -48,38 +37,6 @@ Shape = TypeVar("Shape")
 #: Places are turned by at most this, ten turns [°].
 LARGEST_ANGLE = 3600.0
 
-#: Builder of each family from its scene and what counts as contact.
-_FAMILIES: dict[type, Callable[[Any, DetectionOptions], PolyhedralAssembly]] = {
-    TetrahedraScene: lambda s, d: tetrahedra_layer(
-        s.block.edge,
-        s.assembly.columns,
-        s.assembly.rows,
-        d,
-        thickness=s.block.thickness,
-        freed=s.assembly.freed,
-    ),
-    OctahedraScene: lambda s, d: octahedra_layer(s.block.edge, s.assembly.rings, d),
-    CubesScene: lambda s, d: cubes_layer(s.block.edge, s.assembly.rings, s.block.arrangement, d),
-    VersatileScene: lambda s, d: versatile_panel(
-        s.block.side,
-        s.block.height,
-        s.assembly.columns,
-        s.assembly.rows,
-        arrangement=s.block.arrangement,
-        detection=d,
-    ),
-    WallScene: lambda s, d: running_bond_wall(s.block.size, s.assembly.columns, s.assembly.rows, d),
-    ArchScene: lambda s, d: circular_arch(
-        s.block.radius,
-        s.block.thickness,
-        s.block.depth,
-        s.assembly.voussoirs,
-        embrace=s.assembly.embrace,
-        detection=d,
-    ),
-    VoxelScene: lambda s, d: voxel_assembly(s.block.layers, s.block.size, s.assembly.fixed, d),
-}
-
 
 def build_polyhedra(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
     """Build and check the blocks of a scene; names of files are relative to the folder."""
@@ -87,7 +44,7 @@ def build_polyhedra(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
     if isinstance(scene, MeshScene):
         assembly = _from_files(scene, folder, detection)
     else:
-        assembly = _FAMILIES[type(scene)](scene, detection)
+        assembly = scene.stated.build(detection)
     check_block_size(scene, assembly)
     check_assembly(assembly, supported_blocks(scene, assembly))
     return assembly

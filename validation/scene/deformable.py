@@ -306,9 +306,7 @@ METHODS: Mapping[str, type[Static | Explicit]] = {"static": Static, "explicit": 
 _ELEMENTS = ("element", "degree")
 #: Fields of `Explicit` that sections of their own state.
 _EFFECTS = ("rayleigh", "bulk_viscosity")
-_FemKeys: Any = section_of(
-    Static, Explicit, about={"end_time": END_TIME}, absent=" ".join(_EFFECTS)
-)
+_FemKeys: Any = section_of(Static, Explicit, about={"end_time": END_TIME}, absent=_EFFECTS)
 
 
 class FemSection(_FemKeys):  # type: ignore[misc]

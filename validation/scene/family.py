@@ -6,14 +6,87 @@ of its ``[block]`` names it. Nothing else lists families.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, get_args
+from collections.abc import Collection, Mapping
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, get_args
+
+from pydantic import create_model
 
 from validation.scene.deformable import DeformableSections
-from validation.scene.sections import Section, TubeAssemblySection, TubeLoadSection
+from validation.scene.sections import (
+    Section,
+    TubeAssemblySection,
+    TubeLoadSection,
+    section_of,
+)
 
 if TYPE_CHECKING:
     from geometry.assembly import Assembly, UnmatchedJoint
     from geometry.loads import LoadCase
+
+
+class FamilyScene(DeformableSections):
+    """A scene of blocks that a dataclass of geometry states."""
+
+    #: The dataclass.
+    parameters: ClassVar[type]
+
+    @property
+    def stated(self) -> Any:
+        """The dataclass, with the values of the sections."""
+        scene: Any = self
+        sections = [getattr(scene, name, None) for name in ("block", "assembly", "mesh")]
+        names = [field.name for field in fields(self.parameters)]
+        given = {n: next(getattr(s, n) for s in sections if hasattr(s, n)) for n in names}
+        return self.parameters(**given)
+
+
+Scene = TypeVar("Scene", bound=FamilyScene)
+
+
+def family(
+    base: type[Scene],
+    types: str,
+    parameters: type,
+    *,
+    assembly: Collection[str] = (),
+    mesh: Collection[str] = (),
+    about: Mapping[str, Any] | None = None,
+) -> type[Scene]:
+    """Scene class whose ``[block]``, ``[assembly]`` and ``[mesh]`` have the fields of a dataclass.
+
+    Parameters
+    ----------
+    base
+        What is common to such scenes.
+    types
+        Types of ``[block]`` that are scenes of this class.
+    parameters
+        Dataclass of geometry that a family is made from.
+    assembly, mesh
+        Its fields that are keys of these sections; the others are of ``[block]``.
+    about
+        Plausible ranges of its fields.
+    """
+    every = [field.name for field in fields(parameters)]
+    block = [name for name in every if name not in (*assembly, *mesh)]
+    result: dict[str, Any] = {}
+    for section, keys in (("block", block), ("assembly", assembly), ("mesh", mesh)):
+        kind: dict[str, Any] = {}
+        if section == "block":
+            kind["type"] = Literal[*types.split()], ...
+        if keys or kind:
+            name = f"{parameters.__name__}{section.title()}"
+            made = section_of(parameters, keys=keys, about=about, name=name, **kind)
+            made.__doc__ = (
+                f"``[{section}]`` of blocks of type ``{types.replace(' ', '`` or ``')}``."
+            )
+            needed = any(key.is_required() for key in made.model_fields.values())
+            result[section] = made, ... if needed else made()
+    name = f"{parameters.__name__}Scene"
+    scene = create_model(name, __base__=base, __doc__=parameters.__doc__, **result)
+    scene.parameters = parameters
+    return scene
 
 
 class BlockSection(Section):
@@ -22,7 +95,7 @@ class BlockSection(Section):
     type: str
 
 
-class AssemblyScene(DeformableSections):
+class AssemblyScene(FamilyScene):
     """A scene of blocks that meet: what the rigid answer and load cases are for."""
 
     #: Scene class of each family by the type of its block.

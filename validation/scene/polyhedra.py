@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
 from geometry.assembly import Assembly
-from geometry.families.versatile_panel import PanelArrangement
-from geometry.polyhedra.options import CubeArrangement, DetectionOptions
-from validation.scene.deformable import MATERIALS, DeformableSections
+from geometry.families.masonry import CircularArch, RunningBondWall
+from geometry.families.platonic_layers import CubesLayer, OctahedraLayer, TetrahedraLayer
+from geometry.families.versatile_panel import VersatilePanel
+from geometry.families.voxels import VoxelPuzzle
+from geometry.polyhedra.options import DetectionOptions
+from validation.scene.deformable import MATERIALS
+from validation.scene.family import FamilyScene, family
 from validation.scene.keys.ranges import ACCELERATION, SIZE
-from validation.scene.sections import (
-    BlockSize,
-    Finite,
-    Positive,
-    Section,
-    Vector,
-    section_of,
-    vector_words,
-)
+from validation.scene.sections import Finite, Positive, Section, Vector, section_of, vector_words
 from validation.scene.supports import PushSection
 
 #: Of blocks whose file has nodes between corners, in answers that have no use for them.
 STRAIGHT_EDGES = "straight between corners; the file's other nodes count with fem.degree = 2"
-Count = Annotated[int, Field(ge=1)]
 #: Forces on single blocks that words of a load name.
 _MOST_FORCES = 3
 
@@ -75,7 +70,7 @@ class DetectionSection(_DetectionKeys):  # type: ignore[misc]
     @property
     def options(self) -> DetectionOptions:
         """The same, for `geometry`."""
-        return DetectionOptions(self.tolerance, self.angle, self.points)
+        return DetectionOptions(**self.model_dump())
 
 
 class SolidMeshSection(Section):
@@ -88,167 +83,13 @@ class SolidMeshSection(Section):
     by default ∛V of the block."""
 
 
-class _PolyhedralScene(DeformableSections):
-    """Keys that all of these scenes share."""
+class PolyhedralScene(FamilyScene):
+    """A scene of triangulated blocks."""
 
+    block: Any
     load: BodyLoadSection = BodyLoadSection()
     detection: DetectionSection = DetectionSection()
     mesh: SolidMeshSection = SolidMeshSection()
-
-
-class TetrahedraSection(Section):
-    """``[block] type = "tetrahedra"``."""
-
-    type: Literal["tetrahedra"]
-    edge: Positive
-    """[mm]"""
-    thickness: Positive | None = None
-    """Distance of two planes that cut off the upper and lower edge [mm]; by default none do."""
-
-
-class GridSection(Section):
-    """``[assembly]`` of a rectangular layer: free blocks along x and y within a fixed ring."""
-
-    columns: Count
-    rows: Count
-
-
-class RingSection(GridSection):
-    """``[assembly]`` of a rectangular layer whose ring is not fixed all round."""
-
-    freed: tuple[Annotated[int, Field(ge=0)], ...] = ()
-    """Numbers of blocks of the ring that are not fixed: for ``[[supports]]`` and ``[[loads]]``."""
-
-
-class TetrahedraScene(_PolyhedralScene):
-    """A planar layer of regular tetrahedra, every other turned by 90°."""
-
-    block: TetrahedraSection
-    assembly: RingSection
-
-
-class OctahedraSection(Section):
-    """``[block] type = "octahedra"``."""
-
-    type: Literal["octahedra"]
-    edge: Positive
-    """[mm]"""
-
-
-class VersatileSection(Section):
-    """``[block] type = "versatile"``: Versatile Blocks."""
-
-    type: Literal["versatile"]
-    side: Positive
-    """Of the square below [mm]."""
-    height: Positive
-    """[mm]"""
-    arrangement: PanelArrangement = PanelArrangement.P1
-    """``p1``: all blocks alike; ``pg``: every other column turned by 90°; ``p4``: four turns round
-    a point."""
-
-
-class VersatileScene(_PolyhedralScene):
-    """A panel of Versatile Blocks."""
-
-    block: VersatileSection
-    assembly: GridSection
-
-
-class RingsSection(Section):
-    """``[assembly]`` around a middle block: free rings and one fixed ring."""
-
-    rings: Annotated[int, Field(ge=0)]
-
-
-class OctahedraScene(_PolyhedralScene):
-    """A planar layer of octahedra lying on their faces."""
-
-    block: OctahedraSection
-    assembly: RingsSection
-
-
-class CubesSection(Section):
-    """``[block] type = "cubes"``."""
-
-    type: Literal["cubes"]
-    edge: Positive
-    """[mm]"""
-    arrangement: CubeArrangement = CubeArrangement.HEXAGONAL
-    """``hexagonal``: on their corners; ``square``: on their faces, like paving."""
-
-
-class CubesScene(_PolyhedralScene):
-    """A planar layer of cubes."""
-
-    block: CubesSection
-    assembly: RingsSection
-
-
-class WallSection(Section):
-    """``[block] type = "wall"``: bricks in running bond."""
-
-    type: Literal["wall"]
-    size: BlockSize
-    """Length, depth and height of a brick [mm]."""
-
-
-class WallScene(_PolyhedralScene):
-    """A wall in running bond on a fixed foundation."""
-
-    block: WallSection
-    assembly: GridSection
-
-
-class ArchSection(Section):
-    """``[block] type = "arch"``: voussoirs of a circular arch."""
-
-    type: Literal["arch"]
-    radius: Positive
-    """Of the centre line [mm]."""
-    thickness: Positive
-    """Radial [mm]."""
-    depth: Positive
-    """Out of the plane [mm]."""
-
-
-class VoussoirsSection(Section):
-    """``[assembly]`` of an arch."""
-
-    voussoirs: Annotated[int, Field(ge=2)]
-    embrace: Annotated[float, Field(gt=0, le=180)] = 180.0
-    """Angle between the springings [°]."""
-
-
-class ArchScene(_PolyhedralScene):
-    """A circular arch between fixed springings."""
-
-    block: ArchSection
-    assembly: VoussoirsSection
-
-
-class VoxelsSection(Section):
-    """``[block] type = "voxels"``: pieces drawn with letters, layer by layer from the bottom."""
-
-    type: Literal["voxels"]
-    size: Annotated[Positive, SIZE]
-    """Edge of a unit cube [mm]."""
-    layers: tuple[tuple[str, ...], ...]
-    """Each layer a list of rows; the same letter is the same piece, a dot is empty."""
-
-
-class FixedLettersSection(Section):
-    """``[assembly]`` of a voxel puzzle."""
-
-    fixed: str
-    """Letters of the fixed pieces."""
-
-
-class VoxelScene(_PolyhedralScene):
-    """A puzzle of unit cubes."""
-
-    block: VoxelsSection
-    assembly: FixedLettersSection
 
 
 class MeshBlockSection(Section):
@@ -300,7 +141,7 @@ class FixedBlocksSection(Section):
     of the files' objects."""
 
 
-class MeshScene(_PolyhedralScene):
+class MeshScene(PolyhedralScene):
     """Blocks from mesh or CAD files."""
 
     block: MeshBlockSection
@@ -331,26 +172,16 @@ class MeshScene(_PolyhedralScene):
         return self.changed({"parts": parts})
 
 
-#: Scenes of triangulated blocks.
-PolyhedralScene: TypeAlias = (
-    TetrahedraScene
-    | OctahedraScene
-    | CubesScene
-    | VersatileScene
-    | WallScene
-    | ArchScene
-    | VoxelScene
-    | MeshScene
-)
-
-#: Scene class by ``[block] type``.
+#: Scene class by ``[block] type``: the dataclass of a family, and which fields are ``[assembly]``.
 POLYHEDRAL_TYPES: dict[str, type[PolyhedralScene]] = {
-    "tetrahedra": TetrahedraScene,
-    "octahedra": OctahedraScene,
-    "cubes": CubesScene,
-    "versatile": VersatileScene,
-    "wall": WallScene,
-    "arch": ArchScene,
-    "voxels": VoxelScene,
-    "mesh": MeshScene,
-}
+    kind: family(PolyhedralScene, kind, shape, assembly=assembly.split(), about={"size": SIZE})
+    for kind, shape, assembly in (
+        ("tetrahedra", TetrahedraLayer, "columns rows freed"),
+        ("octahedra", OctahedraLayer, "rings"),
+        ("cubes", CubesLayer, "rings"),
+        ("versatile", VersatilePanel, "columns rows"),
+        ("wall", RunningBondWall, "columns rows"),
+        ("arch", CircularArch, "voussoirs embrace"),
+        ("voxels", VoxelPuzzle, "fixed"),
+    )
+} | {"mesh": MeshScene}

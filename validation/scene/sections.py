@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
@@ -79,7 +79,7 @@ def entries(value: Any) -> Iterator[Any]:
 class Section(Recorded):
     """Base of all sections: frozen, and unknown keys are errors."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True, allow_inf_nan=False)
 
     @field_validator("*", mode="before")
     @classmethod
@@ -138,22 +138,39 @@ class Section(Recorded):
 
 
 def section_of(
-    *kinds: type, about: Mapping[str, Any] | None = None, absent: Sequence[str] = ()
+    *kinds: type,
+    keys: Collection[str] | None = None,
+    absent: Collection[str] = (),
+    about: Mapping[str, Any] | None = None,
+    name: str = "",
+    **more: Any,
 ) -> Any:
-    """Section whose keys are the fields of dataclasses, with their ranges, units and words.
+    """Section whose keys are fields of dataclasses, with their ranges, units and words.
 
-    ``about`` has what keys of scenes have beside, such as plausible ranges; what is in ``absent``
-    is no key.
+    Parameters
+    ----------
+    kinds
+        Dataclasses; the first one that has a field says what its key is.
+    keys, absent
+        Fields that are keys, by default all; fields that are none.
+    about
+        What keys of scenes have beside, such as plausible ranges.
+    name
+        Of the section in the schema.
+    more
+        Annotations and defaults of further keys, before the others.
     """
-    keys: dict[str, Any] = {}
+    result: dict[str, Any] = more
     for kind in kinds:
         words = field_docstrings(kind)
-        for name, (hint, default) in option_fields(kind).items():
-            if name not in (*keys, *absent):
-                beside = (about or {}).get(name)
-                ranged = hint if beside is None else Annotated[hint, beside]
-                keys[name] = ranged, Field(default, description=words[name])
-    return create_model(f"_{kinds[0].__name__}Keys", __base__=Section, **keys)
+        for key, (hint, default) in option_fields(kind).items():
+            if key in result or key in absent or (keys is not None and key not in keys):
+                continue
+            beside = (about or {}).get(key)
+            ranged = hint if beside is None else Annotated[hint, beside]
+            result[key] = ranged, Field(default, description=words.get(key))
+    name = name or f"{kinds[0].__name__}Keys"
+    return create_model(name, __base__=Section, **result)
 
 
 def fewer(count: int, share: float, multiple: int = 1) -> int:
