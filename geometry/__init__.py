@@ -17,8 +17,11 @@ What most need::
 | `blocks` | blocks of meshes in memory: trimesh, pyvista, compas, vertices and faces |
 | `DetectionOptions` | what counts as contact of such blocks |
 | `Assembly` | any blocks with hexahedra, placed by rigid motions |
+| `PlanarSineWall`, `OsteomorphicWall`, `BrickStack` | walls of hexahedra, by `.build()` |
+| `SeparateBoxes`, `box_column` of `ColumnBox` | boxes apart and on each other |
+| `Indenter` | a roller or a ball on a plane body |
 | `TetrahedraLayer`, `OctahedraLayer`, `CubesLayer`, `VersatilePanel` | planar layers in a ring |
-| `RunningBondWall`, `CircularArch`, `VoxelPuzzle` | masonry, puzzles; `.build()` as those above |
+| `RunningBondWall`, `CircularArch`, `VoxelPuzzle` | masonry and puzzles |
 | `pipe`, `tunnel`, `pillar`, `beam`, `shaft` | the load cases of a tube, from a pressure in MPa |
 | `Load` | a load before it is put on blocks |
 | `Answer`, `Measure` | what a solver returns, and one number of it |
@@ -33,8 +36,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from geometry.answer import Answer, Measure
     from geometry.assembly import Assembly
+    from geometry.families.boxes import BrickStack, ColumnBox, SeparateBoxes, box_column
     from geometry.families.hexagon_block import HexagonBlockParameters as HexagonBlock
+    from geometry.families.indenter import Indenter
     from geometry.families.masonry import CircularArch, RunningBondWall
+    from geometry.families.planar_wall import OsteomorphicWall, PlanarSineWall
     from geometry.families.platonic_layers import CubesLayer, OctahedraLayer, TetrahedraLayer
     from geometry.families.sine_block import SineBlockParameters as SineBlock
     from geometry.families.tube import tube
@@ -48,20 +54,27 @@ if TYPE_CHECKING:
 __all__ = [
     "Answer",
     "Assembly",
+    "BrickStack",
     "CircularArch",
+    "ColumnBox",
     "CubesLayer",
     "DetectionOptions",
     "HexagonBlock",
+    "Indenter",
     "Load",
     "Measure",
     "OctahedraLayer",
+    "OsteomorphicWall",
+    "PlanarSineWall",
     "RunningBondWall",
+    "SeparateBoxes",
     "SineBlock",
     "TetrahedraLayer",
     "VersatilePanel",
     "VoxelPuzzle",
     "beam",
     "blocks",
+    "box_column",
     "contact_mesh",
     "pillar",
     "pipe",
@@ -74,20 +87,27 @@ __all__ = [
 _PLACES = {
     "Answer": ("geometry.answer", "Answer"),
     "Assembly": ("geometry.assembly", "Assembly"),
+    "BrickStack": ("geometry.families.boxes", "BrickStack"),
     "CircularArch": ("geometry.families.masonry", "CircularArch"),
+    "ColumnBox": ("geometry.families.boxes", "ColumnBox"),
     "CubesLayer": ("geometry.families.platonic_layers", "CubesLayer"),
     "DetectionOptions": ("geometry.polyhedra.options", "DetectionOptions"),
     "HexagonBlock": ("geometry.families.hexagon_block", "HexagonBlockParameters"),
+    "Indenter": ("geometry.families.indenter", "Indenter"),
     "Load": ("geometry.loads", "Load"),
     "Measure": ("geometry.answer", "Measure"),
     "OctahedraLayer": ("geometry.families.platonic_layers", "OctahedraLayer"),
+    "OsteomorphicWall": ("geometry.families.planar_wall", "OsteomorphicWall"),
+    "PlanarSineWall": ("geometry.families.planar_wall", "PlanarSineWall"),
     "RunningBondWall": ("geometry.families.masonry", "RunningBondWall"),
+    "SeparateBoxes": ("geometry.families.boxes", "SeparateBoxes"),
     "SineBlock": ("geometry.families.sine_block", "SineBlockParameters"),
     "TetrahedraLayer": ("geometry.families.platonic_layers", "TetrahedraLayer"),
     "VersatilePanel": ("geometry.families.versatile_panel", "VersatilePanel"),
     "VoxelPuzzle": ("geometry.families.voxels", "VoxelPuzzle"),
     "beam": ("geometry.loads", "beam"),
     "blocks": ("geometry.files.memory", "blocks"),
+    "box_column": ("geometry.families.boxes", "box_column"),
     "contact_mesh": ("geometry.files.mesh_io", "contact_mesh"),
     "pillar": ("geometry.loads", "pillar"),
     "pipe": ("geometry.loads", "pipe"),

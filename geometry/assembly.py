@@ -13,7 +13,7 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 
 from geometry.block import Block
-from geometry.errors import RefusedError, is_number
+from geometry.errors import RefusedError
 from geometry.interface import Interfaces, match_facets
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays
 
@@ -186,29 +186,10 @@ class PlacedBlocks(ReadOnlyArrays, ABC, Generic[AnyShape]):
 AnyBlocks = PlacedBlocks[Any]
 
 
-def require_length(name: str, value: float, error: type[RefusedError] = AssemblyError) -> None:
-    """Reject a length of a block that is none [mm]."""
-    if not (is_number(value) and value > 0):
-        raise error(f"block.{name}: got {value}, expected a positive length in mm")
-
-
 def require_size(size: tuple[float, float, float]) -> None:
     """Reject a box that has no volume [mm]."""
     if not (np.isfinite(size).all() and min(size) > 0):
         raise AssemblyError(f"block.size: got {list(size)}, expected three positive lengths in mm")
-
-
-def require_divisions(divisions: tuple[int, int, int]) -> None:
-    """Reject numbers of elements that mesh no block."""
-    if min(divisions) < 1:
-        raise AssemblyError(f"mesh.divisions: got {list(divisions)}, expected at least 1 each")
-
-
-def require_counts(**counts: int) -> None:
-    """Reject numbers of blocks that build nothing: two words and their numbers."""
-    if min(counts.values()) < 1:
-        got = " and ".join(f"{number} {word}" for word, number in counts.items())
-        raise AssemblyError(f"assembly: got {got}, expected at least 1 of each")
 
 
 def check_size(assembly: AnyBlocks) -> None:
@@ -237,8 +218,6 @@ class Assembly(PlacedBlocks[Block]):
     image_of: IntArray | None = None
     """Block whose translated image each block is, itself where it is none, (n_blocks,): what a
     periodic cell meets at its end. None: no images."""
-    parameters: Any = None
-    """What a family made the blocks from, such as `geometry.families.tube.TubeParameters`."""
 
     def __repr__(self) -> str:
         """Name and size: arrays are not printed."""

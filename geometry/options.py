@@ -18,6 +18,8 @@ from geometry.errors import RefusedError
 
 #: A positive length [mm].
 Length = Annotated[float, Gt(0)]
+#: Zero or more.
+NonNegative = Annotated[float, Ge(0)]
 #: Edges along x, y, z [mm].
 Size = tuple[Length, Length, Length]
 #: A number of things, at least one.

@@ -12,7 +12,7 @@ from hypothesis import settings
 
 from geometry import Assembly
 from geometry.compilation import compiling
-from geometry.families.boxes import brick_stack
+from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from tests.fixtures.commands import small_meshes, undrawn
@@ -73,7 +73,7 @@ def plain_ring() -> Assembly:
 @pytest.fixture(scope="session")
 def two_bricks() -> Assembly:
     """Two bricks, one on the other, between fixed bricks."""
-    return brick_stack((100.0, 60.0, 50.0), (4, 3, 2), columns=1, layers=2)
+    return BrickStack((100.0, 60.0, 50.0), (4, 3, 2), columns=1, layers=2).build()
 
 
 @pytest.fixture(name="undrawn")

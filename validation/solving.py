@@ -135,7 +135,7 @@ def hoop_stress(scene: object) -> HoopStress | None:
         return None
     face, sense = _RINGS[scene.load.case]
     pressure, thickness = scene.load.pressure, scene.thickness
-    radius = float(scene.block.inner_radius)  # type: ignore[attr-defined]
+    radius = float(scene.block.inner_radius)
     radius += thickness * (face == "outer")
     sense = sense if pressure >= 0.0 else _OPPOSITE[sense]
     return HoopStress(abs(pressure) * radius / thickness, radius, sense)

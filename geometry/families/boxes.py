@@ -9,20 +9,14 @@ contact law alone, whether or not the meshes match there.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from geometry.assembly import (
-    Assembly,
-    AssemblyError,
-    UnmatchedJoint,
-    matched_area,
-    require_counts,
-    require_divisions,
-    require_size,
-)
+from geometry.assembly import Assembly, AssemblyError, UnmatchedJoint, matched_area
 from geometry.block import Block, box_block
+from geometry.options import Count, Divisions, Options, Size
 
 _FACES = {"y-": "inner", "y+": "outer", "x-": "left", "x+": "right", "z-": "bottom", "z+": "top"}
 
@@ -33,44 +27,65 @@ def brick(size: tuple[float, float, float], divisions: tuple[int, int, int]) -> 
     return box_block(size, divisions, name="brick", contact_faces=contact, face_names=_FACES)
 
 
-def brick_stack(
-    size: tuple[float, float, float],
-    divisions: tuple[int, int, int],
-    *,
-    columns: int,
-    layers: int,
-) -> Assembly:
-    """Stack ``columns`` × ``layers`` bricks, with a fixed row below and one above.
+@dataclass(frozen=True)
+class BrickStack(Options):
+    """Stack of plain bricks, with a fixed row below and one above."""
 
-    Parameters
-    ----------
-    size
-        Length (x), depth (y, out of the wall) and height (z) of a brick [mm].
-    divisions
-        Elements of a brick along x, y, z.
-    columns, layers
-        Bricks side by side, and free rows.
+    size: Size
+    """Length (x), depth (y, out of the wall) and height (z) of a brick [mm]."""
+    divisions: Divisions
+    """Elements of a brick along x, y, z."""
+    _: KW_ONLY
+    columns: Count = 1
+    """Bricks side by side."""
+    layers: Count
+    """Free rows."""
 
-    Raises
-    ------
-    AssemblyError
-        For non-positive sizes or counts.
-    """
-    require_size(size)
-    require_divisions(divisions)
-    require_counts(columns=columns, layers=layers)
-    column, layer = (i.ravel() for i in np.meshgrid(np.arange(columns), np.arange(layers + 2)))
-    origin = np.column_stack([column * size[0], np.zeros(len(column)), (layer - 1.0) * size[2]])
-    return Assembly(
-        name="brick-stack",
-        shapes=(brick(size, divisions),),
-        shape_of=np.zeros(len(layer), dtype=np.int64),
-        rotations=np.tile(np.eye(3), (len(layer), 1, 1)),
-        translations=origin,
-        layer=layer,
-        fixed=(layer == 0) | (layer == layers + 1),
-        unmatched_allowed=True,
-    )
+    parts: ClassVar = (2, 1, 1)
+
+    def build(self) -> Assembly:
+        """Stack the rows."""
+        size, rows = self.size, np.arange(self.layers + 2)
+        column, layer = (i.ravel() for i in np.meshgrid(np.arange(self.columns), rows))
+        places = [column * size[0], np.zeros(len(column)), (layer - 1.0) * size[2]]
+        return Assembly(
+            name="brick-stack",
+            shapes=(brick(size, self.divisions),),
+            shape_of=np.zeros(len(layer), dtype=np.int64),
+            rotations=np.tile(np.eye(3), (len(layer), 1, 1)),
+            translations=np.column_stack(places),
+            layer=layer,
+            fixed=(layer == 0) | (layer == self.layers + 1),
+            unmatched_allowed=True,
+        )
+
+
+@dataclass(frozen=True)
+class SeparateBoxes(Options):
+    """Boxes [0, size] side by side along y, half a box apart: blocks that do not meet."""
+
+    size: Size
+    """Edge lengths along x, y, z [mm]."""
+    divisions: Divisions
+    """Elements along x, y, z."""
+    copies: Count = 1
+    """Uncoupled copies side by side; congruent blocks share one stiffness."""
+
+    def build(self) -> Assembly:
+        """Place the copies."""
+        n = self.copies
+        places = np.zeros((n, 3))
+        places[:, 1] = 1.5 * self.size[1] * np.arange(n)
+        return Assembly(
+            name="boxes",
+            shapes=(box_block(self.size, self.divisions),),
+            shape_of=np.zeros(n, dtype=np.int64),
+            rotations=np.tile(np.eye(3), (n, 1, 1)),
+            translations=places,
+            layer=np.zeros(n, dtype=np.int64),
+            fixed=np.zeros(n, dtype=np.bool_),
+            unmatched_allowed=True,
+        )
 
 
 #: Part of a joint's area that may be missing from its matched facets: rounding.
@@ -78,12 +93,12 @@ _AREA_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
-class ColumnBox:
+class ColumnBox(Options):
     """One box of a column."""
 
-    size: tuple[float, float, float]
+    size: Size
     """Along x, y, z [mm]."""
-    divisions: tuple[int, int, int]
+    divisions: Divisions
     """Elements along x, y, z."""
 
 
@@ -100,17 +115,7 @@ def box_column(boxes: Sequence[ColumnBox]) -> Assembly:
     if len(boxes) < 2:
         raise AssemblyError(f"block.boxes: got {len(boxes)}, expected at least 2 boxes that meet")
     kinds: dict[ColumnBox, int] = {}
-    for number, box in enumerate(boxes):
-        if not (all(np.isfinite(box.size)) and min(box.size) > 0):
-            raise AssemblyError(
-                f"block.boxes: box {number} has size {list(box.size)}, expected three positive "
-                "lengths in mm"
-            )
-        if min(box.divisions) < 1:
-            raise AssemblyError(
-                f"block.boxes: box {number} has divisions {list(box.divisions)}, expected at "
-                "least 1 each"
-            )
+    for box in boxes:
         kinds.setdefault(box, len(kinds))
     size = np.array([box.size for box in boxes])
     bottom = np.concatenate([[0.0], np.cumsum(size[:-1, 2])])

@@ -18,10 +18,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge
 
-from geometry.assembly import require_length
 from geometry.block import Block, Curve
 from geometry.families.sine_block import BlockParameterError
 from geometry.mesh import (
@@ -33,6 +34,7 @@ from geometry.mesh import (
     structured_quads,
 )
 from geometry.meshing.charts import Charts, Lines
+from geometry.options import Count, Length, Options
 
 #: Names of the six sides, edge by edge.
 EDGE_NAMES = tuple(f"edge{k}" for k in range(6))
@@ -41,14 +43,14 @@ _WHOLE, _UPPER, _LOWER = (0, 1, 2, 3, 4, 5), (1, 2, 3), (4, 5, 0)
 
 
 @dataclass(frozen=True)
-class HexagonBlockParameters:
+class HexagonBlockParameters(Options):
     """The three parameters of THB(n, r_i, t)."""
 
-    blocks_per_layer: int
+    blocks_per_layer: Annotated[int, Ge(2)]
     """n"""
-    inner_radius: float
+    inner_radius: Length
     """r_i [mm]"""
-    thickness: float
+    thickness: Length
     """t [mm]"""
 
     @property
@@ -68,33 +70,20 @@ class HexagonBlockParameters:
 
 
 @dataclass(frozen=True)
-class HexagonBlockDivisions:
+class HexagonBlockDivisions(Options):
     """Elements along each edge of the hexagon and through the thickness."""
 
-    edge: int
-    """Even, so that an edge can be cut in the middle."""
-    radial: int
+    edge: Annotated[int, Ge(2)]
+    """Elements along each edge of the hexagon; even, so that it can be cut in the middle."""
+    radial: Count
 
-
-def check_hexagon(block: HexagonBlockParameters, divisions: HexagonBlockDivisions) -> None:
-    """Reject parameters that describe no block."""
-    for name in ("inner_radius", "thickness"):
-        require_length(name, getattr(block, name), BlockParameterError)
-    if block.blocks_per_layer < 2:
-        raise BlockParameterError(
-            f"block.blocks_per_layer: got {block.blocks_per_layer}, expected at least 2: "
-            "a ring made of one block meets itself"
-        )
-    if divisions.edge < 2 or divisions.edge % 2:
-        lower = max(2, divisions.edge - divisions.edge % 2)
-        raise BlockParameterError(
-            f"mesh.edge: got {divisions.edge}, expected an even number of elements along each "
-            f"edge of the hexagon: try {lower} or {lower + 2}"
-        )
-    if divisions.radial < 1:
-        raise BlockParameterError(
-            f"mesh.radial: got {divisions.radial}, expected at least 1 element"
-        )
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.edge % 2:
+            raise BlockParameterError(
+                f"mesh.edge: got {self.edge}, expected an even number of elements along each "
+                f"edge of the hexagon: try {self.edge - 1} or {self.edge + 1}"
+            )
 
 
 def _vertex(k: int) -> FloatArray:
@@ -169,7 +158,6 @@ def _build(
     flat: str | None = None,
 ) -> Block:
     """Mesh some kites; ``flat`` names the cut through the middle, if there is one."""
-    check_hexagon(block, divisions)
     s = np.linspace(0.0, 1.0, divisions.edge // 2 + 1)
     y = np.linspace(0.0, 1.0, divisions.radial + 1)
     return _on_lines(block, kites, name, flat, (s, s, y))

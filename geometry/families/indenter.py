@@ -12,6 +12,7 @@ from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block
 from geometry.families.round_bodies import Plan, quarter_disc, round_ended, strip
 from geometry.mesh import boundary_quads
+from geometry.options import Count, Length, Options
 
 #: The round body ends so far from its axis, in its radius.
 _TRIMMED = 0.8
@@ -22,58 +23,55 @@ _UNLIKE = 1.25
 
 
 @dataclass(frozen=True)
-class Indenter:
-    """A round body above a plane one, tip at the origin; the plane body looks up along z."""
-
-    body: Literal["roller", "ball"]
-    """A slice of a roller along y, or a quarter of a ball between the planes x = 0 and y = 0."""
-    radius: float
-    """[mm]"""
-    contact: float
-    """Half width or radius of the contact that is expected: elements are equal there [mm]."""
-    elements: int
-    """Elements of the round body over it."""
-    thickness: float = 1.0
-    """Of the slice, one element along y [mm]; a ball has none."""
-
-
-def indented(shape: Indenter) -> Assembly:
-    """Place both bodies tip on plane: block 0 is the plane one, block 1 the round one.
+class Indenter(Options):
+    """A round body (block 1) above a plane one (block 0), tip at the origin.
 
     Faces of both: ``end``, where they can touch, ``base``, the plane on the far side, and the cuts,
     ``y-`` and ``y+`` of a slice, ``x-`` and ``y-`` of a quarter. No block is fixed.
     """
-    lengths = shape.radius, shape.contact, shape.thickness
-    if not (all(map(math.isfinite, lengths)) and min(lengths) > 0.0 and shape.elements > 0):
-        raise AssemblyError(
-            f"block: got lengths {list(lengths)} mm and {shape.elements} elements; expected "
-            "positive ones"
+
+    type: Literal["roller", "ball"]
+    """A slice of a roller along y, or a quarter of a ball between the planes x = 0 and y = 0."""
+    radius: Length
+    """[mm]"""
+    contact: Length
+    """Half width or radius of the contact that is expected [mm]: elements are equal there."""
+    elements: Count = 6
+    """Elements of the round body over the expected contact; those of the plane one are larger by a
+    quarter."""
+    thickness: Length = 1.0
+    """Of a slice of a roller, along y, one element [mm]; a ball has none."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.contact > 0.5 * self.radius:
+            raise AssemblyError(
+                f"block.contact: got {self.contact:g} mm for a radius of {self.radius:g} mm; "
+                "expected at most half of it"
+            )
+
+    def build(self) -> Assembly:
+        """Place both bodies tip on plane."""
+        round_cell = self.contact / self.elements
+        lower = _body(self, "plane", _UNLIKE * round_cell, _WIDE, _DEEP)
+        upper = _body(self, self.type, round_cell, _TRIMMED, 1.0, round_end=True)
+        ball = self.type == "ball"
+        # Axis and place of the cuts in the frame of each body, the lower one turned over.
+        names = ("x-", "y-") if ball else ("y-", "y+")
+        places = ((0, 0.0), (1, 0.0)) if ball else ((1, 0.0), (1, self.thickness))
+        lower = _with_cuts(lower, dict(zip(names, places[::-1], strict=True)))
+        upper = _with_cuts(upper, dict(zip(names, places, strict=True)))
+        turn = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]) if ball else np.diag([1.0, -1, -1])
+        return Assembly(
+            name=f"{self.type}-on-plane",
+            shapes=(lower, upper),
+            shape_of=np.arange(2),
+            rotations=np.stack([turn, np.eye(3)]),
+            translations=np.array([[0.0, 0.0 if ball else self.thickness, 0.0], [0.0, 0.0, 0.0]]),
+            layer=np.arange(2),
+            fixed=np.zeros(2, dtype=np.bool_),
+            unmatched_allowed=True,
         )
-    if shape.contact > 0.5 * shape.radius:
-        raise AssemblyError(
-            f"block.contact: got {shape.contact:g} mm for a radius of {shape.radius:g} mm; "
-            "expected at most half of it"
-        )
-    round_cell = shape.contact / shape.elements
-    lower = _body(shape, "plane", _UNLIKE * round_cell, _WIDE, _DEEP)
-    upper = _body(shape, shape.body, round_cell, _TRIMMED, 1.0, round_end=True)
-    ball = shape.body == "ball"
-    # Axis and place of the cuts in the frame of each body, the lower one turned over.
-    names = ("x-", "y-") if ball else ("y-", "y+")
-    places = ((0, 0.0), (1, 0.0)) if ball else ((1, 0.0), (1, shape.thickness))
-    lower = _with_cuts(lower, dict(zip(names, places[::-1], strict=True)))
-    upper = _with_cuts(upper, dict(zip(names, places, strict=True)))
-    turn = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]) if ball else np.diag([1.0, -1, -1])
-    return Assembly(
-        name=f"{shape.body}-on-plane",
-        shapes=(lower, upper),
-        shape_of=np.arange(2),
-        rotations=np.stack([turn, np.eye(3)]),
-        translations=np.array([[0.0, 0.0 if ball else shape.thickness, 0.0], [0.0, 0.0, 0.0]]),
-        layer=np.arange(2),
-        fixed=np.zeros(2, dtype=np.bool_),
-        unmatched_allowed=True,
-    )
 
 
 def _with_cuts(body: Block, cuts: dict[str, tuple[int, float]]) -> Block:
@@ -93,7 +91,7 @@ def _body(
     length = wide * shape.radius
     plan: Plan = (
         quarter_disc(cell, shape.contact, length)
-        if shape.body == "ball"
+        if shape.type == "ball"
         else strip(cell, shape.contact, length, thickness=shape.thickness)
     )
     radius = shape.radius if round_end else math.inf

@@ -11,20 +11,17 @@ non-planar contacts", Adv. Eng. Mater. 5 (2003), for blocks whose faces are sadd
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
+from typing import Annotated, ClassVar
 
 import numpy as np
+from annotated_types import Gt
 
-from geometry.assembly import (
-    Assembly,
-    AssemblyError,
-    require_counts,
-    require_divisions,
-    require_length,
-)
+from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block, mapped_block
 from geometry.families.sine_block import LEAST_REACHED, check_shift
 from geometry.mesh import FloatArray
+from geometry.options import Count, Divisions, Length, NonNegative, Options
 
 #: Height of a joint above its mean plane at (x from the block's middle, y from the inner face).
 Profile = Callable[[FloatArray, FloatArray], FloatArray]
@@ -33,38 +30,38 @@ _FACES = {"u-": "left", "u+": "right", "v-": "inner", "v+": "outer", "w-": "bott
 
 
 @dataclass(frozen=True)
-class WallBlock:
-    """Outline of a wall's blocks."""
+class _Wall(Options):
+    """Planar wall: free blocks within a fixed ring."""
 
-    width: float
+    width: Length
     """Along the wall, x [mm]."""
-    thickness: float
-    """Out of the wall, y [mm]."""
-    height: float
-    """Distance of the rows, z [mm]."""
-    amplitude: float
-    """Of the joints [mm]."""
+    thickness: Length
+    """t, out of the wall, y [mm]."""
+    height: Length
+    """h, distance of the rows, z [mm]."""
+    amplitude: NonNegative
+    """a, of the joints; of waves that on the outer face [mm]."""
+    _: KW_ONLY
+    columns: Count
+    """Free blocks in a row."""
+    layers: Count
+    """Free rows."""
+    divisions: Divisions
+    """Elements of a block along x, y, z."""
 
-
-def check_wall(
-    block: WallBlock, divisions: tuple[int, int, int], columns: int, layers: int
-) -> None:
-    """Reject what describes no wall."""
-    for name in ("width", "thickness", "height"):
-        require_length(name, getattr(block, name))
-    if not 0 <= block.amplitude < block.height / 2:
-        raise AssemblyError(
-            f"block.amplitude: got {block.amplitude:g} mm, expected 0 or more and less than half "
-            f"of block.height ({block.height / 2:g} mm): the frame blocks are cut there"
-        )
-    require_divisions(divisions)
-    require_counts(columns=columns, layers=layers)
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.amplitude >= self.height / 2:
+            raise AssemblyError(
+                f"block.amplitude: got {self.amplitude:g} mm, expected 0 or more and less than "
+                f"half of block.height ({self.height / 2:g} mm): the frame blocks are cut there"
+            )
 
 
 def _block(
     name: str,
-    outline: WallBlock,
-    divisions: tuple[int, int, int],
+    outline: _Wall,
+    divisions: Divisions,
     ends: tuple[tuple[float, Profile], tuple[float, Profile]],
     parts: tuple[int, int, int],
 ) -> Block:
@@ -93,45 +90,42 @@ def _flat(x: FloatArray, y: FloatArray) -> FloatArray:
     return np.zeros(np.broadcast(x, y).shape)
 
 
-def _check_sampled(outline: WallBlock, divisions: tuple[int, int, int], profile: Profile) -> None:
+def _check_sampled(wall: _Wall, profile: Profile) -> None:
     """Reject elements whose corners meet a joint only near its zeros: the wall would be plain."""
-    x = np.linspace(-0.5, 0.5, divisions[0] + 1) * outline.width
-    y = np.linspace(0.0, outline.thickness, divisions[1] + 1)
+    x = np.linspace(-0.5, 0.5, wall.divisions[0] + 1) * wall.width
+    y = np.linspace(0.0, wall.thickness, wall.divisions[1] + 1)
     reached = float(np.abs(profile(x[:, None], y)).max())
-    if reached < LEAST_REACHED * outline.amplitude:
+    if reached < LEAST_REACHED * wall.amplitude:
         raise AssemblyError(
-            f"mesh.divisions: got {list(divisions)}; the corners of the elements meet the joint "
-            f"near its zeros, and the blocks would have an amplitude of {reached:.3g} mm for "
-            f"{outline.amplitude:g} mm; expected more elements along x or y"
+            f"mesh.divisions: got {list(wall.divisions)}; the corners of the elements meet the "
+            f"joint near its zeros, and the blocks would have an amplitude of {reached:.3g} mm for "
+            f"{wall.amplitude:g} mm; expected more elements along x or y"
         )
 
 
-def _wall(
+def _built(
     name: str,
-    outline: WallBlock,
-    divisions: tuple[int, int, int],
+    wall: _Wall,
     profiles: tuple[Profile, Profile],
     *,
     offset: float,
     parts: tuple[int, int, int],
-    columns: int,
-    layers: int,
 ) -> Assembly:
     """Stack rows whose blocks have joints ``profiles`` (below, above), odd rows moved by offset.
 
     The offset is a whole number of equal ``parts`` of a block.
     """
     below, above = profiles
-    _check_sampled(outline, divisions, above)
-    h = outline.height
+    _check_sampled(wall, above)
+    h, divisions, columns, layers = wall.height, wall.divisions, wall.columns, wall.layers
     half = (divisions[0], divisions[1], max(1, round(divisions[2] / 2)))
     shapes = (
-        _block(name, outline, divisions, ((0.0, below), (h, above)), parts),
-        _block("bottom-frame", outline, half, ((-h / 2, _flat), (0.0, above)), parts),
-        _block("top-frame", outline, half, ((0.0, below), (h / 2, _flat)), parts),
+        _block(name, wall, divisions, ((0.0, below), (h, above)), parts),
+        _block("bottom-frame", wall, half, ((-h / 2, _flat), (0.0, above)), parts),
+        _block("top-frame", wall, half, ((0.0, below), (h / 2, _flat)), parts),
     )
     column, layer = (i.ravel() for i in np.meshgrid(np.arange(columns + 2), np.arange(layers + 2)))
-    x = (column - 0.5 * (columns + 1)) * outline.width + np.where(layer % 2 == 1, offset, 0.0)
+    x = (column - 0.5 * (columns + 1)) * wall.width + np.where(layer % 2 == 1, offset, 0.0)
     z = np.where(layer == 0, 0.0, (layer - 1) * h)
     frame = (layer == 0) | (layer == layers + 1)
     return Assembly(
@@ -146,97 +140,78 @@ def _wall(
     )
 
 
-def planar_sine_wall(
-    block: WallBlock,
-    frequency: float,
-    shift: float,
-    divisions: tuple[int, int, int],
-    *,
-    columns: int,
-    layers: int,
-) -> Assembly:
-    """Build a planar assembly of PSB: joints A(y) sin(2π 2f u + π s), A(y) = a y/t, u in [0, 1].
+@dataclass(frozen=True)
+class PlanarSineWall(_Wall):
+    """Planar wall of PSB, the Sine Block before its cylinder map.
 
-    As in the tube a block carries 2f waves and odd rows are moved by ⌊f⌋ of them.
-
-    Parameters
-    ----------
-    block
-        Outline [mm]; the amplitude is that of the outer face.
-    frequency, shift
-        f (2f whole) and s, in units of π.
-    divisions
-        Elements of a block along x, y, z.
-    columns, layers
-        Free blocks in a row, free rows.
+    Joints are A(y) sin(2π 2f u + π s), A(y) = a y/t, u in [0, 1]. As in the tube a block carries 2f
+    waves and odd rows are moved by ⌊f⌋ of them.
     """
-    check_wall(block, divisions, columns, layers)
-    check_shift(shift)
-    waves = round(2 * frequency)
-    if waves < 1 or abs(waves - 2 * frequency) > 1e-12:
-        raise AssemblyError(
-            f"block.frequency: got {frequency}, expected 0.5, 1, 1.5, …: whole waves per block"
-        )
-    if (int(frequency) * divisions[0]) % waves:
-        raise AssemblyError(
-            f"mesh.divisions: got {divisions[0]} elements along x; rows are moved by "
-            f"{int(frequency)}/{waves} of a block: choose a multiple of {waves}"
-        )
 
-    def profile(x: FloatArray, y: FloatArray) -> FloatArray:
-        u = x / block.width + 0.5
-        amplitude = block.amplitude * y / block.thickness
-        return amplitude * np.sin(2 * np.pi * waves * u + np.pi * shift)
+    frequency: Annotated[float, Gt(0)]
+    """f, number of sine waves over half of the block; 2f is a whole number."""
+    shift: float = 0.0
+    """s, phase in units of π."""
 
-    return _wall(
-        "planar-sine",
-        block,
-        divisions,
-        (profile, profile),
-        offset=int(frequency) * block.width / waves,
-        parts=(waves, 1, 1),
-        columns=columns,
-        layers=layers,
-    )
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_shift(self.shift)
+        waves = round(2 * self.frequency)
+        if waves < 1 or abs(waves - 2 * self.frequency) > 1e-12:
+            raise AssemblyError(
+                f"block.frequency: got {self.frequency}, expected 0.5, 1, 1.5, …: whole waves per "
+                "block"
+            )
+        if (int(self.frequency) * self.divisions[0]) % waves:
+            raise AssemblyError(
+                f"mesh.divisions: got {self.divisions[0]} elements along x; rows are moved by "
+                f"{int(self.frequency)}/{waves} of a block: choose a multiple of {waves}"
+            )
+
+    @property
+    def parts(self) -> tuple[int, int, int]:
+        """Equal parts of a block: its waves."""
+        return round(2 * self.frequency), 1, 1
+
+    def build(self) -> Assembly:
+        """Stack the rows."""
+        waves = self.parts[0]
+
+        def profile(x: FloatArray, y: FloatArray) -> FloatArray:
+            u = x / self.width + 0.5
+            amplitude = self.amplitude * y / self.thickness
+            return amplitude * np.sin(2 * np.pi * waves * u + np.pi * self.shift)
+
+        offset = int(self.frequency) * self.width / waves
+        return _built("planar-sine", self, (profile, profile), offset=offset, parts=self.parts)
 
 
-def osteomorphic_wall(
-    block: WallBlock, divisions: tuple[int, int, int], *, columns: int, layers: int
-) -> Assembly:
-    """Build a wall of osteomorphic blocks: joints a cos(2π x/w) sin(π y/t), thick where x = 0.
+@dataclass(frozen=True)
+class OsteomorphicWall(_Wall):
+    """Planar wall of osteomorphic blocks: bricks whose bed joints are saddles.
 
-    Odd rows are moved by half a block, where the joint's sign is the opposite.
-
-    Parameters
-    ----------
-    block
-        Outline [mm].
-    divisions
-        Elements of a block along x (even), y, z.
-    columns, layers
-        Free blocks in a row, free rows.
+    Joints are a cos(2π x/w) sin(π y/t), thick where x = 0. Odd rows are moved by half a block,
+    where the joint's sign is the opposite.
     """
-    check_wall(block, divisions, columns, layers)
-    if divisions[0] % 2:
-        raise AssemblyError(
-            f"mesh.divisions: got {divisions[0]} elements along x; rows are moved by half a "
-            f"block: try {divisions[0] + 1}"
-        )
 
-    def above(x: FloatArray, y: FloatArray) -> FloatArray:
-        wave = np.cos(2 * np.pi * x / block.width) * np.sin(np.pi * y / block.thickness)
-        return block.amplitude * wave
+    parts: ClassVar = (2, 2, 1)
 
-    def below(x: FloatArray, y: FloatArray) -> FloatArray:
-        return -above(x, y)
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.divisions[0] % 2:
+            raise AssemblyError(
+                f"mesh.divisions: got {self.divisions[0]} elements along x; rows are moved by half "
+                f"a block: try {self.divisions[0] + 1}"
+            )
 
-    return _wall(
-        "osteomorphic",
-        block,
-        divisions,
-        (below, above),
-        offset=block.width / 2,
-        parts=(2, 2, 1),
-        columns=columns,
-        layers=layers,
-    )
+    def build(self) -> Assembly:
+        """Stack the rows."""
+
+        def above(x: FloatArray, y: FloatArray) -> FloatArray:
+            wave = np.cos(2 * np.pi * x / self.width) * np.sin(np.pi * y / self.thickness)
+            return self.amplitude * wave
+
+        def below(x: FloatArray, y: FloatArray) -> FloatArray:
+            return -above(x, y)
+
+        return _built("osteomorphic", self, (below, above), offset=self.width / 2, parts=self.parts)

@@ -13,13 +13,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Gt, Le
 
-from geometry.assembly import require_length
 from geometry.block import Block, mapped_block
 from geometry.errors import RefusedError, is_number
 from geometry.mesh import FloatArray
+from geometry.options import Count, Length, NonNegative, Options
 
 #: Grid directions (radial, around, axial) are right-handed in this order.
 _FACE_NAMES = {
@@ -43,32 +45,48 @@ class BlockParameterError(RefusedError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SineBlockParameters:
+class SineBlockParameters(Options):
     """The seven parameters of TSB(h, a, f, s, n, r_i, t).
 
     Raises
     ------
-    BlockParameterError
+    BlockParameterError, OptionError
         For parameters that describe no block.
     """
 
-    height: float
+    height: Length
     """h [mm]"""
-    amplitude: float
+    amplitude: NonNegative
     """a, at the outer radius [mm]; zero gives a plain cylindrical brick."""
-    frequency: float
-    """f, waves per *half* block; 2f must be a whole number."""
+    frequency: Annotated[float, Gt(0)]
+    """f, number of sine waves over half of the block; 2f is a whole number."""
     shift: float = 0.0
     """s, phase in units of π; 0.5 is the Cosine Block."""
-    blocks_per_layer: int
+    blocks_per_layer: Annotated[int, Ge(2)]
     """n"""
-    inner_radius: float
+    inner_radius: Length
     """r_i [mm]"""
-    thickness: float
+    thickness: Length
     """t [mm]"""
 
     def __post_init__(self) -> None:
-        check_parameters(self)
+        super().__post_init__()
+        check_shift(self.shift)
+        waves = 2 * self.frequency
+        if round(waves) < 1 or abs(waves - round(waves)) > 1e-12:
+            near = (max(np.floor(waves), 1) / 2, np.ceil(waves) / 2)
+            remedy = " or ".join(dict.fromkeys(f"{frequency:g}" for frequency in near))
+            raise BlockParameterError(
+                f"block.frequency: got {self.frequency}, so a block would carry {waves:g} waves "
+                "and its neighbours would not be congruent; expected 2 f whole: try "
+                f"{remedy}"
+            )
+        if self.amplitude >= self.height / 2:
+            raise BlockParameterError(
+                f"block.amplitude: got {self.amplitude:g} mm, which cuts through the frame blocks "
+                f"(flat at half height, {self.height / 2:g} mm); expected less than half of "
+                "block.height: lower the amplitude or raise the height"
+            )
 
     @property
     def waves_per_block(self) -> int:
@@ -142,14 +160,14 @@ def _whole_turns(turn: float, waves: int) -> str:
 
 
 @dataclass(frozen=True)
-class SineBlockDivisions:
+class SineBlockDivisions(Options):
     """Elements of one block in each direction."""
 
-    around: int
-    radial: int
-    axial: int
-    radial_grading: float = 1.0
-    """Length of elements at the inner over that at the outer face, in the limit of many [-]."""
+    around: Count
+    radial: Count
+    axial: Count
+    radial_grading: Annotated[float, Ge(1e-3), Le(1e3)] = 1.0
+    """Mesh bias: element length at the inner over that at the outer face; 1: uniform."""
 
     @property
     def radial_positions(self) -> FloatArray:
@@ -177,41 +195,6 @@ def check_shift(shift: float) -> None:
         raise BlockParameterError(
             f"block.shift: got {shift}; expected a number between -{LARGEST_SHIFT:g} and "
             f"{LARGEST_SHIFT:g}: waves repeat after a shift of 2"
-        )
-
-
-def check_parameters(block: SineBlockParameters) -> None:
-    """Reject parameters that describe no block."""
-    for name in ("height", "inner_radius", "thickness"):
-        require_length(name, getattr(block, name), BlockParameterError)
-    if not (is_number(block.amplitude) and block.amplitude >= 0):
-        raise BlockParameterError(
-            f"block.amplitude: got {block.amplitude}, expected 0 or a positive length in mm "
-            "(for a mirrored wave add 1 to block.shift)"
-        )
-    check_shift(block.shift)
-    if block.blocks_per_layer < 2:
-        raise BlockParameterError(
-            f"block.blocks_per_layer: got {block.blocks_per_layer}, expected at least 2: "
-            "a ring made of one block meets itself"
-        )
-    if not is_number(block.frequency) or block.frequency <= 0:
-        raise BlockParameterError(
-            f"block.frequency: got {block.frequency}, expected 0.5, 1, 1.5, 2, …"
-        )
-    waves = 2 * block.frequency
-    if round(waves) < 1 or abs(waves - round(waves)) > 1e-12:
-        near = (max(np.floor(waves), 1) / 2, np.ceil(waves) / 2)
-        remedy = " or ".join(dict.fromkeys(f"{frequency:g}" for frequency in near))
-        raise BlockParameterError(
-            f"block.frequency: got {block.frequency}, so a block would carry {waves:g} waves and "
-            f"its neighbours would not be congruent; expected 2 f whole: try {remedy}"
-        )
-    if block.amplitude >= block.height / 2:
-        raise BlockParameterError(
-            f"block.amplitude: got {block.amplitude:g} mm, which cuts through the frame blocks "
-            f"(flat at half height, {block.height / 2:g} mm); expected less than half of "
-            "block.height: lower the amplitude or raise the height"
         )
 
 
@@ -247,16 +230,6 @@ def check_conforming(
 
 def check_divisions(block: SineBlockParameters, divisions: SineBlockDivisions) -> None:
     """Reject element counts that mesh no block."""
-    for name in ("around", "radial", "axial"):
-        value = getattr(divisions, name)
-        if value < 1:
-            raise BlockParameterError(f"mesh.{name}: got {value}, expected at least 1 element")
-    grading = divisions.radial_grading
-    if not (np.isfinite(grading) and grading > 0):
-        raise BlockParameterError(
-            f"mesh.radial_grading: got {grading}, expected a positive ratio: 1 for equal elements, "
-            "8 for elements eight times as short at the outer face"
-        )
     if divisions.around < 2 * block.waves_per_block and block.amplitude > 0:
         raise BlockParameterError(
             f"mesh.around: got {divisions.around} elements for {block.waves_per_block} waves; "

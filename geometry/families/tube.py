@@ -6,7 +6,6 @@ And what a long tube repeats: a periodic cell of two layers.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,22 +24,11 @@ from geometry.families.sine_block import (
     SineBlockParameters,
     bottom_frame_block,
     check_conforming,
-    check_parameters,
     sine_block,
     top_frame_block,
     waves_of_turn,
 )
 from geometry.mesh import FloatArray
-
-
-@dataclass(frozen=True)
-class TubeParameters:
-    """What a tube is made from: the arguments of `sine_tube` or `hexagon_tube`."""
-
-    block: SineBlockParameters | HexagonBlockParameters
-    divisions: SineBlockDivisions | HexagonBlockDivisions
-    layers: int
-    turn: LayerTurn | float = LayerTurn.HALF_BLOCK
 
 
 def is_count(value: object) -> bool:
@@ -91,15 +79,13 @@ def sine_tube(
         top_frame_block(block, divisions),
     )
     elevation = np.concatenate([[0.0], block.height * np.arange(layers + 1)])
-    made = TubeParameters(block, divisions, layers, turn)
-    return _tube("sine-tube", shapes, made, angle, elevation)
+    return _tube("sine-tube", shapes, block.blocks_per_layer, angle, elevation)
 
 
 def _turn_angle(
     block: SineBlockParameters, divisions: SineBlockDivisions, turn: LayerTurn | float
 ) -> float:
     """Angle of the odd layers [rad], after rejecting turns and meshes that do not fit."""
-    check_parameters(block)
     waves = waves_of_turn(block, turn)
     check_conforming(block, divisions, waves)
     return waves * block.block_angle / block.waves_per_block
@@ -132,8 +118,8 @@ def hexagon_tube(
         top_hexagon_frame(block, divisions),
     )
     elevation = block.layer_pitch * np.arange(layers + 2, dtype=np.float64)
-    made = TubeParameters(block, divisions, layers)
-    return _tube("hexagon-tube", shapes, made, block.block_angle / 2, elevation)
+    n = block.blocks_per_layer
+    return _tube("hexagon-tube", shapes, n, block.block_angle / 2, elevation)
 
 
 def tube(
@@ -229,12 +215,12 @@ def _check_layers(layers: int) -> None:
 def _tube(
     name: str,
     shapes: tuple[Block, Block, Block],
-    made: TubeParameters,
+    n: int,
     turn: float,
     elevation: FloatArray,
 ) -> Assembly:
-    """Place the blocks of each layer: shapes are (free, bottom frame, top frame)."""
-    last, n = len(elevation) - 1, made.block.blocks_per_layer
+    """Place n blocks in each layer: shapes are (free, bottom frame, top frame)."""
+    last = len(elevation) - 1
     layer = np.repeat(np.arange(last + 1), n)
     angle = np.tile(np.arange(n) * (2 * np.pi / n), last + 1)
     angle = angle + np.where(layer % 2 == 1, turn, 0.0)
@@ -246,7 +232,6 @@ def _tube(
         translations=np.column_stack([np.zeros((len(layer), 2)), elevation[layer]]),
         layer=layer,
         fixed=(layer == 0) | (layer == last),
-        parameters=made,
     )
 
 

@@ -9,11 +9,11 @@ from geometry import HexagonBlock as HexagonBlockParameters
 from tests.support.blocks import tsb
 from tests.support.face import (
     AssemblyError,
+    BrickStack,
     HexagonBlockDivisions,
     InputError,
     SineBlockDivisions,
     as_polyhedral,
-    brick_stack,
     explosion_json,
     first_order_explosion,
     follow_explosion,
@@ -83,7 +83,7 @@ def test_scenes_explode_or_not(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_what_is_no_tube_is_refused() -> None:
     with pytest.raises(AssemblyError, match="not a tube"):
-        outward_directions(brick_stack((1.0, 1.0, 1.0), (1, 1, 1), columns=2, layers=1))
+        outward_directions(BrickStack((1.0, 1.0, 1.0), (1, 1, 1), columns=2, layers=1).build())
     with pytest.raises(InputError, match="makes no tube"):
         run_explosion(load_case("brick-stack"))
     with pytest.raises(InputError, match="no mesh of a family"):

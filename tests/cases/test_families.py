@@ -2,68 +2,81 @@
 
 from __future__ import annotations
 
-import importlib
 import subprocess
 import sys
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import geometry
+import validation
 from tests.support.face import (
     CASES,
     SCENE_TYPES,
     AssemblyScene,
+    BrickStack,
+    ColumnBox,
     Flavour,
+    Indenter,
     NamedLoad,
+    OsteomorphicWall,
     PlacedBlocks,
+    PlanarSineWall,
     Polyhedron,
     PressureLoad,
     RoundScene,
+    SeparateBoxes,
+    box_column,
     build_deck,
     build_polyhedra,
     builtin_names,
     check_scene,
     round_types,
 )
-from tests.support.face import scene_families_module as families
 from validation import load_case
 
-#: A family that nobody knows of: a tube of plain bricks, as short as a record can be.
-NEW = '''
-from typing import Literal
+#: A family that nobody knows of: a tube of plain bricks, its dataclass and its record.
+NEW = {
+    "geometry/families/plain.py": '''
+from dataclasses import dataclass
 
-from validation.scene.family import BlockSection, RoundScene
-from validation.scene.families.sine import TubeMeshSection
-from validation.scene.sections import Positive
-
-
-class PlainSection(BlockSection):
-    """``[block] type = "plain"``: a piece of a cylinder."""
-
-    type: Literal["plain"]
-    inner_radius: Positive
-    thickness: Positive
+from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
+from geometry.families.tube import sine_tube
+from geometry.options import Count, Length, Options
 
 
-class PlainScene(RoundScene):
+@dataclass(frozen=True)
+class PlainTube(Options):
     """A tube of plain bricks."""
 
-    block: PlainSection
-    mesh: TubeMeshSection
+    inner_radius: Length
+    """[mm]"""
+    thickness: Length
+    """[mm]"""
+    layers: Count
+    around: Count
+    radial: Count
+    axial: Count
 
     def build(self):
-        from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
-        from geometry.families.tube import sine_tube
-
         shape = SineBlockParameters(
             height=100.0, amplitude=0.0, frequency=1.0, blocks_per_layer=4,
-            inner_radius=self.block.inner_radius, thickness=self.block.thickness,
+            inner_radius=self.inner_radius, thickness=self.thickness,
         )
-        return sine_tube(shape, SineBlockDivisions(**self.mesh.model_dump()), self.assembly.layers)
-'''
+        return sine_tube(
+            shape, SineBlockDivisions(self.around, self.radial, self.axial), self.layers
+        )
+''',
+    "validation/scene/families/plain.py": """
+from geometry.families.plain import PlainTube
+from validation.scene.family import RoundScene, family
+
+family(RoundScene, "plain", PlainTube, assembly="layers", mesh="around radial axial")
+""",
+}
 SCENE = """
 [block]
 type = "plain"
@@ -89,34 +102,33 @@ method = "static"
 USE = """
 import json
 from fem.decks.statement import Flavour
+from validation import load_case, solve
 from validation.build.deck import build_deck
 from validation.run.rigid.explosion import run_explosion
-from validation.run.rigid.answer import run_rigid
-from validation.run.solve import run_static
-from validation import load_case
 from validation.scene.family import round_types
 from validation.scene.keys.schema import scene_schema
-file = load_case("plain.toml")
+case = load_case("plain.toml")
 schema = scene_schema()["properties"]["block"]["properties"]["type"]["enum"]
 print(json.dumps({
-    "rigid": str(solve(file.with_method("rigid")).details.mechanism),
-    "static": run_static(file.name, file.scene).solution.contact.p_eff,
-    "deck": build_deck(file, Flavour.GENERAL).name,
-    "explodes": run_explosion(file).explodes,
+    "rigid": solve(case.with_method("rigid")).details.mechanism,
+    "static": solve(case)["p_eff"].value,
+    "deck": build_deck(case, Flavour.GENERAL).name,
+    "explodes": run_explosion(case).explodes,
     "schema": "plain" in schema,
     "round": round_types(),
 }))
 """
 
 
-def test_a_new_family_is_one_file(tmp_path: Path) -> None:
-    """A file beside the others is found; rigid, static, deck, explosion and schema take it."""
+def test_a_new_family_is_a_dataclass_and_its_record(tmp_path: Path) -> None:
+    """Two files, nothing else: rigid, static, deck, explosion and schema take it."""
     import json
     import shutil
 
-    room = tmp_path / "validation"
-    shutil.copytree(Path(families.__file__).parents[2], room)
-    (room / "scene" / "families" / "plain.py").write_text(NEW)
+    for package in (geometry, validation):
+        shutil.copytree(Path(package.__file__).parent, tmp_path / package.__name__)
+    for name, text in NEW.items():
+        (tmp_path / name).write_text(text)
     (tmp_path / "plain.toml").write_text(SCENE)
     run = subprocess.run(
         [sys.executable, "-c", USE], cwd=tmp_path, capture_output=True, text=True, check=False
@@ -151,15 +163,12 @@ def test_a_load_case_is_one_record(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_every_family_is_in_the_table_once() -> None:
-    assert AssemblyScene.families.items() <= SCENE_TYPES.items()
-    assert set(AssemblyScene.families) == {
-        *("sine", "hexagon", "brick", "planar-sine", "osteomorphic", "boxes", "box"),
-        *("roller", "ball"),
-    }
+    assert [*SCENE_TYPES] == [
+        *("box", "boxes", "brick", "hexagon", "roller", "ball", "sine"),
+        *("planar-sine", "osteomorphic"),
+        *("tetrahedra", "octahedra", "cubes", "versatile", "wall", "arch", "voxels", "mesh"),
+    ]
     assert round_types() == '"sine" or "hexagon"'
-    for scene in AssemblyScene.families.values():
-        module = importlib.import_module(scene.__module__)
-        assert module.__name__.startswith("validation.scene.families.")
 
 
 @pytest.mark.parametrize("name", builtin_names())
@@ -176,8 +185,50 @@ def test_coarse_meshes_have_no_more_elements(name: str) -> None:
         assert all(0 < a <= b for a, b in pairs)
 
 
-#: A small scene of each family of triangulated blocks, and the same blocks made in Python.
-LAYERS = {
+#: Outline of the blocks of walls.
+WALL = {"width": 80.0, "thickness": 40.0, "height": 60.0, "amplitude": 5.0}
+#: A small scene of each family, and the dataclass that Python takes.
+STATED = {
+    "box": (
+        {
+            "block": {"size": [40.0, 30.0, 20.0]},
+            "assembly": {"copies": 2},
+            "mesh": {"divisions": [4, 3, 2]},
+        },
+        SeparateBoxes((40.0, 30.0, 20.0), (4, 3, 2), 2),
+    ),
+    "brick": (
+        {
+            "block": {"size": [40.0, 30.0, 20.0]},
+            "assembly": {"columns": 2, "layers": 1},
+            "mesh": {"divisions": [4, 3, 2]},
+        },
+        BrickStack((40.0, 30.0, 20.0), (4, 3, 2), columns=2, layers=1),
+    ),
+    "planar-sine": (
+        {
+            "block": WALL | {"frequency": 1.5, "shift": 0.5},
+            "assembly": {"columns": 1, "layers": 2},
+            "mesh": {"divisions": [12, 2, 2]},
+        },
+        PlanarSineWall(**WALL, frequency=1.5, shift=0.5, columns=1, layers=2, divisions=(12, 2, 2)),
+    ),
+    "osteomorphic": (
+        {
+            "block": WALL,
+            "assembly": {"columns": 1, "layers": 2},
+            "mesh": {"divisions": [4, 2, 2]},
+        },
+        OsteomorphicWall(**WALL, columns=1, layers=2, divisions=(4, 2, 2)),
+    ),
+    "ball": (
+        {"block": {"radius": 100.0, "contact": 5.0}, "mesh": {"elements": 3}},
+        Indenter("ball", 100.0, 5.0, 3),
+    ),
+    "roller": (
+        {"block": {"radius": 100.0, "contact": 5.0, "thickness": 2.0}, "mesh": {"elements": 3}},
+        Indenter("roller", 100.0, 5.0, 3, 2.0),
+    ),
     "tetrahedra": (
         {"block": {"edge": 50.0, "thickness": 20.0}, "assembly": {"columns": 2, "rows": 1}},
         geometry.TetrahedraLayer(50.0, 2, 1, thickness=20.0),
@@ -224,12 +275,43 @@ def same_blocks(one: PlacedBlocks, other: PlacedBlocks) -> None:
         np.testing.assert_array_equal(*nodes)
 
 
-@pytest.mark.parametrize("kind", SCENE_TYPES.keys() - AssemblyScene.families.keys() - {"mesh"})
+def keys(scene: Any, *sections: str) -> list[str]:
+    """Keys of sections, but the type of the block."""
+    kinds = [type(getattr(scene, name)) for name in sections]
+    return sorted(key for kind in kinds for key in kind.model_fields if key != "type")
+
+
+def names(stated: Any) -> list[str]:
+    return sorted(field.name for field in fields(stated) if field.name != "type")
+
+
+@pytest.mark.parametrize("kind", SCENE_TYPES.keys() - {"sine", "hexagon", "boxes", "mesh"})
 def test_a_scene_states_the_dataclass_that_python_takes(kind: str) -> None:
     """Keys of its sections are the fields, and both build the same blocks."""
-    data, stated = LAYERS[kind]
-    scene = check_scene({**data, "block": {"type": kind, **data["block"]}})
-    keys = [*type(scene.block).model_fields, *type(scene.assembly).model_fields]
-    assert sorted(keys) == sorted(["type", *(field.name for field in fields(stated))])
+    data, stated = STATED[kind]
+    loaded = SCENE_TYPES[kind].model_fields["load"].is_required()
+    load = {"load": {"case": "tunnel", "pressure": 0.01}} if loaded else {}
+    scene = check_scene({**data, **load, "block": {"type": kind, **data["block"]}})
+    assert keys(scene, *data) == names(stated)
     assert scene.stated == stated
-    same_blocks(build_polyhedra(scene, Path()), stated.build())
+    hexahedra = isinstance(scene, AssemblyScene)
+    same_blocks(scene.build() if hexahedra else build_polyhedra(scene, Path()), stated.build())
+
+
+def test_blocks_of_tubes_and_columns_are_dataclasses_too() -> None:
+    """Of these `[block]` and `[mesh]` have one each, as `tube` and `box_column` take them."""
+    tubes = {
+        "tsb1-pipe": (["mesh.around=12", "mesh.radial=1", "mesh.axial=2"], (12, 1, 2)),
+        "thb0-pipe": (["mesh.edge=4", "mesh.radial=1"], (4, 1)),
+    }
+    for name, (mesh, divisions) in tubes.items():
+        scene = load_case(name, [*mesh, "assembly.layers=1"]).scene
+        assert isinstance(scene, RoundScene)
+        assert keys(scene, "block") == names(scene.stated)
+        assert keys(scene, "mesh") == names(scene.divisions)
+        same_blocks(scene.build(), geometry.tube(scene.stated, layers=1, mesh=divisions))
+    column = load_case("column").scene
+    assert isinstance(column, AssemblyScene)
+    boxes = [ColumnBox(**box.model_dump()) for box in column.block.boxes]
+    assert sorted(type(column.block.boxes[0]).model_fields) == names(boxes[0])
+    same_blocks(column.build(), box_column(boxes))

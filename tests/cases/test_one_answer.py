@@ -21,9 +21,9 @@ from tests.support.face import (
     Block,
     FloatArray,
     HexagonBlockDivisions,
+    OsteomorphicWall,
     PointFlexibility,
     StaticMethod,
-    WallBlock,
     box_block,
     charts_of,
     coarser,
@@ -33,7 +33,6 @@ from tests.support.face import (
     largest_cyclic_orbits,
     node_places,
     on_mesh,
-    osteomorphic_wall,
     pressures_on_facets,
     split,
     transferred,
@@ -58,12 +57,15 @@ TUBE = tube(SineBlock(**SHAPE), layers=1, mesh=(12, 1, 2))
 TOWER = tube(SineBlock(**SHAPE), layers=2, mesh=(12, 1, 2))
 #: Half a turn takes facets between its layers onto themselves.
 IMAGES = tube(SineBlock(**SHAPE | {"frequency": 1}), layers=2, mesh=(6, 1, 2))
-FOUR = osteomorphic_wall(WallBlock(100.0, 40.0, 60.0, 8.0), (4, 2, 2), columns=2, layers=2)
+FOUR = OsteomorphicWall(100.0, 40.0, 60.0, 8.0, divisions=(4, 2, 2), columns=2, layers=2).build()
 #: With fewer elements, for those of degree 3, which follow half a wave.
 FEWER = (
     (TUBE, tube(SineBlock(**SHAPE | {"frequency": 1}), layers=1, mesh=(6, 1, 1))),
     (TOWER, tube(SineBlock(**SHAPE), layers=2, mesh=(12, 1, 1))),
-    (FOUR, osteomorphic_wall(WallBlock(100.0, 40.0, 60.0, 8.0), (4, 2, 1), columns=2, layers=2)),
+    (
+        FOUR,
+        OsteomorphicWall(100.0, 40.0, 60.0, 8.0, divisions=(4, 2, 1), columns=2, layers=2).build(),
+    ),
 )
 PROBLEMS = {
     "pipe": Problem(TOWER, pipe(0.01), concrete),

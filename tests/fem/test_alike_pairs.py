@@ -8,7 +8,7 @@ import pytest
 from fem import Material
 from fem.assembly.symmetry import no_symmetry
 from fem.explicit.contact.alike_pairs import alike_pairs
-from geometry.families.boxes import brick_stack
+from geometry.families.boxes import BrickStack
 from geometry.loads import named_case
 from tests.support.fem_problems import deformable_assembly
 
@@ -19,7 +19,7 @@ CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 
 def column():
     """Three equal bricks on one another between fixed ones: four joints."""
-    stack = brick_stack((100.0, 60.0, 50.0), (2, 2, 1), columns=1, layers=3)
+    stack = BrickStack((100.0, 60.0, 50.0), (2, 2, 1), columns=1, layers=3).build()
     return deformable_assembly(stack, named_case(stack, "pillar", 0.01), CONCRETE)
 
 

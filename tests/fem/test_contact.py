@@ -19,7 +19,7 @@ from fem.contact.surfaces import (
 )
 from geometry import SineBlock as SineBlockParameters
 from geometry.assembly import moved, spacing_offsets
-from geometry.families.boxes import brick_stack
+from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads import named_case
@@ -144,7 +144,7 @@ def test_facet_weights_are_the_areas_of_the_surface(surfaces):
 
 def test_spacing_opens_layers_and_neighbours_by_the_clearance():
     """Flat bricks: every gap is the clearance; in a ring the side gaps are."""
-    wall = brick_stack((20.0, 10.0, 10.0), (2, 1, 1), columns=3, layers=2)
+    wall = BrickStack((20.0, 10.0, 10.0), (2, 1, 1), columns=3, layers=2).build()
     gaps = contact_surfaces(wall, spacing_offsets(wall, 0.2)).initial_gaps
     assert gaps == pytest.approx(0.2, rel=1e-12)
     tube = small_tube()
@@ -201,7 +201,7 @@ def test_too_deep_a_start_is_refused_with_place_and_depth():
 
 
 def test_blocks_nothing_holds_are_named():
-    wall = brick_stack((20.0, 10.0, 10.0), (2, 1, 1), columns=2, layers=1)
+    wall = BrickStack((20.0, 10.0, 10.0), (2, 1, 1), columns=2, layers=1).build()
     away = wall.translations.copy()
     away[[0, 2, 4], 0] -= 5.0
     fixed = wall.fixed.copy()

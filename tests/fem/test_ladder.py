@@ -23,7 +23,7 @@ from geometry import HexagonBlock as HexagonBlockParameters
 from geometry import pipe
 from geometry import tube as tube_of
 from geometry.families.boxes import ColumnBox, box_column
-from geometry.families.planar_wall import WallBlock, osteomorphic_wall
+from geometry.families.planar_wall import OsteomorphicWall
 from geometry.loads import face_pressure
 from geometry.mesh import FloatArray, volume_and_centroid
 from geometry.meshing.refinement import charts_of
@@ -115,7 +115,9 @@ def test_requests_choose_the_ladder() -> None:
 
 def test_osteomorphic_blocks_are_refined_across_their_waves() -> None:
     """They have a wave along and half a one across: the crest is a line of every mesh."""
-    wall = osteomorphic_wall(WallBlock(200.0, 100.0, 80.0, 10.0), (4, 3, 2), columns=1, layers=1)
+    wall = OsteomorphicWall(
+        200.0, 100.0, 80.0, 10.0, divisions=(4, 3, 2), columns=1, layers=1
+    ).build()
     problem = Problem(wall, pipe(0.01), concrete)
     for rung in PRESSURES.rungs:
         charts = charts_of(on_rung(problem, rung).blocks.shapes[0])

@@ -16,7 +16,7 @@ from fem.problem.loads import (
     traction_forces,
 )
 from geometry.block import box_block
-from geometry.families.boxes import brick_stack
+from geometry.families.boxes import BrickStack
 from geometry.loads import CircumferentialLoad
 from geometry.mesh import QuadSurface, boundary_quads
 from tests.support.fem_problems import distorted_box
@@ -63,7 +63,7 @@ def test_traction_totals_on_planar_facets_and_of_all_copies() -> None:
 
 
 def test_circumferential_traction_has_constant_size_and_runs_counter_clockwise() -> None:
-    tube = brick_stack((1.0, 1.0, 1.0), (1, 1, 1), columns=1, layers=1)
+    tube = BrickStack((1.0, 1.0, 1.0), (1, 1, 1), columns=1, layers=1).build()
     about = replace(tube, origin=np.array([1.0, 2.0, 3.0]), axis=np.array([0.0, 0.0, 1.0]))
     points = np.array([[3.0, 2.0, 9.0], [1.0, 7.0, 0.0]])
     load = CircumferentialLoad(np.array([1]), "outer", 0.01)

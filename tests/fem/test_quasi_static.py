@@ -20,7 +20,7 @@ from fem.explicit.solve import Status, StopCriterion
 from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from fem.problem.loads import SmoothStepAmplitude
 from fem.static.solve import solve_static
-from geometry.families.boxes import brick_stack
+from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads import LoadCase, named_case
@@ -34,7 +34,7 @@ CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 
 def column(law, *, layers=1, material=CONCRETE):
     """Bricks 100 × 60 × 50 on each other between two rigid ones; no load."""
-    wall = brick_stack((100.0, 60.0, 50.0), (2, 2, 2), columns=1, layers=layers)
+    wall = BrickStack((100.0, 60.0, 50.0), (2, 2, 2), columns=1, layers=layers).build()
     load = LoadCase(wall, "none", (), wall.fixed)
     return deformable_assembly(wall, load, material, law=law)
 

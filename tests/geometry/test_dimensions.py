@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from geometry import SineBlock, tube
-from geometry.families.boxes import brick_stack
+from geometry.families.boxes import BrickStack
 from geometry.parts.dimensions import dimensions, least_wall
 from geometry.polyhedra.polyhedron import Polyhedron
 
@@ -36,7 +36,7 @@ def test_a_sine_block_is_as_thick_and_as_steep_as_stated() -> None:
 
 @pytest.mark.quick
 def test_bricks_are_as_thick_as_their_shortest_side() -> None:
-    blocks = brick_stack((60.0, 40.0, 20.0), (2, 2, 2), columns=2, layers=2)
+    blocks = BrickStack((60.0, 40.0, 20.0), (2, 2, 2), columns=2, layers=2).build()
     found = dimensions(blocks)
     assert found.least_wall == pytest.approx(20.0, rel=1e-12)
     assert found.mass is None

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from geometry import HexagonBlock as HexagonBlockParameters
 from geometry.assembly import AssemblyError
+from geometry.errors import RefusedError
 from geometry.families.hexagon_block import HexagonBlockDivisions, hexagon_block
-from geometry.families.sine_block import BlockParameterError
 from geometry.families.tube import hexagon_tube
 
 pytestmark = pytest.mark.quick
@@ -79,18 +79,18 @@ def test_frames_are_flat_and_fixed() -> None:
 @pytest.mark.parametrize(
     ("changes", "divisions", "message"),
     [
-        ({"blocks_per_layer": 1}, (4, 2), "meets itself"),
-        ({"thickness": 0.0}, (4, 2), "block.thickness"),
-        ({"inner_radius": np.nan}, (4, 2), "block.inner_radius"),
+        ({"blocks_per_layer": 1}, (4, 2), "blocks_per_layer: got 1"),
+        ({"thickness": 0.0}, (4, 2), "thickness: got 0.0"),
+        ({"inner_radius": np.nan}, (4, 2), "inner_radius: got nan"),
         ({}, (5, 2), "try 4 or 6"),
-        ({}, (4, 0), "mesh.radial"),
+        ({}, (4, 0), "radial: got 0"),
     ],
 )
 def test_bad_parameters_are_refused(
     changes: dict[str, float], divisions: tuple[int, int], message: str
 ) -> None:
     values = {"blocks_per_layer": 4, "inner_radius": 120.0, "thickness": 40.0} | changes
-    with pytest.raises(BlockParameterError, match=message):
+    with pytest.raises(RefusedError, match=message):
         hexagon_block(HexagonBlockParameters(**values), HexagonBlockDivisions(*divisions))  # type: ignore[arg-type]
 
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from geometry import Assembly
 from geometry.assembly import AnyBlocks
 from geometry.families.masonry import CircularArch, RunningBondWall, box
-from geometry.families.planar_wall import WallBlock, osteomorphic_wall, planar_sine_wall
+from geometry.families.planar_wall import OsteomorphicWall, PlanarSineWall
 from geometry.families.platonic_layers import (
     CubesLayer,
     OctahedraLayer,
@@ -91,23 +91,23 @@ KNOWN: dict[str, tuple[PolyhedralAssembly | Assembly, bool]] = {
     "brick wall": (RunningBondWall((200.0, 100.0, 80.0), 3, 3).build(), False),
     "arch": (CircularArch(1000.0, 150.0, 300.0, 9).build(), False),
     "osteomorphic": (
-        osteomorphic_wall(WallBlock(200.0, 100.0, 80.0, 8.0), (8, 4, 2), columns=2, layers=2),
+        OsteomorphicWall(200.0, 100.0, 80.0, 8.0, divisions=(8, 4, 2), columns=2, layers=2).build(),
         True,
     ),
     "osteomorphic without wave": (
-        osteomorphic_wall(WallBlock(200.0, 100.0, 80.0, 0.0), (8, 4, 2), columns=2, layers=2),
+        OsteomorphicWall(200.0, 100.0, 80.0, 0.0, divisions=(8, 4, 2), columns=2, layers=2).build(),
         False,
     ),
     "planar Sine Blocks": (
-        planar_sine_wall(
-            WallBlock(190.0, 40.0, 200.0, 20.0), 1.5, 0.0, (18, 3, 4), columns=2, layers=2
-        ),
+        PlanarSineWall(
+            190.0, 40.0, 200.0, 20.0, 1.5, 0.0, divisions=(18, 3, 4), columns=2, layers=2
+        ).build(),
         True,
     ),
     "planar bricks": (
-        planar_sine_wall(
-            WallBlock(190.0, 40.0, 200.0, 0.0), 1.5, 0.0, (18, 3, 4), columns=2, layers=2
-        ),
+        PlanarSineWall(
+            190.0, 40.0, 200.0, 0.0, 1.5, 0.0, divisions=(18, 3, 4), columns=2, layers=2
+        ).build(),
         False,
     ),
 }

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from geometry import Assembly
 from geometry.assembly import moved
 from geometry.block import Block
-from geometry.families.boxes import brick_stack
+from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads import named_case
@@ -325,7 +325,7 @@ def test_refining_the_mesh_changes_the_force_norm_but_not_the_pressure_norm() ->
 
 
 def test_one_brick_between_two() -> None:
-    wall = brick_stack((100.0, 50.0, 40.0), (2, 2, 2), columns=2, layers=1)
+    wall = BrickStack((100.0, 50.0, 40.0), (2, 2, 2), columns=2, layers=1).build()
     assert not rigid_result(wall, load=named_case(wall, "pipe", 0.01)).equilibrium.holds
 
 
@@ -356,7 +356,7 @@ def test_congruent_pairs_give_the_jacobian_of_each_contact(kind: str) -> None:
     if kind == "tube":
         assembly = sine_tube(tsb(0.3, blocks_per_layer=3), SineBlockDivisions(12, 2, 3), 3)
     else:
-        assembly = brick_stack((100.0, 60.0, 50.0), (4, 3, 2), columns=2, layers=3)
+        assembly = BrickStack((100.0, 60.0, 50.0), (4, 3, 2), columns=2, layers=3).build()
     assembly = moved(assembly, random_rotation(5), np.array([30.0, -70.0, 20.0]))
     contacts = contact_jacobian(assembly)
     jacobian, found = contacts.jacobian, assembly.interfaces

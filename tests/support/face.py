@@ -140,10 +140,11 @@ _INNER = {
     "geometry.assembly": "AnyBlocks AssemblyError PlacedBlocks",
     "geometry.block": "Block box_block mapped_block",
     "geometry.errors": "RefusedError unreadable",
-    "geometry.families.boxes": "ColumnBox box_column brick_stack unmatched_joints",
+    "geometry.families.boxes": "BrickStack ColumnBox SeparateBoxes box_column unmatched_joints",
     "geometry.families.hexagon_block": "HexagonBlockDivisions hexagon_block",
+    "geometry.families.indenter": "Indenter",
     "geometry.families.masonry": "box CircularArch RunningBondWall wall_of_rows",
-    "geometry.families.planar_wall": "WallBlock osteomorphic_wall planar_sine_wall",
+    "geometry.families.planar_wall": "OsteomorphicWall PlanarSineWall",
     "geometry.families.platonic_layers": "OctahedraLayer TetrahedraLayer tetrahedron",
     "geometry.families.round_bodies": "quarter_disc round_ended strip",
     "geometry.families.sine_block": "SineBlockDivisions TSB1",
@@ -266,15 +267,13 @@ _INNER = {
     "validation.scene.builtin": "builtin_names builtin_text",
     "validation.scene.combinations": "combined",
     "validation.scene.deformable": "EffectName EffectsSection",
-    "validation.scene.families": "scene_families_module=*",
     "validation.scene.family": "AssemblyScene RoundScene round_types",
     "validation.scene.keys.quantities": "parse_unit",
     "validation.scene.keys.schema": "scene_schema",
     "validation.scene.keys.toml_text": "toml_text",
     "validation.scene.polyhedra": "MeshScene PlaceSection PolyhedralScene",
     "validation.scene.read": (
-        "DeformableScene POLYHEDRAL_TYPES SCENE_TYPES TubeScene apply_overrides check_scene "
-        "scene_data"
+        "DeformableScene SCENE_TYPES TubeScene apply_overrides check_scene scene_data"
     ),
     "validation.scene.usage": "KeyUse recording",
     "validation.stability.case": "Check Finding StabilityCase=Case Verdict refusal run_case",

@@ -15,7 +15,7 @@ from geometry.families.hexagon_block import (
     bottom_hexagon_frame,
     hexagon_block,
 )
-from geometry.families.planar_wall import WallBlock, osteomorphic_wall
+from geometry.families.planar_wall import OsteomorphicWall
 from geometry.families.sine_block import SineBlockDivisions, sine_block
 from geometry.mesh import FloatArray
 from tests.support.blocks import tsb
@@ -23,7 +23,7 @@ from tests.support.blocks import tsb
 HEXAGON = HexagonBlockParameters(blocks_per_layer=4, inner_radius=120.0, thickness=40.0)
 
 
-WALL = osteomorphic_wall(WallBlock(100.0, 40.0, 60.0, 8.0), (4, 2, 2), columns=1, layers=1)
+WALL = OsteomorphicWall(100.0, 40.0, 60.0, 8.0, divisions=(4, 2, 2), columns=1, layers=1).build()
 
 
 def sine(divisions: tuple[int, int, int] = (12, 1, 2)) -> Block:

@@ -19,21 +19,20 @@ from tests.support.face import (
     LADDER,
     NATURAL,
     Block,
+    BrickStack,
     ColumnBox,
     HexMesh,
     LagrangeMesh,
     LoadCase,
+    OsteomorphicWall,
+    PlanarSineWall,
     PressureLoad,
     RefusedError,
     Rung,
     TractionLoad,
-    WallBlock,
     boundary_quads,
     box_column,
-    brick_stack,
     file_blocks,
-    osteomorphic_wall,
-    planar_sine_wall,
     read_blocks,
     with_degree,
 )
@@ -212,21 +211,21 @@ def hexagons(load: Load, **more: float) -> Problem:
 
 def planar_wall(**more: float) -> Problem:
     """Two by two planar Sine Blocks under pressure."""
-    block = WallBlock(width=160.0, thickness=50.0, height=150.0, amplitude=12.0)
-    wall = planar_sine_wall(block, 1.0, 0.5, (8, 2, 4), columns=2, layers=2)
+    block = (160.0, 50.0, 150.0, 12.0)
+    wall = PlanarSineWall(*block, 1.0, 0.5, divisions=(8, 2, 4), columns=2, layers=2).build()
     return Problem(wall, pipe(PRESSURE), CONCRETE, **more)
 
 
 def osteomorphic(columns: int, **more: float) -> Problem:
     """Osteomorphic blocks, as many rows as columns, under pressure."""
-    block = WallBlock(width=180.0, thickness=90.0, height=70.0, amplitude=8.0)
-    wall = osteomorphic_wall(block, (8, 4, 4), columns=columns, layers=columns)
+    block = (180.0, 90.0, 70.0, 8.0)
+    wall = OsteomorphicWall(*block, divisions=(8, 4, 4), columns=columns, layers=columns).build()
     return Problem(wall, pipe(PRESSURE), CONCRETE, **more)
 
 
 def pressed_bricks() -> Problem:
     """A stack of bricks under axial pressure."""
-    stack = brick_stack((180.0, 90.0, 70.0), (2, 2, 2), columns=1, layers=3)
+    stack = BrickStack((180.0, 90.0, 70.0), (2, 2, 2), columns=1, layers=3).build()
     return Problem(stack, pillar(PRESSURE), CONCRETE)
 
 
@@ -311,14 +310,20 @@ def exact_push() -> dict[str, float]:
 
 def own_planar_wall(**more: Any) -> Problem:
     """One planar Sine Block between held ones, each read from a file of four curved hexahedra."""
-    block = WallBlock(width=120.0, thickness=60.0, height=60.0, amplitude=7.0)
-    return _own(planar_sine_wall(block, 1.0, 0.5, (4, 1, 1), columns=1, layers=1), 27, **more)
+    block = (120.0, 60.0, 60.0, 7.0)
+    return _own(
+        PlanarSineWall(*block, 1.0, 0.5, divisions=(4, 1, 1), columns=1, layers=1).build(),
+        27,
+        **more,
+    )
 
 
 def own_wall(nodes: int, **more: Any) -> Problem:
     """One interlocking block between held ones, each read from a file of 8 or 27 nodes."""
-    block = WallBlock(width=120.0, thickness=60.0, height=60.0, amplitude=7.0)
-    return _own(osteomorphic_wall(block, (4, 2, 2), columns=1, layers=1), nodes, **more)
+    block = (120.0, 60.0, 60.0, 7.0)
+    return _own(
+        OsteomorphicWall(*block, divisions=(4, 2, 2), columns=1, layers=1).build(), nodes, **more
+    )
 
 
 def _own(wall: Assembly, nodes: int, **more: Any) -> Problem:

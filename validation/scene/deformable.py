@@ -39,7 +39,6 @@ from validation.scene.sections import (
     Section,
     Vector,
     WholeScene,
-    fewer,
     section_of,
 )
 from validation.scene.supports import (
@@ -536,28 +535,3 @@ class DeformableSections(WholeScene):
     def element_counts(self) -> dict[str, Any]:
         """Values of ``[mesh]`` that count elements; none where meshes are given."""
         return {}
-
-
-class DivisionsSection(Section):
-    """``[mesh]`` by elements along x, y, z."""
-
-    divisions: tuple[
-        Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]
-    ]
-
-    @property
-    def words(self) -> str:
-        """Elements of a block along x, y, z."""
-        return " × ".join(map(str, self.divisions)) + " facets along x, y, z of a block"
-
-    def share(self, share: float, multiple: int) -> dict[str, Any]:
-        """Divisions with about a share of the elements, along x a multiple of a number."""
-        along, across, up = self.divisions
-        return {
-            "divisions": (fewer(along, share, multiple), fewer(across, share), fewer(up, share))
-        }
-
-    def at_most(self, along: int, across: int, up: int) -> dict[str, Any]:
-        """Divisions with no more elements than these; nothing where there are no more."""
-        coarse = tuple(min(a, b) for a, b in zip(self.divisions, (along, across, up), strict=True))
-        return {} if coarse == self.divisions else {"divisions": coarse}

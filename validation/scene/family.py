@@ -1,22 +1,25 @@
-"""What a family of hexahedral blocks is: one record that says how its scenes are read and built.
+"""Families of blocks: one record says of which dataclass of geometry their scenes are made.
 
-A family is one file in `validation.scene.families` with one subclass of `AssemblyScene`; the type
-of its ``[block]`` names it. Nothing else lists families.
+A record is one call of `family`, in `validation.scene.families` or, of triangulated blocks, in
+`validation.scene.polyhedra`. Nothing else lists families.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from pydantic import create_model
+import numpy as np
+from pydantic import Field, create_model
 
 from validation.scene.deformable import DeformableSections
 from validation.scene.sections import (
     Section,
     TubeAssemblySection,
     TubeLoadSection,
+    WallLoadSection,
+    fewer,
     section_of,
 )
 
@@ -25,11 +28,18 @@ if TYPE_CHECKING:
     from geometry.loads import LoadCase
 
 
+#: Scene class of each family by the type of its block.
+FAMILIES: dict[str, Any] = {}
+
+
 class FamilyScene(DeformableSections):
     """A scene of blocks that a dataclass of geometry states."""
 
     #: The dataclass.
     parameters: ClassVar[type]
+
+    block: Any
+    load: Any
 
     @property
     def stated(self) -> Any:
@@ -41,81 +51,103 @@ class FamilyScene(DeformableSections):
         return self.parameters(**given)
 
 
-Scene = TypeVar("Scene", bound=FamilyScene)
+class MeshSection(Section):
+    """``[mesh]``: elements of a block."""
+
+    @property
+    def counts(self) -> dict[str, Any]:
+        """Values that count elements."""
+        return {k: v for k, v in self.model_dump().items() if not isinstance(v, float)}
+
+    @property
+    def words(self) -> str:
+        """Elements of a block in each direction."""
+        return ", ".join(
+            f"{' × '.join(map(str, np.atleast_1d(v)))} {k}" for k, v in self.counts.items()
+        )
 
 
 def family(
-    base: type[Scene],
+    base: type[FamilyScene],
     types: str,
     parameters: type,
     *,
-    assembly: Collection[str] = (),
-    mesh: Collection[str] = (),
+    assembly: str = "",
+    mesh: str | type = "",
+    default: Mapping[str, Any] | Callable[[Any], Mapping[str, Any]] | None = None,
     about: Mapping[str, Any] | None = None,
-) -> type[Scene]:
-    """Scene class whose ``[block]``, ``[assembly]`` and ``[mesh]`` have the fields of a dataclass.
+) -> None:
+    """Make the scene class of a family, whose sections have the fields of a dataclass.
 
     Parameters
     ----------
     base
-        What is common to such scenes.
+        What such scenes state and do besides.
     types
         Types of ``[block]`` that are scenes of this class.
     parameters
-        Dataclass of geometry that a family is made from.
+        The dataclass.
     assembly, mesh
-        Its fields that are keys of these sections; the others are of ``[block]``.
+        Its fields that are keys of these sections; the others are of ``[block]``. Or a dataclass
+        of its own that ``[mesh]`` is made of.
+    default
+        Values of ``[mesh]`` in scenes without one, or what makes them from ``[block]``.
     about
-        Plausible ranges of its fields.
+        Plausible ranges of fields.
     """
-    every = [field.name for field in fields(parameters)]
-    block = [name for name in every if name not in (*assembly, *mesh)]
+
+    def section(name: str, kind: type, keys: list[str], of: type[Section], **more: Any) -> Any:
+        title = f"{parameters.__name__}{name.title()}"
+        made = section_of(kind, keys=keys, about=about, base=of, name=title, **more)
+        made.__doc__ = f"``[{name}]`` of blocks of type ``{types.replace(' ', '`` or ``')}``."
+        return made
+
     result: dict[str, Any] = {}
-    for section, keys in (("block", block), ("assembly", assembly), ("mesh", mesh)):
-        kind: dict[str, Any] = {}
-        if section == "block":
-            kind["type"] = Literal[*types.split()], ...
-        if keys or kind:
-            name = f"{parameters.__name__}{section.title()}"
-            made = section_of(parameters, keys=keys, about=about, name=name, **kind)
-            made.__doc__ = (
-                f"``[{section}]`` of blocks of type ``{types.replace(' ', '`` or ``')}``."
+    kind, meshed = (parameters, mesh.split()) if isinstance(mesh, str) else (mesh, _names(mesh))
+    placed = assembly.split()
+    shaped = [key for key in _names(parameters) if key not in (*placed, *meshed)]
+    block = section("block", parameters, shaped, Section, type=(Literal[*types.split()], ...))
+    result["block"] = block, ...
+    if placed:
+        result["assembly"] = _stated(section("assembly", parameters, placed, Section))
+    if meshed:
+        made = section("mesh", kind, meshed, MeshSection)
+        result["mesh"] = _stated(made)
+        if callable(default):
+            chosen = default
+            result["mesh"] = (
+                made,
+                Field(default_factory=lambda scene: made(**chosen(scene["block"]))),
             )
-            needed = any(key.is_required() for key in made.model_fields.values())
-            result[section] = made, ... if needed else made()
-    name = f"{parameters.__name__}Scene"
-    scene = create_model(name, __base__=base, __doc__=parameters.__doc__, **result)
+        elif default is not None:
+            result["mesh"] = made, made(**default)
+    scene = create_model(
+        f"{parameters.__name__}Scene", __base__=base, __doc__=parameters.__doc__, **result
+    )
     scene.parameters = parameters
-    return scene
+    FAMILIES.update(dict.fromkeys(types.split(), scene))
 
 
-class BlockSection(Section):
-    """``[block]``: its type names the family."""
+def _names(kind: type) -> list[str]:
+    return [field.name for field in fields(kind)]
 
-    type: str
+
+def _stated(section: Any) -> tuple[Any, Any]:
+    """Annotation and default of a section, which scenes need not have where no key is required."""
+    needed = any(key.is_required() for key in section.model_fields.values())
+    return section, ... if needed else section()
 
 
 class AssemblyScene(FamilyScene):
-    """A scene of blocks that meet: what the rigid answer and load cases are for."""
+    """A scene of blocks with hexahedra."""
 
-    #: Scene class of each family by the type of its block.
-    families: ClassVar[dict[str, type[AssemblyScene]]] = {}
     #: Whether fixed blocks are fixed at their outer faces; else they are rigid by default.
     stands: ClassVar[bool] = False
 
-    block: BlockSection
-    load: Any
-
-    @classmethod
-    def __pydantic_init_subclass__(cls, **options: Any) -> None:
-        super().__pydantic_init_subclass__(**options)
-        section: Any = cls.model_fields["block"].annotation
-        for kind in get_args(section.model_fields["type"].annotation):
-            cls.families[kind] = cls
-
     def build(self) -> Assembly:
         """Build the blocks."""
-        raise NotImplementedError
+        result: Assembly = self.stated.build()
+        return result
 
     def build_load(self, assembly: Assembly) -> LoadCase:
         """Put the load on the blocks."""
@@ -139,22 +171,48 @@ class AssemblyScene(FamilyScene):
     def element_counts(self) -> dict[str, Any]:
         """Values of ``[mesh]`` that count elements; none where meshes are given block by block."""
         mesh = getattr(self, "mesh", None)
-        if mesh is None:
+        return {} if mesh is None else mesh.counts
+
+    @property
+    def _parts(self) -> tuple[int, int, int]:
+        """Equal parts of a block along x, y, z, such as its waves."""
+        parts: tuple[int, int, int] = getattr(self.stated, "parts", (1, 1, 1))
+        return parts
+
+    def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:
+        """Limit the elements along each part of a block, across and up."""
+        given = self.element_counts.get("divisions")
+        if given is None:
             return {}
-        return {k: v for k, v in mesh.model_dump().items() if not isinstance(v, float)}
+        parts = self._parts
+        limits = (parts[0] * wave, max(parts[1], through), other)
+        coarse = tuple(map(min, given, limits))
+        return {} if coarse == given else {"divisions": coarse}
+
+    def fewer_elements(self, share: float) -> dict[str, Any]:
+        """Keep whole numbers of elements along each part of a block."""
+        multiples = (self._parts[0], 1, 1)
+        divisions = zip(self.element_counts["divisions"], multiples, strict=True)
+        return {"divisions": tuple(fewer(n, share, multiple) for n, multiple in divisions)}
+
+
+class WallScene(AssemblyScene):
+    """A planar wall with a load case of tubes."""
+
+    load: WallLoadSection
 
 
 class RoundScene(AssemblyScene):
     """A scene of blocks that stand round an axis, with inner and outer faces, in layers."""
 
     assembly: TubeAssemblySection
-    mesh: Section
+    mesh: Any
     load: TubeLoadSection
 
     @property
     def thickness(self) -> float:
         """Of the wall [mm]."""
-        return float(self.block.thickness)  # type: ignore[attr-defined]
+        return float(self.block.thickness)
 
     def build_cell(self) -> Assembly:
         """Build the two layers that a long tube repeats, and their images."""
@@ -163,5 +221,5 @@ class RoundScene(AssemblyScene):
 
 def round_types() -> str:
     """Types of block that make tubes, in words."""
-    result = [k for k, family in AssemblyScene.families.items() if issubclass(family, RoundScene)]
+    result = [kind for kind, scene in FAMILIES.items() if issubclass(scene, RoundScene)]
     return " or ".join(f'"{kind}"' for kind in sorted(result, reverse=True))

@@ -14,7 +14,7 @@ from geometry.families.versatile_panel import VersatilePanel
 from geometry.families.voxels import VoxelPuzzle
 from geometry.polyhedra.options import DetectionOptions
 from validation.scene.deformable import MATERIALS
-from validation.scene.family import FamilyScene, family
+from validation.scene.family import FAMILIES, FamilyScene, family
 from validation.scene.keys.ranges import ACCELERATION, SIZE
 from validation.scene.sections import Finite, Positive, Section, Vector, section_of, vector_words
 from validation.scene.supports import PushSection
@@ -86,7 +86,6 @@ class SolidMeshSection(Section):
 class PolyhedralScene(FamilyScene):
     """A scene of triangulated blocks."""
 
-    block: Any
     load: BodyLoadSection = BodyLoadSection()
     detection: DetectionSection = DetectionSection()
     mesh: SolidMeshSection = SolidMeshSection()
@@ -172,16 +171,14 @@ class MeshScene(PolyhedralScene):
         return self.changed({"parts": parts})
 
 
-#: Scene class by ``[block] type``: the dataclass of a family, and which fields are ``[assembly]``.
-POLYHEDRAL_TYPES: dict[str, type[PolyhedralScene]] = {
-    kind: family(PolyhedralScene, kind, shape, assembly=assembly.split(), about={"size": SIZE})
-    for kind, shape, assembly in (
-        ("tetrahedra", TetrahedraLayer, "columns rows freed"),
-        ("octahedra", OctahedraLayer, "rings"),
-        ("cubes", CubesLayer, "rings"),
-        ("versatile", VersatilePanel, "columns rows"),
-        ("wall", RunningBondWall, "columns rows"),
-        ("arch", CircularArch, "voussoirs embrace"),
-        ("voxels", VoxelPuzzle, "fixed"),
-    )
-} | {"mesh": MeshScene}
+for _kind, _shape, _assembly in (
+    ("tetrahedra", TetrahedraLayer, "columns rows freed"),
+    ("octahedra", OctahedraLayer, "rings"),
+    ("cubes", CubesLayer, "rings"),
+    ("versatile", VersatilePanel, "columns rows"),
+    ("wall", RunningBondWall, "columns rows"),
+    ("arch", CircularArch, "voussoirs embrace"),
+    ("voxels", VoxelPuzzle, "fixed"),
+):
+    family(PolyhedralScene, _kind, _shape, assembly=_assembly, about={"size": SIZE})
+FAMILIES["mesh"] = MeshScene

@@ -21,9 +21,9 @@ from validation.errors import InputError, one_line
 from validation.scene.builtin import builtin_names, builtin_text
 from validation.scene.deformable import METHODS, keys_of_other
 from validation.scene.families import sine
-from validation.scene.family import AssemblyScene
+from validation.scene.family import FAMILIES, AssemblyScene
 from validation.scene.plausibility import implausible, too_large
-from validation.scene.polyhedra import POLYHEDRAL_TYPES, PolyhedralScene
+from validation.scene.polyhedra import PolyhedralScene
 
 #: A value with a decimal comma, which is no TOML.
 _DECIMAL_COMMA = re.compile(r"^\s*\w+\s*=\s*([-+]?\d+,\d+)\s*(?:#.*)?$", re.MULTILINE)
@@ -33,10 +33,7 @@ TubeScene = sine.TubeScene
 DeformableScene: TypeAlias = AssemblyScene | PolyhedralScene
 
 #: Scene class by ``[block] type``.
-SCENE_TYPES: dict[str, type[DeformableScene]] = {
-    **AssemblyScene.families,
-    **POLYHEDRAL_TYPES,
-}
+SCENE_TYPES: dict[str, type[DeformableScene]] = FAMILIES
 
 
 # ---------------------------------------------------------------------------------------------

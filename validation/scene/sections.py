@@ -24,15 +24,13 @@ from mbd.options import Rigid
 from validation.errors import InputError, one_line
 from validation.scene.keys.docstrings import field_docstrings
 from validation.scene.keys.quantities import Unit, converted, parse_unit, unit_of
-from validation.scene.keys.ranges import FRICTION, PRESSURE, SIZE, leaves
+from validation.scene.keys.ranges import FRICTION, PRESSURE, leaves
 from validation.scene.usage import Recorded, unrecorded
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Vector = tuple[Finite, Finite, Finite]
-#: Edges of a block.
-BlockSize = Annotated[tuple[Positive, Positive, Positive], SIZE]
 
 
 def _no_angle(value: Any) -> Any:
@@ -142,6 +140,7 @@ def section_of(
     keys: Collection[str] | None = None,
     absent: Collection[str] = (),
     about: Mapping[str, Any] | None = None,
+    base: type[Section] = Section,
     name: str = "",
     **more: Any,
 ) -> Any:
@@ -155,8 +154,8 @@ def section_of(
         Fields that are keys, by default all; fields that are none.
     about
         What keys of scenes have beside, such as plausible ranges.
-    name
-        Of the section in the schema.
+    base, name
+        Class that the section is made from, and its name in the schema.
     more
         Annotations and defaults of further keys, before the others.
     """
@@ -170,7 +169,7 @@ def section_of(
             ranged = hint if beside is None else Annotated[hint, beside]
             result[key] = ranged, Field(default, description=words.get(key))
     name = name or f"{kinds[0].__name__}Keys"
-    return create_model(name, __base__=Section, **result)
+    return create_model(name, __base__=base, **result)
 
 
 def fewer(count: int, share: float, multiple: int = 1) -> int:

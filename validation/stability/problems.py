@@ -14,7 +14,7 @@ from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.problem.model import block_group
 from geometry.assembly import Assembly
-from geometry.families.boxes import brick_stack
+from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import sine_tube
 from geometry.loads import LoadCase, face_pressure
@@ -35,7 +35,7 @@ def tube(layers: int = 2, divisions: SineBlockDivisions = COARSE, **changes: flo
 
 def stack(layers: int = 2, *, top_fixed: bool = False) -> Assembly:
     """Column of bricks on a fixed one; the row above is free unless ``top_fixed``."""
-    built = brick_stack(BRICK, (2, 2, 2), columns=1, layers=layers)
+    built = BrickStack(BRICK, (2, 2, 2), layers=layers).build()
     if top_fixed:
         return built
     fixed = built.fixed.copy()

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from validation.scene.deformable import DivisionsSection, Method
-from validation.scene.family import AssemblyScene, BlockSection
-from validation.scene.sections import BlockSize, Finite, Section, Vector, vector_words
+from geometry.families.boxes import SeparateBoxes
+from validation.scene.deformable import Method
+from validation.scene.family import AssemblyScene, family
+from validation.scene.keys.ranges import SIZE
+from validation.scene.sections import Finite, Section, Vector, vector_words
 
 if TYPE_CHECKING:
     from fem.assembly.statement import Motion
@@ -42,21 +44,6 @@ class FaceLoadSection(Section):
         return f"traction {vector_words(self.traction)} MPa"
 
 
-class BoxSection(BlockSection):
-    """``[block] type = "box"``: a box [0, size]."""
-
-    type: Literal["box"]
-    size: BlockSize
-    """Edge lengths along x, y, z [mm]."""
-
-
-class CopiesSection(Section):
-    """``[assembly]`` of boxes that do not touch."""
-
-    copies: Annotated[int, Field(ge=1)] = 1
-    """Uncoupled copies side by side; congruent blocks share one stiffness."""
-
-
 class InitialSection(Section):
     """``[initial]``: motion at time 0."""
 
@@ -71,9 +58,6 @@ class BoxScene(AssemblyScene):
 
     meets: ClassVar[bool] = False
 
-    block: BoxSection
-    mesh: DivisionsSection = DivisionsSection(divisions=(8, 4, 4))
-    assembly: CopiesSection = CopiesSection()
     support: dict[FaceName, Literal["fixed"]] = Field(default_factory=dict)
     load: dict[FaceName, FaceLoadSection] = Field(default_factory=dict)
     initial: InitialSection | None = None
@@ -115,25 +99,6 @@ class BoxScene(AssemblyScene):
             return None
         return Motion(np.array(given.velocity), np.array(given.angular_velocity))
 
-    def build(self) -> Assembly:
-        """Place the copies side by side along y, half a box apart."""
-        from geometry.assembly import Assembly
-        from geometry.block import box_block
-
-        n = self.assembly.copies
-        places = np.zeros((n, 3))
-        places[:, 1] = 1.5 * self.block.size[1] * np.arange(n)
-        return Assembly(
-            name="boxes",
-            shapes=(box_block(self.block.size, self.mesh.divisions),),
-            shape_of=np.zeros(n, dtype=np.int64),
-            rotations=np.tile(np.eye(3), (n, 1, 1)),
-            translations=places,
-            layer=np.zeros(n, dtype=np.int64),
-            fixed=np.zeros(n, dtype=np.bool_),
-            unmatched_allowed=True,
-        )
-
     def build_load(self, assembly: Assembly) -> LoadCase:
         """Load and hold the faces that are named, of every copy."""
         from geometry.loads import LoadCase
@@ -156,10 +121,13 @@ class BoxScene(AssemblyScene):
             return TractionLoad(blocks, face, np.array(load.traction))
         return PressureLoad(blocks, face, load.pressure, self.effects.finite_rotation)
 
-    def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:
-        """Divisions with at most so many elements."""
-        return self.mesh.at_most(wave, through, other)
 
-    def fewer_elements(self, share: float) -> dict[str, Any]:
-        """Divisions with about that share."""
-        return self.mesh.share(share, 1)
+family(
+    BoxScene,
+    "box",
+    SeparateBoxes,
+    assembly="copies",
+    mesh="divisions",
+    default={"divisions": (8, 4, 4)},
+    about={"size": SIZE},
+)

@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field
 
-from validation.scene.family import AssemblyScene, BlockSection
-from validation.scene.keys.ranges import PRESSURE
-from validation.scene.sections import BlockSize, Finite, Section, fewer
+from geometry.families.boxes import ColumnBox
+from validation.scene.family import FAMILIES, AssemblyScene
+from validation.scene.keys.ranges import PRESSURE, SIZE
+from validation.scene.sections import Finite, Section, fewer, section_of
 
 if TYPE_CHECKING:
     from geometry.assembly import Assembly, UnmatchedJoint
     from geometry.loads import LoadCase
 
 
-class StackedBoxSection(Section):
+_BoxKeys: Any = section_of(ColumnBox, about={"size": SIZE})
+
+
+class StackedBoxSection(_BoxKeys):  # type: ignore[misc]
     """One box of a column."""
 
-    size: BlockSize
-    """Along x, y, z [mm]."""
-    divisions: tuple[
-        Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]
-    ]
-    """Elements along x, y, z."""
 
-
-class BoxesSection(BlockSection):
+class BoxesSection(Section):
     """``[block] type = "boxes"``: a column of boxes, from the bottom up."""
 
     type: Literal["boxes"]
@@ -56,9 +53,9 @@ class BoxesScene(AssemblyScene):
 
     def build(self) -> Assembly:
         """Build the column."""
-        from geometry.families.boxes import ColumnBox, box_column
+        from geometry.families.boxes import box_column
 
-        return box_column([ColumnBox(box.size, box.divisions) for box in self.block.boxes])
+        return box_column([ColumnBox(**box.model_dump()) for box in self.block.boxes])
 
     def build_load(self, assembly: Assembly) -> LoadCase:
         """Press on the top, where there is a pressure."""
@@ -83,3 +80,6 @@ class BoxesScene(AssemblyScene):
             for box in self.block.boxes
         )
         return None if boxes == self.block.boxes else self.changed({"block.boxes": boxes})
+
+
+FAMILIES["boxes"] = BoxesScene

@@ -2,41 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from pydantic import Field
-
-from validation.scene.family import BlockSection, RoundScene
-from validation.scene.sections import Positive, Section, TubeAssemblySection, TubeLoadSection, fewer
+from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
+from validation.scene.family import RoundScene, family
+from validation.scene.sections import fewer
 
 if TYPE_CHECKING:
     from geometry.assembly import Assembly
-    from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
-
-
-class HexagonBlockSection(BlockSection):
-    """``[block] type = "hexagon"``: THB(n, r_i, t)."""
-
-    type: Literal["hexagon"]
-    blocks_per_layer: Annotated[int, Field(ge=2)]
-    """n"""
-    inner_radius: Positive
-    """r_i [mm]"""
-    thickness: Positive
-    """t [mm]"""
-
-
-class HexagonMeshSection(Section):
-    """``[mesh]`` of a hexagon-based block."""
-
-    edge: Annotated[int, Field(ge=2)]
-    """Elements along each edge of the hexagon; even."""
-    radial: Annotated[int, Field(ge=1)]
-
-    @property
-    def words(self) -> str:
-        """Facets of a block in each direction."""
-        return f"{self.edge} facets along an edge of a block, {self.radial} radial"
 
 
 class HexagonTubeScene(RoundScene):
@@ -44,29 +17,22 @@ class HexagonTubeScene(RoundScene):
 
     frames_may_lock: ClassVar[bool] = True
 
-    block: HexagonBlockSection
-    assembly: TubeAssemblySection
-    mesh: HexagonMeshSection = HexagonMeshSection(edge=28, radial=8)
-    load: TubeLoadSection
-
     @property
-    def _stated(self) -> tuple[HexagonBlockParameters, HexagonBlockDivisions]:
-        from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
-
-        shape = HexagonBlockParameters(**self.block.model_dump(exclude={"type"}))
-        return shape, HexagonBlockDivisions(**self.mesh.model_dump())
+    def divisions(self) -> HexagonBlockDivisions:
+        """Elements of the free block."""
+        return HexagonBlockDivisions(**self.mesh.model_dump())
 
     def build(self) -> Assembly:
         """Build the tube."""
         from geometry.families.tube import hexagon_tube
 
-        return hexagon_tube(*self._stated, self.assembly.layers)
+        return hexagon_tube(self.stated, self.divisions, self.assembly.layers)
 
     def build_cell(self) -> Assembly:
         """Build two layers and their images."""
         from geometry.families.tube import hexagon_cell
 
-        return hexagon_cell(*self._stated)
+        return hexagon_cell(self.stated, self.divisions)
 
     def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:  # noqa: ARG002
         """Limit the elements along an edge and through the wall."""
@@ -78,3 +44,12 @@ class HexagonTubeScene(RoundScene):
             "edge": fewer(self.mesh.edge, share, 2),
             "radial": fewer(self.mesh.radial, share),
         }
+
+
+family(
+    HexagonTubeScene,
+    "hexagon",
+    HexagonBlockParameters,
+    mesh=HexagonBlockDivisions,
+    default={"edge": 28, "radial": 8},
+)

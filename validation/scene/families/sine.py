@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 from math import atan, degrees
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any
 
-from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, field_validator
+from pydantic import ValidationError, ValidatorFunctionWrapHandler, field_validator
 
 from geometry.families.sine_block import LayerTurn, SineBlockDivisions, SineBlockParameters
-from validation.scene.family import BlockSection, RoundScene
-from validation.scene.sections import (
-    Finite,
-    NonNegative,
-    Positive,
-    Section,
-    TubeAssemblySection,
-    TubeLoadSection,
-    fewer,
-)
+from validation.scene.family import RoundScene, family
+from validation.scene.sections import TubeAssemblySection, fewer
 
 if TYPE_CHECKING:
     from geometry.assembly import Assembly
@@ -25,26 +17,6 @@ if TYPE_CHECKING:
 
 #: Slope beyond which the joints of a wave are almost upright [°]; the paper's are at most 76°.
 _STEEP = 76.0
-
-
-class SineBlockSection(BlockSection):
-    """``[block] type = "sine"``: TSB(h, a, f, s, n, r_i, t)."""
-
-    type: Literal["sine"]
-    height: Positive
-    """h [mm]"""
-    amplitude: NonNegative
-    """a [mm]"""
-    frequency: Positive
-    """f, number of sine waves over half of the block; 2f is a whole number."""
-    shift: Finite = 0.0
-    """s, in units of π."""
-    blocks_per_layer: Annotated[int, Field(ge=2)]
-    """n"""
-    inner_radius: Positive
-    """r_i [mm]"""
-    thickness: Positive
-    """t [mm]"""
 
 
 class SineTubeAssemblySection(TubeAssemblySection):
@@ -65,43 +37,20 @@ class SineTubeAssemblySection(TubeAssemblySection):
             raise ValueError(f"expected {words} or a whole number of waves") from None
 
 
-class TubeMeshSection(Section):
-    """``[mesh]`` of a tube: elements of one block in each direction."""
-
-    around: Annotated[int, Field(ge=1)]
-    radial: Annotated[int, Field(ge=1)]
-    axial: Annotated[int, Field(ge=1)]
-    radial_grading: Annotated[float, Field(ge=1e-3, le=1e3)] = 1.0
-    """Mesh bias: element length at the inner over that at the outer face; 1: uniform."""
-
-    @property
-    def words(self) -> str:
-        """Facets of a block in each direction."""
-        return f"{self.around} facets around a block, {self.radial} radial, {self.axial} axial"
-
-
-def _paper_mesh(block: SineBlockSection) -> TubeMeshSection:
+def _as_in_the_paper(block: Any) -> dict[str, int]:
     """Facets of the paper's means: as many along each wave, through the wall and along the axis."""
-    return TubeMeshSection(around=28 * max(1, round(2.0 * block.frequency)), radial=8, axial=20)
+    return {"around": 28 * max(1, round(2.0 * block.frequency)), "radial": 8, "axial": 20}
 
 
 class TubeScene(RoundScene):
     """A tube of Sine Blocks."""
 
-    block: SineBlockSection
     assembly: SineTubeAssemblySection
-    mesh: TubeMeshSection = Field(default_factory=lambda scene: _paper_mesh(scene["block"]))
-    load: TubeLoadSection
-
-    @property
-    def shape(self) -> SineBlockParameters:
-        """Of the free block."""
-        return SineBlockParameters(**self.block.model_dump(exclude={"type"}))
 
     @property
     def caution(self) -> str | None:
         """Steep waves: their joints are almost upright, and thin where they turn."""
-        angle = degrees(atan(self.shape.steepest_slope))
+        angle = degrees(atan(self.stated.steepest_slope))
         if angle <= _STEEP:
             return None
         return (
@@ -110,20 +59,21 @@ class TubeScene(RoundScene):
         )
 
     @property
-    def _divisions(self) -> SineBlockDivisions:
+    def divisions(self) -> SineBlockDivisions:
+        """Elements of the free block."""
         return SineBlockDivisions(**self.mesh.model_dump())
 
     def build(self) -> Assembly:
         """Build the tube."""
         from geometry.families.tube import sine_tube
 
-        return sine_tube(self.shape, self._divisions, self.assembly.layers, self.assembly.turn)
+        return sine_tube(self.stated, self.divisions, self.assembly.layers, self.assembly.turn)
 
     def build_cell(self) -> Assembly:
         """Build two layers and their images."""
         from geometry.families.tube import sine_cell
 
-        return sine_cell(self.shape, self._divisions, self.assembly.turn)
+        return sine_cell(self.stated, self.divisions, self.assembly.turn)
 
     def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:
         """Limit the elements along a wave, through the wall and along the axis."""
@@ -141,3 +91,6 @@ class TubeScene(RoundScene):
             "radial": fewer(mesh.radial, share),
             "axial": fewer(mesh.axial, share),
         }
+
+
+family(TubeScene, "sine", SineBlockParameters, mesh=SineBlockDivisions, default=_as_in_the_paper)
