@@ -35,8 +35,9 @@ FAMILIES: dict[str, Any] = {}
 class FamilyScene(DeformableSections):
     """A scene of blocks that a dataclass of geometry states."""
 
-    #: The dataclass.
+    #: The dataclass, and the one that ``[mesh]`` is made of where it has its own.
     parameters: ClassVar[type]
+    elements: ClassVar[type]
 
     block: Any
     load: Any
@@ -124,7 +125,7 @@ def family(
     scene = create_model(
         f"{parameters.__name__}Scene", __base__=base, __doc__=parameters.__doc__, **result
     )
-    scene.parameters = parameters
+    scene.parameters, scene.elements = parameters, kind
     FAMILIES.update(dict.fromkeys(types.split(), scene))
 
 
@@ -173,27 +174,32 @@ class AssemblyScene(FamilyScene):
         mesh = getattr(self, "mesh", None)
         return {} if mesh is None else mesh.counts
 
+    def _with_counts(self, change: Callable[[int, int], int]) -> dict[str, Any]:
+        """Values of ``[mesh]`` that change: of a count and its axis, along, across or up."""
+        axes, result = iter(range(3)), {}
+        for key, value in self.element_counts.items():
+            many = isinstance(value, tuple)
+            new = tuple(change(n, next(axes)) for n in (value if many else (value,)))
+            if new != (value if many else (value,)):
+                result[key] = new if many else new[0]
+        return result
+
     @property
-    def _parts(self) -> tuple[int, int, int]:
-        """Equal parts of a block along x, y, z, such as its waves."""
-        parts: tuple[int, int, int] = getattr(self.stated, "parts", (1, 1, 1))
-        return parts
+    def parts(self) -> tuple[int, int, int]:
+        """Equal parts of a block along, across and up, such as its waves."""
+        one = (1, 1, 1)
+        return getattr(self.stated, "parts", one) if self.element_counts else one
 
     def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:
         """Limit the elements along each part of a block, across and up."""
-        given = self.element_counts.get("divisions")
-        if given is None:
-            return {}
-        parts = self._parts
+        parts = self.parts
         limits = (parts[0] * wave, max(parts[1], through), other)
-        coarse = tuple(map(min, given, limits))
-        return {} if coarse == given else {"divisions": coarse}
+        return self._with_counts(lambda n, axis: min(n, limits[axis]))
 
     def fewer_elements(self, share: float) -> dict[str, Any]:
         """Keep whole numbers of elements along each part of a block."""
-        multiples = (self._parts[0], 1, 1)
-        divisions = zip(self.element_counts["divisions"], multiples, strict=True)
-        return {"divisions": tuple(fewer(n, share, multiple) for n, multiple in divisions)}
+        multiples = (self.parts[0], 1, 1)
+        return self._with_counts(lambda n, axis: fewer(n, share, multiples[axis]))
 
 
 class WallScene(AssemblyScene):
@@ -205,6 +211,10 @@ class WallScene(AssemblyScene):
 class RoundScene(AssemblyScene):
     """A scene of blocks that stand round an axis, with inner and outer faces, in layers."""
 
+    #: What build a tube and the cell that it repeats, of a block, its elements, layers and turn.
+    built: ClassVar[Callable[..., Assembly]]
+    built_cell: ClassVar[Callable[..., Assembly]]
+
     assembly: TubeAssemblySection
     mesh: Any
     load: TubeLoadSection
@@ -214,9 +224,19 @@ class RoundScene(AssemblyScene):
         """Of the wall [mm]."""
         return float(self.block.thickness)
 
+    @property
+    def divisions(self) -> Any:
+        """Elements of the free block."""
+        return self.elements(**self.mesh.model_dump())
+
+    def build(self) -> Assembly:
+        """Build the tube."""
+        return type(self).built(self.stated, self.divisions, **self.assembly.model_dump())
+
     def build_cell(self) -> Assembly:
         """Build the two layers that a long tube repeats, and their images."""
-        raise NotImplementedError
+        turned = self.assembly.model_dump(exclude={"layers"})
+        return type(self).built_cell(self.stated, self.divisions, **turned)
 
 
 def round_types() -> str:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
+from geometry.families.tube import hexagon_cell, hexagon_tube
 from validation.scene.family import RoundScene, family
 from validation.scene.sections import fewer
-
-if TYPE_CHECKING:
-    from geometry.assembly import Assembly
 
 
 class HexagonTubeScene(RoundScene):
@@ -17,26 +15,8 @@ class HexagonTubeScene(RoundScene):
 
     frames_may_lock: ClassVar[bool] = True
 
-    @property
-    def divisions(self) -> HexagonBlockDivisions:
-        """Elements of the free block."""
-        return HexagonBlockDivisions(**self.mesh.model_dump())
-
-    def build(self) -> Assembly:
-        """Build the tube."""
-        from geometry.families.tube import hexagon_tube
-
-        return hexagon_tube(self.stated, self.divisions, self.assembly.layers)
-
-    def build_cell(self) -> Assembly:
-        """Build two layers and their images."""
-        from geometry.families.tube import hexagon_cell
-
-        return hexagon_cell(self.stated, self.divisions)
-
-    def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:  # noqa: ARG002
-        """Limit the elements along an edge and through the wall."""
-        return {"edge": min(self.mesh.edge, wave), "radial": min(self.mesh.radial, through)}
+    built = hexagon_tube
+    built_cell = hexagon_cell
 
     def fewer_elements(self, share: float) -> dict[str, Any]:
         """Keep an even number along an edge."""

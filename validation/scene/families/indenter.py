@@ -42,6 +42,10 @@ class IndenterScene(AssemblyScene):
 
         return (UnmatchedJoint(0, 1, 0.0, 0.0, np.array([0.0, 0.0, 1.0])),)
 
+    def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:  # noqa: ARG002
+        """None: elements are as large as the contact asks for."""
+        return {}
+
     def fewer_elements(self, share: float) -> dict[str, Any]:
         """Fewer elements over the contact."""
         return {"elements": fewer(self.mesh.elements, share)}

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from math import atan, degrees
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydantic import ValidationError, ValidatorFunctionWrapHandler, field_validator
 
 from geometry.families.sine_block import LayerTurn, SineBlockDivisions, SineBlockParameters
+from geometry.families.tube import sine_cell, sine_tube
 from validation.scene.family import RoundScene, family
-from validation.scene.sections import TubeAssemblySection, fewer
-
-if TYPE_CHECKING:
-    from geometry.assembly import Assembly
-
+from validation.scene.sections import TubeAssemblySection
 
 #: Slope beyond which the joints of a wave are almost upright [°]; the paper's are at most 76°.
 _STEEP = 76.0
@@ -45,6 +42,9 @@ def _as_in_the_paper(block: Any) -> dict[str, int]:
 class TubeScene(RoundScene):
     """A tube of Sine Blocks."""
 
+    built = sine_tube
+    built_cell = sine_cell
+
     assembly: SineTubeAssemblySection
 
     @property
@@ -58,39 +58,11 @@ class TubeScene(RoundScene):
             f"at the outer radius; usual are at most {_STEEP:g}°: is it meant?"
         )
 
-    @property
-    def divisions(self) -> SineBlockDivisions:
-        """Elements of the free block."""
-        return SineBlockDivisions(**self.mesh.model_dump())
-
-    def build(self) -> Assembly:
-        """Build the tube."""
-        from geometry.families.tube import sine_tube
-
-        return sine_tube(self.stated, self.divisions, self.assembly.layers, self.assembly.turn)
-
-    def build_cell(self) -> Assembly:
-        """Build two layers and their images."""
-        from geometry.families.tube import sine_cell
-
-        return sine_cell(self.stated, self.divisions, self.assembly.turn)
-
-    def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:
-        """Limit the elements along a wave, through the wall and along the axis."""
-        return {
-            "around": min(self.mesh.around, wave * round(2 * self.block.frequency)),
-            "radial": min(self.mesh.radial, through),
-            "axial": min(self.mesh.axial, other),
-        }
-
     def fewer_elements(self, share: float) -> dict[str, Any]:
         """Keep at least two elements a wave."""
-        mesh, waves = self.mesh, round(2 * self.block.frequency)
-        return {
-            "around": max(fewer(mesh.around, share, waves), min(mesh.around, 2 * waves)),
-            "radial": fewer(mesh.radial, share),
-            "axial": fewer(mesh.axial, share),
-        }
+        result = super().fewer_elements(share)
+        least = min(self.mesh.around, 2 * self.parts[0])
+        return result | {"around": max(result.get("around", self.mesh.around), least)}
 
 
 family(TubeScene, "sine", SineBlockParameters, mesh=SineBlockDivisions, default=_as_in_the_paper)
