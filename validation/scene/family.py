@@ -211,10 +211,6 @@ class WallScene(AssemblyScene):
 class RoundScene(AssemblyScene):
     """A scene of blocks that stand round an axis, with inner and outer faces, in layers."""
 
-    #: What build a tube and the cell that it repeats, of a block, its elements, layers and turn.
-    built: ClassVar[Callable[..., Assembly]]
-    built_cell: ClassVar[Callable[..., Assembly]]
-
     assembly: TubeAssemblySection
     mesh: Any
     load: TubeLoadSection
@@ -224,6 +220,18 @@ class RoundScene(AssemblyScene):
         """Of the wall [mm]."""
         return float(self.block.thickness)
 
+    def build_cell(self) -> Assembly:
+        """Build the two layers that a long tube repeats, and their images."""
+        raise NotImplementedError
+
+
+class LayeredScene(RoundScene):
+    """A tube of layers of one block, of which `geometry.families.tube` builds it."""
+
+    #: What builds the tube, and the cell that it repeats.
+    tube: ClassVar[Callable[..., Any]]
+    cell: ClassVar[Callable[..., Any]]
+
     @property
     def divisions(self) -> Any:
         """Elements of the free block."""
@@ -231,12 +239,16 @@ class RoundScene(AssemblyScene):
 
     def build(self) -> Assembly:
         """Build the tube."""
-        return type(self).built(self.stated, self.divisions, **self.assembly.model_dump())
+        result: Assembly = type(self).tube(
+            self.stated, self.divisions, **self.assembly.model_dump()
+        )
+        return result
 
     def build_cell(self) -> Assembly:
-        """Build the two layers that a long tube repeats, and their images."""
+        """Build the cell."""
         turned = self.assembly.model_dump(exclude={"layers"})
-        return type(self).built_cell(self.stated, self.divisions, **turned)
+        result: Assembly = type(self).cell(self.stated, self.divisions, **turned)
+        return result
 
 
 def round_types() -> str:

@@ -6,17 +6,17 @@ from typing import Any, ClassVar
 
 from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.families.tube import hexagon_cell, hexagon_tube
-from validation.scene.family import RoundScene, family
+from validation.scene.family import LayeredScene, family
 from validation.scene.sections import fewer
 
 
-class HexagonTubeScene(RoundScene):
+class HexagonTubeScene(LayeredScene):
     """A tube of hexagon-based blocks."""
 
     frames_may_lock: ClassVar[bool] = True
 
-    built = hexagon_tube
-    built_cell = hexagon_cell
+    tube = hexagon_tube
+    cell = hexagon_cell
 
     def fewer_elements(self, share: float) -> dict[str, Any]:
         """Keep an even number along an edge."""

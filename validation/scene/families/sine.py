@@ -9,7 +9,7 @@ from pydantic import ValidationError, ValidatorFunctionWrapHandler, field_valida
 
 from geometry.families.sine_block import LayerTurn, SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import sine_cell, sine_tube
-from validation.scene.family import RoundScene, family
+from validation.scene.family import LayeredScene, family
 from validation.scene.sections import TubeAssemblySection
 
 #: Slope beyond which the joints of a wave are almost upright [°]; the paper's are at most 76°.
@@ -39,11 +39,11 @@ def _as_in_the_paper(block: Any) -> dict[str, int]:
     return {"around": 28 * max(1, round(2.0 * block.frequency)), "radial": 8, "axial": 20}
 
 
-class TubeScene(RoundScene):
+class TubeScene(LayeredScene):
     """A tube of Sine Blocks."""
 
-    built = sine_tube
-    built_cell = sine_cell
+    tube = sine_tube
+    cell = sine_cell
 
     assembly: SineTubeAssemblySection
 
