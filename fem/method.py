@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le, Lt
 
@@ -18,6 +18,8 @@ _MOST = 10_000
 @dataclass(frozen=True, kw_only=True)
 class Static:
     """Static state by Newton's method."""
+
+    name: ClassVar[str] = "static"
 
     mesh: Literal["converged", "scene"] | None = None
     """Converged: finer and finer meshes until error bars are narrow; the mesh of the problem then
@@ -50,6 +52,8 @@ class Static:
 @dataclass(frozen=True, kw_only=True)
 class Explicit:
     """Explicit dynamics by central differences."""
+
+    name: ClassVar[str] = "explicit"
 
     end_time: Annotated[float, Gt(0)] | None = None
     """End of the run [s], with damping = "static" the latest end; by default from the lowest

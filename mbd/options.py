@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import ClassVar
 
 from geometry.options import check
 
@@ -38,6 +39,8 @@ class FrictionLaw(StrEnum):
 @dataclass(frozen=True, kw_only=True)
 class Rigid:
     """Rigid-block analysis: what it minimises, and what it finds beside the equilibrium."""
+
+    name: ClassVar[str] = "rigid"
 
     norm: Norm = Norm.PRESSURE
     """``pressure`` does not depend on the mesh; ``force`` is the paper's, and does."""

@@ -1,4 +1,4 @@
-"""Every key of a scene is used by the method at hand, named as unused, or refused."""
+"""What is named as ignored changes nothing, and what is not named changes something."""
 
 from __future__ import annotations
 
@@ -9,22 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from geometry.mesh import FloatArray
 from tests.support.face import (
-    Flavour,
-    FloatArray,
     InputError,
-    KeyUse,
     RefusedError,
     apply_overrides,
-    build_deck,
     builtin_names,
     check_scene,
+    idle_keys,
+    ignored_words,
     load_study,
-    recording,
     refuse_idle_parameters,
     run_design,
-    run_explicit,
-    run_static,
     scene_case,
     scene_data,
 )
@@ -34,105 +30,65 @@ from validation import Case, load_case, solve
 COARSE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=1")
 #: Keys that methods tell apart, each with a value that would matter where it acts.
 EVERYTHING = (
-    *("effects.rayleigh.mass_proportional=2.0", "effects.friction.coefficient=0.2"),
-    *("effects.bulk_viscosity={}", "fem.end_time=1e-4", "fem.ramp_time=1e-5", "fem.threads=2"),
-    *("fem.mass_scaling=1.5", "fem.load_steps=2", "fem.residual=1e-3", "fem.time_step=1e-7"),
-    *("rigid.friction_law='pyramid'", "fem.safety_factor=0.5"),
+    *("effects.rayleigh.mass_proportional=2.0", "effects.bulk_viscosity={}"),
+    *("effects.elastic_frame=false", "fem.mesh='scene'", "fem.error_estimate=false"),
+    *("fem.load_steps=2", "rigid.friction_law='pyramid'", "rigid.margin=false"),
 )
 
 
-def rigid(file: Case) -> FloatArray:
-    return solve(file.with_method("rigid")).details.contact_pressures
+def rigid(case: Case) -> FloatArray:
+    return solve(case.with_method("rigid")).details.contact_pressures
 
 
-def static(file: Case) -> FloatArray:
-    return run_static(file.name, file.scene).solution.contact_state.pressures  # type: ignore[arg-type]
+def static(case: Case) -> FloatArray:
+    return solve(case).contacts["pressure"]
 
 
-def explicit(file: Case) -> FloatArray:
-    run = run_explicit(file.name, file.scene)  # type: ignore[arg-type]
-    return run.solution.contact_state.pressures
-
-
-@pytest.mark.parametrize(("answer", "method"), [(rigid, "static"), (static, "static")])
-def test_what_is_named_unused_does_not_change_a_bit(
-    answer: Callable[[Case], FloatArray], method: str
-) -> None:
-    settings = (*COARSE, *EVERYTHING, f"fem.method={method}")
-    file = load_case("tsb1-pipe", settings)
-    with recording(file.scene) as use:
-        expected = answer(file)
-    assert "fem.threads" in use.unused
-    assert "fem.mass_scaling" in use.unused
+@pytest.mark.parametrize("answer", [rigid, static])
+def test_what_is_idle_does_not_change_a_bit(answer: Callable[[Case], FloatArray]) -> None:
+    settings = (*COARSE, *EVERYTHING)
+    case = load_case("tsb1-pipe", settings)
+    expected, idle = answer(case), idle_keys(case.scene, answer.__name__)
+    assert "effects.rayleigh.mass_proportional" in idle
     data = apply_overrides(scene_data("tsb1-pipe")[1], settings)
     changed = []
-    for key in use.unused:
-        section, _, name = key.partition(".")
-        value = data[section]
-        for part in name.split("."):
+    for key in idle:
+        value = data
+        for part in key.split("."):
             value = value[part]
         new = other(value)
-        if key == "fem.method" or new == value:
+        if new == value:
             continue
         scene = check_scene(apply_overrides(data, [f"{key}={json.dumps(new)}"]))
         assert np.array_equal(answer(scene_case(name="changed", scene=scene)), expected), key
         changed.append(key)
-    assert len(changed) > 6
+    assert len(changed) > 2
 
 
 def test_what_is_used_is_not_named() -> None:
-    """Friction and gravity change the answers of the methods that have them, and of no other."""
-    settings = (*COARSE, "effects.friction.coefficient=0.2", "effects.gravity=[0, 0, -9.81e6]")
-    found = {}
-    for answer in (rigid, static):
-        file = load_case("tsb1-pipe", settings)
-        with recording(file.scene) as use:
-            answer(file)
-        found[answer] = use.unused
-    assert "effects.friction.coefficient" in found[rigid]
-    assert "effects.friction.coefficient" not in found[static]
-    for unused in found.values():
-        assert "effects.gravity" not in unused
-        assert "load.pressure" not in unused
-    assert "material.density" not in found[rigid]
-
-
-def test_explicit_runs_and_decks_name_what_only_others_have() -> None:
-    settings = (*COARSE, "fem.method=explicit", "fem.load_steps=4", "fem.end_time=1e-5")
-    file = load_case("tsb1-pipe", (*settings, "fem.threads=2", "fem.damping=paper"))
-    with recording(file.scene) as use:
-        explicit(file)
-    assert use.words == "fem.load_steps, [rigid]"
-    with recording(file.scene) as use:
-        build_deck(file, Flavour.GENERAL)
-    assert {"fem.threads", "fem.load_steps"} <= set(use.unused)
-    assert "fem.end_time" not in use.unused
+    settings = (*COARSE, "effects.friction=0.2", "effects.gravity=[0, 0, -9.81e6]")
+    scene = load_case("tsb1-pipe", settings).scene
+    for method in ("rigid", "static", "explicit"):
+        idle = idle_keys(scene, method)
+        for key in ("effects.gravity", "load.pressure", "effects.friction.coefficient"):
+            assert key not in idle
+        assert "material.density" not in idle
 
 
 @pytest.mark.parametrize("name", builtin_names())
-def test_nothing_read_is_everything_unused(name: str) -> None:
-    """All that a scene sets is found, with the places that its file has."""
-    scene = load_case(name).scene
-    given = KeyUse(scene).unused
-    data = scene_data(name)[1]
-    for key in given:
-        places: list[object] = [data]
-        for part in key.split("."):
-            entries = [
-                e for place in places for e in (place if isinstance(place, list) else [place])
-            ]
-            places = [entry[part] for entry in entries if isinstance(entry, dict) and part in entry]
-            assert places, key
-    assert any(key.startswith("block.") for key in given)
+def test_nothing_is_said_to_be_ignored_of_built_in_scenes(name: str) -> None:
+    case = load_case(name)
+    for method in ("rigid", case.method.name):
+        assert not ignored_words(idle_keys(case.scene, method))
 
 
-def test_commands_name_unused_keys_in_words_and_data(tubelock, tmp_path: Path) -> None:
-    words = [w for s in (*COARSE, "fem.threads=2") for w in ("--set", s)]
+def test_commands_name_effects_of_time_integration(tubelock, tmp_path: Path) -> None:
+    words = [w for s in (*COARSE, *EVERYTHING[:2]) for w in ("--set", s)]
     status, out, _ = tubelock("mbd", "tsb1-pipe", *words, "--json", str(tmp_path / "a.json"))
     assert status == 0
-    assert "ignored   [material], [contact], [fem] (not used by this method)" in out
+    assert "ignored   effects.rayleigh.mass_proportional (not used by this method)" in out
     data = json.loads((tmp_path / "a.json").read_text())
-    assert {"material.density", "contact.law", "fem.threads"} <= set(data["unused_keys"])
+    assert {"material.young_modulus", "contact.law"} <= set(data["unused_keys"])
     assert "block.height" not in data["unused_keys"]
 
 
@@ -150,7 +106,7 @@ def study_of(tmp_path: Path, quantity: str, key: str, values: str) -> Path:
     ("key", "values"),
     [
         ("material.young_modulus", "[1e4, 3e4]"),
-        ("effects.friction.coefficient", "[0.1, 0.2]"),
+        ("effects.rayleigh.mass_proportional", "[0.1, 0.2]"),
     ],
 )
 def test_a_rigid_study_of_what_rigid_blocks_do_not_have_is_refused(
@@ -181,18 +137,17 @@ def test_every_key_that_is_read_changes_the_rigid_answer(
 
     def answer(data: dict[str, object]) -> tuple[str, bytes]:
         run = solve(scene_case(name=name, scene=check_scene(data)).with_method("rigid"))
-        found = run.assembly.interfaces
-        numbers = (run.details.contact_forces, run.assembly.centroids, found.centroids)
+        blocks = run.details.blocks
+        found = blocks.interfaces
+        numbers = (run.details.contact_forces, blocks.centroids, found.centroids)
         return str(run.details.mechanism), b"".join(np.ascontiguousarray(n) for n in numbers)
 
     data = apply_overrides(scene_data(name)[1], settings)
-    file = load_case(name, settings)
-    with recording(file.scene) as use:
-        solve(file.with_method("rigid"))
+    idle = idle_keys(load_case(name, settings).scene, "rigid")
     base, changed = answer(data), 0
     for key, value in leaves(data):
         new = other(value)
-        if key in use.unused or new == value:
+        if key in idle or new == value:
             continue
         try:
             found = answer(apply_overrides(data, [f"{key}={json.dumps(new)}"]))

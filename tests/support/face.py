@@ -268,6 +268,7 @@ _INNER = {
     "validation.scene.combinations": "combined",
     "validation.scene.deformable": "EffectName EffectsSection",
     "validation.scene.family": "AssemblyScene RoundScene round_types",
+    "validation.scene.keys.idle": "idle_keys ignored_words",
     "validation.scene.keys.quantities": "parse_unit",
     "validation.scene.keys.schema": "scene_schema",
     "validation.scene.keys.toml_text": "toml_text",
@@ -275,7 +276,6 @@ _INNER = {
     "validation.scene.read": (
         "DeformableScene SCENE_TYPES TubeScene apply_overrides check_scene scene_data"
     ),
-    "validation.scene.usage": "KeyUse recording",
     "validation.stability.case": "Check Finding StabilityCase=Case Verdict refusal run_case",
     "validation.stability.problems": (
         "STABILITY_CONCRETE=CONCRETE stability_deformable=deformable stability_relative=relative "

@@ -34,13 +34,11 @@ from validation.build.deformable import (
     fem_section,
     scene_load,
 )
-from validation.build.materials import count_materials
 from validation.case import Case
 from validation.errors import InputError, named
-from validation.scene.deformable import EffectsSection, FemSection, Method
+from validation.scene.deformable import EffectsSection, Method
 from validation.scene.polyhedra import STRAIGHT_EDGES
 from validation.scene.read import DeformableScene
-from validation.scene.usage import count, uncounted
 
 
 def build_deck(file: Case, flavour: Flavour | None = None) -> Deck:
@@ -65,12 +63,10 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
     if degree > 1 and not has_tetrahedra(assembly):
         assembly = quadratic(assembly, degree, flavour, meets=scene.meets)
     case = scene_load(scene, assembly)
-    with uncounted((EffectsSection, "finite_sliding")):
-        problem = build_problem(scene, name, HexahedralBlocks(assembly, case, blocks.unmatched))
+    problem = build_problem(scene, name, HexahedralBlocks(assembly, case, blocks.unmatched))
     # CalculiX has no contact in explicit steps; single bodies do what the scene says.
     as_stated = flavour is Flavour.CALCULIX and not scene.meets
     static = fem.method is Method.STATIC if as_stated else flavour is not Flavour.GENERAL
-    _count_keys(scene, flavour, static=static)
     large = scene.meets or effects.finite_rotation
     step = _static_step(effects) if static else _explicit_step(name, scene, large_rotations=large)
     deck = replace(
@@ -98,9 +94,7 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
         deck = _with_mass_scaling(deck, fem.mass_scaling)
     if flavour is Flavour.CALCULIX and not static:
         deck = with_time_step(deck, fem.safety_factor)
-    # Notes also say what a deck leaves out, which is no use of a key.
-    with uncounted((FemSection, "symmetry"), *_idle_keys(fem, static=static)):
-        notes += _step_notes(scene, flavour, static=static)
+    notes += _step_notes(scene, flavour, static=static)
     return with_notes(deck, notes)
 
 
@@ -111,8 +105,7 @@ def _as_written(joint: Joint, effects: EffectsSection) -> Joint:
     """
     friction = effects.friction
     stick = None if friction is None else friction.stick_stiffness
-    with uncounted((EffectsSection, "finite_sliding")):
-        return replace(joint, stick_stiffness=stick, finite_sliding=effects.finite_sliding)
+    return replace(joint, stick_stiffness=stick, finite_sliding=effects.finite_sliding)
 
 
 def _with_mass_scaling(deck: Deck, factor: float) -> Deck:
@@ -124,21 +117,6 @@ def _with_mass_scaling(deck: Deck, factor: float) -> Deck:
         )
     scaled = factor * element_time_step(deck, moving=True)
     return replace(deck, step=replace(deck.step, scaled_time_step=scaled))
-
-
-def _idle_keys(fem: FemSection, *, static: bool) -> tuple[tuple[type, str], ...]:
-    """Keys of ``[fem]`` that make effects which a deck does not have."""
-    undamped = static or fem.method is Method.STATIC  # the static state is damped as the paper's
-    masses = ((FemSection, "mass_scaling"),) if static else ()
-    return (*masses, *(((FemSection, "damping"),) if undamped else ()))
-
-
-def _count_keys(scene: DeformableScene, flavour: Flavour, *, static: bool) -> None:
-    """Count the keys that a deck states, though not every answer to its problem depends on them."""
-    count_materials(scene, "density")
-    if static and flavour is not Flavour.GENERAL:
-        # In general contact blocks slide as far as they do.
-        count(scene.effects, "finite_sliding")
 
 
 # ---------------------------------------------------------------------------------------------
@@ -181,8 +159,7 @@ def _effects(scene: DeformableScene, *, static: bool) -> Effects:
         damping = "none"
     elif _quasi_static(scene):
         damping = "paper"
-    with uncounted(*_idle_keys(scene.fem, static=static)):
-        built = build_effects(section, scene.fem, damping)
+    built = build_effects(section, scene.fem, damping)
     return Effects(
         rayleigh=built.rayleigh, bulk_viscosity=built.bulk_viscosity, gravity=built.gravity
     )

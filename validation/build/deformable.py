@@ -20,8 +20,8 @@ from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase
 from validation.build.blocks import HexahedralBlocks, build_blocks
 from validation.build.cell import build_cell
-from validation.build.materials import build_materials, count_materials
-from validation.build.pairs import friction_of_pairs, laws_of_pairs, stated_pairs
+from validation.build.materials import build_materials
+from validation.build.pairs import friction_of_pairs, laws_of_pairs
 from validation.build.sections import scene_planes
 from validation.build.supports import held_at_faces, stated_load
 from validation.errors import InputError, named
@@ -33,7 +33,6 @@ from validation.scene.deformable import (
 from validation.scene.plausibility import too_large_to_deform
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene
-from validation.scene.usage import unrecorded
 
 
 def fem_section(scene: DeformableScene, name: str) -> FemSection:
@@ -76,7 +75,7 @@ def build_friction(
     """
     given = scene.effects.friction
     if given is None:
-        if any(pair.friction is not None for pair in stated_pairs(scene)):
+        if any(pair.friction is not None for pair in scene.contact.pairs):
             raise InputError(
                 "contact.pairs: got friction of some joints without that of the others; expected "
                 "[effects.friction] coefficient too, or no pairs"
@@ -171,8 +170,6 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
             "clearance": contact.clearance,
             "spacing": contact.spacing,
         }
-    if scene.effects.gravity is not None:
-        count_materials(scene, "density")
     return Problem(
         blocks.assembly,
         blocks.load,
@@ -197,8 +194,7 @@ def scene_problem(scene: DeformableScene, name: str) -> Problem:
     blocks = build_hexahedra(scene, name)
     with named(name):
         problem = build_problem(scene, name, blocks)
-        with unrecorded():
-            cut = scene_planes(scene, problem.blocks)
+        cut = scene_planes(scene, problem.blocks)
         if cut is not None:
             check_planes(problem.blocks, cut, ~problem.deforming)
         return problem

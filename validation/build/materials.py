@@ -14,19 +14,11 @@ from validation.errors import InputError
 from validation.scene.deformable import MaterialSection
 from validation.scene.polyhedra import MeshScene
 from validation.scene.read import DeformableScene
-from validation.scene.usage import count, uncounted
 
 
 def build_material(section: MaterialSection) -> Material:
-    """Material of a section.
-
-    Its density, averaging radius and strengths count as read where answers are made with them.
-    """
-    kind = type(section)
-    count(section, "name")  # constants may be those of a known name
-    later = ("density", "averaging_radius", "tensile_strength", "compressive_strength")
-    with uncounted(*((kind, name) for name in later)):
-        return Material(**section.model_dump(exclude={"name", "blocks"}))
+    """Material of a section."""
+    return Material(**section.model_dump(exclude={"name", "blocks"}))
 
 
 def build_materials(scene: DeformableScene, assembly: AnyBlocks) -> Material | tuple[Material, ...]:
@@ -44,7 +36,6 @@ def build_materials(scene: DeformableScene, assembly: AnyBlocks) -> Material | t
 def densities(scene: DeformableScene, assembly: AnyBlocks) -> float | FloatArray:
     """Density of all blocks, or of each one, (n_blocks,) [t/mm³]."""
     sections = _sections(scene, assembly)
-    count_materials(scene, "name")  # the density may be that of a known name
     if sections is None:
         return scene.material.density
     return np.array([section.density for section in sections])
@@ -52,25 +43,15 @@ def densities(scene: DeformableScene, assembly: AnyBlocks) -> float | FloatArray
 
 def material_names(scene: DeformableScene, assembly: AnyBlocks) -> list[str]:
     """Name of the material of each block, empty of the default without a name, (n_blocks,)."""
-    count_materials(scene, "name")
     chosen, default = dict(_choices(scene, assembly)), scene.material.name or ""
     return [chosen.get(k, default) for k in range(assembly.n_blocks)]
-
-
-def count_materials(scene: DeformableScene, key: str) -> None:
-    """Count a key of all materials of a scene as read."""
-    for section in (scene.material, *scene.materials.values()):
-        count(section, key)
 
 
 def compressive_strength(scene: DeformableScene) -> float | None:
     """Compressive strength of all blocks [MPa]; None where none is stated."""
     key = "compressive_strength"
     sections = (scene.material, *scene.materials.values())
-    strength = one_strength(key, (vars(section)[key] for section in sections))
-    if strength is not None:
-        count_materials(scene, key)
-    return strength
+    return one_strength(key, (vars(section)[key] for section in sections))
 
 
 def _sections(scene: DeformableScene, assembly: AnyBlocks) -> list[MaterialSection] | None:

@@ -14,21 +14,10 @@ from geometry.mesh import BoolArray
 from geometry.parts.chosen import numbers_of
 from geometry.parts.pairs import OfPairs, PairError
 from validation.build.materials import material_names
-from validation.scene.contact import ContactPairSection, ContactSection
 from validation.scene.read import DeformableScene
-from validation.scene.usage import count, uncounted
 
 _Value = TypeVar("_Value")
 _KEY = "contact.pairs.between"
-
-
-def stated_pairs(scene: DeformableScene) -> tuple[ContactPairSection, ...]:
-    """Pairs of a scene, which count as read where there are any."""
-    with uncounted((ContactSection, "pairs")):
-        pairs = scene.contact.pairs
-    if pairs:
-        count(scene.contact, "pairs")
-    return pairs
 
 
 def friction_of_pairs(
@@ -39,7 +28,7 @@ def friction_of_pairs(
     ``anywhere``: any two blocks may come to touch; else those that touch are meant. Blocks that are
     named go before materials.
     """
-    given = [(p.between, p.friction) for p in stated_pairs(scene) if p.friction is not None]
+    given = [(p.between, p.friction) for p in scene.contact.pairs if p.friction is not None]
     return _joints(scene, assembly, given, anywhere=anywhere)
 
 
@@ -47,7 +36,7 @@ def laws_of_pairs(
     scene: DeformableScene, assembly: AnyBlocks, *, anywhere: bool = False
 ) -> tuple[tuple[int, int, ContactLaw], ...]:
     """Blocks of the joints whose contact law a scene names, and the laws; errors alike."""
-    given = [(p.between, p.built) for p in stated_pairs(scene) if p.has_law]
+    given = [(p.between, p.built) for p in scene.contact.pairs if p.has_law]
     return _joints(scene, assembly, given, anywhere=anywhere)
 
 

@@ -41,7 +41,6 @@ def compare(
     from validation.case import load_case, require_deformable, with_auto
     from validation.output.console import explicit_progress, status, told_of_compilation
     from validation.run.accuracy import progress_words
-    from validation.scene.usage import recording
     from validation.study.comparison import report
     from validation.study.comparison.scene import comparable_problem, compared_runs
 
@@ -58,7 +57,6 @@ def compare(
         with (
             explicit_progress() if explicit else told_of_compilation() as progress,
             status(outputs.console, f"{file.name}: rigid blocks, then static") as tell,
-            recording(checked) as use,
         ):
             rigid, deformable = compared_runs(
                 file.name,
@@ -70,7 +68,7 @@ def compare(
             result = compared(*rigid, *(run.answer for run in deformable))
             data = result.as_dict()
         report.print_comparison(result, outputs.console)
-        outputs.tell_unused(use)
+        outputs.tell_keys()
         peak = peak_memory_mb()
         outputs.console.print(f"peak memory {peak:.0f} MB")
         outputs.write("picture", report.PICTURE, result.draw)
@@ -101,17 +99,16 @@ def clearance(
     """
     from validation.case import load_case, require_deformable
     from validation.output.console import status
-    from validation.scene.usage import recording
     from validation.study.clearance import GAPS, clearance_rows, draw_clearance, print_rows
 
     file = load_case(scene, settings or ())
     checked = require_deformable(file, "clearance")
     names = ("clearance.png",)
     with scene_outputs(file, json, output, names, ending="-clearance") as outputs:
-        with status(outputs.console, f"{file.name}: static states"), recording(checked) as use:
+        with status(outputs.console, f"{file.name}: static states"):
             rows = clearance_rows(file.name, checked, tuple(gap) if gap else GAPS, kind)
         print_rows(file.name, rows, outputs.console)
-        outputs.tell_unused(use)
+        outputs.tell_keys()
         outputs.write(
             "picture", "clearance.png", lambda path: draw_clearance(file.name, rows, path)
         )

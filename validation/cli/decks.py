@@ -48,7 +48,6 @@ def export(
     from validation.case import load_case
     from validation.output.decks import export_deck, print_export
     from validation.output.outputs import Outputs
-    from validation.scene.usage import recording
 
     if flavour is not None and flavour not in set(Flavour):
         raise InputError(f"--flavour {flavour}: expected one of {', '.join(Flavour)}")
@@ -59,10 +58,9 @@ def export(
         _export_blocks(file, output)
         return
     with Outputs(files={"-o": output}, scene=file) as outputs:
-        with recording(file.scene) as use:
-            written = export_deck(file, None if flavour is None else Flavour(flavour), output)
+        written = export_deck(file, None if flavour is None else Flavour(flavour), output)
         print_export(written, outputs.console, verbose=verbose)
-        outputs.tell_unused(use)
+        outputs.tell_keys("deck")
 
 
 def _export_blocks(file: Case, output: Path) -> None:

@@ -195,24 +195,18 @@ def _answer(
     from validation.output.deformable.answers import print_run, write_run_files
     from validation.run.accuracy import check_request
     from validation.run.solve import with_factors
-    from validation.scene.usage import recording
 
-    with recording(scene) as use:
-        check_request(name, scene, targets)
-        scene, added = _decided(name, scene, outputs)
-        run = _converged(
-            name, scene, outputs, targets=targets, max_seconds=max_seconds, resume=resume
-        )
-        if run is None:
-            run, beside = _solved(name, scene, outputs, resume)
-            added |= beside
-            run = _with_errors(run, outputs, reference=reference)
-        run = with_factors(run)
-        answer = run.answer.with_report(added)
-        _ = answer.as_dict()  # what it reads of the scene
-    use.count(scene.limits)
+    check_request(name, scene, targets)
+    scene, added = _decided(name, scene, outputs)
+    run = _converged(name, scene, outputs, targets=targets, max_seconds=max_seconds, resume=resume)
+    if run is None:
+        run, beside = _solved(name, scene, outputs, resume)
+        added |= beside
+        run = _with_errors(run, outputs, reference=reference)
+    run = with_factors(run)
+    answer = run.answer.with_report(added)
     print_run(run, outputs.console)
-    outputs.tell_unused(use)
+    outputs.tell_keys()
     if outputs.folder is not None:
         write_run_files(run, outputs)
     outputs.write_answer(answer)

@@ -124,7 +124,6 @@ def report(
     from validation.output.files import PAGES
     from validation.output.outputs import Outputs
     from validation.pages.report import report_scene, write_page
-    from validation.scene.usage import recording
 
     file = load_case(scene, settings or ())
     page = Path("out") / file.name / "report.html" if output is None else output
@@ -132,15 +131,13 @@ def report(
         raise InputError(f"-o {page}: expected a file name that ends in .html")
     with Outputs(json, files={"-o": page}, scene=file) as outputs:
         with status(outputs.console, file.name) as tell, told_of_compilation():
-            with recording(file.scene) as use:
-                result = report_scene(file, deformable=not quick, tell=tell)
-                data = result.as_dict()  # what it reads of the scene
-            use.count(file.scene.limits)
+            result = report_scene(file, deformable=not quick, tell=tell)
+            data = result.as_dict()  # what it reads of the scene
             tell(f"{file.name}: pictures")
             write_page(result, page)
         for verdict in result.verdicts:
             outputs.console.print(f"{verdict.question:24} {verdict.words}")
-        outputs.tell_unused(use)
+        outputs.tell_keys()
         outputs.say("page", page)
         outputs.write_json(data)
 

@@ -55,7 +55,6 @@ def mbd(
         require_mesh,
         require_tube,
     )
-    from validation.scene.usage import recording
     from validation.solving import solve
 
     file = load_case(scene, settings or (), method="rigid")
@@ -65,15 +64,12 @@ def mbd(
         require_mesh(file)
     with scene_outputs(file, json, output, FILES) as outputs:
         with (
-            recording(file.scene) as use,
             status(outputs.console, file.name) as show,
             told_of_compilation(),
         ):
             answer = solve(file, lambda words: show(f"{file.name}: {words}"))
-            _ = answer.report  # what it reads of the scene
-        use.count(file.scene.limits)
         print_rigid(answer, outputs.console)
-        outputs.tell_unused(use)
+        outputs.tell_keys()
         added: dict[str, Any] = {}
         warning = frame_warning(file, answer) if file.scene.frames_may_lock else None
         if warning is not None:
@@ -113,17 +109,15 @@ def explode(
     from validation.output.outputs import Outputs
     from validation.output.rigid import print_explosion
     from validation.run.rigid.explosion import explosion_json, run_explosion
-    from validation.scene.usage import recording
 
     file = load_case(scene, settings or ())
     picture = None
     if output is not None or json is None:
         picture = picture_file(output, Path("out") / file.name / "explosion.png", file)
     with Outputs(json, files={"-o": picture}, scene=file) as outputs:
-        with recording(file.scene) as use:
-            run = run_explosion(file)
+        run = run_explosion(file)
         print_explosion(run, outputs.console)
-        outputs.tell_unused(use)
+        outputs.tell_keys()
         if picture is not None:
             from validation.output.pictures.polyhedra import draw_explosion
 

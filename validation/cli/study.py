@@ -164,7 +164,6 @@ def combinations(
     """
     from validation.case import load_case
     from validation.output.console import status, told_of_compilation
-    from validation.scene.usage import recording
     from validation.study import combinations as study
 
     file = load_case(scene, settings or ())
@@ -173,13 +172,11 @@ def combinations(
         with (
             status(outputs.console, f"{file.name}: combinations") as tell,
             told_of_compilation(),
-            recording(file.scene) as use,
         ):
             answers = dict(study.combination_answers(file, method, tell))
             data = study.combinations_json(answers)
-        use.count(file.scene.limits)
         study.print_combinations(file, answers, outputs.console)
-        outputs.tell_unused(use)
+        outputs.tell_keys()
         outputs.write("table", name, lambda path: study.write_combinations(answers, path))
         outputs.write_json({"scene": file.name, **data})
 

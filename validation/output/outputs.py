@@ -19,13 +19,13 @@ from validation.output.console import text_console
 from validation.output.files import PAGES, PICTURES, output_folder, prepare_file, write_json
 from validation.output.pictures.look import Look, looking
 from validation.output.provenance import Provenance, stamp_vtu, stamped
+from validation.scene.keys.idle import default_words, idle_keys, ignored_words
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from geometry.answer import Answer
     from validation.case import Case
-    from validation.scene.usage import KeyUse
 
 
 @dataclass
@@ -150,12 +150,6 @@ class Outputs:
             requested.width, requested.font, requested.font_size, requested.footer, requested.labels
         )
 
-    @property
-    def _not_drawn(self) -> tuple[str, ...]:
-        """Keys of pictures of stresses, where none is drawn."""
-        drawn = {Path(name).stem for name in self.names}
-        return () if self.folder is not None and "stresses" in drawn else ("mises", "arrows")
-
     def _as_drawn(self, name: str) -> str:
         """Name of a file in the folder, a picture's with the ending that the scene asks for."""
         if self.scene is None or not name.endswith(".png"):
@@ -196,19 +190,25 @@ class Outputs:
             remove_others(self.folder, self.names, self._of_this_call)
         self.write_json(answer.as_dict())
 
-    def tell_unused(self, use: KeyUse) -> None:
-        """Print the defaults that the answer depends on and the keys that it ignores."""
-        self._defaults = use.defaults
-        if self._defaults:
-            words = ", ".join(f"{name} {value}" for name, value in self._defaults.items())
-            self.console.print(f"{'defaults':9} {words}")
-        if self.scene is not None and self.scene.scene.caution is not None:
-            self.console.print(f"{'note':9} {self.scene.scene.caution}")
-        if self.scene is not None and self._draws:
-            use.count(self.scene.scene.pictures, besides=self._not_drawn)
-        self._unused = use.unused
-        if self._unused:
-            self.console.print(f"{'ignored':9} {use.words} (not used by this method)")
+    def tell_keys(self, method: str = "") -> None:
+        """Print the defaults that an answer depends on, and what its method does not have.
+
+        ``method`` is that of the case, or "deck".
+        """
+        if self.scene is None:
+            return
+        scene, method = self.scene.scene, method or self.scene.method.name
+        self._unused = tuple(idle_keys(scene, method))
+        self._defaults = default_words(scene, method)
+        ignored = ignored_words(list(self._unused))
+        said = {
+            "defaults": ", ".join(f"{name} {value}" for name, value in self._defaults.items()),
+            "note": scene.caution or "",
+            "ignored": ignored and f"{ignored} (not used by this method)",
+        }
+        for head, words in said.items():
+            if words:
+                self.console.print(f"{head:9} {words}")
 
     def write_json(self, data: Any) -> None:
         """Write the data where ``--json`` says, with the version of its keys and its origin."""

@@ -19,7 +19,6 @@ from geometry.measures import SectionError, SectionForces
 from geometry.mesh import FloatArray
 from geometry.system import peak_memory_mb
 from validation.build.doubts import doubts
-from validation.build.materials import count_materials
 from validation.build.own_blocks import bare_joints
 from validation.build.polyhedra import build_polyhedra
 from validation.build.sections import scene_planes
@@ -79,7 +78,6 @@ class DeformableRun:
     @cached_property
     def answer(self) -> Answer:
         """The answer that does not depend on the solver; its report says more of the scene."""
-        count_materials(self.scene, "averaging_radius")
         return answer_of(
             self.solution,
             self.errors,

@@ -15,7 +15,7 @@ from fem.accuracy.converge import Progress as Refinement
 from fem.accuracy.errors import SAFETY
 from fem.accuracy.ladder import coarser
 from fem.accuracy.one_mesh import SHARES, static_errors, static_solution
-from fem.accuracy.strength import JUDGED, strength_factors
+from fem.accuracy.strength import strength_factors
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.statement import Problem
 from fem.assembly.symmetry import SymmetryError, largest_cyclic_orbits
@@ -28,7 +28,6 @@ from fem.static.solve import StaticOptions, solve_static
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 from validation.build.deformable import build_effects, fem_section, scene_problem
-from validation.build.materials import count_materials
 from validation.errors import InputError, named
 from validation.run.accuracy import refined
 from validation.run.deformable import DeformableRun
@@ -165,12 +164,9 @@ def with_factors(run: DeformableRun) -> DeformableRun:
 
     The density counts as read: the answer has the mass.
     """
-    count_materials(run.scene, "density")
     if run.solution.static is None:
         return run
     with stages() as watch:
-        for key in JUDGED:
-            count_materials(run.scene, key)
         options = static_options(run.scene, fem_section(run.scene, run.name))
         with named(run.name):
             result = strength_factors(run.solution, run.answer.measures, options)
@@ -427,7 +423,6 @@ def scene_statement(
     from fem.explicit.setup.statement import explicit_statement
 
     fem = fem_section(scene, name)
-    count_materials(scene, "density")
     counted = {} if counted_pressure is None else {"counted_pressure": counted_pressure}
     with named(name):
         try:

@@ -48,7 +48,6 @@ from validation.scene.supports import (
     SupportSection,
     SurfaceLoadSection,
 )
-from validation.scene.usage import uncounted
 
 if TYPE_CHECKING:
     from fem.assembly.statement import Motion
@@ -514,8 +513,7 @@ class DeformableSections(WholeScene):
     @property
     def is_cell(self) -> bool:
         """Whether a periodic cell is asked for."""
-        with uncounted((FemSection, "symmetry")):
-            return self.fem.symmetry == "periodic cell"
+        return self.fem.symmetry == "periodic cell"
 
     @property
     def gap_words(self) -> str:

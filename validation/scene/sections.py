@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
     AfterValidator,
+    BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
@@ -25,7 +26,6 @@ from validation.errors import InputError, one_line
 from validation.scene.keys.docstrings import field_docstrings
 from validation.scene.keys.quantities import Unit, converted, parse_unit, unit_of
 from validation.scene.keys.ranges import FRICTION, PRESSURE, leaves
-from validation.scene.usage import Recorded, unrecorded
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -74,7 +74,7 @@ def entries(value: Any) -> Iterator[Any]:
         yield from entries(entry)
 
 
-class Section(Recorded):
+class Section(BaseModel):
     """Base of all sections: frozen, and unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True, allow_inf_nan=False)
@@ -129,8 +129,7 @@ class Section(Recorded):
             section = result.get(key, self.__dict__.get(key))
             result[key] = section.changed(inner) if isinstance(section, Section) else inner
         try:
-            with unrecorded():
-                return type(self).model_validate(result)
+            return type(self).model_validate(result)
         except ValidationError as error:
             raise InputError(one_line(error, type(self))) from None
 
@@ -237,8 +236,6 @@ class RigidSection(_RigidKeys):  # type: ignore[misc]
 
 class PlausibilitySection(Section):
     """``[plausibility]``: implausible values to accept."""
-
-    read_at_the_door: ClassVar[bool] = True
 
     accept: tuple[str, ...] = ()
     """Their keys, such as "material.density"."""

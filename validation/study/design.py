@@ -12,8 +12,7 @@ from geometry.parts.dimensions import dimensions
 from mbd.options import Rigid
 from validation.case import Case
 from validation.errors import InputError
-from validation.scene.sections import RigidSection
-from validation.scene.usage import recording, uncounted
+from validation.scene.keys.idle import is_idle
 from validation.study.study import BUILT, COLUMNS, RANKING, Study, Value
 
 if TYPE_CHECKING:
@@ -38,8 +37,6 @@ class Row:
     """CPU time of the design [s]."""
     worker: tuple[int, float] = (0, 0.0)
     """Process that computed it and the CPU time it had used by then [s]."""
-    unused: tuple[str, ...] = ()
-    """Keys of its scene on which its results do not depend; empty if failed."""
 
     @property
     def flat(self) -> dict[str, Any]:
@@ -55,21 +52,16 @@ def run_design(study: Study, number: int) -> Row:
     clock = time.thread_time if rigid else time.process_time
     start = clock()
     failure, results, remarks = "", dict[str, Any](), list[str]()
-    unused: tuple[str, ...] = ()
     try:
         file = study.scene_file(number)
-        with recording(file.scene) as use:
-            if rigid:
-                results = _rigid_results(file.with_method("rigid"))
-            else:
-                results, remarks = _fem_results(study, file)
-        unused = use.unused
+        if rigid:
+            results = _rigid_results(file.with_method("rigid"))
+        else:
+            results, remarks = _fem_results(study, file)
+        remarks += [f"{key}: not used by this method" for key in idle_parameters(study, file)]
     except Exception as error:
         words = " ".join(str(error).split()) or "no message"
         failure = words if isinstance(error, ValueError) else f"{type(error).__name__}: {words}"
-    remarks += [
-        f"{path}: not used by this method" for path, _ in study.parameters if path in unused
-    ]
     return Row(
         number=number,
         status="failed" if failure else "ok",
@@ -78,27 +70,26 @@ def run_design(study: Study, number: int) -> Row:
         results=results,
         cpu_seconds=clock() - start,
         worker=(os.getpid(), time.process_time()),
-        unused=unused,
     )
 
 
-def refuse_idle_parameters(study: Study) -> None:
-    """Refuse a rigid study that varies what no rigid answer depends on: its rows would be equal.
+def idle_parameters(study: Study, file: Case) -> list[str]:
+    """Parameters on which no answer of a design's method depends."""
+    method = "rigid" if study.quantity == "rigid" else file.method.name
+    none = {f"rigid.{name}" for name in _NO_COLUMN} if method == "rigid" else set()
+    paths = [path for path, _ in study.parameters]
+    return [path for path in paths if path in none or is_idle(path, file.scene, method)]
 
-    The first and the last design say it. Answers of deformable blocks take long: there each row
-    says it (`Row.message`).
-    """
+
+def refuse_idle_parameters(study: Study) -> None:
+    """Refuse a rigid study that varies what no rigid answer depends on: its rows would be equal."""
     if study.quantity != "rigid":
         return
-    idle = {path for path, values in study.parameters if len(values) > 1}
-    for number in (0, study.n_designs - 1):
-        try:
-            file = study.scene_file(number)
-            with recording(file.scene) as use:
-                _rigid_results(file.with_method("rigid"))
-        except ValueError:
-            return  # a design that cannot be computed says nothing; its row will say why
-        idle &= set(use.unused)
+    varied = {path for path, values in study.parameters if len(values) > 1}
+    try:
+        idle = varied.intersection(idle_parameters(study, study.scene_file(0)))
+    except ValueError:
+        return  # a design that cannot be computed says nothing; its row will say why
     if idle:
         raise InputError(
             f"{study.name}: {', '.join(sorted(idle))}: no answer of rigid blocks depends on it, so "
@@ -121,8 +112,7 @@ def _rigid_results(file: Case) -> dict[str, Any]:
     assert isinstance(file.method, Rigid)
     idle: dict[str, Any] = dict.fromkeys(_NO_COLUMN, False)
     method = replace(file.method, **idle)
-    with uncounted(*((RigidSection, key) for key in _NO_COLUMN)):
-        answer = solve(file.with_method(method))
+    answer = solve(file.with_method(method))
     result, friction = answer.details, answer.details.friction
     # With friction the forces and the verdict are those with it: a load that is carried only if
     # joints were pressed beforehand is not in equilibrium by itself.

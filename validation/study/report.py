@@ -25,8 +25,7 @@ from validation.output.console import (
     two_columns,
 )
 from validation.output.outputs import Outputs
-from validation.scene.usage import unused_words
-from validation.study.design import Row
+from validation.study.design import Row, idle_parameters
 from validation.study.run import Tally
 from validation.study.store import ResultFile, write_csv, write_parquet
 from validation.study.study import MEASURES, Study
@@ -208,7 +207,7 @@ def summary(results: ResultFile, tally: Tally, wall_seconds: float) -> dict[str,
         "n_designs": results.study.n_designs,
         "n_rows": total,
         "n_failed": failed,
-        "unused_keys": list(tally.unused or ()),
+        "unused_keys": idle_parameters(results.study, results.study.scene_file(0)),
         "this_run": {
             "computed": tally.computed,
             "workers": tally.workers,
@@ -237,7 +236,7 @@ def print_summary(results: ResultFile, found: dict[str, Any], console: Console) 
     table.add_row("wall seconds", f"{run['wall_seconds']:.1f}")
     console.print(table)
     if found["unused_keys"]:
-        words = unused_words(tuple(found["unused_keys"]), study.scene_file(0).scene)
+        words = ", ".join(found["unused_keys"])
         console.print(f"{'ignored':9} {words} (not used by this method)")
     console.print(f"{'results':9} {results.path}")
 

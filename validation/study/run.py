@@ -51,17 +51,12 @@ class Tally:
     computed: int = 0
     design_cpu_seconds: float = 0.0
     """CPU time inside the designs [s]."""
-    unused: tuple[str, ...] | None = None
-    """Keys that no design computed now depends on, in the order of the scene; None: none yet."""
     _workers: dict[int, float] = field(default_factory=dict)
 
     def count(self, row: Row) -> None:
         """Take in one row."""
         self.computed += 1
         self.design_cpu_seconds += row.cpu_seconds
-        if row.status == "ok":
-            before = row.unused if self.unused is None else self.unused
-            self.unused = tuple(key for key in before if key in row.unused)
         process, seconds = row.worker
         self._workers[process] = max(seconds, self._workers.get(process, 0.0))
 

@@ -25,8 +25,8 @@ from validation.output.pictures.view_3d import colour_gradient
 from validation.output.rigid import is_meshed, rigid_pictures
 from validation.pages.verdicts import verdicts
 from validation.pages.views import layer_words, middle_layers, rigid_view, stressed
+from validation.scene.keys.idle import idle_keys
 from validation.scene.keys.toml_text import toml_text
-from validation.scene.usage import recording
 from validation.solving import solve
 
 _STRESS = "maximum principal stress σ₁, red is tension"
@@ -50,11 +50,13 @@ class Shown:
 def rigid_shown(file: Case) -> tuple[Answer, Shown]:
     """Answer a scene by rigid blocks."""
     start = time.process_time()
-    with recording(file.scene) as use:
-        run = solve(file.with_method("rigid"))
-        found = [vars(v) for v in verdicts(file.scene, run, None, {})]
-    use.count(file.scene.limits)
-    ignored = [key for key in use.unused if key.startswith(("block.", "assembly.", "load."))]
+    run = solve(file.with_method("rigid"))
+    found = [vars(v) for v in verdicts(file.scene, run, None, {})]
+    ignored = [
+        key
+        for key in idle_keys(file.scene, "rigid")
+        if key.startswith(("block.", "assembly.", "load."))
+    ]
     layers = dict.fromkeys((None, middle_layers(file.scene, run.details.blocks)))
     views = []
     for some in layers:

@@ -22,7 +22,6 @@ from geometry.assembly import Assembly
 from geometry.measures import block_measures
 from geometry.mesh import FloatArray, IntArray
 from validation.build.deck import build_deck
-from validation.build.materials import count_materials
 from validation.case import scene_case
 from validation.errors import InputError
 from validation.scene.family import AssemblyScene
@@ -57,7 +56,6 @@ def solve_by_calculix(where: str, scene: AssemblyScene) -> MethodAnswer:
             result = run_calculix(path, timeout=_TIMEOUT)
         except CalculixError as error:
             raise InputError(f"{where}: {error}") from None
-    count_materials(scene, "averaging_radius")
     return measured_answer(deck, result)
 
 

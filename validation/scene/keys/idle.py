@@ -1,0 +1,129 @@
+"""Keys of a scene on which no answer of a method depends: by what methods are, not by watching."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+from pydantic import BaseModel
+
+from geometry.loads import CASES
+from validation.scene.contact import ContactPairSection
+
+if TYPE_CHECKING:
+    from validation.scene.read import DeformableScene
+
+#: Constants of contact laws.
+_LAWS = tuple(
+    f"contact.{name}"
+    for name in ContactPairSection.model_fields
+    if name not in ("between", "friction")
+)
+#: Of elastic blocks, their joints and their motion in time.
+_ELASTIC = (
+    *("material.young_modulus", "material.poisson_ratio", "material.averaging_radius"),
+    *(
+        "material.tensile_strength",
+        *_LAWS,
+        *(law.replace("contact", "contact.pairs") for law in _LAWS),
+    ),
+    *("effects.elastic_frame", "effects.friction.stick_stiffness"),
+)
+_IN_TIME = ("effects.rayleigh", "effects.bulk_viscosity")
+#: Sections and keys that a method does not have, by its name.
+_ABSENT: Mapping[str, tuple[str, ...]] = {
+    "rigid": ("fem", *_ELASTIC, *_IN_TIME),
+    "static": ("rigid", *_IN_TIME),
+    "explicit": ("rigid",),
+    "deck": (
+        *("rigid", "sections", "material.averaging_radius", "material.tensile_strength"),
+        *("material.compressive_strength", "fem.mesh", "fem.accuracy", "fem.max_seconds"),
+        *("fem.error_estimate", "fem.load_steps", "fem.motion_steps", "fem.symmetry"),
+        *("fem.residual", "fem.precision", "fem.threads", "fem.static_reference"),
+        "fem.sample_interval",
+    ),
+}
+#: Keys that are printed: others a scene may state for other methods, and the data name them.
+_PRINTED = (*_IN_TIME, "effects.elastic_frame", "load.")
+
+
+def _solids(scene: Any) -> bool:
+    return hasattr(scene, "detection")
+
+
+#: Keys that matter in some scenes alone: where they do not.
+_IDLE_WHERE: Mapping[str, Callable[[Any, str], bool]] = {
+    "load.as_printed": lambda scene, _: not CASES[scene.load.case].force_as_printed,
+    "material.density": lambda scene, method: (
+        method == "rigid"
+        and scene.effects.gravity is None
+        and getattr(scene.load, "acceleration", None) is None
+    ),
+    "mesh": lambda scene, method: method == "rigid" and _solids(scene),
+    "fem.safety_factor": lambda scene, _: scene.fem.time_step is not None,
+    "fem.residual": lambda scene, _: scene.damping != "static" and not scene.meets,
+    "fem.motion_steps": lambda scene, _: not scene.moves,
+    "rigid.friction_law": lambda scene, _: scene.effects.friction is None,
+}
+
+
+def idle_keys(scene: DeformableScene, method: str) -> list[str]:
+    """Keys that a scene sets and on which its answer by a method does not depend."""
+    return [key for key in dict.fromkeys(_set_keys(scene, "")) if is_idle(key, scene, method)]
+
+
+def is_idle(key: str, scene: DeformableScene, method: str) -> bool:
+    """Whether no answer to a scene by a method depends on a key."""
+    plain = re.sub(r"^materials\.[^.]+", "material", key)
+    plain = re.sub(r"\.\d+(?=\.|$)", "", plain)
+    if any(plain == absent or plain.startswith(f"{absent}.") for absent in _ABSENT[method]):
+        return True
+    return any(
+        where(scene, method)
+        for name, where in _IDLE_WHERE.items()
+        if plain == name or plain.startswith(f"{name}.")
+    )
+
+
+def ignored_words(keys: list[str]) -> str:
+    """Effects and loads that are ignored, in words."""
+    return ", ".join(key for key in keys if key.startswith(_PRINTED))
+
+
+def default_words(scene: DeformableScene, method: str) -> dict[str, str]:
+    """Sections that a scene leaves out and its answer depends on, in words."""
+    names = ["mesh"] if method == "rigid" else ["mesh", "material", "contact", "fem"]
+    if method == "rigid" and not is_idle("material.density", scene, method):
+        names.append("material")
+    if not scene.meets:
+        names = [name for name in names if name != "contact"]
+    sections = {name: getattr(scene, name, None) for name in names}
+    words = {name: getattr(section, "words", "") for name, section in sections.items()}
+    return {
+        name: text for name, text in words.items() if text and name not in scene.model_fields_set
+    }
+
+
+def _set_keys(section: BaseModel, place: str) -> Iterator[str]:
+    """Keys that are set and state something."""
+    for name in type(section).model_fields:
+        if name not in section.model_fields_set:
+            continue
+        value = getattr(section, name)
+        inner = list(_sections(value))
+        for key, part in inner:
+            yield from _set_keys(part, f"{place}{name}{key}.")
+        nothing = value is None or value is False or (isinstance(value, tuple | dict) and not value)
+        if not inner and not nothing:
+            yield f"{place}{name}"
+
+
+def _sections(value: Any) -> Iterator[tuple[str, BaseModel]]:
+    """Sections that a value is made of, and how their keys go on."""
+    if isinstance(value, BaseModel):
+        yield "", value
+    elif isinstance(value, Mapping):
+        yield from ((f".{key}", part) for key, part in value.items() if isinstance(part, BaseModel))
+    elif isinstance(value, tuple | list):
+        yield from (("", part) for part in value if isinstance(part, BaseModel))
