@@ -44,7 +44,7 @@ def export(
 
     Decks are for Abaqus/Standard, Abaqus/Explicit or CalculiX.
     """
-    from fem.decks.statement import Flavour
+    from fem.decks.statement import Flavour, Procedure
     from validation.case import load_case
     from validation.output.decks import export_deck, print_export
     from validation.output.outputs import Outputs
@@ -60,7 +60,8 @@ def export(
     with Outputs(files={"-o": output}, scene=file) as outputs:
         written = export_deck(file, None if flavour is None else Flavour(flavour), output)
         print_export(written, outputs.console, verbose=verbose)
-        outputs.tell_keys("deck")
+        step = "static" if written.deck.step.procedure is Procedure.STATIC else "explicit"
+        outputs.tell_keys(f"{step} deck")
 
 
 def _export_blocks(file: Case, output: Path) -> None:

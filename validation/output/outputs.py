@@ -193,7 +193,7 @@ class Outputs:
     def tell_keys(self, method: str = "") -> None:
         """Print the defaults that an answer depends on, and what its method does not have.
 
-        ``method`` is that of the case, or "deck".
+        ``method`` is that of the case, or "static deck" and "explicit deck".
         """
         if self.scene is None:
             return

@@ -31,21 +31,24 @@ _ELASTIC = (
     *("effects.elastic_frame", "effects.friction.stick_stiffness"),
 )
 _IN_TIME = ("effects.rayleigh", "effects.bulk_viscosity")
+#: Of a scene's answer, which decks leave to the program that reads them.
+_NOT_WRITTEN = (
+    *("rigid", "sections", "material.averaging_radius", "material.tensile_strength"),
+    *("material.compressive_strength", "fem.mesh", "fem.accuracy", "fem.max_seconds"),
+    *("fem.error_estimate", "fem.load_steps", "fem.motion_steps", "fem.symmetry"),
+    *("fem.residual", "fem.precision", "fem.threads", "fem.static_reference"),
+    "fem.sample_interval",
+)
 #: Sections and keys that a method does not have, by its name.
 _ABSENT: Mapping[str, tuple[str, ...]] = {
     "rigid": ("fem", *_ELASTIC, *_IN_TIME),
     "static": ("rigid", *_IN_TIME),
     "explicit": ("rigid",),
-    "deck": (
-        *("rigid", "sections", "material.averaging_radius", "material.tensile_strength"),
-        *("material.compressive_strength", "fem.mesh", "fem.accuracy", "fem.max_seconds"),
-        *("fem.error_estimate", "fem.load_steps", "fem.motion_steps", "fem.symmetry"),
-        *("fem.residual", "fem.precision", "fem.threads", "fem.static_reference"),
-        "fem.sample_interval",
-    ),
+    "static deck": (*_NOT_WRITTEN, *_IN_TIME, "fem.damping", "fem.mass_scaling"),
+    "explicit deck": (*_NOT_WRITTEN, "effects.finite_sliding"),
 }
 #: Keys that are printed: others a scene may state for other methods, and the data name them.
-_PRINTED = (*_IN_TIME, "effects.elastic_frame", "load.")
+_PRINTED = ("effects.", "load.")
 
 
 def _solids(scene: Any) -> bool:
@@ -63,6 +66,7 @@ _IDLE_WHERE: Mapping[str, Callable[[Any, str], bool]] = {
     "mesh": lambda scene, method: method == "rigid" and _solids(scene),
     "fem.safety_factor": lambda scene, _: scene.fem.time_step is not None,
     "fem.residual": lambda scene, _: scene.damping != "static" and not scene.meets,
+    "effects.elastic_frame": lambda scene, _: getattr(scene, "stands", False),
     "fem.motion_steps": lambda scene, _: not scene.moves,
     "rigid.friction_law": lambda scene, _: scene.effects.friction is None,
 }
@@ -88,7 +92,7 @@ def is_idle(key: str, scene: DeformableScene, method: str) -> bool:
 
 def ignored_words(keys: list[str]) -> str:
     """Effects and loads that are ignored, in words."""
-    return ", ".join(key for key in keys if key.startswith(_PRINTED))
+    return ", ".join(key for key in keys if key.startswith(_PRINTED) and "stick" not in key)
 
 
 def default_words(scene: DeformableScene, method: str) -> dict[str, str]:
