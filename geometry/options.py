@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import MISSING, dataclass, fields
 from enum import Enum
 from functools import cache
-from typing import Annotated, Any, get_args, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from annotated_types import Ge, Gt
@@ -35,22 +36,24 @@ class OptionError(RefusedError):
 @cache
 def option_fields(kind: type) -> dict[str, tuple[Any, Any]]:
     """Annotation and default of each field of a dataclass, as ``pydantic.create_model`` takes."""
+    hints = get_type_hints(kind, include_extras=True)
+    return {
+        field.name: (
+            _by_name(hints[field.name]),
+            ... if field.default is MISSING else field.default,
+        )
+        for field in fields(kind)
+    }
+
+
+def _by_name(hint: Any) -> Any:
+    """Annotation in which a name stands for its option."""
     from pydantic import Field
 
-    hints = get_type_hints(kind, include_extras=True)
-    result: dict[str, tuple[Any, Any]] = {}
-    for field in fields(kind):
-        hint, default = hints[field.name], field.default
-        if _names(hint):  # a name stands for its option
-            hint = Annotated[hint, Field(strict=False)]
-        result[field.name] = hint, ... if default is MISSING else default
-    return result
-
-
-def _names(hint: Any) -> bool:
-    """Whether an annotation has an enumeration in it."""
-    inner = get_args(hint)
-    return any(map(_names, inner)) or (isinstance(hint, type) and issubclass(hint, Enum))
+    if get_origin(hint) in (Union, UnionType):
+        return Union[tuple(map(_by_name, get_args(hint)))]  # noqa: UP007 - made of a tuple
+    named = isinstance(hint, type) and issubclass(hint, Enum)
+    return Annotated[hint, Field(strict=False)] if named else hint
 
 
 @cache

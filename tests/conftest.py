@@ -14,7 +14,7 @@ from geometry import Assembly
 from geometry.compilation import compiling
 from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import sine_tube
+from geometry.families.tube import SineTube
 from tests.fixtures.commands import small_meshes, undrawn
 from tests.support.blocks import tsb
 from tests.support.face import command
@@ -61,13 +61,13 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, Any]:
 @pytest.fixture(scope="session")
 def small_tube() -> Assembly:
     """TSB1 with three layers, a coarse mesh."""
-    return sine_tube(tsb(), SineBlockDivisions(24, 3, 6), 3)
+    return SineTube(tsb(), SineBlockDivisions(24, 3, 6), 3).build()
 
 
 @pytest.fixture(scope="session")
 def plain_ring() -> Assembly:
     """One free layer of four plain cylindrical bricks (amplitude 0)."""
-    return sine_tube(tsb(amplitude=0.0), SineBlockDivisions(12, 4, 4), 1)
+    return SineTube(tsb(amplitude=0.0), SineBlockDivisions(12, 4, 4), 1).build()
 
 
 @pytest.fixture(scope="session")

@@ -94,11 +94,6 @@ class SineBlockParameters(Options):
         return round(2 * self.frequency)
 
     @property
-    def parts(self) -> tuple[int, int, int]:
-        """Equal parts of a block around, across and up: its waves."""
-        return self.waves_per_block, 1, 1
-
-    @property
     def steepest_slope(self) -> float:
         """Slope of a wave where it passes zero at the outer radius, 2f n a / r_o [-]."""
         return self.waves_per_block * self.blocks_per_layer * self.amplitude / self.outer_radius

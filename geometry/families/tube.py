@@ -6,6 +6,7 @@ And what a long tube repeats: a periodic cell of two layers.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from geometry.families.sine_block import (
     waves_of_turn,
 )
 from geometry.mesh import FloatArray
+from geometry.options import Count, Options
 
 
 def is_count(value: object) -> bool:
@@ -46,80 +48,103 @@ def axial_rotations(angles: FloatArray) -> FloatArray:
     return rotation
 
 
-def sine_tube(
-    block: SineBlockParameters,
-    divisions: SineBlockDivisions,
-    layers: int,
-    turn: LayerTurn | float = LayerTurn.HALF_BLOCK,
-) -> Assembly:
-    """Assemble n blocks in each of L free layers and two frame layers of half height.
+@dataclass(frozen=True)
+class SineTube(Options):
+    """Tube of n Sine Blocks in each of L free layers and two frame layers of half height.
 
     Layer k occupies z in [(k - 1) h, k h]; odd layers are turned towards larger θ. Blocks are
     numbered layer by layer, n blocks in each, towards larger θ.
-
-    Parameters
-    ----------
-    block, divisions
-        Shape [mm] and element counts of the free block.
-    layers
-        L, at least 1.
-    turn
-        Of the odd layers, in words or in waves (`waves_of_turn`).
-
-    Raises
-    ------
-    AssemblyError, BlockParameterError
-        When no such tube exists.
     """
-    _check_layers(layers)
-    angle = _turn_angle(block, divisions, turn)
-    shapes = (
-        sine_block(block, divisions),
-        bottom_frame_block(block, divisions),
-        top_frame_block(block, divisions),
-    )
-    elevation = np.concatenate([[0.0], block.height * np.arange(layers + 1)])
-    return _tube("sine-tube", shapes, block.blocks_per_layer, angle, elevation)
+
+    block: SineBlockParameters
+    """Shape of the free block [mm]."""
+    divisions: SineBlockDivisions
+    """Its elements."""
+    layers: Count
+    """Free layers L, without the two end rings."""
+    turn: LayerTurn | float = LayerTurn.HALF_BLOCK
+    """Offset (stagger) of every second layer: ``half block`` (⌊f⌋ waves, the whole number nearest
+    to half a block), ``one wave`` (the paper's parameter study) or a number of waves. At f = 2 the
+    default more than halves the pressures; at f = 1 and 1.5 both are the same."""
+
+    @property
+    def parts(self) -> tuple[int, int, int]:
+        """Equal parts of a block around, across and up: its waves."""
+        return self.block.waves_per_block, 1, 1
+
+    def build(self) -> Assembly:
+        """Place the blocks of all layers.
+
+        Raises
+        ------
+        BlockParameterError
+            When no such tube exists.
+        """
+        block, angle = self.block, self._angle()
+        shapes = (
+            sine_block(block, self.divisions),
+            bottom_frame_block(block, self.divisions),
+            top_frame_block(block, self.divisions),
+        )
+        elevation = np.concatenate([[0.0], block.height * np.arange(self.layers + 1)])
+        return _tube("sine-tube", shapes, block.blocks_per_layer, angle, elevation)
+
+    def cell(self) -> Assembly:
+        """Two layers that a long tube repeats, and the images that they meet.
+
+        They are layers 1 and 2; layer 3 is the image of layer 1, two heights up.
+
+        Raises
+        ------
+        BlockParameterError
+            When no such tube exists.
+        """
+        block, angle = self.block, self._angle()
+        shape = sine_block(block, self.divisions)
+        elevation = block.height * np.arange(3, dtype=np.float64)
+        return _cell("sine-cell", shape, block.blocks_per_layer, angle, elevation)
+
+    def _angle(self) -> float:
+        """Angle of the odd layers [rad], after rejecting turns and meshes that do not fit."""
+        waves = waves_of_turn(self.block, self.turn)
+        check_conforming(self.block, self.divisions, waves)
+        return waves * self.block.block_angle / self.block.waves_per_block
 
 
-def _turn_angle(
-    block: SineBlockParameters, divisions: SineBlockDivisions, turn: LayerTurn | float
-) -> float:
-    """Angle of the odd layers [rad], after rejecting turns and meshes that do not fit."""
-    waves = waves_of_turn(block, turn)
-    check_conforming(block, divisions, waves)
-    return waves * block.block_angle / block.waves_per_block
-
-
-def hexagon_tube(
-    block: HexagonBlockParameters, divisions: HexagonBlockDivisions, layers: int
-) -> Assembly:
-    """Assemble n hexagon-based blocks in each of L free layers and two frame layers cut in half.
+@dataclass(frozen=True)
+class HexagonTube(Options):
+    """Tube of n hexagon-based blocks in each of L free layers, two frame layers cut in half.
 
     Layer k is centred at z = 1.5 r_c k; odd layers are turned towards larger θ by half a block.
-    The frame layers are cut flat at their middles. Blocks are numbered as in `sine_tube`.
-
-    Parameters
-    ----------
-    block, divisions
-        Shape [mm] and element counts of the free block.
-    layers
-        L, at least 1.
-
-    Raises
-    ------
-    AssemblyError, BlockParameterError
-        When no such tube exists.
+    The frame layers are cut flat at their middles. Blocks are numbered as in `SineTube`.
     """
-    _check_layers(layers)
-    shapes = (
-        hexagon_block(block, divisions),
-        bottom_hexagon_frame(block, divisions),
-        top_hexagon_frame(block, divisions),
-    )
-    elevation = block.layer_pitch * np.arange(layers + 2, dtype=np.float64)
-    n = block.blocks_per_layer
-    return _tube("hexagon-tube", shapes, n, block.block_angle / 2, elevation)
+
+    block: HexagonBlockParameters
+    """Shape of the free block [mm]."""
+    divisions: HexagonBlockDivisions
+    """Its elements."""
+    layers: Count
+    """Free layers L, without the two end rings."""
+
+    def build(self) -> Assembly:
+        """Place the blocks of all layers."""
+        block = self.block
+        shapes = (
+            hexagon_block(block, self.divisions),
+            bottom_hexagon_frame(block, self.divisions),
+            top_hexagon_frame(block, self.divisions),
+        )
+        elevation = block.layer_pitch * np.arange(self.layers + 2, dtype=np.float64)
+        n = block.blocks_per_layer
+        return _tube("hexagon-tube", shapes, n, block.block_angle / 2, elevation)
+
+    def cell(self) -> Assembly:
+        """Two layers that a long tube repeats, and their images; see `SineTube.cell`."""
+        block = self.block
+        elevation = block.layer_pitch * np.arange(1, 4, dtype=np.float64)
+        shape = hexagon_block(block, self.divisions)
+        n = block.blocks_per_layer
+        return _cell("hexagon-cell", shape, n, block.block_angle / 2, elevation)
 
 
 def tube(
@@ -163,53 +188,11 @@ def tube(
     if isinstance(block, HexagonBlockParameters) and turn != LayerTurn.HALF_BLOCK:
         raise AssemblyError(f"turn: got {turn}, but hexagon-based blocks turn by half a block")
     if isinstance(block, SineBlockParameters):
-        built = sine_tube(block, SineBlockDivisions(*mesh), layers, turn)
+        built = SineTube(block, SineBlockDivisions(*mesh), layers, turn).build()
     else:
-        built = hexagon_tube(block, HexagonBlockDivisions(*mesh), layers)
+        built = HexagonTube(block, HexagonBlockDivisions(*mesh), layers).build()
     check_size(built)
     return built
-
-
-def sine_cell(
-    block: SineBlockParameters,
-    divisions: SineBlockDivisions,
-    turn: LayerTurn | float = LayerTurn.HALF_BLOCK,
-) -> Assembly:
-    """Two layers that a long tube of Sine Blocks repeats, and the images that they meet.
-
-    Layers 1 and 2 are those of `sine_tube`, whose arguments these are; layer 3 is the image of
-    layer 1, two heights up.
-
-    Raises
-    ------
-    AssemblyError, BlockParameterError
-        When no such tube exists.
-    """
-    angle = _turn_angle(block, divisions, turn)
-    shape = sine_block(block, divisions)
-    elevation = block.height * np.arange(3, dtype=np.float64)
-    return _cell("sine-cell", shape, block.blocks_per_layer, angle, elevation)
-
-
-def hexagon_cell(block: HexagonBlockParameters, divisions: HexagonBlockDivisions) -> Assembly:
-    """Two layers that a long tube of hexagon-based blocks repeats; see `sine_cell`.
-
-    Raises
-    ------
-    AssemblyError, BlockParameterError
-        When no such tube exists.
-    """
-    elevation = block.layer_pitch * np.arange(1, 4, dtype=np.float64)
-    shape = hexagon_block(block, divisions)
-    n = block.blocks_per_layer
-    return _cell("hexagon-cell", shape, n, block.block_angle / 2, elevation)
-
-
-def _check_layers(layers: int) -> None:
-    if not is_count(layers):
-        raise AssemblyError(
-            f"assembly.layers: got {layers!r}, expected a whole number of free layers, at least 1"
-        )
 
 
 def _tube(

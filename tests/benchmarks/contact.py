@@ -25,7 +25,7 @@ from fem.explicit.step import System, step
 from fem.problem.effects import AdaptiveMassDamping, Effects
 from fem.problem.time_step import critical_time_step
 from geometry.families.sine_block import TSB1, SineBlockDivisions
-from geometry.families.tube import sine_tube
+from geometry.families.tube import SineTube
 from geometry.loads import named_case
 from tests.support.face import best_cpu_seconds, measuring, tabled, write_json
 
@@ -64,7 +64,7 @@ class ContactRow:
 
 def tube(layers: int, elements: int) -> DeformableAssembly:
     """TSB1 under the pipe load."""
-    blocks = sine_tube(TSB1, SineBlockDivisions(*MESHES[elements]), layers)
+    blocks = SineTube(TSB1, SineBlockDivisions(*MESHES[elements]), layers).build()
     return Problem(blocks, named_case(blocks, "pipe", 0.01), concrete).deformable
 
 

@@ -11,22 +11,24 @@ from tests.support.face import (
     AssemblyError,
     BrickStack,
     HexagonBlockDivisions,
+    HexagonTube,
     InputError,
     SineBlockDivisions,
+    SineTube,
     as_polyhedral,
     explosion_json,
     first_order_explosion,
     follow_explosion,
-    hexagon_tube,
     outward_directions,
     run_explosion,
-    sine_tube,
 )
 from tests.support.face import rigid_explosion_module as explosion
 from validation import load_case
 
-HEXAGONS = hexagon_tube(HexagonBlockParameters(4, 120.0, 40.0), HexagonBlockDivisions(6, 3), 1)
-SINES = sine_tube(tsb(), SineBlockDivisions(24, 3, 4), 1)
+HEXAGONS = HexagonTube(
+    HexagonBlockParameters(4, 120.0, 40.0), HexagonBlockDivisions(6, 3), 1
+).build()
+SINES = SineTube(tsb(), SineBlockDivisions(24, 3, 4), 1).build()
 
 
 def test_hexagon_tube_explodes_and_sine_tube_does_not_to_first_order() -> None:
@@ -41,7 +43,7 @@ def test_hexagon_tube_explodes_and_sine_tube_does_not_to_first_order() -> None:
 def test_a_plain_ring_opens_its_radial_joints_and_slides_between_layers() -> None:
     # Blocks of a ring of four move apart: the joint between neighbours, at 45° to both motions,
     # opens by 2 sin 45°; horizontal joints slide.
-    ring = sine_tube(tsb(amplitude=0.0), SineBlockDivisions(12, 2, 2), 1)
+    ring = SineTube(tsb(amplitude=0.0), SineBlockDivisions(12, 2, 2), 1).build()
     found = first_order_explosion(ring, outward_directions(ring))
     assert found.admissible
     areas, normals = ring.interfaces.areas, ring.interfaces.normals

@@ -44,7 +44,7 @@ NEW = {
 from dataclasses import dataclass
 
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
-from geometry.families.tube import sine_tube
+from geometry.families.tube import SineTube
 from geometry.options import Count, Length, Options
 
 
@@ -66,9 +66,8 @@ class PlainTube(Options):
             height=100.0, amplitude=0.0, frequency=1.0, blocks_per_layer=4,
             inner_radius=self.inner_radius, thickness=self.thickness,
         )
-        return sine_tube(
-            shape, SineBlockDivisions(self.around, self.radial, self.axial), self.layers
-        )
+        divisions = SineBlockDivisions(self.around, self.radial, self.axial)
+        return SineTube(shape, divisions, self.layers).build()
 ''',
     "validation/scene/families/plain.py": """
 from geometry.families.plain import PlainTube
@@ -298,18 +297,27 @@ def test_a_scene_states_the_dataclass_that_python_takes(kind: str) -> None:
     same_blocks(scene.build() if hexahedra else build_polyhedra(scene, Path()), stated.build())
 
 
-def test_blocks_of_tubes_and_columns_are_dataclasses_too() -> None:
-    """Of these `[block]` and `[mesh]` have one each, as `tube` and `box_column` take them."""
-    tubes = {
-        "tsb1-pipe": (["mesh.around=12", "mesh.radial=1", "mesh.axial=2"], (12, 1, 2)),
-        "thb0-pipe": (["mesh.edge=4", "mesh.radial=1"], (4, 1)),
-    }
-    for name, (mesh, divisions) in tubes.items():
-        scene = load_case(name, [*mesh, "assembly.layers=1"]).scene
-        assert isinstance(scene, RoundScene)
-        assert keys(scene, "block") == names(scene.stated)
-        assert keys(scene, "mesh") == names(scene.divisions)
-        same_blocks(scene.build(), geometry.tube(scene.stated, layers=1, mesh=divisions))
+@pytest.mark.parametrize(
+    ("name", "mesh", "divisions"),
+    [
+        ("tsb1-pipe", {"around": 12, "radial": 1, "axial": 2}, (12, 1, 2)),
+        ("thb0-pipe", {"edge": 4, "radial": 1}, (4, 1)),
+    ],
+)
+def test_block_and_mesh_of_a_tube_are_dataclasses_of_their_own(
+    name: str, mesh: dict[str, int], divisions: tuple[int, ...]
+) -> None:
+    """Those that `tube` takes; `[assembly]` has the other fields of the tube's."""
+    scene = load_case(name, {"mesh": mesh, "assembly.layers": 2}).scene
+    assert isinstance(scene, RoundScene)
+    stated = scene.stated
+    assert keys(scene, "block") == names(stated.block)
+    assert keys(scene, "mesh") == names(stated.divisions)
+    assert keys(scene, "assembly") == sorted(set(names(stated)) - {"block", "divisions"})
+    same_blocks(scene.build(), geometry.tube(stated.block, layers=2, mesh=divisions))
+
+
+def test_boxes_of_a_column_are_a_dataclass() -> None:
     column = load_case("column").scene
     assert isinstance(column, AssemblyScene)
     boxes = [ColumnBox(**box.model_dump()) for box in column.block.boxes]

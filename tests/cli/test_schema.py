@@ -81,7 +81,7 @@ def test_schema_accepts_the_short_ways_of_writing(
 
 def test_every_key_with_a_docstring_is_described() -> None:
     # Editors show it: of the block of a tube every key has one.
-    block = scene_schema()["definitions"]["SineBlockParametersBlock"]["properties"]
+    block = scene_schema()["definitions"]["SineTubeBlock"]["properties"]
     assert all(key.get("description") for name, key in block.items() if name != "type")
 
 

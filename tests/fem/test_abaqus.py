@@ -34,7 +34,7 @@ from fem.static.solve import solve_static
 from geometry import Assembly
 from geometry.block import box_block
 from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import sine_tube
+from geometry.families.tube import SineTube
 from geometry.loads import PressureLoad, TractionLoad, named_case
 from geometry.mesh import HEX_FACES
 from tests.support.blocks import random_rotation, tsb
@@ -49,7 +49,7 @@ STATIC = DeckStep(Procedure.STATIC, 1.0, 1.0, large_rotations=False)
 
 @pytest.fixture(scope="module")
 def tube() -> Assembly:
-    return canonical(sine_tube(tsb(), SineBlockDivisions(12, 2, 2), 2))
+    return canonical(SineTube(tsb(), SineBlockDivisions(12, 2, 2), 2).build())
 
 
 def tube_deck(
@@ -422,7 +422,9 @@ def test_nodal_forces_of_a_body_force_have_its_resultant(tube) -> None:
 
 def test_the_same_problem_gives_the_same_text() -> None:
     texts = {
-        "\n".join(text_of(tube_deck(canonical(sine_tube(tsb(), SineBlockDivisions(12, 2, 2), 1)))))
+        "\n".join(
+            text_of(tube_deck(canonical(SineTube(tsb(), SineBlockDivisions(12, 2, 2), 1).build())))
+        )
         for _ in range(2)
     }
     assert len(texts) == 1

@@ -22,7 +22,7 @@ from fem.decks.write import deck_lines, write_deck
 from fem.problem.effects import Effects, RayleighDamping
 from fem.static.solve import solve_static
 from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import sine_tube
+from geometry.families.tube import SineTube
 from geometry.loads import named_case
 from geometry.mesh import HexMesh
 from tests.support.blocks import tsb
@@ -107,7 +107,7 @@ def test_flat_deck_names_only_what_it_defines() -> None:
 
 
 def test_tractions_become_nodal_forces_with_the_same_resultant() -> None:
-    assembly = canonical(sine_tube(tsb(), COARSE, 1))
+    assembly = canonical(SineTube(tsb(), COARSE, 1).build())
     case = named_case(assembly, "shaft", 0.01)
     deck = replace(tube_deck(COARSE), assembly=assembly, loads=loads_of_case(case), holds=())
     force = np.zeros(3)
@@ -253,7 +253,7 @@ def test_errors_in_the_log_are_errors(tmp_path: Path) -> None:
 def test_converter_expands_every_instance_and_drops_nothing(tmp_path: Path, case: str) -> None:
     import abq2ccx
 
-    assembly = canonical(sine_tube(tsb(), COARSE, 2))
+    assembly = canonical(SineTube(tsb(), COARSE, 2).build())
     load = named_case(assembly, case, 0.01)
     deck = replace(
         tube_deck(COARSE, Flavour.STANDARD), assembly=assembly, loads=loads_of_case(load)

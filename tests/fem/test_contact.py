@@ -21,7 +21,7 @@ from geometry import SineBlock as SineBlockParameters
 from geometry.assembly import moved, spacing_offsets
 from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import sine_tube
+from geometry.families.tube import SineTube
 from geometry.loads import named_case
 from tests.support.fem_problems import deformable_assembly
 
@@ -40,7 +40,7 @@ TSB1 = SineBlockParameters(
 
 
 def small_tube(layers=1):
-    return sine_tube(TSB1, SineBlockDivisions(12, 2, 4), layers)
+    return SineTube(TSB1, SineBlockDivisions(12, 2, 4), layers).build()
 
 
 @pytest.fixture(scope="module")

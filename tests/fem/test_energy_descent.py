@@ -12,7 +12,7 @@ from fem.static.linear_step.linearisation import SparseStep
 from fem.static.solve import StaticMethod, solve_static
 from geometry import SineBlock as SineBlockParameters
 from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import sine_tube
+from geometry.families.tube import SineTube
 from geometry.loads import named_case
 from tests.support.fem_problems import deformable_assembly
 
@@ -29,7 +29,7 @@ TSB1 = SineBlockParameters(
 
 
 def tunnel(clearance, **options):
-    assembly = sine_tube(TSB1, SineBlockDivisions(12, 2, 4), 2)
+    assembly = SineTube(TSB1, SineBlockDivisions(12, 2, 4), 2).build()
     load = named_case(assembly, "tunnel", 0.01)
     return deformable_assembly(assembly, load, CONCRETE, clearance=clearance, **options)
 

@@ -19,7 +19,7 @@ from fem.problem.loads import SmoothStepAmplitude
 from fem.static.solve import solve_static
 from geometry.assembly import moved
 from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import sine_tube
+from geometry.families.tube import SineTube
 from geometry.loads import named_case
 from tests.support.blocks import random_rotation, tsb
 from tests.support.fem_problems import deformable_assembly, in_contact
@@ -28,7 +28,7 @@ CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 
 
 def tube(layers=1, case="pipe", **options):
-    found = sine_tube(tsb(), SineBlockDivisions(12, 2, 4), layers)
+    found = SineTube(tsb(), SineBlockDivisions(12, 2, 4), layers).build()
     return deformable_assembly(found, named_case(found, case, 0.01), CONCRETE, **options)
 
 

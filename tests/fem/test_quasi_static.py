@@ -22,7 +22,7 @@ from fem.problem.loads import SmoothStepAmplitude
 from fem.static.solve import solve_static
 from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import sine_tube
+from geometry.families.tube import SineTube
 from geometry.loads import LoadCase, named_case
 from tests.support.blocks import tsb
 from tests.support.face import DeformableScene, run_explicit, run_static
@@ -40,7 +40,7 @@ def column(law, *, layers=1, material=CONCRETE):
 
 
 def tube(**options):
-    found = sine_tube(tsb(), SineBlockDivisions(12, 2, 4), 1)
+    found = SineTube(tsb(), SineBlockDivisions(12, 2, 4), 1).build()
     return deformable_assembly(found, named_case(found, "pipe", 0.01), CONCRETE, **options)
 
 

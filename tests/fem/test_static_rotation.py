@@ -22,7 +22,7 @@ from geometry import SineBlock as SineBlockParameters
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.families.hexagon_block import HexagonBlockDivisions
 from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import hexagon_tube, sine_tube
+from geometry.families.tube import HexagonTube, SineTube
 from geometry.loads import face_pressure, named_case
 from tests.support.fem_problems import deformable_assembly
 
@@ -39,7 +39,7 @@ TSB1 = SineBlockParameters(
 
 
 def pipe(clearance):
-    assembly = sine_tube(TSB1, SineBlockDivisions(12, 2, 4), 2)
+    assembly = SineTube(TSB1, SineBlockDivisions(12, 2, 4), 2).build()
     load = named_case(assembly, "pipe", 0.01)
     return deformable_assembly(assembly, load, CONCRETE, clearance=clearance)
 
@@ -98,7 +98,7 @@ def test_soft_motions_do_not_stop_the_rounds():
     Rounds solved to the tolerance alone changed by 1e-7 of the load for ever.
     """
     block = HexagonBlockParameters(4, 120.0, 40.0)
-    assembly = hexagon_tube(block, HexagonBlockDivisions(4, 2), 2)
+    assembly = HexagonTube(block, HexagonBlockDivisions(4, 2), 2).build()
     load = named_case(assembly, "shaft", 0.01)
     result = solve_static_with_rotation(
         deformable_assembly(assembly, load, CONCRETE, clearance=0.01)

@@ -8,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from geometry import HexagonBlock as HexagonBlockParameters
-from geometry.assembly import AssemblyError
 from geometry.errors import RefusedError
 from geometry.families.hexagon_block import HexagonBlockDivisions, hexagon_block
-from geometry.families.tube import hexagon_tube
+from geometry.families.tube import HexagonTube
 
 pytestmark = pytest.mark.quick
 
@@ -30,7 +29,7 @@ def test_every_edge_facet_of_every_free_block_meets_its_twin(
     n: int, radius: float, slenderness: float, halves: int, layers: int
 ) -> None:
     block = HexagonBlockParameters(n, radius, slenderness * radius)
-    tube = hexagon_tube(block, HexagonBlockDivisions(2 * halves, 2), layers)
+    tube = HexagonTube(block, HexagonBlockDivisions(2 * halves, 2), layers).build()
     found = tube.interfaces  # raises AssemblyError where a facet of a free block is alone
     # Two sloping joints per block between layers, one upright joint per free block and half
     # a one per frame block.
@@ -39,7 +38,7 @@ def test_every_edge_facet_of_every_free_block_meets_its_twin(
 
 
 def test_surface_is_closed_and_congruent_sides_oppose() -> None:
-    tube = hexagon_tube(THB0, HexagonBlockDivisions(6, 4), 2)
+    tube = HexagonTube(THB0, HexagonBlockDivisions(6, 4), 2).build()
     for shape in tube.shapes:
         total = sum(shape.surface(name).area_vectors.sum(axis=0) for name in shape.faces)
         area = sum(shape.surface(name).areas.sum() for name in shape.faces)
@@ -65,7 +64,7 @@ def test_volume_of_the_block_is_that_of_the_straight_hexagon() -> None:
 
 
 def test_frames_are_flat_and_fixed() -> None:
-    tube = hexagon_tube(THB0, HexagonBlockDivisions(4, 2), 3)
+    tube = HexagonTube(THB0, HexagonBlockDivisions(4, 2), 3).build()
     bottom, top = tube.shapes[1].surface("bottom"), tube.shapes[2].surface("top")
     np.testing.assert_allclose(
         bottom.normals, np.tile([0, 0, -1.0], (bottom.n_facets, 1)), atol=1e-12
@@ -95,5 +94,5 @@ def test_bad_parameters_are_refused(
 
 
 def test_a_tube_without_free_layers_is_refused() -> None:
-    with pytest.raises(AssemblyError, match=r"assembly\.layers"):
-        hexagon_tube(THB0, HexagonBlockDivisions(4, 2), 0)
+    with pytest.raises(RefusedError, match="layers: got 0"):
+        HexagonTube(THB0, HexagonBlockDivisions(4, 2), 0).build()

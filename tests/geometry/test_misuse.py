@@ -37,8 +37,8 @@ def built(**changed: Any) -> Any:
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"layers": 1.5}, r"layers: got 1\.5, expected a whole number"),
-        ({"layers": 2.0}, r"layers: got 2\.0, expected a whole number"),
+        ({"layers": 1.5}, r"layers: got 1\.5; expected a whole number"),
+        ({"layers": 2.0}, r"layers: got 2\.0; expected a whole number"),
         ({"layers": True}, "layers: got True"),
         ({"layers": "2"}, "layers: got '2'"),
         ({"layers": 0}, "layers: got 0"),

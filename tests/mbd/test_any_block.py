@@ -19,7 +19,7 @@ from geometry.families.platonic_layers import (
     TetrahedraLayer,
 )
 from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import sine_tube
+from geometry.families.tube import SineTube
 from geometry.families.voxels import VoxelPuzzle
 from geometry.loads import LoadCase, named_case
 from geometry.mesh import FloatArray
@@ -205,8 +205,8 @@ def test_verdict_does_not_depend_on_position_or_units() -> None:
 
 def _same_tube_other_meshes(tolerance: float) -> tuple[Assembly, PolyhedralAssembly]:
     """A tube, and the same tube whose odd layers have a coarser mesh, contacts detected."""
-    fine = sine_tube(tsb(), SineBlockDivisions(60, 6, 14), 2)
-    coarse = sine_tube(tsb(), SineBlockDivisions(48, 5, 11), 2)
+    fine = SineTube(tsb(), SineBlockDivisions(60, 6, 14), 2).build()
+    coarse = SineTube(tsb(), SineBlockDivisions(48, 5, 11), 2).build()
     a, b = as_polyhedral(fine), as_polyhedral(coarse)
     mixed = replace(
         a,

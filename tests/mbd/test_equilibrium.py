@@ -13,7 +13,7 @@ from geometry.assembly import moved
 from geometry.block import Block
 from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import sine_tube
+from geometry.families.tube import SineTube
 from geometry.loads import named_case
 from geometry.mesh import HexMesh, grid_faces, structured_hexahedra
 from mbd import (
@@ -277,7 +277,7 @@ def test_smaller_amplitude_means_larger_pressure_down_to_a_thousandth_of_a_milli
     # Interlocking forces grow as 1/slope: p_max a is constant in the limit (to first order in a).
     found = []
     for amplitude in (20.0, 5.0, 1.0, 0.1, 1e-2, 1e-3):
-        tube = sine_tube(tsb(amplitude=amplitude), SineBlockDivisions(24, 2, 6), 3)
+        tube = SineTube(tsb(amplitude=amplitude), SineBlockDivisions(24, 2, 6), 3).build()
         result = rigid_result(tube, load=named_case(tube, "pipe", 0.01))
         assert result.mechanism == "locked"
         assert result.equilibrium.residual < 1e-9
@@ -316,7 +316,7 @@ def test_refining_the_mesh_changes_the_force_norm_but_not_the_pressure_norm() ->
     for norm in Norm:
         values = []
         for around in (24, 48):
-            tube = sine_tube(tsb(), SineBlockDivisions(around, 4, 8), 1)
+            tube = SineTube(tsb(), SineBlockDivisions(around, 4, 8), 1).build()
             result = rigid_result(tube, Rigid(norm=norm), load=named_case(tube, "tunnel", 0.01))
             flat = np.abs(tube.interfaces.normals[result.contact_index][:, 2]) < 1e-9
             values.append(result.contact_forces[flat].sum())
@@ -354,7 +354,7 @@ def test_a_load_that_is_no_number_is_refused() -> None:
 def test_congruent_pairs_give_the_jacobian_of_each_contact(kind: str) -> None:
     """G from kinds of pairs, turned, against the wrench of every contact in world axes."""
     if kind == "tube":
-        assembly = sine_tube(tsb(0.3, blocks_per_layer=3), SineBlockDivisions(12, 2, 3), 3)
+        assembly = SineTube(tsb(0.3, blocks_per_layer=3), SineBlockDivisions(12, 2, 3), 3).build()
     else:
         assembly = BrickStack((100.0, 60.0, 50.0), (4, 3, 2), columns=2, layers=3).build()
     assembly = moved(assembly, random_rotation(5), np.array([30.0, -70.0, 20.0]))

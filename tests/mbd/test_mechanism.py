@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from geometry import Assembly
 from geometry.assembly import moved, renumbered
 from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import sine_tube
+from geometry.families.tube import SineTube
 from geometry.loads import named_case
 from mbd import (
     MatrixJacobian,
@@ -117,7 +117,7 @@ def test_strictly_positive_self_stress_without_full_rank_is_not_locked() -> None
 
 @pytest.mark.parametrize("shift", [0.0, 0.5])
 def test_sine_tube_is_locked_and_the_linear_programs_agree(shift: float) -> None:
-    tube = sine_tube(tsb(shift), SineBlockDivisions(12, 2, 2), 2)
+    tube = SineTube(tsb(shift), SineBlockDivisions(12, 2, 2), 2).build()
     contacts = contact_jacobian(tube)
     load = named_case(tube, "pipe", 0.01)
     force = generalized_force(tube, load, contacts.free_blocks, contacts.length)
@@ -146,7 +146,7 @@ def test_sine_tube_is_locked_and_the_linear_programs_agree(shift: float) -> None
     ],
 )
 def test_plain_tube_is_not_locked(case: str, expected: MechanismClass) -> None:
-    tube = sine_tube(tsb(amplitude=0.0), SineBlockDivisions(12, 2, 4), 3)
+    tube = SineTube(tsb(amplitude=0.0), SineBlockDivisions(12, 2, 4), 3).build()
     result = rigid_result(tube, load=named_case(tube, case, 0.01))
     assert result.mechanism is expected
 
@@ -158,7 +158,7 @@ def test_released_top_frame_can_lift_and_the_load_opposes_it(small_tube: Assembl
 
 
 def test_activated_mechanism_multiplies_out() -> None:
-    tube = sine_tube(tsb(amplitude=0.0), SineBlockDivisions(12, 2, 4), 2)
+    tube = SineTube(tsb(amplitude=0.0), SineBlockDivisions(12, 2, 4), 2).build()
     load = named_case(tube, "shaft", 0.01)
     result = rigid_result(tube, load=load)
     motion = result.equilibrium.mechanism
@@ -184,7 +184,7 @@ def scaled(tube_scale: float) -> Assembly:
         inner_radius=120.0 * tube_scale,
         thickness=40.0 * tube_scale,
     )
-    return sine_tube(parameters, SineBlockDivisions(24, 3, 6), 3)
+    return SineTube(parameters, SineBlockDivisions(24, 3, 6), 3).build()
 
 
 def numbers(result: RigidResult) -> np.ndarray:

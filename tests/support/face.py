@@ -148,7 +148,7 @@ _INNER = {
     "geometry.families.platonic_layers": "OctahedraLayer TetrahedraLayer tetrahedron",
     "geometry.families.round_bodies": "quarter_disc round_ended strip",
     "geometry.families.sine_block": "SineBlockDivisions TSB1",
-    "geometry.families.tube": "hexagon_tube sine_tube",
+    "geometry.families.tube": "HexagonTube SineTube",
     "geometry.files.block_files": "diagnosed_blocks read_blocks step_hexahedra",
     "geometry.files.hexahedral_solids": (
         "connected_solids file_blocks flat_side hexahedral_block six_sided_hexahedra "

@@ -12,7 +12,7 @@ from geometry import Assembly
 from geometry import SineBlock as SineBlockParameters
 from geometry.block import Block, box_block
 from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import sine_tube
+from geometry.families.tube import SineTube
 from geometry.loads import LoadCase, PressureLoad, TractionLoad, named_case
 from geometry.mesh import HexMesh
 from tests.support.fem_problems import deformable_assembly
@@ -32,7 +32,7 @@ TSB1 = SineBlockParameters(
 
 
 def tube(layers=1, divisions=(12, 2, 4)):
-    return sine_tube(TSB1, SineBlockDivisions(*divisions), layers)
+    return SineTube(TSB1, SineBlockDivisions(*divisions), layers).build()
 
 
 def pipe(layers=1, divisions=(12, 2, 4), case="pipe", **options):

@@ -31,6 +31,7 @@ from tests.support.face import (
     PressureLoad,
     Procedure,
     SineBlockDivisions,
+    SineTube,
     StaticResult,
     box_block,
     calculix_available,
@@ -40,7 +41,6 @@ from tests.support.face import (
     loads_of_case,
     named_case,
     run_calculix,
-    sine_tube,
 )
 from tests.support.face import solve_deformable_static as solve_static
 from tests.support.face import write_deck_file as write_deck
@@ -117,7 +117,7 @@ def tube_deck(divisions: SineBlockDivisions, flavour: Flavour = Flavour.CALCULIX
     One wave per block, and a tenth of the paper's c0: on coarse meshes CalculiX takes other
     normals than we do, and it loses nodes that slide over a rim by 1e-3 of a facet.
     """
-    assembly = canonical(sine_tube(replace(TSB1, frequency=0.5), divisions, 1))
+    assembly = canonical(SineTube(replace(TSB1, frequency=0.5), divisions, 1).build())
     case = named_case(assembly, "pipe", 0.01)
     return Deck(
         name="tube",

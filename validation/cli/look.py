@@ -100,7 +100,7 @@ def _draw_one_block(file: Case, output: Path) -> None:
         )
     assembly = build_scene(file, command="show").assembly
     title = f"{file.name}: Sine Block TSB(h, a, f, s, n, r_i, t)"
-    draw_block(assembly, file.scene.stated, output, title=title)
+    draw_block(assembly, file.scene.stated.block, output, title=title)
 
 
 def report(

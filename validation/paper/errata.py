@@ -140,7 +140,7 @@ def _ingredient(ingredient: Ingredient) -> Erratum:
 def _tsb1() -> SineBlockParameters:
     scene = load_case("tsb1-pipe").scene
     assert isinstance(scene, TubeScene)
-    return scene.stated
+    return scene.stated.block
 
 
 @_erratum

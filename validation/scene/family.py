@@ -7,8 +7,8 @@ A record is one call of `family`, in `validation.scene.families` or, of triangul
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from dataclasses import fields, is_dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_type_hints
 
 import numpy as np
 from pydantic import Field, create_model
@@ -16,7 +16,6 @@ from pydantic import Field, create_model
 from validation.scene.deformable import DeformableSections
 from validation.scene.sections import (
     Section,
-    TubeAssemblySection,
     TubeLoadSection,
     WallLoadSection,
     fewer,
@@ -35,9 +34,8 @@ FAMILIES: dict[str, Any] = {}
 class FamilyScene(DeformableSections):
     """A scene of blocks that a dataclass of geometry states."""
 
-    #: The dataclass, and the one that ``[mesh]`` is made of where it has its own.
+    #: The dataclass.
     parameters: ClassVar[type]
-    elements: ClassVar[type]
 
     block: Any
     load: Any
@@ -47,8 +45,13 @@ class FamilyScene(DeformableSections):
         """The dataclass, with the values of the sections."""
         scene: Any = self
         sections = [getattr(scene, name, None) for name in ("block", "assembly", "mesh")]
-        names = [field.name for field in fields(self.parameters)]
-        given = {n: next(getattr(s, n) for s in sections if hasattr(s, n)) for n in names}
+        inner, given = _inner(self.parameters), {}
+        for key in _names(self.parameters):
+            if key in inner:
+                section, kind = inner[key]
+                given[key] = kind(**getattr(scene, section).model_dump(exclude={"type"}))
+            else:
+                given[key] = next(getattr(s, key) for s in sections if hasattr(s, key))
         return self.parameters(**given)
 
 
@@ -74,7 +77,7 @@ def family(
     parameters: type,
     *,
     assembly: str = "",
-    mesh: str | type = "",
+    mesh: str = "",
     default: Mapping[str, Any] | Callable[[Any], Mapping[str, Any]] | None = None,
     about: Mapping[str, Any] | None = None,
 ) -> None:
@@ -89,30 +92,30 @@ def family(
     parameters
         The dataclass.
     assembly, mesh
-        Its fields that are keys of these sections; the others are of ``[block]``. Or a dataclass
-        of its own that ``[mesh]`` is made of.
+        Its fields that are keys of these sections, the others are of ``[block]``; unless its fields
+        ``block`` and ``divisions`` are dataclasses of ``[block]`` and ``[mesh]``.
     default
         Values of ``[mesh]`` in scenes without one, or what makes them from ``[block]``.
     about
         Plausible ranges of fields.
     """
+    inner = dict(_inner(parameters).values())
+    keys = {"assembly": assembly.split(), "mesh": mesh.split()}
+    keys["block"] = [n for n in _names(parameters) if n not in (*keys["assembly"], *keys["mesh"])]
+    keys |= {name: _names(kind) for name, kind in inner.items()}
 
-    def section(name: str, kind: type, keys: list[str], of: type[Section], **more: Any) -> Any:
-        title = f"{parameters.__name__}{name.title()}"
-        made = section_of(kind, keys=keys, about=about, base=of, name=title, **more)
+    def section(name: str, of: type[Section] = Section, **more: Any) -> Any:
+        title, kind = f"{parameters.__name__}{name.title()}", inner.get(name, parameters)
+        made = section_of(kind, keys=keys[name], about=about, base=of, name=title, **more)
         made.__doc__ = f"``[{name}]`` of blocks of type ``{types.replace(' ', '`` or ``')}``."
         return made
 
-    result: dict[str, Any] = {}
-    kind, meshed = (parameters, mesh.split()) if isinstance(mesh, str) else (mesh, _names(mesh))
-    placed = assembly.split()
-    shaped = [key for key in _names(parameters) if key not in (*placed, *meshed)]
-    block = section("block", parameters, shaped, Section, type=(Literal[*types.split()], ...))
-    result["block"] = block, ...
-    if placed:
-        result["assembly"] = _stated(section("assembly", parameters, placed, Section))
-    if meshed:
-        made = section("mesh", kind, meshed, MeshSection)
+    block = section("block", type=(Literal[*types.split()], ...))
+    result: dict[str, Any] = {"block": (block, ...)}
+    if keys["assembly"]:
+        result["assembly"] = _stated(section("assembly"))
+    if keys["mesh"]:
+        made = section("mesh", MeshSection)
         result["mesh"] = _stated(made)
         if callable(default):
             chosen = default
@@ -125,8 +128,15 @@ def family(
     scene = create_model(
         f"{parameters.__name__}Scene", __base__=base, __doc__=parameters.__doc__, **result
     )
-    scene.parameters, scene.elements = parameters, kind
+    scene.parameters = parameters
     FAMILIES.update(dict.fromkeys(types.split(), scene))
+
+
+def _inner(kind: type) -> dict[str, tuple[str, Any]]:
+    """Section and dataclass of each field that has a section of its own."""
+    hints = get_type_hints(kind)
+    places = {"block": "block", "divisions": "mesh"}
+    return {n: (p, hints[n]) for n, p in places.items() if is_dataclass(hints.get(n))}
 
 
 def _names(kind: type) -> list[str]:
@@ -211,7 +221,7 @@ class WallScene(AssemblyScene):
 class RoundScene(AssemblyScene):
     """A scene of blocks that stand round an axis, with inner and outer faces, in layers."""
 
-    assembly: TubeAssemblySection
+    assembly: Any
     mesh: Any
     load: TubeLoadSection
 
@@ -222,32 +232,7 @@ class RoundScene(AssemblyScene):
 
     def build_cell(self) -> Assembly:
         """Build the two layers that a long tube repeats, and their images."""
-        raise NotImplementedError
-
-
-class LayeredScene(RoundScene):
-    """A tube of layers of one block, of which `geometry.families.tube` builds it."""
-
-    #: What builds the tube, and the cell that it repeats.
-    tube: ClassVar[Callable[..., Any]]
-    cell: ClassVar[Callable[..., Any]]
-
-    @property
-    def divisions(self) -> Any:
-        """Elements of the free block."""
-        return self.elements(**self.mesh.model_dump())
-
-    def build(self) -> Assembly:
-        """Build the tube."""
-        result: Assembly = type(self).tube(
-            self.stated, self.divisions, **self.assembly.model_dump()
-        )
-        return result
-
-    def build_cell(self) -> Assembly:
-        """Build the cell."""
-        turned = self.assembly.model_dump(exclude={"layers"})
-        result: Assembly = type(self).cell(self.stated, self.divisions, **turned)
+        result: Assembly = self.stated.cell()
         return result
 
 

@@ -178,13 +178,6 @@ def fewer(count: int, share: float, multiple: int = 1) -> int:
     return max(1, round(share * count / multiple)) * multiple
 
 
-class TubeAssemblySection(Section):
-    """``[assembly]`` of a tube."""
-
-    layers: Annotated[int, Field(ge=1)]
-    """Free layers L, without the two end rings."""
-
-
 class TubeLoadSection(Section):
     """``[load]`` of a tube: one of the five load cases."""
 

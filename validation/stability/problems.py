@@ -16,7 +16,7 @@ from fem.problem.model import block_group
 from geometry.assembly import Assembly
 from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import TSB1, SineBlockDivisions
-from geometry.families.tube import sine_tube
+from geometry.families.tube import SineTube
 from geometry.loads import LoadCase, face_pressure
 from geometry.mesh import FloatArray
 
@@ -30,7 +30,7 @@ BRICK = (40.0, 40.0, 20.0)
 
 def tube(layers: int = 2, divisions: SineBlockDivisions = COARSE, **changes: float) -> Assembly:
     """TSB1 with changed parameters, coarse."""
-    return sine_tube(replace(TSB1, **changes), divisions, layers)  # type: ignore[arg-type]
+    return SineTube(replace(TSB1, **changes), divisions, layers).build()  # type: ignore[arg-type]
 
 
 def stack(layers: int = 2, *, top_fixed: bool = False) -> Assembly:

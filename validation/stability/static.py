@@ -17,7 +17,7 @@ from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry.assembly import moved
 from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.families.sine_block import SineBlockDivisions
-from geometry.families.tube import hexagon_cell
+from geometry.families.tube import HexagonTube
 from geometry.loads import named_case
 from geometry.mesh import FloatArray
 from validation.stability.case import Cases, Check, Finding, refusal
@@ -189,7 +189,9 @@ def _turning() -> Finding:
     "A periodic cell floats: balance, the same by sector and ring, sparse and condensed",
 )
 def _floating() -> Finding:
-    assembly = hexagon_cell(HexagonBlockParameters(4, 120.0, 40.0), HexagonBlockDivisions(4, 2))
+    assembly = HexagonTube(
+        HexagonBlockParameters(4, 120.0, 40.0), HexagonBlockDivisions(4, 2), 2
+    ).cell()
     stated = Problem(
         assembly, named_case(assembly, "tunnel", 0.01), CONCRETE, check_units=False
     ).deformable

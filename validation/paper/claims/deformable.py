@@ -224,7 +224,7 @@ def _favourable(_: Evidence) -> Verdict:
 def _monolith(run: DeformableRun) -> tuple[float, float]:
     """Length [mm] and second moment of area [mm⁴] of a solid tube, clamped at both ends."""
     scene = _tube(run)
-    block = scene.stated
+    block = scene.stated.block
     bending = np.pi / 4 * (block.outer_radius**4 - block.inner_radius**4)
     return scene.assembly.layers * block.height, float(bending)
 
@@ -236,7 +236,7 @@ def _far_side(evidence: Evidence) -> Verdict:
         run = evidence.fem(name, "beam")
         (length, bending), force = _monolith(run), _load(run)
         moment = np.linalg.norm(force) * length / 8
-        expected = moment * _tube(run).stated.outer_radius / bending
+        expected = moment * _tube(run).stated.block.outer_radius / bending
         stress = _far_axial_stress(run, force)
         result[name] = (stress, float(expected))
         words.append(f"{name}: {stress:+.4f} MPa")
@@ -304,7 +304,7 @@ def _peaks(run: DeformableRun, side: str) -> tuple[FloatArray, FloatArray]:
     tuple
         Peaks [MPa] and distances in wave lengths, from left to right.
     """
-    block = _tube(run).stated
+    block = _tube(run).stated.block
     field, waves = _sigma(run, _LAYER), block.waves_per_block
     near = field[:, :, -3:] if side == "top" else field[:, :, :3]
     along = near.max(axis=(0, 2))
@@ -491,7 +491,7 @@ def _monolithic(evidence: Evidence) -> Verdict:
         sag = force * length**3 / (192 * material.young_modulus * bending)
         ratios[f"{name} beam"] = run.solution.largest_displacement / sag
         run = evidence.fem(name, "shaft")
-        block = _tube(run).stated
+        block = _tube(run).stated.block
         torque = _tube(run).load.pressure * 2 * np.pi * block.outer_radius**2 * block.height
         shear = material.young_modulus / (2 * (1 + material.poisson_ratio))
         turn = torque / 2 * (length / 2) / (shear * 2 * bending)

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
-from geometry.families.tube import hexagon_cell, hexagon_tube
-from validation.scene.family import LayeredScene, family
+from geometry.families.tube import HexagonTube
+from validation.scene.family import RoundScene, family
 from validation.scene.sections import fewer
 
 
-class HexagonTubeScene(LayeredScene):
+class HexagonTubeScene(RoundScene):
     """A tube of hexagon-based blocks."""
 
     frames_may_lock: ClassVar[bool] = True
-
-    tube = hexagon_tube
-    cell = hexagon_cell
 
     def fewer_elements(self, share: float) -> dict[str, Any]:
         """Keep an even number along an edge."""
@@ -29,7 +25,7 @@ class HexagonTubeScene(LayeredScene):
 family(
     HexagonTubeScene,
     "hexagon",
-    HexagonBlockParameters,
-    mesh=HexagonBlockDivisions,
+    HexagonTube,
+    assembly="layers",
     default={"edge": 28, "radial": 8},
 )

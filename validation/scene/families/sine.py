@@ -7,22 +7,20 @@ from typing import Any
 
 from pydantic import ValidationError, ValidatorFunctionWrapHandler, field_validator
 
-from geometry.families.sine_block import LayerTurn, SineBlockDivisions, SineBlockParameters
-from geometry.families.tube import sine_cell, sine_tube
-from validation.scene.family import LayeredScene, family
-from validation.scene.sections import TubeAssemblySection
+from geometry.families.sine_block import LayerTurn
+from geometry.families.tube import SineTube
+from validation.scene.family import RoundScene, family
+from validation.scene.sections import section_of
 
 #: Slope beyond which the joints of a wave are almost upright [°]; the paper's are at most 76°.
 _STEEP = 76.0
 
 
-class SineTubeAssemblySection(TubeAssemblySection):
-    """``[assembly]`` of a tube of Sine Blocks."""
+_AssemblyKeys: Any = section_of(SineTube, keys=("layers", "turn"))
 
-    turn: LayerTurn | float = LayerTurn.HALF_BLOCK
-    """Offset (stagger) of every second layer: ``half block`` (⌊f⌋ waves, the whole number nearest
-    to half a block), ``one wave`` (the paper's parameter study) or a number of waves. At f = 2 the
-    default more than halves the pressures; at f = 1 and 1.5 both are the same."""
+
+class SineTubeAssemblySection(_AssemblyKeys):  # type: ignore[misc]
+    """``[assembly]`` of a tube of Sine Blocks."""
 
     @field_validator("turn", mode="wrap")
     @classmethod
@@ -39,18 +37,15 @@ def _as_in_the_paper(block: Any) -> dict[str, int]:
     return {"around": 28 * max(1, round(2.0 * block.frequency)), "radial": 8, "axial": 20}
 
 
-class TubeScene(LayeredScene):
+class TubeScene(RoundScene):
     """A tube of Sine Blocks."""
-
-    tube = sine_tube
-    cell = sine_cell
 
     assembly: SineTubeAssemblySection
 
     @property
     def caution(self) -> str | None:
         """Steep waves: their joints are almost upright, and thin where they turn."""
-        angle = degrees(atan(self.stated.steepest_slope))
+        angle = degrees(atan(self.stated.block.steepest_slope))
         if angle <= _STEEP:
             return None
         return (
@@ -65,4 +60,4 @@ class TubeScene(LayeredScene):
         return result | {"around": max(result.get("around", self.mesh.around), least)}
 
 
-family(TubeScene, "sine", SineBlockParameters, mesh=SineBlockDivisions, default=_as_in_the_paper)
+family(TubeScene, "sine", SineTube, default=_as_in_the_paper)
