@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from validation.case import Case, Settings, load_case, settings_words
+from validation.case import Case, Method, Settings, load_case, settings_words
 from validation.errors import InputError
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from fem.assembly.statement import Problem
     from geometry.answer import Answer
     from geometry.measures import SectionForces
     from validation.study.comparison.report import Comparison
@@ -227,11 +228,12 @@ class SweepResult:
 
 
 def sweep(
-    case: str | Path | Case,
+    case: str | Path | Case | Callable[..., Problem],
     parameters: Mapping[str, Sequence[Any]],
     settings: Settings = (),
     *,
     quantity: Literal["rigid", "fem"] = "rigid",
+    method: Method | None = None,
     accuracy: float | None = None,
     store: str | Path | None = None,
     workers: int = 1,
@@ -241,13 +243,16 @@ def sweep(
     Parameters
     ----------
     case
-        Name of a built-in scene, a TOML file, or a case of `load_case`.
+        Name of a built-in scene, a TOML file, a case of `load_case`, or a function that makes a
+        `fem.Problem` of the parameters, such as ``lambda amplitude: Problem(...)``.
     parameters
         Values by key, such as ``{"block.amplitude": [0, 10, 20]}``; the last varies fastest.
     settings
         Values of other keys.
     quantity
         Which answer: ``rigid`` or ``fem``.
+    method
+        Of the problems of a function, such as ``Rigid()`` or ``Static()``.
     accuracy
         Relative error bars of deformable designs [-]; None: 0.1, within a limit of work.
     store
@@ -258,8 +263,7 @@ def sweep(
     Raises
     ------
     InputError
-        Parameters that a scene does not have, or a store of
-        another study.
+        Parameters that a scene does not have, or a store of another study.
     """
     from io import StringIO
     from tempfile import TemporaryDirectory
@@ -272,6 +276,8 @@ def sweep(
     from validation.study.store import ResultFile
     from validation.study.study import check_study
 
+    if callable(case):
+        return _swept(case, parameters, method, store)
     data: dict[str, Any] = {
         "scene": str(case) if isinstance(case, str | Path) else _case(case, ()).keys,
         "quantity": quantity,
@@ -288,6 +294,27 @@ def sweep(
             reported = summary(results, tally, perf_counter() - start)
             print_table(results, plain_console(table := StringIO()))
             return SweepResult(tuple(results.rows()), reported, study, table.getvalue().rstrip())
+
+
+def _swept(
+    make: Callable[..., Problem],
+    parameters: Mapping[str, Sequence[Any]],
+    method: Method | None,
+    store: str | Path | None,
+) -> SweepResult:
+    """Sweep over the problems of a function."""
+    from validation.study.functions import sweep_function
+
+    if method is None or store is not None:
+        raise InputError(
+            "sweep: a function makes problems, which have no method and no keys to store rows by; "
+            "expected method=Rigid() or Static(), and no store"
+        )
+    study, rows = sweep_function(make, parameters, method)
+    failed = sum(row["status"] == "failed" for row in rows)
+    spent = sum(row["cpu_seconds"] for row in rows)
+    reported = {"n_designs": len(rows), "n_failed": failed, "cpu_seconds": spent}
+    return SweepResult(tuple(rows), reported, study, "\n".join(map(str, rows)))
 
 
 def sensitivity(

@@ -55,6 +55,11 @@ class Case:
         return f"<case {self.name}: {self.method}>"
 
     @property
+    def is_scene(self) -> bool:
+        """Whether a scene states it; else a problem that was made in Python."""
+        return isinstance(self.stated, DeformableSections)
+
+    @property
     def scene(self) -> DeformableScene:
         """The scene that states it.
 

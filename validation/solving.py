@@ -69,14 +69,16 @@ def solve_rigid(
     with stages() as watch:
         if stated is None:
             tell("reads the blocks and finds where they touch")
-            stated = rigid_statement(case)
+            stated = rigid_statement(case) if case.is_scene else case.problem
         watch.lap("build")
     built = watch.seconds()
     with named(case.name):
         answer = analyse(stated, case.method, progress=tell)
-        parts = _rigid_parts(case, answer)
+        parts = _rigid_parts(case, answer) if case.is_scene else {}
     seconds = summed({"build": 0.0} | answer.details.cpu_seconds, built)
-    told = {"scene": case.name, "load": case.scene.load_words, "cpu_seconds": seconds}
+    told: dict[str, Any] = {"scene": case.name, "cpu_seconds": seconds}
+    if case.is_scene:
+        told["load"] = case.scene.load_words
     return replace(answer.beside(parts, told), case=case)
 
 

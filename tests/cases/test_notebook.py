@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem import Problem, TabularLaw, concrete, solve_explicit, solve_static
+from fem import Problem, concrete, solve_explicit, solve_static
 from geometry import Answer, SineBlock, pipe, tube
 from mbd import Rigid, analyse
 from tests.fixtures.commands import small_meshes
-from tests.support.face import Motion
 from tests.support.studies import Here
 from validation import compare, cost, load_case, plot, read_answer, sweep, write
 
@@ -196,40 +195,30 @@ def test_a_sweep_is_a_call(tmp_path: Path) -> None:
     ]
 
 
-def test_a_problem_is_swept_as_the_scene_that_states_it(problem, monkeypatch) -> None:
-    """From parameters, from a scene, and as a scene: one study, and its designs are problems."""
+def test_a_function_that_makes_problems_is_swept_as_a_scene_is(monkeypatch) -> None:
+    monkeypatch.setattr("validation.study.run.LocalRunner", lambda study, _: Here(study))
     block = SineBlock(
         height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
     )
-    monkeypatch.setattr("validation.study.run.LocalRunner", lambda study, _: Here(study))
-    made = Problem(tube(block, layers=1, mesh=(12, 2, 2)), pipe(0.01), concrete)
-    values = {"block.amplitude": [10.0, 20.0]}
-    norm = {"rigid.norm": "pressure"}
-    rows = [
-        [row["p_max"] for row in sweep(source, values, norm).rows]
-        for source in (made, problem, load_case("tsb1-pipe", COARSE))
-    ]
-    assert rows[0] == rows[1] == rows[2]
-    for amplitude, p_max in zip(values["block.amplitude"], rows[0], strict=True):
+
+    def made(amplitude: float) -> Problem:
         shape = replace(block, amplitude=amplitude)
-        design = replace(made, blocks=tube(shape, layers=1, mesh=(12, 2, 2)))
-        assert analyse(design)["p_max"].value == p_max
+        return Problem(tube(shape, layers=1, mesh=(12, 2, 2)), pipe(0.01), concrete)
 
-
-@pytest.mark.parametrize(
-    ("change", "named"),
-    [
-        ({"law": TabularLaw([(0.0, 0.0), (0.1, 1.0)])}, "law: got a TabularLaw"),
-        ({"motion": Motion(np.ones(3), np.zeros(3))}, "motion: no scene states it"),
-    ],
-    ids=lambda value: str(value)[:12],
-)
-def test_a_problem_that_no_scene_states_is_not_swept(problem, change, named: str) -> None:
-    with pytest.raises(ValueError, match=named):
-        sweep(replace(problem, **change), {"block.amplitude": [10.0]})
-    boxes = replace(problem, blocks=replace(problem.blocks, parameters=None))
-    with pytest.raises(ValueError, match="not made from parameters"):
-        cost(boxes)
+    values = [10.0, 20.0]
+    of_function = sweep(made, {"amplitude": values}, method=Rigid())
+    of_scene = sweep("tsb1-pipe", {"block.amplitude": values}, COARSE | {"rigid.norm": "pressure"})
+    for one, other in zip(of_function.rows, of_scene.rows, strict=True):
+        assert one["p_max"] == other["p_max"]
+        assert one["status"] == "ok"
+    (curve,) = of_function.plot("amplitude", "p_max").axes[0].containers
+    assert curve.lines[0].get_xydata().tolist() == [
+        [row["amplitude"], row["p_max"]] for row in of_function.rows
+    ]
+    (failed,) = sweep(made, {"amplitude": [-1.0]}, method=Rigid()).rows
+    assert failed["status"] == "failed"
+    with pytest.raises(ValueError, match="expected method"):
+        sweep(made, {"amplitude": values})
 
 
 def test_cost_is_a_function_beside_its_package() -> None:

@@ -189,6 +189,8 @@ class Study:
             weight = _weight(scene)
             pairs = (scene.get("contact") or {}).get("pairs")
             weight |= {"pairs": pairs} if pairs else {}
+            friction = scene["effects"].get("friction")
+            weight |= {"friction": friction} if friction else {}
             scene = {key: value for key, value in scene.items() if key not in _DEFORMABLE}
             scene |= weight
         content: dict[str, Any] = {
