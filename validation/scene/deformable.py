@@ -435,37 +435,6 @@ class DeformableSections(WholeScene):
         """Motion at time 0; None: at rest."""
         return None
 
-    def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:  # noqa: ARG002
-        """Values of ``[mesh]`` with at most so many elements; none where meshes are given.
-
-        Parameters
-        ----------
-        wave
-            Along a wave of the joints, or along an edge.
-        through
-            Through the thickness.
-        other
-            In the direction that is left.
-        """
-        return {}
-
-    def fewer_elements(self, share: float) -> dict[str, Any]:  # noqa: ARG002
-        """Values of ``[mesh]`` with about that share of the elements along every edge.
-
-        Waves keep whole numbers of elements.
-        """
-        return {}
-
-    def coarser(self, share: float) -> Self | None:
-        """Return the scene with about that share of the elements along every edge.
-
-        None where it has no fewer: meshes that are given node by node have no coarser one.
-        """
-        mesh, result = getattr(self, "mesh", None), self.fewer_elements(share)
-        if mesh is None or all(getattr(mesh, key) == value for key, value in result.items()):
-            return None
-        return self.changed({"mesh": result})
-
     @property
     def push(self) -> PushSection | None:
         """Block that is pushed; None: none."""
@@ -528,8 +497,3 @@ class DeformableSections(WholeScene):
     def straightened(self, assembly: Assembly) -> bool:  # noqa: ARG002
         """Whether files have nodes between corners that elements of degree 1 leave out."""
         return False
-
-    @property
-    def element_counts(self) -> dict[str, Any]:
-        """Values of ``[mesh]`` that count elements; none where meshes are given."""
-        return {}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_type_hints
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, get_type_hints
 
 import numpy as np
 from pydantic import Field, create_model
@@ -53,6 +53,61 @@ class FamilyScene(DeformableSections):
             else:
                 given[key] = next(getattr(s, key) for s in sections if hasattr(s, key))
         return self.parameters(**given)
+
+    @property
+    def element_counts(self) -> dict[str, Any]:
+        """Values of ``[mesh]`` that count elements; none where meshes are given block by block."""
+        counts: dict[str, Any] = getattr(getattr(self, "mesh", None), "counts", {})
+        return counts
+
+    def _with_counts(self, change: Callable[[int, int], int]) -> dict[str, Any]:
+        """Values of ``[mesh]`` that change: of a count and its axis, along, across or up."""
+        axes, result = iter(range(3)), {}
+        for key, value in self.element_counts.items():
+            many = isinstance(value, tuple)
+            new = tuple(change(n, next(axes)) for n in (value if many else (value,)))
+            if new != (value if many else (value,)):
+                result[key] = new if many else new[0]
+        return result
+
+    @property
+    def parts_of_a_block(self) -> tuple[int, int, int]:
+        """Equal parts along, across and up, such as its waves."""
+        one = (1, 1, 1)
+        return getattr(self.stated, "parts", one) if self.element_counts else one
+
+    def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:
+        """Values of ``[mesh]`` that are lower with at most so many elements.
+
+        Parameters
+        ----------
+        wave
+            Along a wave of the joints, or along an edge.
+        through
+            Through the thickness.
+        other
+            In the direction that is left.
+        """
+        parts = self.parts_of_a_block
+        limits = (parts[0] * wave, max(parts[1], through), other)
+        return self._with_counts(lambda n, axis: min(n, limits[axis]))
+
+    def fewer_elements(self, share: float) -> dict[str, Any]:
+        """Values of ``[mesh]`` that change with about that share of the elements along every edge.
+
+        Waves keep whole numbers of elements.
+        """
+        multiples = (self.parts_of_a_block[0], 1, 1)
+        return self._with_counts(lambda n, axis: fewer(n, share, multiples[axis]))
+
+    def coarser(self, share: float) -> Self | None:
+        """Return the scene with about that share of the elements along every edge.
+
+        None where it has no fewer: meshes that are given node by node have no coarser one.
+        """
+        mesh = getattr(self, "mesh", None)
+        result = {k: v for k, v in self.fewer_elements(share).items() if v != getattr(mesh, k)}
+        return self.changed({"mesh": result}) if result else None
 
 
 class MeshSection(Section):
@@ -177,39 +232,6 @@ class AssemblyScene(FamilyScene):
     def unmatched(self, assembly: Assembly) -> tuple[UnmatchedJoint, ...]:  # noqa: ARG002
         """Joints where facets do not match; most families match by construction or reject."""
         return ()
-
-    @property
-    def element_counts(self) -> dict[str, Any]:
-        """Values of ``[mesh]`` that count elements; none where meshes are given block by block."""
-        mesh = getattr(self, "mesh", None)
-        return {} if mesh is None else mesh.counts
-
-    def _with_counts(self, change: Callable[[int, int], int]) -> dict[str, Any]:
-        """Values of ``[mesh]`` that change: of a count and its axis, along, across or up."""
-        axes, result = iter(range(3)), {}
-        for key, value in self.element_counts.items():
-            many = isinstance(value, tuple)
-            new = tuple(change(n, next(axes)) for n in (value if many else (value,)))
-            if new != (value if many else (value,)):
-                result[key] = new if many else new[0]
-        return result
-
-    @property
-    def parts(self) -> tuple[int, int, int]:
-        """Equal parts of a block along, across and up, such as its waves."""
-        one = (1, 1, 1)
-        return getattr(self.stated, "parts", one) if self.element_counts else one
-
-    def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:
-        """Limit the elements along each part of a block, across and up."""
-        parts = self.parts
-        limits = (parts[0] * wave, max(parts[1], through), other)
-        return self._with_counts(lambda n, axis: min(n, limits[axis]))
-
-    def fewer_elements(self, share: float) -> dict[str, Any]:
-        """Keep whole numbers of elements along each part of a block."""
-        multiples = (self.parts[0], 1, 1)
-        return self._with_counts(lambda n, axis: fewer(n, share, multiples[axis]))
 
 
 class WallScene(AssemblyScene):

@@ -56,7 +56,7 @@ class TubeScene(RoundScene):
     def fewer_elements(self, share: float) -> dict[str, Any]:
         """Keep at least two elements a wave."""
         result = super().fewer_elements(share)
-        least = min(self.mesh.around, 2 * self.parts[0])
+        least = min(self.mesh.around, 2 * self.parts_of_a_block[0])
         return result | {"around": max(result.get("around", self.mesh.around), least)}
 
 
