@@ -16,6 +16,7 @@ What most need::
 | `PairLaws` | contact laws of pairs of blocks |
 | `CoulombFriction` | friction of all joints |
 | `Frames`, `ElementType` | how fixed blocks are modelled; hexahedra of degree 1 |
+| `Static`, `Explicit` | the methods: how accurate, in how many steps, how damped |
 | `solve_static` | the static state by Newton's method |
 | `StaticOptions` | its tolerance, symmetry and load steps |
 | `solve_explicit` | explicit dynamics, to the static state or in time |
@@ -45,17 +46,20 @@ if TYPE_CHECKING:
     from fem.element.hexahedron import ElementType
     from fem.element.material import Material, concrete
     from fem.explicit.solve import solve
+    from fem.method import Explicit, Static
     from fem.static.solve import StaticOptions
 
 __all__ = [
     "CoulombFriction",
     "ElementType",
+    "Explicit",
     "ExponentialLaw",
     "Frames",
     "LinearPenalty",
     "Material",
     "PairLaws",
     "Problem",
+    "Static",
     "StaticOptions",
     "TabularLaw",
     "concrete",
@@ -70,6 +74,7 @@ __all__ = [
 _PLACES = {
     "CoulombFriction": ("fem.contact.friction", "CoulombFriction"),
     "ElementType": ("fem.element.hexahedron", "ElementType"),
+    "Explicit": ("fem.method", "Explicit"),
     "ExponentialLaw": ("fem.contact.law", "ExponentialLaw"),
     "Frames": ("fem.assembly.deformable", "Frames"),
     "LinearPenalty": ("fem.contact.law", "LinearPenalty"),
@@ -77,6 +82,7 @@ _PLACES = {
     "Material": ("fem.element.material", "Material"),
     "Problem": ("fem.assembly.statement", "Problem"),
     "TabularLaw": ("fem.contact.own_law", "TabularLaw"),
+    "Static": ("fem.method", "Static"),
     "StaticOptions": ("fem.static.solve", "StaticOptions"),
     "read_deck": ("fem.decks.read.deck", "read_deck"),
     "concrete": ("fem.element.material", "concrete"),

@@ -234,7 +234,10 @@ class Problem:
 
     def _check_options(self) -> None:
         """Reject options that no solver has, and such as exclude each other."""
-        if self.degree not in range(1, _HIGHEST_DEGREE + 1):
+        for name in ("finite_sliding", "finite_rotation"):
+            if not isinstance(getattr(self, name), bool | np.bool_):
+                raise ProblemError(f"{name}: got {getattr(self, name)!r}; expected True or False")
+        if self.degree not in range(1, _HIGHEST_DEGREE + 1) or isinstance(self.degree, bool):
             raise ProblemError(
                 f"degree: got {self.degree!r}; expected a whole number from 1 to {_HIGHEST_DEGREE}"
             )
@@ -384,8 +387,8 @@ class Problem:
     def coulomb(self) -> CoulombFriction | None:
         """Friction with its constants; None: absent."""
         friction = self.friction
-        if isinstance(friction, int | float):
-            return CoulombFriction(friction) if friction else None
+        if isinstance(friction, Real):
+            return CoulombFriction(float(friction)) if friction else None
         return friction
 
     @cached_property
