@@ -203,6 +203,31 @@ def check_size(assembly: AnyBlocks) -> None:
         )
 
 
+@dataclass(frozen=True)
+class UnmatchedJoint:
+    """Two blocks that touch where their facets do not all match."""
+
+    block_m: int
+    """One block."""
+    block_s: int
+    """The other one."""
+    touching: float
+    """Area on which they touch [mm²]."""
+    matched: float
+    """Area of it on which facets match corner on corner [mm²]."""
+    toward: FloatArray
+    """Direction in which the face of block m looks, (3,)."""
+
+    def __str__(self) -> str:
+        """Name the blocks, the face, and the area that matches."""
+        return (
+            f"the meshes of blocks {self.block_m} and {self.block_s} do not match: facets meet "
+            f"corner on corner on {self.matched:.4g} of the {self.touching:.4g} mm² on which the "
+            f"blocks touch (face of block {self.block_m} that looks along "
+            f"{np.round(self.toward, 3).tolist()})"
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class Assembly(PlacedBlocks[Block]):
     """Blocks with hexahedra in layers, which meet facet on facet."""
@@ -215,6 +240,8 @@ class Assembly(PlacedBlocks[Block]):
     """A point on the tube axis, (3,) [mm]."""
     unmatched_allowed: bool = False
     """Whether contact facets of free blocks may face nothing (planar stacks with open sides)."""
+    unmatched: tuple[UnmatchedJoint, ...] | None = None
+    """Joints where facets do not match corner on corner; None: as `unmatched_joints` finds them."""
     image_of: IntArray | None = None
     """Block whose translated image each block is, itself where it is none, (n_blocks,): what a
     periodic cell meets at its end. None: no images."""
@@ -301,6 +328,7 @@ def renumbered(assembly: Assembly, order: IntArray) -> Assembly:
         translations=assembly.translations[order],
         layer=assembly.layer[order],
         fixed=assembly.fixed[order],
+        unmatched=None,
         image_of=None if assembly.image_of is None else number[assembly.image_of[order]],
     )
 
@@ -344,31 +372,6 @@ def _opening_of_layers(assembly: Assembly) -> FloatArray:
         least = np.linalg.lstsq(rates.reshape(len(pairs), -1), np.ones(len(pairs)), rcond=None)[0]
         opening[blocks] = least.reshape(-1, 3)
     return opening
-
-
-@dataclass(frozen=True)
-class UnmatchedJoint:
-    """Two blocks that touch where their facets do not all match."""
-
-    block_m: int
-    """One block."""
-    block_s: int
-    """The other one."""
-    touching: float
-    """Area on which they touch [mm²]."""
-    matched: float
-    """Area of it on which facets match corner on corner [mm²]."""
-    toward: FloatArray
-    """Direction in which the face of block m looks, (3,)."""
-
-    def __str__(self) -> str:
-        """Name the blocks, the face, and the area that matches."""
-        return (
-            f"the meshes of blocks {self.block_m} and {self.block_s} do not match: facets meet "
-            f"corner on corner on {self.matched:.4g} of the {self.touching:.4g} mm² on which the "
-            f"blocks touch (face of block {self.block_m} that looks along "
-            f"{np.round(self.toward, 3).tolist()})"
-        )
 
 
 def matched_area(assembly: Assembly, block_m: int, block_s: int) -> float:

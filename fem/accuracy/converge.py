@@ -339,7 +339,7 @@ def check_refinable(problem: Problem) -> None:
 
 def why_not_refined(problem: Problem) -> str | None:
     """What stands against refining the mesh of a problem; None where nothing does."""
-    if problem.finite_sliding:
+    if problem.searches:
         second = on_rung(problem, ladder_for(TARGETS, problem).rungs[_FOR_BARS - 1])
         if work(second, 1) > FAR_BEYOND * MOST_WORK:
             return "general contact of so many facets that a second mesh takes minutes"
@@ -404,7 +404,7 @@ def _solve(
 
 def _may_start(stated: Problem, before: Problem) -> bool:
     """Whether a state on another mesh is a start: not where the way to the load counts."""
-    if stated.friction is not None or stated.finite_rotation or stated.finite_sliding:
+    if stated.friction is not None or stated.finite_rotation or stated.searches:
         return False
     shapes = zip(stated.blocks.shapes, before.blocks.shapes, strict=True)
     return all(charts_of(a).directions == charts_of(b).directions for a, b in shapes)

@@ -279,7 +279,7 @@ def on_rung(problem: Problem, rung: Rung) -> Problem:
     shapes = problem.blocks.shapes
     anew = tuple(with_lines(shape, rung.lines(charts_of(shape))) for shape in shapes)
     result = on_mesh(problem, anew, rung.degree)
-    if problem.finite_sliding or _meets_alike(problem.blocks, result.blocks):
+    if problem.searches or _meets_alike(problem.blocks, result.blocks):
         return result
     return split(problem, max(1, rung.across), rung.degree)
 
@@ -323,7 +323,7 @@ def coarser(problem: Problem, share: float) -> Problem | None:
     if lost or all(new == old for new, old in counts):
         return None
     result = on_mesh(problem, shapes, problem.degree)
-    if problem.finite_sliding or _meets_alike(problem.blocks, result.blocks):
+    if problem.searches or _meets_alike(problem.blocks, result.blocks):
         return result
     return replace(result, finite_sliding=True)
 

@@ -45,11 +45,12 @@ from fem.element.material import (
 )
 from fem.problem.effects import Effects
 from fem.problem.model import Model
-from geometry.assembly import Assembly, spacing_offsets
+from geometry.assembly import Assembly, UnmatchedJoint, spacing_offsets
 from geometry.errors import RefusedError
 from geometry.loads import Load, LoadCase
 from geometry.mesh import BoolArray, FloatArray, check_mesh
 from geometry.parts.pairs import OfPairs, check_pairs
+from geometry.polyhedra.assembly import as_polyhedral, unmatched_joints
 
 #: Depth that is no overlap, in block lengths ∛V: meshes of curved faces that do not match.
 _LEAST_OVERLAP = 1e-3
@@ -138,7 +139,7 @@ class Problem:
         may have others. Default: frictionless.
     finite_sliding
         Finite sliding with a contact search; else small sliding of fixed pairs of matching facets.
-        Default False.
+        Default False: a search where facets do not match alone.
     finite_rotation
         Whether blocks may turn by any angle. Default False: small rotations.
     gravity
@@ -267,7 +268,7 @@ class Problem:
         least = _LEAST_OVERLAP * blocks.characteristic_length
         check_overlaps(blocks, max(self.contact_law.largest_initial_overclosure, least))
         deforms = self.deforming
-        if self.finite_sliding:
+        if self.searches:
             return
         if blocks.interfaces.n_contacts:
             check_held(blocks, load)
@@ -392,14 +393,42 @@ class Problem:
         return friction
 
     @cached_property
+    def unmatched(self) -> tuple[UnmatchedJoint, ...]:
+        """Joints where facets do not match corner on corner: their contact is searched."""
+        blocks = self.blocks
+        if blocks.unmatched is not None:
+            return blocks.unmatched
+        every = unmatched_joints(blocks, as_polyhedral(blocks)) if blocks.unmatched_allowed else ()
+        return tuple(
+            joint
+            for joint in every
+            if all(len(blocks.shape(b).contact_quads) for b in (joint.block_m, joint.block_s))
+        )
+
+    @property
+    def searches(self) -> bool:
+        """Whether contact is searched: for finite sliding, or where facets do not match."""
+        return self.finite_sliding or bool(self.unmatched)
+
+    @cached_property
+    def rigid_blocks(self) -> Assembly:
+        """Blocks on the contacts of rigid ones: where facets do not match those that face others.
+
+        Raises
+        ------
+        AssemblyError
+            Contact facets without partner.
+        """
+        if not self.unmatched:
+            return self.blocks
+        from fem.assembly.facing import facing_blocks  # it loads a compiler
+
+        return facing_blocks(self.blocks)
+
+    @cached_property
     def load_case(self) -> LoadCase:
         """Tractions on facets, and what is held while they act."""
         return self.load.on(self.blocks) if isinstance(self.load, Load) else self.load
-
-    @property
-    def rigid_blocks(self) -> Assembly:
-        """The blocks with the contacts of rigid ones."""
-        return self.blocks
 
     @property
     def rigid_load(self) -> LoadCase:
@@ -422,8 +451,8 @@ class Problem:
         for name in ("finite_sliding", "finite_rotation"):
             if getattr(self, name):
                 raise ProblemError(
-                    f"{name}: got True; rigid blocks move by small amounts: expected it off, or "
-                    "deformable blocks"
+                    f"{name}: got True; rigid blocks move by small amounts: expected it off (other "
+                    "facets than matching ones are found without), or deformable blocks"
                 )
         self.refuse_motion()
         return self.load_case
@@ -505,7 +534,7 @@ class Problem:
         FrictionError
             A coefficient that cannot be used.
         """
-        assembly, load, sliding = self.blocks, self.load_case, self.finite_sliding
+        assembly, load, sliding = self.blocks, self.load_case, self.searches
         if self.degree > 1:
             assembly = curved(assembly, self.degree)
         deforms = self.deforming

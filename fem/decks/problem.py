@@ -39,7 +39,6 @@ from geometry.block import Block
 from geometry.files.whole import write_whole
 from geometry.loads import CircumferentialLoad
 from geometry.mesh import IntArray
-from geometry.polyhedra.assembly import as_polyhedral, unmatched_joints
 
 #: Explicit run to a static state where nobody names times [s]: with the paper's damping of 2 /s,
 #: amplitudes have fallen to e⁻⁶ = 0.25 % six seconds after the ramp.
@@ -138,16 +137,14 @@ def canonical_deck(
         assembly = quadratic(assembly, problem.degree, flavour, meets=meets and not on_faces)
     load = replace(problem.load_case, assembly=assembly)
     stated = replace(problem, blocks=assembly, load=load, degree=1, check_blocks=False)
-    searched = problem.finite_sliding and _is_searched(problem)
-    return deck_of(stated, flavour, step, effects, meets=meets, searched=searched)
+    return deck_of(stated, flavour, step, effects, meets=meets)
 
 
 def _is_searched(problem: Problem) -> bool:
     """Whether facets of blocks that may meet do not match."""
-    blocks, fixed = problem.blocks, problem.load_case.fixed
-    unmatched = unmatched_joints(blocks, as_polyhedral(blocks))
-    moving = (not (fixed[joint.block_m] and fixed[joint.block_s]) for joint in unmatched)
-    return not blocks.interfaces.n_contacts or any(moving)
+    fixed = problem.load_case.fixed
+    moving = (not (fixed[one.block_m] and fixed[one.block_s]) for one in problem.unmatched)
+    return any(moving) or (problem.searches and not problem.blocks.interfaces.n_contacts)
 
 
 def deck_of(
@@ -157,7 +154,6 @@ def deck_of(
     effects: Effects,
     *,
     meets: bool,
-    searched: bool = False,
 ) -> Deck:
     """Deck of a problem on canonical blocks (`fem.decks.placement.canonical`)."""
     assembly, material = _of_one_material_each(problem)
@@ -171,7 +167,6 @@ def deck_of(
             step,
             effects,
             meets=meets,
-            searched=searched,
         )
     return Deck(
         name=problem.blocks.name,
@@ -188,7 +183,7 @@ def deck_of(
         motion=problem.motion,
         clearance=problem.clearance,
         spacing=problem.spacing,
-        searched=searched,
+        searched=_is_searched(problem),
         before=before,
     )
 

@@ -9,7 +9,7 @@ contact law alone, whether or not the meshes match there.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -57,6 +57,7 @@ class BrickStack(Options):
             layer=layer,
             fixed=(layer == 0) | (layer == self.layers + 1),
             unmatched_allowed=True,
+            unmatched=(),
         )
 
 
@@ -85,6 +86,7 @@ class SeparateBoxes(Options):
             layer=np.zeros(n, dtype=np.int64),
             fixed=np.zeros(n, dtype=np.bool_),
             unmatched_allowed=True,
+            unmatched=(),
         )
 
 
@@ -120,7 +122,7 @@ def box_column(boxes: Sequence[ColumnBox]) -> Assembly:
     size = np.array([box.size for box in boxes])
     bottom = np.concatenate([[0.0], np.cumsum(size[:-1, 2])])
     n = len(boxes)
-    return Assembly(
+    column = Assembly(
         name="box-column",
         shapes=tuple(_shape(box, number) for box, number in kinds.items()),
         shape_of=np.array([kinds[box] for box in boxes], dtype=np.int64),
@@ -130,13 +132,14 @@ def box_column(boxes: Sequence[ColumnBox]) -> Assembly:
         fixed=np.arange(n) == 0,
         unmatched_allowed=True,
     )
+    return replace(column, unmatched=_unmatched(column))
 
 
 def _shape(box: ColumnBox, number: int) -> Block:
     return box_block(box.size, box.divisions, name=f"box-{number}", contact_faces=("z-", "z+"))
 
 
-def unmatched_joints(column: Assembly) -> tuple[UnmatchedJoint, ...]:
+def _unmatched(column: Assembly) -> tuple[UnmatchedJoint, ...]:
     """Joints where the facets of the two boxes do not match, from the bottom up."""
     joints = []
     for below in range(column.n_blocks - 1):

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from geometry.assembly import Assembly, AssemblyError
+from geometry.assembly import Assembly, AssemblyError, UnmatchedJoint
 from geometry.block import Block
 from geometry.families.round_bodies import Plan, quarter_disc, round_ended, strip
 from geometry.mesh import boundary_quads
@@ -71,6 +71,8 @@ class Indenter(Options):
             layer=np.arange(2),
             fixed=np.zeros(2, dtype=np.bool_),
             unmatched_allowed=True,
+            # They touch in a line or a point.
+            unmatched=(UnmatchedJoint(0, 1, 0.0, 0.0, np.array([0.0, 0.0, 1.0])),),
         )
 
 

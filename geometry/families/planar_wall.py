@@ -137,6 +137,7 @@ def _built(
         layer=layer,
         fixed=frame | (column == 0) | (column == columns + 1),
         unmatched_allowed=True,
+        unmatched=(),
     )
 
 

@@ -116,7 +116,7 @@ def test_facets_that_do_not_match_have_contact_pairs(tmp_path: Path) -> None:
     """Whole faces meet: the deck of the problem is read back as one whose contact is searched."""
     stated = scene_problem(load_case("column-nonmatching").scene, "column")
     read = read_deck(write_deck(stated, tmp_path / "case.inp", program="calculix")).problem()
-    assert (stated.finite_sliding, read.finite_sliding) == (True, True)
+    assert (stated.searches, read.searches) == (True, True)
 
 
 @pytest.mark.parametrize("program", ["abaqus", "calculix"])

@@ -152,8 +152,8 @@ def _scene(name: str) -> Subject:
     layers = getattr(getattr(scene, "assembly", None), "layers", 0)
     if layers > 2:
         scene = scene.changed({"assembly.layers": 2})
-    blocks = build_blocks(scene.coarser(0.2) or scene)
-    return blocks.assembly, blocks.load, None
+    load = build_blocks(scene.coarser(0.2) or scene)
+    return load.assembly, load, None
 
 
 def _tube(build: Callable[[], Assembly]) -> Subject:

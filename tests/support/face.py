@@ -140,7 +140,7 @@ _INNER = {
     "geometry.assembly": "AnyBlocks AssemblyError PlacedBlocks",
     "geometry.block": "Block box_block mapped_block",
     "geometry.errors": "RefusedError unreadable",
-    "geometry.families.boxes": "BrickStack ColumnBox SeparateBoxes box_column unmatched_joints",
+    "geometry.families.boxes": "BrickStack ColumnBox SeparateBoxes box_column",
     "geometry.families.hexagon_block": "HexagonBlockDivisions hexagon_block",
     "geometry.families.indenter": "Indenter",
     "geometry.families.masonry": "box CircularArch RunningBondWall wall_of_rows",

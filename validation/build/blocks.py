@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.assembly import AnyBlocks, Assembly, UnmatchedJoint
+from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray
 from validation.build.materials import densities
@@ -19,16 +19,6 @@ from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene
 from validation.scene.sections import Vector
-
-
-@dataclass(frozen=True)
-class HexahedralBlocks:
-    """Blocks of a scene, every one with hexahedra, and their load."""
-
-    assembly: Assembly
-    load: LoadCase
-    unmatched: tuple[UnmatchedJoint, ...]
-    """Joints where facets do not match corner on corner."""
 
 
 def require_assembly(scene: DeformableScene, name: str, command: str) -> AssemblyScene:
@@ -77,11 +67,10 @@ def build_weight(scene: DeformableScene, assembly: AnyBlocks) -> FloatArray | No
     return None if gravity is None else body_forces(scene, assembly, gravity)
 
 
-def build_blocks(scene: AssemblyScene) -> HexahedralBlocks:
-    """Build blocks and load of a scene."""
+def build_blocks(scene: AssemblyScene) -> LoadCase:
+    """Build the load of a scene on its blocks."""
     assembly = build_assembly(scene)
-    load = stated_load(scene, assembly, scene.build_load(assembly))
-    return HexahedralBlocks(assembly, load, scene.unmatched(assembly))
+    return stated_load(scene, assembly, scene.build_load(assembly))
 
 
 @dataclass(frozen=True)
@@ -99,11 +88,12 @@ def build_scene(file: Case, *, command: str = "mbd") -> BuiltScene:
     """Build what a scene describes; ``command`` is named where that is not enough for it."""
     start = time.process_time()
     scene = require_assembly(file.scene, file.name, command)
-    blocks = build_blocks(scene)
-    assembly = blocks.assembly
-    if blocks.unmatched:
-        from validation.build.facing import facing_blocks  # it loads a compiler
+    load = build_blocks(scene)
+    assembly = load.assembly
+    assert isinstance(assembly, Assembly)
+    if assembly.unmatched:
+        from fem.assembly.facing import facing_blocks  # it loads a compiler
 
         assembly = facing_blocks(assembly)
     seconds = time.process_time() - start
-    return BuiltScene(file.name, scene, assembly, blocks.load, seconds)
+    return BuiltScene(file.name, scene, assembly, load, seconds)

@@ -24,7 +24,7 @@ from fem.decks.statement import Deck, DeckStep, Flavour, Joint, Procedure
 from fem.decks.tetrahedra import has_tetrahedra, with_tetrahedra
 from fem.element.hexahedron import ElementType
 from fem.problem.effects import Effects
-from validation.build.blocks import HexahedralBlocks
+from geometry.assembly import Assembly
 from validation.build.cell import refuse_cell
 from validation.build.deformable import (
     build_effects,
@@ -57,13 +57,13 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
     if flavour is None:
         flavour = Flavour.STANDARD if fem.method is Method.STATIC else Flavour.GENERAL
     refuse_cell(scene, name, "export")
-    blocks = build_hexahedra(scene, name)
-    assembly = canonical(blocks.assembly)
+    built = build_hexahedra(scene, name).assembly
+    assert isinstance(built, Assembly)
+    assembly = canonical(built)
     degree = element_degree(scene, assembly)
     if degree > 1 and not has_tetrahedra(assembly):
         assembly = quadratic(assembly, degree, flavour, meets=scene.meets)
-    case = scene_load(scene, assembly)
-    problem = build_problem(scene, name, HexahedralBlocks(assembly, case, blocks.unmatched))
+    problem = build_problem(scene, name, scene_load(scene, assembly))
     # CalculiX has no contact in explicit steps; single bodies do what the scene says.
     as_stated = flavour is Flavour.CALCULIX and not scene.meets
     static = fem.method is Method.STATIC if as_stated else flavour is not Flavour.GENERAL
@@ -76,7 +76,6 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
             step,
             _effects(scene, static=static),
             meets=scene.meets,
-            searched=bool(blocks.unmatched),
         ),
         name=name,
     )
@@ -99,13 +98,10 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
 
 
 def _as_written(joint: Joint, effects: EffectsSection) -> Joint:
-    """Leave to the program what the scene does not say.
-
-    Surfaces that do not match are searched; whether pairs follow them is what the scene says.
-    """
+    """Leave to the program what the scene does not say."""
     friction = effects.friction
     stick = None if friction is None else friction.stick_stiffness
-    return replace(joint, stick_stiffness=stick, finite_sliding=effects.finite_sliding)
+    return replace(joint, stick_stiffness=stick)
 
 
 def _with_mass_scaling(deck: Deck, factor: float) -> Deck:

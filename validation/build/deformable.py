@@ -18,7 +18,7 @@ from fem.decks.problem import PAPER_RAYLEIGH
 from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase
-from validation.build.blocks import HexahedralBlocks, build_blocks
+from validation.build.blocks import build_blocks
 from validation.build.cell import build_cell
 from validation.build.materials import build_materials
 from validation.build.pairs import friction_of_pairs, laws_of_pairs
@@ -117,11 +117,10 @@ def build_effects(section: EffectsSection, fem: FemSection, damping: str) -> Eff
     )
 
 
-def build_hexahedra(scene: DeformableScene, name: str) -> HexahedralBlocks:
-    """Build the blocks and the load of a scene, every block with hexahedra."""
+def build_hexahedra(scene: DeformableScene, name: str) -> LoadCase:
+    """Build the load of a scene on its blocks, every one with hexahedra."""
     if scene.is_cell:
-        cell = build_cell(scene, name)
-        return HexahedralBlocks(cell, scene_load(scene, cell), ())
+        return scene_load(scene, build_cell(scene, name))
     if isinstance(scene, PolyhedralScene):
         from validation.build.own_blocks import build_own_blocks
 
@@ -153,33 +152,33 @@ def element_degree(scene: DeformableScene, assembly: Assembly) -> int:
     return 2 if need <= FAR_BEYOND * MOST_WORK else scene.fem.degree
 
 
-def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -> Problem:
-    """State the problem of a scene on its blocks, whatever is to solve it: a method or a deck.
+def build_problem(scene: DeformableScene, name: str, load: LoadCase) -> Problem:
+    """State the problem of a scene on blocks, whatever is to solve it: a method or a deck.
 
-    Where facets do not match, or the scene asks for it, contact searches facets that face each
-    other (`Contact.finite_sliding`).
+    Where facets do not match, or the scene states it, contact searches facets that face each other.
     """
-    fem, contact = fem_section(scene, name), scene.contact
-    degree = element_degree(scene, blocks.assembly)
+    fem, contact, assembly = fem_section(scene, name), scene.contact, load.assembly
+    assert isinstance(assembly, Assembly)
+    degree = element_degree(scene, assembly)
     element = {"element": fem.element} if degree == 1 else {"degree": degree}
-    sliding = bool(blocks.unmatched) or scene.effects.finite_sliding
+    anywhere = bool(assembly.unmatched) or scene.effects.finite_sliding
     joints: dict[str, Any] = {}
     if scene.meets:
         joints = {
-            "law": build_law(scene, blocks.assembly, sliding=sliding),
+            "law": build_law(scene, assembly, sliding=anywhere),
             "clearance": contact.clearance,
             "spacing": contact.spacing,
         }
     return Problem(
-        blocks.assembly,
-        blocks.load,
-        build_materials(scene, blocks.assembly),
+        assembly,
+        load,
+        build_materials(scene, assembly),
         **element,
         **joints,
         normals=ContactNormals.CURRENT,
         frames=Frames.DEFORMABLE if held_at_faces(scene) else Frames.RIGID,
-        friction=build_friction(scene, blocks.assembly, sliding=sliding),
-        finite_sliding=sliding,
+        friction=build_friction(scene, assembly, sliding=anywhere),
+        finite_sliding=scene.effects.finite_sliding,
         finite_rotation=scene.effects.finite_rotation,
         gravity=scene.effects.gravity,
         motion=scene.motion,
@@ -191,9 +190,9 @@ def build_problem(scene: DeformableScene, name: str, blocks: HexahedralBlocks) -
 
 def scene_problem(scene: DeformableScene, name: str) -> Problem:
     """State the problem of a scene."""
-    blocks = build_hexahedra(scene, name)
+    load = build_hexahedra(scene, name)
     with named(name):
-        problem = build_problem(scene, name, blocks)
+        problem = build_problem(scene, name, load)
         cut = scene_planes(scene, problem.blocks)
         if cut is not None:
             check_planes(problem.blocks, cut, ~problem.deforming)

@@ -22,7 +22,6 @@ from geometry.polyhedra.assembly import (
 )
 from geometry.polyhedra.overlap import check_assembly
 from geometry.polyhedra.polyhedron import Polyhedron
-from validation.build.blocks import HexahedralBlocks
 from validation.build.polyhedra import (
     build_live_load,
     build_polyhedra,
@@ -35,8 +34,8 @@ from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import MeshScene, PartSection, PolyhedralScene
 
 
-def build_own_blocks(scene: PolyhedralScene, name: str) -> HexahedralBlocks:
-    """Build solids of a family or from files, with hexahedra."""
+def build_own_blocks(scene: PolyhedralScene, name: str) -> LoadCase:
+    """Build the load on solids of a family or from files, with hexahedra."""
     if scene.contact.spacing > 0.0:
         raise InputError(
             f"{name}: contact.spacing: got {scene.contact.spacing:g} mm, but these blocks have no "
@@ -52,7 +51,7 @@ def build_own_blocks(scene: PolyhedralScene, name: str) -> HexahedralBlocks:
         raise InputError(f"{name}: {str(error).removeprefix(f'{name}: ')}") from None
     assembly = replace(assembly, layer=contact_distance(surfaces))
     unmatched = unmatched_joints(assembly, surfaces)
-    return HexahedralBlocks(assembly, own_load(scene, assembly), unmatched)
+    return own_load(scene, replace(assembly, unmatched=unmatched))
 
 
 def _assembly(scene: PolyhedralScene, name: str) -> Assembly:

@@ -99,13 +99,14 @@ def _moving_words(name: str, scene: DeformableScene, natural: float) -> str | No
     """`sliding_words` of a scene; None where facets do not match, for motions and springs."""
     if not scene.for_rigid_blocks:
         return None
-    blocks = build_hexahedra(scene, name)
-    if blocks.unmatched or not blocks.load.fixed.any():
+    load = build_hexahedra(scene, name)
+    assembly = load.assembly
+    assert isinstance(assembly, Assembly)
+    if assembly.unmatched or not load.fixed.any():
         return None
-    friction = build_friction(scene, blocks.assembly, sliding=False)
-    weight = build_weight(scene, blocks.assembly)
-    load = blocks.load if weight is None else with_body_wrenches(blocks.load, weight)
-    return sliding_words(blocks.assembly, load, friction, natural)
+    friction, weight = build_friction(scene, assembly, sliding=False), build_weight(scene, assembly)
+    load = load if weight is None else with_body_wrenches(load, weight)
+    return sliding_words(assembly, load, friction, natural)
 
 
 def mechanism_words(name: str, scene: DeformableScene) -> str | None:

@@ -23,7 +23,7 @@ from validation.scene.sections import (
 )
 
 if TYPE_CHECKING:
-    from geometry.assembly import Assembly, UnmatchedJoint
+    from geometry.assembly import Assembly
     from geometry.loads import LoadCase
 
 
@@ -228,10 +228,6 @@ class AssemblyScene(FamilyScene):
             as_printed=named_load(load.case).force_as_printed and load.as_printed,
             layer=load.layer,
         )
-
-    def unmatched(self, assembly: Assembly) -> tuple[UnmatchedJoint, ...]:  # noqa: ARG002
-        """Joints where facets do not match; most families match by construction or reject."""
-        return ()
 
 
 class WallScene(AssemblyScene):

@@ -395,4 +395,5 @@ class Blocks:
             origin=origin,
             names=tuple(self.name(block) for block in range(len(keys))),
             unmatched_allowed=True,
+            unmatched=(),
         )

@@ -107,7 +107,9 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
     _check_densities(model, step)
     joints, sliding = {}, False
     if contact.pairs or contact.everywhere:
-        sliding = contact.slides(assembly, unmatched_joints(assembly, surfaces))
+        unmatched = contact.unmatched(assembly, unmatched_joints(assembly, surfaces))
+        assembly = replace(assembly, unmatched=unmatched)
+        sliding = bool(unmatched) or not assembly.interfaces.n_contacts
         joints = contact.joints(model, _facet_size(assembly))
         if not sliding and not contact.small_sliding:
             model.note("contact: facets match and stay paired (small sliding)")
@@ -119,7 +121,7 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
         degree=degree,
         **joints,  # type: ignore[arg-type]
         clearance=contact.clearance,
-        finite_sliding=sliding,
+        finite_sliding=sliding and not (contact.small_sliding and assembly.unmatched),
         finite_rotation=_turns(model, step, cases, meets=bool(joints)),
         gravity=gravity_of(stages[0], assembly.n_blocks),
         motion=initial_motion(model, blocks, assembly),
@@ -372,13 +374,16 @@ class _Contact:
         linear = all(isinstance(one, LinearPenalty) for one in law.members)
         return linear and not self.clearance and self.types == {"SURFACE TO SURFACE"}
 
-    def slides(self, assembly: Assembly, unmatched: tuple[UnmatchedJoint, ...]) -> bool:
-        """Whether points are searched: facets of blocks that can meet do not match."""
+    def unmatched(
+        self, assembly: Assembly, every: tuple[UnmatchedJoint, ...]
+    ) -> tuple[UnmatchedJoint, ...]:
+        """Those joints whose facets do not match that are of blocks that can meet."""
         fixed = assembly.fixed
-        return not assembly.interfaces.n_contacts or any(
-            (self.everywhere is not None or (joint.block_m, joint.block_s) in self.pairs)
-            and not (fixed[joint.block_m] and fixed[joint.block_s])
-            for joint in unmatched
+        return tuple(
+            joint
+            for joint in every
+            if self.everywhere is not None or (joint.block_m, joint.block_s) in self.pairs
+            if not (fixed[joint.block_m] and fixed[joint.block_s])
         )
 
     def is_rough(self, model: ModelLines) -> bool:

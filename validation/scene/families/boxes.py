@@ -12,7 +12,7 @@ from validation.scene.keys.ranges import PRESSURE, SIZE
 from validation.scene.sections import Finite, Section, fewer, section_of
 
 if TYPE_CHECKING:
-    from geometry.assembly import Assembly, UnmatchedJoint
+    from geometry.assembly import Assembly
     from geometry.loads import LoadCase
 
 
@@ -66,12 +66,6 @@ class BoxesScene(AssemblyScene):
         if self.load.pressure is None:
             return LoadCase(assembly, "none", (), assembly.fixed.copy())
         return face_pressure(assembly, np.array([assembly.n_blocks - 1]), "z+", self.load.pressure)
-
-    def unmatched(self, assembly: Assembly) -> tuple[UnmatchedJoint, ...]:
-        """Joints of boxes with different meshes."""
-        from geometry.families.boxes import unmatched_joints
-
-        return unmatched_joints(assembly)
 
     def coarser(self, share: float) -> Self | None:
         """Divide every box into fewer elements."""

@@ -9,7 +9,7 @@ from validation.scene.family import AssemblyScene, family
 from validation.scene.sections import Section, fewer
 
 if TYPE_CHECKING:
-    from geometry.assembly import Assembly, UnmatchedJoint
+    from geometry.assembly import Assembly
     from geometry.loads import LoadCase
 
 
@@ -33,14 +33,6 @@ class IndenterScene(AssemblyScene):
         from geometry.loads import LoadCase
 
         return LoadCase(assembly, "none", (), assembly.fixed.copy())
-
-    def unmatched(self, assembly: Assembly) -> tuple[UnmatchedJoint, ...]:  # noqa: ARG002
-        """The one joint, which touches in a line or a point."""
-        import numpy as np
-
-        from geometry.assembly import UnmatchedJoint
-
-        return (UnmatchedJoint(0, 1, 0.0, 0.0, np.array([0.0, 0.0, 1.0])),)
 
     def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:  # noqa: ARG002
         """None: elements are as large as the contact asks for."""

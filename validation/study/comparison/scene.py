@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from fem.assembly.facing import facing_blocks
 from fem.assembly.statement import Problem
 from geometry.answer import Answer
 from geometry.assembly import Assembly
 from mbd.options import Norm, Rigid
 from validation.build.deformable import fem_section, scene_problem
-from validation.build.facing import facing_blocks
 from validation.build.rigid import rigid_statement
 from validation.case import Case, scene_case
 from validation.errors import InputError
@@ -49,7 +49,7 @@ def compared_runs(
     require_held_by_faces(name, scene, problem.blocks)
     rigid = list(_rigid_runs(name, scene, problem))
     static = scene.changed({"fem.method": Method.STATIC})
-    one_mesh = problem.finite_sliding or refined(name, static, {}) is None
+    one_mesh = problem.searches or refined(name, static, {}) is None
     result: list[DeformableRun] = []
     if not one_mesh:
         result.append(run_converged(name, static, progress=refinement))
@@ -65,7 +65,7 @@ def compared_runs(
 def _rigid_runs(name: str, scene: DeformableScene, problem: Problem) -> Iterator[Answer]:
     """Answers of rigid blocks in both norms."""
     assembly: Assembly = problem.blocks
-    if problem.finite_sliding:
+    if problem.searches:
         assembly = facing_blocks(problem.deformable.assembly)
     stated = rigid_statement(scene_case(scene, name), assembly)
     for norm in Norm:
