@@ -10,6 +10,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 from geometry import Answer
@@ -142,3 +143,57 @@ def test_how_a_scene_is_to_be_solved_is_read_by_python(stated: dict[str, Any]) -
     settings = SINE | stated
     with small_meshes(1, 2):
         agree(printed("fem", "tsb1-pipe", settings), given("static", "tsb1-pipe", settings))
+
+
+# ---------------------------------------------------------------------------------------------
+# Random scenes
+
+#: Ranges from which values of some keys are drawn, by the beginnings of names of scenes; some of
+#: the scenes cannot be built, and are rejected by both.
+RANGES: dict[str, dict[str, tuple[float, float]]] = {
+    "tsb": {"block.amplitude": (5, 40), "block.thickness": (20, 80), "block.height": (120, 260)},
+    "thb": {"block.thickness": (20, 80), "block.inner_radius": (80, 200)},
+    "osteomorphic": {"block.amplitude": (2, 30), "block.thickness": (40, 120)},
+    "planar-sine": {"block.amplitude": (2, 30), "block.thickness": (40, 120)},
+    "arch": {"block.thickness": (60, 300), "assembly.embrace": (60, 180)},
+    "wall": {"load.acceleration.0": (0, 6000)},
+    "tetrahedra": {"block.thickness": (20, 90)},
+    "cubes": {"block.edge": (20, 90)},
+    "octahedra": {"block.edge": (20, 90)},
+}
+SHARED = {
+    "effects.friction": (0.05, 1.0),
+    "effects.gravity": (-9810.0, 0.0),
+    "load.pressure": (-0.02, 0.05),
+    "contact.clearance": (-0.01, 0.02),
+}
+FLAGS = ("rigid.collapse", "rigid.ranges", "effects.finite_sliding")
+
+
+def drawn(rng: np.random.Generator) -> tuple[str, dict[str, Any]]:
+    names = [n for n in builtin_names() if n.startswith(tuple(RANGES)) and "roller" not in n]
+    name = str(rng.choice(names))
+    settings = dict(fewer(name))
+    own = next(ranges for key, ranges in RANGES.items() if name.startswith(key))
+    for key, (low, high) in {**own, **SHARED}.items():
+        if rng.random() > 0.35 + 0.3 * (key in own):
+            continue
+        value: Any = round(float(rng.uniform(low, high)), 3)
+        if key == "effects.gravity":
+            value = [0.0, 0.0, value]
+        if key.endswith(".0"):
+            value = [value, 0.0, 0.0]
+        if key != "load.pressure" or name.startswith(("tsb", "thb", "osteo", "planar")):
+            settings[key.removesuffix(".0")] = value
+    settings |= {key: True for key in FLAGS if rng.random() < 0.1}
+    return name, settings
+
+
+def test_random_scenes_have_one_rigid_answer() -> None:
+    rng, answered = np.random.default_rng(48), 0
+    for _ in range(100):
+        name, settings = drawn(rng)
+        one = printed("mbd", name, settings)
+        agree(one, given("rigid", name, settings))
+        answered += "rejected" not in one
+    assert answered >= 50
