@@ -216,11 +216,12 @@ class AssemblyScene(FamilyScene):
         return result
 
     def build_load(self, assembly: Assembly) -> LoadCase:
-        """Put the load on the blocks."""
-        from geometry.loads import named_case, named_load
+        """Put the load case on the blocks, where ``[load]`` names one."""
+        from geometry.loads import LoadCase, named_case, named_load
 
         load = self.load
-        assert isinstance(load, TubeLoadSection)
+        if not isinstance(load, TubeLoadSection):
+            return LoadCase(assembly, "none", (), assembly.fixed.copy())
         return named_case(
             assembly,
             load.case,

@@ -61,10 +61,10 @@ class BoxesScene(AssemblyScene):
         """Press on the top, where there is a pressure."""
         import numpy as np
 
-        from geometry.loads import LoadCase, face_pressure
+        from geometry.loads import face_pressure
 
         if self.load.pressure is None:
-            return LoadCase(assembly, "none", (), assembly.fixed.copy())
+            return super().build_load(assembly)
         return face_pressure(assembly, np.array([assembly.n_blocks - 1]), "z+", self.load.pressure)
 
     def coarser(self, share: float) -> Self | None:
