@@ -74,7 +74,7 @@ def solve_explicit(
     UnstableRun
         A run that gained energy.
     """
-    require_problem(problem)
+    problem = require_problem(problem)
     if problem.check_blocks:
         problem.require_action()
     if problem.degree > 1:

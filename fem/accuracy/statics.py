@@ -80,7 +80,7 @@ def solve_static(
     SymmetryError
         The requested symmetry is not one of the load or the supports.
     """
-    require_problem(problem)
+    problem = require_problem(problem)
     problem.refuse_motion()
     if problem.check_blocks:
         problem.require_action()

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field, fields, replace
 from functools import cached_property
 from numbers import Real
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -45,17 +45,23 @@ from fem.element.material import (
 )
 from fem.problem.effects import Effects
 from fem.problem.model import Model
-from geometry.assembly import Assembly, UnmatchedJoint, spacing_offsets
-from geometry.errors import RefusedError
+from geometry.assembly import AnyBlocks, Assembly, UnmatchedJoint, spacing_offsets
+from geometry.block import Block
+from geometry.errors import RefusedError, is_number
+from geometry.files.hexahedral_solids import with_hexahedra
 from geometry.loads import Load, LoadCase
-from geometry.mesh import BoolArray, FloatArray, check_mesh
+from geometry.mesh import BoolArray, FloatArray, IntArray, check_mesh
 from geometry.parts.pairs import OfPairs, check_pairs
-from geometry.polyhedra.assembly import as_polyhedral, unmatched_joints
+from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral, unmatched_joints
+from geometry.polyhedra.overlap import check_contacts
+from geometry.polyhedra.polyhedron import Polyhedron
 
 #: Depth that is no overlap, in block lengths ∛V: meshes of curved faces that do not match.
 _LEAST_OVERLAP = 1e-3
 #: Highest degree of elements that anybody has use for.
 _HIGHEST_DEGREE = 8
+#: Most elements along an edge of a solid.
+_MOST_DIVISIONS = 1000
 
 
 class ProblemError(RefusedError):
@@ -83,8 +89,8 @@ class Motion:
 
 #: What the parts of a problem are.
 _KINDS: dict[str, Any] = {
-    "blocks": Assembly,
-    "load": Load | LoadCase,
+    "blocks": Assembly | PolyhedralAssembly,
+    "load": Load | LoadCase | None,
     "clearance": Real,
     "spacing": Real,
     "friction": CoulombFriction | Real | None,
@@ -104,10 +110,12 @@ class Problem:
     Parameters
     ----------
     blocks
-        All blocks, fixed ones included: of `geometry.tube`, or any `geometry.Assembly`.
+        All blocks, fixed ones included: of `geometry.tube`, any `geometry.Assembly`, or solids such
+        as those of `geometry.blocks`, which deformable answers and decks mesh (`meshed`).
     load
         Loads and fixed blocks: a load case such as `geometry.pipe`, or a
-        `geometry.loads.LoadCase` for facets of one's own.
+        `geometry.loads.LoadCase` for facets of one's own. None: none but gravity, and the fixed
+        blocks of ``blocks``.
     material
         Density [t/mm³], modulus [MPa], Poisson's ratio [-], radius of the averaged tension [mm];
         `fem.concrete` is the paper's. One for all blocks, or a sequence with one for each, such as
@@ -150,6 +158,12 @@ class Problem:
         Statement of the same blocks whose static state this one begins at: its loads and supports
         change in equal increments into these, and slips of friction stay. Of static analyses
         alone. Default None: from rest.
+    divisions
+        Elements along each edge of a solid with six flat sides of four corners, where blocks are
+        solids without hexahedra. Default 4.
+    size
+        Edge of the tetrahedra of any other solid [mm], each of which is split into four hexahedra.
+        Default None: ∛V of the solid.
     check_units
         Whether implausible wave speeds √(E/ρ) and gravity are rejected. Default True.
     check_blocks
@@ -171,8 +185,8 @@ class Problem:
         What is no contact law.
     """
 
-    blocks: Assembly
-    load: Load | LoadCase
+    blocks: Any
+    load: Load | LoadCase | None
     material: Material | Sequence[Material]
     _: KW_ONLY
     element: ElementType = ElementType.INCOMPATIBLE
@@ -188,6 +202,8 @@ class Problem:
     gravity: Sequence[float] | FloatArray | None = None
     motion: Motion | None = None
     after: Problem | None = None
+    divisions: int = 4
+    size: float | None = None
     check_units: bool = True
     check_blocks: bool = True
 
@@ -251,7 +267,14 @@ class Problem:
             if not isinstance(value, kind):
                 expected = ", ".join(f"{kind.__name__}.{member.name}" for member in kind)
                 raise ProblemError(f"{name}: got {value!r}; expected one of {expected}")
-        if self.blocks.image_of is not None:
+        if self.divisions not in range(1, _MOST_DIVISIONS + 1):
+            raise ProblemError(
+                f"divisions: got {self.divisions!r}; expected a whole number from 1 to "
+                f"{_MOST_DIVISIONS}"
+            )
+        if self.size is not None and not (is_number(self.size) and self.size > 0.0):
+            raise ProblemError(f"size: got {self.size!r}; expected a positive length in mm")
+        if not self.is_solid and self.blocks.image_of is not None:
             check_cell(self.blocks, self.frames, finite_sliding=self.finite_sliding)
 
     def _check_blocks(self) -> None:
@@ -262,6 +285,9 @@ class Problem:
                 f"load: got one of {load.assembly.n_blocks} blocks for {blocks.n_blocks} blocks; "
                 "expected a load on the blocks of the problem"
             )
+        if self.is_solid:
+            check_contacts(blocks, _supported(load))
+            return
         for shape in blocks.shapes:
             if shape.charts is None:  # those of families are checked when they are made
                 check_mesh(shape.mesh, shape.name)
@@ -279,8 +305,9 @@ class Problem:
         """Reject a statement of other blocks, contact or fixed blocks as what comes before."""
         alike = (
             before.blocks.n_blocks == self.blocks.n_blocks
+            and before.is_solid == self.is_solid
             and all(
-                np.array_equal(one.mesh.nodes, other.mesh.nodes)
+                np.array_equal(_nodes(one), _nodes(other))
                 for one, other in zip(self.blocks.shapes, before.blocks.shapes, strict=False)
             )
             and np.array_equal(before.blocks.shape_of, self.blocks.shape_of)
@@ -388,14 +415,42 @@ class Problem:
     def coulomb(self) -> CoulombFriction | None:
         """Friction with its constants; None: absent."""
         friction = self.friction
-        if isinstance(friction, Real):
-            return CoulombFriction(float(friction)) if friction else None
-        return friction
+        if friction is None or isinstance(friction, CoulombFriction):
+            return friction
+        return CoulombFriction(float(friction)) if friction else None
+
+    @property
+    def is_solid(self) -> bool:
+        """Whether blocks are solids, without hexahedra."""
+        return isinstance(self.blocks, PolyhedralAssembly)
+
+    @cached_property
+    def meshed(self) -> Problem:
+        """The same problem on blocks with hexahedra; itself where they have them.
+
+        Raises
+        ------
+        MeshError
+            A solid for which there are no hexahedra.
+        AssemblyError
+            Hexahedra of which no two touch, or that overlap.
+        """
+        if not self.is_solid:
+            return self
+        supported = _supported(self.load_case)
+        meshed = with_hexahedra(self.blocks, self.divisions, self.size, lambda _: supported)
+        return self._on(meshed)
+
+    def _on(self, blocks: Assembly) -> Problem:
+        """The same problem on the same blocks with hexahedra, which were checked."""
+        load = None if self.load is None else replace(self.load_case, assembly=blocks)
+        after = None if self.after is None else self.after._on(blocks)
+        return replace(self, blocks=blocks, load=load, after=after, check_blocks=False)
 
     @cached_property
     def unmatched(self) -> tuple[UnmatchedJoint, ...]:
         """Joints where facets do not match corner on corner: their contact is searched."""
-        blocks = self.blocks
+        blocks: Assembly = self.meshed.blocks
         if blocks.unmatched is not None:
             return blocks.unmatched
         every = unmatched_joints(blocks, as_polyhedral(blocks)) if blocks.unmatched_allowed else ()
@@ -411,7 +466,7 @@ class Problem:
         return self.finite_sliding or bool(self.unmatched)
 
     @cached_property
-    def rigid_blocks(self) -> Assembly:
+    def rigid_blocks(self) -> AnyBlocks:
         """Blocks on the contacts of rigid ones: where facets do not match those that face others.
 
         Raises
@@ -419,8 +474,8 @@ class Problem:
         AssemblyError
             Contact facets without partner.
         """
-        if not self.unmatched:
-            return self.blocks
+        if self.is_solid or not self.unmatched:
+            return cast("AnyBlocks", self.blocks)
         from fem.assembly.facing import facing_blocks  # it loads a compiler
 
         return facing_blocks(self.blocks)
@@ -428,6 +483,13 @@ class Problem:
     @cached_property
     def load_case(self) -> LoadCase:
         """Tractions on facets, and what is held while they act."""
+        if self.load is None:
+            return LoadCase(self.blocks, "none", (), self.blocks.fixed)
+        if self.is_solid and isinstance(self.load, Load):
+            raise ProblemError(
+                f"load: got {self.load.case.name!r}, a load of tubes, for {self.blocks!r}; "
+                "expected a geometry.loads.LoadCase, or None and gravity"
+            )
         return self.load.on(self.blocks) if isinstance(self.load, Load) else self.load
 
     @property
@@ -534,6 +596,8 @@ class Problem:
         FrictionError
             A coefficient that cannot be used.
         """
+        if self.is_solid:
+            return self.meshed.deformable
         assembly, load, sliding = self.blocks, self.load_case, self.searches
         if self.degree > 1:
             assembly = curved(assembly, self.degree)
@@ -566,13 +630,24 @@ class Problem:
         )
 
 
-def require_problem(problem: object) -> None:
-    """Reject what is no statement of a problem."""
+def _supported(load: LoadCase) -> IntArray:
+    """Numbers of the blocks that supports of a load hold."""
+    return np.array(sorted({held.block for held in load.held}), dtype=np.int64)
+
+
+def _nodes(shape: Block | Polyhedron) -> FloatArray:
+    """Nodes of a shape in its own frame, (n, 3) [mm]."""
+    return shape.mesh.nodes if isinstance(shape, Block) else shape.points
+
+
+def require_problem(problem: object) -> Problem:
+    """Reject what is no statement of a problem; solids get hexahedra."""
     if not isinstance(problem, Problem):
         raise ProblemError(
             f"problem: got a {type(problem).__name__}; expected "
             "Problem(blocks, pipe(0.01), concrete)"
         )
+    return problem.meshed
 
 
 def before_motion(problem: Problem, *, loaded: bool) -> Problem | None:

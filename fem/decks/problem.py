@@ -82,7 +82,7 @@ def write_deck(problem: Problem, path: str | Path, *, program: Program = "abaqus
     DeckError
         What the program has no words for, by name.
     """
-    require_problem(problem)
+    problem = require_problem(problem)
     path = Path(path)
     if program not in get_args(Program):
         raise DeckError(f"program: got {program!r}; expected {', '.join(get_args(Program))}")

@@ -304,6 +304,8 @@ class _Solid:
     repairs: tuple[str, ...] = ()
     fault: str = ""
     """Why its surface could not be taken apart into solids; empty where it could."""
+    source: tuple[Path, str] | None = None
+    """File and its unit, as in `Polyhedron`."""
     step: tuple[Path, IntArray, MassProperties] | None = None
     """STEP file, the faces of the triangles and the mass as in `StepFaces`."""
 
@@ -317,6 +319,7 @@ class _Solid:
             given_name=self.given_name,
             held=self.held,
             repairs=self.repairs,
+            source=self.source,
         )
         if self.step is None or not self.step[1].any():
             return block
@@ -450,6 +453,7 @@ def _solids(
                 f"{path.name}{f' part {k}' if several else ''}",
                 points,
                 triangles,
+                source=(path, units),
                 step=(path, faces, mass),
             )
             for k, (points, triangles, faces, mass) in enumerate(result)
@@ -467,12 +471,15 @@ def _solids(
     solids: list[_Solid] = []
     for surface, points, triangles in parts:
         solids += _solids_of(path, surface, scale * points, triangles, repair=repair)
-    if len(solids) > 1:
-        solids = [
-            solid if solid.given_name else replace(solid, name=f"{path.name} part {k}")
-            for k, solid in enumerate(solids)
-        ]
-    return solids, straightened
+    several = len(solids) > 1
+    return [
+        replace(
+            solid,
+            name=solid.name if solid.given_name or not several else f"{path.name} part {k}",
+            source=(path, units),
+        )
+        for k, solid in enumerate(solids)
+    ], straightened
 
 
 def millimetres(units: str) -> float:

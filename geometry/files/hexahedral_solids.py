@@ -8,6 +8,7 @@ other solid with tetrahedra and splits each into four hexahedra.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,6 +18,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from geometry.assembly import Assembly
 from geometry.block import Block, Curve
 from geometry.files.block_files import (
     STEP_SUFFIXES,
@@ -40,6 +42,13 @@ from geometry.mesh import (
     grid_points,
     structured_hexahedra,
 )
+from geometry.polyhedra.assembly import (
+    PolyhedralAssembly,
+    as_polyhedral,
+    contact_distance,
+    unmatched_joints,
+)
+from geometry.polyhedra.overlap import check_assembly
 from geometry.polyhedra.polyhedron import Polyhedron
 
 #: Face of a block made of hexahedra without names: its whole surface.
@@ -154,6 +163,65 @@ def _of_solids(blocks: list[Block], solids: list[Polyhedron]) -> list[Block]:
             raise MeshError(f"{solid.name}: no hexahedra of the file fill this solid")
         result.append(replace(blocks[nearest], name=solid.name))
     return result
+
+
+def with_hexahedra(
+    solids: PolyhedralAssembly,
+    divisions: int,
+    size: float | None,
+    supported: Callable[[Assembly], IntArray],
+) -> Assembly:
+    """Solids as blocks with hexahedra, those that their files have or others.
+
+    Parameters
+    ----------
+    solids
+        As placed.
+    divisions, size
+        Of solids without hexahedra, as in `solid_block`.
+    supported
+        Numbers of the blocks that supports hold, of the blocks with hexahedra.
+
+    Raises
+    ------
+    MeshError
+        A solid for which there are no hexahedra.
+    AssemblyError
+        As `check_assembly`, of the surfaces of the hexahedra.
+    """
+    blocks = Assembly(
+        name=solids.name,
+        shapes=_of_shapes(solids.shapes, divisions, size),
+        shape_of=solids.shape_of,
+        rotations=solids.rotations,
+        translations=solids.translations,
+        layer=np.where(solids.fixed, 0, 1),
+        fixed=solids.fixed,
+        names=solids.names,
+        parts=solids.parts,
+        unmatched_allowed=True,
+    )
+    surfaces = as_polyhedral(blocks, solids.detection)
+    check_assembly(surfaces, supported(blocks))
+    unmatched = unmatched_joints(blocks, surfaces)
+    return replace(blocks, layer=contact_distance(surfaces), unmatched=unmatched)
+
+
+def _of_shapes(
+    solids: tuple[Polyhedron, ...], divisions: int, size: float | None
+) -> tuple[Block, ...]:
+    """Hexahedra of each solid; files are read once."""
+    result: dict[int, Block] = {}
+    for source in dict.fromkeys(solid.source for solid in solids):
+        own = [k for k, solid in enumerate(solids) if solid.source == source]
+        shapes = [solids[k] for k in own]
+        if source is None:
+            blocks = [solid_block(solid, divisions, size) for solid in shapes]
+        else:
+            path, units = source
+            blocks = file_blocks(path, shapes, units=units, divisions=divisions, size=size)
+        result |= dict(zip(own, blocks, strict=True))
+    return tuple(result[k] for k in range(len(solids)))
 
 
 def solid_block(solid: Polyhedron, divisions: int, size: float | None = None) -> Block:

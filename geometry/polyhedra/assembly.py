@@ -35,6 +35,10 @@ class PolyhedralAssembly(PlacedBlocks[Polyhedron]):
     detection: DetectionOptions = field(default_factory=DetectionOptions)
     """Tolerances of contact detection."""
 
+    def __repr__(self) -> str:
+        """Name and size: arrays are not printed."""
+        return f"<{self.name}: {self.n_blocks} blocks, {len(self.free_blocks)} of them free>"
+
     def points(self, block: int) -> FloatArray:
         """World coordinates of a block's vertices, (n_points, 3) [mm]."""
         return self.place(block, self.shape(block).points)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -75,6 +76,8 @@ class Polyhedron:
     """Whether its file says that it is a support."""
     repairs: tuple[str, ...] = ()
     """What was changed in its surface on request."""
+    source: tuple[Path, str] | None = None
+    """File that it was read from, and the unit of it: the file may have its hexahedra."""
     exact: CurvedFaces | None = None
     """Faces of the CAD model that the triangles are on; None: the triangles are the shape."""
 

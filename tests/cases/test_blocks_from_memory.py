@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,17 @@ import numpy as np
 import pytest
 
 import geometry
-from geometry import DetectionOptions
-from tests.support.face import RefusedError, polyhedral_assembly, read_blocks
+from fem import LinearPenalty, Material, Problem, concrete, read_deck, solve_static, write_deck
+from geometry import DetectionOptions, pipe
+from mbd import analyse
+from tests.support.face import (
+    HeldFace,
+    LoadCase,
+    Plane,
+    RefusedError,
+    TractionLoad,
+    solved,
+)
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -144,13 +154,101 @@ def test_tolerances_are_checked_when_they_are_made(options: dict[str, Any]) -> N
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_meshes_in_memory_touch_where_those_of_a_file_do(seed: int, tmp_path: Path) -> None:
+def test_meshes_in_memory_give_the_answer_of_their_file(seed: int, tmp_path: Path) -> None:
+    """Bit for bit: contacts, forces and measures of rigid blocks."""
     meshes = stack(seed)
-    here = geometry.blocks(meshes, fixed=[0])
-    solids = read_blocks(write_obj(tmp_path / "stack.obj", meshes))
-    placed = [(solid, np.eye(3), np.zeros(3)) for solid in solids]
-    there = polyhedral_assembly("stack", placed, here.fixed)
-    assert here.interfaces.n_contacts >= 4 * 4
-    np.testing.assert_array_equal(here.interfaces.centroids, there.interfaces.centroids)
-    np.testing.assert_array_equal(here.interfaces.areas, there.interfaces.areas)
-    np.testing.assert_array_equal(here.centroids, there.centroids)
+    write_obj(tmp_path / "stack.obj", meshes)
+    scene = tmp_path / "stack.toml"
+    scene.write_text(
+        '[block]\ntype = "mesh"\n[[parts]]\nfile = "stack.obj"\n[assembly]\nfixed = [0]\n'
+        "[effects]\ngravity = [0, 0, -9810]\nfriction = 0.6\n"
+    )
+    there = solved(scene, method="rigid")
+    blocks = geometry.blocks(meshes, fixed=[0])
+    here = analyse(Problem(blocks, None, concrete, friction=0.6, gravity=(0, 0, -9810)))
+    assert here["least_joint_force"].value > 0.0
+    assert {k: m.as_json() for k, m in here.measures.items()} == {
+        k: m.as_json() for k, m in there.measures.items()
+    }
+    assert list(here.contacts) == list(there.contacts)
+    for name, values in here.contacts.arrays.items():
+        np.testing.assert_array_equal(values, there.contacts[name])
+
+
+SIX_LINES = re.search(
+    r"```python\n(import trimesh.*?)```",
+    (Path(__file__).parents[2] / "docs" / "tutorials" / "own-blocks.md").read_text("utf-8"),
+    re.DOTALL,
+)
+
+
+def test_six_lines_of_the_manual_give_a_table_of_forces() -> None:
+    pytest.importorskip("pandas")
+    assert SIX_LINES is not None
+    names: dict[str, Any] = {}
+    exec(SIX_LINES[1], names)
+    table, blocks = names["table"], names["blocks"]
+    weight = concrete.density * 9810.0 * blocks.volumes[1]
+    assert table[["block_m", "block_s"]].to_numpy().tolist() == [[0, 1], [1, 2]]
+    np.testing.assert_allclose(table["force_z_N"], [2.0 * weight, weight], rtol=1e-9)
+    np.testing.assert_allclose(table["pressure_MPa"], table["force_z_N"] / table["area_mm2"])
+
+
+def test_solids_deform_and_are_written(tmp_path: Path) -> None:
+    """One problem: both joints of a stack carry what lies on them, by every method."""
+    blocks = geometry.blocks([box(0.0, 0.0, k * SIZE) for k in range(3)], fixed=[0])
+    stone = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.0)
+    top = Plane(np.array([0.0, 0.0, 2.5 * SIZE]), np.array([0.0, 0.0, 1.0]))
+    loads = (TractionLoad(np.array([2]), top, np.array([0.0, 0.0, -0.01])),)
+    load = LoadCase(blocks, "pressed", loads, blocks.fixed)
+    gravity = (0.0, 0.0, -9810.0)
+    problem = Problem(blocks, load, stone, law=LinearPenalty(1e3), gravity=gravity, divisions=2)
+    weight = stone.density * 9810.0 * SIZE**3
+    expected = [0.01 * SIZE**2 + 2.0 * weight, 0.01 * SIZE**2 + weight]
+    rigid, static = analyse(problem), solve_static(problem, mesh="scene")
+    for answer, tolerance in ((rigid, 1e-9), (static, 1e-6)):  # the residual is 1e-8 of the load
+        lower = answer.contacts["blocks"].min(axis=1)
+        total = [np.abs(answer.contacts["force"][lower == k].sum(axis=0)) for k in (0, 1)]
+        np.testing.assert_allclose(np.array(total)[:, 2], expected, rtol=tolerance)
+    assert static.problem.blocks.shapes[0].mesh.n_elements == 2**3
+    read = read_deck(write_deck(problem, tmp_path / "stack.inp")).problem()
+    assert read.blocks.n_blocks == 3
+    again = solve_static(read, mesh="scene")
+    displacement = static["max_displacement"].value
+    assert again["max_displacement"].value == pytest.approx(displacement, rel=1e-5)
+
+
+def test_solids_on_springs_sink_by_their_weight() -> None:
+    """p = ρ g h over the stiffness of the bed; nothing else is fixed."""
+    blocks = geometry.blocks([box(0.0, 0.0, 0.0), box(0.0, 0.0, SIZE)], fixed=None)
+    floor = Plane(np.array([0.0, 0.0, -0.5 * SIZE]), np.array([0.0, 0.0, 1.0]))
+    bed = HeldFace(0, floor, spring=0.1)
+    load = LoadCase(blocks, "bed", (), blocks.fixed, held=(bed,))
+    stiff = Material(density=2.4e-9, young_modulus=1e6, poisson_ratio=0.0)
+    options: Any = {"law": LinearPenalty(1e6), "gravity": (0.0, 0.0, -9810.0), "divisions": 2}
+    static = solve_static(Problem(blocks, load, stiff, **options), mesh="scene")
+    sinking = 2.0 * stiff.density * 9810.0 * SIZE / 0.1
+    # The boxes themselves shorten by less than ρ g (2 h)² / E, the joint by p over its stiffness.
+    give = stiff.density * 9810.0 * ((2.0 * SIZE) ** 2 / 1e6 + SIZE / 1e6)
+    assert sinking <= static["max_displacement"].value <= sinking + give
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"load": pipe(0.01)}, "load: got 'pipe', a load of tubes"),
+        ({"divisions": 0}, "divisions: got 0; expected a whole number"),
+        ({"size": -1.0}, "size: got -1.0; expected a positive length"),
+        ({"blocks": [BASE, TOP]}, "blocks: got a list"),
+    ],
+)
+def test_statements_that_solids_do_not_have_are_rejected(
+    changes: dict[str, Any], words: str
+) -> None:
+    stated: dict[str, Any] = {
+        "blocks": geometry.blocks([BASE, TOP], fixed=[0]),
+        "load": None,
+        "material": concrete,
+    }
+    with pytest.raises(RefusedError, match=words):
+        Problem(**stated | changes)

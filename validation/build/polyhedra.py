@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,7 +13,7 @@ from geometry.assembly import AnyBlocks, AssemblyError
 from geometry.files.block_files import read_blocks
 from geometry.files.named_surfaces import Y_UP
 from geometry.loads import LoadCase
-from geometry.mesh import BoolArray, FloatArray
+from geometry.mesh import FloatArray
 from geometry.parts.chosen import numbers_of
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
@@ -40,14 +39,18 @@ LARGEST_ANGLE = 3600.0
 
 def build_polyhedra(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
     """Build and check the blocks of a scene; names of files are relative to the folder."""
-    detection = scene.detection.options
-    if isinstance(scene, MeshScene):
-        assembly = _from_files(scene, folder, detection)
-    else:
-        assembly = scene.stated.build(detection)
+    assembly = build_solids(scene, folder)
     check_block_size(scene, assembly)
     check_assembly(assembly, supported_blocks(scene, assembly))
     return assembly
+
+
+def build_solids(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
+    """Build the blocks of a scene, whose contacts are not checked."""
+    detection = scene.detection.options
+    if isinstance(scene, MeshScene):
+        return _from_files(scene, folder, detection)
+    return scene.stated.build(detection)
 
 
 def motion(place: PlaceSection) -> tuple[FloatArray, FloatArray]:
@@ -67,19 +70,29 @@ def motion(place: PlaceSection) -> tuple[FloatArray, FloatArray]:
 
 
 def _from_files(scene: MeshScene, folder: Path, detection: DetectionOptions) -> PolyhedralAssembly:
-    def read(part: PartSection) -> Sequence[tuple[Polyhedron, Polyhedron]]:
-        return [(solid, solid) for solid in file_solids(scene, part, folder)]
-
-    placed = placed_blocks(scene, read)
+    blocks: list[tuple[Polyhedron, FloatArray, FloatArray]] = []
+    held: list[bool] = []
+    parts: list[int] = []
+    upright = Y_UP if scene.block.up == "y" else np.eye(3)
+    for number, part in enumerate(scene.parts):
+        solids = file_solids(scene, part, folder)
+        for place in part.places:
+            turn, shift = motion(place)
+            blocks += [(solid, turn @ upright, shift) for solid in solids]
+            held += [part.fixed or place.fixed or solid.held for solid in solids]
+            parts += [number] * len(solids)
+    names, fixed = tuple(solid.given_name for solid, _, _ in blocks), np.array(held)
+    for one in scene.assembly.fixed:
+        fixed[numbers_of("assembly.fixed", one, names)] = True
     assembly = polyhedral_assembly(
         "own blocks",
-        placed.blocks,
-        placed.fixed,
+        blocks,
+        fixed,
         detection,
-        placed.names,
+        names if any(names) else (),
         supported=bool(scene.supports),
     )
-    return replace(assembly, parts=placed.parts)
+    return replace(assembly, parts=tuple(parts))
 
 
 def file_solids(scene: MeshScene, part: PartSection, folder: Path) -> list[Polyhedron]:
@@ -92,51 +105,6 @@ def file_solids(scene: MeshScene, part: PartSection, folder: Path) -> list[Polyh
         repair=block.repair,
         leave_out=part.leave_out,
     )
-
-
-@dataclass(frozen=True)
-class Placed(Generic[Shape]):
-    """Blocks of all parts, in the order of places."""
-
-    blocks: list[tuple[Shape, FloatArray, FloatArray]]
-    """With rotation (3, 3) and translation (3,) [mm]."""
-    fixed: BoolArray
-    """Which are held: by their file, their place, number or name; (n_blocks,)."""
-    names: tuple[str, ...]
-    """As in `geometry.assembly.PlacedBlocks`."""
-    parts: tuple[int, ...]
-    """Of ``[[parts]]``, (n_blocks,)."""
-
-
-def placed_blocks(
-    scene: MeshScene, read: Callable[[PartSection], Sequence[tuple[Shape, Polyhedron]]]
-) -> Placed[Shape]:
-    """Place the blocks of all parts.
-
-    Parameters
-    ----------
-    scene
-        Its parts.
-    read
-        Reads the blocks of a part's file, and the solids that it gives.
-    """
-    blocks: list[tuple[Shape, FloatArray, FloatArray]] = []
-    held: list[bool] = []
-    names: list[str] = []
-    upright = Y_UP if scene.block.up == "y" else np.eye(3)
-    parts: list[int] = []
-    for number, part in enumerate(scene.parts):
-        result = read(part)
-        for place in part.places:
-            turn, shift = motion(place)
-            blocks += [(shape, turn @ upright, shift) for shape, _ in result]
-            held += [part.fixed or place.fixed or solid.held for _, solid in result]
-            names += [solid.given_name for _, solid in result]
-            parts += [number] * len(result)
-    fixed = np.array(held)
-    for one in scene.assembly.fixed:
-        fixed[numbers_of("assembly.fixed", one, names)] = True
-    return Placed(blocks, fixed, tuple(names) if any(names) else (), tuple(parts))
 
 
 @dataclass(frozen=True)
