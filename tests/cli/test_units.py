@@ -21,7 +21,8 @@ pytestmark = pytest.mark.quick
 
 
 def number(scene: str, key: str, text: str) -> float:
-    found = load_case(scene, [f"{key}={text}"]).scene
+    method = ["fem.method=explicit"] if key.startswith("fem.") else []
+    found = load_case(scene, [*method, f"{key}={text}"]).scene
     for name in key.split("."):
         found = getattr(found, name)
     return found

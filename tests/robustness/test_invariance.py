@@ -6,31 +6,25 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fem import ExponentialLaw, Material, StaticOptions
 from geometry import Assembly
-from mbd import contact_jacobian, rigid_result
+from mbd import block_wrenches, contact_jacobian, rigid_result
 from tests.support.face import STABILITY_CONCRETE as CONCRETE
 from tests.support.face import (
     TUBES,
     AnyBlocks,
-    AssemblyScene,
     CircularArch,
     FloatArray,
     IntArray,
     LoadCase,
     OctahedraLayer,
     PolyhedralAssembly,
-    PolyhedralScene,
     RunningBondWall,
     TetrahedraLayer,
-    build_blocks,
-    build_body_loads,
-    build_polyhedra,
     builtin_names,
     frictional_contacts,
     frictional_equilibrium,
@@ -41,7 +35,7 @@ from tests.support.face import stability_deformable as deformable
 from tests.support.face import stability_relative as relative
 from tests.support.face import stability_tube as tube
 from tests.support.views import VIEWS, View, seen, seen_load
-from validation import load_case
+from validation import load_case, solve
 
 _HERE = View("here")
 #: Specific weight of assemblies that come without a load, along a direction like no other [N/mm³].
@@ -141,19 +135,18 @@ def _weighed(assembly: PolyhedralAssembly, friction: float | None = 0.6) -> Subj
 
 def _scene(name: str) -> Subject:
     """Blocks, load and friction of a built-in scene on a coarse mesh."""
-    scene = load_case(name).scene
-    if isinstance(scene, PolyhedralScene):
-        built = build_polyhedra(scene, Path())
-        loads = build_body_loads(scene, built)
-        if not (loads.dead.any() or loads.live.any()):
-            return _weighed(built, None)
-        return built, loads.load_case(built), scene.rigid.friction
-    assert isinstance(scene, AssemblyScene)
-    layers = getattr(getattr(scene, "assembly", None), "layers", 0)
+    case = load_case(name, method="rigid")
+    layers = getattr(getattr(case.scene, "assembly", None), "layers", 0)
     if layers > 2:
-        scene = scene.changed({"assembly.layers": 2})
-    load = build_blocks(scene.coarser(0.2) or scene)
-    return load.assembly, load, None
+        case = case.changed({"assembly.layers": 2})
+    result = solve(case.stating(case.scene.coarser(0.2) or case.scene)).details
+    wrenches, blocks = block_wrenches(result.blocks, result.load), result.blocks
+    if not wrenches.any():
+        return _weighed(blocks, None)
+    # Regions of surfaces do not turn with the blocks: what acts there is given block by block.
+    load = LoadCase(blocks, "loads", (), result.load.fixed, body_wrenches=wrenches)
+    friction = None if result.friction is None else result.friction.coefficient
+    return blocks, load, friction
 
 
 def _tube(build: Callable[[], Assembly]) -> Subject:

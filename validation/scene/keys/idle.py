@@ -41,14 +41,14 @@ _NOT_WRITTEN = (
 )
 #: Sections and keys that a method does not have, by its name.
 _ABSENT: Mapping[str, tuple[str, ...]] = {
-    "rigid": ("fem", *_ELASTIC, *_IN_TIME),
+    "rigid": ("fem", *_ELASTIC, *_IN_TIME, "pictures.mises", "pictures.arrows"),
     "static": ("rigid", *_IN_TIME),
     "explicit": ("rigid",),
     "static deck": (*_NOT_WRITTEN, *_IN_TIME, "fem.damping", "fem.mass_scaling"),
     "explicit deck": (*_NOT_WRITTEN, "effects.finite_sliding"),
 }
 #: Keys that are printed: others a scene may state for other methods, and the data name them.
-_PRINTED = ("effects.", "load.")
+_PRINTED = ("effects.", "load.", "pictures.")
 
 
 def _solids(scene: Any) -> bool:
