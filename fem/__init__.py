@@ -18,8 +18,9 @@ What most need::
 | `Frames`, `ElementType` | how fixed blocks are modelled; hexahedra of degree 1 |
 | `Static`, `Explicit` | the methods: how accurate, in how many steps, how damped |
 | `solve_static` | the static state by Newton's method |
-| `StaticOptions` | its tolerance, symmetry and load steps |
+| `Static` | mesh, accuracy, load steps and symmetry of a static state |
 | `solve_explicit` | explicit dynamics, to the static state or in time |
+| `Explicit` | damping, times, time step and threads of a run |
 | `write_deck` | the problem as an input deck for Abaqus or CalculiX |
 | `read_deck` | an input deck of Abaqus or CalculiX, and its problem |
 | `solve` | explicit dynamics of any `fem.problem.model.Model` |
@@ -47,7 +48,6 @@ if TYPE_CHECKING:
     from fem.element.material import Material, concrete
     from fem.explicit.solve import solve
     from fem.method import Explicit, Static
-    from fem.static.solve import StaticOptions
 
 __all__ = [
     "CoulombFriction",
@@ -60,7 +60,6 @@ __all__ = [
     "PairLaws",
     "Problem",
     "Static",
-    "StaticOptions",
     "TabularLaw",
     "concrete",
     "read_deck",
@@ -83,7 +82,6 @@ _PLACES = {
     "Problem": ("fem.assembly.statement", "Problem"),
     "TabularLaw": ("fem.contact.own_law", "TabularLaw"),
     "Static": ("fem.method", "Static"),
-    "StaticOptions": ("fem.static.solve", "StaticOptions"),
     "read_deck": ("fem.decks.read.deck", "read_deck"),
     "concrete": ("fem.element.material", "concrete"),
     "solve": ("fem.explicit.solve", "solve"),

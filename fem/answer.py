@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -14,7 +14,7 @@ from fem.measures import contact_on, contacts_of, measures_of
 from fem.problem.time_step import added_mass_share
 from fem.solution import Solution
 from fem.static.result import StaticError
-from geometry.answer import Answer, Array, Lazy, Measure
+from geometry.answer import Answer, Array, Lazy, Measure, Part
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
 from geometry.parts.dimensions import dimensions
@@ -28,8 +28,8 @@ def answer_of(
     remarks: Mapping[str, str] | None = None,
     factors: Mapping[str, Measure] | None = None,
     problem: Problem | None = None,
-    title: str | None = None,
-    beside: Callable[[], dict[str, Any]] | None = None,
+    parts: Mapping[str, Part] | None = None,
+    beside: Mapping[str, Any] | None = None,
 ) -> Answer:
     """Make the answer of what a solver found; what takes time is computed when it is read.
 
@@ -48,10 +48,10 @@ def answer_of(
         Load factors (`fem.accuracy.strength`), measures beside the others.
     problem
         What was solved.
-    title
-        What was solved, in a line; None: load, blocks and mesh.
+    parts
+        What was found beside the measures; the report has each by its name.
     beside
-        More of the report, as plain data; it is asked when the report is read.
+        More of the report, as plain data.
 
     Raises
     ------
@@ -61,8 +61,9 @@ def answer_of(
     require_balance(solution)
     layer = solution.deformable.assembly.layer
     measures = measures_of(solution, errors, facets=facets, remarks=remarks)
+    found = dict(parts or {})
     return Answer(
-        title=title or _title(solution),
+        title=_title(solution),
         method=solution.method,
         measures=measures.beside(factors or {}),
         fields=_fields(solution),
@@ -71,10 +72,15 @@ def answer_of(
         block_of_point=solution.block_of_node,
         layer_of_point=layer[solution.block_of_node],
         contacts=contacts_of(solution, facets),
-        reported=lambda: report_of(solution, facets) | ({} if beside is None else beside()),
+        reported=lambda: (
+            report_of(solution, facets)
+            | {name: part.as_json() for name, part in found.items()}
+            | dict(beside or {})
+        ),
         details=solution,
         problem=problem,
         cut=solution.sections,
+        parts=found,
     )
 
 

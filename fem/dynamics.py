@@ -1,43 +1,58 @@
-"""Explicit answers to a problem (`fem.assembly.statement.Problem`)."""
+"""The explicit answer to a problem: a run, its error bars, and the converged static state."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Literal
 
+from fem.accuracy.converge import Progress as Refinement
+from fem.accuracy.converge import converge, why_not_refined
+from fem.accuracy.errors import SAFETY
+from fem.accuracy.friction_range import friction_set, is_a_set
+from fem.accuracy.ladder import OF_FACETS, coarser
+from fem.accuracy.one_mesh import SHARES, static_errors
+from fem.accuracy.parts import NOT_AT_REST, StaticReference
+from fem.accuracy.statics import static_options
 from fem.answer import answer_of
 from fem.assembly.statement import Problem, ProblemError, require_problem
 from fem.assembly.symmetry import searched_in_all_sectors
 from fem.explicit.output.checkpoint import OtherProblemError
-from fem.explicit.setup.assembly import ExplicitAssembly
+from fem.explicit.setup.assembly import COUNTED_PRESSURE, ExplicitAssembly
 from fem.explicit.setup.statement import ExplicitStatement, explicit_statement
 from fem.explicit.solve import (
     ExplicitResult,
     Frame,
     Output,
     Progress,
+    Status,
     StopCriterion,
     UnstableRun,
     solve,
 )
-from fem.problem.effects import SAFETY_FACTOR, AdaptiveMassDamping, Effects
-from fem.solution import RESIDUAL, Solution
-from geometry.answer import Answer
+from fem.measures import measures_of
+from fem.method import Explicit, Static
+from fem.solution import Solution
+from fem.static.solve import StaticOptions
+from geometry.answer import Answer, Measure, Notes, Part
+from geometry.compilation.stages import Stages, stages
+from geometry.errors import RefusedError
+
+#: Frames are parts of this part of the longest run, where it may end early and has no ramp.
+_FINE = 200.0
+_DEFAULT = Explicit()
 
 
 def solve_explicit(
     problem: Problem,
+    method: Explicit = _DEFAULT,
     *,
-    damping: Effects | Literal["static"] | None = "static",
-    residual: float = RESIDUAL,
-    ramp_time: float | None = None,
-    end_time: float | None = None,
-    mass_scaling: float | None = None,
-    symmetry: Literal["auto", "none", "sector"] = "auto",
-    threads: int = 1,
+    progress: Callable[[Progress | Refinement | str], None] | None = None,
+    on_frame: Callable[[Frame], None] | None = None,
+    checkpoint: Path | None = None,
+    resume: Path | None = None,
 ) -> Answer:
     """Run explicit dynamics; again with a shorter step where contact grows too stiff for it.
 
@@ -45,19 +60,25 @@ def solve_explicit(
     ----------
     problem
         The statement.
-    damping
-        ``static``: adaptively to the static state, where the run stops; effects such as Rayleigh
-        damping and bulk viscosity; None: none.
-    residual
-        Unbalanced over applied force at which a run to the static state stops [-].
-    ramp_time, end_time
-        Smooth step of the loads and latest end [s]; None: from the lowest excited frequency.
-    mass_scaling
-        Time step that every element is to allow, over the least one [-]; None: masses stay.
-    symmetry
-        Whether one block of each layer may stand for all.
-    threads
-        Of the loops; the bits of the answer do not depend on it.
+    method
+        Damping, times, time step, threads, and what stands beside the run: error bars, the
+        converged static state of a run to the static state.
+    progress
+        Called at every sample of the run (`fem.explicit.solve.Progress`), before each mesh of the
+        static state (`fem.accuracy.converge.Progress`), and with what comes next in words.
+    on_frame
+        Called with the displacements of all blocks, ``method.frames`` times or more often: a run to
+        the static state may end at any time after the ramp.
+    checkpoint
+        File that is written on interruption (Ctrl-C), and every minute.
+    resume
+        Such a file, to go on from.
+
+    Returns
+    -------
+    Answer
+        Its parts are `fem.accuracy.parts`. An interrupted run has the status ``interrupted`` and
+        no error bars.
 
     Raises
     ------
@@ -73,10 +94,13 @@ def solve_explicit(
         Elements of a degree above 1, or nothing acts.
     UnstableRun
         A run that gained energy.
+    StateError, CheckpointError
+        A checkpoint that cannot be written, or is not one of this run.
+    KeyboardInterrupt
+        An interruption while error bars are computed.
     """
     problem = require_problem(problem)
-    if problem.check_blocks:
-        problem.require_action()
+    problem.require_action()
     if problem.degree > 1:
         raise ProblemError(
             f"degree: got {problem.degree}; explicit runs have elements of degree 1: expected "
@@ -86,58 +110,210 @@ def solve_explicit(
         raise ProblemError(
             "after: explicit runs begin at rest, or with a motion; expected solve_static"
         )
-    static = damping == "static"
-    given = damping if isinstance(damping, Effects) else Effects()
-    effects = replace(
-        given,
-        finite_rotation=problem.finite_rotation or given.finite_rotation,
-        adaptive_mass_damping=AdaptiveMassDamping() if static else given.adaptive_mass_damping,
+    method = replace(method, damping=method.damped(moves=problem.motion is not None))
+    with stages() as watch:
+        _ = problem.deformable
+        watch.lap("build")
+        output = Output(progress=progress, on_frame=on_frame, checkpoint=checkpoint)
+        solution = explicit_solution(problem, method, output, resume)
+        watch.lap("solve")
+        run = solution.explicit
+        assert run is not None
+        errors, parts = dict[str, float](), dict[str, Part]()
+        if run.status is not Status.INTERRUPTED:
+            tell = (lambda _: None) if progress is None else progress
+            errors, parts = _beside(problem, method, solution, watch, tell)
+        seconds = {**watch.seconds(), "loop": run.cpu_seconds}
+    return answer_of(
+        solution, errors, problem=problem, parts=parts, beside={"cpu_seconds": seconds}
     )
-    state = partial(
-        explicit_statement,
+
+
+def _beside(
+    problem: Problem,
+    method: Explicit,
+    solution: Solution,
+    watch: Stages,
+    tell: Callable[[Refinement | str], None],
+) -> tuple[dict[str, float], dict[str, Part]]:
+    """Error bars of a run, and what is found beside its measures.
+
+    Error bars are differences to the converged static state, or from coarser meshes: of a transient
+    the error in time and mesh, as coarser meshes have longer time steps. Where friction keeps the
+    drag of damping, what half the ramp changes is added. A run that is not yet at rest has none.
+    """
+    parts, static = dict[str, Part](), method.damping == "static"
+    moving = static and _is_moving(solution)
+    if moving:
+        parts["notes"] = Notes([NOT_AT_REST])
+    if static and method.static_reference:
+        tell("converged static state")
+        reference = _static_reference(problem, method, solution, tell)
+        parts["static_reference"] = reference
+        watch.lap("static reference")
+        if method.error_estimate and not reference.why_not:
+            return reference.bars, parts
+    if not method.error_estimate:
+        return {}, parts
+    errors = dict[str, float]()
+    if not moving:
+        tell("two coarser meshes, for the errors")
+        alike = _with_its_times(method, solution)
+        errors = static_errors(problem, solution, lambda other: _uninterrupted(other, alike))
+        dragged = ramp_change(problem, method) if errors else {}
+        measures = measures_of(solution)
+        errors = {n: e + dragged.get(n, 0.0) * abs(measures[n].value) for n, e in errors.items()}
+    watch.lap("error bars")
+    if static and is_a_set(problem):
+        tell("how wide the set of answers with friction is")
+        parts["friction"] = friction_set(
+            problem, solution, _statically(problem, method), refined=False
+        )
+        watch.lap("range of friction")
+    return errors, parts
+
+
+def _statically(problem: Problem, method: Explicit) -> StaticOptions:
+    """Options of the static solver for the problem of a run."""
+    symmetry: Literal["auto", "none"] = "none" if method.symmetry == "none" else "auto"
+    return static_options(problem, Static(symmetry=symmetry))
+
+
+def _is_moving(solution: Solution) -> bool:
+    """Whether a run to the static state ended before it; not by round-off."""
+    state, run = solution.quasi_static, solution.explicit
+    if state is None or run is None:
+        return False
+    return not state.is_static and run.round_off is None
+
+
+def _static_reference(
+    problem: Problem,
+    method: Explicit,
+    solution: Solution,
+    progress: Callable[[Refinement | str], None],
+) -> StaticReference:
+    """Solve for the converged static state of the problem of a run; or why there is none.
+
+    Two errors of such a run differ in kind: its distance to the static state of its own mesh, which
+    its residual and the remaining displacement bound, and the discretisation error of that mesh,
+    which only finer meshes show. The static solver gives the second one.
+    """
+    why = "not at rest" if _is_moving(solution) else _why_no_reference(problem)
+    if why is not None:
+        return StaticReference(why_not=why)
+    with stages() as watch:
+        try:
+            options = _statically(problem, method)
+            result = converge(problem, options=options, progress=progress)
+        except RefusedError as error:
+            return StaticReference(why_not=str(error))
+        watch.lap("solve")
+        measures = result.measures
+        if result.facets is None:  # means over other facets than the run's
+            measures = {name: m for name, m in measures.items() if name not in OF_FACETS}
+        report = {name: part.as_json() for name, part in result.parts.items() if name != "facets"}
+        report["degree"] = result.meshes.meshes[-1]["degree"]
+        report["cpu_seconds"] = watch.seconds()
+    return StaticReference(measures_of(solution), measures, report)
+
+
+def _why_no_reference(problem: Problem) -> str | None:
+    """Why a problem has no converged static state to compare with; None where it has one."""
+    if problem.coulomb is not None:
+        return "blocks with friction have many static states"
+    if problem.motion is not None:
+        return "blocks that move at the start"
+    try:
+        return why_not_refined(problem)
+    except RefusedError as error:
+        return str(error)
+
+
+def ramp_change(problem: Problem, method: Explicit) -> dict[str, float]:
+    """Relative error of each measure by the ramp, on a coarser mesh; empty without friction.
+
+    Mass-proportional damping drags blocks back while the load grows, and friction keeps it. The
+    error falls with the rate of loading: that of the ramp is what half of it changes.
+    """
+    if method.damping != "static" or not is_a_set(problem):
+        return {}
+    for stated in (coarser(problem, SHARES[-1]), problem):
+        with suppress(RefusedError):
+            if stated is not None:
+                return _half_ramp_change(stated, method)
+    return {}
+
+
+def _half_ramp_change(problem: Problem, method: Explicit) -> dict[str, float]:
+    """The same on the mesh of a problem."""
+    slow = _uninterrupted(problem, method)
+    assert slow.statement is not None
+    half = replace(method, ramp_time=0.5 * slow.statement.ramp_time)
+    fast = measures_of(_uninterrupted(problem, half))
+    measures: list[tuple[str, Measure]] = list(measures_of(slow).items())
+    pairs = ((name, m.value, fast[name].value) for name, m in measures)
+    return {name: SAFETY * abs(other / value - 1.0) for name, value, other in pairs if value}
+
+
+def _with_its_times(method: Explicit, solution: Solution) -> Explicit:
+    """The method of a transient with the ramp and the end of its run, for coarser meshes.
+
+    Those recommended for other meshes are of another load. The time step is the same share of the
+    critical one.
+    """
+    stated, run = solution.statement, solution.explicit
+    if stated is None or run is None or method.damping == "static":
+        return method
+    method = replace(method, ramp_time=stated.ramp_time, end_time=stated.end_time)
+    if method.time_step is None:
+        return method
+    share = min(1.0, run.time_step / run.critical.critical_time_step)
+    return replace(method, time_step=None, safety_factor=share)
+
+
+# ---------------------------------------------------------------------------------------------
+# One run
+
+
+def _uninterrupted(problem: Problem, method: Explicit) -> Solution:
+    """The end of a run beside another one; an interruption is not its result."""
+    solution = explicit_solution(problem, method)
+    assert solution.explicit is not None
+    if solution.explicit.status is Status.INTERRUPTED:
+        raise KeyboardInterrupt
+    return solution
+
+
+def stated_run(
+    problem: Problem, method: Explicit, *, counted_pressure: float = COUNTED_PRESSURE
+) -> ExplicitStatement:
+    """State the explicit problem and the times of its run: `explicit_statement`."""
+    moves, turning = problem.motion is not None, problem.finite_rotation
+    return explicit_statement(
         problem.deformable,
-        effects=effects,
-        symmetry=symmetry,
-        ramp_time=ramp_time,
-        end_time=end_time,
-        mass_scaling=mass_scaling,
+        effects=method.effects(moves=moves, finite_rotation=turning, gravity=problem.acceleration),
+        symmetry=method.symmetry,
+        ramp_time=method.ramp_time,
+        end_time=method.end_time,
+        mass_scaling=method.mass_scaling,
+        counted_pressure=counted_pressure,
         motion=problem.motion,
     )
-    result = explicit_answer(
-        state(),
-        lambda counted: state(counted_pressure=counted),
-        residual=residual if static else 0.0,
-        threads=threads,
-    )
-    return answer_of(replace(result, static_below=residual), problem=problem)
 
 
-def explicit_answer(
-    stated: ExplicitStatement,
-    again: Callable[[float], ExplicitStatement],
-    *,
-    residual: float = 0.0,
-    time_step: float | None = None,
-    safety_factor: float = SAFETY_FACTOR,
-    precision: str = "float64",
-    threads: int = 1,
-    sample_interval: int = 50,
+def explicit_solution(
+    problem: Problem,
+    method: Explicit,
     output: Output | None = None,
     resume: Path | None = None,
 ) -> Solution:
-    """Run what is stated: see `solve_explicit`.
+    """Run a problem on its mesh: see `solve_explicit`.
 
     Parameters
     ----------
-    stated
-        The explicit problem and its times.
-    again
-        States it once more, with more contact stiffness counted in [MPa]: a run whose contact
-        grows stiffer than its time step allows starts again with a shorter one.
-    residual
-        Unbalanced over applied force at which the run stops [-]; 0: it is watched, no more.
-    time_step, safety_factor, precision, threads, sample_interval, resume
-        As in `fem.explicit.solve.solve`.
+    problem, method, resume
+        As `solve_explicit`.
     output
         Frames have the displacements of all blocks, samples the energies of all.
 
@@ -146,33 +322,43 @@ def explicit_answer(
     UnstableRun, TimeStepError, StateError, CheckpointError
         As `fem.explicit.solve.solve`.
     """
-    restarts = 0
-    watched = residual > 0.0 or stated.recommended is not None
+    stated, restarts = stated_run(problem, method), 0
+    to_rest = method.damped(moves=problem.motion is not None) == "static"
+    # A run that is not damped to the static state watches the residual and goes on.
+    stop = StopCriterion(method.residual if to_rest else 0.0, stated.settled_after)
+    watched = to_rest or stated.recommended is not None
+    if output is not None and method.frames > 0:
+        spread = stated.end_time
+        if to_rest:  # as many as asked for lie in the ramp: such a run may end any time after it
+            spread = min(stated.ramp_time or stated.end_time / _FINE, stated.end_time)
+        output = replace(output, frame_interval=spread / max(method.frames - 1, 1))
+    elif output is not None:
+        output = replace(output, on_frame=None)
     while True:
         whole = stated.assembly
         try:
             result = solve(
                 whole.model,
                 end_time=stated.end_time,
-                time_step=time_step,
-                safety_factor=safety_factor,
-                precision=precision,
-                threads=threads,
-                sample_interval=sample_interval,
+                time_step=method.time_step,
+                safety_factor=method.safety_factor,
+                precision=method.precision,
+                threads=method.threads,
+                sample_interval=method.sample_interval,
                 velocities=stated.velocities,
-                stop=StopCriterion(residual, stated.settled_after) if watched else None,
+                stop=replace(stop, not_before=stated.settled_after) if watched else None,
                 output=None if output is None else _of_all_blocks(output, whole, restarts),
                 resume=resume,
             )
             break
         except (UnstableRun, OtherProblemError) as error:
             # A checkpoint may be that of a run that had started again.
-            counted = None if time_step is not None else stated.more_counted()
+            counted = None if method.time_step is not None else stated.more_counted()
             if counted is None:
                 raise
             if isinstance(error, UnstableRun):
                 resume, restarts = None, restarts + 1
-            stated = again(counted)
+            stated = stated_run(problem, method, counted_pressure=counted)
     return Solution(
         deformable=whole.deformable,
         group_displacements=whole.expand(result.displacements),
@@ -181,6 +367,7 @@ def explicit_answer(
         solver=_of_all_copies(result, whole),
         statement=stated,
         restarts=restarts,
+        static_below=method.residual,
     )
 
 
@@ -191,7 +378,8 @@ def _of_all_blocks(output: Output, whole: ExplicitAssembly, restarts: int) -> Ou
     def frame(found: Frame) -> None:
         assert on_frame is not None
         moved = whole.expand(found.displacements)
-        on_frame(replace(found, displacements=moved, restart=restarts))
+        groups = whole.deformable.model.groups
+        on_frame(replace(found, groups=groups, displacements=moved, restart=restarts))
 
     def tell(found: Progress) -> None:
         assert progress is not None

@@ -8,7 +8,16 @@ from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le, Lt
 
-from fem.problem.effects import SAFETY_FACTOR, BulkViscosity, RayleighDamping
+from fem.problem.effects import (
+    PAPER_RAYLEIGH,
+    SAFETY_FACTOR,
+    AdaptiveMassDamping,
+    BulkViscosity,
+    EffectError,
+    Effects,
+    RayleighDamping,
+)
+from geometry.mesh import FloatArray
 from geometry.options import check
 
 #: Largest number of load steps, and of frames.
@@ -103,3 +112,33 @@ class Explicit:
             return self.damping
         by_mass = self.rayleigh is not None and self.rayleigh.mass_proportional is not None
         return "none" if moves or by_mass or self.end_time is not None else "static"
+
+    def effects(
+        self,
+        *,
+        moves: bool = False,
+        finite_rotation: bool = False,
+        gravity: FloatArray | None = None,
+    ) -> Effects:
+        """Its effects of time integration, beside finite rotation and gravity (3,) [mm/s²].
+
+        Raises
+        ------
+        EffectError
+            Mass scaling beside gravity.
+        """
+        if self.mass_scaling is not None and gravity is not None:
+            raise EffectError(
+                f"fem.mass_scaling: got {self.mass_scaling:g} beside effects.gravity; added mass "
+                "would weigh: expected one of the two"
+            )
+        damping, rayleigh, viscosity = self.damped(moves=moves), self.rayleigh, self.bulk_viscosity
+        if damping == "paper":
+            rayleigh, viscosity = rayleigh or PAPER_RAYLEIGH, viscosity or BulkViscosity()
+        return Effects(
+            rayleigh=rayleigh,
+            bulk_viscosity=viscosity,
+            finite_rotation=finite_rotation,
+            gravity=gravity,
+            adaptive_mass_damping=AdaptiveMassDamping() if damping == "static" else None,
+        )

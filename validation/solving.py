@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from geometry.answer import Notes
@@ -14,6 +15,7 @@ from validation.scene.family import RoundScene
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 
 if TYPE_CHECKING:
+    from fem.explicit.solve import Frame
     from geometry.answer import Answer, Part
     from mbd.analysis import RigidStatement
 
@@ -22,7 +24,15 @@ _RINGS = {"pipe": ("inner", "tension"), "tunnel": ("outer", "compression")}
 _OPPOSITE = {"tension": "compression", "compression": "tension"}
 
 
-def solve(case: Case, progress: Callable[[str], None] | None = None) -> Answer:
+def solve(
+    case: Case,
+    progress: Callable[[Any], None] | None = None,
+    *,
+    otherwise: Mapping[str, float] | None = None,
+    on_frame: Callable[[Frame], None] | None = None,
+    checkpoint: Path | None = None,
+    resume: Path | None = None,
+) -> Answer:
     """Answer a case by its method.
 
     Parameters
@@ -30,7 +40,12 @@ def solve(case: Case, progress: Callable[[str], None] | None = None) -> Answer:
     case
         Of `load_case`, or ``Case(name=..., stated=problem, method=Rigid())``.
     progress
-        Called with a line on what the run is at.
+        Called with what the run is at: words, or an object whose ``str`` is.
+    otherwise
+        Relative error bars [-] that a static state is refined to where its method has no accuracy;
+        None: `fem.accuracy.converge.TARGETS`.
+    on_frame, checkpoint, resume
+        As `fem.solve_static` and `fem.solve_explicit`.
 
     Returns
     -------
@@ -41,16 +56,34 @@ def solve(case: Case, progress: Callable[[str], None] | None = None) -> Answer:
     ------
     InputError
         One line: what was got, what is expected, what to do.
+    KeyboardInterrupt
+        An explicit run that was interrupted and has no checkpoint.
     """
-    tell = progress or (lambda _: None)
-    answer = solve_rigid(case, tell) if isinstance(case.method, Rigid) else _deformable(case)
+    show = progress or (lambda _: None)
+    if isinstance(case.method, Rigid):
+        answer = solve_rigid(case, show)
+    else:
+        from validation.run.deformable import Follower, deformable_answer
+
+        follower = Follower(progress=show, on_frame=on_frame, checkpoint=checkpoint, resume=resume)
+        answer = deformable_answer(case, follower, otherwise=otherwise)
+        run = answer.details.explicit
+        if checkpoint is None and run is not None and run.status == "interrupted":
+            raise KeyboardInterrupt(f"stopped at step {run.n_steps}: no checkpoint was written")
+        answer = _with_cell_error(case, answer)
     return replace(answer, case=case)
 
 
-def _deformable(case: Case) -> Answer:
-    from validation.run.solve import run_as_asked, with_factors
+def _with_cell_error(case: Case, answer: Answer) -> Answer:
+    """Answer of a periodic cell, with its error beside the tube that it stands for."""
+    cell = case.is_of_scene and case.scene.is_cell
+    if not (cell and case.method.error_estimate):  # type: ignore[union-attr]
+        return answer
+    from validation.run.cell import CellError, probed_cell_error
 
-    return with_factors(run_as_asked(case.name, case.scene)).answer
+    part = CellError(case.name, probed_cell_error(case.scene, case.name))
+    parts = {**answer.parts, "periodic_cell": part}
+    return replace(answer.with_report({"periodic_cell": part.as_json()}), parts=parts)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -61,9 +94,9 @@ def solve_rigid(
     case: Case, tell: Callable[[str], None], stated: RigidStatement | None = None
 ) -> Answer:
     """Answer a case by rigid blocks, which may be built already: ``stated``."""
+    from geometry.compilation.stages import stages, summed
     from mbd.answer import analyse
     from validation.build.rigid import rigid_statement
-    from validation.run.stages import stages, summed
 
     assert isinstance(case.method, Rigid)
     with stages() as watch:

@@ -13,7 +13,6 @@ from fem.accuracy.facets import pressures_on_facets
 from fem.accuracy.ladder import (
     AT_A_POINT,
     AT_EDGES,
-    NEGLIGIBLE,
     Ladder,
     Rung,
     fineness,
@@ -21,6 +20,7 @@ from fem.accuracy.ladder import (
     on_rung,
 )
 from fem.accuracy.one_mesh import static_solution
+from fem.accuracy.parts import Accuracy, Meshes, MeshFacets, unmet
 from fem.accuracy.transfer import transferred
 from fem.assembly.statement import Problem
 from fem.measures import load_step_change, measures_of
@@ -29,7 +29,7 @@ from fem.static.linear_step.condensed import StaticMemoryError
 from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.solve import StaticOptions
 from fem.static.time_limit import OutOfTimeError, time_limit
-from geometry.answer import ALIASES, TITLES, Measure
+from geometry.answer import ALIASES, TITLES, Measure, Part
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.errors import RefusedError, is_number
@@ -87,6 +87,15 @@ class Progress:
     seconds: float
     """Expected CPU time of the next mesh [s]; 0 where nothing is known."""
 
+    def __str__(self) -> str:
+        """The next mesh, its expected time, and the best values so far."""
+        expected = f", about {self.seconds:.2g} CPU s" if self.seconds > 0.0 else ""
+        count = f"mesh {self.rung} of at most {self.n_rungs}"
+        words = f"{count}, {self.unknowns} unknowns a block{expected}"
+        if "p_max_point" in self.measures:
+            words += f"; pressure at a point {self.measures['p_max_point'].value_words}"
+        return words
+
 
 @dataclass(frozen=True)
 class Solved:
@@ -121,38 +130,9 @@ class Solved:
         return work(self.problem, static.symmetry)
 
 
-def relative(measure: Measure) -> float:
-    """Relative error of a measure by its error bar; infinite without one, or if not resolved."""
-    if measure.error is None or not measure.resolved:
-        return float("inf")
-    if measure.value == 0.0 and measure.error > 0.0:
-        return float("inf")
-    return measure.error / abs(measure.value) if measure.error else 0.0
-
-
 def is_reached(measures: Mapping[str, Measure], targets: Mapping[str, float], n: int) -> bool:
     """Whether the error bars of the last of n meshes are believed, and as narrow as requested."""
     return n >= LEAST_MESHES and not unmet(measures, _among(targets, measures))
-
-
-def unmet(measures: Mapping[str, Measure], targets: Mapping[str, float]) -> list[str]:
-    """Measures whose error bars are wider than requested, and which are not negligible."""
-    return [
-        name
-        for name, share in targets.items()
-        if not relative(measures[name]) <= share and not is_negligible(measures, name)
-    ]
-
-
-def is_negligible(measures: Mapping[str, Measure], name: str) -> bool:
-    """Whether a value with its bar is below `NEGLIGIBLE` of the largest one of the same unit.
-
-    The largest one is at least its value without its bar.
-    """
-    of, error = measures[name], measures[name].error
-    alike = [m for m in measures.values() if m.unit == of.unit]
-    largest = max(abs(m.value) - (m.error or 0.0) for m in alike)
-    return error is not None and abs(of.value) + error <= NEGLIGIBLE * largest
 
 
 @dataclass(frozen=True)
@@ -170,13 +150,21 @@ class Converged:
     facets: tuple[Assembly, FloatArray] | None
     """Mesh that was stated, and the mean pressure on each of its interfaces, (n,) [MPa]; None where
     contact is searched."""
-    report: dict[str, Any]
-    """What was requested and reached, what ended the refinement, and the meshes, as plain data."""
+    accuracy: Accuracy
+    """What was requested and reached, and what ended the refinement."""
+    meshes: Meshes
+    """Those that were solved."""
 
     @property
     def measures(self) -> Mapping[str, Measure]:
         """Numbers with errors and places."""
         return measures_of(self.solution, self.errors, facets=self.facets, remarks=self.remarks)
+
+    @property
+    def parts(self) -> dict[str, Part]:
+        """What an answer has beside the measures."""
+        facets = {} if self.facets is None else {"facets": MeshFacets(*self.facets)}
+        return {**facets, "accuracy": self.accuracy, "meshes": self.meshes}
 
 
 def converge(
@@ -264,8 +252,9 @@ def converge(
             ended = "the requested accuracy"
             break
     assert last is not None
-    report = _report(meshes, told, _among(targets, told), ended)
-    return Converged(last.problem, last.solution, errors, remarks, last.facets, report)
+    accuracy = Accuracy(_among(targets, told), told, ended)
+    solved = last.problem, last.solution, errors, remarks, last.facets
+    return Converged(*solved, accuracy, Meshes(meshes))
 
 
 def climbed(
@@ -350,6 +339,17 @@ def why_not_refined(problem: Problem) -> str | None:
     if problem.load_case.without_couple:
         return "a load as printed, which acts at the mean of the nodes of a mesh"
     return None
+
+
+def usual_degree(blocks: Assembly, *, friction: bool) -> int:
+    """Degree of the elements where nothing states it: of tetrahedra split into hexahedra 2.
+
+    Degree 1 of all else, and where general contact of so many facets takes minutes with 2.
+    """
+    if all(shape.tetrahedra is None for shape in blocks.shapes):
+        return 1
+    need = searched_work(searched_points(blocks, 2), friction=friction)
+    return 2 if need <= FAR_BEYOND * MOST_WORK else 1
 
 
 def checked_targets(accuracy: Mapping[str, float]) -> dict[str, float]:
@@ -515,25 +515,6 @@ def _progress(
 ) -> Progress:
     seconds = 0.0 if last is None else _expected_seconds(stated, last)
     return Progress(number, len(ladder.rungs), round(_unknowns(stated)), told, seconds)
-
-
-def _report(
-    meshes: list[dict[str, Any]],
-    measures: Mapping[str, Measure],
-    targets: Mapping[str, float],
-    ended: str,
-) -> dict[str, Any]:
-    """What the answer says of its accuracy, as plain data."""
-    return {
-        "accuracy": {
-            "requested": dict(targets),
-            "reached": {name: relative(measures[name]) for name in targets},
-            "not_reached": unmet(measures, targets),
-            "ended_by": ended,
-        },
-        "degree": meshes[-1]["degree"],
-        "meshes": meshes,
-    }
 
 
 def _row(solved: Solved) -> dict[str, Any]:

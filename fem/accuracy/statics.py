@@ -2,37 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Literal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from fem.accuracy.converge import (
+    TARGETS,
     AccuracyError,
     Progress,
     checked_targets,
     converge,
-    default_options,
+    usual_degree,
     why_not_refined,
 )
+from fem.accuracy.friction_range import friction_set, is_a_set
 from fem.accuracy.one_mesh import static_errors, static_solution
 from fem.accuracy.strength import strength_factors
 from fem.answer import answer_of
 from fem.assembly.statement import Problem, require_problem
+from fem.assembly.symmetry import require_sector
+from fem.contact.law import LinearPenalty
 from fem.element.hexahedron import ElementType
 from fem.measures import measures_of
+from fem.method import Static
 from fem.solution import Solution
+from fem.static.linear_step.flexibility import FlexibilityStore
+from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.solve import StaticOptions
-from geometry.answer import Answer
+from fem.static.solve import solve_static as solve_blocks
+from geometry.answer import Answer, Part
+from geometry.compilation.stages import Stages, stages
+from geometry.errors import RefusedError
+from geometry.mesh import FloatArray
+
+if TYPE_CHECKING:
+    from fem.explicit.solve import Frame
+
+#: First load steps of blocks with friction that close a clearance: slip before touch is no stick.
+_CLOSING_STEPS = 4
+#: Springs in the joints by which blocks are known to float [MPa/mm], and blocks that are named.
+_SPRINGS, _NAMED = 1000.0, 8
+_DEFAULT = Static()
 
 
 def solve_static(
     problem: Problem,
-    options: StaticOptions | None = None,
+    method: Static = _DEFAULT,
     *,
-    mesh: Literal["converged", "scene"] | None = None,
-    accuracy: Mapping[str, float] | None = None,
-    error_bars: bool = True,
-    max_seconds: float | None = None,
-    progress: Callable[[Progress], None] | None = None,
+    otherwise: Mapping[str, float] = TARGETS,
+    store: FlexibilityStore | None = None,
+    progress: Callable[[Progress | str], None] | None = None,
+    on_frame: Callable[[Frame], None] | None = None,
 ) -> Answer:
     """Solve for the static state, by Newton's method, on meshes as fine as its accuracy needs.
 
@@ -40,30 +63,24 @@ def solve_static(
     ----------
     problem
         The statement.
-    options
-        Tolerance, symmetry, load steps. None: with friction as many load steps as it takes for
-        the answer to change by less than 1 % when they are doubled.
-    mesh
-        ``converged``: finer and finer meshes until the requested error bars are reached; the mesh
-        of the problem gives the facets of `p_eff`, `p_max` and `p_max_facet`. ``scene``: exactly
-        the mesh of the problem. None: ``converged``, unless the problem states a degree or an
-        element, or cannot be refined.
-    accuracy
-        Relative error bars [-] by measure, such as ``{"p_max_point": 0.03}``; None: 5 % of
-        displacement, p_eff, pressure at a point and averaged tension.
-    error_bars
-        Whether measures on the mesh of the problem have error bars, from coarser meshes, or from a
-        finer one where there is none. Problems ``after`` another have none.
-    max_seconds
-        CPU time that meshes beyond the first may take [s]; None: a fixed amount of work, about
-        20 CPU s, so that a problem has one answer on every machine; no limit with an accuracy.
+    method
+        Mesh, accuracy, symmetry, load steps. By default finer and finer meshes, and with friction
+        as many load steps as it takes for the answer to change by less than 1 % when they are
+        doubled. Problems ``after`` another have no error bars.
+    otherwise
+        Relative error bars [-] by measure that are sought, within a fixed amount of work, where
+        the method has no accuracy.
+    store
+        Of one call for the next on the mesh of the problem: the same blocks are condensed once.
     progress
-        Called before each mesh.
+        Called with what comes next: a mesh (`Progress`), or a stage in words.
+    on_frame
+        Called with ``method.frames`` states under parts of the load.
 
     Returns
     -------
     Answer
-        Its report says under ``accuracy`` what was reached, and what ended the refinement.
+        Its parts are `fem.accuracy.parts`.
 
     Raises
     ------
@@ -82,55 +99,259 @@ def solve_static(
     """
     problem = require_problem(problem)
     problem.refuse_motion()
-    if problem.check_blocks:
-        problem.require_action()
-    if refines(problem, mesh, accuracy):
+    problem.require_action()
+    with stages() as watch:
+        finer = refines(problem, method)
+        if method.symmetry == "sector":
+            require_sector(problem.deformable)
+        watch.lap("build")
+        follower = _Follower(watch, progress or (lambda _: None), on_frame)
+        if finer:
+            return _converged(problem, method, otherwise, follower)
+        return _on_one_mesh(problem, method, store, follower)
+
+
+@dataclass(frozen=True)
+class _Follower:
+    """Who is told what a run is at."""
+
+    watch: Stages
+    tell: Callable[[Progress | str], None]
+    on_frame: Callable[[Frame], None] | None
+
+
+def _converged(
+    problem: Problem,
+    method: Static,
+    otherwise: Mapping[str, float],
+    follower: _Follower,
+) -> Answer:
+    """Answer on finer and finer meshes."""
+    options, watch = static_options(problem, method), follower.watch
+    with _floating_named(problem, options):
         result = converge(
             problem,
-            None if accuracy is None else checked_targets(accuracy),
+            None if method.accuracy is None else checked_targets(method.accuracy),
+            otherwise=otherwise,
             options=options,
-            max_seconds=max_seconds,
-            progress=progress,
+            max_seconds=method.max_seconds,
+            progress=follower.tell,
         )
-        return answer_of(
-            result.solution,
-            result.errors,
-            facets=result.facets,
-            remarks=result.remarks,
-            factors=strength_factors(result.solution, result.measures, options),
-            problem=problem,
-            beside=lambda: result.report,
-        )
-    options = default_options() if options is None else options
-
-    if problem.after is not None:
-        stages = [stage.deformable for stage in problem.stages]
-        solution = static_solution(stages[-1], options, before=stages[:-1])
-        return answer_of(solution, problem=problem)
-
-    def solve_on(stated: Problem) -> Solution:
-        return static_solution(stated.deformable, options, finite_rotation=stated.finite_rotation)
-
-    solution = solve_on(problem)
-    errors = static_errors(problem, solution, solve_on) if error_bars else {}
-    factors = strength_factors(solution, measures_of(solution, errors), options)
-    return answer_of(solution, errors, factors=factors, problem=problem)
+    watch.lap("solve")
+    _write_frames(method.frames, result.solution, options, follower)
+    parts = result.parts
+    if is_a_set(problem):
+        parts["friction"] = friction_set(problem, result.solution, options, refined=True)
+        watch.lap("range of friction")
+    factors = strength_factors(result.solution, result.measures, options)
+    if factors:
+        watch.lap("load factors")
+    return answer_of(
+        result.solution,
+        result.errors,
+        facets=result.facets,
+        remarks=result.remarks,
+        factors=factors,
+        problem=problem,
+        parts=parts,
+        beside={"degree": result.meshes.meshes[-1]["degree"], "cpu_seconds": watch.seconds()},
+    )
 
 
-def refines(problem: Problem, mesh: str | None, accuracy: Mapping[str, float] | None) -> bool:
-    """Whether a static problem is solved on finer and finer meshes."""
-    if mesh == "scene" and accuracy is not None:
-        raise AccuracyError(
-            'accuracy: got one beside mesh = "scene", which is one mesh; expected one of the two'
-        )
-    if problem.after is not None and (mesh == "converged" or accuracy is not None):
-        raise AccuracyError(
-            "accuracy: a problem after another has no error bars of meshes; expected "
-            'mesh = "scene" without one'
-        )
-    if mesh is not None or accuracy is not None:
-        return mesh != "scene"
-    if problem.after is not None:
+def _on_one_mesh(
+    problem: Problem,
+    method: Static,
+    store: FlexibilityStore | None,
+    follower: _Follower,
+) -> Answer:
+    """Answer on the mesh of the problem."""
+    tell, watch = follower.tell, follower.watch
+    tell("static state")
+    options = static_options(problem, method)
+    with _floating_named(problem, options):
+        solution = _solution(problem, options, store)
+    watch.lap("solve")
+    _write_frames(method.frames, solution, options, follower)
+    parts, errors = dict[str, Part](), dict[str, float]()
+    if method.error_estimate and problem.after is None:
+        tell("coarser meshes, for the errors")
+        errors = static_errors(problem, solution, lambda other: _solution(other, options))
+        watch.lap("error bars")
+        if is_a_set(problem):
+            tell("how wide the set of answers with friction is")
+            parts["friction"] = friction_set(problem, solution, options, refined=False)
+            watch.lap("range of friction")
+    factors = {}
+    if problem.after is None:
+        factors = strength_factors(solution, measures_of(solution, errors), options)
+    if factors:
+        watch.lap("load factors")
+    seconds = {"cpu_seconds": watch.seconds()}
+    return answer_of(
+        solution, errors, factors=factors, problem=problem, parts=parts, beside=seconds
+    )
+
+
+def _solution(
+    problem: Problem, options: StaticOptions, store: FlexibilityStore | None = None
+) -> Solution:
+    """State of a problem on its mesh."""
+    *before, deformable = (stage.deformable for stage in problem.stages)
+    turning = problem.finite_rotation
+    return static_solution(deformable, options, finite_rotation=turning, store=store, before=before)
+
+
+def refines(problem: Problem, method: Static) -> bool:
+    """Whether a static problem is solved on finer and finer meshes.
+
+    Raises
+    ------
+    AccuracyError
+        As `solve_static`; and error bars left out of a state that has them.
+    """
+    asked = method.accuracy is not None or method.mesh == "converged"
+    if method.mesh == "scene":
+        if method.accuracy is not None:
+            raise AccuracyError(
+                'accuracy: got one beside mesh = "scene", which is one mesh; expected one of the '
+                "two"
+            )
         return False
-    stated = problem.degree > 1 or problem.element is not ElementType.INCOMPATIBLE
-    return not stated and why_not_refined(problem) is None
+    if problem.after is not None:
+        if asked:
+            raise AccuracyError(
+                "accuracy: a problem after another has no error bars of meshes; expected "
+                'mesh = "scene" without one'
+            )
+        return False
+    degree = usual_degree(problem.blocks, friction=problem.coulomb is not None)
+    usual = problem.element is ElementType.INCOMPATIBLE and problem.degree == degree
+    if not (usual or asked):
+        return False
+    try:
+        why = why_not_refined(problem)
+    except RefusedError:
+        if asked:
+            raise
+        return False  # the solver rejects it
+    if why is None and not method.error_estimate:
+        raise AccuracyError(
+            'error_estimate: applies to mesh = "scene" alone; a run that refines always has error '
+            "bars: remove it, or add mesh"
+        )
+    if why is not None and asked:
+        raise AccuracyError(
+            f'accuracy: got {why}, whose mesh is not refined; expected mesh = "scene"'
+        )
+    return why is None
+
+
+def static_options(problem: Problem, method: Static) -> StaticOptions:
+    """Options of the static solver: the largest exact sector unless the method forbids it."""
+    moves = problem.after is None and any(held.moves for held in problem.load_case.held)
+    opened = problem.clearance > 0.0 or problem.spacing > 0.0
+    steps = _CLOSING_STEPS if opened and problem.coulomb is not None else 1
+    once = method.load_steps is not None or moves
+    return StaticOptions(
+        symmetry=1 if method.symmetry == "none" else None,
+        load_steps=steps if method.load_steps is None else method.load_steps,
+        load_tolerance=None if once else LOAD_TOLERANCE,
+        motion_steps=method.motion_steps if moves else None,
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Blocks that float in gaps
+
+
+@contextmanager
+def _floating_named(problem: Problem, options: StaticOptions) -> Iterator[None]:
+    """Name blocks that float in gaps where a search ends without an equilibrium."""
+    try:
+        yield
+    except RefusedError:
+        words = _floating_words(problem, options)
+        if words is None:
+            raise
+        raise StaticError(words) from None
+
+
+def _floating_words(problem: Problem, options: StaticOptions) -> str | None:
+    """Say which blocks float in their gaps; None where there are no gaps, or all are held.
+
+    For a search that found no equilibrium: springs in the joints find one where the exponential
+    law, which is flat in a gap, wanders; blocks that none of them holds have no place of their own.
+    """
+    opened = problem.clearance > 0.0 or problem.spacing > 0.0
+    if not opened or problem.coulomb is not None or not problem.deformable.meets:
+        return None
+    deformable = problem.deformable
+    springs = replace(deformable.contact, law=LinearPenalty(_SPRINGS))
+    once = replace(options, load_steps=1, keep_steps=False)
+    try:
+        result = solve_blocks(replace(deformable, contact=springs), once)
+    except RefusedError:
+        return None
+    loose = result.loose_blocks.tolist()
+    if not result.converged or not loose:
+        return None
+    named = ", ".join(map(str, loose[:_NAMED])) + (", …" if len(loose) > _NAMED else "")
+    given = ((name, getattr(problem, name)) for name in ("clearance", "spacing"))
+    gaps = ", ".join(f"{name} {value:g} mm" for name, value in given if value)
+    return (
+        f"blocks {named} float in their gaps ({gaps}): the "
+        "load closes some joints and leaves others open, so that nothing says where these blocks "
+        "stand; expected a smaller gap, a load or a weight that closes all joints, or friction"
+    )
+
+
+# ---------------------------------------------------------------------------------------------
+# Frames
+
+
+def _write_frames(
+    count: int,
+    solution: Solution,
+    options: StaticOptions,
+    follower: _Follower,
+) -> None:
+    """Call back with so many states on the way to the load: the answer does not depend on them.
+
+    With friction they are those of the load steps, of which there may be fewer.
+    """
+    on_frame = follower.on_frame
+    if count == 0 or on_frame is None:
+        return
+    result = solution.static
+    assert result is not None
+    parts = max(1, count - 1)
+    if solution.deformable.contact.friction is not None:
+        parts = result.load_steps
+    steps: Sequence[tuple[float, tuple[FloatArray, ...]]] = ()
+    if parts > 1:
+        kept = replace(options, keep_steps=True, load_steps=parts, load_tolerance=None)
+        turning = solution.finite_rotation
+        again = static_solution(solution.deformable, kept, finite_rotation=turning)
+        assert again.static is not None
+        steps = again.static.steps
+    for frame in _frames(count, solution, [*steps[:-1], (1.0, result.displacements)]):
+        on_frame(frame)
+    follower.watch.lap("frames")
+
+
+def _frames(
+    count: int, solution: Solution, steps: Sequence[tuple[float, tuple[FloatArray, ...]]]
+) -> Iterator[Frame]:
+    """Frames of a static run: the state without load, then those of the load steps.
+
+    There are ``count`` of them, or as many as load steps, each with its part of the load and the
+    displacements of each group, the whole load last.
+    """
+    from fem.explicit.solve import Frame
+
+    rest = tuple(np.zeros_like(u) for u in steps[-1][1])
+    states, groups = [(0.0, rest), *steps], solution.deformable.model.groups
+    chosen = np.unique(np.round(np.linspace(len(states) - 1, 0, min(count, len(states)))))
+    for place, k in enumerate(chosen.astype(int)):
+        share, displacements = states[k]
+        yield Frame(place, share, groups, displacements, last=place == len(chosen) - 1)

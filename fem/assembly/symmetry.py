@@ -153,6 +153,21 @@ def largest_cyclic_orbits(deformable: DeformableAssembly) -> Orbits:
     return no_symmetry(deformable)
 
 
+def require_sector(deformable: DeformableAssembly) -> None:
+    """Reject a sector of blocks whose load or supports are not those of one.
+
+    Raises
+    ------
+    SymmetryError
+        Saying so.
+    """
+    if deformable.meets and largest_cyclic_orbits(deformable).order == 1:
+        raise SymmetryError(
+            'fem.symmetry: got "sector", but the load or the supports are not the same on every '
+            'block of a layer; expected "auto" or "none"'
+        )
+
+
 def searched_in_all_sectors(
     deformable: DeformableAssembly, orbits: Orbits, surfaces: SearchedSurfaces
 ) -> SearchedSurfaces:

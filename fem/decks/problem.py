@@ -32,7 +32,7 @@ from fem.decks.tetrahedra import has_tetrahedra, with_tetrahedra
 from fem.decks.write import write_deck as write_statement
 from fem.element.lagrange_mesh import serendipity_block
 from fem.element.material import Material
-from fem.problem.effects import SAFETY_FACTOR, BulkViscosity, Effects, RayleighDamping
+from fem.problem.effects import PAPER_RAYLEIGH, SAFETY_FACTOR, BulkViscosity, Effects
 from fem.problem.time_step import characteristic_time_step, critical_time_step
 from geometry.assembly import Assembly
 from geometry.block import Block
@@ -44,8 +44,6 @@ from geometry.mesh import IntArray
 #: amplitudes have fallen to e⁻⁶ = 0.25 % six seconds after the ramp.
 QUASI_STATIC_RAMP = 2.0
 QUASI_STATIC_END = 8.0
-#: The paper's damping of its Abaqus runs (Table material_parameters): α [1/s] and β [s].
-PAPER_RAYLEIGH = RayleighDamping(mass_proportional=2.0, stiffness_proportional=1.0e-8)
 
 #: Longest note: heading lines stay below what every program reads, and fit the printed table.
 _NOTE_WIDTH = 98

@@ -49,7 +49,7 @@ from fem.explicit.step import (
     step,
 )
 from fem.problem.effects import SAFETY_FACTOR
-from fem.problem.model import Model
+from fem.problem.model import BlockGroup, Model
 from fem.problem.time_step import CriticalTimeStep, TimeStepError, critical_time_step
 from geometry.compilation import compiling
 from geometry.errors import RefusedError
@@ -94,6 +94,15 @@ class Progress:
     residual: float | None
     """Force residual, where the run watches it."""
 
+    def __str__(self) -> str:
+        """Time, step, energies and residual."""
+        energies = self.energies
+        words = (
+            f"t {1e3 * self.time:.4g} ms  step {self.step}  "
+            f"kinetic {energies.kinetic_energy:.3g}  strain {energies.strain_energy:.3g} N mm"
+        )
+        return words if self.residual is None else f"{words}  residual {self.residual:.1e}"
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -103,6 +112,8 @@ class Frame:
     """0, 1, 2, …"""
     time: float
     """[s]"""
+    groups: tuple[BlockGroup, ...]
+    """Congruent blocks with their mesh."""
     displacements: tuple[FloatArray, ...]
     """Of each group, (n_copies, n_nodes, 3) [mm]."""
     last: bool = False
@@ -539,7 +550,8 @@ class _Run:
         fields = displacements_of(self.system, state)
         # The end comes after all that were due before, where it lies between two of them.
         number = self.frame_number(state.step - 1) + 1 if ended else self.frame_number(state.step)
-        self.output.on_frame(Frame(number, self.system.time(state), fields, last=ended))
+        groups = self.system.model.groups
+        self.output.on_frame(Frame(number, self.system.time(state), groups, fields, last=ended))
 
     def checkpoint(self, *, force: bool) -> None:
         """Write the checkpoint when it is time."""

@@ -41,6 +41,10 @@ class RayleighDamping:
             _require(good, f"rayleigh.{name}", value, "a finite number >= 0")
 
 
+#: The paper's damping of its Abaqus runs (Table material_parameters): α [1/s] and β [s].
+PAPER_RAYLEIGH = RayleighDamping(mass_proportional=2.0, stiffness_proportional=1.0e-8)
+
+
 @dataclass(frozen=True)
 class BulkViscosity:
     """Bulk viscosity pressure of Abaqus/Explicit (see `fem.explicit.body`)."""

@@ -12,14 +12,13 @@ from tests.support.face import (
     Frame,
     InputError,
     build_deck,
-    build_deformable,
     check_scene,
     critical_time_step,
+    on_mesh,
     print_run,
-    run_explicit,
-    run_static,
     scene_case,
-    scene_statement,
+    scene_problem,
+    stated_run,
 )
 from tests.support.own_blocks import column, overclosure
 
@@ -28,38 +27,38 @@ PRESSURE = 2.0
 
 
 def changed(pressure: float, **sections: dict[str, object]) -> DeformableScene:
-    data = column(pressure).model_dump(mode="json")
+    data = column(pressure).model_dump(mode="json", exclude_unset=True)
     for name, values in sections.items():
-        data[name] = data[name] | values
+        data[name] = data.get(name, {}) | values
     scene = check_scene(data)
     assert isinstance(scene, DeformableScene)
     return scene
 
 
 def test_a_scene_without_a_cap_follows_the_law_of_the_text() -> None:
-    run = run_static("column", column(PRESSURE))
+    run = on_mesh(column(PRESSURE), "column", "static")
     # Without lateral strain every joint closes by the law's inverse, every box by p h / E; the
     # residual is 1e-8 of the load, and a joint is as stiff as the boxes within tenfold.
     top = 2 * overclosure(PRESSURE) + PRESSURE * 160.0 / 33e3
-    assert run.solution.largest_displacement == pytest.approx(top, rel=1e-7)
-    assert run.answer.as_dict()["contact_cap"] is None
+    assert run.details.largest_displacement == pytest.approx(top, rel=1e-7)
+    assert run.as_dict()["contact_cap"] is None
 
 
 def test_a_cap_says_where_it_acted(capsys: pytest.CaptureFixture[str]) -> None:
     capped = changed(PRESSURE, contact={"maximum_stiffness": 1000.0})
-    run = run_static("column", capped)
-    found = run.answer.as_dict()["contact_cap"]
+    run = on_mesh(capped, "column", "static")
+    found = run.as_dict()["contact_cap"]
     points = 2 * 3 * 2 * 4
     assert found["points"] == found["pressing_points"] == points
     assert found["force_share"] == pytest.approx(1.0, rel=1e-12)
     # Linear from the cap on: 1.117 MPa at 1000 MPa/mm more for each joint.
-    start = run.solution.deformable.contact.law.constants
+    start = run.details.deformable.contact.law.constants
     deep = start.linear_start + (PRESSURE - start.linear_pressure) / 1000.0
-    np.testing.assert_allclose(run.solution.contact_state.point_overclosures, deep, rtol=1e-7)
+    np.testing.assert_allclose(run.details.contact_state.point_overclosures, deep, rtol=1e-7)
     print_run(run, Console(width=300))
     assert f"at {points} of {points} closed contact points, 100 %" in capsys.readouterr().out
-    idle = run_static("column", changed(0.5, contact={"maximum_stiffness": 1000.0}))
-    assert idle.answer.as_dict()["contact_cap"]["points"] == 0
+    idle = on_mesh(changed(0.5, contact={"maximum_stiffness": 1000.0}), "column", "static")
+    assert idle.as_dict()["contact_cap"]["points"] == 0
 
 
 def test_decks_carry_a_cap_and_say_where_there_is_none() -> None:
@@ -82,29 +81,31 @@ def test_a_run_that_outgrows_its_time_step_starts_again(
 ) -> None:
     """8 MPa is eight times what the first time step counts in, beyond its margin of safety."""
     pressure = 8.0
-    stated = scene_statement(column(pressure), "column", build_deformable(column(pressure), ""))
+    stated = stated_run(scene_problem(column(pressure), "column"), column(pressure).in_time)
     longest = critical_time_step(stated.assembly.model).critical_time_step
     frames: list[Frame] = []
-    run = run_explicit("column", changed(pressure, fem={"frames": 5}), on_frame=frames.append)
-    result = run.solution.explicit
+    run = on_mesh(
+        changed(pressure, fem={"method": "explicit", "frames": 5}), "column", on_frame=frames.append
+    )
+    result = run.details.explicit
     assert result is not None
     assert result.critical.critical_time_step < longest
-    assert run.solution.restarts >= 1
+    assert run.details.restarts >= 1
     print_run(run, Console(width=200))
     assert (
-        f"{run.solution.restarts}: the contact stiffness exceeded the limit of the time step"
+        f"{run.details.restarts}: the contact stiffness exceeded the limit of the time step"
         in capsys.readouterr().out
     )
     # Frames of abandoned runs are marked: the others are one history from its start to its end.
-    kept = [frame for frame in frames if frame.restart == run.solution.restarts]
+    kept = [frame for frame in frames if frame.restart == run.details.restarts]
     assert len(kept) < len(frames)
     assert [frame.number for frame in kept] == list(range(len(kept)))
     assert kept[-1].last
-    assert run.solution.statement.counted_pressure >= 4.0
+    assert run.details.statement.counted_pressure >= 4.0
     top = 2 * overclosure(pressure) + pressure * 160.0 / 33e3
     # Damped until the residual is 1e-4 of the load.
-    assert run.solution.largest_displacement == pytest.approx(top, rel=1e-3)
+    assert run.details.largest_displacement == pytest.approx(top, rel=1e-3)
     # A time step that the scene gives stays: the remedy is named instead.
-    given = {"time_step": 0.99 * longest, "sample_interval": 1}
+    given = {"method": "explicit", "time_step": 0.99 * longest, "sample_interval": 1}
     with pytest.raises(InputError, match=r"reached .* MPa.*time step .* allows"):
-        run_explicit("column", changed(pressure, fem=given))
+        on_mesh(changed(pressure, fem=given), "column", "explicit")

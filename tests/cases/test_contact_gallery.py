@@ -12,7 +12,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.support.face import Solution, run_static, scene_problem
+from tests.support.face import Solution, on_mesh
 from tests.verification.hertz import RADIUS, effective_modulus, pressed
 from validation import load_case
 
@@ -21,8 +21,7 @@ THICKNESS = 0.5
 
 
 def solved(name: str, *settings: str) -> Solution:
-    file = load_case(name, list(settings))
-    return run_static(file.name, file.scene, problem=scene_problem(file.scene, name)).solution
+    return on_mesh(load_case(name, list(settings))).details
 
 
 def press(solution: Solution) -> float:

@@ -21,7 +21,6 @@ from tests.support.face import (
     NodalForceLoad,
     Procedure,
     build_deck,
-    build_deformable,
     deck_lines,
     deck_of_lines,
     element_time_step,
@@ -286,7 +285,7 @@ def test_boxes_give_the_model_of_the_scene(name, tmp_path: Path) -> None:
     export_deck(file, Flavour.GENERAL, tmp_path / "box.inp")
     problem = read_deck(tmp_path / "box.inp").problem()
     model = problem.deformable.model
-    ours = build_deformable(file.scene, name).model  # type: ignore[arg-type]
+    ours = scene_problem(file.scene, name).deformable.model  # type: ignore[arg-type]
     assert model.n_elements == ours.n_elements
     assert model.groups[0].element is ours.groups[0].element
     forces = [np.sum([load.forces.sum(axis=0) for load in m.loads], axis=0) for m in (model, ours)]

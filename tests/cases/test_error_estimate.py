@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
 
-from geometry import Measure
+from geometry import Answer, Measure
 from tests.support.face import (
     WIDEST,
-    DeformableRun,
-    build_deformable,
-    estimated_errors,
+    on_mesh,
     print_run,
     ramp_change,
     references,
-    run_explicit,
-    run_static,
+    scene_problem,
 )
 from tests.support.face import accuracy_one_mesh_module as one_mesh
 from tests.support.own_blocks import column, deformable
@@ -31,11 +29,16 @@ CASES = {
 }
 
 
-def solved(name: str, factor: int) -> DeformableRun:
+def errors_of(answer: Answer) -> dict[str, float]:
+    return {name: m.error for name, m in answer.measures.items() if m.error is not None}
+
+
+def solved(name: str, factor: int) -> Answer:
     given = CASES[name]
     pairs = zip(given[::2], given[1::2], strict=True)
     mesh = [str(key).format(factor * int(count)) for key, count in pairs]
-    return run_static(name, deformable(name, "assembly.layers=1", *mesh))
+    scene = deformable(name, "assembly.layers=1", *mesh)
+    return on_mesh(scene, name, "static", error_estimate=factor == 1)
 
 
 def test_estimates_cover_nine_of_ten_errors() -> None:
@@ -47,11 +50,11 @@ def test_estimates_cover_nine_of_ten_errors() -> None:
     missed, judged = [], 0
     for name in CASES:
         run, reference = solved(name, 1), solved(name, 2)
-        errors = estimated_errors(run)
-        assert set(errors) == set(run.answer.measures)
+        errors = errors_of(run)
+        assert set(errors) == set(run.measures)
         for measure, error in errors.items():
             judged += 1
-            true = abs(run.answer[measure].value - reference.answer[measure].value)
+            true = abs(run[measure].value - reference[measure].value)
             if true > error:
                 missed.append((name, measure, true, error))
     assert judged == 36
@@ -71,10 +74,11 @@ def test_estimates_of_higher_degree_cover_nine_of_ten_errors() -> None:
         if "mesh." not in key:
             continue
         for degree in (2, 3):
-            run = run_static(name, deformable(name, *settings, f"fem.degree={degree}"))
-            errors = estimated_errors(run)
+            scene = deformable(name, *settings, f"fem.degree={degree}")
+            run = on_mesh(scene, name, "static", error_estimate=True)
+            errors = errors_of(run)
             for measure, reference in known.items():
-                found = run.answer[measure]
+                found = run[measure]
                 if not found.resolved or errors[measure] > WIDEST * abs(found.value):
                     continue  # printed as not resolved on this mesh
                 judged += 1
@@ -87,8 +91,8 @@ def test_estimates_of_higher_degree_cover_nine_of_ten_errors() -> None:
 
 def test_an_exact_answer_has_no_error() -> None:
     """A column under uniform pressure is exact on every mesh: linear elements, constant stress."""
-    run = run_static("column", column(0.5))
-    errors = estimated_errors(run)
+    run = on_mesh(column(0.5), "column", "static", error_estimate=True)
+    errors = errors_of(run)
     # Every run is solved to a residual of 1e-8 of the load, and its softest motion amplifies it
     # tenfold; differences of two runs over r - 1 >= 0.2, times the factor of safety.
     assert max(errors.values()) < 0.5 * 1e-7 * 2 * 1.5 / 0.2
@@ -107,35 +111,39 @@ def test_an_exact_answer_has_no_error() -> None:
     ids=["sine", "hexagon", "planar", "bricks", "osteomorphic", "boxes"],
 )
 def test_coarser_meshes_can_be_built(scene) -> None:  # type: ignore[no-untyped-def]
-    fine = build_deformable(scene, "fine").model.n_elements
+    fine = scene_problem(scene, "fine").deformable.model.n_elements
     for share in (2.0 / 3.0, 0.5):
         coarse = scene.coarser(share)
         assert coarse is not None
-        assert 0.5 * share**3 * fine < build_deformable(coarse, "coarse").model.n_elements < fine
+        assert (
+            0.5 * share**3 * fine
+            < scene_problem(coarse, "coarse").deformable.model.n_elements
+            < fine
+        )
     coarsest = scene.coarser(1e-9)
     assert coarsest is not None
     assert coarsest.coarser(0.5) is None
 
 
 def test_errors_are_printed_and_in_the_data(capsys: pytest.CaptureFixture[str]) -> None:
-    from dataclasses import replace
-
-    run = run_static("column", column(0.5))
-    plain = run.answer.as_dict()["measures"]
+    run = on_mesh(column(0.5), "column", "static")
+    plain = run.as_dict()["measures"]
     assert all(measure["error"] is None for measure in plain.values())
-    told = replace(run, errors={"p_max_point": 0.034})
-    found = told.answer.as_dict()["measures"]["p_max_point"]
+    barred = replace(run["p_max_point"], error=0.034)
+    told = replace(run, measures=dict(run.measures) | {"p_max_point": barred})
+    found = told.as_dict()["measures"]["p_max_point"]
     assert found["error"] == 0.034
     assert found["unit"] == "MPa"
     print_run(told, Console(width=300))
     assert "0.500 ± 0.034 MPa" in capsys.readouterr().out
 
 
-def transient(mesh: tuple[int, int, int], times: dict[str, float]) -> DeformableRun:
+def transient(mesh: tuple[int, int, int], times: dict[str, float]) -> Answer:
     counts = zip(("around", "radial", "axial"), mesh, strict=True)
     stated = [f"mesh.{name}={count}" for name, count in counts]
     scene = deformable("tsb1-pipe", "assembly.layers=1", "fem.method=explicit", *stated)
-    return run_explicit("transient", scene.changed({"fem.damping": None, "fem": times}))
+    moving = scene.changed({"fem.damping": None, "fem": times})
+    return on_mesh(moving, "transient", "explicit", error_estimate=True)
 
 
 def test_bars_of_explicit_friction_hold_the_drag_of_damping() -> None:
@@ -145,14 +153,17 @@ def test_bars_of_explicit_friction_hold_the_drag_of_damping() -> None:
     """
     mesh = ("assembly.layers=4", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
     friction = ("effects.friction.coefficient=0.1", "fem.error_estimate=false")
-    slow = run_static("slow", deformable("tsb1-pipe", *mesh, *friction, "fem.load_steps=32"))
-    run = run_explicit("run", deformable("tsb1-pipe", *mesh, *friction, "fem.method=explicit"))
-    dragged = ramp_change(run)
+    slow = on_mesh(deformable("tsb1-pipe", *mesh, *friction, "fem.load_steps=32"), "slow", "static")
+    run = on_mesh(
+        deformable("tsb1-pipe", *mesh, *friction, "fem.method=explicit"), "run", "explicit"
+    )
+    method = replace(run.case.method, damping="static")
+    dragged = ramp_change(run.problem, method)
     for name in ("max_displacement", "p_eff"):
-        value = run.answer[name].value
-        assert abs(slow.answer[name].value - value) < dragged[name] * value, name
+        value = run[name].value
+        assert abs(slow[name].value - value) < dragged[name] * value, name
     assert dragged["max_displacement"] < 0.05
-    assert ramp_change(slow) == {}
+    assert ramp_change(replace(run.problem, friction=None), method) == {}
 
 
 def test_errors_of_a_transient_are_those_in_time_and_mesh() -> None:
@@ -163,16 +174,16 @@ def test_errors_of_a_transient_are_those_in_time_and_mesh() -> None:
     the critical one, in which stated steps and those of the safety factor agree to a hundredth.
     """
     run = transient((12, 2, 5), {"end_time": 0.012})
-    statement, result = run.solution.statement, run.solution.explicit
+    statement, result = run.details.statement, run.details.explicit
     assert statement is not None
     assert result is not None
     times = {"end_time": statement.end_time, "ramp_time": statement.ramp_time}
-    errors = estimated_errors(run)
-    assert estimated_errors(transient((12, 2, 5), times)) == pytest.approx(errors, rel=1e-9)
+    errors = errors_of(run)
+    assert errors_of(transient((12, 2, 5), times)) == pytest.approx(errors, rel=1e-9)
     stepping = transient((12, 2, 5), {**times, "time_step": result.time_step})
-    assert estimated_errors(stepping) == pytest.approx(errors, rel=0.02)
-    finer = transient((24, 4, 10), times).answer["max_displacement"].value
-    change = abs(finer - run.answer["max_displacement"].value)
+    assert errors_of(stepping) == pytest.approx(errors, rel=0.02)
+    finer = transient((24, 4, 10), times)["max_displacement"].value
+    change = abs(finer - run["max_displacement"].value)
     assert 0.05 * finer < change < errors["max_displacement"]
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from fem import ExponentialLaw, LinearPenalty, solve_explicit
+from fem import Explicit, ExponentialLaw, LinearPenalty, solve_explicit
 from tests.support.face import command
 from validation import load_case
 
@@ -37,7 +37,9 @@ def _column(scene):
 
 
 def run(problem):
-    return solve_explicit(problem, damping=None, ramp_time=0.0, end_time=1e-3)
+    return solve_explicit(
+        problem, Explicit(damping="none", ramp_time=0.0, end_time=1e-3, error_estimate=False)
+    )
 
 
 @pytest.mark.parametrize("sliding", [False, True], ids=["matched", "searched"])

@@ -9,10 +9,7 @@ import pytest
 
 from tests.support.face import (
     FrameWriter,
-    build_deformable,
-    run_explicit,
-    run_static,
-    scene_problem,
+    on_mesh,
 )
 from validation import load_case
 
@@ -27,12 +24,8 @@ def written(folder: Path) -> list[float]:
 
 
 def box_frames(folder: Path, count: int, *settings: str):
-    scene = load_case("cantilever", [COARSE, f"fem.frames={count}", *settings]).scene
-    box = scene_problem(scene, "box")  # type: ignore[arg-type]
-    groups = box.deformable.model.groups
-    writer = FrameWriter(folder, groups, count, finite_rotation=False)
-    run = run_static if "fem.method=static" in settings else run_explicit
-    return run("box", scene, problem=box, on_frame=writer)  # type: ignore[arg-type,operator]
+    box = load_case("cantilever", [COARSE, f"fem.frames={count}", *settings])
+    return on_mesh(box, on_frame=FrameWriter(folder, count, finite_rotation=False))
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 12])
@@ -40,30 +33,30 @@ def test_a_run_that_settles_early_has_all_its_frames(tmp_path: Path, count: int)
     """It may run 0.5 s and settles after a thirtieth of that: one frame of 10 lay before."""
     settings = ("fem.damping=static", "fem.end_time=0.5", "fem.residual=1e-3")
     run = box_frames(tmp_path, count, *settings)
-    assert run.solution.explicit is not None
-    assert run.solution.explicit.status == "converged"
+    assert run.details.explicit is not None
+    assert run.details.explicit.status == "converged"
     times = written(tmp_path)
     assert len(times) == count
-    assert times[-1] == run.solution.explicit.time
+    assert times[-1] == run.details.explicit.time
     if count > 1:
         assert times[0] == 0.0
         # Of at least as many candidates at equal distances: no gap is twice the mean one, and the
         # last may be as short as it comes.
-        assert np.diff(times).max() < 2.0 * run.solution.explicit.time / (count - 1)
+        assert np.diff(times).max() < 2.0 * run.details.explicit.time / (count - 1)
     last = meshio.read(tmp_path / f"frame_{count - 1:04d}.vtu").point_data["displacement"]
     np.testing.assert_allclose(
-        last, run.solution.group_displacements[0].reshape(-1, 3), rtol=1e-12, atol=1e-300
+        last, run.details.group_displacements[0].reshape(-1, 3), rtol=1e-12, atol=1e-300
     )
 
 
 def test_an_ordinary_run_has_frames_at_equal_times(tmp_path: Path) -> None:
     (tmp_path / "frame_0040.vtu").write_text("of an earlier run")
     run = box_frames(tmp_path, 6, "fem.end_time=2e-3", "fem.ramp_time=1e-3")
-    assert run.solution.explicit is not None
+    assert run.details.explicit is not None
     times = np.array(written(tmp_path))
     assert len(times) == 6
     # A frame comes with the first step after its time.
-    assert np.abs(times - np.linspace(0.0, 2e-3, 6)).max() <= run.solution.explicit.time_step
+    assert np.abs(times - np.linspace(0.0, 2e-3, 6)).max() <= run.details.explicit.time_step
 
 
 def test_frames_of_a_linear_static_run_are_parts_of_its_end(tmp_path: Path) -> None:
@@ -71,7 +64,7 @@ def test_frames_of_a_linear_static_run_are_parts_of_its_end(tmp_path: Path) -> N
     assert written(tmp_path) == [0.0, 0.25, 0.5, 0.75, 1.0]
     half = meshio.read(tmp_path / "frame_0002.vtu").point_data["displacement"]
     np.testing.assert_allclose(
-        half, 0.5 * run.solution.group_displacements[0].reshape(-1, 3), rtol=1e-12
+        half, 0.5 * run.details.group_displacements[0].reshape(-1, 3), rtol=1e-12
     )
 
 
@@ -81,13 +74,9 @@ def test_frames_of_a_static_run_of_blocks_are_its_load_steps(tmp_path: Path) -> 
     small += ["block.frequency=0.5", "block.amplitude=10.0"]
 
     def run(folder: Path | None, *settings: str):
-        scene = load_case("tsb1-pipe", [*small, *settings]).scene
-        problem = scene_problem(scene, "tube")  # type: ignore[arg-type]
-        writer = None
-        if folder is not None:
-            groups = problem.deformable.model.groups
-            writer = FrameWriter(folder, groups, 3, finite_rotation=False)
-        return run_static("tube", scene, problem=problem, on_frame=writer)  # type: ignore[arg-type]
+        tube = load_case("tsb1-pipe", [*small, *settings])
+        writer = None if folder is None else FrameWriter(folder, 3, finite_rotation=False)
+        return on_mesh(tube, on_frame=writer)
 
     full = run(tmp_path, "fem.frames=3")
     assert written(tmp_path) == [0.0, 0.5, 1.0]
@@ -97,24 +86,23 @@ def test_frames_of_a_static_run_of_blocks_are_its_load_steps(tmp_path: Path) -> 
     ):
         file = tmp_path / f"frame_{number:04d}.vtu"
         moved = meshio.read(file).point_data["displacement"]
-        expected = np.concatenate([u.reshape(-1, 3) for u in found.solution.group_displacements])
+        expected = np.concatenate([u.reshape(-1, 3) for u in found.details.group_displacements])
         # Newton stops at a residual of 1e-8 of the load; what contact leaves soft moves more.
         np.testing.assert_allclose(moved, expected, atol=1e-5 * np.abs(expected).max())
     assert not (tmp_path / "frame_0003.vtu").exists()
 
 
 def test_a_resumed_run_keeps_the_frames_before(tmp_path: Path) -> None:
-    scene = load_case("cantilever", [COARSE]).scene
-    groups = build_deformable(scene, "box").model.groups  # type: ignore[arg-type]
+    groups = load_case("cantilever", [COARSE]).problem.deformable.model.groups
     still = (np.zeros((1, groups[0].n_nodes, 3)),)
 
     def frames(numbers, *, last: bool, resumed: bool) -> None:
         from tests.support.face import Frame
 
-        writer = FrameWriter(tmp_path, groups, 4, finite_rotation=False, resumed=resumed)
+        writer = FrameWriter(tmp_path, 4, finite_rotation=False, resumed=resumed)
         for number in numbers:
             ended = last and number == max(numbers)
-            writer(Frame(number, 0.1 * number, still, last=ended))
+            writer(Frame(number, 0.1 * number, groups, still, last=ended))
 
     frames(range(13), last=False, resumed=False)
     assert 5 <= len(written(tmp_path)) <= 8

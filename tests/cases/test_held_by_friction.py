@@ -10,11 +10,10 @@ from tests.support.face import (
     InputError,
     check_scene,
     inside_words,
+    on_mesh,
     require_held_by_friction,
-    run_static,
-    scene_problem,
 )
-from tests.support.face import run_solve_module as solve
+from tests.support.face import accuracy_statics_module as statics
 
 
 def _pile(slope: float, friction: float | None, height: float = 10.0) -> DeformableScene:
@@ -51,29 +50,21 @@ def test_plates_slide_just_beyond_the_friction_angle(monkeypatch: pytest.MonkeyP
     # slide where slope · W > μ (W + P), first the lower one, which has more weight on it.
     weight = 2 * 10.0 * 50.0**2 * 2.4e-9 * 9810.0
     limit = 0.3 * (weight + 2.5) / weight
-    monkeypatch.setattr(solve, "static_solution", _solver_called)
+    monkeypatch.setattr(statics, "static_solution", _solver_called)
     with pytest.raises(InputError) as refused:
-        run_static("pile", _pile(1.01 * limit, 0.3))
+        on_mesh(_pile(1.01 * limit, 0.3), "pile", "static")
     words = str(refused.value)
     assert "block 1 slides on block 0 along (1.00, 0.00, 0.00)" in words
     assert "0.3" in words
     assert "\n" not in words
     with pytest.raises(_Started):
-        run_static("pile", _pile(0.99 * limit, 0.3))
-
-
-def test_blocks_that_are_built_already_are_asked_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As commands call it: they build before they solve."""
-    monkeypatch.setattr(solve, "static_solution", _solver_called)
-    scene = _pile(1.0, 0.3)
-    with pytest.raises(InputError, match="block 1 slides on block 0"):
-        run_static("pile", scene, problem=scene_problem(scene, "pile"))
+        on_mesh(_pile(0.99 * limit, 0.3), "pile", "static")
 
 
 def test_without_friction_nothing_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solve, "static_solution", _solver_called)
+    monkeypatch.setattr(statics, "static_solution", _solver_called)
     with pytest.raises(_Started):
-        run_static("pile", _pile(1.0, None))
+        on_mesh(_pile(1.0, None), "pile", "static")
 
 
 def test_a_tall_plate_tips_before_it_slides(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -83,11 +74,11 @@ def test_a_tall_plate_tips_before_it_slides(monkeypatch: pytest.MonkeyPatch) -> 
     weight = 200.0 * 50.0**2 * 2.4e-9 * 9810.0
     limit = 25.0 * (1.05 * weight + 2.5) / (110.25 * weight)
     assert limit < 0.25 * (weight + 2.5) / weight
-    monkeypatch.setattr(solve, "static_solution", _solver_called)
+    monkeypatch.setattr(statics, "static_solution", _solver_called)
     with pytest.raises(InputError, match="block 1 tips on block 0"):
-        run_static("pile", _pile(1.02 * limit, 2.0, 200.0))
+        on_mesh(_pile(1.02 * limit, 2.0, 200.0), "pile", "static")
     with pytest.raises(_Started):
-        run_static("pile", _pile(0.98 * limit, 2.0, 200.0))
+        on_mesh(_pile(0.98 * limit, 2.0, 200.0), "pile", "static")
 
 
 def test_points_inside_the_edges_are_named_where_they_decide() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbd import Mechanism, contact_jacobian, generalized_force
-from tests.support.face import DeformableScene, reference, run_static, section_heights
+from tests.support.face import DeformableScene, on_mesh, reference, section_heights
 from tests.support.face import picture_section as section
 from validation import load_case, solve
 
@@ -49,12 +49,12 @@ def test_sections_lie_in_the_layer_that_they_name() -> None:
     small = ["mesh.edge=4", "mesh.radial=1", "assembly.layers=1"]
     scene = load_case("thb0-tunnel", small).scene
     assert isinstance(scene, DeformableScene)
-    run = run_static("thb0-tunnel", scene)
-    assembly = run.solution.deformable.assembly
+    run = on_mesh(scene, "thb0-tunnel", "static")
+    assembly = run.details.deformable.assembly
     along = np.concatenate([assembly.nodes(b) for b in assembly.free_blocks]) @ assembly.axis
-    heights = section_heights(run.solution)
+    heights = section_heights(run.details)
     assert along.min() < heights[0]
     assert heights[-1] < along.max()
     # One height above and below the middle each, by the symmetry of the hexagon.
     assert heights[0] + heights[-1] == pytest.approx(along.min() + along.max(), abs=1e-3)
-    assert all(len(section(run.solution, z).triangles) for z in heights)
+    assert all(len(section(run.details, z).triangles) for z in heights)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem import Problem, concrete, solve_explicit, solve_static
+from fem import Explicit, Problem, Static, concrete, solve_explicit, solve_static
 from geometry import Answer, SineBlock, pipe, tube
 from mbd import Rigid, analyse
 from tests.fixtures.commands import small_meshes
@@ -29,8 +29,8 @@ def problem() -> Problem:
 def answers(problem) -> tuple[Answer, Answer, Answer]:
     return (
         analyse(problem, Rigid(norm="force")),  # as the scene says
-        solve_static(problem, mesh="scene", error_bars=False),
-        solve_explicit(problem),
+        solve_static(problem, Static(mesh="scene", error_estimate=False)),
+        solve_explicit(problem, Explicit(error_estimate=False, static_reference=False)),
     )
 
 
@@ -45,7 +45,7 @@ def test_a_scene_and_its_parameters_are_one_problem(answers) -> None:
         height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
     )
     stated = Problem(tube(block, layers=1, mesh=(12, 2, 2)), pipe(0.01), concrete)
-    again = solve_static(stated, mesh="scene", error_bars=False)
+    again = solve_static(stated, Static(mesh="scene", error_estimate=False))
     for name, measure in answers[1].measures.items():
         assert again[name].value == measure.value
 
@@ -85,7 +85,9 @@ def test_numbers_of_a_refined_command_are_those_of_the_call(
     status, _, err = tubelock("fem", "tsb1-pipe", *SETTINGS, *requested, "--json", "fem.json")
     assert not status, err
     printed = json.loads(Path("fem.json").read_text("utf-8"))
-    static = (solve_static(problem, accuracy={"u": 0.5}) if requested else refined).as_dict()
+    static = (
+        solve_static(problem, Static(accuracy={"u": 0.5})) if requested else refined
+    ).as_dict()
     assert printed["measures"] == static["measures"]
     assert printed["accuracy"] == static["accuracy"]
 

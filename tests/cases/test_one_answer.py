@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fem import Problem, StaticOptions, concrete, solve_static
+from fem import Problem, Static, concrete, solve_static
 from geometry import SineBlock, beam, pillar, pipe, shaft, tube, tunnel
 from tests.support.face import (
     FILES,
@@ -24,7 +24,9 @@ from tests.support.face import (
     OsteomorphicWall,
     PointFlexibility,
     StaticMethod,
+    StaticOptions,
     box_block,
+    by_options,
     charts_of,
     coarser,
     grid_blocks,
@@ -106,14 +108,14 @@ def test_two_solvers_find_one_state(
             problem = replace(problem, blocks=fewer)
     assert grid_blocks(problem.deformable) is not None
     options = StaticOptions(method=StaticMethod.SPARSE, tolerance=1e-10)
-    oracle = solve_static(problem, options, mesh="scene", error_bars=False)
+    oracle = by_options(problem, options)
 
     def no_other(*arguments: object) -> None:
         raise AssertionError("the state was not found in contact forces")
 
     monkeypatch.setattr(solve, "_problem", no_other)
     options = StaticOptions(tolerance=1e-10)
-    found = solve_static(problem, options, mesh="scene", error_bars=False)
+    found = by_options(problem, options)
     assert apart(found.fields["displacement"], oracle.fields["displacement"]) < 1e-7
     assert apart(found.contacts["pressure"], oracle.contacts["pressure"]) < 1e-7
     assert set(found.measures) == set(oracle.measures)
@@ -319,7 +321,7 @@ def test_a_block_meshed_anew_keeps_its_volume(name: str, sizes: tuple[list[float
 def test_means_over_the_facets_of_its_own_mesh_are_those_of_the_run(degree: int) -> None:
     """On a facet the polynomials are those of its elements, whatever their degree."""
     problem = replace(PROBLEMS["tunnel"], degree=degree)
-    found = solve_static(problem, mesh="scene", error_bars=False).details
+    found = solve_static(problem, Static(mesh="scene", error_estimate=False)).details
     state = found.contact_state
     means = pressures_on_facets(problem.blocks, found.deformable, found.group_displacements)
     # Rounding of gaps is a share of the length in which the law grows by e, whatever the pressure.
@@ -333,7 +335,7 @@ def test_facets_larger_than_elements_carry_what_the_elements_carry() -> None:
     Facets and parts have the same bilinear shape and the same points of integration.
     """
     fine = split(PROBLEMS["wall"], 2, 2)
-    found = solve_static(fine, mesh="scene", error_bars=False).details
+    found = solve_static(fine, Static(mesh="scene", error_estimate=False)).details
     state, blocks = found.contact_state, PROBLEMS["wall"].blocks
     hexahedra = replace(
         blocks, shapes=tuple(replace(shape, charts=None) for shape in blocks.shapes)
@@ -354,7 +356,7 @@ def test_facets_larger_than_elements_carry_what_the_elements_carry() -> None:
 
 def test_a_state_on_its_own_mesh_is_itself() -> None:
     problem = replace(PROBLEMS["tunnel"], degree=2)
-    found = solve_static(problem, mesh="scene", error_bars=False).details
+    found = solve_static(problem, Static(mesh="scene", error_estimate=False)).details
     again = on_mesh(problem, problem.blocks.shapes, 2).deformable
     moved = transferred(found.group_displacements, found.deformable, again)
     for one, other in zip(moved, found.group_displacements, strict=True):

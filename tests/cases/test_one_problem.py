@@ -21,7 +21,6 @@ from tests.support.face import (
     StopCriterion,
     box_column,
     build_deck,
-    build_deformable,
     check_scene,
     explicit_assembly,
     export_deck,
@@ -30,6 +29,7 @@ from tests.support.face import (
     recommended_times,
     scene_case,
     scene_data,
+    scene_problem,
 )
 from tests.support.face import solve_deformable_static as solve_static
 from tests.support.fem_problems import deformable_assembly
@@ -56,7 +56,7 @@ def test_an_exported_deck_states_what_the_scene_solves(setting, flavour, tmp_pat
     file = load_case("tsb1-pipe", [*STATIC, setting])
     export_deck(file, flavour, tmp_path / "a.inp")
     imported = read_deck(tmp_path / "a.inp").problem().deformable
-    ours = build_deformable(file.scene, "tube")  # type: ignore[arg-type]
+    ours = scene_problem(file.scene, "tube").deformable  # type: ignore[arg-type]
     assert imported.contact.friction == ours.contact.friction
     answers = [solve_static(problem) for problem in (ours, imported)]
     assert answers[0].max_displacement > 1e-3
@@ -75,7 +75,7 @@ def test_clearance_and_spacing_are_two_gaps() -> None:
     gaps = {}
     for kind in ("clearance", "spacing"):
         file = load_case("tsb1-pipe", [*COARSE, f"contact.{kind}=0.01"])
-        gaps[kind] = build_deformable(file.scene, kind).surfaces.initial_gaps  # type: ignore[arg-type]
+        gaps[kind] = scene_problem(file.scene, kind).deformable.surfaces.initial_gaps  # type: ignore[arg-type]
     # Facets coincide up to rounding of coordinates of 400 mm.
     assert np.abs(gaps["clearance"] - 0.01).max() < 1e-12
     assert gaps["spacing"].min() < 0.005

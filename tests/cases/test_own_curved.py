@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from fem import Material, Problem, solve_static
+from fem import Material, Problem, Static, solve_static
 from tests.support.face import (
     CORNERS,
     NATURAL,
@@ -25,9 +25,9 @@ from tests.support.face import (
     calculix_available,
     file_blocks,
     grid_points,
+    on_mesh,
     read_blocks,
     run_calculix,
-    run_static,
     with_degree,
 )
 from tests.support.face import lagrange_lumped_mass as block_lumped_mass
@@ -82,19 +82,19 @@ def test_own_files_of_a_family_give_its_answer(tmp_path: Path) -> None:
         )
         parts.append(f'[[parts]]\nfile = "{number}.vtu"\nplaces = [{places}]\n')
     scene = own_scene(tmp_path, f"{GRAVITY}{''.join(parts)}", load="")
-    run = run_static("wall", scene.changed({"fem.degree": 2}))
+    run = on_mesh(scene.changed({"fem.degree": 2}), "wall", "static")
     material = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.0)
     load = LoadCase(WALL, "weight", (), WALL.fixed)
     problem = Problem(WALL, load, material, degree=2, gravity=[0.0, 1e6, -1e6])
-    family = solve_static(problem, error_bars=False)
-    assert run.solution.contact_state.n_facets == len(family.contacts["pressure"])
-    assert run.answer["max_displacement"].value == pytest.approx(family["u"].value, rel=1e-6)
+    family = solve_static(problem, Static(error_estimate=False))
+    assert run.details.contact_state.n_facets == len(family.contacts["pressure"])
+    assert run["max_displacement"].value == pytest.approx(family["u"].value, rel=1e-6)
     ours, theirs = (
-        np.sort(run.solution.contact_state.pressures),
+        np.sort(run.details.contact_state.pressures),
         np.sort(family.contacts["pressure"]),
     )
     np.testing.assert_allclose(ours, theirs, atol=1e-6 * theirs.max())
-    assert "edges" not in run.answer.as_dict()
+    assert "notes" not in run.as_dict()
 
 
 ANGLE, RADII, HEIGHT, PIECES = 1.2, (300.0, 400.0), 80.0, 3
@@ -137,12 +137,12 @@ def test_a_curved_block_weighs_what_lies_within_its_arcs(
 file = "ring{n_nodes}.vtu"
 places = [{{at = [0, 0, 0]}}, {{at = [0, 0, -{HEIGHT}], fixed = true}}]
 """
-    run = run_static("ring", own_scene(tmp_path, parts).changed({"fem.degree": degree}))
+    run = on_mesh(own_scene(tmp_path, parts).changed({"fem.degree": degree}), "ring", "static")
     s, c = np.sin(0.5 * ANGLE / PIECES), np.cos(0.5 * ANGLE / PIECES)
     angle = 2.0 * s * (c if degree == 1 else (4.0 - c) / 3.0)
     volume = PIECES * angle * 0.5 * (RADII[1] ** 2 - RADII[0] ** 2) * HEIGHT
-    assert run.solution.contact.force == pytest.approx(2.4e-9 * 9810.0 * volume, rel=1e-7)
-    assert ("edges" in run.answer.as_dict()) == (degree == 1)
+    assert run.details.contact.force == pytest.approx(2.4e-9 * 9810.0 * volume, rel=1e-7)
+    assert ("edges" in run.as_dict().get("notes", {})) == (degree == 1)
 
 
 @pytest.mark.skipif(not calculix_available(), reason="CalculiX (ccx) is not installed")
@@ -188,7 +188,7 @@ def test_rigid_answers_say_that_edges_are_straight(tubelock, tmp_path: Path) -> 
     status, out, _ = tubelock("mbd", "own.toml", "--json", "own.json")
     assert status == 0
     assert "straight between corners" in out
-    assert "straight" in json.loads((tmp_path / "own.json").read_text())["edges"]
+    assert "straight" in json.loads((tmp_path / "own.json").read_text())["notes"]["edges"]
 
 
 def bulged(nodes: FloatArray, members: IntArray) -> tuple[FloatArray, IntArray]:

@@ -10,7 +10,7 @@ import meshio
 import numpy as np
 import pytest
 
-from fem import LinearPenalty, Material, Problem, solve_static
+from fem import LinearPenalty, Material, Problem, Static, solve_static
 from geometry import Assembly
 from tests.support.face import (
     JOINT_FILES,
@@ -28,7 +28,6 @@ from tests.support.face import (
     box_block,
     box_column,
     build_deck,
-    build_deformable,
     check_scene,
     closest_on_facets,
     compared_runs,
@@ -36,16 +35,16 @@ from tests.support.face import (
     facing_points,
     file_blocks,
     hexahedral_block,
+    on_mesh,
     polyhedron_from_quads,
     read_blocks,
-    run_explicit,
     run_facets,
-    run_static,
     scene_case,
-    scene_statement,
+    scene_problem,
     six_sided_hexahedra,
     solved,
     split_tetrahedra,
+    stated_run,
     static_solution,
     step_hexahedra,
     wrench_forces,
@@ -70,11 +69,11 @@ def test_a_column_of_boxes_under_pressure() -> None:
     pressure = 0.5
     # Without lateral strain every joint closes by the law's inverse, every box by p h / E.
     top = 2 * overclosure(pressure) + pressure * 160.0 / 33e3
-    static = run_static("column", column(pressure))
+    static = on_mesh(column(pressure), "column", "static")
     # The static residual is 1e-8 of the load; a joint is as stiff as the boxes within tenfold.
-    assert static.solution.largest_displacement == pytest.approx(top, rel=1e-7)
-    np.testing.assert_allclose(static.solution.contact_state.point_pressures, pressure, rtol=1e-7)
-    quadratic = run_static("column", column(pressure).changed({"fem.degree": 2}))
+    assert static.details.largest_displacement == pytest.approx(top, rel=1e-7)
+    np.testing.assert_allclose(static.details.contact_state.point_pressures, pressure, rtol=1e-7)
+    quadratic = on_mesh(column(pressure).changed({"fem.degree": 2}), "column", "static")
     for run in (static, quadratic):
         # What is drawn: joints of 100 × 80 mm² in pieces of a uniform pressure.
         drawn = run_facets(run)
@@ -83,11 +82,11 @@ def test_a_column_of_boxes_under_pressure() -> None:
         faces = QuadSurface(drawn.corners.reshape(-1, 3), quads)
         assert faces.areas.sum() == pytest.approx(2 * 8000.0, rel=1e-4)
         assert not drawn.scale.note
-    assert len(quadratic.solution.contact_state.pressures) < len(run_facets(quadratic).pressures)
-    explicit = run_explicit("column", column(pressure))
+    assert len(quadratic.details.contact_state.pressures) < len(run_facets(quadratic).pressures)
+    explicit = on_mesh(column(pressure), "column", "explicit")
     # Damped until the residual is 1e-4 of the load.
-    assert explicit.solution.largest_displacement == pytest.approx(top, rel=1e-3)
-    np.testing.assert_allclose(explicit.solution.contact_state.point_pressures, pressure, rtol=1e-3)
+    assert explicit.details.largest_displacement == pytest.approx(top, rel=1e-3)
+    np.testing.assert_allclose(explicit.details.contact_state.point_pressures, pressure, rtol=1e-3)
 
 
 def test_joints_of_a_static_column_that_do_not_match_are_found() -> None:
@@ -98,9 +97,9 @@ def test_joints_of_a_static_column_that_do_not_match_are_found() -> None:
     assert matching.unmatched == ()
     # Two joints of 50 × 40 mm², on facets of 25 × 20 mm².
     assert matching.interfaces.areas.sum() == pytest.approx(4000.0, rel=1e-12)
-    scene = column(0.5).model_dump(mode="json")
+    scene = column(0.5).model_dump(mode="json", exclude_unset=True)
     scene["block"]["boxes"][1]["divisions"] = [4, 2, 1]
-    crossing = build_deformable(check_scene(scene), "column")  # type: ignore[arg-type]
+    crossing = scene_problem(check_scene(scene), "column").deformable  # type: ignore[arg-type]
     assert len(crossing.assembly.unmatched or ()) == 2
 
 
@@ -115,12 +114,12 @@ def test_the_deck_of_a_column_holds_its_bottom_face() -> None:
 
 def test_one_sector_of_a_hexagon_tube_gives_the_whole() -> None:
     small = ("assembly.layers=1", "mesh.edge=4", "mesh.radial=2")
-    whole = run_static("whole", deformable("thb0-tunnel", *small, "fem.symmetry='none'"))
-    sector = run_static("sector", deformable("thb0-tunnel", *small, "fem.symmetry='sector'"))
-    assert sector.solution.static.symmetry == 4
+    whole = on_mesh(deformable("thb0-tunnel", *small, "fem.symmetry='none'"), "whole", "static")
+    sector = on_mesh(deformable("thb0-tunnel", *small, "fem.symmetry='sector'"), "sector", "static")
+    assert sector.details.static.symmetry == 4
     # Both stop at a residual of 1e-8 of the load; the tube's softest motion amplifies it tenfold.
     for a, b in zip(
-        whole.solution.group_displacements, sector.solution.group_displacements, strict=True
+        whole.details.group_displacements, sector.details.group_displacements, strict=True
     ):
         np.testing.assert_allclose(b, a, atol=1e-6 * np.abs(a).max())
 
@@ -134,10 +133,10 @@ def test_the_frame_of_a_wall_carries_the_load(
     name: str, divisions: str, area: float, degree: int
 ) -> None:
     small = ("assembly.layers=1", "assembly.columns=1", f"mesh.divisions={divisions}")
-    run = run_static(name, deformable(name, *small, f"fem.degree={degree}"))
-    found = run.solution.contact_state
+    run = on_mesh(deformable(name, *small, f"fem.degree={degree}"), name, "static")
+    found = run.details.contact_state
     # One free block: what its facets push the frame with, towards +y, is pressure times area.
-    sign = np.where(run.solution.deformable.group_of[found.block_m] >= 0, 1.0, -1.0)
+    sign = np.where(run.details.deformable.group_of[found.block_m] >= 0, 1.0, -1.0)
     total = (sign[found.facet][:, None] * found.point_forces).sum(axis=0)
     # The residual is 1e-8 of the load.
     assert total[1] == pytest.approx(0.01 * area, rel=1e-7)
@@ -186,10 +185,10 @@ places = [{at = [0, 0, 0], fixed = true}, {at = [0, 0, 50]}]
 file = "brick.inp"
 places = [{at = [0, 0, 100]}]
 """
-    run = run_static("own", own_scene(tmp_path, parts).changed({"fem.degree": degree}))
+    run = on_mesh(own_scene(tmp_path, parts).changed({"fem.degree": degree}), "own", "static")
     weight = 2.4e-9 * 400_000.0 * 9810.0
     # Two bricks on the lower joint, one on the upper; the residual is 1e-8 of the load.
-    assert run.solution.contact.force == pytest.approx(3 * weight, rel=1e-7)
+    assert run.details.contact.force == pytest.approx(3 * weight, rel=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -214,7 +213,7 @@ def test_friction_loads_as_slowly_whatever_made_the_gap(
             "effects.finite_sliding": sliding,
         }
     )
-    stated = scene_statement(scene, "own", build_deformable(scene, "own"))
+    stated = stated_run(scene_problem(scene, "own"), scene.in_time)
     assert stated.recommended is not None
     assert stated.ramp_time * stated.recommended.frequency == pytest.approx(periods, rel=1e-12)
 
@@ -229,13 +228,13 @@ def test_joint_forces_that_leave_friction_out_are_named_so(tmp_path: Path, frict
         load += "[[load.forces]]\nblock = 1\nforce = [2.0, 0.0, 0.0]\n"
         load += "[effects.friction]\ncoefficient = 0.5\n"
     parts = f'[[parts]]\nfile = "brick.inp"\nplaces = {places}\n'
-    run = run_static("own", own_scene(tmp_path, parts, load=load))
-    (joint,) = run.answer.as_dict()["joints"]
+    run = on_mesh(own_scene(tmp_path, parts, load=load), "own", "static")
+    (joint,) = run.as_dict()["joints"]
     weight, push = 2.4e-9 * 400_000.0 * 9810.0, 2.0 if friction else 0.0
     assert joint["normal_force"] == pytest.approx(weight, rel=1e-5)
     assert joint["shear_force"] == pytest.approx(push, abs=1e-5 * weight)
     with Outputs(folder=tmp_path / "out", names=JOINT_FILES) as outputs:
-        write_joints(run.solution.joints, outputs)
+        write_joints(run.details.joints, outputs)
     head = (tmp_path / "out" / "joints.csv").read_text("utf-8").splitlines()[0].split(",")
     assert "shear_force_N" in head
     assert "force" in meshio.read(tmp_path / "out" / "joints.vtu").point_data
@@ -254,11 +253,11 @@ places = [{axis = [0, 1, 0], angle = 0, fixed = true}, {axis = [0, 1, 0], angle 
     weight = 2.4e-9 * wedge().mass_properties.volume * 9810.0
     # Each joint leans by 60°, so its normal force is W / (2 cos 60°). The normals turn by the
     # displacement over a facet's size, 25 mm.
-    turned = static.solution.largest_displacement / 25.0
-    assert static.solution.contact.force == pytest.approx(2 * weight, rel=turned)
+    turned = static.details.largest_displacement / 25.0
+    assert static.details.contact.force == pytest.approx(2 * weight, rel=turned)
     assert len(rigid) == 2
     for run in rigid:
-        contacts = run.answer.contacts
+        contacts = run.contacts
         pressed = contacts["pressure"] @ contacts["area"]
         assert pressed == pytest.approx(2 * weight, rel=1e-6)
 
@@ -272,10 +271,10 @@ def test_a_prism_of_tetrahedra_weighs_on_its_joint(tmp_path: Path) -> None:
     parts = '[[parts]]\nfile = "brick.stl"\nfixed = true\n[[parts]]\nfile = "{}"\n'
     parts += "places = [{{at = [0, 0, 50]}}]\n"
     scene = own_scene(tmp_path, parts.format("prism.stl"))
-    run = run_static("own", scene.changed({"mesh.size": 100.0, "mesh.divisions": 1}))
+    run = on_mesh(scene.changed({"mesh.size": 100.0, "mesh.divisions": 1}), "own", "static")
     # Half of an eighth of a box; the residual is 1e-8 of the load.
-    assert run.solution.contact.force == pytest.approx(2.4e-9 * 25_000.0 * 9810.0, rel=1e-7)
-    assert "four hexahedra" in run.notes["tetrahedra"]
+    assert run.details.contact.force == pytest.approx(2.4e-9 * 25_000.0 * 9810.0, rel=1e-7)
+    assert "four hexahedra" in run.report["notes"]["tetrahedra"]
     assert "degree 2" in run.title
 
 
@@ -307,7 +306,7 @@ def test_two_cubes_of_tetrahedra_press_evenly() -> None:
         finite_sliding=True,
         gravity=(0.0, 0.0, -9810.0),
     )
-    state = solve_static(problem, mesh="scene").details.contact_state
+    state = solve_static(problem, Static(mesh="scene")).details.contact_state
     pressing = state.point_areas > 1e-6 * state.point_areas.max()
     np.testing.assert_allclose(state.point_pressures[pressing], 2.4e-9 * 9810.0 * 100.0, rtol=1e-3)
 
@@ -344,13 +343,13 @@ def test_a_panel_of_truncated_tetrahedra_is_held_by_friction(tmp_path: Path) -> 
     So does a first iteration without friction, which lets the blocks fall.
     """
     scene = panel_scene(tmp_path, 2, 0.6)
-    run = run_static("panel", scene)
-    assert run.solution.static is not None
+    run = on_mesh(scene, "panel", "static")
+    assert run.details.static is not None
     # Newton's method with the whole tangent; by frozen limits no number of iterations was enough.
-    assert run.solution.static.converged
-    assert "touch along an edge or at a point alone" in run.notes["edge contacts"]
+    assert run.details.static.converged
+    assert "touch along an edge or at a point alone" in run.report["notes"]["edge contacts"]
     # Forces of all free blocks balance, so the ring carries their weight.
-    assert run.solution.static.residual <= 1e-8
+    assert run.details.static.residual <= 1e-8
 
 
 @pytest.mark.parametrize(
@@ -368,7 +367,7 @@ def test_built_in_panels_stand_under_their_weight(
     of all free blocks balance."""
     scene = deformable(family, *size)
     stated = {"effects.friction.coefficient": friction, "fem.degree": 1, "fem.load_steps": 1}
-    found = run_static(family, scene.changed(stated)).solution.static
+    found = on_mesh(scene.changed(stated), family, "static").details.static
     assert found is not None
     assert found.converged
     assert found.residual <= 1e-8
@@ -377,7 +376,7 @@ def test_built_in_panels_stand_under_their_weight(
 def test_faces_that_slide_on_each_other_press_nowhere(tmp_path: Path) -> None:
     """All four blocks of a panel sink along their faces: those stay in contact, to rounding of the
     file. Edges that cross lay in each other by 0.024 mm, where the law knows no bound."""
-    deformable = build_deformable(panel_scene(tmp_path, 2, 0.3), "panel")
+    deformable = scene_problem(panel_scene(tmp_path, 2, 0.3), "panel").deformable
     lean, sunk = np.tan(np.radians(25.0)), 0.057
     along = np.array([[1, -1, 0], [1, 1, 0], [-1, -1, 0], [-1, 1, 0]]) * lean - [0.0, 0.0, 1.0]
     moved = [
@@ -398,7 +397,7 @@ def test_little_friction_holds_a_panel_by_a_squeeze_alone(tmp_path: Path) -> Non
     force, of one of joints that are alike: both count the contacts that have an area."""
     scene = panel_scene(tmp_path, 2, 0.3)
     with pytest.raises(InputError, match="carried only if pressed beforehand") as error:
-        run_static("panel", scene)
+        on_mesh(scene, "panel", "static")
     rigid = solved(tmp_path / "own.toml", ["effects.friction=0.3"], method="rigid").as_dict()
     verdict, _, joint = rigid["answer"].partition(":")
     assert verdict == "carried only if pressed beforehand"

@@ -283,7 +283,7 @@ def test_blocks_are_fixed_by_name(tmp_path: Path) -> None:
     file = obj(tmp_path / "a.obj", STACK)
     run = rigid(file, 'fixed = ["base"]')
     assert run.details.blocks.fixed.tolist() == [True, False]
-    assert run.answer.as_dict()["block_names"] == ["base", "block"]
+    assert run.as_dict()["block_names"] == ["base", "block"]
     with pytest.raises(RefusedError, match=r"got block 'bas', but names are base, block"):
         rigid(file, 'fixed = ["bas"]')
 

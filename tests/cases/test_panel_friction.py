@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fem import Problem, StaticOptions, solve_static
-from tests.support.face import coarser
+from fem import Problem, Static, solve_static
+from tests.support.face import StaticOptions, coarser
 from tests.support.face import static_newton_module as newton
 from tests.support.face import static_solve_module as static
 from validation import load_case
@@ -54,7 +54,7 @@ def test_six_sided_solids_have_coarser_meshes() -> None:
 
 
 def test_the_largest_force_of_a_joint_is_the_sum_over_its_facets() -> None:
-    answer = solve_static(panel(2), ONE_STEP, mesh="scene")
+    answer = solve_static(panel(2), Static(mesh="scene", load_steps=1))
     force = answer.contacts["pressure"] * answer.contacts["area"]
     pairs = np.sort(answer.contacts["blocks"], axis=1)
     _, joint = np.unique(pairs, axis=0, return_inverse=True)

@@ -9,29 +9,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem import StaticOptions
+from geometry import Answer
 from tests.support.face import (
-    DeformableRun,
     DeformableScene,
     FloatArray,
     InputError,
     StaticError,
     StaticMethod,
+    StaticOptions,
     Status,
-    build_deformable,
     command,
     corner_displacements,
     corner_forces,
-    floating_words,
     local_forces,
     middle_answer,
+    on_mesh,
     point_kinematics,
-    require_deformable,
-    run_explicit,
-    run_static,
-    static_options,
+    scene_problem,
 )
-from tests.support.face import run_solve_module as solve
+from tests.support.face import accuracy_statics_module as statics
 from tests.support.face import solve_deformable_static as solve_static
 from tests.support.fem_problems import pair_resultants
 from validation import load_case
@@ -47,13 +43,13 @@ def scene_of(*settings: str, case: str = "tsb1-pipe") -> DeformableScene:
 
 
 @pytest.fixture(scope="module")
-def cell() -> DeformableRun:
-    return run_static("cell", scene_of(*CELL))
+def cell() -> Answer:
+    return on_mesh(scene_of(*CELL), "cell", "static")
 
 
 def unbalanced_forces(run_of: DeformableScene, tiles: dict[int, FloatArray]) -> dict[int, float]:
     """Norm of loads, contact and internal forces of every layer of a tube, displaced by tiles."""
-    deformable = build_deformable(run_of, "tube")
+    deformable = scene_problem(run_of, "tube").deformable
     assembly = deformable.assembly
     place = np.zeros(assembly.n_blocks, dtype=np.int64)
     for layer in np.unique(assembly.layer):
@@ -85,25 +81,27 @@ def unbalanced_forces(run_of: DeformableScene, tiles: dict[int, FloatArray]) -> 
     return norms
 
 
-def test_cells_on_top_of_each_other_are_an_equilibrium_of_a_tube(cell: DeformableRun) -> None:
+def test_cells_on_top_of_each_other_are_an_equilibrium_of_a_tube(cell: Answer) -> None:
     # Displacements of the cell, repeated over six layers, balance in every layer that does not
     # touch the frame: to the residual of the cell, 1e-8 of its loads. In the outer layers, which
     # the cell knows nothing of, they do not.
-    u, n = cell.solution.group_displacements[0], 4
+    u, n = cell.details.group_displacements[0], 4
     norms = unbalanced_forces(scene_of(*COARSE, "assembly.layers=6"), {1: u[:n], 0: u[n:]})
-    size = float(np.linalg.norm(local_forces(cell.solution.deformable)[0]))
+    size = float(np.linalg.norm(local_forces(cell.details.deformable)[0]))
     assert max(norms[k] for k in (2, 3, 4, 5)) < 1e-7 * size
     assert min(norms[1], norms[6]) > 0.1 * size
 
 
-def test_middle_of_longer_tubes_tends_to_the_cell(cell: DeformableRun) -> None:
+def test_middle_of_longer_tubes_tends_to_the_cell(cell: Answer) -> None:
     # The ends act on the middle through the mean axial strain, which frames that do not move
     # share out over all layers: an error c/L. Twice as many layers have half of it, to the next
     # order in 1/L: a tenth at sixteen layers, within a quarter here; and what extrapolation
     # leaves is a fraction of it.
-    limit = middle_answer(cell.solution)
+    limit = middle_answer(cell.details)
     found = {
-        n: middle_answer(run_static("tube", scene_of(*COARSE, f"assembly.layers={n}")).solution)
+        n: middle_answer(
+            on_mesh(scene_of(*COARSE, f"assembly.layers={n}"), "tube", "static").details
+        )
         for n in (4, 16, 32)
     }
     for name in ("p_max", "p_eff", "displacement"):
@@ -113,10 +111,10 @@ def test_middle_of_longer_tubes_tends_to_the_cell(cell: DeformableRun) -> None:
         assert abs(2 * many - more) < 0.25 * abs(more)
 
 
-def test_cell_is_in_balance(cell: DeformableRun) -> None:
+def test_cell_is_in_balance(cell: Answer) -> None:
     # Nothing pushes the cell along its axis, so both interfaces carry the same axial force, and
     # the sector gives the digits of the whole ring: to the residuals.
-    deformable = cell.solution.deformable
+    deformable = cell.details.deformable
     exact = StaticOptions(tolerance=1e-11)
     result = solve_static(deformable, exact)
     force, _ = pair_resultants(result)
@@ -137,20 +135,20 @@ def test_cell_is_in_balance(cell: DeformableRun) -> None:
     assert np.abs(mean).max() < 1e-6 * size
 
 
-def test_explicit_cell_ends_at_the_static_one(cell: DeformableRun) -> None:
+def test_explicit_cell_ends_at_the_static_one(cell: Answer) -> None:
     # Residual 1e-6; the tube's stiffness to its softest motion is that of its contacts, so
     # displacements agree to a few times that over the ratio of the two, 1e-4.
     settings = [*CELL, "fem.method='explicit'", "fem.residual=1e-6"]
-    run = run_explicit("cell", scene_of(*settings))
-    size = np.abs(cell.solution.group_displacements[0]).max()
+    run = on_mesh(scene_of(*settings), "cell", "explicit")
+    size = np.abs(cell.details.group_displacements[0]).max()
     np.testing.assert_allclose(
-        run.solution.group_displacements[0],
-        cell.solution.group_displacements[0],
+        run.details.group_displacements[0],
+        cell.details.group_displacements[0],
         rtol=0,
         atol=1e-4 * size,
     )
-    assert run.solution.contact.p_max == pytest.approx(cell.solution.contact.p_max, rel=1e-4)
-    assert run.solution.contact.p_eff == pytest.approx(cell.solution.contact.p_eff, rel=1e-4)
+    assert run.details.contact.p_max == pytest.approx(cell.details.contact.p_max, rel=1e-4)
+    assert run.details.contact.p_eff == pytest.approx(cell.details.contact.p_eff, rel=1e-4)
 
 
 @pytest.mark.parametrize("finite_rotation", ["false", "true"])
@@ -164,30 +162,30 @@ def test_nothing_turns_an_explicit_cell(case: str, mesh: list[str], finite_rotat
     # constraint the hexagons turn for ever and the Sine Blocks end 8e-3 away. Displacements
     # agree as in the test above; static finite rotation counts the same constraint.
     settings = [*mesh, "fem.symmetry='periodic cell'", f"effects.finite_rotation={finite_rotation}"]
-    still = run_static("cell", scene_of(*settings, case=case))
+    still = on_mesh(scene_of(*settings, case=case), "cell", "static")
     moving = [*settings, "fem.method='explicit'", "fem.residual=1e-6"]
-    run = run_explicit("cell", scene_of(*moving, case=case))
-    result = run.solution.explicit
+    run = on_mesh(scene_of(*moving, case=case), "cell", "explicit")
+    result = run.details.explicit
     assert result is not None
     assert result.status is Status.CONVERGED
     # The constraint does no work but on motions of second order.
     assert abs(result.energy_balance) < 1e-3
     for found, expected in zip(
-        run.solution.group_displacements, still.solution.group_displacements, strict=True
+        run.details.group_displacements, still.details.group_displacements, strict=True
     ):
         size = np.abs(expected).max()
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-4 * size)
-    assert run.solution.contact.p_max == pytest.approx(still.solution.contact.p_max, rel=1e-4)
+    assert run.details.contact.p_max == pytest.approx(still.details.contact.p_max, rel=1e-4)
 
 
 def test_friction_and_clearance_close_the_cell_too() -> None:
     # The same limit, with an error that falls with the number of layers.
     more = ["effects.friction.coefficient=0.05", "contact.clearance=1e-3", "fem.load_steps=2"]
-    limit = middle_answer(run_static("cell", scene_of(*CELL, *more)).solution)
+    limit = middle_answer(on_mesh(scene_of(*CELL, *more), "cell", "static").details)
     errors = []
     for n in (4, 16):
-        tube = run_static("tube", scene_of(*COARSE, *more, f"assembly.layers={n}"))
-        errors.append(abs(middle_answer(tube.solution).p_eff / limit.p_eff - 1.0))
+        tube = on_mesh(scene_of(*COARSE, *more, f"assembly.layers={n}"), "tube", "static")
+        errors.append(abs(middle_answer(tube.details).p_eff / limit.p_eff - 1.0))
     assert errors[1] < 0.5 * errors[0]
 
 
@@ -197,20 +195,20 @@ def test_hexagon_blocks_have_a_cell() -> None:
     # rotation by which their constraints differ, and the middle of a longer tube is nearer.
     mesh = ["mesh.edge=4", "mesh.radial=1"]
     scene = scene_of(*mesh, "fem.symmetry='periodic cell'", case="thb0-tunnel")
-    run = run_static("cell", scene)
-    assert run.solution.static.converged
-    sparse = solve_static(run.solution.deformable, StaticOptions(method=StaticMethod.SPARSE))
+    run = on_mesh(scene, "cell", "static")
+    assert run.details.static.converged
+    sparse = solve_static(run.details.deformable, StaticOptions(method=StaticMethod.SPARSE))
     np.testing.assert_allclose(
         sparse.facet_pressures,
-        run.solution.contact_state.pressures,
+        run.details.contact_state.pressures,
         rtol=0,
-        atol=1e-4 * run.solution.contact.p_max,
+        atol=1e-4 * run.details.contact.p_max,
     )
     errors = []
     for n in (2, 12):
         tube = scene_of(*mesh, f"assembly.layers={n}", case="thb0-tunnel")
-        middle = middle_answer(run_static("tube", tube).solution)
-        errors.append(abs(run.solution.contact.p_eff / middle.p_eff - 1.0))
+        middle = middle_answer(on_mesh(tube, "tube", "static").details)
+        errors.append(abs(run.details.contact.p_eff / middle.p_eff - 1.0))
     assert errors[1] < 0.8 * errors[0]
 
 
@@ -243,22 +241,16 @@ def test_blocks_that_float_in_their_gaps_are_named(monkeypatch) -> None:
     """Outside pressure closes the joints of a layer and leaves those between layers open."""
     coarse = ("mesh.around=12", "mesh.radial=1", "mesh.axial=2", "assembly.layers=2")
     cell = (*coarse, 'fem.symmetry="periodic cell"')
-    words = {}
-    for gap, case in ((0.01, "tunnel"), (0.01, "pipe"), (0.0, "tunnel")):
-        file = load_case("tsb2-tunnel", (*cell, f"contact.clearance={gap}", f"load.case={case}"))
-        scene = require_deformable(file, "fem")
-        assert scene.fem is not None
-        options = static_options(scene, scene.fem)
-        words[gap, case] = floating_words(scene, build_deformable(scene, "cell"), options)
-        if words[gap, case] is not None:
 
-            def wanders(*_: object, **__: object) -> None:
-                raise StaticError("no equilibrium after 500 iterations")
+    def wanders(*_: object, **__: object) -> None:
+        raise StaticError("no equilibrium after 500 iterations")
 
-            with monkeypatch.context() as patched:
-                patched.setattr(solve, "static_solution", wanders)
-                with pytest.raises(InputError, match=r"cell: blocks 0, 1, 2.* float in their gaps"):
-                    solve.run_static("cell", scene)
-    assert words[0.01, "tunnel"] is not None
-    assert words[0.01, "pipe"] is None
-    assert words[0.0, "tunnel"] is None
+    monkeypatch.setattr(statics, "static_solution", wanders)
+    for gap, case, words in (
+        (0.01, "tunnel", r"cell: blocks 0, 1, 2.* float in their gaps"),
+        (0.01, "pipe", "no equilibrium after 500"),
+        (0.0, "tunnel", "no equilibrium after 500"),
+    ):
+        settings = (*cell, f"contact.clearance={gap}", f"load.case={case}")
+        with pytest.raises(InputError, match=words):
+            on_mesh(load_case("tsb2-tunnel", settings).scene, "cell")

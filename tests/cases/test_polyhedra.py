@@ -19,12 +19,12 @@ from tests.support.face import (
     RefusedError,
     TetrahedraLayer,
     box,
-    build_deformable,
     command,
     convex_polyhedron,
     faces_words,
     motion,
     print_rigid,
+    scene_problem,
     tetrahedron,
 )
 from validation import Case, load_case, solve
@@ -336,7 +336,7 @@ def test_weight_holds_faces_together(tmp_path: Path, lift: float, carried: bool)
     path.write_text("\n".join(lines))
     file = load_case(str(path))
     assert isinstance(file.scene, MeshScene)
-    deformable = build_deformable(file.scene, file.name)
+    deformable = scene_problem(file.scene, file.name).deformable
     words = faces_words(file.scene, deformable.assembly)
     assert (words is None) is carried
     if words is not None:

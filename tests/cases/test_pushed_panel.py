@@ -20,7 +20,6 @@ from tests.support.face import (
     at_rest,
     build_polyhedra,
     compared_runs,
-    fem_section,
     force_ranges,
     frictional_contacts,
     frictional_equilibrium,
@@ -46,8 +45,9 @@ class Pushed:
 
 
 def pushed(scene: Any) -> Pushed:
-    deformable = scene_problem(scene, "panel").deformable
-    result = solve_static(deformable, static_options(scene, fem_section(scene, "panel")))
+    problem = scene_problem(scene, "panel")
+    deformable = problem.deformable
+    result = solve_static(deformable, static_options(problem, scene.method))
     (curve,) = push_curves(deformable.model, result.pushed)
     return Pushed(result, curve)
 

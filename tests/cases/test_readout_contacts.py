@@ -9,11 +9,12 @@ import pytest
 
 from fem import (
     CoulombFriction,
+    Explicit,
     Frames,
     LinearPenalty,
     Material,
     Problem,
-    StaticOptions,
+    Static,
     solve_explicit,
     solve_static,
 )
@@ -24,7 +25,7 @@ from tests.support.face import (
     LoadCase,
     Outputs,
     box_column,
-    run_static,
+    on_mesh,
     write_joints,
 )
 from tests.support.own_blocks import column
@@ -52,11 +53,11 @@ def test_slip_with_friction_carries_the_shear(search) -> None:
     equilibrium alone, to the residual of 1e-8 of the load tenfold. A search follows the box, whose
     joint it finds tilted by 1e-5 or less, as the pressures of 0.5 MPa vary by half of that."""
     friction = CoulombFriction(0.8, stick_stiffness=STICK)
-    options = StaticOptions(load_steps=1, load_tolerance=None)
+    method = Static(mesh="scene", load_steps=1, error_estimate=False)
     problem = boxes(shear=SHEAR, friction=friction, frames=Frames.DEFORMABLE, **search)
     # Current normals lean by the tilt of the box.
     problem = replace(problem, normals=ContactNormals.REFERENCE)
-    answer = solve_static(problem, options, mesh="scene", error_bars=False)
+    answer = solve_static(problem, method)
     slip, area = on_upper(answer)
     force, near = STICK * area @ slip, 1e-3 if search else 1e-6
     assert force[0] == pytest.approx(SHEAR * AREA, rel=near)
@@ -72,7 +73,7 @@ def test_slip_with_friction_carries_the_shear(search) -> None:
 def test_slip_without_friction_is_that_of_bulging(search) -> None:
     """A box on a rigid plane bulges by ν p / E freely: slip grows from its middle. Where the box
     stands along the plane nothing determines: differences are compared."""
-    answer = solve_static(boxes(poisson=0.2, **search), mesh="scene", error_bars=False)
+    answer = solve_static(boxes(poisson=0.2, **search), Static(mesh="scene", error_estimate=False))
     slip, area = on_upper(answer)
     where = answer.contacts["centroid"]
     expected = 0.2 * PRESSURE / 33e3 * (where - area @ where / AREA)
@@ -100,7 +101,7 @@ def test_a_clearance_stays_open_by_what_weight_leaves(search) -> None:
         finite_sliding=search,
         check_units=False,
     )
-    answer = solve_static(problem, mesh="scene", error_bars=False)
+    answer = solve_static(problem, Static(mesh="scene", error_estimate=False))
     left = 1e-3 + 2.4e-6 * 9810.0 * (50.0**2 - 30.0**2) / (2.0 * 33e3)
     assert len(answer.contacts["gap"]) == 4
     assert answer.contacts["gap"] == pytest.approx(left, rel=1e-9)
@@ -118,12 +119,14 @@ def test_an_explicit_run_slips_as_the_static_state() -> None:
         frames=Frames.DEFORMABLE,
         finite_sliding=True,
     )
-    slip, area = on_upper(solve_explicit(problem))
+    slip, area = on_upper(
+        solve_explicit(problem, Explicit(error_estimate=False, static_reference=False))
+    )
     assert (area @ slip / AREA)[0] == pytest.approx(SHEAR / STICK, rel=1e-3)
 
 
 def test_files_and_pictures_have_gap_and_slip(tmp_path) -> None:
-    answer = solve_static(boxes(poisson=0.2), mesh="scene", error_bars=False)
+    answer = solve_static(boxes(poisson=0.2), Static(mesh="scene", error_estimate=False))
     write(answer, tmp_path)
     there = meshio.read(tmp_path / "contact_pressures.vtu").cell_data
     np.testing.assert_array_equal(there["slip"][0], answer.contacts["slip"])
@@ -132,12 +135,12 @@ def test_files_and_pictures_have_gap_and_slip(tmp_path) -> None:
 
 
 def test_joints_have_the_extremes_of_their_facets(tmp_path) -> None:
-    run = run_static("column", column(0.5))
+    run = on_mesh(column(0.5), "column", "static")
     with Outputs(folder=tmp_path, names=FILES) as outputs:
-        write_joints(run.solution.joints, outputs)
+        write_joints(run.details.joints, outputs)
     with (tmp_path / "joints.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    found = run.answer.contacts
+    found = run.contacts
     for row in rows:
         mine = (np.sort(found["blocks"], axis=1) == [int(row["block_m"]), int(row["block_s"])]).all(
             axis=1

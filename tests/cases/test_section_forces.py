@@ -9,17 +9,18 @@ import pytest
 
 from fem import (
     CoulombFriction,
+    Explicit,
     Frames,
     LinearPenalty,
     Material,
     Problem,
-    StaticOptions,
+    Static,
     solve_explicit,
     solve_static,
 )
 from mbd import analyse
 from tests.support.arch import arch_run
-from tests.support.face import ColumnBox, LoadCase, SectionError, box_column, run_static
+from tests.support.face import ColumnBox, LoadCase, SectionError, box_column, on_mesh
 from tests.support.pressed_boxes import AREA, PRESSURE, SHEAR, STICK, boxes
 from validation import load_case, read_answer, section, write
 
@@ -34,10 +35,10 @@ def test_a_cantilever_has_its_shear_and_moment(degree) -> None:
     """A traction of -0.05 MPa on 40 × 60 mm at x = 400 mm: V and M = V (L - x), at nodes and
     between them; equations of a linear body are solved to round-off."""
     settings = {"mesh.divisions": [8, 2, 2], "fem.method": "static", "fem.degree": degree}
-    run = run_static("cantilever", load_case("cantilever", settings).scene)
+    run = on_mesh(load_case("cantilever", settings).scene, "cantilever", "static")
     x = np.array([1.0, 50.0, 130.0, 200.0, 399.0])
     points = np.column_stack([x, np.zeros(5), np.zeros(5)])
-    found = section(run.answer, points, [2.0, 0.0, 0.0])
+    found = section(run, points, [2.0, 0.0, 0.0])
     load = 0.05 * 40.0 * 60.0
     assert found.areas == pytest.approx(2400.0, rel=1e-9)
     np.testing.assert_allclose(found.centroids[:, 1:], [[20.0, 30.0]] * 5, rtol=1e-9)
@@ -47,7 +48,7 @@ def test_a_cantilever_has_its_shear_and_moment(degree) -> None:
     np.testing.assert_allclose(found.bending_moments, moments, atol=1e-9 * load * 400.0)
     assert np.abs(found.twisting_moment).max() < 1e-9 * load * 400.0
     # The part behind acts on the part ahead with the opposite forces.
-    turned = section(run.answer, points, [-1.0, 0.0, 0.0])
+    turned = section(run, points, [-1.0, 0.0, 0.0])
     np.testing.assert_allclose(turned.forces, -found.forces, atol=1e-9 * load)
 
 
@@ -57,7 +58,7 @@ def test_a_column_carries_the_weight_above() -> None:
     load = LoadCase(found, "weight", (), found.fixed.copy())
     material = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
     problem = Problem(found, load, material, gravity=(0.0, 0.0, -9810.0), frames=Frames.DEFORMABLE)
-    answer = solve_static(problem, mesh="scene", error_bars=False)
+    answer = solve_static(problem, Static(mesh="scene", error_estimate=False))
     z = np.array([5.0, 20.0, 40.0, 50.0, 80.0, 110.0])
     points = np.column_stack([z * 0.0, z * 0.0, z])
     cut = section(answer, points, [0.0, 0.0, 1.0])
@@ -74,8 +75,8 @@ def test_friction_carries_the_shear_through_a_joint(search, frames) -> None:
     """Moments take the slip of the joint as an arm: N times 1.25e-3 mm."""
     friction = CoulombFriction(0.8, stick_stiffness=STICK)
     problem = boxes(poisson=0.2, shear=SHEAR, friction=friction, frames=frames, **search)
-    options = StaticOptions(load_steps=1, load_tolerance=None)
-    answer = solve_static(problem, options, mesh="scene", error_bars=False)
+    method = Static(mesh="scene", load_steps=1, error_estimate=False)
+    answer = solve_static(problem, method)
     z = np.array([50.0, 65.0, 70.0] if frames is Frames.RIGID else [20.0, 50.0, 65.0])
     cut = section(answer, np.column_stack([0.0 * z, 0.0 * z, z]), [0.0, 0.0, 1.0])
     load = PRESSURE * AREA
@@ -95,7 +96,7 @@ def test_sections_of_an_arch_are_in_equilibrium_with_the_blocks_between() -> Non
     normals = np.column_stack([-np.sin(angle), 0.0 * angle, np.cos(angle)])
     # Planes through the centre cut both flanks: 60° those from the right springing on.
     right = [b for b in range(arch.n_blocks) if arch.centroids[b, 2] > 0.0]
-    cut = section(run.answer, points, normals, blocks=right)
+    cut = section(run, points, normals, blocks=right)
     assert (cut.normal_force < 0.0).all()
     thrust = np.hypot(cut.points[:, 0], cut.points[:, 2])
     assert ((thrust > 900.0) & (thrust < 1100.0)).all()
@@ -118,7 +119,7 @@ def test_a_pillar_carries_the_same_rigid_and_static() -> None:
     settings = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 2}
     problem = load_case("tsb1-pillar", settings).problem
     rigid = section(analyse(problem), [0.0, 0.0, 200.0], [0.0, 0.0, 1.0])
-    static = solve_static(problem, mesh="scene", error_bars=False)
+    static = solve_static(problem, Static(mesh="scene", error_estimate=False))
     z = np.array([150.0, 100.0])
     cut = section(static, np.column_stack([0 * z, 0 * z, z]), [0.0, 0.0, 1.0])
     load = rigid.normal_force[0]
@@ -132,7 +133,11 @@ def test_an_explicit_run_has_the_forces_of_its_end() -> None:
     """A damped run ends at a residual of 1e-4 of the load; tenfold."""
     friction = CoulombFriction(0.8, stick_stiffness=STICK)
     problem = boxes(shear=SHEAR, friction=friction, frames=Frames.DEFORMABLE, finite_sliding=True)
-    cut = section(solve_explicit(problem), [[0, 0, 50], [0, 0, 65]], [0, 0, 1])
+    cut = section(
+        solve_explicit(problem, Explicit(error_estimate=False, static_reference=False)),
+        [[0, 0, 50], [0, 0, 65]],
+        [0, 0, 1],
+    )
     np.testing.assert_allclose(cut.normal_force, -PRESSURE * AREA, rtol=1e-3)
     np.testing.assert_allclose(cut.shear_forces[:, 0], SHEAR * AREA, rtol=1e-2)
 
@@ -202,7 +207,7 @@ def test_planes_without_forces_are_rejected(change, words, scene, tubelock) -> N
 
 
 def test_what_has_no_section_forces_says_so(tmp_path) -> None:
-    answer = solve_static(boxes(), mesh="scene", error_bars=False)
+    answer = solve_static(boxes(), Static(mesh="scene", error_estimate=False))
     with pytest.raises(SectionError, match="the normal not zero"):
         section(answer, [0.0, 0.0, 50.0], [0.0, 0.0, 0.0])
     with pytest.raises(SectionError, match=r"got blocks \[9\]"):
@@ -226,7 +231,7 @@ def test_a_box_between_two_rigid_ones_hangs_by_friction() -> None:
         friction=0.5,
         gravity=(0.0, -9810.0, 0.0),
     )
-    answer = solve_static(squeezed, mesh="scene", error_bars=False)
+    answer = solve_static(squeezed, Static(mesh="scene", error_estimate=False))
     cut = section(answer, [[0, 0, 40], [0, 0, 70], [0, 0, 100]], [0, 0, 1])
     weight = 2.4e-9 * 9810.0 * AREA * 60.0
     # The part ahead pushes the part behind: below, the box hangs on the lower block.

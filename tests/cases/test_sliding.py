@@ -25,17 +25,14 @@ from tests.support.face import (
     block_frequencies,
     box_block,
     box_column,
-    build_deformable,
     check_scene,
     explicit_assembly,
     face_pressure,
     initial_state,
+    on_mesh,
     polyhedron_from_quads,
     prepare,
     print_run,
-    run_explicit,
-    run_scene,
-    run_static,
     scene_problem,
     write_hex_mesh,
 )
@@ -68,17 +65,17 @@ def test_patch_test_of_a_column_that_does_not_match() -> None:
     """Uniform stress passes joints of 4 × 4 on 3 × 3 on 5 × 2 facets: every point carries the
     load's pressure, every joint closes by the law's inverse, every box by p h / E. The residual is
     1e-8 of the load; a joint is as stiff as the boxes within tenfold."""
-    run = run_explicit("column", column(*CROSSING))
-    assert run.solution.explicit.status == "converged"
-    found = run.solution.contact_state
+    run = on_mesh(column(*CROSSING), "column", "explicit")
+    assert run.details.explicit.status == "converged"
+    found = run.details.contact_state
     np.testing.assert_allclose(found.point_pressures, 0.5, rtol=1e-6)
     np.testing.assert_allclose(found.pressures, 0.5, rtol=1e-6)
     top = 2 * overclosure(0.5) + 0.5 * 150.0 / 33e3
-    assert run.solution.largest_displacement == pytest.approx(top, rel=1e-6)
+    assert run.details.largest_displacement == pytest.approx(top, rel=1e-6)
     for joint in ((0, 1), (1, 2)):
         points = found.joint(*joint)
         assert found.point_areas[points].sum() == pytest.approx(8000.0, rel=1e-12)
-    data = run.answer.as_dict()
+    data = run.as_dict()
     assert data["contact_search"] == "finite sliding (non-matching meshes)"
     assert data["contact"]["p_max_point"] == pytest.approx(0.5, rel=1e-6)
     assert data["contact"]["p_max"] == pytest.approx(0.5, rel=1e-6)
@@ -93,7 +90,7 @@ def test_one_facet_in_the_middle_of_four() -> None:
     """No facet lies inside another: the only one is cut in four equal parts, on which the load
     presses alike by symmetry, to the residual."""
     scene = column((WIDE, (2, 2, 1)), ((50.0, 40.0, 50.0), (1, 1, 1)))
-    found = run_explicit("column", scene).solution.contact_state
+    found = on_mesh(scene, "column", "explicit").details.contact_state
     assert found.n_facets == 1
     quarter = np.sign(found.positions[:, :2]) @ [2.0, 1.0]
     areas = [found.point_areas[quarter == k].sum() for k in (-3.0, -1.0, 1.0, 3.0)]
@@ -105,8 +102,8 @@ def test_forces_and_moments_of_a_smaller_box_that_crosses_facets() -> None:
     """A box of 60 × 40 mm² over facets of 33 × 27 mm²: each joint passes on the load's force,
     centred, the upper joint on the area of the box alone, to the residual of 1e-8."""
     boxes = ((WIDE, (4, 4, 2)), (WIDE, (3, 3, 2)), ((60.0, 40.0, 50.0), (5, 3, 2)))
-    run = run_explicit("column", column(*boxes, poisson=0.2))
-    found = run.solution.contact_state
+    run = on_mesh(column(*boxes, poisson=0.2), "column", "explicit")
+    found = run.details.contact_state
     load = 0.5 * 2400.0
     for joint, area in (((0, 1), 8000.0), ((1, 2), 2400.0)):
         points = found.joint(*joint)
@@ -122,7 +119,7 @@ def test_forces_and_moments_of_a_smaller_box_that_crosses_facets() -> None:
 def test_random_motions_of_boxes_that_do_not_match_balance() -> None:
     """Action equals reaction and moments balance on cut facets too (rounding): the forces are the
     gradient of an energy that no rigid motion changes."""
-    stated = explicit_assembly(build_deformable(column(*CROSSING), "column"))
+    stated = explicit_assembly(scene_problem(column(*CROSSING), "column").deformable)
     assert stated.sliding is not None
     rng = np.random.default_rng(5)
     moved = tuple(5e-3 * rng.standard_normal((1, g.n_nodes, 3)) for g in stated.model.groups)
@@ -193,10 +190,10 @@ def test_matching_joints_have_no_search_unless_asked() -> None:
     matching = ((WIDE, (4, 4, 2)), (WIDE, (4, 4, 1)))
     fixed = "matching meshes, fixed pairs (small sliding)"
     for asked, words in ((False, fixed), (True, "finite sliding")):
-        run = run_explicit("column", column(*matching, effects={"finite_sliding": asked}))
-        data = run.answer.as_dict()
+        run = on_mesh(column(*matching, effects={"finite_sliding": asked}), "column", "explicit")
+        data = run.as_dict()
         assert data["contact_search"] == words
-        assert (run.solution.contact_state.interface is None) == asked
+        assert (run.details.contact_state.interface is None) == asked
         assert data["contact"]["p_max_point"] == pytest.approx(0.5, rel=1e-6)
         assert data["n_contacts"] == 16
         assert data["contact"]["effective_count_percent"] == pytest.approx(50.0, rel=1e-9)
@@ -216,7 +213,7 @@ def test_frequencies_are_those_of_the_facets_that_face_each_other() -> None:
     tube = load_case("tsb1-pipe", small).scene
     alike = column(*[(WIDE, (4, 4, 2))] * 3)
     for scene, rel in ((alike, 1e-9), (tube, 1e-3)):
-        deformable = build_deformable(scene, "scene")  # type: ignore[arg-type]
+        deformable = scene_problem(scene, "scene").deformable  # type: ignore[arg-type]
         matched, searched = (
             block_frequencies(explicit_assembly(stated).model, 0.01)
             for stated in (deformable, in_contact(deformable, finite_sliding=True))
@@ -225,7 +222,9 @@ def test_frequencies_are_those_of_the_facets_that_face_each_other() -> None:
         assert searched.lowest == pytest.approx(matched.lowest, rel=rel)
     # Vertical motion of rigid blocks is uniform on a joint: its frequency depends on area alone.
     found, expected = (
-        block_frequencies(rigid(explicit_assembly(build_deformable(scene, "column")).model), 0.01)
+        block_frequencies(
+            rigid(explicit_assembly(scene_problem(scene, "column").deformable).model), 0.01
+        )
         for scene in (column(*CROSSING), alike)
     )
     assert found.excited == pytest.approx(expected.excited, rel=1e-9)
@@ -240,26 +239,26 @@ def test_measures_of_a_small_slide_are_those_of_matched_facets() -> None:
     found = []
     for way in ways:
         settings = (*small, "fem.method='explicit'", "fem.residual=1e-6", *way)
-        run = run_explicit("tube", load_case("tsb1-pipe", settings).scene)  # type: ignore[arg-type]
+        run = on_mesh(load_case("tsb1-pipe", settings).scene, "tube", "explicit")  # type: ignore[arg-type]
         found.append(run)
     matched, searched = found
-    ours, theirs = (asdict(run.solution.contact) for run in (searched, matched))
+    ours, theirs = (asdict(run.details.contact) for run in (searched, matched))
     for key in theirs.keys() - {"per_block"}:
         assert ours[key] == pytest.approx(theirs[key], rel=1e-3), key
     for key in ("p_eff", "p_max"):
-        a, b = (getattr(run.solution.contact.per_block, key) for run in (searched, matched))
+        a, b = (getattr(run.details.contact.per_block, key) for run in (searched, matched))
         np.testing.assert_allclose(a, b, rtol=1e-3)
-    assert searched.solution.contact_state.n_facets == matched.solution.contact_state.n_facets
+    assert searched.details.contact_state.n_facets == matched.details.contact_state.n_facets
     # The same facets in whatever order, drawn on the one side or the other of the joint.
     order = [
-        np.lexsort(np.round(run.solution.contact_state.centroids, 1).T)
+        np.lexsort(np.round(run.details.contact_state.centroids, 1).T)
         for run in (searched, matched)
     ]
     a, b = (
-        run.solution.contact_state.centroids[o]
+        run.details.contact_state.centroids[o]
         for run, o in zip((searched, matched), order, strict=True)
     )
-    assert np.abs(a - b).max() < 2.0 * matched.solution.largest_displacement
+    assert np.abs(a - b).max() < 2.0 * matched.details.largest_displacement
 
 
 def test_a_pushed_box_presses_where_it_ended() -> None:
@@ -279,10 +278,10 @@ def test_a_pushed_box_presses_where_it_ended() -> None:
         },
         fem={"method": "explicit", "ramp_time": 2e-3, "end_time": 0.03},
     )
-    run = run_explicit("push", scene)
+    run = on_mesh(scene, "push", "explicit")
     slide = 2e3 * (0.03 - (1.0 - np.exp(-30.0)) / 1e3)
-    assert run.solution.displacement(1)[:, 0].mean() == pytest.approx(slide, rel=1e-3)
-    found = run.solution.contact_state
+    assert run.details.displacement(1)[:, 0].mean() == pytest.approx(slide, rel=1e-3)
+    found = run.details.contact_state
     forces = found.point_forces
     assert forces.sum(axis=0) == pytest.approx([0.0, 0.0, 200.0], abs=0.2)
     centre = forces[:, 2] @ found.positions / forces[:, 2].sum()
@@ -349,12 +348,12 @@ def test_own_blocks_that_do_not_match(tmp_path: Path) -> None:
     static = load_case(str(path)).scene
     assert isinstance(static, DeformableScene)
     weight = 2.4e-9 * 400_000.0 * 9810.0
-    assert run_static("own", static).solution.contact.force == pytest.approx(weight, rel=1e-6)
+    assert on_mesh(static, "own", "static").details.contact.force == pytest.approx(weight, rel=1e-6)
     explicit = load_case(str(path), ["fem.method='explicit'"]).scene
     assert isinstance(explicit, DeformableScene)
-    run = run_explicit("own", explicit)
+    run = on_mesh(explicit, "own", "explicit")
     assert str(run.contact_search) == "finite sliding (non-matching meshes)"
-    assert run.solution.contact.force == pytest.approx(weight, rel=1e-3)
+    assert run.details.contact.force == pytest.approx(weight, rel=1e-3)
 
 
 @pytest.mark.parametrize("method", ["static", "explicit"])
@@ -389,7 +388,7 @@ forces = [{block = 3, force = [0, 0, -4000]}]
     settings = ["fem.residual=1e-6", "effects.friction.coefficient=0.3", f"fem.method='{method}'"]
     scene = load_case(str(path), settings).scene
     assert isinstance(scene, DeformableScene)
-    found = run_scene("own", scene).solution.contact_state
+    found = on_mesh(scene, "own").details.contact_state
     weight = 2.4e-9 * 400_000.0 * 9810.0
     for joint, area, force in (
         ((0, 2), 4000.0, 2000.0 + weight),
@@ -405,7 +404,7 @@ forces = [{block = 3, force = [0, 0, -4000]}]
 def test_a_stick_too_stiff_for_the_time_step_is_refused() -> None:
     friction = {"coefficient": 0.3, "stick_stiffness": 1e6}
     with pytest.raises(InputError, match="expected at most"):
-        run_explicit("column", column(*CROSSING, effects={"friction": friction}))
+        on_mesh(column(*CROSSING, effects={"friction": friction}), "column", "explicit")
 
 
 def test_an_overlap_that_no_facet_matches_is_refused() -> None:
@@ -414,7 +413,7 @@ def test_an_overlap_that_no_facet_matches_is_refused() -> None:
     problem = scene_problem(scene, "column")
     problem.deformable.offsets[1:, 2] -= 0.05
     with pytest.raises(InputError, match=r"deepest 0.05 mm between blocks"):
-        run_explicit("column", scene, problem=problem)
+        on_mesh(scene, "column", "explicit", problem=problem)
 
 
 @pytest.mark.parametrize(
@@ -432,14 +431,14 @@ def test_blocks_that_nothing_determines_and_large_motions_are_named(
     scene = scene.changed(mesh | contact)
     if sliding:
         with pytest.raises(InputError, match="blocks 4, 5, 6, 7 float in their gaps"):
-            run_static("ring", scene)
+            on_mesh(scene, "ring", "static")
         return
-    run = run_static("ring", scene)
+    run = on_mesh(scene, "ring", "static")
     print_run(run, Console(width=300))
     text = capsys.readouterr().out
     assert ("4, 5, 6, 7: no contact holds them in every direction" in text) == (clearance > 0.0)
     assert ("large motion" in text) == (clearance == 5.0)
-    assert ("large_motion" in run.answer.as_dict()) == (clearance == 5.0)
+    assert ("large_motion" in run.as_dict()) == (clearance == 5.0)
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
@@ -449,7 +448,7 @@ def test_contact_forces_of_blocks_that_move_away_end() -> None:
     assert isinstance(scene, DeformableScene)
     mesh = {"mesh.around": 12, "mesh.radial": 1, "mesh.axial": 4, "assembly.layers": 1}
     scene = scene.changed(mesh | {"contact.clearance": 5.0, "fem.degree": 3})
-    static = run_static("ring", scene).solution.static
+    static = on_mesh(scene, "ring", "static").details.static
     assert static is not None
     assert static.converged
 
@@ -481,7 +480,7 @@ def test_a_joint_that_opens_altogether_has_an_answer(sliding: bool) -> None:
     scene = column(*[((100.0, 100.0, 50.0), (1, 1, 1))] * 2, pressure=-0.5)
     spring = {"blocks": [1], "face": "z+", "spring": 0.005}
     scene = scene.changed({"supports": [spring], "effects.finite_sliding": sliding})
-    answer = run_static("pulled", scene).answer
+    answer = on_mesh(scene, "pulled", "static")
     assert answer.measures["p_max"].value == 0.0
     assert answer.measures["max_displacement"].value == pytest.approx(100.0, rel=1e-6)
     assert answer.as_dict()["loose_blocks"] == []

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from fem import (
+    Explicit,
     ExponentialLaw,
     LinearPenalty,
     PairLaws,
     Problem,
+    Static,
     concrete,
     solve_explicit,
     solve_static,
@@ -98,8 +100,10 @@ STATEMENTS: dict[str, tuple[LoadCase, dict[str, Any]]] = {
 
 def _explicit(problem: Problem) -> Answer:
     if problem.motion is None:
-        return solve_explicit(problem)
-    return solve_explicit(problem, damping=None, ramp_time=1e-4, end_time=2e-4)
+        return solve_explicit(problem, Explicit(error_estimate=False, static_reference=False))
+    return solve_explicit(
+        problem, Explicit(damping="none", ramp_time=1e-4, end_time=2e-4, error_estimate=False)
+    )
 
 
 def _deck(program: Any) -> Callable[[Problem, Path], Any]:
@@ -108,7 +112,7 @@ def _deck(program: Any) -> Callable[[Problem, Path], Any]:
 
 CALLS: dict[str, Callable[[Problem, Path], Any]] = {
     "rigid": lambda problem, _: analyse(problem),
-    "static": lambda problem, _: solve_static(problem, mesh="scene"),
+    "static": lambda problem, _: solve_static(problem, Static(mesh="scene")),
     "explicit": lambda problem, _: _explicit(problem),
     "Abaqus deck": _deck("abaqus"),
     "CalculiX deck": _deck("calculix"),
@@ -174,7 +178,7 @@ def test_calculix_computes_supports_and_loads_as_we_do(tmp_path: Path) -> None:
     The sums of CalculiX count the loads on the nodes of a set: none acts at x = -A/2.
     """
     problem = Problem(ONE, ALL_AT_ONCE, concrete)
-    static = solve_static(problem, mesh="scene")
+    static = solve_static(problem, Static(mesh="scene"))
     ours, found = static.fields["displacement"], calculix_of(_calculix(problem), tmp_path)
     assert np.abs(found.displacements - ours).max() <= 1e-6 * np.abs(ours).max()
     reactions = static.report["reactions"]
@@ -193,7 +197,7 @@ def _calculix(problem: Problem) -> Any:
 def test_the_deck_of_abaqus_is_the_same_problem(tmp_path: Path) -> None:
     """Instances, node sets and amplitudes, expanded by a converter of Abaqus decks."""
     problem = Problem(ONE, ALL_AT_ONCE, concrete)
-    ours = solve_static(problem, mesh="scene").fields["displacement"]
+    ours = solve_static(problem, Static(mesh="scene")).fields["displacement"]
     found = calculix_through_converter(problem_deck(problem, Flavour.STANDARD), tmp_path)
     assert np.abs(found.displacements - ours).max() <= 1e-6 * np.abs(ours).max()
 

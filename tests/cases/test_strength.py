@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem import Material, Problem, concrete, solve_static
+from fem import Material, Problem, Static, concrete, solve_static
 from geometry import Measure, SineBlock, pipe, tube
 from tests.support.face import (
     ColumnBox,
@@ -37,7 +37,7 @@ def pressed(pressure: float, **strengths: float) -> Problem:
 def test_boxes_crush_where_the_pressure_is_the_strength() -> None:
     """The factor is strength over pressure; uniform compression has no tension to crack by."""
     problem = pressed(0.5, compressive_strength=30.0, tensile_strength=3.0)
-    found = solve_static(problem, mesh="scene", error_bars=False)
+    found = solve_static(problem, Static(mesh="scene", error_estimate=False))
     assert found["crushing_factor"].value == pytest.approx(60.0, rel=1e-6)
     assert found["cracking_factor"].remark.startswith("none: ")
     measures = json.loads(json.dumps(found.as_dict(), allow_nan=False))["measures"]
@@ -68,9 +68,11 @@ def test_the_scaled_load_reaches_the_strength() -> None:
     )
     blocks = tube(block, layers=1, mesh=(12, 2, 2))
     material = replace(concrete, tensile_strength=1.0)
-    found = solve_static(Problem(blocks, pipe(0.01), material), mesh="scene", error_bars=False)
+    found = solve_static(
+        Problem(blocks, pipe(0.01), material), Static(mesh="scene", error_estimate=False)
+    )
     factor = found["cracking_factor"].value
-    again = solve_static(Problem(blocks, pipe(0.01 * factor), concrete), mesh="scene")
+    again = solve_static(Problem(blocks, pipe(0.01 * factor), concrete), Static(mesh="scene"))
     assert again["sigma_1_averaged"].value == pytest.approx(1.0, rel=2 * 0.03**2)
     assert abs(factor * found["sigma_1_averaged"].value - 1.0) > 0.01
     assert "cracking_factor" not in again.measures
@@ -97,7 +99,7 @@ def test_strengths_that_cannot_be_used_are_rejected() -> None:
     other = replace(problem.materials[0], tensile_strength=2.0)
     mixed = replace(problem, material=[*problem.materials[:-1], other])
     with pytest.raises(RefusedError, match="tensile_strength: got different ones"):
-        solve_static(mixed, mesh="scene", error_bars=False)
+        solve_static(mixed, Static(mesh="scene", error_estimate=False))
 
 
 @pytest.mark.quick

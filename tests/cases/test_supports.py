@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem import LinearPenalty, Material, Problem, solve_static
+from fem import LinearPenalty, Material, Problem, Static, solve_static
 from geometry import Assembly
 from tests.support.face import (
     AssemblyError,
@@ -62,7 +62,7 @@ def solved(blocks: Assembly, held, *, faces=(), lines=(), degree=1, law=None):
     )
     stated = {} if law is None else {"law": law}
     problem = Problem(blocks, load, STUFF, degree=degree, check_units=False, **stated)
-    return solve_static(problem, mesh="scene", error_bars=False)
+    return solve_static(problem, Static(mesh="scene", error_estimate=False))
 
 
 def oblique() -> np.ndarray:
@@ -263,7 +263,7 @@ def test_a_scene_states_the_same_as_python() -> None:
             "loads": [{"face": "x+", "force": [4000.0, 0.0, 0.0]}],
         }
     )
-    answer = solve_static(scene_problem(scene, "box"), mesh="scene", error_bars=False)
+    answer = solve_static(scene_problem(scene, "box"), Static(mesh="scene", error_estimate=False))
     assert answer.measures["sigma_1_max"].value == pytest.approx(2.0, rel=1e-9)
     force = answer.details.reactions["end"]["force"]
     np.testing.assert_allclose(force, [-4000.0, 0.0, 0.0], atol=1e-6)
@@ -284,7 +284,9 @@ def test_a_combination_is_the_sum_of_its_loads_times_their_factors() -> None:
 
     def moved(scene) -> np.ndarray:
         problem = scene_problem(scene, "box")
-        return solve_static(problem, mesh="scene", error_bars=False).fields["displacement"]
+        return solve_static(problem, Static(mesh="scene", error_estimate=False)).fields[
+            "displacement"
+        ]
 
     scene = check_scene(COMBINED)
     none = {"load": {}, "loads": (), "effects.gravity": None, "combinations": {}}

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fem import CoulombFriction, LinearPenalty, Material, Problem, solve_static
+from fem import CoulombFriction, LinearPenalty, Material, Problem, Static, solve_static
 from geometry import Assembly
 from tests.support.face import (
     Block,
@@ -18,9 +18,9 @@ from tests.support.face import (
     check_scene,
     faces_words,
     mapped_block,
+    on_mesh,
     require_held_by_faces,
     require_held_by_friction,
-    run_static,
     scene_data,
     scene_problem,
 )
@@ -29,7 +29,7 @@ from validation import load_case, solve
 
 def solved(name: str) -> Any:
     scene = check_scene(scene_data(name)[1], name)
-    return solve_static(scene_problem(scene, name), mesh="scene", error_bars=False)
+    return solve_static(scene_problem(scene, name), Static(mesh="scene", error_estimate=False))
 
 
 def test_a_beam_on_springs_is_that_of_winkler() -> None:
@@ -77,11 +77,11 @@ def test_a_roller_takes_what_presses_the_top_row_of_a_wall() -> None:
     rigid = solve(file.with_method("rigid")).as_dict()["reactions"]["roller"]
     assert rigid["force"] == pytest.approx([-force, 0.0, 0.0], abs=1e-9 * force)
     assert rigid["moment"][1] == pytest.approx(-force * 248.5, rel=1e-9)
-    run = run_static("wall", file.scene)
-    assert run.solution.reactions["roller"]["force"] == pytest.approx(
+    run = on_mesh(file.scene, "wall", "static")
+    assert run.details.reactions["roller"]["force"] == pytest.approx(
         [-force, 0.0, 0.0], abs=2e-5 * force
     )
-    require_held_by_faces("wall", run.scene, run.problem.blocks)
+    require_held_by_faces("wall", run.case.scene, run.problem.blocks)
 
 
 def test_shifted_boxes_slide_at_the_coulomb_limit() -> None:
@@ -157,7 +157,7 @@ def press_fit(around: int, *, pressed_by: float | None = None) -> Any:
     load = LoadCase(blocks, "press fit", (), blocks.fixed, held=tuple(held))
     law = LinearPenalty(JOINT)
     problem = Problem(blocks, load, STEEL, law=law, clearance=-INTERFERENCE, **stated)
-    return solve_static(problem, mesh="scene", error_bars=False)
+    return solve_static(problem, Static(mesh="scene", error_estimate=False))
 
 
 def fit_pressure() -> float:
@@ -221,7 +221,7 @@ def test_a_mechanism_that_supports_leave_is_named() -> None:
         r"supports leave \(block 1 slides on block 0 along \(0.00, 1.00, 0.00\)\); `tubelock mbd`"
     )
     with pytest.raises(RefusedError, match=words) as error:
-        run_static("boxes", scene)
+        on_mesh(scene, "boxes", "static")
     assert "\n" not in str(error.value)
 
 

@@ -19,8 +19,7 @@ from tests.support.face import (
     agreement,
     compared_runs,
     effective_region,
-    run_explicit,
-    run_static,
+    on_mesh,
 )
 from tests.support.face import output_console_module as console
 from validation import compare, read_answer
@@ -33,7 +32,7 @@ SETTINGS = [a for s in COARSE for a in ("--set", s)]
 def test_three_answers_to_one_scene() -> None:
     scene = tube("tsb1-pipe", "fem.mesh='scene'")
     rigid, deformable = compared_runs("tsb1-pipe", scene, explicit=True)
-    found = compare(*(run.answer for run in (*rigid, *deformable)))
+    found = compare(*(run for run in (*rigid, *deformable)))
     assert found.names == ("rigid (force)", "rigid (pressure)", "static", "explicit")
     errors = found.explicit_errors
     assert errors is not None
@@ -59,12 +58,12 @@ def test_three_answers_to_one_scene() -> None:
 
 
 def test_sector_and_whole_tube_give_the_same_digits() -> None:
-    whole = run_static("whole", tube("tsb1-shaft", "fem.symmetry='none'"))
-    sector = run_static("sector", tube("tsb1-shaft", "fem.symmetry='sector'"))
-    assert sector.solution.static.symmetry == 4
+    whole = on_mesh(tube("tsb1-shaft", "fem.symmetry='none'"), "whole", "static")
+    sector = on_mesh(tube("tsb1-shaft", "fem.symmetry='sector'"), "sector", "static")
+    assert sector.details.static.symmetry == 4
     # Both stop at a residual of 1e-8 of the load; the tube's softest motion amplifies it tenfold.
     for a, b in zip(
-        whole.solution.group_displacements, sector.solution.group_displacements, strict=True
+        whole.details.group_displacements, sector.details.group_displacements, strict=True
     ):
         np.testing.assert_allclose(b, a, atol=1e-6 * np.abs(a).max())
 
@@ -78,9 +77,9 @@ def test_sector_is_refused_where_the_load_breaks_it(tubelock) -> None:
 
 @pytest.mark.parametrize("case", ["tunnel", "pillar", "beam"])
 def test_every_load_case_has_a_static_answer(case: str) -> None:
-    run = run_static(case, tube(f"tsb1-{case}"))
-    assert run.solution.static.residual < 1e-8
-    assert run.solution.contact.p_max > 0
+    run = on_mesh(tube(f"tsb1-{case}"), case, "static")
+    assert run.details.static.residual < 1e-8
+    assert run.details.contact.p_max > 0
 
 
 @pytest.mark.slow
@@ -150,11 +149,17 @@ def test_larger_clearance_means_larger_displacement_and_pressure(tubelock) -> No
 
 def test_paper_damping_rings_where_adaptive_damping_settles() -> None:
     # α = 2 /s damps over half a second: after a few milliseconds the tube still moves.
-    scene = tube("tsb1-pipe", "fem.damping='paper'", "fem.end_time=2e-3", "fem.ramp_time=1e-4")
-    ringing = run_explicit("paper", scene).solution.explicit
+    scene = tube(
+        "tsb1-pipe",
+        "fem.method='explicit'",
+        "fem.damping='paper'",
+        "fem.end_time=2e-3",
+        "fem.ramp_time=1e-4",
+    )
+    ringing = on_mesh(scene, "paper", "explicit").details.explicit
     assert ringing is not None
-    calm = tube("tsb1-pipe", "fem.damping='static'")
-    settled = run_explicit("static", calm).solution.explicit
+    calm = tube("tsb1-pipe", "fem.method='explicit'")
+    settled = on_mesh(calm, "static", "explicit").details.explicit
     assert settled is not None
     assert settled.residual is not None
     assert ringing.residual is not None
@@ -174,13 +179,13 @@ def test_agreement_of_a_field_with_itself_is_perfect() -> None:
 
 
 def test_friction_is_absent_unless_named_and_then_dissipates() -> None:
-    plain = run_static("plain", tube("tsb1-pipe"))
-    rough = run_static("rough", tube("tsb1-pipe", "effects.friction.coefficient=0.3"))
-    assert plain.solution.deformable.contact.friction is None
-    assert plain.solution.static.frictional_dissipation == 0.0
-    assert rough.solution.static.frictional_dissipation > 0.0
+    plain = on_mesh(tube("tsb1-pipe"), "plain", "static")
+    rough = on_mesh(tube("tsb1-pipe", "effects.friction.coefficient=0.3"), "rough", "static")
+    assert plain.details.deformable.contact.friction is None
+    assert plain.details.static.frictional_dissipation == 0.0
+    assert rough.details.static.frictional_dissipation > 0.0
     # Friction only resists: with it the tube moves less.
-    assert rough.solution.largest_displacement < plain.solution.largest_displacement
+    assert rough.details.largest_displacement < plain.details.largest_displacement
 
 
 def test_uniform_pressures_agree_whatever_their_round_off() -> None:

@@ -1,7 +1,6 @@
 """For every built-in scene: what a command prints and what Python gives are one answer.
 
-Measures with error bars and remarks, or the line that rejects. Scenes for which the two still
-differ are strict xfails: when both go through one door, the marks go.
+Measures with error bars and remarks, or the line that rejects.
 """
 
 from __future__ import annotations
@@ -47,8 +46,6 @@ FEWER: dict[str, dict[str, Any]] = {
 #: largest measure of a unit is far above what two such solutions may differ by.
 SAME = 1e-6
 
-#: What differs, and in which scenes.
-RED = {"column-nonmatching": "the command also estimates the error of an explicit run"}
 #: Deformable blocks that are not refined here: solved on the mesh of the scene, without error bars.
 UNREFINED = ("cubes", "versatile-panel", "wall-with-roller")
 #: Deformable blocks that take 10 CPU s to minutes on their coarsest meshes: left out.
@@ -58,15 +55,8 @@ DEAR = (
 )
 
 
-def deformable() -> list[Any]:
-    return [
-        pytest.param(
-            name,
-            marks=[pytest.mark.xfail(reason=why, strict=True)] if (why := RED.get(name)) else [],
-        )
-        for name in builtin_names()
-        if name not in DEAR
-    ]
+def deformable() -> list[str]:
+    return [name for name in builtin_names() if name not in DEAR]
 
 
 def fewer(name: str) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fem import solve_static
+from fem import Static, solve_static
 from validation import load_case
 
 pytestmark = pytest.mark.quick
@@ -21,7 +21,7 @@ def bar(sign: float, degree: int):
         "mesh.divisions": [2, 1, 1],
         "load": traction,
     }
-    return solve_static(load_case("cantilever", settings).problem, mesh="scene")
+    return solve_static(load_case("cantilever", settings).problem, Static(mesh="scene"))
 
 
 @pytest.mark.parametrize("degree", [1, 2])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from fem import ElementType, Material, Problem, solve_static
+from fem import ElementType, Material, Problem, Static, solve_static
 from fem.problem.model import block_group
 from fem.static.linear_step import condensation
 from fem.static.linear_step import linearisation as sparse_solver
@@ -236,7 +236,7 @@ def test_nodes_where_facets_match_are_retained_and_memory_is_counted(monkeypatch
     load = LoadCase(assembly, "weight", (), assembly.fixed.copy())
     stone = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
     problem = Problem(assembly, load, stone, gravity=(0.0, 0.0, -9810.0))
-    assert solve_static(problem, mesh="scene")["max_displacement"].value > 0.0
+    assert solve_static(problem, Static(mesh="scene"))["max_displacement"].value > 0.0
     monkeypatch.setattr(errors, "machine_memory", lambda: 1000)
     with pytest.raises(StaticMemoryError, match="16 contact points, and blocks with up to 9 nodes"):
-        solve_static(problem, mesh="scene")
+        solve_static(problem, Static(mesh="scene"))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fem import CoulombFriction, Problem, concrete, solve_static
+from fem import CoulombFriction, Problem, Static, concrete, solve_static
 from fem.answer import answer_of
 from fem.static import newton
 from fem.static.result import StaticError
@@ -49,7 +49,7 @@ def test_joint_forces_are_the_contact_vector_of_the_last_residual(
         return of_solver(problem, state)
 
     monkeypatch.setattr(newton, "unbalanced_forces", recorded)
-    solution = solve_static(ring(**options), mesh="scene", error_bars=False).details
+    solution = solve_static(ring(**options), Static(mesh="scene", error_estimate=False)).details
     if not last:
         pytest.skip("solved in contact forces")
     problem, state = last[0]
@@ -70,7 +70,7 @@ def test_joint_forces_are_the_contact_vector_of_the_last_residual(
 @pytest.mark.parametrize("options", [{}, {"finite_sliding": True}], ids=["matched", "searched"])
 def test_an_answer_whose_forces_do_not_balance_is_rejected(options: dict[str, Any]) -> None:
     """A thousandth of the largest joint force is missing: the error names one of its blocks."""
-    solution = solve_static(ring(**options), mesh="scene", error_bars=False).details
+    solution = solve_static(ring(**options), Static(mesh="scene", error_estimate=False)).details
     assert solution.imbalance.largest < 1e-7
     state, joints = solution.contact_state, solution.joints
     k = int(np.linalg.norm(joints.forces, axis=1).argmax())
@@ -89,4 +89,6 @@ def test_an_answer_whose_forces_do_not_balance_is_rejected(options: dict[str, An
 
 def test_a_search_at_the_end_changes_nothing() -> None:
     """The points of the last residual are those of the place where the blocks are."""
-    assert solve_static(ring(finite_sliding=True), mesh="scene").report["search_change"] < 1e-6
+    assert (
+        solve_static(ring(finite_sliding=True), Static(mesh="scene")).report["search_change"] < 1e-6
+    )

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import fem
-from fem import ElementType, read_deck
+from fem import ElementType, Static, read_deck
 from fem.accuracy.converge import AccuracyError
 from fem.assembly.statement import ProblemError
 from fem.decks.keywords import DeckError
@@ -393,8 +393,10 @@ def test_a_state_after_another_is_one_of_the_same_blocks() -> None:
     with pytest.raises(ProblemError, match="after: explicit runs begin at rest"):
         fem.solve_explicit(later)
     with pytest.raises(AccuracyError, match="a problem after another has no error bars"):
-        fem.solve_static(later, mesh="converged")
-    one, two = (fem.solve_static(p, mesh="scene", error_bars=False) for p in (problem, later))
+        fem.solve_static(later, Static(mesh="converged"))
+    one, two = (
+        fem.solve_static(p, Static(mesh="scene", error_estimate=False)) for p in (problem, later)
+    )
     assert two["max_displacement"].value == pytest.approx(one["max_displacement"].value, rel=1e-9)
 
 
@@ -426,7 +428,7 @@ def test_scaled_masses_are_read_back() -> None:
     changes = ["fem.method=explicit", "fem.mass_scaling=3.0", "fem.end_time=1.0"]
     file = load_case("tsb1-pipe", [*COARSE, *changes])
     deck = deck_of_lines(list(deck_lines(build_deck(file, Flavour("general")))))
-    assert deck.explicit_options()["mass_scaling"] == pytest.approx(3.0, rel=1e-9)
+    assert deck.method.mass_scaling == pytest.approx(3.0, rel=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["C3D4", "C3D10"])
@@ -605,7 +607,7 @@ def test_explicit_steps_are_one_run() -> None:
         )
 
     deck = read("Boundary, amplitude=A", "FOOT, 3, 3, 0.01")
-    assert deck.explicit_options()["end_time"] == 4e-4
+    assert deck.method.end_time == 4e-4
     answer = solve_deck(deck)
     moved = answer.fields["displacement"][np.isclose(answer.points[:, 2], 0.0), 2]
     assert moved == pytest.approx(0.01, rel=1e-3)

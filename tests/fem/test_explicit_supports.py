@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from fem import Problem, concrete, solve_explicit, solve_static
+from fem import Explicit, Problem, Static, concrete, solve_explicit, solve_static
 from fem.assembly.statement import Motion
 from fem.problem.model import ModelError
 from fem.problem.time_step import TimeStepError, critical_time_step
 from geometry.loads import LineLoad
-from tests.support.face import run_explicit
+from tests.support.face import on_mesh
 from tests.support.supports import ONE, TWO, A, X, Y, Z, case, pulled, roller
 from validation import load_case
 
@@ -37,9 +37,12 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_damped_runs_come_to_the_static_state(name: str) -> None:
     problem = Problem(CASES[name].assembly, CASES[name], concrete)
-    static = solve_static(problem, mesh="scene").fields["displacement"]
+    static = solve_static(problem, Static(mesh="scene")).fields["displacement"]
     end = 0.02 if CASES[name].assembly is ONE else None
-    explicit = solve_explicit(problem, end_time=end).fields["displacement"]
+    explicit = solve_explicit(
+        problem,
+        Explicit(damping="static", end_time=end, error_estimate=False, static_reference=False),
+    ).fields["displacement"]
     assert np.abs(explicit - static).max() <= 1e-3 * np.abs(static).max()
     assert np.abs(static).max() > 0.0
 
@@ -52,8 +55,8 @@ def test_forces_of_supports_come_to_those_of_the_static_state() -> None:
     """
     problem = Problem(TWO, CASES["support that moves by a table"], concrete)
     (static, run) = (
-        solve_static(problem, mesh="scene", error_bars=False).as_dict(),
-        solve_explicit(problem).as_dict(),
+        solve_static(problem, Static(mesh="scene", error_estimate=False)).as_dict(),
+        solve_explicit(problem, Explicit(error_estimate=False, static_reference=False)).as_dict(),
     )
     assert set(run["reactions"]) == set(static["reactions"])
     size = abs(static["motions"][0]["force"][-1])
@@ -78,7 +81,9 @@ def test_a_block_swings_on_springs_with_the_period_of_the_closed_form(quarters: 
     mass = concrete.density * A**3
     period = 2.0 * np.pi * np.sqrt(mass / (stiffness * A * A))
     problem = Problem(ONE, load, concrete, motion=Motion(speed * Z, np.zeros(3)))
-    answer = solve_explicit(problem, damping=None, end_time=quarters * period / 4.0)
+    answer = solve_explicit(
+        problem, Explicit(damping="none", end_time=quarters * period / 4.0, error_estimate=False)
+    )
     moved = answer.fields["displacement"][:, 2].mean() * 2.0 * np.pi / (speed * period)
     assert moved == pytest.approx(1.0 if quarters == 1 else 0.0, abs=2e-3)
 
@@ -101,7 +106,13 @@ def test_springs_of_blocks_that_turn_are_rejected() -> None:
     held = (*GUIDES, roller(TWO, 1, Z, spring=1.0))
     load = case(TWO, [pulled(TWO, 1, Z, -0.5 * Z)], held)
     problem = Problem(TWO, load, concrete, finite_rotation=True)
-    for solve in (solve_static, lambda stated: solve_explicit(stated, end_time=0.01)):
+    for solve in (
+        solve_static,
+        lambda stated: solve_explicit(
+            stated,
+            Explicit(damping="static", end_time=0.01, error_estimate=False, static_reference=False),
+        ),
+    ):
         with pytest.raises(ModelError, match="springs: got blocks that may turn by any angle"):
             solve(problem)
 
@@ -109,7 +120,16 @@ def test_springs_of_blocks_that_turn_are_rejected() -> None:
 def test_a_motion_in_no_time_is_rejected() -> None:
     problem = Problem(TWO, CASES["support that moves"], concrete)
     with pytest.raises(TimeStepError, match="got 0 with a support that moves"):
-        solve_explicit(problem, ramp_time=0.0, end_time=0.01)
+        solve_explicit(
+            problem,
+            Explicit(
+                damping="static",
+                ramp_time=0.0,
+                end_time=0.01,
+                error_estimate=False,
+                static_reference=False,
+            ),
+        )
 
 
 @pytest.mark.parametrize("symmetry", ["sector", "none"])
@@ -118,7 +138,7 @@ def test_a_sector_has_the_reactions_of_the_whole_ring(symmetry: str) -> None:
     small = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
     short = ("fem.method=explicit", "fem.end_time=1e-5", "effects.elastic_frame=true")
     scene = load_case("tsb1-pipe", [*small, *short, f"fem.symmetry={symmetry}"]).scene
-    found = run_explicit("tsb1-pipe", scene).solution
+    found = on_mesh(scene, "tsb1-pipe", "explicit").details
     assert found.imbalance.largest < 1e-9
     assert found.reactions.keys() == {"bottom", "top"}
     forces = np.array([of["force"] for of in found.reactions.values()])

@@ -7,15 +7,13 @@ import pytest
 
 from fem import CoulombFriction, LinearPenalty, solve
 from fem.explicit.setup.assembly import explicit_assembly
-from fem.problem.effects import Effects
+from fem.problem.effects import PAPER_RAYLEIGH, Effects
 from fem.problem.loads import SmoothStepAmplitude, TabularAmplitude
 from fem.problem.model import Model, fixed_nodes
 from tests.support.face import (
-    build_deformable,
-    build_effects,
-    run_explicit,
-    run_static,
-    scene_statement,
+    on_mesh,
+    scene_problem,
+    stated_run,
 )
 from tests.support.fem_problems import in_contact
 from tests.support.floor import GRAVITY, block_on_floor
@@ -97,14 +95,17 @@ def test_a_plate_that_statics_holds_does_not_slide_on_its_way():
     no point is beyond 0.8/0.86 = 0.93 of its limit, and a ramp of sixteen periods rings by less
     than the rest. Nothing is lost, and both answers are that of an elastic joint: to the residual,
     1e-4, and the way still to go, 1e-3."""
-    static, slow = run_static("plate", plate("static")), run_explicit("plate", plate("explicit"))
-    lost = (
-        slow.solution.explicit.energies.frictional_dissipation,
-        static.solution.static.frictional_dissipation,
+    static, slow = (
+        on_mesh(plate("static"), "plate", "static"),
+        on_mesh(plate("explicit"), "plate", "explicit"),
     )
-    assert np.abs(lost).max() < 1e-12 * slow.solution.explicit.energies.contact_energy
+    lost = (
+        slow.details.explicit.energies.frictional_dissipation,
+        static.details.static.frictional_dissipation,
+    )
+    assert np.abs(lost).max() < 1e-12 * slow.details.explicit.energies.contact_energy
     for name in ("p_max", "p_eff", "max_displacement"):
-        assert slow.answer[name].value == pytest.approx(static.answer[name].value, rel=2e-3)
+        assert slow[name].value == pytest.approx(static[name].value, rel=2e-3)
 
 
 def test_gravity_grows_only_on_the_way_to_a_static_state():
@@ -112,11 +113,11 @@ def test_gravity_grows_only_on_the_way_to_a_static_state():
     was written."""
     for damping, ramped in (("static", True), ("paper", False)):
         scene = plate("explicit", damping)
-        stated = scene_statement(scene, "plate", build_deformable(scene, "plate"))
+        stated = stated_run(scene_problem(scene, "plate"), scene.in_time)
         effects = stated.assembly.model.effects
         assert (effects.gravity_amplitude is not None) is ramped
         if not ramped:
-            assert effects.rayleigh == build_effects(scene.effects, scene.fem, "paper").rayleigh
+            assert effects.rayleigh == PAPER_RAYLEIGH
             continue
         adaptive = effects.adaptive_mass_damping
         assert (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fem import ElementType, Problem, solve_static
+from fem import ElementType, Problem, Static, solve_static
 from fem.assembly.symmetry import local_forces
 from fem.element.facet import lagrange_basis
 from fem.element.hexahedron import element_stiffness
@@ -23,7 +23,7 @@ from fem.static.linear_step.grid_block import GridBlock, grid_block
 from geometry import SineBlock, pipe, tube
 from geometry.mesh import FloatArray, MeshError, boundary_quads
 from tests.support.curved_blocks import CONCRETE, block, curved
-from tests.support.face import run_static
+from tests.support.face import on_mesh
 from tests.support.own_blocks import deformable
 
 
@@ -198,7 +198,7 @@ def test_two_independent_discretisations_agree(case: str, more: tuple[str, ...])
     for around, radial, axial in ((24, 2, 8), (36, 3, 12)):
         mesh = (f"mesh.around={around}", f"mesh.radial={radial}", f"mesh.axial={axial}")
         scene = deformable(f"tsb1-{case}", "assembly.layers=1", *mesh, *more)
-        found.append(run_static("trilinear", scene).solution.largest_displacement)
+        found.append(on_mesh(scene, "trilinear", "static").details.largest_displacement)
     step = 2.0 * abs(found[1] - found[0])
     measure = answer["max_displacement"]
     assert measure.error is not None
@@ -210,7 +210,7 @@ def test_the_change_of_degree_covers_the_error() -> None:
     """Degree two judged by degree three on the same elements."""
     coarse = ("mesh.radial=1", "mesh.axial=2")
     answer = solve_static(curved(2, 1, *coarse))
-    reference = solve_static(curved(3, 1, *coarse), error_bars=False)
+    reference = solve_static(curved(3, 1, *coarse), Static(error_estimate=False))
     for name, measure in answer.measures.items():
         assert measure.error is not None
         assert abs(measure.value - reference[name].value) < measure.error, name
@@ -220,7 +220,7 @@ def test_a_cap_says_where_it_acted_and_lowers_the_peak() -> None:
     mesh = ("mesh.around=12", "mesh.radial=1", "mesh.axial=2", "assembly.layers=1")
 
     def answer(*settings: str):  # type: ignore[no-untyped-def]
-        return run_static("tube", deformable("tsb1-pipe", *mesh, *settings)).answer.as_dict()
+        return on_mesh(deformable("tsb1-pipe", *mesh, *settings), "tube", "static").as_dict()
 
     plain = answer("fem.degree=2")
     capped = answer("fem.degree=2", "contact.maximum_stiffness=100")

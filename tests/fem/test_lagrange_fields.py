@@ -9,7 +9,6 @@ import pytest
 import pyvista as pv
 from scipy.spatial import cKDTree
 
-from fem import StaticOptions, solve_static
 from fem.accuracy.transfer import interpolation
 from fem.element import lagrange_stress
 from fem.element.lagrange import LagrangeElement
@@ -24,12 +23,14 @@ from fem.element.lagrange_stress import (
     nodal_stress_of,
 )
 from fem.static.linear_step.grid_block import windows
+from fem.static.solve import StaticOptions
 from geometry.files.mesh_io import write_lagrange_cells
 from geometry.mesh import FloatArray
 from geometry.meshing.charts import Places
 from geometry.meshing.refinement import charts_of
 from tests.support.blocks import random_rotation
 from tests.support.curved_blocks import CONCRETE, block, curved
+from tests.support.face import by_options
 
 GRADIENT = 1e-4 * np.array([[1.0, 0.3, -0.2], [0.1, -0.5, 0.4], [0.0, 0.2, 0.7]])
 
@@ -155,7 +156,7 @@ def test_the_upper_layer_is_the_lower_one_turned() -> None:
     Both are computed; the same states up to the residual of Newton's method, 1e-9 of u.
     """
     options = StaticOptions(tolerance=1e-10)
-    found = solve_static(curved(2, 2), options, error_bars=False)
+    found = by_options(curved(2, 2), options)
     points, layer, u = found.points, found.layer_of_point, found.fields["displacement"]
     lower, upper = np.flatnonzero(layer == 1), np.flatnonzero(layer == 2)
     middle = 0.5 * (points[lower, 2].mean() + points[upper, 2].mean())

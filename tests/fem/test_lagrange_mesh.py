@@ -13,10 +13,11 @@ from scipy.spatial import cKDTree
 
 from fem import (
     CoulombFriction,
+    Explicit,
     LinearPenalty,
     Material,
     Problem,
-    StaticOptions,
+    Static,
     solve_explicit,
     solve_static,
 )
@@ -30,7 +31,7 @@ from fem.decks.write import write_deck
 from fem.element.lagrange_mesh import LagrangeMesh, in_pieces, with_degree
 from fem.problem.loads import pressure_forces
 from fem.problem.model import block_group, lumped_mass
-from fem.static.solve import StaticMethod
+from fem.static.solve import StaticMethod, StaticOptions
 from geometry.block import Block
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.families.hexagon_block import (
@@ -43,10 +44,10 @@ from tests.support.blocks import tsb
 from tests.support.face import (
     InputError,
     build_deck,
+    by_options,
     calculix_available,
-    estimated_errors,
+    on_mesh,
     run_calculix,
-    run_static,
     scene_problem,
 )
 from tests.support.fem_problems import (
@@ -176,7 +177,7 @@ def test_a_column_under_uniform_pressure_is_exact(degree: int) -> None:
     Forces that the iteration leaves are 1e-12 of the load, a node's share of it is a hundredth.
     """
     problem, options = column(degree, clearance=0.01), StaticOptions(tolerance=1e-12)
-    answer = solve_static(problem, options, mesh="scene", error_bars=False)
+    answer = by_options(problem, options)
     found = answer.details
     top = found.deformable.deformable_blocks[-1]
     u = found.group_displacements[0][found.deformable.copy_of[top]]
@@ -198,7 +199,7 @@ def test_friction_carries_what_equilibrium_asks(degree: int) -> None:
     stick = CoulombFriction(0.9, stick_stiffness=50.0)
     problem = column(degree, friction=stick, gravity=[sideways, 0.0, 0.0])
     options = StaticOptions(load_steps=1, tolerance=1e-10)
-    found = solve_static(problem, options, mesh="scene", error_bars=False).details
+    found = by_options(problem, options).details
     surfaces = found.deformable.surfaces
     on_m, on_s = np.split(
         corner_displacements(found.deformable, found.group_displacements), 2, axis=1
@@ -227,9 +228,9 @@ def test_solvers_agree_on_a_pressure_that_is_not_resolved() -> None:
     settings = ("contact.clearance=0.2", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
     settings += ("assembly.layers=1",)
     problem = replace(stated("tsb1-pipe", *settings), degree=2, normals=ContactNormals.REFERENCE)
-    found = solve_static(problem, error_bars=False).details
+    found = solve_static(problem, Static(error_estimate=False)).details
     sparse = StaticOptions(method=StaticMethod.SPARSE)
-    other = solve_static(problem, sparse, error_bars=False).details
+    other = by_options(problem, sparse).details
     peak, same = (
         largest_pressure(f.deformable, problem.law, f.contact_state) for f in (found, other)
     )
@@ -248,13 +249,13 @@ def test_sector_and_sparse_oracle_agree(friction: float | None) -> None:
     problem = replace(stated("tsb1-shaft", *coarse, "assembly.layers=1"), degree=2)
     problem = replace(problem, friction=friction)
     steps = 2 if friction is None else 1
-    found = solve_static(problem, StaticOptions(load_steps=steps), error_bars=False)
+    found = solve_static(problem, Static(load_steps=steps, error_estimate=False))
     assert found.report["symmetry"] == 4
     options = [StaticOptions(load_steps=steps, symmetry=1)]
     if friction is None:
         options.append(StaticOptions(load_steps=steps, method=StaticMethod.SPARSE))
     for each in options:
-        other = solve_static(problem, each, error_bars=False)
+        other = by_options(problem, each)
         assert relative(other.fields["displacement"], found.fields["displacement"]) < 1e-5
         assert relative(other.contacts["pressure"], found.contacts["pressure"]) < 1e-5
 
@@ -275,7 +276,7 @@ def test_few_quadratic_elements_beat_eight_times_as_many_trilinear_ones(name: st
 
     def moved(degree: int, *settings: str) -> float:
         problem = replace(stated(name, *settings, *less), degree=degree)
-        return solve_static(problem, mesh="scene", error_bars=False)["u"].value
+        return solve_static(problem, Static(mesh="scene", error_estimate=False))["u"].value
 
     reference = moved(4, *coarse)
     assert abs(moved(2, *coarse) - reference) < abs(moved(1, *fine) - reference)
@@ -287,21 +288,22 @@ def test_error_bars_hold_the_next_degree() -> None:
     A value that is printed as not resolved promises nothing.
     """
     settings = ("mesh.edge=2", "mesh.radial=2", "assembly.layers=1", "fem.method='static'")
-    run = run_static("hexagons", deformable("thb0-tunnel", *settings, "fem.degree=2"))
-    finer = run_static("hexagons", deformable("thb0-tunnel", *settings, "fem.degree=3"))
-    errors = estimated_errors(run)
-    assert errors.keys() == run.answer.measures.keys()
+    scene = deformable("thb0-tunnel", *settings, "fem.degree=2")
+    run = on_mesh(scene, "hexagons", "static", error_estimate=True)
+    finer = on_mesh(deformable("thb0-tunnel", *settings, "fem.degree=3"), "hexagons", "static")
+    errors = {name: measure.error for name, measure in run.measures.items()}
+    assert None not in errors.values()
     missed = [
         name
-        for name, measure in run.answer.measures.items()
-        if measure.resolved and abs(measure.value - finer.answer[name].value) > errors[name]
+        for name, measure in run.measures.items()
+        if measure.resolved and abs(measure.value - finer[name].value) > errors[name]
     ]
     assert len(missed) <= 1, missed
 
 
 def test_explicit_runs_of_higher_degree_are_refused_by_name() -> None:
     with pytest.raises(ProblemError, match="degree: got 2; explicit runs have"):
-        solve_explicit(column(2))
+        solve_explicit(column(2), Explicit(error_estimate=False, static_reference=False))
 
 
 def test_a_block_keeps_its_corners() -> None:

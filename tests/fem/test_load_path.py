@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem import CoulombFriction, StaticOptions
+from fem import CoulombFriction
+from fem.accuracy import friction_range
+from fem.accuracy.one_mesh import static_solution
 from fem.measures import load_step_change
 from fem.static.result import (
     LOAD_TOLERANCE,
@@ -15,8 +17,8 @@ from fem.static.result import (
     path_change,
     refined,
 )
-from fem.static.solve import solve_static
-from tests.support.face import InputError, friction_set, run_static
+from fem.static.solve import StaticOptions, solve_static
+from tests.support.face import on_mesh
 from tests.support.pressed_pipe import pipe, sheared_column
 from tests.support.sliding_plate import plate
 
@@ -106,29 +108,30 @@ def test_ways_that_do_not_end_at_the_load_are_refused(path):
         StaticOptions(load_path=path)
 
 
-def test_the_answer_names_its_member_and_the_width():
+def test_the_answer_names_its_member_and_the_width(monkeypatch):
     """A plate under gravity that leans by 0.8 of the angle of friction sticks: its answer is that
     of the load alone, to the residual of 1e-8, tenfold by the softest motion. Where half as much
     more is not carried there is no other end, and the reason is said."""
-    run = run_static("plate", plate("static"))
-    found = friction_set(run)
-    assert f"monotonic loading in {run.solution.static.load_steps} steps" in found.member
-    assert set(found.change) == set(found.width) == set(run.answer.measures)
+    run = on_mesh(plate("static"), "plate", "static", error_estimate=True)
+    found = run.parts["friction"]
+    assert f"monotonic loading in {run.details.static.load_steps} steps" in found.member
+    assert set(found.change) == set(found.width) == set(run.measures)
     assert max(found.change.values()) < 1e-6
     assert np.abs(list(found.width.values())).max() < 1e-6
 
-    def carries_no_more(name, scene, load_path=None):
-        if load_path is not None:
-            raise InputError("too much")
-        return run_static(name, scene)
+    def carries_no_more(deformable, options, **more):
+        if options.load_path is not None:
+            raise StaticError("too much")
+        return static_solution(deformable, options, **more)
 
-    refused = friction_set(run, carries_no_more)
-    assert not refused.width
-    assert "too much" in refused.remark
-    assert replace(run, friction=refused).answer.as_dict()["friction"]["past_and_back"] == {}
+    monkeypatch.setattr(friction_range, "static_solution", carries_no_more)
+    refused = on_mesh(plate("static"), "plate", "static", error_estimate=True)
+    assert not refused.parts["friction"].width
+    assert "too much" in refused.parts["friction"].remark
+    assert refused.as_dict()["friction"]["past_and_back"] == {}
 
 
 def test_without_friction_there_is_no_set():
-    run = run_static("plate", plate("static", rough=False))
-    assert friction_set(run) is None
-    assert load_step_change(run.solution) == {}
+    run = on_mesh(plate("static", rough=False), "plate", "static", error_estimate=True)
+    assert "friction" not in run.parts
+    assert load_step_change(run.details) == {}

@@ -16,11 +16,10 @@ import fem
 import geometry
 import mbd
 import validation
-from fem import Frames, Material, Problem, concrete, solve_explicit, solve_static
+from fem import Explicit, Frames, Material, Problem, Static, concrete, solve_explicit, solve_static
 from fem.answer import answer_of
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.statement import ProblemError
-from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
 from geometry import (
     Answer,
     Assembly,
@@ -40,7 +39,7 @@ from geometry.errors import RefusedError
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import LoadCase, PressureLoad, face_pressure
 from mbd import Rigid, analyse
-from tests.support.face import run_static
+from tests.support.face import on_mesh
 from tests.support.shapes import SHAPE
 from validation import load_case
 
@@ -52,7 +51,7 @@ def problem() -> Problem:
 
 @pytest.fixture(scope="module")
 def static(problem) -> Answer:
-    return solve_static(problem, mesh="scene", error_bars=False)
+    return solve_static(problem, Static(mesh="scene", error_estimate=False))
 
 
 def test_shapes_are_those_that_are_documented(problem, static) -> None:
@@ -200,13 +199,13 @@ def test_three_answers_are_those_of_the_scene(problem, static) -> None:
     pressures follow forces with a gain of some ten."""
     settings = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=2")
     scene = load_case("tsb1-pipe", settings).scene
-    run = run_static("scene", scene)  # type: ignore[arg-type]
+    run = on_mesh(scene, "scene", "static")  # type: ignore[arg-type]
     pressures = static.contacts["pressure"]
-    assert np.array_equal(run.solution.contact_state.pressures, pressures)
-    assert {name: m.value for name, m in run.answer.measures.items()} == {
+    assert np.array_equal(run.details.contact_state.pressures, pressures)
+    assert {name: m.value for name, m in run.measures.items()} == {
         name: m.value for name, m in static.measures.items()
     }
-    explicit = solve_explicit(problem)
+    explicit = solve_explicit(problem, Explicit(error_estimate=False, static_reference=False))
     assert explicit.method == "explicit"
     assert explicit.report["residual"] <= 1e-4
     difference = np.abs(explicit.contacts["pressure"] - pressures)
@@ -274,7 +273,7 @@ def test_measures_over_the_facets_of_another_mesh(problem, static) -> None:
 def test_all_three_carry_the_weight(problem) -> None:
     """Gravity stated once moves all answers; the rigid one by the weight of the free blocks."""
     heavy = replace(problem, gravity=(0.0, 0.0, -9.81e5))
-    on_its_mesh = partial(solve_static, mesh="scene", error_bars=False)
+    on_its_mesh = partial(solve_static, method=Static(mesh="scene", error_estimate=False))
     weight = heavy.rigid_load.body_wrenches
     mass = concrete.density * problem.blocks.volumes
     assert np.allclose(weight[:, 2], -9.81e5 * mass, rtol=1e-14)
@@ -285,9 +284,11 @@ def test_all_three_carry_the_weight(problem) -> None:
 
 
 def test_damping_is_a_matter_of_the_run(problem) -> None:
-    paper = Effects(rayleigh=RayleighDamping(2.0, 1e-8), bulk_viscosity=BulkViscosity())
-    short = solve_explicit(problem, damping=paper, end_time=1e-5, ramp_time=0.0)
-    free = solve_explicit(problem, damping=None, end_time=1e-5, ramp_time=0.0)
+    paper = Explicit(damping="paper", end_time=1e-5, ramp_time=0.0, error_estimate=False)
+    short = solve_explicit(problem, paper)
+    free = solve_explicit(
+        problem, Explicit(damping="none", end_time=1e-5, ramp_time=0.0, error_estimate=False)
+    )
     moved = [answer.fields["displacement"] for answer in (short, free)]
     assert not np.array_equal(*moved)
 

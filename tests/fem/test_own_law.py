@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from fem import (
+    Explicit,
     ExponentialLaw,
     LinearPenalty,
     Problem,
+    Static,
     TabularLaw,
     concrete,
     solve_explicit,
@@ -58,7 +60,7 @@ def test_what_follows_from_two_methods_is_what_the_built_in_law_says() -> None:
 def test_an_own_law_gives_the_answer_of_the_built_in_one(problem) -> None:
     """The same law: both answers have a residual of 1e-8, pressures a gain below 1e2."""
     answers = [
-        solve_static(replace(problem, law=law), mesh="scene", error_bars=False)
+        solve_static(replace(problem, law=law), Static(mesh="scene", error_estimate=False))
         for law in (Exponential(), problem.law)
     ]
     own, built_in = (answer.contacts["pressure"] for answer in answers)
@@ -73,7 +75,7 @@ def test_a_table_of_two_points_is_the_linear_law(problem) -> None:
     pressures = np.linspace(0.0, 3.0, 20)
     assert np.allclose(table.overclosure(pressures), linear.overclosure(pressures), rtol=1e-13)
     answers = [
-        solve_static(replace(problem, law=law), mesh="scene", error_bars=False)
+        solve_static(replace(problem, law=law), Static(mesh="scene", error_estimate=False))
         for law in (table, linear)
     ]
     first, second = (answer.contacts["pressure"] for answer in answers)
@@ -91,7 +93,7 @@ def test_a_fine_table_tends_to_its_curve(problem) -> None:
     energy = table.stored_energy(between) - curve.stored_energy(between)
     assert np.abs(energy).max() < 1e-2 * 1.01 * bound
     answers = [
-        solve_static(replace(problem, law=law), mesh="scene", error_bars=False)
+        solve_static(replace(problem, law=law), Static(mesh="scene", error_estimate=False))
         for law in (table, curve)
     ]
     largest = [answer["p_max_facet"].value for answer in answers]
@@ -102,7 +104,9 @@ def test_a_fine_table_tends_to_its_curve(problem) -> None:
 def test_explicit_runs_name_the_laws_that_they_take(problem, law) -> None:
     words = "compiled loops of explicit runs take ExponentialLaw or LinearPenalty"
     with pytest.raises(ContactLawError, match=words):
-        solve_explicit(replace(problem, law=law))
+        solve_explicit(
+            replace(problem, law=law), Explicit(error_estimate=False, static_reference=False)
+        )
 
 
 class Wrong(Exponential):

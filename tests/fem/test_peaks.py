@@ -9,17 +9,17 @@ from fem.assembly.peaks import ball_averages, joint_forces, largest_pressure, st
 from fem.contact.surfaces import ContactNormals, corner_overclosures, point_kinematics
 from fem.element.facet import FACET_VALUES
 from fem.element.stress import integration_points
-from geometry import Measure
-from tests.support.face import DeformableRun, build_deformable, print_run, run_static
+from geometry import Answer, Measure
+from tests.support.face import on_mesh, print_run, scene_problem
 from tests.support.own_blocks import column
 
 PRESSURE = 0.5
 
 
 @pytest.fixture(scope="module")
-def pressed() -> DeformableRun:
+def pressed() -> Answer:
     """Three boxes of 100 × 80 mm under 0.5 MPa: uniaxial stress, the same pressure everywhere."""
-    return run_static("column", column(PRESSURE))
+    return on_mesh(column(PRESSURE), "column", "static")
 
 
 @pytest.mark.parametrize("normals", ContactNormals)
@@ -29,7 +29,7 @@ def test_overclosures_at_corners_are_those_of_the_surfaces(normals: ContactNorma
     Corners are moved along the normal alone, alike on both sides of a facet but for a gap that
     differs from corner to corner by less than 1e-9 of a side.
     """
-    surfaces = build_deformable(column(PRESSURE), "column").surfaces
+    surfaces = scene_problem(column(PRESSURE), "column").deformable.surfaces
     rng = np.random.default_rng(1)
     gap = 1e-8 * rng.standard_normal((surfaces.n_facets, 4))
     moved = np.zeros((surfaces.n_facets, 8, 3))
@@ -41,15 +41,15 @@ def test_overclosures_at_corners_are_those_of_the_surfaces(normals: ContactNorma
     assert np.abs(found @ FACET_VALUES.T - at_points).max() < 1e-13
 
 
-def test_a_uniform_state_is_its_own_peak(pressed: DeformableRun) -> None:
-    found = pressed.answer.measures
+def test_a_uniform_state_is_its_own_peak(pressed: Answer) -> None:
+    found = pressed.measures
     # The static residual is 1e-8 of the load; a joint is as stiff as the boxes within tenfold.
     assert found["p_max_point"].value == pytest.approx(PRESSURE, rel=1e-6)
     assert found["p_max"].value == pytest.approx(PRESSURE, rel=1e-6)
     assert found["sigma_3_min"].value == pytest.approx(-PRESSURE, rel=1e-6)
     assert abs(found["sigma_1_max"].value) < 1e-6 * PRESSURE
     assert abs(found["sigma_1_averaged"].value) < 1e-6 * PRESSURE
-    assert found["max_displacement"].value == pressed.solution.largest_displacement
+    assert found["max_displacement"].value == pressed.details.largest_displacement
     where = found["max_displacement"].place
     assert where is not None
     assert where["blocks"] == [2]
@@ -57,8 +57,8 @@ def test_a_uniform_state_is_its_own_peak(pressed: DeformableRun) -> None:
     assert where["face"] == "z+"
 
 
-def test_joints_carry_the_load(pressed: DeformableRun) -> None:
-    joints = joint_forces(pressed.solution.contact_state)
+def test_joints_carry_the_load(pressed: Answer) -> None:
+    joints = joint_forces(pressed.details.contact_state)
     assert joints.block_m.tolist() == [0, 1]
     assert joints.block_s.tolist() == [1, 2]
     # On the upper block: up, with the whole load; no moment about the middle of the joint.
@@ -67,9 +67,9 @@ def test_joints_carry_the_load(pressed: DeformableRun) -> None:
     assert np.abs(joints.moments).max() < 4000.0 * 100.0 * 1e-6
 
 
-def test_balls_average_over_the_part_in_the_block(pressed: DeformableRun) -> None:
+def test_balls_average_over_the_part_in_the_block(pressed: Answer) -> None:
     """A constant stays; a linear field becomes its value at the ball's part in the block."""
-    group = pressed.solution.deformable.model.groups[0]
+    group = pressed.details.deformable.model.groups[0]
     points = integration_points(group.mesh, group.element)
     for radius in (1.0, 20.0, 60.0, 1e3):
         balls = ball_averages(group, points, radius)
@@ -90,7 +90,7 @@ def test_a_bent_block_is_torn_where_it_bends_most() -> None:
     Full integration sees the strain of the corner displacements exactly in the quadratic field's
     own x-direction: σ_xx at a Gauss point is E times the mean slope between its element's corners.
     """
-    deformable = build_deformable(column(PRESSURE), "column")
+    deformable = scene_problem(column(PRESSURE), "column").deformable
     group, radius = deformable.model.groups[0], 1e6
     shape = [(g.n_copies, g.n_nodes, 3) for g in deformable.model.groups]
     displacements = tuple(np.zeros(s) for s in shape)
@@ -110,7 +110,7 @@ def test_a_bent_block_is_torn_where_it_bends_most() -> None:
 
 def test_no_mean_is_above_the_largest_tension() -> None:
     """Tension that grows towards one corner: Gauss points of large elements are far from it."""
-    deformable = build_deformable(column(PRESSURE).changed({"fem.degree": 2}), "column")
+    deformable = scene_problem(column(PRESSURE).changed({"fem.degree": 2}), "column").deformable
     x = [g.mesh.nodes for g in deformable.model.groups]
     along = [1e-9 * np.prod(nodes**2, axis=1)[:, None] * [1.0, 0.0, 0.0] for nodes in x]
     displacements = tuple(
@@ -123,7 +123,7 @@ def test_no_mean_is_above_the_largest_tension() -> None:
 
 def test_pressure_peaks_at_the_corner_that_is_pressed_most() -> None:
     """A block turned about one edge: the gap is linear, so the law is known at the far corners."""
-    deformable = build_deformable(column(PRESSURE), "column")
+    deformable = scene_problem(column(PRESSURE), "column").deformable
     turn = 1e-4
     displacements = tuple(np.zeros((g.n_copies, g.n_nodes, 3)) for g in deformable.model.groups)
     for block in (1, 2):
@@ -155,7 +155,7 @@ def test_values_print_the_digits_their_error_leaves() -> None:
     assert wide == "not resolved on this mesh: 1.2 MPa ± 324 %"
 
 
-def test_places_are_printed(pressed: DeformableRun, capsys: pytest.CaptureFixture[str]) -> None:
+def test_places_are_printed(pressed: Answer, capsys: pytest.CaptureFixture[str]) -> None:
     from rich.console import Console
 
     print_run(pressed, Console(width=300))

@@ -13,14 +13,13 @@ from fem import (
     Frames,
     LinearPenalty,
     Material,
-    StaticOptions,
 )
 from fem.assembly.contact_state import contact_measures
 from fem.assembly.symmetry import SymmetryError
 from fem.contact.surfaces import ContactNormals
 from fem.static.linear_step import condensed as flexibility
 from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.solve import StaticError, StaticMethod, solve_static
+from fem.static.solve import StaticError, StaticMethod, StaticOptions, solve_static
 from geometry.assembly import moved, renumbered
 from geometry.loads import LoadCase, PressureLoad, named_case
 from geometry.mesh import HexMesh

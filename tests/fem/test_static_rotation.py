@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fem import CoulombFriction, Frames, LinearPenalty, Material, StaticOptions, solve
+from fem import CoulombFriction, Frames, LinearPenalty, Material, solve
 from fem.explicit.setup.assembly import explicit_assembly
 from fem.explicit.setup.quasi_static import recommended_times
 from fem.explicit.solve import StopCriterion
@@ -16,7 +16,7 @@ from fem.problem.recovery import block_displacements, turned_rigidly
 from fem.static import rotation
 from fem.static.result import StaticError
 from fem.static.rotation import solve_static_with_rotation
-from fem.static.solve import solve_static
+from fem.static.solve import StaticOptions, solve_static
 from geometry import HexagonBlock as HexagonBlockParameters
 from geometry import SineBlock as SineBlockParameters
 from geometry.families.boxes import ColumnBox, box_column

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem import CoulombFriction, Frames, LinearPenalty, StaticOptions
+from fem import CoulombFriction, Frames, LinearPenalty
 from fem.contact.surfaces import ContactNormals
 from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.model import fixed_nodes
-from fem.static.solve import StaticMethod, solve_static
+from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import face_pressure
 from tests.support.fem_problems import deformable_assembly

@@ -300,13 +300,13 @@ finally:
 def test_a_static_solution_in_python_loads_no_compiler() -> None:
     script = """
 import sys
-from fem import Problem, concrete, solve_static
+from fem import Problem, Static, concrete, solve_static
 from geometry import SineBlock, pipe, tube
 block = SineBlock(
     height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
 )
 problem = Problem(tube(block, layers=1, mesh=(12, 1, 4)), pipe(0.01), concrete)
-answer = solve_static(problem, accuracy={"u": 0.5})
+answer = solve_static(problem, Static(accuracy={"u": 0.5}))
 assert answer.as_dict()["measures"]["p_max"]["error"] > 0.0
 assert not {"numba", "llvmlite"} & set(sys.modules)
 """

@@ -15,12 +15,13 @@ from fem import (
     LinearPenalty,
     Material,
     Problem,
-    StaticOptions,
+    Static,
     concrete,
     solve_explicit,
     solve_static,
     write_deck,
 )
+from fem.static.solve import StaticOptions
 from geometry import SineBlock, pipe, tube
 from geometry.errors import RefusedError
 from mbd import analyse
@@ -174,4 +175,4 @@ def test_what_is_no_answer_no_scene_and_no_problem() -> None:
 def test_accuracies(accuracy: Any) -> None:
     problem = Problem(built(), pipe(0.01), concrete)
     with pytest.raises(RefusedError, match=r"accuracy: got .*; expected "):
-        solve_static(problem, accuracy=accuracy)
+        solve_static(problem, Static(accuracy=accuracy))

@@ -235,7 +235,7 @@ def test_other_sites_do_not_reach_the_server() -> None:
 
 
 def test_the_deformable_answer_comes_from_another_process(monkeypatch) -> None:
-    from tests.support.face import drawn, run_as_asked
+    from tests.support.face import drawn
     from tests.support.face import explore_deformable as solve_deformable
 
     monkeypatch.setattr(signal, "signal", lambda *_: None)
@@ -247,7 +247,7 @@ def test_the_deformable_answer_comes_from_another_process(monkeypatch) -> None:
     *progress, (word, shown) = map(pickle.loads, sent)
     assert all(kind == "progress" for kind, _ in progress)
     assert word == "done"
-    own = run_as_asked(file.name, file.scene, {}).answer
+    own = solve(file)
     assert shown.facts["measures"] == measure_rows(own.measures)
     assert drawn(shown, {})["picture"] != drawn(shown, {"azimuth": 90.0})["picture"]
     solve_deformable(connection, file.name, {"block": {"type": "sine"}}, ".")

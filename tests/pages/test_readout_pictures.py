@@ -13,8 +13,8 @@ from tests.support.face import (
     arrow_parts,
     crosses,
     draw_directions,
+    on_mesh,
     rgb,
-    run_static,
     stress_scale,
     stresses_of,
 )
@@ -35,7 +35,7 @@ def bar(traction: float, *, mises: bool = False):
     }
     file = load_case("cantilever", settings)
     scene = file.scene.changed({"load": {"x+": {"traction": [traction, 0.0, 0.0]}}})
-    return run_static("bar", scene)
+    return on_mesh(scene, "bar", "static")
 
 
 def test_arrows_are_along_the_pull_and_of_its_size() -> None:

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.face import DeformableScene, InputError, RefusedError, check_request
+from tests.support.face import InputError, RefusedError, _requested
 from tests.support.wrong_input import PLACES, kind_of
-from validation import load_case
+from validation import Case, load_case
 
 pytestmark = pytest.mark.quick
 
@@ -43,10 +43,8 @@ def test_a_key_that_lacks_a_letter_is_answered_with_the_key(
 
 
 @cache
-def tube(auto: float | None) -> DeformableScene:
-    scene = load_case("tsb1-pipe", [] if auto is None else [f"effects.auto={auto}"]).scene
-    assert isinstance(scene, DeformableScene)
-    return scene
+def tube(auto: float | None) -> Case:
+    return load_case("tsb1-pipe", [] if auto is None else [f"effects.auto={auto}"])
 
 
 @given(auto=st.sampled_from([None, 0.001, 0.01, 0.05]), share=st.floats(1e-4, 0.5))
@@ -56,7 +54,7 @@ def test_no_bar_is_promised_below_what_left_out_effects_change(
 ) -> None:
     targets = {"max_displacement": 0.9, "p_eff": share}
     if auto is None or auto <= share:
-        check_request("tube", tube(auto), targets)
+        _requested(tube(auto), targets, None, None, reference=True)
         return
     with pytest.raises(InputError, match=r"got p_eff=.*expected --auto of at most"):
-        check_request("tube", tube(auto), targets)
+        _requested(tube(auto), targets, None, None, reference=True)

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from fem import ExponentialLaw, Material, StaticOptions
+from fem import ExponentialLaw, Material
 from geometry import Assembly
 from mbd import block_wrenches, contact_jacobian, rigid_result
 from tests.support.face import STABILITY_CONCRETE as CONCRETE
@@ -24,6 +24,7 @@ from tests.support.face import (
     OctahedraLayer,
     PolyhedralAssembly,
     RunningBondWall,
+    StaticOptions,
     TetrahedraLayer,
     builtin_names,
     frictional_contacts,

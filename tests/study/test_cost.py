@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from fem import ElementType
+from geometry import Answer
 from mbd import Norm
 from tests.support.face import (
     LADDER,
@@ -24,7 +25,6 @@ from tests.support.face import (
     CostPlan,
     CostSetting,
     CostStore,
-    DeformableRun,
     Flavour,
     FloatArray,
     InputError,
@@ -51,13 +51,13 @@ from tests.support.face import (
     measured_answer,
     measurement_key,
     observed_order,
+    on_mesh,
     overlap,
     pareto_front,
     partition_pressures,
     quick_plan,
     richardson,
     rigid_setting,
-    run_static,
     scene_case,
     static_setting,
     with_setting,
@@ -428,27 +428,27 @@ def test_what_calculix_prints_is_measured_as_our_own_answer() -> None:
         tube(), base_mesh(tube(), "a"), static_setting(ElementType.INCOMPATIBLE, 1)
     )
     deck = build_deck(scene_case(name="a", scene=scene), Flavour.CALCULIX)
-    ours = run_static("a", scene)
+    ours = on_mesh(scene, "a", "static")
     nodes = np.concatenate([ours_of(ours, block) for block in range(deck.assembly.n_blocks)])
     every = np.arange(len(nodes))
     printed = CalculixResult(nodes, every, np.zeros_like(every), np.full(len(nodes), 0.3), {}, 1.0)
     found = measured_answer(deck, printed)
     for quantity in ("max_displacement", "sigma_1_averaged"):
         # Places of blocks are rounded to 14 digits in a deck, and the solver stops at 1e-10.
-        assert found.scalars[quantity] == pytest.approx(ours.answer[quantity].value, rel=1e-8)
+        assert found.scalars[quantity] == pytest.approx(ours[quantity].value, rel=1e-8)
     # Uniform nodal pressures are uniform on facets, and so are the paper's means of them.
     np.testing.assert_allclose(found.pressures, 0.3, rtol=1e-14)
     assert found.scalars["p_max_point"] == 0.3
     assert found.scalars["p_eff"] == pytest.approx(0.3, rel=1e-12)
-    assert np.array_equal(np.sort(found.contacts), np.sort(ours.solution.contact_state.matched))
+    assert np.array_equal(np.sort(found.contacts), np.sort(ours.details.contact_state.matched))
 
 
-def ours_of(run: DeformableRun, block: int) -> FloatArray:
+def ours_of(run: Answer, block: int) -> FloatArray:
     """Displacements of a block; none where it is held."""
-    deformable = run.solution.deformable
+    deformable = run.details.deformable
     if deformable.group_of[block] < 0:
         return np.zeros_like(deformable.assembly.shape(block).mesh.nodes)
-    return run.solution.displacement(block)
+    return run.details.displacement(block)
 
 
 @pytest.mark.skipif(not calculix_available(), reason="ccx is not installed")

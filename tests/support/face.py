@@ -41,6 +41,36 @@ def solved(
     return solve(asked if method is None else asked.with_method(method))
 
 
+def on_mesh(
+    stated: Any,
+    name: str = "scene",
+    method: str | None = None,
+    *,
+    error_estimate: bool = False,
+    **follow: Any,
+) -> Answer:
+    """Answer of a case, or of a scene by its name, on its mesh, without what else takes time."""
+    from validation import solve
+    from validation.case import scene_case
+
+    case = scene_case(stated, name) if hasattr(stated, "fem") else stated
+    if method is not None:
+        case = case.with_method(method)
+    fast: dict[str, Any] = {"error_estimate": error_estimate}
+    fast |= {"mesh": "scene"} if case.scene.fem.method == "static" else {"static_reference": False}
+    return solve(case.stating(case.scene.changed({"fem": fast})), **follow)
+
+
+def by_options(problem: Any, options: Any) -> Answer:
+    """Static answer on the mesh of a problem, by options of the solver that no scene has."""
+    from fem.accuracy.one_mesh import static_solution
+    from fem.answer import answer_of
+
+    turning = problem.finite_rotation
+    solution = static_solution(problem.deformable, options, finite_rotation=turning)
+    return answer_of(solution, problem=problem)
+
+
 def rejected(stated: str | Path, settings: Settings = (), *, method: str | None = None) -> str:
     """The one line that rejects a case, when it is read or when it is solved."""
     from geometry.errors import RefusedError
@@ -87,7 +117,7 @@ def _text(stream: io.TextIOWrapper) -> str:
 
 _INNER = {
     "fem.accuracy.converge": (
-        "LEAST_MESHES MOST_WORK TARGETS bars_of climbed converge growing is_reached relative unmet"
+        "LEAST_MESHES MOST_WORK TARGETS bars_of climbed converge growing is_reached"
     ),
     "fem.accuracy.errors": "OF_SEQUENCES SAFETY error_bar sequence_bar",
     "fem.accuracy.facets": "pressures_on_facets",
@@ -96,6 +126,9 @@ _INNER = {
         "coarser fineness graded_to_both_ends graded_to_one_end ladder_for on_mesh on_rung split"
     ),
     "fem.accuracy.one_mesh": "accuracy_one_mesh_module=* static_solution",
+    "fem.accuracy.friction_range": "PAST_AND_BACK",
+    "fem.accuracy.parts": "FrictionSet relative unmet",
+    "fem.accuracy.statics": "accuracy_statics_module=* static_options",
     "fem.accuracy.strength": "_BoundError _scaled_until",
     "fem.accuracy.transfer": "interpolation node_places transferred",
     "fem.assembly.contact_state": "contact_measures corner_displacements facing_points",
@@ -107,6 +140,7 @@ _INNER = {
     "fem.contact.facet_peaks": "LARGEST_FACTOR facet_peaks",
     "fem.contact.law": "ContactLaw",
     "fem.contact.surfaces": "ContactNormals corner_forces point_kinematics",
+    "fem.dynamics": "ramp_change stated_run",
     "fem.decks.keywords": "DeckError",
     "fem.decks.laws": "law_table",
     "fem.decks.model": "deck_assembly deck_model",
@@ -135,10 +169,13 @@ _INNER = {
     "fem.static.linear_step.grid_block": "PointFlexibility",
     "fem.static.newton": "static_newton_module=*",
     "fem.static.result": "StaticError StaticResult",
-    "fem.static.solve": "StaticMethod solve_deformable_static=solve_static static_solve_module=*",
+    "fem.static.solve": (
+        "StaticMethod StaticOptions solve_deformable_static=solve_static static_solve_module=*"
+    ),
     "geometry.answer": "Contacts WIDEST measure_rows",
     "geometry.assembly": "AnyBlocks AssemblyError PlacedBlocks",
     "geometry.block": "Block box_block mapped_block",
+    "geometry.compilation.stages": "stages summed",
     "geometry.errors": "RefusedError unreadable",
     "geometry.families.boxes": "BrickStack ColumnBox SeparateBoxes box_column",
     "geometry.families.hexagon_block": "HexagonBlockDivisions hexagon_block",
@@ -192,13 +229,13 @@ _INNER = {
     "validation.benchmarks.stopwatch": "best_cpu_seconds",
     "validation.build.blocks": "build_assembly build_blocks build_scene",
     "validation.build.deck": "build_deck",
-    "validation.build.deformable": "build_deformable build_effects fem_section scene_problem",
+    "validation.build.deformable": "fem_section scene_problem",
     "validation.build.polyhedra": "build_polyhedra motion",
     "validation.build.supports": "stated_load",
     "validation.case": "Case require_deformable scene_case with_auto",
     "validation.cli.app": "app main",
     "validation.cli.completion": "_keys",
-    "validation.cli.fem": "_targets",
+    "validation.cli.fem": "_requested parse_targets",
     "validation.cli.look": "explore",
     "validation.errors": "InputError",
     "validation.output.answer_files": "FILES output_answer_files_module=*",
@@ -220,7 +257,9 @@ _INNER = {
     ),
     "validation.output.pictures.look": "Look looking",
     "validation.output.pictures.polyhedra": "draw_polyhedra draw_polyhedral_mechanism",
-    "validation.output.pictures.scales": "BLUE Scale VERMILION scale_from_zero symmetric_scale",
+    "validation.output.pictures.scales": (
+        "BLUE Scale VERMILION drawing_scale scale_from_zero symmetric_scale"
+    ),
     "validation.output.pictures.sections": "picture_section=section",
     "validation.output.pictures.tubes": (
         "MISES pictures_tubes_module=* run_facets section_heights stress_scale stresses_of"
@@ -247,23 +286,13 @@ _INNER = {
     "validation.paper.reference": "reference",
     "validation.paper.report": "Extent report_evidence",
     "validation.paper.tables": "compute_tables",
-    "validation.run.accuracy": "check_request parse_targets",
-    "validation.run.deformable": "DeformableRun",
-    "validation.run.friction_path": "PAST_AND_BACK",
-    "validation.run.friction_set": "friction_set",
     "validation.run.held_by_faces": "faces_words require_held_by_faces",
     "validation.run.held_by_friction": "inside_words require_held_by_friction",
-    "validation.run.measures": "FrictionSet drawing_scale",
     "validation.paper.reading": (
         "SharedTubes ingredients paper_sensitivity=sensitivity to_the_digit"
     ),
     "validation.run.rigid.changed": "class_with_layers frame_warning layers_to_unlock",
     "validation.run.rigid.explosion": "explosion_json rigid_explosion_module=* run_explosion",
-    "validation.run.solve": (
-        "estimated_errors floating_words ramp_change run_as_asked run_converged run_explicit "
-        "run_scene run_solve_module=* run_static scene_statement static_options"
-    ),
-    "validation.run.stages": "stages summed",
     "validation.scene.builtin": "builtin_names builtin_text",
     "validation.scene.combinations": "combined",
     "validation.scene.deformable": "EffectName EffectsSection",
@@ -310,12 +339,10 @@ _INNER = {
     "validation.study.costs.study": "costs_study_module=*",
     "validation.study.design": "Row refuse_idle_parameters run_design",
     "validation.study.effects.auto": "EffectsDecision decide_effects without_effect",
-    "validation.study.effects.cell": "middle_answer",
+    "validation.run.cell": "middle_answer",
     "validation.study.effects.costs": "bare effect_costs",
     "validation.study.effects.limit": "effects_limit_module=*",
-    "validation.study.effects.probe": (
-        "Change EffectAnswer=Answer change effect_answer_of=answer_of"
-    ),
+    "validation.run.probe": ("Change EffectAnswer=Answer change effect_answer_of=answer_of"),
     "validation.study.optimisation.search": "Search worst_of",
     "validation.study.optimisation.statement": "Optimisation check_optimisation",
     "validation.study.picture": "check_axes study_figure",

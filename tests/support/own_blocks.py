@@ -23,7 +23,6 @@ clearance_at_zero_pressure = 1.0e-3
 pressure_at_zero_clearance = 1.0e-4
 [fem]
 method = "static"
-damping = "static"
 """
 
 
@@ -47,7 +46,7 @@ def column(pressure: float) -> DeformableScene:
             "load": {"pressure": pressure},
             "material": {"density": 2.4e-9, "young_modulus": 33e3, "poisson_ratio": 0.0},
             "contact": {"clearance_at_zero_pressure": 1e-3, "pressure_at_zero_clearance": 1e-4},
-            "fem": {"method": "static", "damping": "static"},
+            "fem": {"method": "static"},
         }
     )
     assert isinstance(scene, DeformableScene)

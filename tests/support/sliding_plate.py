@@ -19,7 +19,7 @@ def plate(method: str, damping: str = "static", *, rough: bool = True) -> Deform
             "load": {"pressure": 1e-6},
             "material": {"density": 2.4e-9, "young_modulus": 33e3, "poisson_ratio": 0.2},
             "contact": {"law": "linear", "stiffness": 200.0},
-            "fem": {"method": method, "damping": damping},
+            "fem": {"method": method} | ({"damping": damping} if method == "explicit" else {}),
             "effects": {
                 "gravity": [0.8 * 0.3 * GRAVITY if rough else 0.0, 0.0, -GRAVITY],
                 **friction,

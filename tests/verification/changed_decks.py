@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from fem import solve_static
+from fem import Static, solve_static
 from tests.support.cubes_deck import CUBES, changed, changed_lines
 from tests.support.face import (
     CalculixError,
@@ -41,7 +41,7 @@ def verdict(lines: list[str], folder: Path) -> str:
     """How CalculiX judges a deck that is accepted."""
     deck = deck_of_lines(lines, dialect=Dialect.CALCULIX)
     try:
-        answer = solve_static(deck.problem(), mesh="scene", error_bars=False)
+        answer = solve_static(deck.problem(), Static(mesh="scene", error_estimate=False))
     except RefusedError:
         return "accepted, no equilibrium"
     path = folder / "changed.inp"

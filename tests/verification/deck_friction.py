@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from fem import solve_static
+from fem import Static, solve_static
 from tests.support.face import FloatArray, deck_of_lines, run_calculix
 from tests.verification.deck_oracle import deck_nodes, difference, gradual, ours
 
@@ -62,7 +62,7 @@ def rows(finest: int = 16) -> Iterator[dict[str, Any]]:
     n = 4
     while n <= finest:
         deck = deck_of_lines(cube_lines(n))
-        answer = solve_static(deck.problem(), mesh="scene", error_bars=False)
+        answer = solve_static(deck.problem(), Static(mesh="scene", error_estimate=False))
         moved = ours(deck_nodes(deck), answer)
         place, area = answer.contacts["centroid"], answer.contacts["area"]
         pressure = answer.contacts["pressure"]

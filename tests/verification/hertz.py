@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fem import CoulombFriction, LinearPenalty, Material, Problem, StaticOptions
+from fem import CoulombFriction, LinearPenalty, Material, Problem
 from geometry import Assembly
 from tests.support.face import (
     Block,
@@ -34,6 +34,7 @@ from tests.support.face import (
     LoadCase,
     SmoothStepAmplitude,
     StaticMethod,
+    StaticOptions,
     StaticResult,
     Support,
     block_group,

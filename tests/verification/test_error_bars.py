@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fem import LinearPenalty, Problem, concrete, solve_static
+from fem import LinearPenalty, Problem, Static, concrete, solve_static
 from geometry import Answer, Assembly, Measure, SineBlock, pipe, shaft, tube
 from tests.support.face import (
     AT_AN_EDGE,
@@ -183,15 +183,15 @@ def test_hexahedra_of_ones_own_have_bars_from_a_finer_mesh() -> None:
     boxes = load_case("column").problem
     shapes = tuple(replace(shape, charts=None) for shape in boxes.blocks.shapes)
     own = on_mesh(boxes, shapes, 1)
-    found = solve_static(own, mesh="scene")
-    finer = solve_static(split(own, 3, 1), mesh="scene", error_bars=False)
+    found = solve_static(own, Static(mesh="scene"))
+    finer = solve_static(split(own, 3, 1), Static(mesh="scene", error_estimate=False))
     for name, measure in found.measures.items():
         assert measure.error is not None, name
         assert abs(finer[name].value - measure.value) < measure.error, name
 
 
 def test_boxes_have_bars_where_their_coarser_meshes_do_not_match() -> None:
-    found = solve_static(load_case("column").problem, mesh="scene")
+    found = solve_static(load_case("column").problem, Static(mesh="scene"))
     assert all(measure.error is not None for measure in found.measures.values())
 
 

@@ -9,12 +9,20 @@ law says where they land.
 """
 
 import time
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
 
-from fem import solve_static
-from tests.support.face import PAST_AND_BACK, load_step_change, run_explicit, run_static
+from fem import Static, solve_static
+from tests.support.face import (
+    PAST_AND_BACK,
+    by_options,
+    load_step_change,
+    on_mesh,
+    scene_case,
+    static_options,
+)
 from tests.verification.error_problems import PRESSED, exact_push, pushed_box
 from validation import load_case
 
@@ -50,11 +58,13 @@ def solved(load, friction, gap):
         ).scene
         for method in ("static", "explicit")
     )
+    case = scene_case(static, load)
+    options = static_options(case.problem, case.method)
     seconds, runs = [time.process_time()], []
     for run in (
-        lambda: run_static(load, static),
-        lambda: run_explicit(load, explicit),
-        lambda: run_static(load, static, load_path=PAST_AND_BACK),
+        lambda: on_mesh(static, load, "static"),
+        lambda: on_mesh(explicit, load, "explicit"),
+        lambda: by_options(case.problem, replace(options, load_path=PAST_AND_BACK)),
     ):
         runs.append(run())
         seconds.append(time.process_time())
@@ -66,15 +76,15 @@ def outside(runs, name):
 
     What half as many load steps change is no distance.
     """
-    direct, explicit, back = (run.answer[name].value for run in runs)
+    direct, explicit, back = (run[name].value for run in runs)
     low, high = sorted((direct, back))
-    steps = load_step_change(runs[0].solution).get(name, 0.0)
+    steps = load_step_change(runs[0].details).get(name, 0.0)
     return max(low - steps - explicit, explicit - high - steps, 0.0) / abs(direct)
 
 
 def changes(runs, k):
     """Explicit (1), or past and back (2), over static straight up, less one [-]."""
-    values = ({name: run.answer[name].value for name in MEASURES} for run in (runs[0], runs[k]))
+    values = ({name: run[name].value for name in MEASURES} for run in (runs[0], runs[k]))
     direct, other = values
     return {name: other[name] / direct[name] - 1.0 for name in MEASURES}
 
@@ -102,7 +112,7 @@ def test_a_box_that_is_pushed_sideways_sticks_by_the_closed_form():
 
     The solver leaves 1e-8 of the forces, and pressures follow the joint by its steep law.
     """
-    found = solve_static(pushed_box(), mesh="scene", error_bars=False)
+    found = solve_static(pushed_box(), Static(mesh="scene", error_estimate=False))
     for name, value in exact_push().items():
         scale = value if name == "max_displacement" else PRESSED
         assert abs(found[name].value - value) < 1e-5 * scale, name
@@ -114,8 +124,8 @@ def rows():
         runs, seconds = solved(load, friction, gap)
         row = {"TSB1, μ, gap [mm]": f"{load} {friction:g}" + (f", {gap:g}" if gap else "")}
         for name, word in MEASURES.items():
-            row[f"static {word}"] = runs[0].answer[name].value
+            row[f"static {word}"] = runs[0][name].value
             row[f"explicit {word} [%]"] = 100.0 * changes(runs, 1)[name]
             row[f"back {word} [%]"] = 100.0 * changes(runs, 2)[name]
-        row["load steps"] = runs[0].solution.static.load_steps
+        row["load steps"] = runs[0].details.static.load_steps
         yield row | {"CPU s": sum(seconds), "verdict": verdict(runs)}

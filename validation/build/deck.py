@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from fem.decks.placement import canonical
 from fem.decks.problem import (
     QUASI_STATIC_END,
@@ -27,7 +29,6 @@ from fem.problem.effects import Effects
 from geometry.assembly import Assembly
 from validation.build.cell import refuse_cell
 from validation.build.deformable import (
-    build_effects,
     build_hexahedra,
     build_problem,
     element_degree,
@@ -149,13 +150,13 @@ def _static_step(effects: EffectsSection) -> DeckStep:
 
 
 def _effects(scene: DeformableScene, *, static: bool) -> Effects:
-    section, damping = scene.effects, scene.damping
+    gravity = None if scene.effects.gravity is None else np.array(scene.effects.gravity)
     if static:
-        section = section.changed({"rayleigh": None, "bulk_viscosity": None})
-        damping = "none"
-    elif _quasi_static(scene):
-        damping = "paper"
-    built = build_effects(section, scene.fem, damping)
+        return Effects(gravity=gravity)
+    method = scene.in_time
+    if _quasi_static(scene):
+        method = replace(method, damping="paper")
+    built = method.effects(moves=scene.motion is not None, gravity=gravity)
     return Effects(
         rayleigh=built.rayleigh, bulk_viscosity=built.bulk_viscosity, gravity=built.gravity
     )

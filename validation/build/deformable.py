@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from fem.accuracy.converge import FAR_BEYOND, MOST_WORK, searched_points, searched_work
-from fem.assembly.deformable import DeformableAssembly, Frames
+from fem.accuracy.converge import usual_degree
+from fem.assembly.deformable import Frames
 from fem.assembly.section_forces import check_planes
 from fem.assembly.statement import Problem
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw
 from fem.contact.pair_laws import PairLaws
 from fem.contact.surfaces import ContactNormals
-from fem.decks.problem import PAPER_RAYLEIGH
-from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase
 from validation.build.blocks import build_blocks
@@ -26,7 +22,6 @@ from validation.build.sections import scene_planes
 from validation.build.supports import held_at_faces, stated_load
 from validation.errors import InputError, named
 from validation.scene.deformable import (
-    EffectsSection,
     FemSection,
     Method,
 )
@@ -94,29 +89,6 @@ def build_law(scene: DeformableScene, assembly: AnyBlocks, *, sliding: bool) -> 
     return PairLaws(law, of_pairs) if of_pairs else law
 
 
-def build_effects(section: EffectsSection, fem: FemSection, damping: str) -> Effects:
-    """Effects of a run; ``damping`` is that of `DeformableSections.damping`."""
-    if fem.mass_scaling is not None and section.gravity is not None:
-        raise InputError(
-            f"fem.mass_scaling: got {fem.mass_scaling:g} beside effects.gravity; added mass would "
-            "weigh: expected one of the two"
-        )
-    given, bulk = section.rayleigh, section.bulk_viscosity
-    rayleigh = None if given is None else RayleighDamping(**given.model_dump())
-    viscosity = None if bulk is None else BulkViscosity(**bulk.model_dump())
-    if damping == "paper":
-        rayleigh, viscosity = rayleigh or PAPER_RAYLEIGH, viscosity or BulkViscosity()
-    adaptive = AdaptiveMassDamping() if damping == "static" else None
-    gravity = None if section.gravity is None else np.array(section.gravity)
-    return Effects(
-        rayleigh=rayleigh,
-        bulk_viscosity=viscosity,
-        finite_rotation=section.finite_rotation,
-        gravity=gravity,
-        adaptive_mass_damping=adaptive,
-    )
-
-
 def build_hexahedra(scene: DeformableScene, name: str) -> LoadCase:
     """Build the load of a scene on its blocks, every one with hexahedra."""
     if scene.is_cell:
@@ -143,13 +115,10 @@ def element_degree(scene: DeformableScene, assembly: Assembly) -> int:
     The scene may state another, or a kind of elements of degree 1; explicit runs have degree 1, and
     so has general contact of so many facets that degree 2 takes minutes.
     """
-    split = any(shape.tetrahedra is not None for shape in assembly.shapes)
     stated = scene.fem.model_fields_set & {"degree", "element"}
-    if not split or stated or scene.fem.method is not Method.STATIC:
+    if stated or scene.fem.method is not Method.STATIC:
         return scene.fem.degree
-    friction = scene.effects.friction is not None
-    need = searched_work(searched_points(assembly, 2), friction=friction)
-    return 2 if need <= FAR_BEYOND * MOST_WORK else scene.fem.degree
+    return usual_degree(assembly, friction=scene.effects.friction is not None)
 
 
 def build_problem(scene: DeformableScene, name: str, load: LoadCase) -> Problem:
@@ -197,10 +166,3 @@ def scene_problem(scene: DeformableScene, name: str) -> Problem:
         if cut is not None:
             check_planes(problem.blocks, cut, ~problem.deforming)
         return problem
-
-
-def build_deformable(scene: DeformableScene, name: str) -> DeformableAssembly:
-    """Build the deformable blocks of a scene."""
-    problem = scene_problem(scene, name)
-    with named(name):
-        return problem.deformable

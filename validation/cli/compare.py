@@ -39,8 +39,7 @@ def compare(
     from validation.build.cell import refuse_cell
     from validation.calls import compare as compared
     from validation.case import load_case, require_deformable, with_auto
-    from validation.output.console import explicit_progress, status, told_of_compilation
-    from validation.run.accuracy import progress_words
+    from validation.output.console import solver_progress
     from validation.study.comparison import report
     from validation.study.comparison.scene import comparable_problem, compared_runs
 
@@ -54,18 +53,10 @@ def compare(
             added["effects_decision"] = decision.as_json()
         refuse_cell(checked, file.name, "compare")
         comparable_problem(checked, file.name)
-        with (
-            explicit_progress() if explicit else told_of_compilation() as progress,
-            status(outputs.console, f"{file.name}: rigid blocks, then static") as tell,
-        ):
-            rigid, deformable = compared_runs(
-                file.name,
-                checked,
-                explicit=explicit,
-                progress=progress,
-                refinement=lambda now: tell(f"{file.name}: static, {progress_words(now)}"),
-            )
-            result = compared(*rigid, *(run.answer for run in deformable))
+        with solver_progress(outputs.console, file.name) as show:
+            show("rigid blocks, then static")
+            rigid, deformable = compared_runs(file.name, checked, explicit=explicit, progress=show)
+            result = compared(*rigid, *deformable)
             data = result.as_dict()
         report.print_comparison(result, outputs.console)
         outputs.tell_keys()

@@ -223,7 +223,7 @@ def _deformable(outputs: Outputs) -> None:
     )
     scene = require_deformable(load_case("tsb1-pipe", REDUCED), "demo")
     rigid, (static,) = compared_runs("tsb1-pipe", scene)
-    result = compare(*rigid, static.answer)
+    result = compare(*rigid, static)
     print_comparison(result, outputs.console)
     outputs.write("picture", "compare-rigid-fem.png", result.draw)
     outputs.write("picture", "fem-stresses.png", partial(draw_stresses, static))

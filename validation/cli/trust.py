@@ -93,8 +93,9 @@ def cell(scene: SceneArgument, *, settings: SetOption = None, json: JsonOption =
     from validation.build.deformable import fem_section
     from validation.case import load_case, require_deformable
     from validation.output.console import status
+    from validation.output.deformable.cell import cell_table
     from validation.output.outputs import Outputs
-    from validation.study.effects.cell import cell_error, cell_table
+    from validation.run.cell import cell_error
 
     file = load_case(scene, settings or ())
     checked = require_deformable(file, "cell")

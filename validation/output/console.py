@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
 from typing import IO, TYPE_CHECKING, Any, TypeVar
 
@@ -199,6 +199,28 @@ class Forecast:
 
 
 @contextmanager
+def solver_progress(console: Console, name: str) -> Iterator[Callable[[Any], None]]:
+    """Yields what shows the progress of any solver: the bar of explicit runs, else words."""
+    with told_of_compilation(), ExitStack() as shown:
+        kind: str | None = None
+        show: Callable[[Any], None]
+
+        def follow(now: Any) -> None:
+            nonlocal kind, show
+            wanted = "bar" if hasattr(now, "n_steps") else "words"
+            if kind != wanted:
+                shown.close()
+                kind = wanted
+                if wanted == "bar":
+                    show = shown.enter_context(explicit_progress())
+                else:
+                    show = shown.enter_context(status(console, f"{name}: {now}"))
+            show(now if wanted == "bar" else f"{name}: {now}")
+
+        yield follow
+
+
+@contextmanager
 def explicit_progress() -> Iterator[Callable[[Sample], None]]:
     """Live bar with time, step, energies and remaining time; yields the callback that feeds it.
 
@@ -224,14 +246,7 @@ def explicit_progress() -> Iterator[Callable[[Sample], None]]:
                     "blocks come to rest; Ctrl-C stops the run; fem.end_time, fem.time_step, "
                     'fem.mass_scaling or fem.method = "static" make it shorter'
                 )
-            energies = sample.energies
-            state = (
-                f"t {1e3 * sample.time:.4g} ms  step {sample.step}  "
-                f"kinetic {energies.kinetic_energy:.3g}  strain {energies.strain_energy:.3g} N mm"
-            )
-            if sample.residual is not None:
-                state += f"  residual {sample.residual:.1e}"
-            bar.update(task, total=sample.n_steps, completed=sample.step, state=state)
+            bar.update(task, total=sample.n_steps, completed=sample.step, state=str(sample))
 
         yield show
 

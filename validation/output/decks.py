@@ -121,16 +121,15 @@ def read_file(path: Path, dialect: str | None) -> InputDeck:
 
 def solve_deck(deck: InputDeck) -> Answer:
     """Solve a deck on its own mesh: static equilibrium or explicit dynamics."""
-    from fem import solve_explicit, solve_static
+    from fem import Explicit, solve_explicit, solve_static
 
-    problem = deck.problem()
-    if deck.steps[-1].explicit:
-        answer = solve_explicit(problem, **deck.explicit_options())
+    problem, method = deck.problem(), deck.method
+    if isinstance(method, Explicit):
+        answer = solve_explicit(problem, method)
     else:
-        of_mesh = bool(problem.load_case.nodes)
-        if problem.after is None and of_mesh:
+        if problem.after is None and not method.error_estimate:
             deck.model.note("error bars: none, forces on nodes belong to the mesh of the deck")
-        answer = solve_static(problem, mesh="scene", error_bars=not of_mesh)
+        answer = solve_static(problem, method)
         if problem.after is not None:
             deck.model.note(f"error bars: none of the mesh; {_change_by_increments(answer)}")
     strain = largest_strain(problem, answer)

@@ -21,10 +21,7 @@ from validation.output.rigid import is_meshed, print_rigid, rigid_pictures
 from validation.pages.page import PrintedTable, page_text, printed_tables, webp_of
 from validation.pages.verdicts import OPEN, Verdict, verdicts
 from validation.pages.views import layer_words, middle_layers, pressure_view, stress_view
-from validation.run.accuracy import progress_words
-from validation.run.deformable import DeformableRun
 from validation.run.rigid.changed import frame_warning
-from validation.run.solve import run_as_asked, with_factors
 from validation.scene.combinations import combined
 from validation.scene.family import RoundScene
 from validation.scene.keys.toml_text import toml_text
@@ -78,7 +75,7 @@ class SceneReport:
 
     file: Case
     rigid: Answer | None
-    deformable: DeformableRun | None
+    deformable: Answer | None
     failed: Mapping[str, str] = field(default_factory=dict)
     """Why there is no rigid or no deformable answer, by its kind."""
     loads: tuple[LoadTable, ...] = ()
@@ -107,8 +104,8 @@ class SceneReport:
             of = self.rigid
             tables += printed_tables(lambda console: print_rigid(of, console))
         if self.deformable is not None:
-            run = self.deformable
-            tables += printed_tables(lambda console: print_run(run, console))
+            answer = self.deformable
+            tables += printed_tables(lambda console: print_run(answer, console))
         return tables
 
     def as_dict(self) -> dict[str, Any]:
@@ -117,7 +114,7 @@ class SceneReport:
             "scene": self.file.name,
             "verdicts": {verdict.question: verdict.words for verdict in self.verdicts},
             "rigid": None if self.rigid is None else self.rigid.as_dict(),
-            "deformable": None if self.deformable is None else self.deformable.answer.as_dict(),
+            "deformable": None if self.deformable is None else self.deformable.as_dict(),
             "failed": dict(self.failed),
             "loads": {
                 table.kind: {name: answer.as_dict() for name, answer in table.answers.items()}
@@ -136,11 +133,11 @@ def report_scene(
     run = None
     if deformable:
         tell(f"{file.name}: deformable blocks")
-        run = _tried(failed, "fem", lambda: _deformable(file, tell))
+        run = _tried(failed, "fem", lambda: solve(file, lambda now: tell(f"{file.name}: {now}")))
     if rigid is None and run is None:
         raise InputError(next(iter(failed.values())))
     title, scenes = load_scenes(file.scene)
-    known = {"rigid": rigid, "fem": None if run is None else run.answer}
+    known = {"rigid": rigid, "fem": run}
     loads = [
         _side_by_side(file, scenes, kind, answered, tell)
         for kind, answered in known.items()
@@ -159,15 +156,6 @@ def _tried(failed: dict[str, str], kind: str, solve: Callable[[], Any]) -> Any:
     except RefusedError as error:
         failed[kind] = str(error)
         return None
-
-
-def _deformable(file: Case, tell: Tell) -> DeformableRun:
-    run = run_as_asked(
-        file.name,
-        file.scene,
-        progress=lambda now: tell(f"{file.name}: {progress_words(now)}"),
-    )
-    return with_factors(run)
 
 
 def load_scenes(scene: DeformableScene) -> tuple[str, dict[str, DeformableScene]]:
@@ -251,7 +239,7 @@ def _views(report: SceneReport) -> list[View3d]:
         words = "Contact pressures" if rigid.details.shown else "Blocks"
         views.append(pressure_view(rigid, words + layer_words(layers), "rigid", layers))
     if run is not None:
-        layers = middle_layers(run.scene, run.solution.deformable.assembly)
+        layers = middle_layers(run.case.scene, run.details.deformable.assembly)
         views.append(stress_view(run, "σ₁" + layer_words(layers), "deformable", layers))
     return views
 

@@ -8,12 +8,11 @@ from typing import Any
 
 from rich.table import Table
 
+from fem.accuracy.parts import Accuracy
 from geometry.answer import EVERY_TITLE, FACTORS, Answer, Measure, measure_rows
 from mbd import MechanismClass
 from validation.output.console import add_dimensions
 from validation.output.rigid import OF_RIGID_BLOCKS, verdict_words
-from validation.run.accuracy import reached_rows
-from validation.run.deformable import DeformableRun
 from validation.scene.read import DeformableScene
 
 #: Whether an answer is good news, bad news, neither, or good on a condition, as pages colour it.
@@ -45,7 +44,7 @@ class Verdict:
 def verdicts(
     scene: DeformableScene,
     rigid: Answer | None,
-    run: DeformableRun | None,
+    fem: Answer | None,
     failed: Mapping[str, str],
 ) -> list[Verdict]:
     """Answer the questions of a reader; ``failed`` says why an answer is missing, by its kind."""
@@ -54,12 +53,12 @@ def verdicts(
         result.append(Verdict("Rigid blocks?", "no answer", OPEN, (failed["rigid"],)))
     if "fem" in failed:
         result.append(Verdict("Deformable blocks?", "no answer", BAD, (failed["fem"],)))
-    result.append(_how_much(rigid, run))
-    result.append(_how_sure(run))
-    answer = run.answer if run is not None else None if rigid is None else rigid
+    result.append(_how_much(rigid, fem))
+    result.append(_how_sure(fem))
+    answer = fem if fem is not None else rigid
     assert answer is not None
     result += [
-        strength_verdict(scene, answer.measures, computed=run is not None),
+        strength_verdict(scene, answer.measures, computed=fem is not None),
         castable(scene, answer),
     ]
     return result
@@ -102,9 +101,9 @@ def _rows(answer: Answer, names: tuple[str, ...]) -> list[str]:
     return [f"{title}: {words}" for title, words in measure_rows(found)]
 
 
-def _how_much(rigid: Answer | None, run: DeformableRun | None) -> Verdict:
+def _how_much(rigid: Answer | None, fem: Answer | None) -> Verdict:
     """State the largest pressure, tension and displacement, and where they are."""
-    lines = [] if run is None else _rows(run.answer, _SHOWN)
+    lines = [] if fem is None else _rows(fem, _SHOWN)
     of_rigid = [] if rigid is None else _rows(rigid, _SHOWN_RIGID)
     lines += [f"Rigid blocks, {line}" for line in of_rigid]
     nothing_acts = rigid is not None and rigid.details.holds
@@ -113,24 +112,23 @@ def _how_much(rigid: Answer | None, run: DeformableRun | None) -> Verdict:
     return Verdict("Where and how much?", words, OPEN, tuple(lines))
 
 
-def _how_sure(run: DeformableRun | None) -> Verdict:
+def _how_sure(fem: Answer | None) -> Verdict:
     """State error bars, or what the rigid answer rests on."""
-    if run is None:
+    if fem is None:
         plain = (
             "Forces between rigid blocks are not unique: those of least norm are shown.",
             "Pressures are means over facets: they depend on the facet size.",
         )
         return Verdict("How sure is it?", "rigid blocks have no error bars", OPEN, plain)
-    measures = run.answer.measures
-    accuracy = run.refinement.get("accuracy")
-    lines = [] if accuracy is None else _reached(measures, accuracy["requested"])
-    if accuracy is not None:
-        lines.append(f"The refinement ended by: {accuracy['ended_by']}.")
+    measures, accuracy, lines = fem.measures, fem.parts.get("accuracy"), list[str]()
+    if isinstance(accuracy, Accuracy):
+        lines = _reached(accuracy)
+        lines.append(f"The refinement ended by: {accuracy.ended_by}.")
     unusable = [name for name in measures if not measures[name].is_number]
     unusable = [title for title, _ in measure_rows({n: measures[n] for n in unusable})]
     if unusable:
         lines.append(f"Not resolved: {', '.join(unusable)}.")
-    if run.solution.large_motion is not None:
+    if fem.details.large_motion is not None:
         lines.append("Motions are large, but counted as small: see the table.")
     if not any(measure.error is not None for measure in measures.values()):
         words, tone = "no error bars: the scene sets one mesh without an estimate", BAD
@@ -142,9 +140,9 @@ def _how_sure(run: DeformableRun | None) -> Verdict:
     return Verdict("How sure is it?", words, tone, tuple(lines))
 
 
-def _reached(measures: Mapping[str, Measure], requested: Mapping[str, float]) -> list[str]:
+def _reached(accuracy: Accuracy) -> list[str]:
     """Repeat each request with its error bar, by the title of its measure."""
-    rows = (row.partition("=") for row in reached_rows(measures, requested))
+    rows = (row.partition("=") for row in accuracy.request_rows())
     return [f"{EVERY_TITLE[name].words}, requested ± {rest}" for name, _, rest in rows]
 
 

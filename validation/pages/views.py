@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fem.solution import Solution
 from geometry.answer import Answer
 from validation.output.pictures.bodies import (
     PressedFacets,
@@ -22,12 +23,10 @@ from validation.output.pictures.bodies import (
 )
 from validation.output.pictures.canvas import Part, View
 from validation.output.pictures.polyhedra import FROM_THE_SIDE, contact_parts, polyhedra_parts
-from validation.output.pictures.scales import Scale
+from validation.output.pictures.scales import Scale, drawing_scale
 from validation.output.pictures.tubes import all_faces, stress_scale
 from validation.output.pictures.view_3d import View3d, make_view
 from validation.output.rigid import is_meshed
-from validation.run.deformable import DeformableRun
-from validation.run.measures import drawing_scale
 from validation.scene.family import RoundScene
 from validation.scene.read import DeformableScene
 
@@ -83,9 +82,10 @@ def pressure_view(
     return make_view(name, title, f"Rigid blocks: {words}.", view, scale=scale)
 
 
-def stressed(run: DeformableRun, layers: Sequence[int] | None = None) -> tuple[View, Scale]:
+def stressed(answer: Answer, layers: Sequence[int] | None = None) -> tuple[View, Scale]:
     """All faces of deformable blocks, coloured by σ₁, moved by exaggerated displacement."""
-    solution, deformable = run.solution, run.solution.deformable
+    solution: Solution = answer.details
+    deformable = solution.deformable
     scale, factor = stress_scale(solution), drawing_scale(solution)
     shown = np.intersect1d(
         deformable.deformable_blocks, _in_layers(deformable.assembly.layer, layers)
@@ -102,13 +102,13 @@ def stressed(run: DeformableRun, layers: Sequence[int] | None = None) -> tuple[V
 
 
 def stress_view(
-    run: DeformableRun, title: str, name: str, layers: Sequence[int] | None = None
+    answer: Answer, title: str, name: str, layers: Sequence[int] | None = None
 ) -> View3d:
     """Stresses of deformable blocks to turn."""
-    view, scale = stressed(run, layers)
+    view, scale = stressed(answer, layers)
     return make_view(
         name,
-        f"{title}, displacement scaled × {drawing_scale(run.solution):g}",
+        f"{title}, displacement scaled × {drawing_scale(answer.details):g}",
         "Deformable blocks: maximum principal stress σ₁; red is tension.",
         view,
         scale=scale,

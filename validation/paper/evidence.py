@@ -29,7 +29,7 @@ from validation.study.store import Older, ResultFile
 from validation.study.study import Study, load_study
 
 if TYPE_CHECKING:
-    from validation.run.deformable import DeformableRun
+    from geometry.answer import Answer
 
 #: shift, frequency, blocks per layer, thickness [mm], amplitude [mm].
 Design = tuple[float, float, int, float, float]
@@ -119,7 +119,7 @@ class Evidence:
     _tubes: SharedTubes = field(default_factory=SharedTubes)
     rigid_runs: dict[tuple[str, tuple[str, ...]], Answer] = field(default_factory=dict)
     """Those computed so far, by scene and settings."""
-    fem_runs: dict[tuple[str, str], DeformableRun] = field(default_factory=dict)
+    fem_runs: dict[tuple[str, str], Answer] = field(default_factory=dict)
     """Those computed so far, by block and load case."""
 
     @cached_property
@@ -172,7 +172,7 @@ class Evidence:
         turn = f'assembly.turn="{self.turn}"'
         return self.rigid("tsb1-pipe", *MESH_OF_TABLES["TSB"], turn, *values)
 
-    def fem(self, block: str, case: str) -> DeformableRun:
+    def fem(self, block: str, case: str) -> Answer:
         """Deformable result of a load case, computed once; asked for where `deformable` allows."""
         key = (block, case)
         if key not in self.fem_runs:
@@ -184,16 +184,16 @@ class Evidence:
         # A beam has no symmetry to use: it stays at the coarser mesh.
         return (48, 8, 20) if self.full and case != "beam" else (24, 4, 10)
 
-    def whole_tube(self, block: str, case: str, layers: int) -> DeformableRun:
+    def whole_tube(self, block: str, case: str, layers: int) -> Answer:
         """Deformable result of a shorter tube, solved without using its symmetry."""
         settings = [f"assembly.layers={layers}", "fem.symmetry=none"]
         return self._run_fem(block, case, settings, f"{layers} layers, no symmetry")
 
     def _run_fem(
         self, block: str, case: str, settings: Iterable[str] = (), words: str = ""
-    ) -> DeformableRun:
+    ) -> Answer:
         """Static state on a mesh of its own; one sector where the load is cyclic."""
-        from validation.run.solve import run_static
+        from validation.run.deformable import deformable_answer, on_its_mesh
         from validation.scene.read import DeformableScene
 
         around, radial, axial = self.fem_mesh(case)
@@ -204,10 +204,10 @@ class Evidence:
         file = load_case(name, [*own, *settings])
         assert isinstance(file.scene, DeformableScene)
         with status(self.console, f"deformable blocks: {name} {words}"):
-            run = run_static(name, file.scene)
+            answer = deformable_answer(on_its_mesh(file))
         label = f"fem {name} {around} × {radial} × {axial} {words}".strip()
-        self.cpu_seconds[label] = run.cpu_seconds["total"]
-        return run
+        self.cpu_seconds[label] = answer.report["cpu_seconds"]["total"]
+        return answer
 
 
 def measures_of(run: Answer) -> Measures:

@@ -252,7 +252,7 @@ def draw_cost(evidence: Evidence, path: Path) -> None:
         ),
         (
             [
-                (run.solution.deformable.surfaces.n_facets, run.cpu_seconds["total"])
+                (run.details.deformable.surfaces.n_facets, run.report["cpu_seconds"]["total"])
                 for run in evidence.fem_runs.values()
             ],
             {"marker": "^", "markersize": 6, "color": "#D55E00"},

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from geometry.answer import Answer
 from geometry.files.mesh_io import interface_surface
 from geometry.mesh import FloatArray
 from validation.output.pictures.bodies import EYE
@@ -18,6 +19,7 @@ from validation.output.pictures.scales import (
     PRESSURE_MAP,
     STRESS_MAP,
     Scale,
+    drawing_scale,
     symmetric_scale,
 )
 from validation.output.pictures.tubes import all_faces, moved_panel
@@ -28,14 +30,12 @@ from validation.paper.claims.deformable import (
     pressure_pairs,
 )
 from validation.paper.evidence import Evidence
-from validation.run.deformable import DeformableRun
-from validation.run.measures import drawing_scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def _runs(evidence: Evidence) -> Iterator[tuple[int, int, DeformableRun]]:
+def _runs(evidence: Evidence) -> Iterator[tuple[int, int, Answer]]:
     """Row, column and run of the five cases of both blocks."""
     for row, block in enumerate(BLOCKS):
         for column, case in enumerate(CASES):
@@ -55,7 +55,7 @@ def draw_layer_comparison(evidence: Evidence, path: Path) -> None:
     columns: list[list[Panel]] = [[] for _ in range(4)]
     for number, pair in enumerate(pressure_pairs(evidence)):
         block, case, side = pair.name.split()
-        assembly = evidence.fem(block, case).solution.deformable.assembly
+        assembly = evidence.fem(block, case).details.deformable.assembly
         corners = interface_surface(assembly, pair.contacts).nodes.reshape(-1, 4, 3)[..., :2]
         for offset, (words, values) in enumerate(
             (("rigid", pair.rigid), ("deformable", pair.deformable))
@@ -86,14 +86,14 @@ def _draw_facets(axes: Axes, *, corners: FloatArray, values: FloatArray, scale: 
 
 
 def outer_surface(
-    run: DeformableRun, component: int
+    answer: Answer, component: int
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
     """Arc length, height [mm] and principal stress [MPa] of every free block's outer face."""
-    for block in run.solution.deformable.assembly.free_blocks.tolist():
-        nodes = block_grid(run, run.solution.deformable.assembly.nodes(block))[-1]
+    for block in answer.details.deformable.assembly.free_blocks.tolist():
+        nodes = block_grid(answer, answer.details.deformable.assembly.nodes(block))[-1]
         theta = np.unwrap(np.arctan2(nodes[..., 1], nodes[..., 0]), axis=0)
         radius = np.linalg.norm(nodes[..., :2], axis=2)
-        values = block_grid(run, run.solution.principal(block))[-1, ..., component]
+        values = block_grid(answer, answer.details.principal(block))[-1, ..., component]
         yield theta * radius, nodes[..., 2], values
 
 
@@ -101,11 +101,11 @@ def draw_principal(evidence: Evidence, component: int, path: Path) -> None:
     """Draw σ₁ (component 0) or σ₃ (2) on the unrolled outer surface, five cases, both blocks."""
     symbol = ("σ₁", "σ₂", "σ₃")[component]
     columns: list[list[Panel]] = [[] for _ in CASES]
-    for row, column, run in _runs(evidence):
-        faces = list(outer_surface(run, component))
+    for row, column, answer in _runs(evidence):
+        faces = list(outer_surface(answer, component))
         scale = symmetric_scale(f"{symbol} [MPa]", STRESS_MAP, [f[2] for f in faces])
         circle = (
-            2 * np.pi * float(np.linalg.norm(run.solution.deformable.assembly.nodes(0)[-1, :2]))
+            2 * np.pi * float(np.linalg.norm(answer.details.deformable.assembly.nodes(0)[-1, :2]))
         )
         z = np.concatenate([f[1].ravel() for f in faces])
         tall = float(np.ptp(z))
@@ -154,12 +154,13 @@ def _draw_outer(
 def draw_displacements(evidence: Evidence, path: Path) -> None:
     """Draw figure disp: deformed tubes, five cases, both blocks."""
     columns: list[list[Panel]] = [[] for _ in CASES]
-    for row, column, run in _runs(evidence):
+    for row, column, answer in _runs(evidence):
         words = (
-            f"{BLOCKS[row]} {CASES[column]}\ndeformed, scale factor {drawing_scale(run.solution):g}"
+            f"{BLOCKS[row]} {CASES[column]}\ndeformed, "
+            f"scale factor {drawing_scale(answer.details):g}"
         )
         columns[column].append(
-            replace(moved_panel(run.solution, all_faces(run.solution), EYE), title=words)
+            replace(moved_panel(answer.details, all_faces(answer.details), EYE), title=words)
         )
     title = "Displacements at 0.01 MPa, static state, no initial gaps"
     gallery(columns, title, path, height=14.5)

@@ -350,6 +350,9 @@ class FemSection(_FemKeys):  # type: ignore[misc]
         given = {f.name: self.__dict__[f.name] for f in fields(kind) if f.name not in _EFFECTS}
         if self.symmetry == "periodic cell":
             given["symmetry"] = "auto"  # of the cell
+        states = not self.model_fields_set.isdisjoint(_ELEMENTS)
+        if kind is Static and states and self.mesh is None and self.accuracy is None:
+            given["mesh"] = "scene"  # what states its elements is solved with these
         return kind(**given)
 
 
@@ -448,9 +451,17 @@ class DeformableSections(WholeScene):
     @property
     def method(self) -> Static | Explicit:
         """How deformable blocks are solved, with the effects of time integration."""
-        solver, effects = self.fem.solver, self.effects
-        if isinstance(solver, Static):
-            return solver
+        solver = self.fem.solver
+        return solver if isinstance(solver, Static) else self._with_effects(solver)
+
+    @property
+    def in_time(self) -> Explicit:
+        """How they would be solved in time."""
+        method = self.method
+        return self._with_effects(Explicit()) if isinstance(method, Static) else method
+
+    def _with_effects(self, solver: Explicit) -> Explicit:
+        effects = self.effects
         rayleigh, bulk = effects.rayleigh, effects.bulk_viscosity
         return replace(
             solver,

@@ -16,11 +16,12 @@ from rich.console import Console
 
 from fem.static.linear_step.flexibility import FlexibilityStore
 from validation.build.deformable import fem_section
+from validation.case import scene_case
 from validation.errors import InputError
 from validation.output.console import tabled
 from validation.output.pictures.gallery import save_figure, subplots
 from validation.output.pictures.scales import BLUE, ORANGE, VERMILION
-from validation.run.solve import run_static
+from validation.run.deformable import deformable_answer, on_its_mesh
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
 
@@ -39,8 +40,9 @@ def clearance_rows(
     store, rows = FlexibilityStore(), []
     for gap in gaps:
         spaced = scene.changed({f"contact.{kind}": gap, "fem.method": Method.STATIC})
-        run = run_static(f"{name}, {kind} {gap:g} mm", spaced, store=store)
-        solution, measured = run.solution, vars(run.solution.contact)
+        case = on_its_mesh(scene_case(spaced, f"{name}, {kind} {gap:g} mm"))
+        answer = deformable_answer(case, store=store)
+        solution, measured = answer.details, vars(answer.details.contact)
         blocks = solution.deformable.deformable_blocks.tolist()
         row = {
             "kind": kind,
@@ -49,7 +51,7 @@ def clearance_rows(
             **{n: measured[n] for n in ("p_eff", "p_max", "effective_count_percent")},
             "max_principal_stress": max(float(solution.principal(b)[:, 0].max()) for b in blocks),
             "newton_iterations": getattr(solution.static, "newton_iterations", 0),
-            "cpu_seconds": run.cpu_seconds["total"],
+            "cpu_seconds": answer.report["cpu_seconds"]["total"],
         }
         rows.append(row)
     return rows

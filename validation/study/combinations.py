@@ -45,13 +45,9 @@ def combination_answers(
 
 def answer_to(file: Case, kind: Kind) -> Answer:
     """Answer to a scene, as `tubelock mbd` or `fem` gives it."""
-    if kind == "rigid":
-        from validation.solving import solve
+    from validation.solving import solve
 
-        return solve(file.with_method("rigid"))
-    from validation.run.solve import run_as_asked, with_factors
-
-    return with_factors(run_as_asked(file.name, file.scene)).answer
+    return solve(file.with_method("rigid") if kind == "rigid" else file)
 
 
 def envelope(answers: Mapping[str, Answer]) -> dict[str, tuple[str, Measure]]:

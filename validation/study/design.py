@@ -16,7 +16,7 @@ from validation.scene.keys.idle import is_idle
 from validation.study.study import BUILT, COLUMNS, RANKING, Study, Value
 
 if TYPE_CHECKING:
-    from validation.run.deformable import DeformableRun
+    from geometry.answer import Answer
 
 
 @dataclass(frozen=True)
@@ -140,18 +140,19 @@ def _built(report: Mapping[str, Any]) -> dict[str, Any]:
     return {name: report.get(name) for name in BUILT}
 
 
-def _fem_run(study: Study, file: Case) -> DeformableRun:
+def _fem_answer(study: Study, file: Case) -> Answer:
     """Solve a design as `tubelock fem` does: on finer and finer meshes, or on its own."""
     from fem.accuracy.converge import TARGETS
-    from validation.run.solve import run_as_asked, with_factors
+    from validation.solving import solve
 
-    stated = study.accuracy
+    stated, scene = study.accuracy, file.scene
     if isinstance(stated, float):
         stated = dict.fromkeys(TARGETS, stated)
-    run = run_as_asked(file.name, file.scene, stated, dict.fromkeys(TARGETS, RANKING))
-    material = file.scene.material
-    strong = any((material.tensile_strength, material.compressive_strength))
-    return with_factors(run) if strong else run
+    if stated:
+        scene = scene.changed({"fem.accuracy": stated})
+    elif scene.fem.method == "explicit":
+        scene = scene.changed({"fem.static_reference": False})
+    return solve(file.stating(scene), otherwise=dict.fromkeys(TARGETS, RANKING))
 
 
 def _fem_results(study: Study, file: Case) -> tuple[dict[str, Any], list[str]]:
@@ -160,10 +161,10 @@ def _fem_results(study: Study, file: Case) -> tuple[dict[str, Any], list[str]]:
     A value that its mesh does not resolve, or that grows with every refinement, is absent.
     """
     from fem.accuracy.ladder import AT_AN_EDGE
-    from validation.run.accuracy import reached_rows
+    from fem.accuracy.parts import Accuracy
 
-    run = _fem_run(study, file)
-    measures, result = run.answer.measures, dict[str, Any]()
+    answer = _fem_answer(study, file)
+    measures, result = answer.measures, dict[str, Any]()
     named: dict[str, list[str]] = {}
     for name, measure in measures.items():
         if name not in COLUMNS["fem"]:
@@ -173,13 +174,15 @@ def _fem_results(study: Study, file: Case) -> tuple[dict[str, Any], list[str]]:
         usable = measure.resolved and not measure.remark
         result[name] = measure.value if usable else None
         result[f"{name}_error"] = measure.error if usable else None
-    accuracy = run.refinement.get("accuracy", {})
-    missed = {name: accuracy["requested"][name] for name in accuracy.get("not_reached", ())}
+    accuracy = answer.parts.get("accuracy")
+    missed = []
+    if isinstance(accuracy, Accuracy):
+        missed = accuracy.request_rows(accuracy.not_reached)
     result |= {
-        "residual": run.solution.residual,
-        "energy_balance": run.solution.energy_balance,
-        "n_elements": run.solution.deformable.model.n_elements,
-        **_built(run.answer.report["dimensions"]),
+        "residual": answer.details.residual,
+        "energy_balance": answer.details.energy_balance,
+        "n_elements": answer.details.deformable.model.n_elements,
+        **_built(answer.report["dimensions"]),
     }
     remarks = [f"{', '.join(names)}: {remark}" for remark, names in named.items()]
-    return result, [*reached_rows(measures, missed), *remarks]
+    return result, [*missed, *remarks]

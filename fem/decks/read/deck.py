@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf
 from pathlib import Path
-from typing import Any
 
 from fem.assembly.statement import Problem
 from fem.decks.keywords import DeckError
@@ -17,6 +16,7 @@ from fem.decks.read.model import ModelLines, Step, add_model, effects_of
 from fem.decks.read.motion import in_one_run
 from fem.decks.read.problem import Built, build_problem
 from fem.decks.read.words import Dialect, check_words, dialect_of, spelt
+from fem.method import Explicit, Static
 from geometry.errors import RefusedError, unreadable
 
 
@@ -84,14 +84,25 @@ class InputDeck:
         _ = problem.deformable
         return tuple(self.model.notes)
 
-    def explicit_options(self) -> dict[str, Any]:
-        """Damping and times of its explicit steps, arguments of `fem.solve_explicit`."""
-        return {
-            "damping": effects_of(self.model, self.steps[0]),
-            "ramp_time": self.built.ramp_time or 0.0,
-            "end_time": self.steps[-1].end,
-            "mass_scaling": self.built.mass_scaling,
-        }
+    @property
+    def method(self) -> Static | Explicit:
+        """How its last step is solved: on its own mesh.
+
+        Forces on nodes belong to that mesh, and have no error bars.
+        """
+        if not self.steps[-1].explicit:
+            of_mesh = bool(self.problem().load_case.nodes)
+            return Static(mesh="scene", error_estimate=not of_mesh)
+        effects = effects_of(self.model, self.steps[0])
+        return Explicit(
+            damping="none",
+            rayleigh=effects.rayleigh,
+            bulk_viscosity=effects.bulk_viscosity,
+            ramp_time=self.built.ramp_time or 0.0,
+            end_time=self.steps[-1].end,
+            mass_scaling=self.built.mass_scaling,
+            error_estimate=False,
+        )
 
 
 def read_deck(path: str | Path, *, dialect: str | None = None) -> InputDeck:

@@ -13,7 +13,7 @@ import numpy as np
 
 from fem.assembly.deformable import ALL_THE_WAY, DeformableAssembly
 from fem.assembly.statement import Motion
-from fem.assembly.symmetry import Orbits, SymmetryError, largest_cyclic_orbits
+from fem.assembly.symmetry import Orbits, largest_cyclic_orbits, require_sector
 from fem.contact.surfaces import refuse_overlap
 from fem.explicit.setup.assembly import (
     COUNTED_PRESSURE,
@@ -74,7 +74,7 @@ def explicit_statement(
     deformable: DeformableAssembly,
     *,
     effects: Effects,
-    symmetry: Literal["auto", "none", "sector", "periodic cell"] = "auto",
+    symmetry: Literal["auto", "none", "sector"] = "auto",
     ramp_time: float | None = None,
     end_time: float | None = None,
     mass_scaling: float | None = None,
@@ -114,11 +114,8 @@ def explicit_statement(
         deformable = replace(deformable, model=scale_masses(deformable.model, mass_scaling))
     whole = symmetry == "none" or not deformable.meets
     orbits = None if whole else largest_cyclic_orbits(deformable)
-    if symmetry == "sector" and orbits is not None and orbits.order == 1:
-        raise SymmetryError(
-            "symmetry: got a sector, but the load or the supports are not the same on every block "
-            "of a layer; expected none"
-        )
+    if symmetry == "sector":
+        require_sector(deformable)
     times, ramp, end = _times(deformable, orbits, effects, ramp_time, end_time)
     moved = _end_of_motion(deformable, ramp)
     if end_time is None:

@@ -12,17 +12,19 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from fem.accuracy.parts import MeshFacets, StaticReference
 from fem.assembly.contact_state import CapAction
 from fem.measures import contact_on
 from fem.problem.model import element_words
 from fem.problem.time_step import added_mass_share
-from geometry.answer import PAPER, TITLES, Measure, measure_rows
+from geometry.answer import PAPER, Answer, Measure, measure_rows
 from geometry.files.whole import write_whole
+from geometry.measures import SectionForces
 from geometry.system import peak_memory_mb
-from validation.case import scene_case
 from validation.output import answer_files
 from validation.output.balance import add_reactions, add_search
 from validation.output.console import add_dimensions, listing, two_columns
+from validation.output.deformable.cell import cell_table
 from validation.output.deformable.fields import FRAMES
 from validation.output.files import write_csv
 from validation.output.joints import JOINT_FILES, write_joints
@@ -31,8 +33,8 @@ from validation.output.pictures import tubes
 from validation.output.pictures.directions import draw_directions
 from validation.output.pictures.energies import draw_energies
 from validation.output.pictures.motions import draw_motions
-from validation.output.section_forces import SECTION_FILES, add_sections, write_sections
-from validation.run.accuracy import reached_rows
+from validation.output.section_forces import SECTION_FILES, write_sections
+from validation.run.cell import CellError
 from validation.run.stages import cpu_words
 from validation.scene.family import RoundScene
 from validation.solving import solve
@@ -41,8 +43,6 @@ if TYPE_CHECKING:
     from fem.assembly.reactions import PushCurve
     from fem.explicit.output.energy import History
     from fem.explicit.solve import ExplicitResult
-    from validation.run.deformable import DeformableRun
-    from validation.run.measures import FrictionSet, StaticReference
 
 #: Files of a run.
 FILES = (
@@ -63,39 +63,40 @@ FILES = (
 )
 
 
-def write_run_files(run: DeformableRun, outputs: Outputs) -> None:
+def write_run_files(answer: Answer, outputs: Outputs) -> None:
     """Write joints, pictures and history beside the answer; nothing without a folder."""
-    if run.solution.deformable.meets:
-        write_joints(run.solution.joints, outputs, run.solution.deformable.assembly.names)
-    write_sections(run.sections, outputs)
-    for file, draw in run_pictures(run).items():
-        outputs.write("picture", file, partial(draw, run))
-    if run.solution.push_curves:
-        _write_motions(run, outputs)
-    if run.solution.explicit is not None:
-        _write_history(run.solution.explicit.history, run.name, outputs)
-    if run.scene.fem.frames > 0 and outputs.folder is not None:
+    if answer.details.deformable.meets:
+        write_joints(answer.details.joints, outputs, answer.details.deformable.assembly.names)
+    sections = answer.parts.get("sections")
+    write_sections(sections if isinstance(sections, SectionForces) else None, outputs)
+    for file, draw in run_pictures(answer).items():
+        outputs.write("picture", file, partial(draw, answer))
+    if answer.details.push_curves:
+        _write_motions(answer, outputs)
+    if answer.details.explicit is not None:
+        _write_history(answer.details.explicit.history, answer.case.name, outputs)
+    if answer.case.scene.fem.frames > 0 and outputs.folder is not None:
         outputs.path(FRAMES)
         outputs.say("frames", outputs.path("frames.pvd"))
 
 
-def run_pictures(state: DeformableRun) -> dict[str, Callable[[DeformableRun, Path], None]]:
+def run_pictures(answer: Answer) -> dict[str, Callable[[Answer, Path], None]]:
     """Pictures of a state; sections and the view along an axis are those of tubes."""
-    pictures: dict[str, Callable[[DeformableRun, Path], None]] = {}
-    if state.solution.deformable.meets:
+    pictures: dict[str, Callable[[Answer, Path], None]] = {}
+    if answer.details.deformable.meets:
         pictures["contact_pressures.png"] = tubes.draw_contact
     pictures["stresses.png"] = tubes.draw_stresses
-    if state.scene.pictures.arrows:
+    if answer.case.scene.pictures.arrows:
         pictures["principal_stresses.png"] = draw_directions
-    if isinstance(state.scene, RoundScene):
+    if isinstance(answer.case.scene, RoundScene):
         pictures["sections.png"] = tubes.draw_sections
         pictures["displacement.png"] = tubes.draw_displacement
     return pictures
 
 
-def _write_motions(run: DeformableRun, outputs: Outputs) -> None:
+def _write_motions(answer: Answer, outputs: Outputs) -> None:
     """Write force against displacement of supports that move, next to the rigid limit."""
-    curves, limit = run.solution.push_curves, _rigid_limit(run)
+    curves, limit = answer.details.push_curves, _rigid_limit(answer)
     rows = [
         (curve.name, *row)
         for curve in curves
@@ -106,16 +107,15 @@ def _write_motions(run: DeformableRun, outputs: Outputs) -> None:
     outputs.write(
         "picture",
         "motions.png",
-        lambda path: draw_motions(curves, path, title=run.name, limit=limit),
+        lambda path: draw_motions(curves, path, title=answer.case.name, limit=limit),
     )
 
 
-def _rigid_limit(run: DeformableRun) -> float | None:
+def _rigid_limit(answer: Answer) -> float | None:
     """Limit of the push of a scene with associated friction [N]; None where there is none."""
-    if run.scene.push is None:
+    if answer.case.scene.push is None:
         return None
-    case = scene_case(run.scene, run.name).with_method("rigid")
-    push = solve(case).parts["push_limit"]
+    push = solve(answer.case.with_method("rigid")).parts["push_limit"]
     return push.associated  # type: ignore[attr-defined]
 
 
@@ -143,24 +143,24 @@ def _add_slip(table: Table, slip: dict[str, float] | None) -> None:
     table.add_row("largest slip", words)
 
 
-def _add_motion(table: Table, run: DeformableRun) -> None:
+def _add_motion(table: Table, answer: Answer) -> None:
     """Add motions that are counted as small and are not, and those that nothing determines."""
-    share = run.solution.large_motion
+    share = answer.details.large_motion
     if share is not None:
         small = {
-            "finite_sliding": not run.solution.deformable.contact.finite_sliding,
-            "finite_rotation": run.solution.turns_as_small,
+            "finite_sliding": not answer.details.deformable.contact.finite_sliding,
+            "finite_rotation": answer.details.turns_as_small,
         }
         missing = " and ".join(
             f"effects.{name} = true" for name, counted in small.items() if counted
         )
-        what = "contacts" if not run.solution.turns_as_small else "contacts or rotations"
+        what = "contacts" if not answer.details.turns_as_small else "contacts or rotations"
         table.add_row(
             "large motion",
             f"blocks move by {100 * share:.2g} % of their size, but {what} are "
             f"those of small motions: expect errors of this order; set {missing}",
         )
-    loose = run.solution.loose_blocks.tolist()
+    loose = answer.details.loose_blocks.tolist()
     if loose:
         table.add_row(
             "unrestrained blocks",
@@ -169,12 +169,12 @@ def _add_motion(table: Table, run: DeformableRun) -> None:
         )
 
 
-def _add_supports(table: Table, run: DeformableRun) -> None:
+def _add_supports(table: Table, answer: Answer) -> None:
     """Add the force of each support on the blocks, and how far supports moved."""
-    static = run.solution.static
-    add_reactions(table, run.answer.report)
-    words = [_curve_words(curve) for curve in run.solution.push_curves]
-    if not run.solution.reached:
+    static = answer.details.static
+    add_reactions(table, answer.report)
+    words = [_curve_words(curve) for curve in answer.details.push_curves]
+    if not answer.details.reached:
         stopped = "the run ended before supports that move arrived: raise fem.end_time"
         words.insert(0, stopped if static is None else static.status)
     if any(words):
@@ -190,107 +190,89 @@ def _curve_words(curve: PushCurve) -> str:
     )
 
 
-def print_run(run: DeformableRun, console: Console) -> None:
+def print_run(answer: Answer, console: Console) -> None:
     """Print the result of a run, its evidence, and how it was computed."""
-    table = two_columns(run.title)
-    measures = run.answer.measures
+    table = two_columns(answer.title)
+    measures = answer.measures
     add_measures(table, {name: m for name, m in measures.items() if name not in PAPER})
-    add_sections(table, run.sections)
-    _add_supports(table, run)
-    _add_motion(table, run)
+    _add_part(table, answer, "sections")
+    _add_supports(table, answer)
+    _add_motion(table, answer)
     table.add_section()
-    _add_accuracy(table, run)
-    if run.solution.deformable.meets:
-        _add_contact(table, run)
-    if run.solution.explicit is not None:
-        _add_explicit(table, run, run.solution.explicit)
-    if run.solution.residual is not None:
-        table.add_row("force residual", f"{run.solution.residual:.2e}")
-    if run.solution.static is not None and run.solution.deformable.meets:
-        table.add_row("Newton iterations", f"{run.solution.static.newton_iterations}")
-    for row, words in run.notes.items():
-        table.add_row(row, words)
-    deformable = run.solution.deformable
+    _add_part(table, answer, "accuracy")
+    if answer.details.deformable.meets:
+        _add_contact(table, answer)
+    if answer.details.explicit is not None:
+        _add_explicit(table, answer, answer.details.explicit)
+    if answer.details.residual is not None:
+        table.add_row("force residual", f"{answer.details.residual:.2e}")
+    if answer.details.static is not None and answer.details.deformable.meets:
+        table.add_row("Newton iterations", f"{answer.details.static.newton_iterations}")
+    _add_part(table, answer, "notes")
+    deformable = answer.details.deformable
     model = deformable.model
     table.add_section()
-    add_dimensions(table, run.answer.report["dimensions"], run.scene.limits)
-    table.add_row("method, element", f"{run.answer.method}, {element_words(model.groups[0])}")
+    add_dimensions(table, answer.report["dimensions"], answer.case.scene.limits)
+    table.add_row("method, element", f"{answer.method}, {element_words(model.groups[0])}")
     table.add_row(
         "blocks, elements, nodes",
         f"{len(deformable.deformable_blocks)} deformable, {model.n_elements}, {model.n_nodes}",
     )
-    for k, mesh in enumerate(run.refinement.get("meshes", ())):
-        words = (
-            f"{mesh['elements_per_block']} elements of degree {mesh['degree']} per block, "
-            f"{mesh['unknowns']} unknowns: {mesh['cpu_seconds']:.2f} CPU s"
-        )
-        table.add_row("" if k else "meshes", words)
-    table.add_row("CPU seconds", cpu_words(run.cpu_seconds))
+    _add_part(table, answer, "meshes")
+    table.add_row("CPU seconds", cpu_words(answer.report["cpu_seconds"]))
     table.add_row("peak memory", f"{peak_memory_mb():.0f} MB")
     console.print(table)
-    if run.reference is not None:
-        _print_reference(run, run.reference, console)
+    cell = answer.parts.get("periodic_cell")
+    if isinstance(cell, CellError):
+        console.print(cell_table(cell.name, cell.found))
+    reference = answer.parts.get("static_reference")
+    if isinstance(reference, StaticReference):
+        _print_reference(answer, reference, console)
 
 
-def _print_reference(run: DeformableRun, found: StaticReference, console: Console) -> None:
+def _add_part(table: Table, answer: Answer, name: str) -> None:
+    """Add the rows of a part; nothing where the answer has none of that name."""
+    part = answer.parts.get(name)
+    for title, words in () if part is None else part.rows:
+        table.add_row(title, words)
+
+
+def _print_reference(answer: Answer, found: StaticReference, console: Console) -> None:
     """Print each value of an explicit run beside the converged one, and the two kinds of error."""
     if found.why_not:
         console.print(f"no converged static state to compare with: {found.why_not}")
         return
-    measures = run.answer.measures
-    errors = found.errors(measures)
     heads = ("this mesh", "converged static state", "discretisation error")
-    table = listing(f"{run.name}: this mesh and the converged static state", "", numbers=heads)
-    for name, title in TITLES.items():
-        if name in measures and name in found.measures:
-            own, converged = measures[name], found.measures[name]
-            error = _error_words(errors.get(name), converged)
-            value = f"{own.value:.5g} {own.unit}"
-            table.add_row(title.words, value, converged.value_words, error)
+    table = listing(
+        f"{answer.case.name}: this mesh and the converged static state", "", numbers=heads
+    )
+    for row in found.compared:
+        table.add_row(*row)
     console.print(table)
-    state = run.solution.quasi_static
+    state = answer.details.quasi_static
     left = "" if state is None else f", remaining displacement {100 * state.settling:.2g} %"
     console.print(
         "distance to the static state of this mesh: force residual "
-        f"{run.solution.residual or 0.0:.1e}{left}"
+        f"{answer.details.residual or 0.0:.1e}{left}"
     )
 
 
-def _error_words(error: float | None, converged: Measure) -> str:
-    """A discretisation error in its unit and as a share of the converged value."""
-    if error is None or not converged.is_number:
-        return "–"
-    share = f" ({100 * error / abs(converged.value):+.3g} %)" if converged.value else ""
-    return f"{error:+.2g} {converged.unit}{share}"
-
-
-def _add_accuracy(table: Table, run: DeformableRun) -> None:
-    """Print each requested accuracy with what was reached, and what ended the refinement."""
-    result = run.refinement.get("accuracy")
-    if result is None:
-        return
-    measures = run.answer.measures
-    for k, row in enumerate(reached_rows(measures, result["requested"])):
-        table.add_row("" if k else "requested error bars", row)
-    table.add_row("refinement ended by", result["ended_by"])
-
-
-def _add_explicit(table: Table, run: DeformableRun, result: ExplicitResult) -> None:
+def _add_explicit(table: Table, answer: Answer, result: ExplicitResult) -> None:
     """Print the steps of an explicit run, and how close to static its end is."""
-    stated, state = run.solution.statement, run.solution.quasi_static
+    stated, state = answer.details.statement, answer.details.quasi_static
     assert stated is not None
     table.add_row(
         "steps, time step",
         f"{result.n_steps} to {1e3 * result.time:.4g} ms ({result.status}), "
         f"{result.time_step:.4g} s (critical {result.critical.critical_time_step:.4g} s)",
     )
-    if run.solution.restarts:
+    if answer.details.restarts:
         table.add_row(
             "restarts",
-            f"{run.solution.restarts}: the contact stiffness exceeded the limit of the time step; "
-            "the run restarted with a shorter one; set contact.maximum_stiffness or fem.time_step",
+            f"{answer.details.restarts}: the contact stiffness exceeded the limit of the time step;"
+            " the run restarted with a shorter one; set contact.maximum_stiffness or fem.time_step",
         )
-    if run.scene.fem.mass_scaling is not None:
+    if answer.case.scene.fem.mass_scaling is not None:
         share = 100 * added_mass_share(stated.assembly.model)
         table.add_row(
             "mass scaling", f"{share:.3g} % more mass; the static state does not depend on it"
@@ -317,51 +299,29 @@ def _add_explicit(table: Table, run: DeformableRun, result: ExplicitResult) -> N
         shown = [f"{key.replace('_', ' ')} {value:.5g}" for key, value in values if value != 0.0]
         table.add_row("energies [N mm]", ", ".join(shown) or "all zero")
     table.add_row("energy balance", f"{result.energy_balance:.2e}")
-    if run.solution.released_at_start is not None:
-        table.add_row("start", _start_words(run.solution.released_at_start))
+    if answer.details.released_at_start is not None:
+        table.add_row("start", _start_words(answer.details.released_at_start))
 
 
-def _add_contact(table: Table, run: DeformableRun) -> None:
+def _add_contact(table: Table, answer: Answer) -> None:
     """Print the rows of contact."""
-    if run.facets is not None:
-        size = float(np.sqrt(run.facets[0].interfaces.areas.mean()))
-        words = f"those of [mesh], {size:.3g} mm (square root of the mean area)"
-        table.add_row("facets of p_eff, p_max", words)
-    table.add_row("contact search", str(run.contact_search))
-    measures = run.answer.measures
+    facets = answer.parts.get("facets")
+    _add_part(table, answer, "facets")
+    table.add_row("contact search", answer.report["contact_search"])
+    measures = answer.measures
     add_measures(table, {name: measures[name] for name in PAPER if name in measures})
-    force = run.answer.measures.get("largest_joint_force")
+    force = answer.measures.get("largest_joint_force")
     bar = np.inf if force is None or force.error is None else force.error / force.value
-    add_search(table, run.answer.report, bar)
-    if run.friction is not None:
-        table.add_row("friction", _friction_words(run.friction))
-    _add_slip(table, run.solution.slip)
-    contact = contact_on(run.solution, run.facets)
+    add_search(table, answer.report, bar)
+    _add_part(table, answer, "friction")
+    _add_slip(table, answer.details.slip)
+    contact = contact_on(answer.details, facets.of if isinstance(facets, MeshFacets) else None)
     table.add_row("p_eff over all blocks (tables)", f"{contact.p_eff_pooled:.5g} MPa")
     table.add_row("effective contact elements", f"{contact.effective_count_percent:.2f} %")
-    if run.solution.cap is not None:
-        table.add_row("contact stiffness cap", cap_words(run.solution.cap))
+    if answer.details.cap is not None:
+        table.add_row("contact stiffness cap", cap_words(answer.details.cap))
     overclosure = contact.mean_overclosure
     table.add_row("mean penetration", f"{overclosure:.4g} mm over the closed contacts")
-
-
-def _friction_words(found: FrictionSet) -> str:
-    """The load path of this solution with friction, and how much another path changes it."""
-    words = (
-        f"not unique; this state: {found.member}; change on the overload-and-unload path (150 %)"
-    )
-    if not found.width:
-        return f"{words}: none ({found.remark})"
-    shown = ", ".join(
-        f"{title} {100 * found.width[name]:+.2g} %"
-        for name, title in _WIDTHS.items()
-        if name in found.width
-    )
-    return f"{words}: {shown} ({found.remark})"
-
-
-#: Measures whose width the table shows; JSON has all.
-_WIDTHS = {"p_max": "p_max", "p_eff": "p_eff", "max_displacement": "displacement"}
 
 
 def _start_words(share: float) -> str:

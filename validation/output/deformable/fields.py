@@ -168,14 +168,12 @@ class FrameWriter:
     def __init__(
         self,
         folder: Path,
-        groups: Sequence[BlockGroup],
         count: int,
         *,
         finite_rotation: bool,
         resumed: bool = False,
     ) -> None:
         self.folder = folder
-        self.groups = groups
         self.count = count
         self.finite_rotation = finite_rotation
         self.kept: dict[int, float] = self._known() if resumed else {}
@@ -193,7 +191,7 @@ class FrameWriter:
             return
         path = self.folder / _frame_name(frame.number)
         turning = self.finite_rotation
-        write_fields(path, self.groups, frame.displacements, finite_rotation=turning)
+        write_fields(path, frame.groups, frame.displacements, finite_rotation=turning)
         self.kept[frame.number] = float(frame.time)
         if frame.last:
             self._finish()

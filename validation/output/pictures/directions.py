@@ -31,7 +31,7 @@ from validation.scene.family import RoundScene
 
 if TYPE_CHECKING:
     from fem.solution import Solution
-    from validation.run.deformable import DeformableRun
+    from geometry.answer import Answer
 
 #: Places with arrows on all faces that are drawn, about.
 _PLACES = 240
@@ -136,7 +136,7 @@ def arrow_parts(found: Crosses) -> list[Part]:
     return parts
 
 
-def draw_directions(run: DeformableRun, path: Path) -> None:
+def draw_directions(answer: Answer, path: Path) -> None:
     """Draw arrows along the principal stresses on the surface of the blocks.
 
     Of a tube on its outer surface; of other blocks on all that do not touch others, from above and
@@ -144,7 +144,7 @@ def draw_directions(run: DeformableRun, path: Path) -> None:
     """
     from matplotlib.patches import Patch
 
-    solution, tube = run.solution, isinstance(run.scene, RoundScene)
+    solution, tube = answer.details, isinstance(answer.case.scene, RoundScene)
     assembly = solution.deformable.drawn
     result, blocks = crosses(solution, ("outer",) if tube else None), solution.deformable
     body = block_surfaces(assembly, list(range(assembly.n_blocks)), [_BODY] * assembly.n_blocks)
@@ -156,8 +156,8 @@ def draw_directions(run: DeformableRun, path: Path) -> None:
     words = {"← → tension": VERMILION, "→ ← compression": BLUE}
     gallery(
         [[panel] for panel in panels],
-        f"{run.title}\nprincipal stresses: longest arrows {result.longest:.3g} MPa and more, none "
-        f"below {_LEAST * result.longest:.2g} MPa",
+        f"{answer.title}\nprincipal stresses: longest arrows {result.longest:.3g} MPa and more, "
+        f"none below {_LEAST * result.longest:.2g} MPa",
         path,
         height=8.5 if tube else 6.0,
         legend=[Patch(color=colour, label=name) for name, colour in words.items()],

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fem.solution import Solution
 from geometry.mesh import FloatArray
 from validation.output.pictures.canvas import rgb
 
@@ -177,3 +178,12 @@ def colour_bar(figure: Figure, scale: Scale, **place: Any) -> Any:
         first.set_horizontalalignment("left")
         last.set_horizontalalignment("right")
     return bar
+
+
+def drawing_scale(solution: Solution) -> float:
+    """Power of ten that makes displacements visible in a picture; at least one."""
+    largest = solution.largest_displacement
+    size = solution.deformable.assembly.characteristic_length
+    if largest == 0.0:
+        return 1.0
+    return float(max(10.0 ** np.floor(np.log10(0.15 * size / largest)), 1.0))

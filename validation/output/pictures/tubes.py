@@ -32,18 +32,18 @@ from validation.output.pictures.scales import (
     PALE,
     STRESS_MAP,
     Scale,
+    drawing_scale,
     scale_from_zero,
     symmetric_scale,
 )
 from validation.output.pictures.sections import Section, section
-from validation.run.measures import drawing_scale
 from validation.scene.family import RoundScene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from fem.solution import Solution
-    from validation.run.deformable import DeformableRun
+    from geometry.answer import Answer
 
 #: Faces of a tube's blocks that are seen from outside when blocks have moved.
 _SHELL = ("outer", "inner", "left", "right", *EDGE_NAMES)
@@ -77,9 +77,9 @@ STRESSES = (
 MISES = Stress("von Mises stress", von_mises, "largest", "mises_max", MOTION_MAP)
 
 
-def stresses_of(run: DeformableRun) -> tuple[Stress, ...]:
+def stresses_of(answer: Answer) -> tuple[Stress, ...]:
     """Stresses that the pictures of a run show."""
-    return (*STRESSES, MISES) if run.scene.pictures.mises else STRESSES
+    return (*STRESSES, MISES) if answer.case.scene.pictures.mises else STRESSES
 
 
 def blocks_view(
@@ -142,18 +142,18 @@ def _scale(stress: Stress, values: Sequence[FloatArray]) -> Scale:
     return replace(scale, diverging=stress.colours == STRESS_MAP)
 
 
-def extreme(run: DeformableRun, stress: Stress) -> tuple[FloatArray, str]:
+def extreme(answer: Answer, stress: Stress) -> tuple[FloatArray, str]:
     """Where a stress is extreme at a node, and words for it and for what the tables give."""
     best, place, words = -np.inf, np.zeros(3), ""
-    for block in run.solution.deformable.deformable_blocks.tolist():
-        values = stress.sign * _stress(run.solution, stress, block)
+    for block in answer.details.deformable.deformable_blocks.tolist():
+        values = stress.sign * _stress(answer.details, stress, block)
         node = int(values.argmax())
         if values[node] > best:
             best = float(values[node])
-            place = run.solution.deformable.positions(block)[node]
-            joint = _joint(run.solution, block, node)
+            place = answer.details.deformable.positions(block)[node]
+            joint = _joint(answer.details, block, node)
             words = f"○ node: {stress.sign * best:.3g}, block {block}{joint}"
-    inside = run.answer[stress.measure].value
+    inside = answer[stress.measure].value
     return place, f"{words}\nintegration point: {inside:.3g}".replace("-", "−")
 
 
@@ -167,31 +167,31 @@ def _joint(solution: Solution, block: int, node: int) -> str:
     return ", at the edge of a joint" if seen else ", hidden in a joint"
 
 
-def _is_tube(run: DeformableRun) -> bool:
+def _is_tube(answer: Answer) -> bool:
     """Whether the blocks stand round an axis, with inner and outer faces."""
-    return isinstance(run.scene, RoundScene)
+    return isinstance(answer.case.scene, RoundScene)
 
 
-def draw_stresses(run: DeformableRun, path: Path) -> None:
+def draw_stresses(answer: Answer, path: Path) -> None:
     """Draw stresses and the displacement, and the first stress on the faces that meet others.
 
     Of a tube the outer surface, and the joints of the middle layer; of other blocks all surfaces.
     """
-    solution, tube = run.solution, _is_tube(run)
+    solution, tube = answer.details, _is_tube(answer)
     direction = eye(solution.deformable.drawn)
     faces = ("outer",) if tube else all_faces(solution)
     columns = []
-    for stress in stresses_of(run):
+    for stress in stresses_of(answer):
         scale, values = stress_scale(solution, stress), partial(_stress, solution, stress)
         words = f"{stress.symbol}{', outer surface' if tube else ''}"
         panel = Panel(words, blocks_view(solution, values, scale, faces, direction), scale=scale)
-        columns.append([marked(scale, panel, *extreme(run, stress))])
+        columns.append([marked(scale, panel, *extreme(answer, stress))])
     moved = _SHELL if tube else all_faces(solution)
     columns.append([moved_panel(solution, moved, direction)])
-    joints = _joint_panels(run) if solution.deformable.meets else []
+    joints = _joint_panels(answer) if solution.deformable.meets else []
     columns += [joints] if tube else [[panel] for panel in joints]
     widest = 16.0 + 4.0 * (len(columns) - (4 if tube else 5))
-    gallery(columns, run.title, path, height=7.5 if tube else 5.5, widest=max(16.0, widest))
+    gallery(columns, answer.title, path, height=7.5 if tube else 5.5, widest=max(16.0, widest))
 
 
 def moved_panel(solution: Solution, faces: Sequence[str], direction: Direction) -> Panel:
@@ -202,16 +202,16 @@ def moved_panel(solution: Solution, faces: Sequence[str], direction: Direction) 
     return Panel(f"deformed shape,\nscale factor {factor:g}", view, scale=scale)
 
 
-def _joint_panels(run: DeformableRun) -> list[Panel]:
+def _joint_panels(answer: Answer) -> list[Panel]:
     """Draw the first stress on the faces that meet other blocks, from above and from below."""
-    assembly, stress = run.solution.deformable.drawn, STRESSES[0]
-    scale = stress_scale(run.solution, stress)
-    blocks, where = run.solution.deformable.deformable_blocks, "in the joints"
-    if _is_tube(run):
+    assembly, stress = answer.details.deformable.drawn, STRESSES[0]
+    scale = stress_scale(answer.details, stress)
+    blocks, where = answer.details.deformable.deformable_blocks, "in the joints"
+    if _is_tube(answer):
         layer = middle_layer(assembly)
         blocks, where = blocks[assembly.layer[blocks] == layer], f"in the joints of layer {layer}"
     names = tuple(dict.fromkeys(f for s in assembly.shapes for f in s.contact_faces))
-    values, shown = partial(_stress, run.solution, stress), blocks.tolist()
+    values, shown = partial(_stress, answer.details, stress), blocks.tolist()
     # Two faces lie on each other in a joint: the eye sees the one that looks at it.
     parts: list[Part] = [
         coloured_blocks(
@@ -219,23 +219,23 @@ def _joint_panels(run: DeformableRun) -> list[Panel]:
             shown,
             values,
             scale,
-            nodes=run.solution.deformable.positions,
+            nodes=answer.details.deformable.positions,
             faces=names,
             two_sided=False,
         ),
-        outlines(assembly, shown, nodes=run.solution.deformable.positions, opacity=0.5),
+        outlines(assembly, shown, nodes=answer.details.deformable.positions, opacity=0.5),
     ]
-    direction = FROM_ABOVE if _is_tube(run) else eye(assembly)
+    direction = FROM_ABOVE if _is_tube(answer) else eye(assembly)
     top, bottom = above_and_below(parts, direction, title=f"{stress.symbol} {where}", scale=scale)
-    if _is_tube(run):
+    if _is_tube(answer):
         return [replace(top, scale=None), bottom]
-    return [top, marked(scale, bottom, *extreme(run, stress))]
+    return [top, marked(scale, bottom, *extreme(answer, stress))]
 
 
-def draw_displacement(run: DeformableRun, path: Path) -> None:
+def draw_displacement(answer: Answer, path: Path) -> None:
     """Draw the displacement of a tube, seen along the x axis."""
-    panel = moved_panel(run.solution, (*_SHELL, "top", "bottom"), (1.0, 0.0, 0.0))
-    title = f"{run.title}\ndisplacement magnitude, view along x"
+    panel = moved_panel(answer.details, (*_SHELL, "top", "bottom"), (1.0, 0.0, 0.0))
+    title = f"{answer.title}\ndisplacement magnitude, view along x"
     gallery([[replace(panel, scale=None)]], title, path, height=8.5, scale=panel.scale)
 
 
@@ -267,10 +267,10 @@ def _pitch(assembly: Any) -> float:
     return float(np.ptp(along[inner]))
 
 
-def draw_sections(run: DeformableRun, path: Path) -> None:
+def draw_sections(answer: Answer, path: Path) -> None:
     """Draw stresses in four sections through the middle layer, as the paper's figures."""
-    cuts = {z: section(run.solution, z) for z in section_heights(run.solution)}
-    stresses = stresses_of(run)
+    cuts = {z: section(answer.details, z) for z in section_heights(answer.details)}
+    stresses = stresses_of(answer)
     scales = [_scale(one, [one.of(cut.values) for cut in cuts.values()]) for one in stresses]
     columns = [
         [
@@ -282,8 +282,8 @@ def draw_sections(run: DeformableRun, path: Path) -> None:
         ]
         for z, cut in cuts.items()
     ]
-    layer = middle_layer(run.solution.deformable.drawn)
-    title = f"{run.title}: sections through layer {layer} (mid-height)"
+    layer = middle_layer(answer.details.deformable.drawn)
+    title = f"{answer.title}: sections through layer {layer} (mid-height)"
     if any(len(cut.rigid) for cut in cuts.values()):
         title += "; grey: fixed blocks"
     gallery(columns, title, path, height=7.5, widest=18.0, scale=scales)
@@ -314,27 +314,27 @@ def _draw_section(axes: Axes, *, cut: Section, values: FloatArray, scale: Scale)
 # Contact
 
 
-def run_facets(run: DeformableRun) -> PressedFacets:
+def run_facets(answer: Answer) -> PressedFacets:
     """Contact facets of a run where they ended, those of higher degree in pieces."""
-    group_of = run.solution.deformable.group_of
+    group_of = answer.details.deformable.group_of
 
     def nodes(block: int) -> FloatArray:
-        placed = run.solution.deformable.positions(block)
-        return placed + run.solution.displacement(block) if group_of[block] >= 0 else placed
+        placed = answer.details.deformable.positions(block)
+        return placed + answer.details.displacement(block) if group_of[block] >= 0 else placed
 
-    result = run.solution.contact_state
+    result = answer.details.contact_state
     owner, corners, pressures = np.arange(result.n_facets), result.corners, result.pressures
     if result.corner_overclosures is not None and result.corner_overclosures.shape[1] > 4:
-        corners, pressures = _pieces(run.solution, nodes, result.corner_overclosures)
+        corners, pressures = _pieces(answer.details, nodes, result.corner_overclosures)
         owner = np.repeat(owner, len(pressures) // result.n_facets)
     return PressedFacets(
-        assembly=run.solution.deformable.drawn,
+        assembly=answer.details.deformable.drawn,
         block_m=result.block_m[owner],
         block_s=result.block_s[owner],
         corners=corners,
         pressures=pressures,
         nodes=nodes,
-        largest=run.answer["p_max_point"].value,
+        largest=answer["p_max_point"].value,
     )
 
 
@@ -370,6 +370,6 @@ def _linear(line: FloatArray, ends: FloatArray) -> FloatArray:
     return np.asarray(np.kron(weights, weights), dtype=np.float64)
 
 
-def draw_contact(run: DeformableRun, path: Path) -> None:
+def draw_contact(answer: Answer, path: Path) -> None:
     """Draw the contact pressures as those of rigid blocks are drawn."""
-    draw_pressed_facets(run_facets(run), path, title=f"{run.title}: contact pressure")
+    draw_pressed_facets(run_facets(answer), path, title=f"{answer.title}: contact pressure")

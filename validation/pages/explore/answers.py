@@ -163,30 +163,28 @@ def _send(connection: Any, words: str) -> None:
 
 
 def _deformable_shown(file: Case, tell: Any) -> Shown:
+    from validation.output.pictures.scales import drawing_scale
     from validation.output.pictures.tubes import draw_stresses
-    from validation.run.accuracy import progress_words
-    from validation.run.measures import drawing_scale
-    from validation.run.solve import run_as_asked, with_factors
+    from validation.solving import solve
 
     tell("first mesh")
     start = time.process_time()
-    solved = run_as_asked(file.name, file.scene, {}, progress=lambda now: tell(progress_words(now)))
-    run = with_factors(solved)
+    answer = solve(file, lambda now: tell(str(now)))
     tell("pictures")
-    layers = dict.fromkeys((None, middle_layers(file.scene, run.solution.deformable.assembly)))
-    moved = f"displacement scaled × {drawing_scale(run.solution):g}"
+    layers = dict.fromkeys((None, middle_layers(file.scene, answer.details.deformable.assembly)))
+    moved = f"displacement scaled × {drawing_scale(answer.details):g}"
     views = tuple(
-        (*stressed(run, some), f"Deformable blocks{layer_words(some)}: {_STRESS}, {moved}.")
+        (*stressed(answer, some), f"Deformable blocks{layer_words(some)}: {_STRESS}, {moved}.")
         for some in layers
     )
     facts = {
-        "verdicts": [vars(v) for v in verdicts(file.scene, None, run, {})],
-        "measures": measure_rows(run.answer.measures),
+        "verdicts": [vars(v) for v in verdicts(file.scene, None, answer, {})],
+        "measures": measure_rows(answer.measures),
         "ignored": [],
-        "mesh": run.title,
+        "mesh": answer.title,
         "milliseconds": 1e3 * (time.process_time() - start),
     }
-    return Shown(views, facts, _png(partial(draw_stresses, run)))
+    return Shown(views, facts, _png(partial(draw_stresses, answer)))
 
 
 # ---------------------------------------------------------------------------------------------

@@ -16,7 +16,6 @@ from geometry.measures import between_layers
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from validation.paper.claims.claim import Claims, Truth, Verdict, judged
 from validation.paper.evidence import Evidence
-from validation.run.deformable import DeformableRun
 from validation.scene.read import TubeScene
 from validation.study.comparison.agreement import effective_region
 
@@ -33,28 +32,28 @@ _LAYER = 7
 # Fields on the grid of a block
 
 
-def block_grid(run: DeformableRun, values: FloatArray) -> FloatArray:
+def block_grid(answer: Answer, values: FloatArray) -> FloatArray:
     """Nodal values (n_nodes, …) by position in the block: radial, around, axial."""
-    mesh = _tube(run).mesh.model_dump()
+    mesh = _tube(answer).mesh.model_dump()
     shape = (mesh["radial"] + 1, mesh["around"] + 1, mesh["axial"] + 1)
     return values.reshape(*shape, *values.shape[1:])
 
 
-def _sigma(run: DeformableRun, layer: int, component: int = 0, place: int = 0) -> FloatArray:
+def _sigma(answer: Answer, layer: int, component: int = 0, place: int = 0) -> FloatArray:
     """Principal stress (0: σ₁, 2: σ₃) of one block on its grid."""
-    blocks = np.flatnonzero(run.solution.deformable.assembly.layer == layer)
-    return block_grid(run, run.solution.principal(int(blocks[place]))[:, component])
+    blocks = np.flatnonzero(answer.details.deformable.assembly.layer == layer)
+    return block_grid(answer, answer.details.principal(int(blocks[place]))[:, component])
 
 
-def _volumes(run: DeformableRun) -> FloatArray:
+def _volumes(answer: Answer) -> FloatArray:
     """Volume that belongs to each node of the free block, on its grid [mm³]."""
-    block = int(run.solution.deformable.assembly.free_blocks[0])
-    mesh = run.solution.deformable.assembly.shape(block).mesh
+    block = int(answer.details.deformable.assembly.free_blocks[0])
+    mesh = answer.details.deformable.assembly.shape(block).mesh
     corners = mesh.nodes[mesh.elements]
     edges = corners[:, [1, 3, 4]] - corners[:, [0]]
     share = np.repeat(np.abs(np.linalg.det(edges)) / 8, 8)
     total = np.bincount(mesh.elements.ravel(), share, minlength=len(mesh.nodes))
-    return block_grid(run, total.astype(np.float64))
+    return block_grid(answer, total.astype(np.float64))
 
 
 def _apart(one: FloatArray, other: FloatArray) -> float:
@@ -102,32 +101,32 @@ def pressure_pairs(evidence: Evidence) -> list[PressurePair]:
     result = []
     for case in ("pipe", "tunnel", "shaft"):
         for block in BLOCKS:
-            run = evidence.fem(block, case)
-            rigid = same_mesh(evidence, run)
+            answer = evidence.fem(block, case)
+            rigid = same_mesh(evidence, answer)
             for lower, side in ((_LAYER, "top"), (_LAYER - 1, "bottom")):
-                result.append(_pair(f"{block} {case} {side}", run, rigid, lower))
+                result.append(_pair(f"{block} {case} {side}", answer, rigid, lower))
     return result
 
 
-def _pair(name: str, run: DeformableRun, rigid: Answer, lower: int) -> PressurePair:
-    assembly = run.solution.deformable.assembly
-    rows = between_layers(assembly, run.solution.contact_state.matched, lower)
+def _pair(name: str, answer: Answer, rigid: Answer, lower: int) -> PressurePair:
+    assembly = answer.details.deformable.assembly
+    rows = between_layers(assembly, answer.details.contact_state.matched, lower)
     other = between_layers(rigid.details.blocks, rigid.details.contact_index, lower)
-    contacts = run.solution.contact_state.matched[rows]
+    contacts = answer.details.contact_state.matched[rows]
     order = np.argsort(rigid.details.contact_index[other])
     position = np.searchsorted(rigid.details.contact_index[other][order], contacts)
     return PressurePair(
         name,
         contacts,
         rigid.details.contact_pressures[other][order][position],
-        run.solution.contact_state.pressures[rows],
+        answer.details.contact_state.pressures[rows],
     )
 
 
-def same_mesh(evidence: Evidence, run: DeformableRun) -> Answer:
+def same_mesh(evidence: Evidence, answer: Answer) -> Answer:
     """Rigid-block result on the mesh of a deformable one, with the full load."""
-    mesh = _tube(run).mesh.model_dump()
-    return evidence.rigid(run.name, *(f"mesh.{key}={value}" for key, value in mesh.items()))
+    mesh = _tube(answer).mesh.model_dump()
+    return evidence.rigid(answer.case.name, *(f"mesh.{key}={value}" for key, value in mesh.items()))
 
 
 @FEM_CLAIMS.add
@@ -151,7 +150,7 @@ def _peaks_found(evidence: Evidence) -> Verdict:
 def _areas_fem(evidence: Evidence) -> Verdict:
     values, words = {}, []
     for case, target in (("pipe", 30.0), ("tunnel", 50.0)):
-        result = [vars(evidence.fem(b, case).solution.contact) for b in BLOCKS]
+        result = [vars(evidence.fem(b, case).details.contact) for b in BLOCKS]
         counts = [c["effective_count_percent"] for c in result]
         values[case] = counts
         words.append(
@@ -176,9 +175,9 @@ def _layers_repeat(evidence: Evidence) -> Verdict:
     result = {}
     for block in BLOCKS:
         for case in ("pipe", "tunnel", "pillar", "shaft"):
-            run = evidence.fem(block, case)
+            answer = evidence.fem(block, case)
             result[f"{block} {case}"] = max(
-                _apart(_sigma(run, k), _sigma(run, k + 2)) for k in range(4, 8)
+                _apart(_sigma(answer, k), _sigma(answer, k + 2)) for k in range(4, 8)
             )
     worst = max(v for k, v in result.items() if "shaft" not in k)
     shaft = min(v for k, v in result.items() if "shaft" in k)
@@ -195,9 +194,11 @@ def _under_the_waves(evidence: Evidence) -> Verdict:
     shares = {}
     for block in BLOCKS:
         for case in CASES:
-            run = evidence.fem(block, case)
-            free = run.solution.deformable.assembly.free_blocks
-            values = np.array([block_grid(run, run.solution.principal(int(b))[:, 0]) for b in free])
+            answer = evidence.fem(block, case)
+            free = answer.details.deformable.assembly.free_blocks
+            values = np.array(
+                [block_grid(answer, answer.details.principal(int(b))[:, 0]) for b in free]
+            )
             height = np.linspace(0.0, 1.0, values.shape[3])
             high = height[np.nonzero(values > np.quantile(values, 0.99))[3]]
             shares[f"{block} {case}"] = float(((high <= 0.2) | (high >= 0.8)).mean())
@@ -221,9 +222,9 @@ def _favourable(_: Evidence) -> Verdict:
     )
 
 
-def _monolith(run: DeformableRun) -> tuple[float, float]:
+def _monolith(answer: Answer) -> tuple[float, float]:
     """Length [mm] and second moment of area [mm⁴] of a solid tube, clamped at both ends."""
-    scene = _tube(run)
+    scene = _tube(answer)
     block = scene.stated.block
     bending = np.pi / 4 * (block.outer_radius**4 - block.inner_radius**4)
     return scene.assembly.layers * block.height, float(bending)
@@ -233,11 +234,11 @@ def _monolith(run: DeformableRun) -> tuple[float, float]:
 def _far_side(evidence: Evidence) -> Verdict:
     result, words = {}, []
     for name in BLOCKS:
-        run = evidence.fem(name, "beam")
-        (length, bending), force = _monolith(run), _load(run)
+        answer = evidence.fem(name, "beam")
+        (length, bending), force = _monolith(answer), _load(answer)
         moment = np.linalg.norm(force) * length / 8
-        expected = moment * _tube(run).stated.block.outer_radius / bending
-        stress = _far_axial_stress(run, force)
+        expected = moment * _tube(answer).stated.block.outer_radius / bending
+        stress = _far_axial_stress(answer, force)
         result[name] = (stress, float(expected))
         words.append(f"{name}: {stress:+.4f} MPa")
     return judged(
@@ -249,9 +250,9 @@ def _far_side(evidence: Evidence) -> Verdict:
     )
 
 
-def _next_layer(run: DeformableRun) -> tuple[float, float]:
+def _next_layer(answer: Answer) -> tuple[float, float]:
     """How far σ₁ of the layer above the middle one is from it, turned by 180° and mirrored [-]."""
-    here, above = _sigma(run, _LAYER), _sigma(run, _LAYER + 1)
+    here, above = _sigma(answer, _LAYER), _sigma(answer, _LAYER + 1)
     return _apart(here, above[:, ::-1, ::-1]), _apart(here, above[:, ::-1])
 
 
@@ -282,9 +283,9 @@ def _mirror(evidence: Evidence) -> Verdict:
 @FEM_CLAIMS.add
 def _four_alike(evidence: Evidence) -> Verdict:
     """Solve a tube without using its symmetry: four layers are enough to see it."""
-    run = evidence.whole_tube("TSB1", "pipe", 4)
-    first = _sigma(run, 2)
-    worst = max(_apart(first, _sigma(run, 2, 0, place)) for place in range(1, 4))
+    answer = evidence.whole_tube("TSB1", "pipe", 4)
+    first = _sigma(answer, 2)
+    worst = max(_apart(first, _sigma(answer, 2, 0, place)) for place in range(1, 4))
     return judged(
         worst < 1e-3,
         f"σ₁ of the four blocks of a layer differs by at most {worst:.0e} (solved without using "
@@ -293,7 +294,7 @@ def _four_alike(evidence: Evidence) -> Verdict:
     )
 
 
-def _peaks(run: DeformableRun, side: str) -> tuple[FloatArray, FloatArray]:
+def _peaks(answer: Answer, side: str) -> tuple[FloatArray, FloatArray]:
     """Largest σ₁ near each notch of one wavy face of a block of layer 7, and how far from it.
 
     A notch (the paper's valley) is where the wave cuts deepest into the block. Notches on the
@@ -304,8 +305,8 @@ def _peaks(run: DeformableRun, side: str) -> tuple[FloatArray, FloatArray]:
     tuple
         Peaks [MPa] and distances in wave lengths, from left to right.
     """
-    block = _tube(run).stated.block
-    field, waves = _sigma(run, _LAYER), block.waves_per_block
+    block = _tube(answer).stated.block
+    field, waves = _sigma(answer, _LAYER), block.waves_per_block
     near = field[:, :, -3:] if side == "top" else field[:, :, :3]
     along = near.max(axis=(0, 2))
     u = np.linspace(0.0, 1.0, len(along))
@@ -323,8 +324,8 @@ def _peaks(run: DeformableRun, side: str) -> tuple[FloatArray, FloatArray]:
 
 @FEM_CLAIMS.add
 def _valleys_tsb1(evidence: Evidence) -> Verdict:
-    run = evidence.fem("TSB1", "pipe")
-    (top, far_top), (bottom, far_bottom) = _peaks(run, "top"), _peaks(run, "bottom")
+    answer = evidence.fem("TSB1", "pipe")
+    (top, far_top), (bottom, far_bottom) = _peaks(answer, "top"), _peaks(answer, "bottom")
     apart = max(float(far_top.max()), float(far_bottom.max()))
     ratio = float(top.max() / bottom.max())
     return judged(
@@ -339,8 +340,8 @@ def _valleys_tsb1(evidence: Evidence) -> Verdict:
 
 @FEM_CLAIMS.add
 def _valleys_tsb2(evidence: Evidence) -> Verdict:
-    run = evidence.fem("TSB2", "pipe")
-    (top, _), (bottom, _) = _peaks(run, "top"), _peaks(run, "bottom")
+    answer = evidence.fem("TSB2", "pipe")
+    (top, _), (bottom, _) = _peaks(answer, "top"), _peaks(answer, "bottom")
     ratio = float(bottom.max() / top.max())
     return judged(
         ratio > 1.5,
@@ -384,9 +385,9 @@ def _lower_tension(evidence: Evidence) -> Verdict:
     )
 
 
-def _share(run: DeformableRun, where: BoolArray) -> float:
+def _share(answer: Answer, where: BoolArray) -> float:
     """Share of a block's volume."""
-    volumes = _volumes(run)
+    volumes = _volumes(answer)
     return float(volumes[where].sum() / volumes.sum())
 
 
@@ -394,9 +395,9 @@ def _share(run: DeformableRun, where: BoolArray) -> float:
 def _localized(evidence: Evidence) -> Verdict:
     shares = {}
     for block in BLOCKS:
-        run = evidence.fem(block, "pipe")
-        values = np.abs(_sigma(run, _LAYER))
-        shares[block] = _share(run, values > np.quantile(values, 0.999) / 3)
+        answer = evidence.fem(block, "pipe")
+        values = np.abs(_sigma(answer, _LAYER))
+        shares[block] = _share(answer, values > np.quantile(values, 0.999) / 3)
     return judged(
         shares["TSB2"] < shares["TSB1"],
         "volume with σ₁ above a third of its peak: "
@@ -410,8 +411,8 @@ def _compressed(evidence: Evidence) -> Verdict:
     limit = 0.1
     shares = {}
     for block in BLOCKS:
-        run = evidence.fem(block, "pipe")
-        shares[block] = _share(run, _sigma(run, _LAYER, 2) < -limit)
+        answer = evidence.fem(block, "pipe")
+        shares[block] = _share(answer, _sigma(answer, _LAYER, 2) < -limit)
     return judged(
         shares["TSB2"] > shares["TSB1"],
         f"volume with σ₃ below -{limit:g} MPa: "
@@ -424,16 +425,16 @@ def _compressed(evidence: Evidence) -> Verdict:
 # Displacements
 
 
-def _tube(run: DeformableRun) -> TubeScene:
-    assert isinstance(run.scene, TubeScene)
-    return run.scene
+def _tube(answer: Answer) -> TubeScene:
+    assert isinstance(answer.case.scene, TubeScene)
+    return answer.case.scene
 
 
-def _mean_displacement(run: DeformableRun) -> float:
-    volumes = _volumes(run)
+def _mean_displacement(answer: Answer) -> float:
+    volumes = _volumes(answer)
     sizes = [
-        block_grid(run, np.linalg.norm(run.solution.displacement(int(b)), axis=1))
-        for b in run.solution.deformable.assembly.free_blocks
+        block_grid(answer, np.linalg.norm(answer.details.displacement(int(b)), axis=1))
+        for b in answer.details.deformable.assembly.free_blocks
     ]
     return float(np.mean([np.average(size, weights=volumes) for size in sizes]))
 
@@ -455,20 +456,20 @@ for _case in ("pipe", "tunnel"):
     FEM_CLAIMS.add(_smaller_displacement(_case), f"displacement-{_case}")
 
 
-def _load(run: DeformableRun) -> FloatArray:
+def _load(answer: Answer) -> FloatArray:
     """Resultant of the load [N]."""
-    load = _tube(run).build_load(run.solution.deformable.assembly)
+    load = _tube(answer).build_load(answer.details.deformable.assembly)
     return load.facet_forces.sum(axis=0)
 
 
-def _far_axial_stress(run: DeformableRun, force: FloatArray) -> float:
+def _far_axial_stress(answer: Answer, force: FloatArray) -> float:
     """Mean σ_zz over the outer surface within 30° of the direction of the load, layers 5 to 9."""
-    assembly, deformable = run.solution.deformable.assembly, run.solution.deformable
+    assembly, deformable = answer.details.deformable.assembly, answer.details.deformable
     away = force[:2] / np.linalg.norm(force[:2])
     groups = deformable.model.groups
     stress = [
-        recover(group, u, finite_rotation=run.scene.effects.finite_rotation).stress
-        for group, u in zip(groups, run.solution.group_displacements, strict=True)
+        recover(group, u, finite_rotation=answer.case.scene.effects.finite_rotation).stress
+        for group, u in zip(groups, answer.details.group_displacements, strict=True)
     ]
     values = []
     for block in np.flatnonzero((assembly.layer >= 5) & (assembly.layer <= 9)).tolist():
@@ -485,17 +486,17 @@ def _far_axial_stress(run: DeformableRun, force: FloatArray) -> float:
 def _monolithic(evidence: Evidence) -> Verdict:
     ratios = {}
     for name in BLOCKS:
-        run = evidence.fem(name, "beam")
-        (length, bending), material = _monolith(run), _tube(run).material
-        force = float(np.linalg.norm(_load(run)))
+        answer = evidence.fem(name, "beam")
+        (length, bending), material = _monolith(answer), _tube(answer).material
+        force = float(np.linalg.norm(_load(answer)))
         sag = force * length**3 / (192 * material.young_modulus * bending)
-        ratios[f"{name} beam"] = run.solution.largest_displacement / sag
-        run = evidence.fem(name, "shaft")
-        block = _tube(run).stated.block
-        torque = _tube(run).load.pressure * 2 * np.pi * block.outer_radius**2 * block.height
+        ratios[f"{name} beam"] = answer.details.largest_displacement / sag
+        answer = evidence.fem(name, "shaft")
+        block = _tube(answer).stated.block
+        torque = _tube(answer).load.pressure * 2 * np.pi * block.outer_radius**2 * block.height
         shear = material.young_modulus / (2 * (1 + material.poisson_ratio))
         turn = torque / 2 * (length / 2) / (shear * 2 * bending)
-        ratios[f"{name} shaft"] = run.solution.largest_displacement / float(
+        ratios[f"{name} shaft"] = answer.details.largest_displacement / float(
             turn * block.outer_radius
         )
     return judged(
@@ -509,13 +510,14 @@ def _monolithic(evidence: Evidence) -> Verdict:
 
 @FEM_CLAIMS.add
 def _speed_up(evidence: Evidence) -> Verdict:
-    run = evidence.fem("TSB1", "pipe")
-    rigid = same_mesh(evidence, run)
-    ratio = run.cpu_seconds["total"] / rigid.report["cpu_seconds"]["total"]
+    answer = evidence.fem("TSB1", "pipe")
+    rigid = same_mesh(evidence, answer)
+    seconds, of_rigid = (run.report["cpu_seconds"]["total"] for run in (answer, rigid))
+    ratio = seconds / of_rigid
     return judged(
         4.5 < np.log10(ratio) < 5.5,
-        f"same tube, same mesh, one core: static deformable {run.cpu_seconds['total']:.1f} s, "
-        f"rigid {rigid.report['cpu_seconds']['total']:.3f} s: × {ratio:.0f}; five orders lie "
-        "between two codes, not between the two models",
+        f"same tube, same mesh, one core: static deformable {seconds:.1f} s, "
+        f"rigid {of_rigid:.3f} s: × {ratio:.0f}; five orders lie between two codes, not between "
+        "the two models",
         ratio=ratio,
     )

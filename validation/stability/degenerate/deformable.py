@@ -9,6 +9,7 @@ from fem.accuracy.statics import solve_static
 from fem.assembly.statement import Problem
 from fem.contact.law import LinearPenalty
 from fem.element.material import concrete
+from fem.method import Static
 from geometry.assembly import Assembly
 from geometry.block import Block, box_block
 from geometry.loads import LoadCase
@@ -63,7 +64,7 @@ def _presses(*placed: Placed) -> Finding:
         finite_sliding=True,
         gravity=(0.0, 0.0, -_GRAVITY),
     )
-    state = solve_static(problem, mesh="scene").details.contact_state
+    state = solve_static(problem, Static(mesh="scene", error_estimate=False)).details.contact_state
     lift = abs(float(state.point_forces[:, 2].sum()))
     weight = _GRAVITY * concrete.density * float(assembly.volumes[1:].sum())
     pairs = np.sort(np.column_stack([state.block_m, state.block_s]), axis=1)

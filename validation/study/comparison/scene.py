@@ -6,11 +6,13 @@ run has the elements of that mesh, and so has the static answer that it ends at.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
+from fem.accuracy.statics import refines
 from fem.assembly.facing import facing_blocks
 from fem.assembly.statement import Problem
+from fem.method import Static
 from geometry.answer import Answer
 from geometry.assembly import Assembly
 from mbd.options import Norm, Rigid
@@ -18,10 +20,8 @@ from validation.build.deformable import fem_section, scene_problem
 from validation.build.rigid import rigid_statement
 from validation.case import Case, scene_case
 from validation.errors import InputError
-from validation.run.accuracy import refined
-from validation.run.deformable import DeformableRun
+from validation.run.deformable import Follower, deformable_answer, on_its_mesh
 from validation.run.held_by_faces import require_held_by_faces
-from validation.run.solve import run_converged, run_explicit, run_static
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
 from validation.solving import solve_rigid
@@ -32,12 +32,11 @@ def compared_runs(
     scene: DeformableScene,
     *,
     explicit: bool = False,
-    progress: Any = None,
-    refinement: Any = None,
-) -> tuple[list[Answer], list[DeformableRun]]:
+    progress: Callable[[Any], None] = lambda _: None,
+) -> tuple[list[Answer], list[Answer]]:
     """Answer a scene by rigid blocks in both norms, and by static and ``explicit`` elements.
 
-    ``progress`` is called by the explicit run, ``refinement`` before each mesh of the static one.
+    ``progress`` is called with what a run is at.
     """
     if scene.push is not None:
         raise InputError(
@@ -48,18 +47,18 @@ def compared_runs(
     problem = comparable_problem(scene, name)
     require_held_by_faces(name, scene, problem.blocks)
     rigid = list(_rigid_runs(name, scene, problem))
-    static = scene.changed({"fem.method": Method.STATIC})
-    one_mesh = problem.searches or refined(name, static, {}) is None
-    result: list[DeformableRun] = []
-    if not one_mesh:
-        result.append(run_converged(name, static, progress=refinement))
+    static = scene_case(scene.changed({"fem.method": Method.STATIC}), name)
+    assert isinstance(static.method, Static)
+    one_mesh = problem.searches or not refines(problem, static.method)
+    asked = [] if one_mesh else [static]
     if one_mesh or explicit:
-        result.append(run_static(name, static, problem=problem))
+        asked.append(on_its_mesh(static))
     if explicit:
         damping = scene.fem.damping or "static"
         dynamic = scene.changed({"fem": {"method": Method.EXPLICIT, "damping": damping}})
-        result.append(run_explicit(name, dynamic, problem=problem, progress=progress))
-    return rigid, result
+        asked.append(on_its_mesh(scene_case(dynamic, name)))
+    follower = Follower(progress=progress)
+    return rigid, [deformable_answer(case, follower, problem=problem) for case in asked]
 
 
 def _rigid_runs(name: str, scene: DeformableScene, problem: Problem) -> Iterator[Answer]:

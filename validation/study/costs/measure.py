@@ -14,16 +14,18 @@ import numpy as np
 
 from fem.accuracy.converge import climbed
 from fem.accuracy.ladder import LADDER
+from fem.dynamics import stated_run
 from fem.explicit.solve import Status
+from fem.solution import Solution
+from geometry.answer import Answer
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.mesh import FloatArray
 from validation.build.blocks import build_assembly
-from validation.build.deformable import build_deformable, scene_problem
+from validation.build.deformable import scene_problem
 from validation.case import scene_case
-from validation.errors import InputError
+from validation.errors import InputError, named
 from validation.output.provenance import processor
-from validation.run.deformable import DeformableRun
-from validation.run.solve import run_explicit, run_static, scene_statement
+from validation.run.deformable import deformable_answer, on_its_mesh
 from validation.scene.family import AssemblyScene
 from validation.solving import solve
 from validation.study.costs.calculix import MethodAnswer, solve_by_calculix
@@ -78,7 +80,8 @@ def _timed(setting: CostSetting, scene: AssemblyScene, name: str) -> AssemblySce
     usual = setting.ramp_factor == 1.0 and setting.hold_periods is None
     if setting.method != "explicit" or usual:
         return scene
-    times = scene_statement(scene, name, build_deformable(scene, name)).recommended
+    with named(name):
+        times = stated_run(scene_problem(scene, name), scene.in_time).recommended
     assert times is not None  # blocks meet
     ramp = setting.ramp_factor * times.ramp_time
     changed: dict[str, Any] = {"ramp_time": ramp}
@@ -157,17 +160,16 @@ def _curved(where: str, scene: AssemblyScene, setting: CostSetting) -> MethodAns
     return MethodAnswer(assembly, scalars, contacts, pressures[contacts], seconds, details)
 
 
-def _deformable(where: str, scene: AssemblyScene, setting: CostSetting) -> MethodAnswer:
+def _deformable(where: str, scene: AssemblyScene, _: CostSetting) -> MethodAnswer:
     start = time.process_time()
-    tube = (run_static if setting.method == "static" else run_explicit)(where, scene)
-    if tube.solution.explicit is not None and tube.solution.explicit.status is Status.INTERRUPTED:
+    answer = deformable_answer(on_its_mesh(scene_case(scene, where)))
+    found: Solution = answer.details
+    if found.explicit is not None and found.explicit.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     seconds = time.process_time() - start
-    scalars, details = _numbers(tube)
-    contacts, pressures = tube.solution.contact_state.matched, tube.solution.contact_state.pressures
-    return MethodAnswer(
-        tube.solution.deformable.assembly, scalars, contacts, pressures, seconds, details
-    )
+    scalars, details = _numbers(answer)
+    contacts, pressures = found.contact_state.matched, found.contact_state.pressures
+    return MethodAnswer(found.deformable.assembly, scalars, contacts, pressures, seconds, details)
 
 
 _METHODS: dict[str, Callable[[str, AssemblyScene, CostSetting], MethodAnswer]] = {
@@ -179,10 +181,10 @@ _METHODS: dict[str, Callable[[str, AssemblyScene, CostSetting], MethodAnswer]] =
 }
 
 
-def _numbers(tube: DeformableRun) -> tuple[dict[str, float], dict[str, Any]]:
-    scalars = {name: tube.answer[name].value for name in SCALARS}
+def _numbers(answer: Answer) -> tuple[dict[str, float], dict[str, Any]]:
+    scalars = {name: answer[name].value for name in SCALARS}
     kept = ("status", "n_steps", "time_step", "time", "newton_iterations", "residual", "symmetry")
-    reported = {key: getattr(tube.solution.solver, key, None) for key in kept}
+    reported = {key: getattr(answer.details.solver, key, None) for key in kept}
     details = {key: value for key, value in reported.items() if value is not None}
-    elements = tube.solution.deformable.model.groups[0].mesh.n_elements
+    elements = answer.details.deformable.model.groups[0].mesh.n_elements
     return scalars, details | {"elements_per_block": elements}

@@ -20,11 +20,7 @@ from fem.static.solve import StaticOptions
 from geometry.errors import RefusedError
 from validation.build.deformable import fem_section, scene_problem
 from validation.errors import InputError
-from validation.scene.deformable import AutoSection, EffectName, Method
-from validation.scene.family import AssemblyScene
-from validation.scene.read import DeformableScene
-from validation.study.effects.limit import SHARE, most_probing, unknowns
-from validation.study.effects.probe import (
+from validation.run.probe import (
     Change,
     UnsolvedError,
     answer_of,
@@ -35,6 +31,10 @@ from validation.study.effects.probe import (
     solve_probe,
     without_motion,
 )
+from validation.scene.deformable import AutoSection, EffectName, Method
+from validation.scene.family import AssemblyScene
+from validation.scene.read import DeformableScene
+from validation.study.effects.limit import SHARE, most_probing, unknowns
 
 #: Effects that are on or off, without a value.
 _SWITCHES = (EffectName.ELASTIC_FRAME, EffectName.FINITE_ROTATION, EffectName.FINITE_SLIDING)

@@ -15,16 +15,20 @@ from typing import Any
 
 import numpy as np
 
-from fem.decks.problem import PAPER_RAYLEIGH
+from fem.dynamics import stated_run
 from fem.explicit.output.checkpoint import state_arrays
+from fem.explicit.setup.statement import ExplicitStatement
 from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import State
 from fem.explicit.step import System, step
+from fem.problem.effects import PAPER_RAYLEIGH
 from fem.problem.time_step import critical_time_step
 from validation.build.cell import refuse_cell
-from validation.build.deformable import build_deformable, fem_section
-from validation.errors import InputError
-from validation.run.solve import run_explicit, scene_statement
+from validation.build.deformable import fem_section, scene_problem
+from validation.case import scene_case
+from validation.errors import InputError, named
+from validation.run.deformable import deformable_answer, on_its_mesh
+from validation.run.probe import Answer, answer_of, change
 from validation.scene.deformable import (
     BulkViscositySection,
     EffectsSection,
@@ -33,7 +37,6 @@ from validation.scene.deformable import (
     RayleighSection,
 )
 from validation.scene.read import DeformableScene
-from validation.study.effects.probe import Answer, answer_of, change
 
 #: Steps of one timing, after as many for warming up; and rounds of which the least counts.
 TIMED_STEPS = 60
@@ -107,9 +110,14 @@ def compiled_forms() -> frozenset[tuple[str, str]]:
     return frozenset(result)
 
 
+def _stated(scene: DeformableScene, name: str) -> ExplicitStatement:
+    with named(name):
+        return stated_run(scene_problem(scene, name), scene.in_time)
+
+
 def ready(scene: DeformableScene, name: str) -> tuple[System, State]:
     """Model of a scene at its first step."""
-    statement = scene_statement(scene, name, build_deformable(scene, name))
+    statement = _stated(scene, name)
     model = statement.assembly.model
     system = prepare(model, time_step=0.5 * critical_time_step(model).critical_time_step)
     return system, initial_state(system)
@@ -164,7 +172,7 @@ def effect_costs(
     system, state = ready(base, name)
     answer = _answer(base, name, arrives=True) if answers else None
     step_time = min(advance(system, state) for _ in range(ROUNDS))
-    statement = scene_statement(base, name, build_deformable(base, name))
+    statement = _stated(base, name)
     assert statement.recommended is not None  # blocks meet
     frequency, ramp = statement.recommended.frequency, statement.ramp_time
     costs = []
@@ -193,7 +201,7 @@ def effect_costs(
 
 def _answer(scene: DeformableScene, name: str, *, arrives: bool = False) -> Answer:
     """Answer of an explicit run, which ``arrives`` at its static state or is rejected."""
-    found = run_explicit(name, scene).solution
+    found = deformable_answer(on_its_mesh(scene_case(scene, name))).details
     result = found.explicit
     assert result is not None
     if arrives and str(result.status) != "converged":

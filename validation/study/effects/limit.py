@@ -7,11 +7,13 @@ machine. The answer is sure to have two meshes, and a third one within the limit
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from fem.accuracy.converge import LEAST_MESHES, MOST_WORK, TARGETS, work
 from fem.accuracy.ladder import ladder_for, on_rung
 from fem.accuracy.statics import refines
 from fem.assembly.statement import Problem
+from fem.method import Static
 from geometry.meshing.refinement import charts_of
 from validation.build.deformable import scene_problem
 from validation.scene.deformable import Method
@@ -48,9 +50,15 @@ def most_probing(scene: DeformableScene, name: str) -> float:
     return SHARE * each * sum(unknowns(mesh) for mesh in _meshes(problem, scene))
 
 
+def _without_accuracy(scene: DeformableScene) -> Static:
+    method = scene.method
+    assert isinstance(method, Static)
+    return replace(method, accuracy=None, error_estimate=True)
+
+
 def _meshes(problem: Problem, scene: DeformableScene) -> list[Problem]:
     """Meshes that the answer is sure to have."""
-    if not refines(problem, scene.fem.mesh, None):
+    if not refines(problem, _without_accuracy(scene)):
         return [problem]
     result = [on_rung(problem, rung) for rung in ladder_for(TARGETS, problem).rungs[:LEAST_MESHES]]
     return result[:-1] if work(result[-1], 1) > MOST_WORK else result

@@ -289,21 +289,25 @@ def answers_at(file: Case, method: Method, meshes: int = 2) -> list[Values]:
 
 def _deformable(file: Case, meshes: int) -> Iterator[Values]:
     """Measures on the first meshes of the sequence for means over facets and averaged tension."""
-    from fem.accuracy.converge import climbed
+    from fem.accuracy.converge import climbed, why_not_refined
     from fem.accuracy.ladder import ladder_for
+    from fem.accuracy.statics import static_options
     from fem.accuracy.strength import strength_factors
+    from fem.method import Static
     from geometry.parts.dimensions import dimensions
     from validation.build.deformable import fem_section
     from validation.errors import named
-    from validation.run.accuracy import refinable
-    from validation.run.solve import static_options
 
-    scene = require_deformable(file, "sensitivity --method fem")
-    problem, why = refinable(file.name, scene)
-    if problem is None or why is not None:
+    require_deformable(file, "sensitivity --method fem")
+    fem_section(file.scene, file.name)
+    problem = file.problem
+    with named(file.name):
+        why = why_not_refined(problem)
+    if why is not None:
         raise InputError(f"{file.name}: sensitivity: got {why}, whose mesh is not refined")
     ladder = ladder_for(("p_max", "p_eff", "sigma_1_averaged", "max_displacement"), problem)
-    options = static_options(scene, fem_section(scene, file.name))
+    method = file.method if isinstance(file.method, Static) else Static()
+    options = static_options(problem, method)
     volume = Measure(dimensions(problem.blocks).volume, "mm³")
     with named(file.name):
         for solved in islice(climbed(problem, ladder.rungs, options), meshes):

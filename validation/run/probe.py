@@ -12,8 +12,8 @@ from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
 from geometry.errors import RefusedError
-from validation.build.deformable import build_deformable
-from validation.errors import InputError
+from validation.build.deformable import scene_problem
+from validation.errors import InputError, named
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
 
@@ -94,7 +94,8 @@ def solve_probe(
     Finite rotation begins at ``start``, the same blocks without it. A load step takes no more than
     ``max_iterations``.
     """
-    deformable = build_deformable(without_motion(scene), name)
+    with named(name):
+        deformable = scene_problem(without_motion(scene), name).deformable
     options = StaticOptions(
         symmetry=1 if scene.fem.symmetry == "none" else None,
         tolerance=_TOLERANCE,
@@ -134,7 +135,7 @@ def probe_scene(scene: DeformableScene, name: str, *, fineness: int = 1) -> Defo
             break
         probe = static.changed({"mesh": coarse})
         try:
-            build_deformable(without_motion(probe), name)
+            _ = scene_problem(without_motion(probe), name).deformable
         except RefusedError:
             continue
         return probe

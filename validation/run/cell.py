@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from fem.solution import Solution
 from geometry.mesh import FloatArray
 from validation.build.cell import check_cell
-from validation.output.console import listing
-from validation.run.solve import run_static
+from validation.case import scene_case
+from validation.run.deformable import deformable_answer, on_its_mesh
+from validation.run.probe import Answer, answer_of, change, mesh_words, probe_scene
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
-from validation.study.effects.probe import Answer, answer_of, change, mesh_words, probe_scene
 
 #: Fineness of the mesh on which a run measures the error of its cell: with the coarsest mesh it
 #: would find a fraction of it.
@@ -34,22 +33,22 @@ def cell_error(scene: DeformableScene, name: str) -> dict[str, Any]:
         layers to the cell, which is its error, and from the whole tube, whose ends are in it.
     """
     check_cell(scene, name)
-    cell = run_static(name, _static(scene, "periodic cell"))
-    tube = run_static(name, _static(scene, "auto"))
+    runs = (scene_case(_static(scene, how), name) for how in ("periodic cell", "auto"))
+    cell, tube = (deformable_answer(on_its_mesh(run)) for run in runs)
     answers = {
-        "cell": middle_answer(cell.solution),
-        "middle": middle_answer(tube.solution),
-        "tube": answer_of(tube.solution),
+        "cell": middle_answer(cell.details),
+        "middle": middle_answer(tube.details),
+        "tube": answer_of(tube.details),
     }
     changes = {
         "error_of_middle_layers": change(answers["middle"], answers["cell"]),
         "difference_from_whole_tube": change(answers["tube"], answers["cell"]),
     }
     return {
-        "layers": tube.solution.deformable.assembly.n_layers,
+        "layers": tube.details.deformable.assembly.n_layers,
         "mesh": mesh_words(scene),
-        "cell_seconds": cell.cpu_seconds["total"],
-        "tube_seconds": tube.cpu_seconds["total"],
+        "cell_seconds": cell.report["cpu_seconds"]["total"],
+        "tube_seconds": tube.report["cpu_seconds"]["total"],
         **{key: asdict(result) for key, result in (answers | changes).items()},
     }
 
@@ -57,6 +56,31 @@ def cell_error(scene: DeformableScene, name: str) -> dict[str, Any]:
 def probed_cell_error(scene: DeformableScene, name: str) -> dict[str, Any]:
     """Error of the cell on a mesh that is coarse enough to take seconds, whatever the scene's."""
     return cell_error(probe_scene(_static(scene, "auto"), name, fineness=_FINENESS), name)
+
+
+@dataclass(frozen=True)
+class CellError:
+    """What a periodic cell differs by from the tube that it stands for."""
+
+    name: str
+    found: dict[str, Any]
+    """As `cell_error` returns it."""
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """The error of the middle layers, and the difference from the whole tube."""
+        titles = {
+            "error_of_middle_layers": "error of the periodic cell, middle layers",
+            "difference_from_whole_tube": "difference from the whole tube",
+        }
+        return [
+            (title, ", ".join(f"{k} {100 * v:+.2f} %" for k, v in self.found[key].items()))
+            for key, title in titles.items()
+        ]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return self.found
 
 
 def _static(scene: DeformableScene, symmetry: str) -> DeformableScene:
@@ -96,21 +120,3 @@ def _own_displacement(solution: Solution, blocks: list[int]) -> float:
     gram = np.einsum("kni,n,lni->kl", motions, mass, motions)
     mean = np.linalg.solve(gram, np.einsum("kni,n,ni->k", motions, mass, u))
     return float(np.linalg.norm(u - np.einsum("k,kni->ni", mean, motions), axis=1).max())
-
-
-def cell_table(name: str, found: dict[str, Any]) -> Table:
-    """Cell, middle layers and tube, and the error."""
-    seconds = {key: f"{found[f'{key}_seconds']:.2f}" for key in ("cell", "tube")}
-    rows = [
-        ("periodic cell", "cell", "{:.5g}", 1.0),
-        ("two middle layers of the tube", "middle", "{:.5g}", 1.0),
-        ("whole tube", "tube", "{:.5g}", 1.0),
-        ("error of the middle layers", "error_of_middle_layers", "{:+.2f} %", 100.0),
-        ("difference from the whole tube", "difference_from_whole_tube", "{:+.2f} %", 100.0),
-    ]
-    title = f"{name}: periodic cell and {found['layers']} layers, static, {found['mesh']}"
-    table = listing(title, "", "p_max, MPa", "p_eff, MPa", "u, mm", "CPU s")
-    for words, key, form, factor in rows:
-        numbers = (form.format(factor * value) for value in found[key].values())
-        table.add_row(words, *numbers, seconds.get(key, ""))
-    return table

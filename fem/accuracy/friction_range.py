@@ -1,0 +1,106 @@
+"""How wide the set of answers with friction is.
+
+Forces and displacements under the same load depend on the path to it. One end is the state that
+the load reaches straight up; the other one is sought by loading past by half and coming back,
+which turns the slips at all joints that slide around. Both are solved by the static solver on a
+coarse mesh; their ratio counts.
+
+Reference: Barber, Klarbring, Ciavarella, Shakedown in frictional contact problems for the
+continuum, C. R. Mecanique 336 (2008), on the dependence on the initial state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+
+from fem.accuracy.ladder import LADDER, coarser, on_rung
+from fem.accuracy.one_mesh import static_solution
+from fem.accuracy.parts import FrictionSet
+from fem.assembly.statement import Problem
+from fem.measures import load_step_change, measures_of
+from fem.solution import Solution
+from fem.static.linear_step.flexibility import FlexibilityStore
+from fem.static.solve import StaticOptions
+from geometry.answer import Measure
+from geometry.errors import RefusedError
+
+#: Load factors of the path past the load and back.
+PAST_AND_BACK = (0.09, 0.38, 0.84, 1.5, 1.25, 1.0)
+#: Elements along an edge of the meshes on which the width is sought, over those of the answer.
+_SHARES = (0.5, 2.0 / 3.0)
+
+
+def is_a_set(problem: Problem) -> bool:
+    """Whether the static states of a problem are a set: friction between blocks that meet."""
+    moves = any(held.moves for held in problem.load_case.held)
+    return problem.coulomb is not None and problem.deformable.meets and not moves
+
+
+def friction_set(
+    problem: Problem, solution: Solution, options: StaticOptions, *, refined: bool
+) -> FrictionSet:
+    """State which member of the set a solution is, and how wide the set is.
+
+    Parameters
+    ----------
+    problem
+        As stated.
+    solution
+        Its static state, or the end of an explicit run.
+    options
+        Of the static solver.
+    refined
+        Whether the solution is of the last of finer and finer meshes: the width is sought on the
+        first of these, else on coarser ones than that of the problem.
+    """
+    member, change = _member(solution), load_step_change(solution)
+    reason = ""
+    for stated, words in _rungs(problem) if refined else _coarser(problem):
+        solve = partial(_measures, stated, FlexibilityStore())
+        try:
+            direct = solve(options)
+        except RefusedError as error:
+            reason = f"no static state: {error}"
+            continue
+        try:
+            back = solve(replace(options, load_path=PAST_AND_BACK))
+        except RefusedError as error:
+            reason = f"150 % of the load are not carried: {error}"
+            if refined:
+                continue
+            break
+        width = {n: m.value / direct[n].value - 1.0 for n, m in back.items() if direct[n].value}
+        elements = stated.deformable.model.n_elements
+        return FrictionSet(member, change, width, f"on {elements} elements{words}")
+    return FrictionSet(member, change, {}, reason)
+
+
+def _measures(
+    stated: Problem, store: FlexibilityStore, options: StaticOptions
+) -> Mapping[str, Measure]:
+    turning = stated.finite_rotation
+    return measures_of(
+        static_solution(stated.deformable, options, finite_rotation=turning, store=store)
+    )
+
+
+def _rungs(problem: Problem) -> Iterator[tuple[Problem, str]]:
+    for rung in LADDER.rungs[:2]:
+        yield on_rung(problem, rung), f" of degree {rung.degree}"
+
+
+def _coarser(problem: Problem) -> Iterable[tuple[Problem, str]]:
+    """Coarser meshes first; some are too coarse for blocks."""
+    meshes = (*(coarser(problem, share) for share in _SHARES), problem)
+    return ((stated, "") for stated in meshes if stated is not None)
+
+
+def _member(solution: Solution) -> str:
+    """How the load was applied."""
+    if solution.static is not None:
+        steps = solution.static.load_steps
+        return f"monotonic loading in {steps} step{'s' if steps > 1 else ''}"
+    assert solution.statement is not None
+    return f"smooth ramp of {1e3 * solution.statement.ramp_time:.3g} ms, damped"

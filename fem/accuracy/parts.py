@@ -1,0 +1,261 @@
+"""What a deformable answer has beside its measures: `geometry.answer.Answer.parts`.
+
+`accuracy` and `meshes` of a state on finer and finer meshes, with the `facets` of its means;
+`friction`; `static_reference` of an explicit run to the static state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from fem.accuracy.ladder import NEGLIGIBLE
+from geometry.answer import TITLES, Measure
+from geometry.assembly import Assembly
+from geometry.mesh import FloatArray
+
+#: Why a run has no error bars.
+NOT_AT_REST = ("error bars", "not at rest: no error bar")
+#: Measures whose width the rows show; JSON has all.
+_WIDTHS = {"p_max": "p_max", "p_eff": "p_eff", "max_displacement": "displacement"}
+
+
+def relative(measure: Measure) -> float:
+    """Relative error of a measure by its error bar; infinite without one, or if not resolved."""
+    if measure.error is None or not measure.resolved:
+        return float("inf")
+    if measure.value == 0.0 and measure.error > 0.0:
+        return float("inf")
+    return measure.error / abs(measure.value) if measure.error else 0.0
+
+
+def is_negligible(measures: Mapping[str, Measure], name: str) -> bool:
+    """Whether a value with its bar is below `NEGLIGIBLE` of the largest one of the same unit.
+
+    The largest one is at least its value without its bar.
+    """
+    of, error = measures[name], measures[name].error
+    alike = [m for m in measures.values() if m.unit == of.unit]
+    largest = max(abs(m.value) - (m.error or 0.0) for m in alike)
+    return error is not None and abs(of.value) + error <= NEGLIGIBLE * largest
+
+
+def unmet(measures: Mapping[str, Measure], targets: Mapping[str, float]) -> list[str]:
+    """Measures whose error bars are wider than requested, and which are not negligible."""
+    return [
+        name
+        for name, share in targets.items()
+        if not relative(measures[name]) <= share and not is_negligible(measures, name)
+    ]
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Error bars that finer and finer meshes were solved for."""
+
+    requested: Mapping[str, float]
+    """Relative error bars [-] by measure."""
+    measures: Mapping[str, Measure]
+    """Numbers of the last mesh with their error bars."""
+    ended_by: str
+    """What ended the refinement."""
+
+    @property
+    def not_reached(self) -> list[str]:
+        """Measures whose error bars are wider than requested."""
+        return unmet(self.measures, self.requested)
+
+    def request_rows(self, names: Sequence[str] | None = None) -> list[str]:
+        """Repeat requests, by default all, reached or not, with their error bars."""
+        rows = []
+        for name in self.requested if names is None else names:
+            share, bar = self.requested[name], relative(self.measures[name])
+            digits = 1 if bar < 0.1 else 0
+            bar_words = f"± {100 * bar:.{digits}f} %" if isfinite(bar) else "no error bar"
+            if bar <= share:
+                verdict = f"reached, {bar_words}"
+            elif is_negligible(self.measures, name):
+                verdict = "not needed, negligible beside the largest stress"
+            else:
+                verdict = f"not reached, {bar_words}"
+            rows.append(f"{name}={100 * share:g}%: {verdict}")
+        return rows
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Each request with what was reached, and what ended the refinement."""
+        requests = enumerate(self.request_rows())
+        rows = [("" if k else "requested error bars", row) for k, row in requests]
+        return [*rows, ("refinement ended by", self.ended_by)]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {
+            "requested": dict(self.requested),
+            "reached": {name: relative(self.measures[name]) for name in self.requested},
+            "not_reached": self.not_reached,
+            "ended_by": self.ended_by,
+        }
+
+
+@dataclass(frozen=True)
+class Meshes:
+    """Meshes that were solved, from coarse to fine."""
+
+    meshes: list[dict[str, Any]]
+    """Degree, elements, unknowns, CPU time and values of each, as plain data."""
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Elements and CPU time of each mesh."""
+        words = (
+            f"{mesh['elements_per_block']} elements of degree {mesh['degree']} per block, "
+            f"{mesh['unknowns']} unknowns: {mesh['cpu_seconds']:.2f} CPU s"
+            for mesh in self.meshes
+        )
+        return [("" if k else "meshes", row) for k, row in enumerate(words)]
+
+    def as_json(self) -> list[dict[str, Any]]:
+        """Return plain data."""
+        return self.meshes
+
+
+@dataclass(frozen=True)
+class MeshFacets:
+    """Facets of the mesh that was stated, on which a state of a finer one is averaged."""
+
+    assembly: Assembly
+    """The mesh."""
+    pressures: FloatArray
+    """Mean pressure on each of its `interfaces`, (n,) [MPa]."""
+
+    @property
+    def of(self) -> tuple[Assembly, FloatArray]:
+        """Both."""
+        return self.assembly, self.pressures
+
+    @property
+    def size(self) -> float:
+        """Square root of the mean area [mm]."""
+        return float(np.sqrt(self.assembly.interfaces.areas.mean()))
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Their size."""
+        words = f"those of [mesh], {self.size:.3g} mm (square root of the mean area)"
+        return [("facets of p_eff, p_max", words)]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {"size": self.size, "n": len(self.pressures)}
+
+
+@dataclass(frozen=True)
+class FrictionSet:
+    """Where an answer with friction lies among those that the laws admit."""
+
+    member: str
+    """How the load was applied."""
+    change: Mapping[str, float]
+    """Of each measure when half as many load steps are taken, in its unit; empty where only one
+    number of them was solved."""
+    width: Mapping[str, float]
+    """Of each measure after the path past the load and back, relative to that straight up, less
+    one [-]; empty where that path has no end."""
+    remark: str
+    """Why there is no width, or where it was found."""
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """The load path of the answer, and how much another path changes it."""
+        words = f"not unique; this state: {self.member}; change on the overload-and-unload path"
+        shown = ", ".join(
+            f"{title} {100 * self.width[name]:+.2g} %"
+            for name, title in _WIDTHS.items()
+            if name in self.width
+        )
+        return [("friction", f"{words} (150 %): {shown or 'none'} ({self.remark})")]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {
+            "member": self.member,
+            "change_by_load_steps": dict(self.change),
+            "past_and_back": dict(self.width),
+            "remark": self.remark,
+        }
+
+
+@dataclass(frozen=True)
+class StaticReference:
+    """The converged static state of the problem of an explicit run, or why there is none."""
+
+    of_run: Mapping[str, Measure] = field(default_factory=dict)
+    """Numbers of the run."""
+    measures: Mapping[str, Measure] = field(default_factory=dict)
+    """Numbers of the static state with their error bars."""
+    report: Mapping[str, Any] = field(default_factory=dict)
+    """Meshes that were solved for it, and CPU times, as plain data."""
+    why_not: str = ""
+    """Why there is none; empty where there is one."""
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """Discretisation error of each measure of the run, in its unit: its value less this one's.
+
+        Values that no mesh resolves have none.
+        """
+        known = {n: m.value for n, m in self.measures.items() if m.resolved and not m.remark}
+        return {name: m.value - known[name] for name, m in self.of_run.items() if name in known}
+
+    @property
+    def bars(self) -> dict[str, float]:
+        """Error bars of the run: its discretisation errors, and the error bars of this state."""
+        result = self.errors.items()
+        return {name: abs(error) + (self.measures[name].error or 0.0) for name, error in result}
+
+    def error_words(self, name: str) -> str:
+        """A discretisation error in its unit and as a share of the converged value."""
+        error, converged = self.errors.get(name), self.measures[name]
+        if error is None or not converged.is_number:
+            return "–"
+        share = f" ({100 * error / abs(converged.value):+.3g} %)" if converged.value else ""
+        return f"{error:+.2g} {converged.unit}{share}"
+
+    @property
+    def compared(self) -> list[tuple[str, str, str, str]]:
+        """Title, value of the run, converged value and difference of each measure of both."""
+        return [
+            (
+                title.words,
+                f"{self.of_run[name].value:.5g} {self.of_run[name].unit}",
+                self.measures[name].value_words,
+                self.error_words(name),
+            )
+            for name, title in TITLES.items()
+            if name in self.of_run and name in self.measures
+        ]
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """The converged value of each measure, and the discretisation error of the run."""
+        if self.why_not:
+            return [("converged static state", f"none to compare with: {self.why_not}")]
+        return [
+            (f"converged: {title}", f"{converged}; discretisation error {error}")
+            for title, _, converged, error in self.compared
+        ]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        if self.why_not:
+            return {"why_not": self.why_not}
+        return {
+            "measures": {name: m.as_json() for name, m in self.measures.items()},
+            "discretisation_error": self.errors,
+            **self.report,
+        }
