@@ -77,7 +77,9 @@ class Case:
 
     @cached_property
     def problem(self) -> Problem:
-        """Blocks, load, material and what acts between blocks, for any method.
+        """Blocks, load, material and what acts between blocks, as its method takes them.
+
+        Solids have hexahedra where they deform.
 
         Raises
         ------
@@ -86,8 +88,10 @@ class Case:
         """
         if not isinstance(self.stated, DeformableSections):
             return self.stated
-        from validation.build.deformable import scene_problem
+        from validation.build.deformable import rigid_problem, scene_problem
 
+        if isinstance(self.method, Rigid):
+            return rigid_problem(self.stated, self.name, self.folder)
         return scene_problem(self.stated, self.name)
 
     @property

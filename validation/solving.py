@@ -96,13 +96,12 @@ def solve_rigid(
     """Answer a case by rigid blocks, which may be built already: ``stated``."""
     from geometry.compilation.stages import stages, summed
     from mbd.answer import analyse
-    from validation.build.rigid import rigid_statement
 
     assert isinstance(case.method, Rigid)
     with stages() as watch:
         if stated is None:
             tell("reads the blocks and finds where they touch")
-            stated = rigid_statement(case) if case.is_scene else case.problem
+            stated = case.problem
         watch.lap("build")
     built = watch.seconds()
     with named(case.name):

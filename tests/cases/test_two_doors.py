@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from geometry import Answer
+from mbd import analyse
 from tests.fixtures.commands import small_meshes
 from tests.support.face import RefusedError, builtin_names, command
 from validation import load_case, solve
@@ -79,6 +80,16 @@ def given(kind: str, name: str, settings: dict[str, Any]) -> dict[str, Any]:
     return _data(name, lambda: solve(load_case(name, settings).with_method(kind)))
 
 
+def below(name: str, settings: dict[str, Any]) -> dict[str, Any]:
+    """The same of the solver below it."""
+
+    def solved() -> Answer:
+        case = load_case(name, settings, method="rigid")
+        return analyse(case.problem, case.method)
+
+    return _data(name, solved)
+
+
 def _data(name: str, solved: Callable[[], Answer]) -> dict[str, Any]:
     try:
         return json.loads(json.dumps(solved().as_dict()))
@@ -107,7 +118,9 @@ def agree(one: dict[str, Any], other: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("name", builtin_names())
 def test_rigid_answers_of_command_and_python_are_one(name: str) -> None:
-    agree(printed("mbd", name, fewer(name)), given("rigid", name, fewer(name)))
+    one = printed("mbd", name, fewer(name))
+    agree(one, given("rigid", name, fewer(name)))
+    agree(one, below(name, fewer(name)))
 
 
 @pytest.mark.parametrize("name", deformable())
@@ -185,5 +198,6 @@ def test_random_scenes_have_one_rigid_answer() -> None:
         name, settings = drawn(rng)
         one = printed("mbd", name, settings)
         agree(one, given("rigid", name, settings))
+        agree(one, below(name, settings))
         answered += "rejected" not in one
     assert answered >= 50

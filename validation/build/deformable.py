@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from fem.accuracy.converge import usual_degree
@@ -14,10 +15,11 @@ from fem.contact.pair_laws import PairLaws
 from fem.contact.surfaces import ContactNormals
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase
-from validation.build.blocks import build_blocks
+from validation.build.blocks import build_blocks, require_assembly
 from validation.build.cell import build_cell
 from validation.build.materials import build_materials
 from validation.build.pairs import friction_of_pairs, laws_of_pairs
+from validation.build.polyhedra import build_live_load, build_polyhedra
 from validation.build.sections import scene_planes
 from validation.build.supports import held_at_faces, stated_load
 from validation.errors import InputError, named
@@ -157,8 +159,41 @@ def build_problem(scene: DeformableScene, name: str, load: LoadCase) -> Problem:
     )
 
 
+def rigid_problem(
+    scene: DeformableScene, name: str, folder: Path, known: Assembly | None = None
+) -> Problem:
+    """State the problem of a scene for rigid blocks: solids stay solids.
+
+    ``known`` are hexahedral blocks that are built already.
+    """
+    with named(name):
+        if isinstance(scene, PolyhedralScene):
+            solids = build_polyhedra(scene, folder)
+            live = build_live_load(scene, solids)
+            load = LoadCase(solids, "variable load", (), solids.fixed, body_wrenches=live)
+            load = stated_load(scene, solids, load)
+        elif known is None:
+            load = build_blocks(require_assembly(scene, name, "mbd"))
+        else:
+            load = stated_load(scene, known, scene.build_load(known))
+        blocks = load.assembly
+        return Problem(
+            blocks,
+            load,
+            build_materials(scene, blocks),
+            clearance=scene.contact.clearance,
+            spacing=scene.contact.spacing,
+            friction=build_friction(scene, blocks, sliding=False),
+            finite_sliding=scene.effects.finite_sliding,
+            finite_rotation=scene.effects.finite_rotation,
+            gravity=scene.effects.gravity,
+            check_units=False,
+            check_blocks=False,
+        )
+
+
 def scene_problem(scene: DeformableScene, name: str) -> Problem:
-    """State the problem of a scene."""
+    """State the problem of a scene for deformable blocks: solids have hexahedra."""
     load = build_hexahedra(scene, name)
     with named(name):
         problem = build_problem(scene, name, load)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -12,14 +12,13 @@ from scipy.spatial.transform import Rotation
 from geometry.assembly import AnyBlocks, AssemblyError
 from geometry.files.block_files import read_blocks
 from geometry.files.named_surfaces import Y_UP
-from geometry.loads import LoadCase
 from geometry.mesh import FloatArray
 from geometry.parts.chosen import numbers_of
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import check_assembly
 from geometry.polyhedra.polyhedron import Polyhedron
-from validation.build.blocks import body_forces, build_weight
+from validation.build.blocks import body_forces
 from validation.build.supports import supported_blocks
 from validation.errors import InputError
 from validation.scene.plausibility import check_block_size
@@ -105,33 +104,6 @@ def file_solids(scene: MeshScene, part: PartSection, folder: Path) -> list[Polyh
         repair=block.repair,
         leave_out=part.leave_out,
     )
-
-
-@dataclass(frozen=True)
-class BodyLoads:
-    """Loads on whole blocks."""
-
-    dead: FloatArray
-    """(F, M) about each block's centroid, (n_blocks, 6) [N, N mm]."""
-    live: FloatArray
-    """The same for what may grow, (n_blocks, 6)."""
-
-    def load_case(self, assembly: AnyBlocks) -> LoadCase:
-        """Dead and live load together."""
-        return LoadCase(
-            assembly,
-            "dead and live load",
-            (),
-            assembly.fixed,
-            body_wrenches=self.dead + self.live,
-        )
-
-
-def build_body_loads(scene: PolyhedralScene, assembly: AnyBlocks) -> BodyLoads:
-    """Build weight, accelerations and point forces."""
-    weight = build_weight(scene, assembly)
-    dead = np.zeros((assembly.n_blocks, 6)) if weight is None else weight
-    return BodyLoads(dead, build_live_load(scene, assembly))
 
 
 def build_live_load(scene: PolyhedralScene, assembly: AnyBlocks) -> FloatArray:

@@ -19,7 +19,7 @@ from geometry.assembly import Assembly
 from geometry.loads import LoadCase, PressureLoad, TractionLoad, surface_means
 from geometry.measures import Measures
 from mbd import rigid_result
-from validation.build.rigid import rigid_statement
+from validation.build.deformable import rigid_problem
 from validation.case import load_case
 from validation.paper.reference import reference
 from validation.scene.family import RoundScene
@@ -74,12 +74,14 @@ class SharedTubes:
         key = "\n".join(section.model_dump_json() for section in sections)
         if key not in self._built:
             start = time.process_time()
-            tube = rigid_statement(case).rigid_blocks
+            tube = case.problem.blocks
             assert isinstance(tube, Assembly)
             _ = tube.interfaces  # found once and kept
             self._built[key] = tube, time.process_time() - start
         tube, seconds = self._built[key]
-        answer = solve_rigid(case, lambda _: None, rigid_statement(case, tube))
+        answer = solve_rigid(
+            case, lambda _: None, rigid_problem(tube_scene, case.name, case.folder, tube)
+        )
         spent = answer.report["cpu_seconds"]
         spent |= {name: spent[name] + seconds for name in ("build", "total")}
         return answer.with_report({"cpu_seconds": spent})

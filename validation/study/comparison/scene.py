@@ -7,6 +7,8 @@ run has the elements of that mesh, and so has the static answer that it ends at.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from fem.accuracy.statics import refines
@@ -16,8 +18,7 @@ from fem.method import Static
 from geometry.answer import Answer
 from geometry.assembly import Assembly
 from mbd.options import Norm, Rigid
-from validation.build.deformable import fem_section, scene_problem
-from validation.build.rigid import rigid_statement
+from validation.build.deformable import fem_section, rigid_problem, scene_problem
 from validation.case import Case, scene_case
 from validation.errors import InputError
 from validation.run.deformable import Follower, deformable_answer, on_its_mesh
@@ -66,7 +67,7 @@ def _rigid_runs(name: str, scene: DeformableScene, problem: Problem) -> Iterator
     assembly: Assembly = problem.blocks
     if problem.searches:
         assembly = facing_blocks(problem.deformable.assembly)
-    stated = rigid_statement(scene_case(scene, name), assembly)
+    stated = replace(rigid_problem(scene, name, Path(), assembly), finite_sliding=False)
     for norm in Norm:
         # Both norms are compared, and no answer further to them.
         method = Rigid(norm=norm, solver=scene.rigid.solver)
