@@ -20,7 +20,7 @@ from mbd import (
     newton_equilibrium,
     solve_linear_programs,
 )
-from tests.support.face import build_scene, measuring, peak_memory_mb, tabled, write_json
+from tests.support.face import measuring, peak_memory_mb, tabled, write_json
 from validation import load_case, solve
 
 
@@ -63,7 +63,7 @@ def compared(
     name: str, settings: list[str], ours: Callable[..., Any], other: str, theirs: Callable[..., Any]
 ) -> BenchmarkRow:
     """Time two solvers on the same contact Jacobian (TSB1 pipe)."""
-    assembly = build_scene(load_case("tsb1-pipe", settings)).assembly
+    assembly = load_case("tsb1-pipe", settings).problem.blocks
     contacts = contact_jacobian(assembly)
     load = named_case(assembly, "pipe", 0.01)
     force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)

@@ -33,7 +33,6 @@ from tests.support.face import (
     _Row,
     block_edges,
     box_block,
-    build_scene,
     check_scene,
     compared_runs,
     draw_polyhedra,
@@ -303,8 +302,8 @@ def assert_words_have_room(figure: Figure) -> None:
 def rigid_pictures(path: Path) -> None:
     run = solve(load_case("tsb1-pipe", COARSE, method="rigid"))
     assemblies.draw_pressures(run, path)
-    built = build_scene(load_case("tsb1-pillar", COARSE))
-    assemblies.draw_assembly(built.assembly, built.load, path, title="a tube")
+    tube = load_case("tsb1-pillar", COARSE).problem
+    assemblies.draw_assembly(tube.blocks, tube.load_case, path, title="a tube")
     assemblies.draw_pressures(solve(load_case("osteomorphic", method="rigid")), path)
     assemblies.draw_mechanism(solve(load_case("brick-stack", method="rigid")), path)
 

@@ -227,7 +227,7 @@ _INNER = {
     "validation.benchmarks.kernels": "internal_force_work kernel_rows update_work",
     "validation.benchmarks.roofline": "Roofline Work roofline",
     "validation.benchmarks.stopwatch": "best_cpu_seconds",
-    "validation.build.blocks": "build_assembly build_blocks build_scene",
+    "validation.build.blocks": "build_assembly build_blocks",
     "validation.build.deck": "build_deck",
     "validation.build.deformable": "fem_section scene_problem",
     "validation.build.polyhedra": "build_polyhedra motion",

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass
-
 import numpy as np
 
 from geometry.assembly import AnyBlocks, Assembly
@@ -12,7 +9,6 @@ from geometry.loads import LoadCase
 from geometry.mesh import FloatArray
 from validation.build.materials import densities
 from validation.build.supports import stated_load
-from validation.case import Case
 from validation.errors import InputError
 from validation.scene.family import AssemblyScene
 from validation.scene.plausibility import check_block_size
@@ -71,29 +67,3 @@ def build_blocks(scene: AssemblyScene) -> LoadCase:
     """Build the load of a scene on its blocks."""
     assembly = build_assembly(scene)
     return stated_load(scene, assembly, scene.build_load(assembly))
-
-
-@dataclass(frozen=True)
-class BuiltScene:
-    """A scene and what was built from it: bad input has been rejected by now."""
-
-    name: str
-    scene: DeformableScene
-    assembly: Assembly
-    load: LoadCase
-    cpu_seconds: float
-
-
-def build_scene(file: Case, *, command: str = "mbd") -> BuiltScene:
-    """Build what a scene describes; ``command`` is named where that is not enough for it."""
-    start = time.process_time()
-    scene = require_assembly(file.scene, file.name, command)
-    load = build_blocks(scene)
-    assembly = load.assembly
-    assert isinstance(assembly, Assembly)
-    if assembly.unmatched:
-        from fem.assembly.facing import facing_blocks  # it loads a compiler
-
-        assembly = facing_blocks(assembly)
-    seconds = time.process_time() - start
-    return BuiltScene(file.name, scene, assembly, load, seconds)

@@ -68,19 +68,14 @@ def _export_blocks(file: Case, output: Path) -> None:
     """Write the blocks of a scene where they stand."""
     from geometry.files.write_solids import SOLID_SUFFIXES, write_solids
     from geometry.polyhedra.assembly import as_polyhedral
-    from validation.build.blocks import build_scene
-    from validation.build.polyhedra import build_polyhedra
     from validation.output.files import prepare_file
     from validation.output.outputs import Outputs
-    from validation.scene.polyhedra import PolyhedralScene
 
     with Outputs(files={"-o": output}, scene=file) as outputs:
         if output.suffix.lower() not in SOLID_SUFFIXES:
             raise InputError(f"-o {output}: expected a name that ends in .inp, .obj or .json")
-        if isinstance(file.scene, PolyhedralScene):
-            placed = build_polyhedra(file.scene, file.folder)
-        else:
-            placed = as_polyhedral(build_scene(file, command="export").assembly)
+        problem = file.with_method("rigid").problem
+        placed = problem.blocks if problem.is_solid else as_polyhedral(problem.blocks)
         prepare_file(output)
         write_solids(output, placed)
         outputs.say(f"{placed.n_blocks} blocks", output)

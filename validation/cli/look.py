@@ -69,26 +69,20 @@ def show(
 
 def _draw_scene(file: Case, path: Path) -> None:
     """Draw the blocks before any answer, with load and supports where they are of the scene."""
-    from validation.scene.polyhedra import PolyhedralScene
-
-    title = f"{file.name}: {file.scene.load_words}"
-    if isinstance(file.scene, PolyhedralScene):
-        from validation.build.polyhedra import build_polyhedra
+    title, weight = f"{file.name}: {file.scene.load_words}", file.scene.weight
+    problem = file.with_method("rigid").problem
+    if problem.is_solid:
         from validation.output.pictures.polyhedra import draw_blocks
 
-        blocks = build_polyhedra(file.scene, file.folder)
-        draw_blocks(blocks, path, title=title, weight=file.scene.weight)
+        draw_blocks(problem.blocks, path, title=title, weight=weight)
         return
-    from validation.build.blocks import build_scene
     from validation.output.pictures.assemblies import draw_assembly
 
-    built = build_scene(file, command="show")
-    draw_assembly(built.assembly, built.load, path, title=title, weight=file.scene.weight)
+    draw_assembly(problem.rigid_blocks, problem.load_case, path, title=title, weight=weight)
 
 
 def _draw_one_block(file: Case, output: Path) -> None:
     """Draw one block of a tube of Sine Blocks with the measures of its scene."""
-    from validation.build.blocks import build_scene
     from validation.errors import InputError
     from validation.output.pictures.block import draw_block
     from validation.scene.read import TubeScene
@@ -98,7 +92,7 @@ def _draw_one_block(file: Case, output: Path) -> None:
             f"--block: {file.name} has blocks of type {file.scene.block.type!r}; the drawing with "
             'measures is that of block.type = "sine", such as tsb1-pipe'
         )
-    assembly = build_scene(file, command="show").assembly
+    assembly = file.problem.blocks
     title = f"{file.name}: Sine Block TSB(h, a, f, s, n, r_i, t)"
     draw_block(assembly, file.scene.stated.block, output, title=title)
 

@@ -16,7 +16,6 @@ from geometry.errors import RefusedError
 from geometry.families.sine_block import LayerTurn, SineBlockParameters, wave, waves_of_turn
 from geometry.loads import named_case
 from mbd import contact_jacobian, generalized_force, solve_linear_programs
-from validation.build.blocks import build_scene
 from validation.case import load_case
 from validation.output.console import listing, two_columns
 from validation.paper.evidence import Evidence, p_max
@@ -98,14 +97,14 @@ def solve_printed_program(transpose: sp.csr_array) -> tuple[float, float]:
 @_erratum
 def _degenerate_program(_: Evidence) -> Shown:
     settings = ["assembly.layers=2", "mesh.around=24", "mesh.radial=3", "mesh.axial=6"]
-    built = build_scene(load_case("tsb1-pipe", settings))
-    contacts = contact_jacobian(built.assembly)
+    tube = load_case("tsb1-pipe", settings).problem.blocks
+    contacts = contact_jacobian(tube)
     n = 6 * len(contacts.free_blocks)
     transpose = sp.csr_array(contacts.jacobian.to_matrix().T)
     optimum, motion = solve_printed_program(transpose)
     force = generalized_force(
-        built.assembly,
-        named_case(built.assembly, "pipe", 0.01),
+        tube,
+        named_case(tube, "pipe", 0.01),
         contacts.free_blocks,
         contacts.length,
     )
@@ -190,7 +189,7 @@ def _half_block(_: Evidence) -> Shown:
     z = wave(block, across, np.full_like(across, block.outer_radius))
     valleys = int(((z[1:-1] < z[:-2]) & (z[1:-1] < z[2:])).sum())
     try:
-        build_scene(load_case("tsb1-pipe", ["block.frequency=0.75"]))
+        _ = load_case("tsb1-pipe", ["block.frequency=0.75"]).problem
         refusal = "none"
     except RefusedError as error:
         refusal = str(error).split(";")[0]
