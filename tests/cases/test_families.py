@@ -284,7 +284,7 @@ def names(stated: Any) -> list[str]:
     return sorted(field.name for field in fields(stated) if field.name != "type")
 
 
-@pytest.mark.parametrize("kind", SCENE_TYPES.keys() - {"sine", "hexagon", "boxes", "mesh"})
+@pytest.mark.parametrize("kind", sorted(SCENE_TYPES.keys() - {"sine", "hexagon", "boxes", "mesh"}))
 def test_a_scene_states_the_dataclass_that_python_takes(kind: str) -> None:
     """Keys of its sections are the fields, and both build the same blocks."""
     data, stated = STATED[kind]

@@ -24,7 +24,7 @@ from tests.support.face import (
     frictional_contacts,
     frictional_equilibrium,
     push_curves,
-    rigid_limit,
+    scene_case,
     scene_problem,
     stated_load,
     static_options,
@@ -106,7 +106,7 @@ def test_joint_forces_lie_within_the_ranges_of_rigid_blocks(squeezed: StaticResu
 def test_no_force_is_larger_than_the_rigid_limit(pressed: Pushed) -> None:
     """Associated limit analysis bounds every state with Coulomb's friction, as far as the panel is
     the one as built: blocks of 60 mm that move by 0.12 mm turn its faces by no more than 0.2 %."""
-    limit = rigid_limit(panel())
+    limit = solve(scene_case(panel(), "panel").with_method("rigid")).parts["push_limit"].associated
     assert limit is not None
     assert pressed.details.converged
     assert pressed.curve.displacements[-1] == pytest.approx(0.12, rel=1e-12)

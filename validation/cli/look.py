@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -78,7 +78,8 @@ def _draw_scene(file: Case, path: Path) -> None:
         return
     from validation.output.pictures.assemblies import draw_assembly
 
-    draw_assembly(problem.rigid_blocks, problem.load_case, path, title=title, weight=weight)
+    blocks: Any = problem.rigid_blocks
+    draw_assembly(blocks, problem.load_case, path, title=title, weight=weight)
 
 
 def _draw_one_block(file: Case, output: Path) -> None:
