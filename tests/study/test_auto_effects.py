@@ -24,8 +24,8 @@ from tests.support.face import (
     on_mesh,
     with_auto,
 )
-from tests.support.face import EffectAnswer as Answer
-from tests.support.face import effect_answer_of as answer_of
+from tests.support.face import EffectNumbers as Answer
+from tests.support.face import effect_numbers_of as answer_of
 from tests.support.face import effects_limit_module as limit
 from tests.support.face import solve_deformable_static as solve_static
 from tests.support.fem_problems import pair_resultants

@@ -342,7 +342,7 @@ _INNER = {
     "validation.run.cell": "middle_answer",
     "validation.study.effects.costs": "bare effect_costs",
     "validation.study.effects.limit": "effects_limit_module=*",
-    "validation.run.probe": ("Change EffectAnswer=Answer change effect_answer_of=answer_of"),
+    "validation.run.probe": ("Change EffectNumbers=Numbers change effect_numbers_of=numbers_of"),
     "validation.study.optimisation.search": "Search worst_of",
     "validation.study.optimisation.statement": "Optimisation check_optimisation",
     "validation.study.picture": "check_axes study_figure",

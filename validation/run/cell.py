@@ -12,7 +12,7 @@ from geometry.mesh import FloatArray
 from validation.build.cell import check_cell
 from validation.case import scene_case
 from validation.run.deformable import deformable_answer, on_its_mesh
-from validation.run.probe import Answer, answer_of, change, mesh_words, probe_scene
+from validation.run.probe import Numbers, change, mesh_words, numbers_of, probe_scene
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
 
@@ -38,7 +38,7 @@ def cell_error(scene: DeformableScene, name: str) -> dict[str, Any]:
     answers = {
         "cell": middle_answer(cell.details),
         "middle": middle_answer(tube.details),
-        "tube": answer_of(tube.details),
+        "tube": numbers_of(tube.details),
     }
     changes = {
         "error_of_middle_layers": change(answers["middle"], answers["cell"]),
@@ -87,8 +87,8 @@ def _static(scene: DeformableScene, symmetry: str) -> DeformableScene:
     return scene.changed({"fem.symmetry": symmetry, "fem.method": Method.STATIC})
 
 
-def middle_answer(solution: Solution) -> Answer:
-    """Answer of the two middle layers, rid of their mean motion along and about the axis.
+def middle_answer(solution: Solution) -> Numbers:
+    """Numbers of the two middle layers, rid of their mean motion along and about the axis.
 
     Of a tube with an odd number of layers, those are the middle one and the one below it.
     """
@@ -98,7 +98,7 @@ def middle_answer(solution: Solution) -> Answer:
     chosen = np.isin(assembly.layer[assembly.free_blocks], layers)
     blocks = assembly.free_blocks[chosen]
     result = solution.contact.per_block
-    return Answer(
+    return Numbers(
         p_max=float(result.p_max[chosen].mean()),
         p_eff=float(result.p_eff[chosen].mean()),
         displacement=_own_displacement(solution, blocks.tolist()),

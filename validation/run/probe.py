@@ -25,7 +25,7 @@ _PER_WAVE, _THROUGH, _OTHER = 4, 2, 4
 
 
 @dataclass(frozen=True)
-class Answer:
+class Numbers:
     """The quantities by which effects are judged."""
 
     p_max: float
@@ -41,7 +41,7 @@ class Answer:
         return self.p_max, self.p_eff, self.displacement
 
 
-class Change(Answer):
+class Change(Numbers):
     """Relative change of each quantity [-]."""
 
     @property
@@ -61,12 +61,12 @@ class Change(Answer):
         return f"{name} {100 * value:+.2g} %" if value else "no change"
 
 
-def answer_of(solution: Solution) -> Answer:
+def numbers_of(solution: Solution) -> Numbers:
     """Quantities of a run."""
-    return Answer(solution.contact.p_max, solution.contact.p_eff, solution.largest_displacement)
+    return Numbers(solution.contact.p_max, solution.contact.p_eff, solution.largest_displacement)
 
 
-def change(before: Answer, after: Answer) -> Change:
+def change(before: Numbers, after: Numbers) -> Change:
     """Relative change from one answer to another; one, a hundred per cent, where it was zero."""
 
     def relative(a: float, b: float) -> float:

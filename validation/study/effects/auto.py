@@ -23,10 +23,10 @@ from validation.errors import InputError
 from validation.run.probe import (
     Change,
     UnsolvedError,
-    answer_of,
     change,
     largest_slip_share,
     mesh_words,
+    numbers_of,
     probe_scene,
     solve_probe,
     without_motion,
@@ -328,7 +328,9 @@ class _Probe:
             possible = effect is not EffectName.ELASTIC_FRAME
             reason = f"{'no probe' if possible else 'not possible here'}: {error}"
             return Decision(effect, setting, possible, None, reason)
-        return Decision(effect, setting, True, change(answer_of(base), answer_of(result)), "probe")
+        return Decision(
+            effect, setting, True, change(numbers_of(base), numbers_of(result)), "probe"
+        )
 
     def _as_written(self, effect: EffectName, setting: str) -> Decision:
         """No decision: the effect stays as the scene has it."""

@@ -28,7 +28,7 @@ from validation.build.deformable import fem_section, scene_problem
 from validation.case import scene_case
 from validation.errors import InputError, named
 from validation.run.deformable import deformable_answer, on_its_mesh
-from validation.run.probe import Answer, answer_of, change
+from validation.run.probe import Numbers, change, numbers_of
 from validation.scene.deformable import (
     BulkViscositySection,
     EffectsSection,
@@ -199,8 +199,8 @@ def effect_costs(
     }
 
 
-def _answer(scene: DeformableScene, name: str, *, arrives: bool = False) -> Answer:
-    """Answer of an explicit run, which ``arrives`` at its static state or is rejected."""
+def _answer(scene: DeformableScene, name: str, *, arrives: bool = False) -> Numbers:
+    """Numbers of an explicit run, which ``arrives`` at its static state or is rejected."""
     found = deformable_answer(on_its_mesh(scene_case(scene, name))).details
     result = found.explicit
     assert result is not None
@@ -209,7 +209,7 @@ def _answer(scene: DeformableScene, name: str, *, arrives: bool = False) -> Answ
             f"{name}: the scene without effects did not arrive at its static state by "
             f"{result.time:.3g} s; expected a larger fem.end_time, or none"
         )
-    return answer_of(found)
+    return numbers_of(found)
 
 
 def _measured(
