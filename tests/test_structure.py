@@ -88,5 +88,15 @@ def test_inner_names_of_the_library_are_imported_by_tests_of_laws_alone() -> Non
 
 def test_the_face_has_the_names_that_tests_use_and_no_others() -> None:
     used = {module for _, module in imports() if module.startswith(f"{face.__name__}.")}
-    own = {f.__name__ for f in (face.case, face.solved, face.rejected, face.command)}
+    own = {
+        f.__name__
+        for f in (
+            face.case,
+            face.solved,
+            face.on_mesh,
+            face.by_options,
+            face.rejected,
+            face.command,
+        )
+    }
     assert {name.rpartition(".")[2] for name in used} - own == set(face.INNER_NAMES)

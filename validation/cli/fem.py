@@ -131,6 +131,8 @@ def _requested(
 ) -> Case:
     """The case with what the command requests; what cannot be requested is rejected."""
     fem, name = case.scene.fem, case.name
+    if targets and resume is not None:
+        raise InputError(f"--resume {resume}: a resumed run keeps its mesh; remove --accuracy")
     if fem.method == "static" and resume is not None:
         raise InputError(
             f"--resume {resume}: a static run keeps no checkpoint; leave --resume out, or set "
