@@ -45,16 +45,12 @@ from fem.element.material import (
 )
 from fem.problem.effects import Effects
 from fem.problem.model import Model
-from geometry.assembly import AnyBlocks, Assembly, UnmatchedJoint, spacing_offsets
+from geometry.assembly import AnyBlocks, Assembly, PlacedBlocks, UnmatchedJoint, spacing_offsets
 from geometry.block import Block
 from geometry.errors import RefusedError, is_number
-from geometry.files.hexahedral_solids import with_hexahedra
 from geometry.loads import Load, LoadCase
 from geometry.mesh import BoolArray, FloatArray, IntArray, check_mesh
 from geometry.parts.pairs import OfPairs, check_pairs
-from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral, unmatched_joints
-from geometry.polyhedra.overlap import check_contacts
-from geometry.polyhedra.polyhedron import Polyhedron
 
 #: Depth that is no overlap, in block lengths ∛V: meshes of curved faces that do not match.
 _LEAST_OVERLAP = 1e-3
@@ -89,7 +85,7 @@ class Motion:
 
 #: What the parts of a problem are.
 _KINDS: dict[str, Any] = {
-    "blocks": Assembly | PolyhedralAssembly,
+    "blocks": PlacedBlocks,
     "load": Load | LoadCase | None,
     "clearance": Real,
     "spacing": Real,
@@ -274,6 +270,11 @@ class Problem:
             )
         if self.size is not None and not (is_number(self.size) and self.size > 0.0):
             raise ProblemError(f"size: got {self.size!r}; expected a positive length in mm")
+        if self.is_solid and self.spacing:
+            raise ProblemError(
+                f"spacing: got {self.spacing:g} mm for solids, which have no layers to move apart; "
+                "expected a clearance, or blocks with gaps"
+            )
         if not self.is_solid and self.blocks.image_of is not None:
             check_cell(self.blocks, self.frames, finite_sliding=self.finite_sliding)
 
@@ -286,6 +287,8 @@ class Problem:
                 "expected a load on the blocks of the problem"
             )
         if self.is_solid:
+            from geometry.polyhedra.overlap import check_contacts
+
             check_contacts(blocks, _supported(load))
             return
         for shape in blocks.shapes:
@@ -422,7 +425,7 @@ class Problem:
     @property
     def is_solid(self) -> bool:
         """Whether blocks are solids, without hexahedra."""
-        return isinstance(self.blocks, PolyhedralAssembly)
+        return not isinstance(self.blocks, Assembly)
 
     @cached_property
     def meshed(self) -> Problem:
@@ -437,6 +440,8 @@ class Problem:
         """
         if not self.is_solid:
             return self
+        from geometry.files.hexahedral_solids import with_hexahedra
+
         supported = _supported(self.load_case)
         meshed = with_hexahedra(self.blocks, self.divisions, self.size, lambda _: supported)
         return self._on(meshed)
@@ -453,10 +458,13 @@ class Problem:
         blocks: Assembly = self.meshed.blocks
         if blocks.unmatched is not None:
             return blocks.unmatched
-        every = unmatched_joints(blocks, as_polyhedral(blocks)) if blocks.unmatched_allowed else ()
+        if not blocks.unmatched_allowed:
+            return ()
+        from geometry.polyhedra.assembly import as_polyhedral, unmatched_joints
+
         return tuple(
             joint
-            for joint in every
+            for joint in unmatched_joints(blocks, as_polyhedral(blocks))
             if all(len(blocks.shape(b).contact_quads) for b in (joint.block_m, joint.block_s))
         )
 
@@ -635,9 +643,10 @@ def _supported(load: LoadCase) -> IntArray:
     return np.array(sorted({held.block for held in load.held}), dtype=np.int64)
 
 
-def _nodes(shape: Block | Polyhedron) -> FloatArray:
+def _nodes(shape: Any) -> FloatArray:
     """Nodes of a shape in its own frame, (n, 3) [mm]."""
-    return shape.mesh.nodes if isinstance(shape, Block) else shape.points
+    nodes: FloatArray = shape.mesh.nodes if isinstance(shape, Block) else shape.points
+    return nodes
 
 
 def require_problem(problem: object) -> Problem:

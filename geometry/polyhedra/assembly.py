@@ -211,6 +211,15 @@ def unmatched_joints(
     return tuple(result)
 
 
+def bare_joints(surfaces: PolyhedralAssembly) -> list[tuple[int, int]]:
+    """Pairs of blocks that touch along edges or at points alone."""
+    result = surfaces.interfaces
+    pairs = np.sort(np.column_stack([result.block_m, result.block_s]), axis=1)
+    key = pairs[:, 0] * surfaces.n_blocks + pairs[:, 1]
+    bare = np.unique(pairs[~np.isin(key, key[result.patch >= 0])], axis=0)
+    return [(m, s) for m, s in bare.tolist()]
+
+
 def contact_distance(assembly: PolyhedralAssembly) -> IntArray:
     """Least number of joints between each block and a held one, (n_blocks,).
 

@@ -238,6 +238,7 @@ def test_solids_on_springs_sink_by_their_weight() -> None:
     [
         ({"load": pipe(0.01)}, "load: got 'pipe', a load of tubes"),
         ({"divisions": 0}, "divisions: got 0; expected a whole number"),
+        ({"spacing": 0.1}, "spacing: got 0.1 mm for solids"),
         ({"size": -1.0}, "size: got -1.0; expected a positive length"),
         ({"blocks": [BASE, TOP]}, "blocks: got a list"),
     ],

@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from fem.element.lagrange_mesh import with_degree
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.files.hexahedral_solids import with_hexahedra
 from geometry.loads import LoadCase
-from geometry.polyhedra.assembly import PolyhedralAssembly
 from validation.build.polyhedra import build_live_load, build_solids
 from validation.build.supports import stated_load, supported_blocks
 from validation.errors import InputError
@@ -36,17 +33,9 @@ def build_own_blocks(scene: PolyhedralScene, name: str) -> LoadCase:
         )
     except RefusedError as error:
         # What is wrong with the whole assembly begins with its name.
-        raise InputError(f"{name}: {str(error).removeprefix(f'{name}: ')}") from None
+        line = str(error).removeprefix("own blocks: ").removeprefix(f"{name}: ")
+        raise InputError(f"{name}: {line}") from None
     return own_load(scene, assembly)
-
-
-def bare_joints(surfaces: PolyhedralAssembly) -> list[tuple[int, int]]:
-    """Pairs of blocks that touch along edges or at points alone."""
-    result = surfaces.interfaces
-    pairs = np.sort(np.column_stack([result.block_m, result.block_s]), axis=1)
-    key = pairs[:, 0] * surfaces.n_blocks + pairs[:, 1]
-    bare = np.unique(pairs[~np.isin(key, key[result.patch >= 0])], axis=0)
-    return [(m, s) for m, s in bare.tolist()]
 
 
 def own_load(scene: PolyhedralScene, assembly: Assembly) -> LoadCase:

@@ -21,10 +21,10 @@ from geometry.answer import Answer, Notes, Part
 from geometry.compilation.stages import stages, summed
 from geometry.errors import RefusedError
 from geometry.measures import SectionError
+from geometry.polyhedra.assembly import bare_joints
 from geometry.system import peak_memory_mb
 from validation.build.deformable import fem_section
 from validation.build.doubts import doubts
-from validation.build.own_blocks import bare_joints
 from validation.build.polyhedra import build_polyhedra
 from validation.build.sections import scene_planes
 from validation.case import Case

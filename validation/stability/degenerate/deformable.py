@@ -14,9 +14,8 @@ from geometry.assembly import Assembly
 from geometry.block import Block, box_block
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray
-from geometry.polyhedra.assembly import as_polyhedral
+from geometry.polyhedra.assembly import as_polyhedral, bare_joints
 from geometry.polyhedra.options import DetectionOptions
-from validation.build.own_blocks import bare_joints
 from validation.stability.case import Cases, Check, Finding
 from validation.stability.problems import relative
 
