@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem import LinearPenalty, Material, Problem, solve_static
+from fem import LinearPenalty, Material, Problem, Static, solve_static
 from geometry import Assembly
 from mbd import analyse
 from tests.support.face import ColumnBox, LoadCase, ProblemError, box_block, box_column
@@ -52,7 +52,7 @@ def test_rigid_and_static_joints_carry_the_weight(angle: float) -> None:
     assert rigid["largest_joint_force"].value == pytest.approx(weight, rel=1e-9)
     # The search cuts the facets of the finer surface by those of the coarser one.
     assert rigid.contacts["area"].sum() == pytest.approx(60.0 * 40.0, rel=1e-9)
-    static = solve_static(problem, mesh="scene")
+    static = solve_static(problem, Static(mesh="scene"))
     assert static.details.deformable.contact.finite_sliding
     # The residual is 1e-8 of the load.
     for answer in (rigid, static):
