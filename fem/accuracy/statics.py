@@ -97,7 +97,7 @@ def solve_static(
     SymmetryError
         The requested symmetry is not one of the load or the supports.
     """
-    problem = require_problem(problem)
+    problem = _of_usual_degree(problem, require_problem(problem))
     problem.refuse_motion()
     problem.require_action()
     with stages() as watch:
@@ -109,6 +109,15 @@ def solve_static(
         if finer:
             return _converged(problem, method, otherwise, follower)
         return _on_one_mesh(problem, method, store, follower)
+
+
+def _of_usual_degree(stated: Problem, meshed: Problem) -> Problem:
+    """Solids that are tetrahedra have elements of degree 2, unless other ones are stated."""
+    other = (meshed.degree, meshed.element) != (1, ElementType.INCOMPATIBLE)
+    if other or not stated.is_solid:
+        return meshed
+    degree = usual_degree(meshed.blocks, friction=meshed.friction is not None)
+    return meshed if degree == 1 else replace(meshed, degree=degree)
 
 
 @dataclass(frozen=True)

@@ -120,7 +120,8 @@ class Problem:
         Hexahedron of degree 1. Default: incompatible modes.
     degree
         Polynomial degree of the elements [-]. Default 1. Degrees 2 to 8 (static analyses only) are
-        isoparametric, with nodes on the exact shape of the block where it has one.
+        isoparametric, with nodes on the exact shape of the block where it has one. Solids that are
+        meshed with tetrahedra have degree 2 in static analyses; ``problem.meshed`` has degree 1.
     law
         Contact pressure [MPa] as a function of overclosure [mm]: `ExponentialLaw` (default, with
         the paper's constants), `LinearPenalty`, `TabularLaw`, or an object of one's own with the

@@ -184,6 +184,30 @@ def test_meshes_in_memory_give_the_answer_of_their_file(seed: int, tmp_path: Pat
         np.testing.assert_array_equal(values, there.contacts[name])
 
 
+def test_any_solid_deforms_as_that_of_its_file(tmp_path: Path) -> None:
+    """A cone on a box: tetrahedra of degree 2, whichever door it comes through."""
+    pytest.importorskip("gmsh")
+    cone = trimesh.creation.cone(radius=30.0, height=50.0, sections=5)
+    cone.apply_translation((0.0, 0.0, 0.5 * SIZE))
+    meshes = [box(0.0, 0.0, 0.0), cone]
+    write_obj(tmp_path / "cone.obj", meshes)
+    scene = tmp_path / "cone.toml"
+    scene.write_text(
+        '[block]\ntype = "mesh"\n[[parts]]\nfile = "cone.obj"\n[assembly]\nfixed = [0]\n'
+        "[mesh]\nsize = 60.0\n[effects]\ngravity = [0, 0, -9810]\n"
+        '[fem]\nmesh = "scene"\nerror_estimate = false\n'
+    )
+    there = solved(scene, method="static")
+    blocks = geometry.blocks(meshes, fixed=[0])
+    problem = Problem(blocks, None, concrete, gravity=(0, 0, -9810), size=60.0)
+    here = solve_static(problem, Static(mesh="scene", error_estimate=False))
+    assert here.problem.degree == there.problem.degree == 2
+    assert list(here.measures) == list(there.measures)
+    for name, measure in here.measures.items():
+        # Both solve one problem to a residual of 1e-8 of its load.
+        assert measure.value == pytest.approx(there.measures[name].value, rel=1e-6)
+
+
 SIX_LINES = re.search(
     r"```python\n(import trimesh.*?)```",
     (Path(__file__).parents[2] / "docs" / "tutorials" / "own-blocks.md").read_text("utf-8"),
