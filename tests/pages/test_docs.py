@@ -59,6 +59,8 @@ def _defined(module: Path) -> set[str]:
 
 def _names(body: list[ast.stmt], before: str) -> Iterator[str]:
     for node in body:
+        if isinstance(node, ast.If):  # public names of a package, for type checkers
+            yield from _names(node.body, before)
         if isinstance(node, ast.ClassDef | ast.FunctionDef):
             yield before + node.name
         if isinstance(node, ast.ClassDef):
