@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from fem import Frames, Material, solve
+from fem import Explicit, Frames, Material, solve, solve_explicit
 from tests.support.face import (
     AdaptiveMassDamping,
     ColumnBox,
@@ -20,6 +20,7 @@ from tests.support.face import (
     FloatArray,
     InputError,
     Model,
+    RefusedError,
     SmoothStepAmplitude,
     StopCriterion,
     block_frequencies,
@@ -352,7 +353,7 @@ def test_own_blocks_that_do_not_match(tmp_path: Path) -> None:
     explicit = load_case(str(path), ["fem.method='explicit'"]).scene
     assert isinstance(explicit, DeformableScene)
     run = on_mesh(explicit, "own", "explicit")
-    assert str(run.contact_search) == "finite sliding (non-matching meshes)"
+    assert run.report["contact_search"] == "finite sliding (non-matching meshes)"
     assert run.details.contact.force == pytest.approx(weight, rel=1e-3)
 
 
@@ -385,7 +386,8 @@ forces = [{block = 3, force = [0, 0, -4000]}]
         + SECTIONS,
         "utf-8",
     )
-    settings = ["fem.residual=1e-6", "effects.friction.coefficient=0.3", f"fem.method='{method}'"]
+    residual = ["fem.residual=1e-6"] if method == "explicit" else []
+    settings = [*residual, "effects.friction.coefficient=0.3", f"fem.method='{method}'"]
     scene = load_case(str(path), settings).scene
     assert isinstance(scene, DeformableScene)
     found = on_mesh(scene, "own").details.contact_state
@@ -412,8 +414,9 @@ def test_an_overlap_that_no_facet_matches_is_refused() -> None:
     scene = column(*CROSSING, contact={"law": "exponential"})
     problem = scene_problem(scene, "column")
     problem.deformable.offsets[1:, 2] -= 0.05
-    with pytest.raises(InputError, match=r"deepest 0.05 mm between blocks"):
-        on_mesh(scene, "column", "explicit", problem=problem)
+    method = Explicit(damping="static", error_estimate=False, static_reference=False)
+    with pytest.raises(RefusedError, match=r"deepest 0.05 mm between blocks"):
+        solve_explicit(problem, method)
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,7 @@ def bar(traction: float, *, mises: bool = False):
 
 def test_arrows_are_along_the_pull_and_of_its_size() -> None:
     run = bar(0.3)
-    found = crosses(run.solution, None)
+    found = crosses(run.details, None)
     assert found.values[:, 2] == pytest.approx(0.3, rel=1e-9)
     assert np.abs(found.values[:, :2]).max() < 1e-9
     assert np.abs(found.directions[:, 2, 0]) == pytest.approx(1.0, rel=1e-9)
@@ -68,7 +68,7 @@ def test_tension_and_compression_differ_in_colour_and_shape(
     assert (drawn == rgb(shown)).all(axis=1).sum() > 500
     assert not (drawn == rgb(absent)).all(axis=1).any()
     # Heads of arrows, the widest part, lie outside for tension and inside for compression.
-    part = arrow_parts(crosses(run.solution, None))[0 if traction > 0.0 else 1]
+    part = arrow_parts(crosses(run.details, None))[0 if traction > 0.0 else 1]
     arrows = part.points.reshape(-1, POINTS, 3)
     starts, tips = arrows[:, 0], arrows[:, -1]
     half = len(starts) // 2
@@ -83,10 +83,10 @@ def test_von_mises_is_drawn_where_it_is_asked_for() -> None:
     run = bar(-0.3, mises=True)
     assert stresses_of(run)[-1] is MISES
     assert MISES not in stresses_of(bar(-0.3))
-    scale = stress_scale(run.solution, MISES)
+    scale = stress_scale(run.details, MISES)
     assert scale.reached[1] == pytest.approx(0.3, rel=1e-9)
     assert (scale.low, scale.diverging) == (0.0, False)
-    assert run.answer[MISES.measure].value == pytest.approx(0.3, rel=1e-9)
+    assert run[MISES.measure].value == pytest.approx(0.3, rel=1e-9)
 
 
 def test_rigid_answers_ignore_pictures_of_stresses_by_name(tubelock, tmp_path) -> None:

@@ -120,7 +120,7 @@ def rows(path: Path) -> Iterator[dict[str, Any]]:
     for (a, b), (force, _) in theirs.items():
         weight += force[2] * (int(fixed[b]) - int(fixed[a]))
         thrust += force[0] * (int(fixed[b] & left[b]) - int(fixed[a] & left[a]))
-    reaction = run.answer.report["reaction"][2]
+    reaction = run.report["reaction"][2]
     yield {"quantity": "weight carried [N]", "LMGC90": abs(weight), "tubelock": reaction}
     ours = _thrusts(run)
     yield {
