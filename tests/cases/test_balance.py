@@ -63,9 +63,9 @@ def test_joints_loads_and_reactions_balance_every_block(scene: str, method: str)
     if method == "rigid" and scene.startswith("thb0"):
         settings = {"assembly.layers": 1}  # coarse facets of these let blocks slide
     elif method == "static":
-        settings = settings | {"fem.mesh": "scene"}
+        settings = settings | {"fem.method": "static", "fem.mesh": "scene"}
     elif method == "explicit":
-        settings = settings | {"fem.end_time": 5e-5}
+        settings = settings | {"fem.method": "explicit", "fem.end_time": 5e-5}
     if method != "rigid" and scene in UNLOADED:
         settings = settings | PUSH
     answer = solved(scene, settings, method=method)
@@ -117,7 +117,7 @@ def random_case(seed: int) -> tuple[str, dict[str, Any]]:
 
 def left_by_hand(answer: Answer) -> FloatArray:
     """Force, and moment over the length of a block, of joints and loads on each free block [N]."""
-    blocks, load = answer.problem
+    blocks, load = answer.details.blocks, answer.details.load
     wrench = block_wrenches(blocks, load)
     for joint in answer.report["joints"]:
         force, moment = (np.array(joint[name]) for name in ("force", "moment"))
@@ -142,7 +142,7 @@ def test_random_rigid_assemblies_are_balanced_by_their_table_of_joints(seed: int
     assert imbalance(answer) <= 1e-6
     reactions = answer.report["reactions"].values()
     total = sum(np.array(of["force"]) for of in reactions)
-    blocks, load = answer.problem
+    blocks, load = answer.details.blocks, answer.details.load
     loads = block_wrenches(blocks, load)[~load.fixed, :3].sum(axis=0)
     assert np.linalg.norm(total + loads) <= 1e-6 * largest
 
