@@ -18,7 +18,7 @@ from fem.problem.effects import (
     RayleighDamping,
 )
 from geometry.mesh import FloatArray
-from geometry.options import check
+from geometry.options import OptionError, check
 
 #: Largest number of load steps, and of frames.
 _MOST = 10_000
@@ -56,6 +56,11 @@ class Static:
 
     def __post_init__(self) -> None:
         check(self)
+        if self.mesh == "scene" and self.accuracy is not None:
+            raise OptionError(
+                'accuracy: got one beside mesh = "scene", which is one mesh; expected one of the '
+                "two"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -87,7 +87,7 @@ def solve_static(
     ProblemError
         An initial motion, which needs an explicit run; or nothing acts.
     AccuracyError
-        A requested accuracy of a problem that cannot be refined, or beside ``mesh = "scene"``.
+        A requested accuracy of a problem that cannot be refined.
     StaticError
         Without an equilibrium, or where Newton's method did not converge.
     ContactError
@@ -220,11 +220,6 @@ def refines(problem: Problem, method: Static) -> bool:
     """
     asked = method.accuracy is not None or method.mesh == "converged"
     if method.mesh == "scene":
-        if method.accuracy is not None:
-            raise AccuracyError(
-                'accuracy: got one beside mesh = "scene", which is one mesh; expected one of the '
-                "two"
-            )
         return False
     if problem.after is not None:
         if asked:

@@ -16,6 +16,7 @@ from validation.cli.options import (
     SceneArgument,
     SetOption,
     folder_option,
+    parse_targets,
     scene_outputs,
 )
 from validation.errors import InputError
@@ -70,9 +71,18 @@ def fem(
     from validation.case import load_case, with_auto
     from validation.output.deformable.answers import FILES, print_run, write_run_files
 
-    targets = parse_targets(accuracy or [])
-    case = with_auto(load_case(scene, settings or ()), auto, keep or ())
-    case = _requested(case, targets, max_seconds, resume, reference=static_reference)
+    targets, case = parse_targets(accuracy or []), load_case(scene, settings or ())
+    if targets and resume is not None:
+        raise InputError(f"--resume {resume}: a resumed run keeps its mesh; remove --accuracy")
+    if max_seconds is not None and not targets:
+        raise InputError("--max-seconds: limits what --accuracy takes; give both or none")
+    requested = _requested(case, targets, max_seconds, reference=static_reference)
+    case = with_auto(case.changed(requested) if requested else case, auto, keep or ())
+    if resume is not None and case.scene.fem.method == "static":
+        raise InputError(
+            f"--resume {resume}: a static run keeps no checkpoint; leave --resume out, or set "
+            'fem.method = "explicit" as in the run that was interrupted'
+        )
     stated = scene_outputs(case, json, output, (*FILES, CHECKPOINT), ending="-fem")
     if resume is not None and not _goes_on(resume, stated):
         stated.reads = (resume,)
@@ -97,74 +107,16 @@ def fem(
         raise typer.Exit(NOT_REACHED)
 
 
-def parse_targets(texts: list[str]) -> dict[str, float]:
-    """Read ``p_max_point=3%`` and the like: relative errors [-] by measure."""
-    from geometry.answer import ALIASES, TITLES
-    from validation.scene.deformable import parse_share
-
-    result: dict[str, float] = {}
-    names = ", ".join(("u", *TITLES))
-    for text in texts:
-        given, _, number = (part.strip() for part in text.rpartition("="))
-        name, share = ALIASES.get(given, given), parse_share(number)
-        if name not in TITLES:
-            raise InputError(f"--accuracy {text}: expected QUANTITY=SHARE with one of {names}")
-        if share is None:
-            percent = "" if "%" in number else ": is a % missing?"
-            raise InputError(
-                f"--accuracy {text}: got {number}, expected a share between 0 and 100 %, such as "
-                f"{given}=3%{percent}"
-            )
-        if name in result:
-            raise InputError(f"--accuracy {text}: {name} is requested twice; expected it once")
-        result[name] = share
-    return result
-
-
 def _requested(
-    case: Case,
-    targets: Mapping[str, float],
-    max_seconds: float | None,
-    resume: Path | None,
-    *,
-    reference: bool,
-) -> Case:
-    """The case with what the command requests; what cannot be requested is rejected."""
-    fem, name = case.scene.fem, case.name
-    if targets and resume is not None:
-        raise InputError(f"--resume {resume}: a resumed run keeps its mesh; remove --accuracy")
-    if fem.method == "static" and resume is not None:
-        raise InputError(
-            f"--resume {resume}: a static run keeps no checkpoint; leave --resume out, or set "
-            'fem.method = "explicit" as in the run that was interrupted'
-        )
-    if not targets:
-        if max_seconds is not None:
-            raise InputError("--max-seconds: limits what --accuracy takes; give both or none")
-        plain = fem.method == "static" or reference
-        return case if plain else case.changed({"fem.static_reference": False})
-    if max_seconds == 0.0:
-        raise InputError("--max-seconds: got 0, expected a positive CPU time in s")
-    if fem.method != "static":
-        raise InputError(
-            f'{name}: --accuracy: got fem.method = "{fem.method}"; explicit runs keep the mesh '
-            'of the scene: expected fem.method = "static"'
-        )
-    if fem.mesh == "scene":
-        raise InputError(
-            f'{name}: --accuracy: got fem.mesh = "scene", which is one mesh; expected one of '
-            "the two"
-        )
-    auto, least = case.scene.effects.auto, min(targets, key=lambda target: targets[target])
-    if auto is not None and auto.tolerance > targets[least]:
-        # Effects that are left out change measures by the tolerance, which no error bar holds.
-        raise InputError(
-            f"{name}: --accuracy: got {least}={100 * targets[least]:g}% where effects may be left "
-            f"out that change {100 * auto.tolerance:g} %; expected --auto of at most "
-            f"{100 * targets[least]:g}%"
-        )
-    requested: dict[str, Any] = {"accuracy": dict(targets), "max_seconds": max_seconds}
-    return case.stating(case.scene.changed({"fem": requested}))
+    case: Case, targets: Mapping[str, float], max_seconds: float | None, *, reference: bool
+) -> dict[str, Any]:
+    """Keys of the scene that the options of the command stand for."""
+    keys: dict[str, Any] = {f"fem.accuracy.{name}": share for name, share in targets.items()}
+    if max_seconds is not None:
+        keys["fem.max_seconds"] = max_seconds
+    if not reference and case.scene.fem.method != "static":
+        keys["fem.static_reference"] = False
+    return keys
 
 
 def _goes_on(resume: Path, outputs: Outputs) -> bool:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from validation.cli.completion import complete_effects, complete_scenes, complete_settings
+from validation.errors import InputError
 from validation.scene.builtin import builtin_about, builtin_names, builtin_text
 
 if TYPE_CHECKING:
@@ -146,3 +147,27 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     run.__signature__ = signature  # type: ignore[attr-defined]
     run.__annotations__ = function.__annotations__ | {"quiet": QuietOption}
     return run
+
+
+def parse_targets(texts: list[str]) -> dict[str, float]:
+    """Read ``p_max_point=3%`` and the like: relative errors [-] by measure."""
+    from geometry.answer import ALIASES, TITLES
+    from validation.scene.deformable import parse_share
+
+    result: dict[str, float] = {}
+    names = ", ".join(("u", *TITLES))
+    for text in texts:
+        given, _, number = (part.strip() for part in text.rpartition("="))
+        name, share = ALIASES.get(given, given), parse_share(number)
+        if name not in TITLES:
+            raise InputError(f"--accuracy {text}: expected QUANTITY=SHARE with one of {names}")
+        if share is None:
+            percent = "" if "%" in number else ": is a % missing?"
+            raise InputError(
+                f"--accuracy {text}: got {number}, expected a share between 0 and 100 %, such as "
+                f"{given}=3%{percent}"
+            )
+        if name in result:
+            raise InputError(f"--accuracy {text}: {name} is requested twice; expected it once")
+        result[name] = share
+    return result

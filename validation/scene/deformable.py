@@ -22,6 +22,7 @@ from fem.element.hexahedron import ElementType
 from fem.method import Explicit, Static
 from fem.problem.effects import BulkViscosity, RayleighDamping
 from geometry.errors import is_number
+from geometry.options import OptionError
 from validation.scene.contact import ContactSection, gap_words
 from validation.scene.keys.ranges import (
     ACCELERATION,
@@ -332,6 +333,10 @@ class FemSection(_FemKeys):  # type: ignore[misc]
         for key in self.model_fields_set & keys_of_other(self.method):
             other = next(name for name, kind in METHODS.items() if name != self.method)
             raise ValueError(f'fem.{key} needs fem.method = "{other}"; remove one of the two')
+        try:
+            _ = self.solver
+        except OptionError as error:
+            raise ValueError(f"fem.{error}") from None
         return self
 
     def changed(self, values: Mapping[str, Any]) -> Self:

@@ -178,6 +178,20 @@ def setting_words(scene: DeformableScene, effect: EffectName) -> str:
 # Deciding
 
 
+def require_wider(scene: DeformableScene, name: str) -> None:
+    """Reject error bars that effects which are left out may exceed, as none holds their change."""
+    auto, accuracy = scene.effects.auto, scene.fem.accuracy
+    if auto is None or not accuracy:
+        return
+    least = min(accuracy, key=lambda measure: accuracy[measure])
+    share = f"{100 * accuracy[least]:g}%"
+    if auto.tolerance > accuracy[least]:
+        raise InputError(
+            f"{name}: fem.accuracy: got {least}={share} where effects may be left out that change "
+            f"{100 * auto.tolerance:g} %; expected --auto of at most {share}"
+        )
+
+
 def decide_effects(
     scene: DeformableScene,
     name: str,
@@ -191,6 +205,7 @@ def decide_effects(
     auto = scene.effects.auto or AutoSection()
     plain = scene.changed({"effects.auto": None})
     fem_section(plain, name)
+    require_wider(scene, name)
     names = candidates(plain, name, auto)
     start = time.process_time()
     probe = _Probe(plain, name, names, told or (lambda _: None))
