@@ -142,7 +142,7 @@ def test_a_deck_of_a_scene_is_read_back_as_its_problem(number: int, scene: str) 
     """
     file = load_case(scene, SCENES[scene])
     deck = build_deck(file, list(Flavour)[number % 3])
-    stated, read = scene_problem(file.scene, scene), deck_of_lines(deck_lines(deck)).problem
+    stated, read = scene_problem(file.scene, scene), deck_of_lines(deck_lines(deck)).problem()
     assert read.blocks.n_blocks == stated.blocks.n_blocks
     assert read.blocks.volumes.sum() == pytest.approx(stated.blocks.volumes.sum(), rel=1e-10)
     assert set(read.materials) == set(stated.materials)

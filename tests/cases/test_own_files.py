@@ -307,9 +307,9 @@ def test_y_up_gives_the_answer_of_z_up(tmp_path: Path) -> None:
     )
     forces = [float(run.details.normal_forces.sum()) for run in (turned, upright)]
     assert forces[0] == pytest.approx(forces[1], rel=1e-9)
-    assert not turned.doubts
-    assert not upright.doubts
-    doubt = rigid(file, "fixed = [0]").doubts["which way is up"]
+    assert not turned.report["notes"]
+    assert not upright.report["notes"]
+    doubt = rigid(file, "fixed = [0]").report["notes"]["which way is up"]
     assert "every support lies on the -y side" in doubt
     assert 'block.up = "y"' in doubt
 
@@ -434,7 +434,7 @@ def test_faulty_solids_are_left_out_by_name_or_number(tmp_path: Path) -> None:
     for which in ('"extra"', "2"):
         run = rigid(file, "fixed = [0]", f"leave_out = [{which}]")
         assert run.details.blocks.names == ("base", "block")
-        assert run.doubts["left out"] == f"a.obj: {which.strip(chr(34))}"
+        assert run.report["notes"]["left out"] == f"a.obj: {which.strip(chr(34))}"
         assert run.details.holds
     with pytest.raises(RefusedError, match=r"parts\.leave_out: got block 'lid'"):
         rigid(file, "fixed = [0]", 'leave_out = ["lid"]')

@@ -103,7 +103,7 @@ def test_waves_that_are_almost_upright_are_named(
     assert status == 0
     assert ("as steep as" in out) is (degrees is not None)
     file = load_case("tsb1-pipe", sets)
-    shape = file.scene.shape  # type: ignore[union-attr]
+    shape = file.scene.stated.block  # type: ignore[union-attr]
     block = file.scene.build().shapes[0]  # type: ignore[union-attr]
     quads = block.mesh.nodes[block.faces["top"]]
     outer = np.hypot(quads[..., 0], quads[..., 1]) > shape.outer_radius - 1e-6
