@@ -43,7 +43,7 @@ from tests.support.face import (
     boundary_quads,
     builtin_names,
     builtin_text,
-    on_mesh,
+    on_its_mesh,
     polyhedron_from_quads,
     quiet,
     require_deformable,
@@ -357,7 +357,7 @@ def _interrupt(checkpoint: Path) -> None:
     """Run `STOPPED` and stop it at its first sample."""
     scene = require_deformable(load_case("tsb1-pipe", STOPPED), "fem")
     stop = lambda _: signal.raise_signal(signal.SIGTERM)  # noqa: E731
-    on_mesh(scene, "tsb1-pipe", "explicit", checkpoint=checkpoint, progress=stop)
+    on_its_mesh(scene, "tsb1-pipe", "explicit", checkpoint=checkpoint, progress=stop)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -93,7 +93,7 @@ def test_the_face_has_the_names_that_tests_use_and_no_others() -> None:
         for f in (
             face.case,
             face.solved,
-            face.on_mesh,
+            face.on_its_mesh,
             face.by_options,
             face.rejected,
             face.command,

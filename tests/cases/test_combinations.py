@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.support.face import DeformableScene, StaticOptions, on_mesh, scene_problem
+from tests.support.face import DeformableScene, StaticOptions, on_its_mesh, scene_problem
 from tests.support.face import solve_deformable_static as solve_static
 from validation import load_case
 
@@ -35,9 +35,9 @@ def test_a_sector_gives_the_energies_of_the_whole(setting: str, method: str) -> 
     for symmetry in ("sector", "none"):
         scene = scene_of(f'fem.method="{method}"', f'fem.symmetry="{symmetry}"', setting)
         if method == "static":
-            found.append(on_mesh(scene, "tube", "static").details.static)
+            found.append(on_its_mesh(scene, "tube", "static").details.static)
             continue
-        result = on_mesh(scene, "tube", "explicit").details.explicit
+        result = on_its_mesh(scene, "tube", "explicit").details.explicit
         assert result is not None
         found.append(result.energies)
         last = result.history.column("strain_energy")[-1]
@@ -55,7 +55,7 @@ def test_explicit_friction_follows_slow_loading(case: str) -> None:
     # the answer, a tenth: 2e-3. After a quarter of a period the pipe was 13 % off.
     friction = "effects.friction.coefficient=0.05"
     scene = scene_of(friction, 'fem.method="explicit"', 'fem.damping="static"', case=case)
-    run = on_mesh(scene, "tube", "explicit")
+    run = on_its_mesh(scene, "tube", "explicit")
     slow = solve_static(scene_problem(scene, "tube").deformable, StaticOptions(load_steps=16))
     assert run.details.contact_state.point_pressures.max() == pytest.approx(
         slow.pressures.max(), rel=5e-3
@@ -66,11 +66,11 @@ def test_explicit_friction_follows_slow_loading(case: str) -> None:
 def test_friction_that_closes_a_clearance_is_loaded_in_steps() -> None:
     """One step counts slip before touch as stick, so friction holds where nothing pressed yet."""
     pillar = ("contact.clearance=0.05", "effects.friction.coefficient=0.3")
-    gap = on_mesh(scene_of(*pillar, case="tsb1-pillar"), "gap", "static")
+    gap = on_its_mesh(scene_of(*pillar, case="tsb1-pillar"), "gap", "static")
     assert gap.details.static.load_steps > 1
-    one = on_mesh(scene_of(*pillar, "fem.load_steps=1", case="tsb1-pillar"), "one", "static")
+    one = on_its_mesh(scene_of(*pillar, "fem.load_steps=1", case="tsb1-pillar"), "one", "static")
     # Slip that nothing resisted dissipates nothing: finer loading loses less.
     lost = [run.details.static.frictional_dissipation for run in (gap, one)]
     assert lost[0] < 0.5 * lost[1]
-    plain = on_mesh(scene_of("contact.clearance=0.05"), "plain", "static")
+    plain = on_its_mesh(scene_of("contact.clearance=0.05"), "plain", "static")
     assert plain.details.static.load_steps == 1

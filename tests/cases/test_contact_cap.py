@@ -14,7 +14,7 @@ from tests.support.face import (
     build_deck,
     check_scene,
     critical_time_step,
-    on_mesh,
+    on_its_mesh,
     print_run,
     scene_case,
     scene_problem,
@@ -36,7 +36,7 @@ def changed(pressure: float, **sections: dict[str, object]) -> DeformableScene:
 
 
 def test_a_scene_without_a_cap_follows_the_law_of_the_text() -> None:
-    run = on_mesh(column(PRESSURE), "column", "static")
+    run = on_its_mesh(column(PRESSURE), "column", "static")
     # Without lateral strain every joint closes by the law's inverse, every box by p h / E; the
     # residual is 1e-8 of the load, and a joint is as stiff as the boxes within tenfold.
     top = 2 * overclosure(PRESSURE) + PRESSURE * 160.0 / 33e3
@@ -46,7 +46,7 @@ def test_a_scene_without_a_cap_follows_the_law_of_the_text() -> None:
 
 def test_a_cap_says_where_it_acted(capsys: pytest.CaptureFixture[str]) -> None:
     capped = changed(PRESSURE, contact={"maximum_stiffness": 1000.0})
-    run = on_mesh(capped, "column", "static")
+    run = on_its_mesh(capped, "column", "static")
     found = run.as_dict()["contact_cap"]
     points = 2 * 3 * 2 * 4
     assert found["points"] == found["pressing_points"] == points
@@ -57,7 +57,7 @@ def test_a_cap_says_where_it_acted(capsys: pytest.CaptureFixture[str]) -> None:
     np.testing.assert_allclose(run.details.contact_state.point_overclosures, deep, rtol=1e-7)
     print_run(run, Console(width=300))
     assert f"at {points} of {points} closed contact points, 100 %" in capsys.readouterr().out
-    idle = on_mesh(changed(0.5, contact={"maximum_stiffness": 1000.0}), "column", "static")
+    idle = on_its_mesh(changed(0.5, contact={"maximum_stiffness": 1000.0}), "column", "static")
     assert idle.as_dict()["contact_cap"]["points"] == 0
 
 
@@ -84,7 +84,7 @@ def test_a_run_that_outgrows_its_time_step_starts_again(
     stated = stated_run(scene_problem(column(pressure), "column"), column(pressure).in_time)
     longest = critical_time_step(stated.assembly.model).critical_time_step
     frames: list[Frame] = []
-    run = on_mesh(
+    run = on_its_mesh(
         changed(pressure, fem={"method": "explicit", "frames": 5}), "column", on_frame=frames.append
     )
     result = run.details.explicit
@@ -108,4 +108,4 @@ def test_a_run_that_outgrows_its_time_step_starts_again(
     # A time step that the scene gives stays: the remedy is named instead.
     given = {"method": "explicit", "time_step": 0.99 * longest, "sample_interval": 1}
     with pytest.raises(InputError, match=r"reached .* MPa.*time step .* allows"):
-        on_mesh(changed(pressure, fem=given), "column", "explicit")
+        on_its_mesh(changed(pressure, fem=given), "column", "explicit")

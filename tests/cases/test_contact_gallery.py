@@ -12,7 +12,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.support.face import Solution, on_mesh
+from tests.support.face import Solution, on_its_mesh
 from tests.verification.hertz import RADIUS, effective_modulus, pressed
 from validation import load_case
 
@@ -21,7 +21,7 @@ THICKNESS = 0.5
 
 
 def solved(name: str, *settings: str) -> Solution:
-    return on_mesh(load_case(name, list(settings))).details
+    return on_its_mesh(load_case(name, list(settings))).details
 
 
 def press(solution: Solution) -> float:

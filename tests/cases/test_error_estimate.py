@@ -11,7 +11,7 @@ from rich.console import Console
 from geometry import Answer, Measure
 from tests.support.face import (
     WIDEST,
-    on_mesh,
+    on_its_mesh,
     print_run,
     ramp_change,
     references,
@@ -38,7 +38,7 @@ def solved(name: str, factor: int) -> Answer:
     pairs = zip(given[::2], given[1::2], strict=True)
     mesh = [str(key).format(factor * int(count)) for key, count in pairs]
     scene = deformable(name, "assembly.layers=1", *mesh)
-    return on_mesh(scene, name, "static", error_estimate=factor == 1)
+    return on_its_mesh(scene, name, "static", error_estimate=factor == 1)
 
 
 def test_estimates_cover_nine_of_ten_errors() -> None:
@@ -75,7 +75,7 @@ def test_estimates_of_higher_degree_cover_nine_of_ten_errors() -> None:
             continue
         for degree in (2, 3):
             scene = deformable(name, *settings, f"fem.degree={degree}")
-            run = on_mesh(scene, name, "static", error_estimate=True)
+            run = on_its_mesh(scene, name, "static", error_estimate=True)
             errors = errors_of(run)
             for measure, reference in known.items():
                 found = run[measure]
@@ -91,7 +91,7 @@ def test_estimates_of_higher_degree_cover_nine_of_ten_errors() -> None:
 
 def test_an_exact_answer_has_no_error() -> None:
     """A column under uniform pressure is exact on every mesh: linear elements, constant stress."""
-    run = on_mesh(column(0.5), "column", "static", error_estimate=True)
+    run = on_its_mesh(column(0.5), "column", "static", error_estimate=True)
     errors = errors_of(run)
     # Every run is solved to a residual of 1e-8 of the load, and its softest motion amplifies it
     # tenfold; differences of two runs over r - 1 >= 0.2, times the factor of safety.
@@ -126,7 +126,7 @@ def test_coarser_meshes_can_be_built(scene) -> None:  # type: ignore[no-untyped-
 
 
 def test_errors_are_printed_and_in_the_data(capsys: pytest.CaptureFixture[str]) -> None:
-    run = on_mesh(column(0.5), "column", "static")
+    run = on_its_mesh(column(0.5), "column", "static")
     plain = run.as_dict()["measures"]
     assert all(measure["error"] is None for measure in plain.values())
     barred = replace(run["p_max_point"], error=0.034)
@@ -143,7 +143,7 @@ def transient(mesh: tuple[int, int, int], times: dict[str, float]) -> Answer:
     stated = [f"mesh.{name}={count}" for name, count in counts]
     scene = deformable("tsb1-pipe", "assembly.layers=1", "fem.method=explicit", *stated)
     moving = scene.changed({"fem.damping": None, "fem": times})
-    return on_mesh(moving, "transient", "explicit", error_estimate=True)
+    return on_its_mesh(moving, "transient", "explicit", error_estimate=True)
 
 
 def test_bars_of_explicit_friction_hold_the_drag_of_damping() -> None:
@@ -153,8 +153,10 @@ def test_bars_of_explicit_friction_hold_the_drag_of_damping() -> None:
     """
     mesh = ("assembly.layers=4", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
     friction = ("effects.friction.coefficient=0.1", "fem.error_estimate=false")
-    slow = on_mesh(deformable("tsb1-pipe", *mesh, *friction, "fem.load_steps=32"), "slow", "static")
-    run = on_mesh(
+    slow = on_its_mesh(
+        deformable("tsb1-pipe", *mesh, *friction, "fem.load_steps=32"), "slow", "static"
+    )
+    run = on_its_mesh(
         deformable("tsb1-pipe", *mesh, *friction, "fem.method=explicit"), "run", "explicit"
     )
     method = replace(run.case.method, damping="static")

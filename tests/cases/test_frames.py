@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.face import (
     FrameWriter,
-    on_mesh,
+    on_its_mesh,
 )
 from validation import load_case
 
@@ -25,7 +25,7 @@ def written(folder: Path) -> list[float]:
 
 def box_frames(folder: Path, count: int, *settings: str):
     box = load_case("cantilever", [COARSE, f"fem.frames={count}", *settings])
-    return on_mesh(box, on_frame=FrameWriter(folder, count, finite_rotation=False))
+    return on_its_mesh(box, on_frame=FrameWriter(folder, count, finite_rotation=False))
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 12])
@@ -76,7 +76,7 @@ def test_frames_of_a_static_run_of_blocks_are_its_load_steps(tmp_path: Path) -> 
     def run(folder: Path | None, *settings: str):
         tube = load_case("tsb1-pipe", [*small, *settings])
         writer = None if folder is None else FrameWriter(folder, 3, finite_rotation=False)
-        return on_mesh(tube, on_frame=writer)
+        return on_its_mesh(tube, on_frame=writer)
 
     full = run(tmp_path, "fem.frames=3")
     assert written(tmp_path) == [0.0, 0.5, 1.0]

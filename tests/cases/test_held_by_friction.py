@@ -10,7 +10,7 @@ from tests.support.face import (
     InputError,
     check_scene,
     inside_words,
-    on_mesh,
+    on_its_mesh,
     require_held_by_friction,
 )
 from tests.support.face import accuracy_statics_module as statics
@@ -52,19 +52,19 @@ def test_plates_slide_just_beyond_the_friction_angle(monkeypatch: pytest.MonkeyP
     limit = 0.3 * (weight + 2.5) / weight
     monkeypatch.setattr(statics, "static_solution", _solver_called)
     with pytest.raises(InputError) as refused:
-        on_mesh(_pile(1.01 * limit, 0.3), "pile", "static")
+        on_its_mesh(_pile(1.01 * limit, 0.3), "pile", "static")
     words = str(refused.value)
     assert "block 1 slides on block 0 along (1.00, 0.00, 0.00)" in words
     assert "0.3" in words
     assert "\n" not in words
     with pytest.raises(_Started):
-        on_mesh(_pile(0.99 * limit, 0.3), "pile", "static")
+        on_its_mesh(_pile(0.99 * limit, 0.3), "pile", "static")
 
 
 def test_without_friction_nothing_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(statics, "static_solution", _solver_called)
     with pytest.raises(_Started):
-        on_mesh(_pile(1.0, None), "pile", "static")
+        on_its_mesh(_pile(1.0, None), "pile", "static")
 
 
 def test_a_tall_plate_tips_before_it_slides(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -76,9 +76,9 @@ def test_a_tall_plate_tips_before_it_slides(monkeypatch: pytest.MonkeyPatch) -> 
     assert limit < 0.25 * (weight + 2.5) / weight
     monkeypatch.setattr(statics, "static_solution", _solver_called)
     with pytest.raises(InputError, match="block 1 tips on block 0"):
-        on_mesh(_pile(1.02 * limit, 2.0, 200.0), "pile", "static")
+        on_its_mesh(_pile(1.02 * limit, 2.0, 200.0), "pile", "static")
     with pytest.raises(_Started):
-        on_mesh(_pile(0.98 * limit, 2.0, 200.0), "pile", "static")
+        on_its_mesh(_pile(0.98 * limit, 2.0, 200.0), "pile", "static")
 
 
 def test_points_inside_the_edges_are_named_where_they_decide() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbd import Mechanism, contact_jacobian, generalized_force
-from tests.support.face import DeformableScene, on_mesh, reference, section_heights
+from tests.support.face import DeformableScene, on_its_mesh, reference, section_heights
 from tests.support.face import picture_section as section
 from validation import load_case, solve
 
@@ -49,7 +49,7 @@ def test_sections_lie_in_the_layer_that_they_name() -> None:
     small = ["mesh.edge=4", "mesh.radial=1", "assembly.layers=1"]
     scene = load_case("thb0-tunnel", small).scene
     assert isinstance(scene, DeformableScene)
-    run = on_mesh(scene, "thb0-tunnel", "static")
+    run = on_its_mesh(scene, "thb0-tunnel", "static")
     assembly = run.details.deformable.assembly
     along = np.concatenate([assembly.nodes(b) for b in assembly.free_blocks]) @ assembly.axis
     heights = section_heights(run.details)

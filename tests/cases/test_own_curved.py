@@ -25,7 +25,7 @@ from tests.support.face import (
     calculix_available,
     file_blocks,
     grid_points,
-    on_mesh,
+    on_its_mesh,
     read_blocks,
     run_calculix,
     with_degree,
@@ -82,7 +82,7 @@ def test_own_files_of_a_family_give_its_answer(tmp_path: Path) -> None:
         )
         parts.append(f'[[parts]]\nfile = "{number}.vtu"\nplaces = [{places}]\n')
     scene = own_scene(tmp_path, f"{GRAVITY}{''.join(parts)}", load="")
-    run = on_mesh(scene.changed({"fem.degree": 2}), "wall", "static")
+    run = on_its_mesh(scene.changed({"fem.degree": 2}), "wall", "static")
     material = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.0)
     load = LoadCase(WALL, "weight", (), WALL.fixed)
     problem = Problem(WALL, load, material, degree=2, gravity=[0.0, 1e6, -1e6])
@@ -137,7 +137,7 @@ def test_a_curved_block_weighs_what_lies_within_its_arcs(
 file = "ring{n_nodes}.vtu"
 places = [{{at = [0, 0, 0]}}, {{at = [0, 0, -{HEIGHT}], fixed = true}}]
 """
-    run = on_mesh(own_scene(tmp_path, parts).changed({"fem.degree": degree}), "ring", "static")
+    run = on_its_mesh(own_scene(tmp_path, parts).changed({"fem.degree": degree}), "ring", "static")
     s, c = np.sin(0.5 * ANGLE / PIECES), np.cos(0.5 * ANGLE / PIECES)
     angle = 2.0 * s * (c if degree == 1 else (4.0 - c) / 3.0)
     volume = PIECES * angle * 0.5 * (RADII[1] ** 2 - RADII[0] ** 2) * HEIGHT

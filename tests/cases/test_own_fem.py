@@ -35,7 +35,7 @@ from tests.support.face import (
     facing_points,
     file_blocks,
     hexahedral_block,
-    on_mesh,
+    on_its_mesh,
     polyhedron_from_quads,
     read_blocks,
     run_facets,
@@ -69,11 +69,11 @@ def test_a_column_of_boxes_under_pressure() -> None:
     pressure = 0.5
     # Without lateral strain every joint closes by the law's inverse, every box by p h / E.
     top = 2 * overclosure(pressure) + pressure * 160.0 / 33e3
-    static = on_mesh(column(pressure), "column", "static")
+    static = on_its_mesh(column(pressure), "column", "static")
     # The static residual is 1e-8 of the load; a joint is as stiff as the boxes within tenfold.
     assert static.details.largest_displacement == pytest.approx(top, rel=1e-7)
     np.testing.assert_allclose(static.details.contact_state.point_pressures, pressure, rtol=1e-7)
-    quadratic = on_mesh(column(pressure).changed({"fem.degree": 2}), "column", "static")
+    quadratic = on_its_mesh(column(pressure).changed({"fem.degree": 2}), "column", "static")
     for run in (static, quadratic):
         # What is drawn: joints of 100 × 80 mm² in pieces of a uniform pressure.
         drawn = run_facets(run)
@@ -83,7 +83,7 @@ def test_a_column_of_boxes_under_pressure() -> None:
         assert faces.areas.sum() == pytest.approx(2 * 8000.0, rel=1e-4)
         assert not drawn.scale.note
     assert len(quadratic.details.contact_state.pressures) < len(run_facets(quadratic).pressures)
-    explicit = on_mesh(column(pressure), "column", "explicit")
+    explicit = on_its_mesh(column(pressure), "column", "explicit")
     # Damped until the residual is 1e-4 of the load.
     assert explicit.details.largest_displacement == pytest.approx(top, rel=1e-3)
     np.testing.assert_allclose(explicit.details.contact_state.point_pressures, pressure, rtol=1e-3)
@@ -114,8 +114,10 @@ def test_the_deck_of_a_column_holds_its_bottom_face() -> None:
 
 def test_one_sector_of_a_hexagon_tube_gives_the_whole() -> None:
     small = ("assembly.layers=1", "mesh.edge=4", "mesh.radial=2")
-    whole = on_mesh(deformable("thb0-tunnel", *small, "fem.symmetry='none'"), "whole", "static")
-    sector = on_mesh(deformable("thb0-tunnel", *small, "fem.symmetry='sector'"), "sector", "static")
+    whole = on_its_mesh(deformable("thb0-tunnel", *small, "fem.symmetry='none'"), "whole", "static")
+    sector = on_its_mesh(
+        deformable("thb0-tunnel", *small, "fem.symmetry='sector'"), "sector", "static"
+    )
     assert sector.details.static.symmetry == 4
     # Both stop at a residual of 1e-8 of the load; the tube's softest motion amplifies it tenfold.
     for a, b in zip(
@@ -133,7 +135,7 @@ def test_the_frame_of_a_wall_carries_the_load(
     name: str, divisions: str, area: float, degree: int
 ) -> None:
     small = ("assembly.layers=1", "assembly.columns=1", f"mesh.divisions={divisions}")
-    run = on_mesh(deformable(name, *small, f"fem.degree={degree}"), name, "static")
+    run = on_its_mesh(deformable(name, *small, f"fem.degree={degree}"), name, "static")
     found = run.details.contact_state
     # One free block: what its facets push the frame with, towards +y, is pressure times area.
     sign = np.where(run.details.deformable.group_of[found.block_m] >= 0, 1.0, -1.0)
@@ -185,7 +187,7 @@ places = [{at = [0, 0, 0], fixed = true}, {at = [0, 0, 50]}]
 file = "brick.inp"
 places = [{at = [0, 0, 100]}]
 """
-    run = on_mesh(own_scene(tmp_path, parts).changed({"fem.degree": degree}), "own", "static")
+    run = on_its_mesh(own_scene(tmp_path, parts).changed({"fem.degree": degree}), "own", "static")
     weight = 2.4e-9 * 400_000.0 * 9810.0
     # Two bricks on the lower joint, one on the upper; the residual is 1e-8 of the load.
     assert run.details.contact.force == pytest.approx(3 * weight, rel=1e-7)
@@ -228,7 +230,7 @@ def test_joint_forces_that_leave_friction_out_are_named_so(tmp_path: Path, frict
         load += "[[load.forces]]\nblock = 1\nforce = [2.0, 0.0, 0.0]\n"
         load += "[effects.friction]\ncoefficient = 0.5\n"
     parts = f'[[parts]]\nfile = "brick.inp"\nplaces = {places}\n'
-    run = on_mesh(own_scene(tmp_path, parts, load=load), "own", "static")
+    run = on_its_mesh(own_scene(tmp_path, parts, load=load), "own", "static")
     (joint,) = run.as_dict()["joints"]
     weight, push = 2.4e-9 * 400_000.0 * 9810.0, 2.0 if friction else 0.0
     assert joint["normal_force"] == pytest.approx(weight, rel=1e-5)
@@ -271,7 +273,7 @@ def test_a_prism_of_tetrahedra_weighs_on_its_joint(tmp_path: Path) -> None:
     parts = '[[parts]]\nfile = "brick.stl"\nfixed = true\n[[parts]]\nfile = "{}"\n'
     parts += "places = [{{at = [0, 0, 50]}}]\n"
     scene = own_scene(tmp_path, parts.format("prism.stl"))
-    run = on_mesh(scene.changed({"mesh.size": 100.0, "mesh.divisions": 1}), "own", "static")
+    run = on_its_mesh(scene.changed({"mesh.size": 100.0, "mesh.divisions": 1}), "own", "static")
     # Half of an eighth of a box; the residual is 1e-8 of the load.
     assert run.details.contact.force == pytest.approx(2.4e-9 * 25_000.0 * 9810.0, rel=1e-7)
     assert "four hexahedra" in run.report["notes"]["tetrahedra"]
@@ -343,7 +345,7 @@ def test_a_panel_of_truncated_tetrahedra_is_held_by_friction(tmp_path: Path) -> 
     So does a first iteration without friction, which lets the blocks fall.
     """
     scene = panel_scene(tmp_path, 2, 0.6)
-    run = on_mesh(scene, "panel", "static")
+    run = on_its_mesh(scene, "panel", "static")
     assert run.details.static is not None
     # Newton's method with the whole tangent; by frozen limits no number of iterations was enough.
     assert run.details.static.converged
@@ -367,7 +369,7 @@ def test_built_in_panels_stand_under_their_weight(
     of all free blocks balance."""
     scene = deformable(family, *size)
     stated = {"effects.friction.coefficient": friction, "fem.degree": 1, "fem.load_steps": 1}
-    found = on_mesh(scene.changed(stated), family, "static").details.static
+    found = on_its_mesh(scene.changed(stated), family, "static").details.static
     assert found is not None
     assert found.converged
     assert found.residual <= 1e-8
@@ -397,7 +399,7 @@ def test_little_friction_holds_a_panel_by_a_squeeze_alone(tmp_path: Path) -> Non
     force, of one of joints that are alike: both count the contacts that have an area."""
     scene = panel_scene(tmp_path, 2, 0.3)
     with pytest.raises(InputError, match="carried only if pressed beforehand") as error:
-        on_mesh(scene, "panel", "static")
+        on_its_mesh(scene, "panel", "static")
     rigid = solved(tmp_path / "own.toml", ["effects.friction=0.3"], method="rigid").as_dict()
     verdict, _, joint = rigid["answer"].partition(":")
     assert verdict == "carried only if pressed beforehand"

@@ -23,7 +23,7 @@ from tests.support.face import (
     corner_forces,
     local_forces,
     middle_answer,
-    on_mesh,
+    on_its_mesh,
     point_kinematics,
     scene_problem,
 )
@@ -44,7 +44,7 @@ def scene_of(*settings: str, case: str = "tsb1-pipe") -> DeformableScene:
 
 @pytest.fixture(scope="module")
 def cell() -> Answer:
-    return on_mesh(scene_of(*CELL), "cell", "static")
+    return on_its_mesh(scene_of(*CELL), "cell", "static")
 
 
 def unbalanced_forces(run_of: DeformableScene, tiles: dict[int, FloatArray]) -> dict[int, float]:
@@ -100,7 +100,7 @@ def test_middle_of_longer_tubes_tends_to_the_cell(cell: Answer) -> None:
     limit = middle_answer(cell.details)
     found = {
         n: middle_answer(
-            on_mesh(scene_of(*COARSE, f"assembly.layers={n}"), "tube", "static").details
+            on_its_mesh(scene_of(*COARSE, f"assembly.layers={n}"), "tube", "static").details
         )
         for n in (4, 16, 32)
     }
@@ -139,7 +139,7 @@ def test_explicit_cell_ends_at_the_static_one(cell: Answer) -> None:
     # Residual 1e-6; the tube's stiffness to its softest motion is that of its contacts, so
     # displacements agree to a few times that over the ratio of the two, 1e-4.
     settings = [*CELL, "fem.method='explicit'", "fem.residual=1e-6"]
-    run = on_mesh(scene_of(*settings), "cell", "explicit")
+    run = on_its_mesh(scene_of(*settings), "cell", "explicit")
     size = np.abs(cell.details.group_displacements[0]).max()
     np.testing.assert_allclose(
         run.details.group_displacements[0],
@@ -162,9 +162,9 @@ def test_nothing_turns_an_explicit_cell(case: str, mesh: list[str], finite_rotat
     # constraint the hexagons turn for ever and the Sine Blocks end 8e-3 away. Displacements
     # agree as in the test above; static finite rotation counts the same constraint.
     settings = [*mesh, "fem.symmetry='periodic cell'", f"effects.finite_rotation={finite_rotation}"]
-    still = on_mesh(scene_of(*settings, case=case), "cell", "static")
+    still = on_its_mesh(scene_of(*settings, case=case), "cell", "static")
     moving = [*settings, "fem.method='explicit'", "fem.residual=1e-6"]
-    run = on_mesh(scene_of(*moving, case=case), "cell", "explicit")
+    run = on_its_mesh(scene_of(*moving, case=case), "cell", "explicit")
     result = run.details.explicit
     assert result is not None
     assert result.status is Status.CONVERGED
@@ -181,10 +181,10 @@ def test_nothing_turns_an_explicit_cell(case: str, mesh: list[str], finite_rotat
 def test_friction_and_clearance_close_the_cell_too() -> None:
     # The same limit, with an error that falls with the number of layers.
     more = ["effects.friction.coefficient=0.05", "contact.clearance=1e-3", "fem.load_steps=2"]
-    limit = middle_answer(on_mesh(scene_of(*CELL, *more), "cell", "static").details)
+    limit = middle_answer(on_its_mesh(scene_of(*CELL, *more), "cell", "static").details)
     errors = []
     for n in (4, 16):
-        tube = on_mesh(scene_of(*COARSE, *more, f"assembly.layers={n}"), "tube", "static")
+        tube = on_its_mesh(scene_of(*COARSE, *more, f"assembly.layers={n}"), "tube", "static")
         errors.append(abs(middle_answer(tube.details).p_eff / limit.p_eff - 1.0))
     assert errors[1] < 0.5 * errors[0]
 
@@ -195,7 +195,7 @@ def test_hexagon_blocks_have_a_cell() -> None:
     # rotation by which their constraints differ, and the middle of a longer tube is nearer.
     mesh = ["mesh.edge=4", "mesh.radial=1"]
     scene = scene_of(*mesh, "fem.symmetry='periodic cell'", case="thb0-tunnel")
-    run = on_mesh(scene, "cell", "static")
+    run = on_its_mesh(scene, "cell", "static")
     assert run.details.static.converged
     sparse = solve_static(run.details.deformable, StaticOptions(method=StaticMethod.SPARSE))
     np.testing.assert_allclose(
@@ -207,7 +207,7 @@ def test_hexagon_blocks_have_a_cell() -> None:
     errors = []
     for n in (2, 12):
         tube = scene_of(*mesh, f"assembly.layers={n}", case="thb0-tunnel")
-        middle = middle_answer(on_mesh(tube, "tube", "static").details)
+        middle = middle_answer(on_its_mesh(tube, "tube", "static").details)
         errors.append(abs(run.details.contact.p_eff / middle.p_eff - 1.0))
     assert errors[1] < 0.8 * errors[0]
 
@@ -253,4 +253,4 @@ def test_blocks_that_float_in_their_gaps_are_named(monkeypatch) -> None:
     ):
         settings = (*cell, f"contact.clearance={gap}", f"load.case={case}")
         with pytest.raises(InputError, match=words):
-            on_mesh(load_case("tsb2-tunnel", settings).scene, "cell")
+            on_its_mesh(load_case("tsb2-tunnel", settings).scene, "cell")

@@ -25,7 +25,7 @@ from tests.support.face import (
     LoadCase,
     Outputs,
     box_column,
-    on_mesh,
+    on_its_mesh,
     write_joints,
 )
 from tests.support.own_blocks import column
@@ -135,7 +135,7 @@ def test_files_and_pictures_have_gap_and_slip(tmp_path) -> None:
 
 
 def test_joints_have_the_extremes_of_their_facets(tmp_path) -> None:
-    run = on_mesh(column(0.5), "column", "static")
+    run = on_its_mesh(column(0.5), "column", "static")
     with Outputs(folder=tmp_path, names=FILES) as outputs:
         write_joints(run.details.joints, outputs)
     with (tmp_path / "joints.csv").open(newline="", encoding="utf-8") as file:

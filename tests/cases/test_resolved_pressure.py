@@ -13,7 +13,7 @@ from tests.support.face import (
     TubeScene,
     bracketed,
     facet_peaks,
-    on_mesh,
+    on_its_mesh,
     print_run,
     relative,
 )
@@ -25,7 +25,7 @@ COARSE = ["assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4"
 def coarse_tube(clearance: float) -> Answer:
     file = load_case("tsb1-pipe", [*COARSE, f"contact.clearance={clearance}"])
     assert isinstance(file.scene, TubeScene)
-    return on_mesh(file.scene, "tube", "static")
+    return on_its_mesh(file.scene, "tube", "static")
 
 
 @pytest.mark.parametrize("clearance", [0.0, 0.01, 0.05, 1.0])

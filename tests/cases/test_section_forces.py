@@ -20,7 +20,7 @@ from fem import (
 )
 from mbd import analyse
 from tests.support.arch import arch_run
-from tests.support.face import ColumnBox, LoadCase, SectionError, box_column, on_mesh
+from tests.support.face import ColumnBox, LoadCase, SectionError, box_column, on_its_mesh
 from tests.support.pressed_boxes import AREA, PRESSURE, SHEAR, STICK, boxes
 from validation import load_case, read_answer, section, write
 
@@ -35,7 +35,7 @@ def test_a_cantilever_has_its_shear_and_moment(degree) -> None:
     """A traction of -0.05 MPa on 40 × 60 mm at x = 400 mm: V and M = V (L - x), at nodes and
     between them; equations of a linear body are solved to round-off."""
     settings = {"mesh.divisions": [8, 2, 2], "fem.method": "static", "fem.degree": degree}
-    run = on_mesh(load_case("cantilever", settings).scene, "cantilever", "static")
+    run = on_its_mesh(load_case("cantilever", settings).scene, "cantilever", "static")
     x = np.array([1.0, 50.0, 130.0, 200.0, 399.0])
     points = np.column_stack([x, np.zeros(5), np.zeros(5)])
     found = section(run, points, [2.0, 0.0, 0.0])

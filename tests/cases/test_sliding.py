@@ -30,7 +30,7 @@ from tests.support.face import (
     explicit_assembly,
     face_pressure,
     initial_state,
-    on_mesh,
+    on_its_mesh,
     polyhedron_from_quads,
     prepare,
     print_run,
@@ -66,7 +66,7 @@ def test_patch_test_of_a_column_that_does_not_match() -> None:
     """Uniform stress passes joints of 4 × 4 on 3 × 3 on 5 × 2 facets: every point carries the
     load's pressure, every joint closes by the law's inverse, every box by p h / E. The residual is
     1e-8 of the load; a joint is as stiff as the boxes within tenfold."""
-    run = on_mesh(column(*CROSSING), "column", "explicit")
+    run = on_its_mesh(column(*CROSSING), "column", "explicit")
     assert run.details.explicit.status == "converged"
     found = run.details.contact_state
     np.testing.assert_allclose(found.point_pressures, 0.5, rtol=1e-6)
@@ -91,7 +91,7 @@ def test_one_facet_in_the_middle_of_four() -> None:
     """No facet lies inside another: the only one is cut in four equal parts, on which the load
     presses alike by symmetry, to the residual."""
     scene = column((WIDE, (2, 2, 1)), ((50.0, 40.0, 50.0), (1, 1, 1)))
-    found = on_mesh(scene, "column", "explicit").details.contact_state
+    found = on_its_mesh(scene, "column", "explicit").details.contact_state
     assert found.n_facets == 1
     quarter = np.sign(found.positions[:, :2]) @ [2.0, 1.0]
     areas = [found.point_areas[quarter == k].sum() for k in (-3.0, -1.0, 1.0, 3.0)]
@@ -103,7 +103,7 @@ def test_forces_and_moments_of_a_smaller_box_that_crosses_facets() -> None:
     """A box of 60 × 40 mm² over facets of 33 × 27 mm²: each joint passes on the load's force,
     centred, the upper joint on the area of the box alone, to the residual of 1e-8."""
     boxes = ((WIDE, (4, 4, 2)), (WIDE, (3, 3, 2)), ((60.0, 40.0, 50.0), (5, 3, 2)))
-    run = on_mesh(column(*boxes, poisson=0.2), "column", "explicit")
+    run = on_its_mesh(column(*boxes, poisson=0.2), "column", "explicit")
     found = run.details.contact_state
     load = 0.5 * 2400.0
     for joint, area in (((0, 1), 8000.0), ((1, 2), 2400.0)):
@@ -191,7 +191,9 @@ def test_matching_joints_have_no_search_unless_asked() -> None:
     matching = ((WIDE, (4, 4, 2)), (WIDE, (4, 4, 1)))
     fixed = "matching meshes, fixed pairs (small sliding)"
     for asked, words in ((False, fixed), (True, "finite sliding")):
-        run = on_mesh(column(*matching, effects={"finite_sliding": asked}), "column", "explicit")
+        run = on_its_mesh(
+            column(*matching, effects={"finite_sliding": asked}), "column", "explicit"
+        )
         data = run.as_dict()
         assert data["contact_search"] == words
         assert (run.details.contact_state.interface is None) == asked
@@ -240,7 +242,7 @@ def test_measures_of_a_small_slide_are_those_of_matched_facets() -> None:
     found = []
     for way in ways:
         settings = (*small, "fem.method='explicit'", "fem.residual=1e-6", *way)
-        run = on_mesh(load_case("tsb1-pipe", settings).scene, "tube", "explicit")  # type: ignore[arg-type]
+        run = on_its_mesh(load_case("tsb1-pipe", settings).scene, "tube", "explicit")  # type: ignore[arg-type]
         found.append(run)
     matched, searched = found
     ours, theirs = (asdict(run.details.contact) for run in (searched, matched))
@@ -279,7 +281,7 @@ def test_a_pushed_box_presses_where_it_ended() -> None:
         },
         fem={"method": "explicit", "ramp_time": 2e-3, "end_time": 0.03},
     )
-    run = on_mesh(scene, "push", "explicit")
+    run = on_its_mesh(scene, "push", "explicit")
     slide = 2e3 * (0.03 - (1.0 - np.exp(-30.0)) / 1e3)
     assert run.details.displacement(1)[:, 0].mean() == pytest.approx(slide, rel=1e-3)
     found = run.details.contact_state
@@ -349,10 +351,12 @@ def test_own_blocks_that_do_not_match(tmp_path: Path) -> None:
     static = load_case(str(path)).scene
     assert isinstance(static, DeformableScene)
     weight = 2.4e-9 * 400_000.0 * 9810.0
-    assert on_mesh(static, "own", "static").details.contact.force == pytest.approx(weight, rel=1e-6)
+    assert on_its_mesh(static, "own", "static").details.contact.force == pytest.approx(
+        weight, rel=1e-6
+    )
     explicit = load_case(str(path), ["fem.method='explicit'"]).scene
     assert isinstance(explicit, DeformableScene)
-    run = on_mesh(explicit, "own", "explicit")
+    run = on_its_mesh(explicit, "own", "explicit")
     assert run.report["contact_search"] == "finite sliding (non-matching meshes)"
     assert run.details.contact.force == pytest.approx(weight, rel=1e-3)
 
@@ -390,7 +394,7 @@ forces = [{block = 3, force = [0, 0, -4000]}]
     settings = [*residual, "effects.friction.coefficient=0.3", f"fem.method='{method}'"]
     scene = load_case(str(path), settings).scene
     assert isinstance(scene, DeformableScene)
-    found = on_mesh(scene, "own").details.contact_state
+    found = on_its_mesh(scene, "own").details.contact_state
     weight = 2.4e-9 * 400_000.0 * 9810.0
     for joint, area, force in (
         ((0, 2), 4000.0, 2000.0 + weight),
@@ -406,7 +410,7 @@ forces = [{block = 3, force = [0, 0, -4000]}]
 def test_a_stick_too_stiff_for_the_time_step_is_refused() -> None:
     friction = {"coefficient": 0.3, "stick_stiffness": 1e6}
     with pytest.raises(InputError, match="expected at most"):
-        on_mesh(column(*CROSSING, effects={"friction": friction}), "column", "explicit")
+        on_its_mesh(column(*CROSSING, effects={"friction": friction}), "column", "explicit")
 
 
 def test_an_overlap_that_no_facet_matches_is_refused() -> None:
@@ -434,9 +438,9 @@ def test_blocks_that_nothing_determines_and_large_motions_are_named(
     scene = scene.changed(mesh | contact)
     if sliding:
         with pytest.raises(InputError, match="blocks 4, 5, 6, 7 float in their gaps"):
-            on_mesh(scene, "ring", "static")
+            on_its_mesh(scene, "ring", "static")
         return
-    run = on_mesh(scene, "ring", "static")
+    run = on_its_mesh(scene, "ring", "static")
     print_run(run, Console(width=300))
     text = capsys.readouterr().out
     assert ("4, 5, 6, 7: no contact holds them in every direction" in text) == (clearance > 0.0)
@@ -451,7 +455,7 @@ def test_contact_forces_of_blocks_that_move_away_end() -> None:
     assert isinstance(scene, DeformableScene)
     mesh = {"mesh.around": 12, "mesh.radial": 1, "mesh.axial": 4, "assembly.layers": 1}
     scene = scene.changed(mesh | {"contact.clearance": 5.0, "fem.degree": 3})
-    static = on_mesh(scene, "ring", "static").details.static
+    static = on_its_mesh(scene, "ring", "static").details.static
     assert static is not None
     assert static.converged
 
@@ -483,7 +487,7 @@ def test_a_joint_that_opens_altogether_has_an_answer(sliding: bool) -> None:
     scene = column(*[((100.0, 100.0, 50.0), (1, 1, 1))] * 2, pressure=-0.5)
     spring = {"blocks": [1], "face": "z+", "spring": 0.005}
     scene = scene.changed({"supports": [spring], "effects.finite_sliding": sliding})
-    answer = on_mesh(scene, "pulled", "static")
+    answer = on_its_mesh(scene, "pulled", "static")
     assert answer.measures["p_max"].value == 0.0
     assert answer.measures["max_displacement"].value == pytest.approx(100.0, rel=1e-6)
     assert answer.as_dict()["loose_blocks"] == []

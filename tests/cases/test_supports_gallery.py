@@ -18,7 +18,7 @@ from tests.support.face import (
     check_scene,
     faces_words,
     mapped_block,
-    on_mesh,
+    on_its_mesh,
     require_held_by_faces,
     require_held_by_friction,
     scene_data,
@@ -77,7 +77,7 @@ def test_a_roller_takes_what_presses_the_top_row_of_a_wall() -> None:
     rigid = solve(file.with_method("rigid")).as_dict()["reactions"]["roller"]
     assert rigid["force"] == pytest.approx([-force, 0.0, 0.0], abs=1e-9 * force)
     assert rigid["moment"][1] == pytest.approx(-force * 248.5, rel=1e-9)
-    run = on_mesh(file.scene, "wall", "static")
+    run = on_its_mesh(file.scene, "wall", "static")
     assert run.details.reactions["roller"]["force"] == pytest.approx(
         [-force, 0.0, 0.0], abs=2e-5 * force
     )
@@ -221,7 +221,7 @@ def test_a_mechanism_that_supports_leave_is_named() -> None:
         r"supports leave \(block 1 slides on block 0 along \(0.00, 1.00, 0.00\)\); `tubelock mbd`"
     )
     with pytest.raises(RefusedError, match=words) as error:
-        on_mesh(scene, "boxes", "static")
+        on_its_mesh(scene, "boxes", "static")
     assert "\n" not in str(error.value)
 
 

@@ -19,7 +19,7 @@ from tests.support.face import (
     agreement,
     compared_runs,
     effective_region,
-    on_mesh,
+    on_its_mesh,
 )
 from tests.support.face import output_console_module as console
 from validation import compare, read_answer
@@ -58,8 +58,8 @@ def test_three_answers_to_one_scene() -> None:
 
 
 def test_sector_and_whole_tube_give_the_same_digits() -> None:
-    whole = on_mesh(tube("tsb1-shaft", "fem.symmetry='none'"), "whole", "static")
-    sector = on_mesh(tube("tsb1-shaft", "fem.symmetry='sector'"), "sector", "static")
+    whole = on_its_mesh(tube("tsb1-shaft", "fem.symmetry='none'"), "whole", "static")
+    sector = on_its_mesh(tube("tsb1-shaft", "fem.symmetry='sector'"), "sector", "static")
     assert sector.details.static.symmetry == 4
     # Both stop at a residual of 1e-8 of the load; the tube's softest motion amplifies it tenfold.
     for a, b in zip(
@@ -77,7 +77,7 @@ def test_sector_is_refused_where_the_load_breaks_it(tubelock) -> None:
 
 @pytest.mark.parametrize("case", ["tunnel", "pillar", "beam"])
 def test_every_load_case_has_a_static_answer(case: str) -> None:
-    run = on_mesh(tube(f"tsb1-{case}"), case, "static")
+    run = on_its_mesh(tube(f"tsb1-{case}"), case, "static")
     assert run.details.static.residual < 1e-8
     assert run.details.contact.p_max > 0
 
@@ -156,10 +156,10 @@ def test_paper_damping_rings_where_adaptive_damping_settles() -> None:
         "fem.end_time=2e-3",
         "fem.ramp_time=1e-4",
     )
-    ringing = on_mesh(scene, "paper", "explicit").details.explicit
+    ringing = on_its_mesh(scene, "paper", "explicit").details.explicit
     assert ringing is not None
     calm = tube("tsb1-pipe", "fem.method='explicit'")
-    settled = on_mesh(calm, "static", "explicit").details.explicit
+    settled = on_its_mesh(calm, "static", "explicit").details.explicit
     assert settled is not None
     assert settled.residual is not None
     assert ringing.residual is not None
@@ -179,8 +179,8 @@ def test_agreement_of_a_field_with_itself_is_perfect() -> None:
 
 
 def test_friction_is_absent_unless_named_and_then_dissipates() -> None:
-    plain = on_mesh(tube("tsb1-pipe"), "plain", "static")
-    rough = on_mesh(tube("tsb1-pipe", "effects.friction.coefficient=0.3"), "rough", "static")
+    plain = on_its_mesh(tube("tsb1-pipe"), "plain", "static")
+    rough = on_its_mesh(tube("tsb1-pipe", "effects.friction.coefficient=0.3"), "rough", "static")
     assert plain.details.deformable.contact.friction is None
     assert plain.details.static.frictional_dissipation == 0.0
     assert rough.details.static.frictional_dissipation > 0.0

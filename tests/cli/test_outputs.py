@@ -12,6 +12,7 @@ import pytest
 from tests.support.coarse_tubes import SMALL
 from tests.support.face import InputError, Outputs, builtin_names, builtin_text
 
+EXPLICIT = ("--set", "fem.method=explicit")
 STUDY = 'scene = "mine.toml"\n[parameters]\n"block.amplitude" = [10, 15]\n'
 
 
@@ -42,7 +43,7 @@ def inputs(tubelock) -> Path:
         (["fem", "own.toml", "-o", "."], "fields.vtu in it"),
         (["mbd", "own.toml", "--json", "fields.vtu"], "--json fields.vtu"),
         (
-            ["fem", "mine.toml", "--resume", "stopped.npz", "--json", "stopped.npz"],
+            ["fem", "mine.toml", *EXPLICIT, "--resume", "stopped.npz", "--json", "stopped.npz"],
             "--json stopped.npz",
         ),
         (["export", "mine.toml", "-o", "mine.toml"], "-o mine.toml"),

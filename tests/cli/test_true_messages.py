@@ -16,7 +16,7 @@ from tests.support.face import (
     RefusedError,
     box_block,
     builtin_text,
-    on_mesh,
+    on_its_mesh,
     parse_targets,
     read_any_mesh,
     write_hex_mesh,
@@ -124,7 +124,7 @@ def test_oscillating_mean_stresses_are_named(ratio: float, degree: int) -> None:
     for element in ("incompatible", "b-bar") if degree == 1 else (None,):
         kind = [f"fem.degree={degree}"] if element is None else [f"fem.element={element}"]
         scene = load_case("cantilever", settings + kind).scene
-        found[element] = on_mesh(scene, "cantilever", "static").report.get("notes", {})
+        found[element] = on_its_mesh(scene, "cantilever", "static").report.get("notes", {})
     assert ("nearly incompressible" in found[None if degree > 1 else "incompatible"]) is (
         ratio > 0.4
     )

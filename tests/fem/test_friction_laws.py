@@ -11,7 +11,7 @@ from fem.problem.effects import PAPER_RAYLEIGH, Effects
 from fem.problem.loads import SmoothStepAmplitude, TabularAmplitude
 from fem.problem.model import Model, fixed_nodes
 from tests.support.face import (
-    on_mesh,
+    on_its_mesh,
     scene_problem,
     stated_run,
 )
@@ -96,8 +96,8 @@ def test_a_plate_that_statics_holds_does_not_slide_on_its_way():
     than the rest. Nothing is lost, and both answers are that of an elastic joint: to the residual,
     1e-4, and the way still to go, 1e-3."""
     static, slow = (
-        on_mesh(plate("static"), "plate", "static"),
-        on_mesh(plate("explicit"), "plate", "explicit"),
+        on_its_mesh(plate("static"), "plate", "static"),
+        on_its_mesh(plate("explicit"), "plate", "explicit"),
     )
     lost = (
         slow.details.explicit.energies.frictional_dissipation,

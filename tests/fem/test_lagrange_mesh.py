@@ -46,7 +46,7 @@ from tests.support.face import (
     build_deck,
     by_options,
     calculix_available,
-    on_mesh,
+    on_its_mesh,
     run_calculix,
     scene_problem,
 )
@@ -289,8 +289,8 @@ def test_error_bars_hold_the_next_degree() -> None:
     """
     settings = ("mesh.edge=2", "mesh.radial=2", "assembly.layers=1", "fem.method='static'")
     scene = deformable("thb0-tunnel", *settings, "fem.degree=2")
-    run = on_mesh(scene, "hexagons", "static", error_estimate=True)
-    finer = on_mesh(deformable("thb0-tunnel", *settings, "fem.degree=3"), "hexagons", "static")
+    run = on_its_mesh(scene, "hexagons", "static", error_estimate=True)
+    finer = on_its_mesh(deformable("thb0-tunnel", *settings, "fem.degree=3"), "hexagons", "static")
     errors = {name: measure.error for name, measure in run.measures.items()}
     assert None not in errors.values()
     missed = [

@@ -10,7 +10,7 @@ from fem.contact.surfaces import ContactNormals, corner_overclosures, point_kine
 from fem.element.facet import FACET_VALUES
 from fem.element.stress import integration_points
 from geometry import Answer, Measure
-from tests.support.face import on_mesh, print_run, scene_problem
+from tests.support.face import on_its_mesh, print_run, scene_problem
 from tests.support.own_blocks import column
 
 PRESSURE = 0.5
@@ -19,7 +19,7 @@ PRESSURE = 0.5
 @pytest.fixture(scope="module")
 def pressed() -> Answer:
     """Three boxes of 100 × 80 mm under 0.5 MPa: uniaxial stress, the same pressure everywhere."""
-    return on_mesh(column(PRESSURE), "column", "static")
+    return on_its_mesh(column(PRESSURE), "column", "static")
 
 
 @pytest.mark.parametrize("normals", ContactNormals)

@@ -19,7 +19,7 @@ from geometry.measures import (
 from mbd import contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from tests.support.arch import arch_run
-from tests.support.face import on_mesh, write_contacts
+from tests.support.face import on_its_mesh, write_contacts
 from tests.support.own_blocks import column
 from validation import load_case, solve
 
@@ -140,7 +140,7 @@ def test_the_field_that_is_written_carries_the_load(tmp_path: Path) -> None:
     assert answer["answer"] == "carried with friction μ = 0.6 (without: activated)"
     assert len(answer["joints"]) == 8
     keys = set(answer["joints"][0])
-    pressed = on_mesh(column(0.01), "column", "static")  # type: ignore[arg-type]
+    pressed = on_its_mesh(column(0.01), "column", "static")  # type: ignore[arg-type]
     motion = {"smallest_gap", "largest_gap", "largest_slip"}  # rigid blocks do not move
     assert set(pressed.as_dict()["joints"][0]) == keys | motion
 

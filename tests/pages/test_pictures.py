@@ -41,7 +41,7 @@ from tests.support.face import (
     gallery,
     labelled,
     looking,
-    on_mesh,
+    on_its_mesh,
     require_picture,
     round_length,
     scale_from_zero,
@@ -236,7 +236,7 @@ def test_unrolled_side_joints_lie_apart_and_keep_their_area() -> None:
 
 def test_sections_show_both_neighbours() -> None:
     """Where a layer's waves end, its neighbours fill the ring: nothing looks like a bite."""
-    run = on_mesh(tube("tsb1-pipe", "mesh.around=48"), "tsb1-pipe", "static")
+    run = on_its_mesh(tube("tsb1-pipe", "mesh.around=48"), "tsb1-pipe", "static")
     for z in tubes.section_heights(run.details):
         cut = section(run.details, z)
         area = 0.0
@@ -251,7 +251,7 @@ def test_sections_show_both_neighbours() -> None:
 
 
 def test_sections_have_the_area_of_the_tube_and_the_lines_of_its_joints() -> None:
-    run = on_mesh(tube("tsb1-pipe", "mesh.around=48"), "tsb1-pipe", "static")
+    run = on_its_mesh(tube("tsb1-pipe", "mesh.around=48"), "tsb1-pipe", "static")
     # In the middle of the layer, away from the waves: four quarters of a ring.
     cut = section(run.details, float(np.mean(tubes.section_heights(run.details))))
     a, b, c = (cut.points[cut.triangles[:, k]] for k in range(3))
@@ -321,21 +321,21 @@ def polyhedral_pictures(path: Path) -> None:
 
 
 def tube_pictures(path: Path) -> None:
-    run = on_mesh(tube("tsb1-pipe"), "a tube with a name that is long", "static")
+    run = on_its_mesh(tube("tsb1-pipe"), "a tube with a name that is long", "static")
     for draw in (tubes.draw_stresses, tubes.draw_contact, tubes.draw_sections):
         draw(run, path)
     tubes.draw_displacement(run, path)
 
 
 def column_pictures(path: Path) -> None:
-    run = on_mesh(column(0.01), "column", "static")
+    run = on_its_mesh(column(0.01), "column", "static")
     tubes.draw_stresses(run, path)
     tubes.draw_contact(run, path)
 
 
 def box_pictures(path: Path) -> None:
     scene = load_case("cantilever", ["fem.method=static", "mesh.divisions=[8,2,2]"]).scene
-    tubes.draw_stresses(on_mesh(scene, "cantilever", "static"), path)  # type: ignore[arg-type]
+    tubes.draw_stresses(on_its_mesh(scene, "cantilever", "static"), path)  # type: ignore[arg-type]
 
 
 def flat_pictures(path: Path) -> None:
@@ -348,7 +348,7 @@ def flat_pictures(path: Path) -> None:
         "material": "concrete",
         "fem": {"mesh": "scene"},
     }
-    tubes.draw_stresses(on_mesh(check_scene(sections), "flat", "static"), path)
+    tubes.draw_stresses(on_its_mesh(check_scene(sections), "flat", "static"), path)
 
 
 @pytest.mark.parametrize(
@@ -400,7 +400,7 @@ def test_titles_name_scene_load_and_program(figures: list[Figure], tmp_path: Pat
 def test_a_third_stress_is_one_line(figures: list[Figure], tmp_path: Path, monkeypatch) -> None:
     """What is made of principal stresses gets its panel, its bar and its mark."""
     scene = load_case("cantilever", ["fem.method=static", "mesh.divisions=[8,2,2]"]).scene
-    run = on_mesh(scene, "cantilever", "static")  # type: ignore[arg-type]
+    run = on_its_mesh(scene, "cantilever", "static")  # type: ignore[arg-type]
     middle = tubes.Stress("σ₂", lambda principal: principal[:, 1], "largest", "sigma_1_max")
     monkeypatch.setattr(tubes, "STRESSES", (*tubes.STRESSES, middle))
     tubes.draw_stresses(run, tmp_path / "s.png")

@@ -13,7 +13,7 @@ from tests.support.face import (
     arrow_parts,
     crosses,
     draw_directions,
-    on_mesh,
+    on_its_mesh,
     rgb,
     stress_scale,
     stresses_of,
@@ -35,7 +35,7 @@ def bar(traction: float, *, mises: bool = False):
     }
     file = load_case("cantilever", settings)
     scene = file.scene.changed({"load": {"x+": {"traction": [traction, 0.0, 0.0]}}})
-    return on_mesh(scene, "bar", "static")
+    return on_its_mesh(scene, "bar", "static")
 
 
 def test_arrows_are_along_the_pull_and_of_its_size() -> None:

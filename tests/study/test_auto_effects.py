@@ -21,7 +21,7 @@ from tests.support.face import (
     compared_runs,
     contact_measures,
     decide_effects,
-    on_mesh,
+    on_its_mesh,
     with_auto,
 )
 from tests.support.face import EffectNumbers as Answer
@@ -63,7 +63,7 @@ def test_decisions_are_those_of_the_full_runs() -> None:
         EffectName.FINITE_ROTATION,
     }
     bare = scene_of(*MESH)
-    reference = answer_of(on_mesh(bare, "tube", "static").details)
+    reference = answer_of(on_its_mesh(bare, "tube", "static").details)
     added = {
         FRICTION: {"effects.friction": scene.effects.friction},
         EffectName.GRAVITY: {"effects.gravity": scene.effects.gravity},
@@ -71,7 +71,7 @@ def test_decisions_are_those_of_the_full_runs() -> None:
     }
     for effect, changes in added.items():
         true = change(
-            reference, answer_of(on_mesh(bare.changed(changes), "tube", "static").details)
+            reference, answer_of(on_its_mesh(bare.changed(changes), "tube", "static").details)
         )
         simulated, probed = of(found, effect)
         assert probed is not None
@@ -91,11 +91,11 @@ def test_the_rule_is_that_of_the_effects_command() -> None:
     settings = [*COARSE, "fem.load_steps=1"]
     scene = scene_of(*settings, "effects.friction.coefficient=0.5", "effects.auto=0.01")
     _, found = decide_effects(scene, "tube")
-    base = answer_of(on_mesh(scene_of(*settings), "tube", "static").details)
+    base = answer_of(on_its_mesh(scene_of(*settings), "tube", "static").details)
     for effect in (FRICTION, EffectName.FINITE_ROTATION, EffectName.ELASTIC_FRAME):
         value = scene.effects.friction if effect is FRICTION else True
         with_it = scene_of(*settings).changed({f"effects.{effect}": value})
-        true = change(base, answer_of(on_mesh(with_it, "tube", "static").details))
+        true = change(base, answer_of(on_its_mesh(with_it, "tube", "static").details))
         simulated, probed = of(found, effect)
         assert probed is not None
         assert probed.values == pytest.approx(true.values, abs=1e-3)
@@ -115,7 +115,7 @@ def test_finite_rotation_is_estimated_as_explicit_runs_find_it() -> None:
     answers = []
     for finite in (True, False):
         probe = scene.changed({"effects": {"auto": None, "finite_rotation": finite}})
-        run = on_mesh(probe, "tube", "explicit")
+        run = on_its_mesh(probe, "tube", "explicit")
         answers.append(answer_of(run.details))
     true = change(*reversed(answers))
     assert estimated is not None
@@ -132,8 +132,8 @@ def test_damping_does_not_change_the_state_at_rest() -> None:
     scene = scene_of(*plain, *damped, "effects.auto.decide=['rayleigh','bulk_viscosity']")
     decided, found = decide_effects(scene, "tube")
     assert set(found.left_out) == {EffectName.RAYLEIGH, EffectName.BULK_VISCOSITY}
-    with_damping = on_mesh(scene_of(*plain, *damped), "tube", "explicit")
-    without, bare = (on_mesh(s, "tube", "explicit") for s in (decided, scene_of(*plain)))
+    with_damping = on_its_mesh(scene_of(*plain, *damped), "tube", "explicit")
+    without, bare = (on_its_mesh(s, "tube", "explicit") for s in (decided, scene_of(*plain)))
     assert change(answer_of(with_damping.details), answer_of(without.details)).largest < 2e-3
     # What is left out gives the bits of a scene that does not name it.
     for a, b in zip(
@@ -167,8 +167,8 @@ def test_what_is_kept_stays_and_what_is_left_out_leaves_no_bit() -> None:
     overruled, also = decide_effects(kept, "tube")
     assert overruled.effects.friction == kept.effects.friction
     assert also.as_written == (FRICTION,)
-    bare = on_mesh(scene_of(*COARSE), "tube", "static")
-    again = on_mesh(decided, "tube", "static")
+    bare = on_its_mesh(scene_of(*COARSE), "tube", "static")
+    again = on_its_mesh(decided, "tube", "static")
     for a, b in zip(
         bare.details.group_displacements, again.details.group_displacements, strict=True
     ):
@@ -247,7 +247,7 @@ def test_finite_rotation_that_matters_is_part_of_the_static_run() -> None:
     (decision,) = found.decisions
     assert decision.change is not None
     run, without = (
-        on_mesh(scene.changed({"effects": effects}), "tube", "static")
+        on_its_mesh(scene.changed({"effects": effects}), "tube", "static")
         for effects in (decided.effects, EffectsSection())
     )
     assert "finite rotation" in run.details.static.status
@@ -297,7 +297,7 @@ def test_static_tube_carries_its_weight() -> None:
     # The frame carries load and weight: the z forces of all pairs with a fixed block add up to
     # the weight of the free blocks (pipe pressure has no axial part), to the residual, 1e-8 of
     # the loads.
-    run = on_mesh(scene_of(*COARSE, "effects.gravity=[0,0,-9806.65]"), "tube", "static")
+    run = on_its_mesh(scene_of(*COARSE, "effects.gravity=[0,0,-9806.65]"), "tube", "static")
     found = run.details.deformable
     weight = sum(float(g.lumped_mass.sum()) * g.n_copies * -9806.65 for g in found.model.groups)
     surfaces, fixed = found.surfaces, found.assembly.fixed
@@ -314,8 +314,8 @@ def test_sideways_weight_breaks_the_sector() -> None:
     # Static and explicit agree, which they can only with the whole ring: to the explicit run's
     # settling bound, 1e-3.
     sideways = [*COARSE, "effects.gravity=[9806.65,0,0]"]
-    static = on_mesh(scene_of(*sideways), "tube", "static")
-    explicit = on_mesh(scene_of(*sideways, "fem.method='explicit'"), "tube", "explicit")
+    static = on_its_mesh(scene_of(*sideways), "tube", "static")
+    explicit = on_its_mesh(scene_of(*sideways, "fem.method='explicit'"), "tube", "explicit")
     assert static.details.static.symmetry == 1
     assert change(answer_of(static.details), answer_of(explicit.details)).largest < 2e-3
 

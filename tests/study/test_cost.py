@@ -51,7 +51,7 @@ from tests.support.face import (
     measured_answer,
     measurement_key,
     observed_order,
-    on_mesh,
+    on_its_mesh,
     overlap,
     pareto_front,
     partition_pressures,
@@ -428,7 +428,7 @@ def test_what_calculix_prints_is_measured_as_our_own_answer() -> None:
         tube(), base_mesh(tube(), "a"), static_setting(ElementType.INCOMPATIBLE, 1)
     )
     deck = build_deck(scene_case(name="a", scene=scene), Flavour.CALCULIX)
-    ours = on_mesh(scene, "a", "static")
+    ours = on_its_mesh(scene, "a", "static")
     nodes = np.concatenate([ours_of(ours, block) for block in range(deck.assembly.n_blocks)])
     every = np.arange(len(nodes))
     printed = CalculixResult(nodes, every, np.zeros_like(every), np.full(len(nodes), 0.3), {}, 1.0)

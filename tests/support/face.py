@@ -41,7 +41,7 @@ def solved(
     return solve(asked if method is None else asked.with_method(method))
 
 
-def on_mesh(
+def on_its_mesh(
     stated: Any,
     name: str = "scene",
     method: str | None = None,

@@ -19,7 +19,7 @@ from tests.support.face import (
     PAST_AND_BACK,
     by_options,
     load_step_change,
-    on_mesh,
+    on_its_mesh,
     scene_case,
     static_options,
 )
@@ -62,8 +62,8 @@ def solved(load, friction, gap):
     options = static_options(case.problem, case.method)
     seconds, runs = [time.process_time()], []
     for run in (
-        lambda: on_mesh(static, load, "static"),
-        lambda: on_mesh(explicit, load, "explicit"),
+        lambda: on_its_mesh(static, load, "static"),
+        lambda: on_its_mesh(explicit, load, "explicit"),
         lambda: by_options(case.problem, replace(options, load_path=PAST_AND_BACK)),
     ):
         runs.append(run())
