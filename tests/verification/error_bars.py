@@ -65,7 +65,7 @@ def solved(case: Case) -> dict[str, Any]:
         answer = solve_static(problem)
         kept["answer"] = {name: [m.value, m.error] for name, m in answer.measures.items()}
     else:
-        kept["meshes"] = converge(refined).report["meshes"]
+        kept["meshes"] = converge(refined).meshes.meshes
     if case.reference != "closed form":
         kept["finer"] = on_one_mesh(refined, reference_mesh(case, len(kept["meshes"])))
     return kept | {"cpu_seconds": time.process_time() - start}
@@ -82,7 +82,7 @@ def reference_mesh(case: Case, n: int) -> Rung:
 def on_one_mesh(problem: Problem, rung: Rung) -> dict[str, Any]:
     """What is reported of one mesh."""
     alone = Ladder((DEFAULT.rungs[0], rung))
-    report: dict[str, Any] = converge(problem, ladder=alone).report["meshes"][-1]
+    report: dict[str, Any] = converge(problem, ladder=alone).meshes.meshes[-1]
     return report
 
 
