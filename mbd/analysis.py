@@ -158,7 +158,12 @@ class RigidResult(ReadOnlyArrays):
 
     @cached_property
     def patch_pressures(self) -> FloatArray:
-        """Mean pressure of each flat patch of solids, zero where nothing holds; (n_patches,)."""
+        """Mean pressure of each flat patch of solids, of blocks of elements that of each facet; zero
+        where nothing holds; (n_patches,) [MPa]."""
+        if isinstance(self.blocks, Assembly):
+            pressures = np.zeros(self.blocks.interfaces.n_contacts)
+            pressures[self.contact_index] = self.normal_forces
+            return pressures / self.blocks.interfaces.areas
         found = cast("PolyhedralAssembly", self.blocks).interfaces
         return found.patch_pressures(self.contact_index, self.normal_forces)
 

@@ -34,7 +34,7 @@ from tests.support.face import (
     interpolation,
     largest_cyclic_orbits,
     node_places,
-    on_mesh,
+    on_degree,
     pressures_on_facets,
     split,
     transferred,
@@ -357,7 +357,7 @@ def test_facets_larger_than_elements_carry_what_the_elements_carry() -> None:
 def test_a_state_on_its_own_mesh_is_itself() -> None:
     problem = replace(PROBLEMS["tunnel"], degree=2)
     found = solve_static(problem, Static(mesh="scene", error_estimate=False)).details
-    again = on_mesh(problem, problem.blocks.shapes, 2).deformable
+    again = on_degree(problem, problem.blocks.shapes, 2).deformable
     moved = transferred(found.group_displacements, found.deformable, again)
     for one, other in zip(moved, found.group_displacements, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-12 * np.abs(other).max())

@@ -108,7 +108,7 @@ def test_no_force_is_larger_than_the_rigid_limit(pressed: Pushed) -> None:
     the one as built: blocks of 60 mm that move by 0.12 mm turn its faces by no more than 0.2 %."""
     limit = solve(scene_case(panel(), "panel").with_method("rigid")).parts["push_limit"].associated
     assert limit is not None
-    assert pressed.details.converged
+    assert pressed.result.converged
     assert pressed.curve.displacements[-1] == pytest.approx(0.12, rel=1e-12)
     assert pressed.curve.peak[0] <= 1.002 * limit
 
@@ -117,7 +117,7 @@ def test_the_work_of_the_push_is_found_again(pressed: Pushed, squeezed: StaticRe
     """Work of the push and of the side forces is strain energy, contact energy, friction, and the
     energy of elastic slips: at most (μ p)² / 2 k per area. The curve is concave, so that trapezia
     miss some of the work and add none."""
-    before, after, contact = squeezed, pressed.result, pressed.details.contact_state
+    before, after, contact = squeezed, pressed.result, pressed.result.contact_state
     work = pressed.curve.work + after.external_work - before.external_work
     stored = after.strain_energy - before.strain_energy
     stored += after.contact_energy - before.contact_energy
@@ -147,7 +147,7 @@ def test_steps_far_longer_than_the_contact_law_are_taken() -> None:
     starts where the one before leads to, the first from shorter ones. The push of a block that
     nothing presses stays below a hundredth of that between the side forces."""
     far = pushed(ringed("mesh.divisions=1", "load.push.distance=4", "fem.motion_steps=4"))
-    assert far.details.converged
+    assert far.result.converged
     assert far.curve.displacements[-1] == pytest.approx(4.0, rel=1e-12)
     assert 0.0 < far.curve.peak[0] < 0.01 * 4800.0
 
@@ -196,7 +196,7 @@ def test_a_push_that_meets_nothing_has_a_curve_of_no_force(overrides: dict[str, 
     loose = panel("mesh.divisions=1", "load.push.distance=2", "fem.motion_steps=2")
     loose = loose.changed({"supports": (), "loads": (), **overrides})
     found = pushed(loose)
-    assert found.details.converged
+    assert found.result.converged
     assert found.curve.displacements[-1] == pytest.approx(2.0, rel=1e-12)
     assert not found.curve.forces.any()
     assert found.curve.free_after == 0.0

@@ -91,7 +91,7 @@ def test_friction_carries_the_shear_through_a_joint(search, frames) -> None:
 def test_sections_of_an_arch_are_in_equilibrium_with_the_blocks_between() -> None:
     """Between two joints a voussoir's weight, at its centre; horizontal thrust is one number."""
     run = arch_run(0.6)
-    arch, angle = run.assembly, np.radians(np.arange(60.0, 121.0, 20.0))
+    arch, angle = run.details.blocks, np.radians(np.arange(60.0, 121.0, 20.0))
     points = 1000.0 * np.column_stack([np.cos(angle), 0.0 * angle, np.sin(angle)])
     normals = np.column_stack([-np.sin(angle), 0.0 * angle, np.cos(angle)])
     # Planes through the centre cut both flanks: 60° those from the right springing on.

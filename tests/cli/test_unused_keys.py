@@ -57,7 +57,7 @@ def test_what_is_idle_does_not_change_a_bit(answer: Callable[[Case], FloatArray]
         for part in key.split("."):
             value = value[part]
         new = other(value)
-        if new == value:
+        if new == value or key == "fem.method":  # another method has another answer
             continue
         scene = check_scene(apply_overrides(data, [f"{key}={json.dumps(new)}"]))
         assert np.array_equal(answer(scene_case(name="changed", scene=scene)), expected), key

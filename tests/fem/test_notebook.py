@@ -237,7 +237,7 @@ def test_the_rigid_answer_has_the_same_type(problem) -> None:
 def test_options_of_the_rigid_analysis_are_words(problem) -> None:
     assert analyse(problem, Rigid(norm="pressure"))["p_eff"] == analyse(problem)["p_eff"]
     assert analyse(problem, Rigid(norm="force"))["p_eff"] != analyse(problem)["p_eff"]
-    with pytest.raises(RefusedError, match="norm: got 'forces'; expected 'force', 'pressure'"):
+    with pytest.raises(RefusedError, match="norm: got 'forces'; expected 'force' or 'pressure'"):
         analyse(problem, Rigid(norm="forces"))
 
 
@@ -274,7 +274,7 @@ def test_all_three_carry_the_weight(problem) -> None:
     """Gravity stated once moves all answers; the rigid one by the weight of the free blocks."""
     heavy = replace(problem, gravity=(0.0, 0.0, -9.81e5))
     on_its_mesh = partial(solve_static, method=Static(mesh="scene", error_estimate=False))
-    weight = heavy.rigid_load.body_wrenches
+    weight = heavy.rigid_weight
     mass = concrete.density * problem.blocks.volumes
     assert np.allclose(weight[:, 2], -9.81e5 * mass, rtol=1e-14)
     for solve in (on_its_mesh, solve_explicit):
@@ -303,8 +303,6 @@ def test_every_load_has_a_name(load) -> None:
 
 
 def test_what_an_answer_does_not_have_is_refused(problem) -> None:
-    with pytest.raises(ProblemError, match=r"friction: got 0\.3; the rigid-block analysis"):
-        analyse(replace(problem, friction=0.3))
     with pytest.raises(ProblemError, match="clearance"):
         analyse(replace(problem, clearance=0.1))
     for name in ("finite_sliding", "finite_rotation"):

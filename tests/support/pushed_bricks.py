@@ -59,8 +59,6 @@ pressure = 0.5
 blocks = [2]
 [effects.friction]
 coefficient = 0.4
-[rigid]
-friction = 0.5
 [[contact.pairs]]
 between = [0, 1]
 friction = 0.2

@@ -77,8 +77,7 @@ class _LawSection(_LawKeys):  # type: ignore[misc]
 class ContactPairSection(_LawSection):
     """``[[contact.pairs]]``: joints between some blocks with their own friction, law or both.
 
-    Other joints have the friction of ``[effects.friction]``, of rigid blocks ``rigid.friction``,
-    and the law of ``[contact]``.
+    Other joints have the friction of ``[effects.friction]`` and the law of ``[contact]``.
     """
 
     place: ClassVar[str] = "contact.pairs"
