@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 
@@ -165,21 +166,26 @@ def mapped_block(
     mesh = HexMesh(shape(grid_points(*lines)), structured_hexahedra(*counts))
     check_mesh(mesh, name)
     named = {faces[side]: quads for side, quads in grid_faces(*counts).items()}
-    curve = Curve(lambda: grid_points(*lines)[mesh.elements], shape)
-
-    def build(unit: Lines) -> Block:
-        first, second, third = (
-            line[0] + (line[-1] - line[0]) * at for line, at in zip(lines, unit, strict=True)
-        )
-        return mapped_block(
-            name,
-            (first, second, third),
-            shape,
-            faces,
-            contact_faces,
-            directions=directions,
-            parts=parts,
-        )
-
+    curve = Curve(partial(_corner_parameters, lines, mesh.elements), shape)
+    build = partial(
+        _mapped_again,
+        partial(mapped_block, name, directions=directions, parts=parts),
+        lines,
+        (shape, faces, contact_faces),
+    )
     charts = grid_charts(directions, parts, unit_lines(*lines), build)
     return Block(name, mesh, named, contact_faces, curve, charts)
+
+
+def _corner_parameters(lines: Lines, elements: IntArray) -> FloatArray:
+    return grid_points(*lines)[elements]
+
+
+def _mapped_again(
+    mapped: Callable[..., Block], lines: Lines, stated: tuple[Any, ...], unit: Lines
+) -> Block:
+    """Return the same block on other lines, (n,) of each parameter from 0 to 1."""
+    first, second, third = (
+        line[0] + (line[-1] - line[0]) * at for line, at in zip(lines, unit, strict=True)
+    )
+    return mapped((first, second, third), *stated)

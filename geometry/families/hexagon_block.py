@@ -184,18 +184,7 @@ def _on_lines(
     n_plane = len(first)
     number = dict(zip(kites, inverse.reshape(len(kites), m + 1, m + 1), strict=True))
 
-    def shape(parameters: FloatArray) -> FloatArray:
-        kite, a, b, y = parameters.T
-        points = np.empty((len(y), 3))
-        for k in np.unique(np.rint(kite)).astype(np.int64).tolist():
-            members = np.rint(kite) == k
-            plane = _kite(k, a[members], b[members], 2 * y[members] - 1)
-            x, points[members, 2] = (block.circumradius * plane).T
-            r = block.inner_radius + block.thickness * y[members]
-            theta = x / block.inner_radius
-            points[members, :2] = np.column_stack([r * np.cos(theta), r * np.sin(theta)])
-        return points
-
+    shape = partial(_shape, block)
     in_plane = grid_points(np.array(kites, dtype=np.float64), s, s)
     nodes = shape(np.column_stack([np.tile(in_plane[first], (n_r + 1, 1)), np.repeat(y, n_plane)]))
     # Seen from outside, a points to edge k and b to edge k - 1: (b, a, r) is right-handed.
@@ -209,7 +198,7 @@ def _on_lines(
     sides = _side_faces(number, n_r, n_plane, flat)
     faces = {"inner": quads[:, ::-1], "outer": quads + n_r * n_plane, **sides}
     contact_faces = tuple(edge for edge in EDGE_NAMES if edge in sides)
-    curve = Curve(lambda: _corner_parameters(in_plane[corners], y), shape)
+    curve = Curve(partial(_corner_parameters, in_plane[corners], y), shape)
     numbers = np.arange(len(elements)).reshape(n_r, len(kites), m, m).transpose(1, 2, 3, 0)
     charts = Charts(
         ("along", "along", "across"),
@@ -220,6 +209,20 @@ def _on_lines(
         natural=(1, 0, 2),
     )
     return Block(name, mesh, faces, contact_faces, curve, charts)
+
+
+def _shape(block: HexagonBlockParameters, parameters: FloatArray) -> FloatArray:
+    """Points of kite, a, b and y, (m, 4) to (m, 3) [mm]."""
+    kite, a, b, y = parameters.T
+    points = np.empty((len(y), 3))
+    for k in np.unique(np.rint(kite)).astype(np.int64).tolist():
+        members = np.rint(kite) == k
+        plane = _kite(k, a[members], b[members], 2 * y[members] - 1)
+        x, points[members, 2] = (block.circumradius * plane).T
+        r = block.inner_radius + block.thickness * y[members]
+        theta = x / block.inner_radius
+        points[members, :2] = np.column_stack([r * np.cos(theta), r * np.sin(theta)])
+    return points
 
 
 def _corner_parameters(quads: FloatArray, y: FloatArray) -> FloatArray:

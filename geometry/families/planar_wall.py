@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
+from functools import partial
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -65,25 +66,28 @@ def _block(
     ends: tuple[tuple[float, Profile], tuple[float, Profile]],
     parts: tuple[int, int, int],
 ) -> Block:
-    bottom, top = ends
     x1 = outline.width * np.linspace(-0.5, 0.5, divisions[0] + 1)
     y1 = outline.thickness * np.linspace(0.0, 1.0, divisions[1] + 1)
     w1 = np.linspace(0.0, 1.0, divisions[2] + 1)
-
-    def shape(parameters: FloatArray) -> FloatArray:
-        x, y, w = parameters.T
-        z = (1 - w) * (bottom[0] + bottom[1](x, y)) + w * (top[0] + top[1](x, y))
-        return np.column_stack([x, y, z])
-
     return mapped_block(
         name,
         (x1, y1, w1),
-        shape,
+        partial(_shape, ends),
         _FACES,
         ("bottom", "top", "left", "right"),
         directions=("along", "across", "upward"),
         parts=parts,
     )
+
+
+def _shape(
+    ends: tuple[tuple[float, Profile], tuple[float, Profile]], parameters: FloatArray
+) -> FloatArray:
+    """Points of x, y and the part w of the height, (m, 3) to (m, 3) [mm]."""
+    x, y, w = parameters.T
+    (low, bottom), (high, top) = ends
+    z = (1 - w) * (low + bottom(x, y)) + w * (high + top(x, y))
+    return np.column_stack([x, y, z])
 
 
 def _flat(x: FloatArray, y: FloatArray) -> FloatArray:
@@ -176,15 +180,14 @@ class PlanarSineWall(_Wall):
 
     def build(self) -> Assembly:
         """Stack the rows."""
-        waves = self.parts[0]
-
-        def profile(x: FloatArray, y: FloatArray) -> FloatArray:
-            u = x / self.width + 0.5
-            amplitude = self.amplitude * y / self.thickness
-            return amplitude * np.sin(2 * np.pi * waves * u + np.pi * self.shift)
-
+        waves, profiles = self.parts[0], (self._joint, self._joint)
         offset = int(self.frequency) * self.width / waves
-        return _built("planar-sine", self, (profile, profile), offset=offset, parts=self.parts)
+        return _built("planar-sine", self, profiles, offset=offset, parts=self.parts)
+
+    def _joint(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        u = x / self.width + 0.5
+        amplitude = self.amplitude * y / self.thickness
+        return amplitude * np.sin(2 * np.pi * self.parts[0] * u + np.pi * self.shift)
 
 
 @dataclass(frozen=True)
@@ -207,12 +210,12 @@ class OsteomorphicWall(_Wall):
 
     def build(self) -> Assembly:
         """Stack the rows."""
+        profiles = (self._below, self._above)
+        return _built("osteomorphic", self, profiles, offset=self.width / 2, parts=self.parts)
 
-        def above(x: FloatArray, y: FloatArray) -> FloatArray:
-            wave = np.cos(2 * np.pi * x / self.width) * np.sin(np.pi * y / self.thickness)
-            return self.amplitude * wave
+    def _above(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        wave = np.cos(2 * np.pi * x / self.width) * np.sin(np.pi * y / self.thickness)
+        return self.amplitude * wave
 
-        def below(x: FloatArray, y: FloatArray) -> FloatArray:
-            return -above(x, y)
-
-        return _built("osteomorphic", self, (below, above), offset=self.width / 2, parts=self.parts)
+    def _below(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        return -self._above(x, y)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -267,23 +268,29 @@ def _build(
     r1 = block.inner_radius + block.thickness * divisions.radial_positions
     u1 = np.linspace(0.0, 1.0, divisions.around + 1)
     w1 = np.linspace(0.0, 1.0, divisions.axial + 1)
-
-    def shape(parameters: FloatArray) -> FloatArray:
-        r, u, w = parameters.T
-        theta = block.block_angle * (u - 0.5)
-        weight = wavy[0] * (1 - w) + wavy[1] * w
-        z = bottom * (1 - w) + top * w + weight * wave(block, u, r)
-        return np.column_stack([r * np.cos(theta), r * np.sin(theta), z])
-
     return mapped_block(
         name,
         (r1, u1, w1),
-        shape,
+        partial(_shape, block, (bottom, top), wavy),
         _FACE_NAMES,
         contact_faces,
         directions=("across", "along", "upward"),
         parts=(1, block.waves_per_block, 1),
     )
+
+
+def _shape(
+    block: SineBlockParameters,
+    ends: tuple[float, float],
+    wavy: tuple[float, float],
+    parameters: FloatArray,
+) -> FloatArray:
+    """Points of r, u and w, (m, 3) to (m, 3) [mm]."""
+    r, u, w = parameters.T
+    theta = block.block_angle * (u - 0.5)
+    weight = wavy[0] * (1 - w) + wavy[1] * w
+    z = ends[0] * (1 - w) + ends[1] * w + weight * wave(block, u, r)
+    return np.column_stack([r * np.cos(theta), r * np.sin(theta), z])
 
 
 def sine_block(block: SineBlockParameters, divisions: SineBlockDivisions) -> Block:
