@@ -130,7 +130,6 @@ def test_numbers_of_numpy_are_numbers(tube):
     assert Static(load_steps=np.int64(2)) == Static(load_steps=2)
 
 
-@later
 def test_a_problem_can_be_pickled(tube):
     assert pickle.loads(pickle.dumps(tube)).blocks.n_blocks == tube.blocks.n_blocks
 

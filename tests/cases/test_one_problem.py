@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from fem import ExponentialLaw, Frames, Material, read_deck
-from fem.explicit.solve import solve as solve_model
 from tests.support.face import (
     AdaptiveMassDamping,
     ColumnBox,
@@ -32,6 +31,7 @@ from tests.support.face import (
     scene_problem,
 )
 from tests.support.face import solve_deformable_static as solve_static
+from tests.support.face import solve_model
 from tests.support.fem_problems import deformable_assembly
 from validation import load_case, solve
 

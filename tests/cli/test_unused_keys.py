@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geometry.mesh import FloatArray
 from tests.support.face import (
     InputError,
     RefusedError,
@@ -36,16 +35,16 @@ EVERYTHING = (
 )
 
 
-def rigid(case: Case) -> FloatArray:
+def rigid(case: Case) -> np.ndarray:
     return solve(case.with_method("rigid")).details.contact_pressures
 
 
-def static(case: Case) -> FloatArray:
+def static(case: Case) -> np.ndarray:
     return solve(case).contacts["pressure"]
 
 
 @pytest.mark.parametrize("answer", [rigid, static])
-def test_what_is_idle_does_not_change_a_bit(answer: Callable[[Case], FloatArray]) -> None:
+def test_what_is_idle_does_not_change_a_bit(answer: Callable[[Case], np.ndarray]) -> None:
     settings = (*COARSE, *EVERYTHING)
     case = load_case("tsb1-pipe", settings)
     expected, idle = answer(case), idle_keys(case.scene, answer.__name__)

@@ -275,7 +275,7 @@ def test_stages_of_a_run_leave_compilation_out() -> None:
 @pytest.mark.parametrize(
     ("command", "module"),
     [
-        (["mbd", "tsb1-pipe"], "validation.run.rigid.answer"),
+        (["mbd", "tsb1-pipe"], "validation.solving"),
         (["fem", "tsb1-pipe", "--accuracy", "u=50%"], "fem.static.contact_forces"),
     ],
 )

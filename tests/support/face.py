@@ -157,7 +157,7 @@ _INNER = {
     "fem.element.lagrange_mesh": "LagrangeMesh lagrange_lumped_mass=block_lumped_mass with_degree",
     "fem.explicit.setup.assembly": "explicit_assembly",
     "fem.explicit.setup.quasi_static": "block_frequencies recommended_times",
-    "fem.explicit.solve": "Frame Status StopCriterion initial_state prepare",
+    "fem.explicit.solve": "Frame Status StopCriterion initial_state prepare solve_model=solve",
     "fem.measures": "bracketed load_step_change",
     "fem.problem.effects": "AdaptiveMassDamping EffectError Effects",
     "fem.problem.loads": "SmoothStepAmplitude wrench_forces",

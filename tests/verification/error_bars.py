@@ -58,7 +58,7 @@ SHORT = {
 def solved(case: Case) -> dict[str, Any]:
     """Solve a problem as by default, and for its reference; plain data that is kept."""
     start = time.process_time()
-    problem = case.problem
+    problem = case.problem()
     refined = replace(problem, degree=1)
     kept: dict[str, Any] = {"meshes": []}
     if problem.degree > 1:

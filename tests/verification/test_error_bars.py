@@ -25,7 +25,7 @@ from tests.support.face import (
     fineness,
     growing,
     is_reached,
-    on_mesh,
+    on_degree,
     on_rung,
     sequence_bar,
     split,
@@ -72,7 +72,7 @@ def test_a_finer_mesh_leaves_less_of_the_same_change() -> None:
 
 def test_fineness_counts_the_degree_twice_and_elements_once() -> None:
     """One element a box; a box of two by two by two whose elements are split again."""
-    problem = _case("heavy boxes").problem
+    problem = _case("heavy boxes").problem()
     coarse, fine = on_rung(problem, Rung(2, 1, 1, 1, 1.0, 1.0)), split(problem, 2, 3)
     assert fineness(coarse) == pytest.approx(4.0 * 1.0)
     assert fineness(fine) == pytest.approx(9.0 * 4.0)
@@ -136,7 +136,7 @@ def _case(name: str) -> Case:
 
 @cache
 def default_answer(name: str) -> Answer:
-    return solve_static(_case(name).problem)
+    return solve_static(_case(name).problem())
 
 
 def test_no_reference_is_a_mesh_of_the_answer() -> None:
@@ -158,7 +158,7 @@ def test_bars_hold_on_cheap_problems(name: str) -> None:
     if case.reference != "closed form":
         # Finer than the answer in every direction, a quarter of the work of the mesh of the table.
         assert len(kept["meshes"]) <= FINER_THAN[NEAR][0]
-        kept["finer"] = error_bars.on_one_mesh(case.problem, NEAR)
+        kept["finer"] = error_bars.on_one_mesh(case.problem(), NEAR)
     judged = [row for row in error_bars.judged(case, kept) if not row["printed"]]
     assert len(judged) >= 4
     missed = [row for row in judged if not row["holds"]]
@@ -182,7 +182,7 @@ def test_hexahedra_of_ones_own_have_bars_from_a_finer_mesh() -> None:
     """Boxes of three sizes: the change to a mesh three times as fine lies within every bar."""
     boxes = load_case("column").problem
     shapes = tuple(replace(shape, charts=None) for shape in boxes.blocks.shapes)
-    own = on_mesh(boxes, shapes, 1)
+    own = on_degree(boxes, shapes, 1)
     found = solve_static(own, Static(mesh="scene"))
     finer = solve_static(split(own, 3, 1), Static(mesh="scene", error_estimate=False))
     for name, measure in found.measures.items():

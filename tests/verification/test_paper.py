@@ -123,7 +123,7 @@ def test_tubes_that_are_built_once_give_the_results_of_each_scene() -> None:
     mesh = ["mesh.around=12", "mesh.radial=2", "mesh.axial=4", "assembly.layers=2"]
     for scene, more in (("tsb1-pipe", []), ("tsb1-shaft", []), ("tsb1-pipe", ["block.shift=0.5"])):
         file = load_case(scene, [*mesh, *more])
-        shared, alone = tubes.run(file), solve(file.with_method("rigid"))
+        shared, alone = tubes.solve(scene, *mesh, *more), solve(file.with_method("rigid"))
         assert (shared.case.name, shared.case.scene) == (alone.case.name, alone.case.scene)
         np.testing.assert_array_equal(
             shared.details.contact_pressures, alone.details.contact_pressures
@@ -265,8 +265,8 @@ def test_ring_pressures_carry_the_load_to_the_frames(tmp_path) -> None:
     from tests.support.face import rings
 
     run = coarse_evidence(tmp_path).case("TSB1", "pillar")
-    load = np.linalg.norm(run.load.facet_forces.sum(axis=0))
-    interfaces = run.assembly.interfaces
+    load = np.linalg.norm(run.details.load.facet_forces.sum(axis=0))
+    interfaces = run.details.blocks.interfaces
     found = rings(run)
     assert [title.split(" and")[0] for title in found] == [
         "layer 12",

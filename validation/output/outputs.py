@@ -198,7 +198,7 @@ class Outputs:
         if self.scene is None:
             return
         scene, method = self.scene.scene, method or self.scene.method.name
-        self._unused = tuple(idle_keys(scene, method))
+        self._unused = tuple(idle_keys(scene, method, drawn=self._draws))
         self._defaults = default_words(scene, method)
         ignored = ignored_words(list(self._unused))
         said = {

@@ -60,7 +60,8 @@ def run_design(study: Study, number: int) -> Row:
             results, remarks = _fem_results(study, file)
         remarks += [f"{key}: not used by this method" for key in idle_parameters(study, file)]
     except Exception as error:
-        words = " ".join(str(error).split()) or "no message"
+        words = " ".join(str(error).split()).removeprefix(f"{study.name}[{number}]: ")
+        words = words or "no message"
         failure = words if isinstance(error, ValueError) else f"{type(error).__name__}: {words}"
     return Row(
         number=number,

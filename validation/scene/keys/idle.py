@@ -72,9 +72,14 @@ _IDLE_WHERE: Mapping[str, Callable[[Any, str], bool]] = {
 }
 
 
-def idle_keys(scene: DeformableScene, method: str) -> list[str]:
-    """Keys that a scene sets and on which its answer by a method does not depend."""
-    return [key for key in dict.fromkeys(_set_keys(scene, "")) if is_idle(key, scene, method)]
+def idle_keys(scene: DeformableScene, method: str, *, drawn: bool = True) -> list[str]:
+    """Keys that a scene sets and on which its answer by a method does not depend.
+
+    ``drawn``: whether pictures are asked for.
+    """
+    keys = dict.fromkeys(_set_keys(scene, ""))
+    pictures = () if drawn else ("pictures.",)
+    return [key for key in keys if key.startswith(pictures) or is_idle(key, scene, method)]
 
 
 def is_idle(key: str, scene: DeformableScene, method: str) -> bool:

@@ -192,7 +192,8 @@ def with_setting(scene: AssemblyScene, base: BaseMesh, setting: CostSetting) -> 
     changes["mesh"] = setting.mesh(base)
     if any(key.startswith("fem.") for key in changes):
         # What the plan varies and a setting does not name is as by default.
-        unset = dict.fromkeys(("ramp_time", "end_time", "mass_scaling"))
-        usual = {**unset, "residual": 1.0e-4, "degree": 1}
+        usual: dict[str, Any] = {"degree": 1}
+        if changes.get("fem.method") == "explicit":
+            usual = dict.fromkeys(("ramp_time", "end_time", "mass_scaling")) | {"residual": 1.0e-4}
         changes = {f"fem.{key}": value for key, value in usual.items()} | changes
     return scene.changed(changes)
