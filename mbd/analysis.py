@@ -159,7 +159,8 @@ class RigidResult(ReadOnlyArrays):
     @cached_property
     def patch_pressures(self) -> FloatArray:
         """Mean pressure of each flat patch of solids, of blocks of elements that of each facet; zero
-        where nothing holds; (n_patches,) [MPa]."""
+        where nothing holds; (n_patches,) [MPa].
+        """
         if isinstance(self.blocks, Assembly):
             pressures = np.zeros(self.blocks.interfaces.n_contacts)
             pressures[self.contact_index] = self.normal_forces

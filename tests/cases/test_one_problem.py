@@ -29,9 +29,9 @@ from tests.support.face import (
     scene_case,
     scene_data,
     scene_problem,
+    solve_model,
 )
 from tests.support.face import solve_deformable_static as solve_static
-from tests.support.face import solve_model
 from tests.support.fem_problems import deformable_assembly
 from validation import load_case, solve
 

@@ -53,9 +53,7 @@ def solved(load, friction, gap):
     coarse = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
     law = (f"effects.friction.coefficient={friction}", f"contact.clearance={gap}")
     static, explicit = (
-        load_case(
-            f"tsb1-{load}", [*coarse, *law, f"fem.method='{method}'"]
-        ).scene
+        load_case(f"tsb1-{load}", [*coarse, *law, f"fem.method='{method}'"]).scene
         for method in ("static", "explicit")
     )
     case = scene_case(static, load)
