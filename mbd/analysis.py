@@ -158,9 +158,7 @@ class RigidResult(ReadOnlyArrays):
 
     @cached_property
     def patch_pressures(self) -> FloatArray:
-        """Mean pressure of each flat patch of solids, of blocks of elements that of each facet; zero
-        where nothing holds; (n_patches,) [MPa].
-        """
+        """Mean pressure of each flat patch, of elements each facet; 0: nothing; (n,) [MPa]."""
         if isinstance(self.blocks, Assembly):
             pressures = np.zeros(self.blocks.interfaces.n_contacts)
             pressures[self.contact_index] = self.normal_forces
