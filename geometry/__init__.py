@@ -24,7 +24,16 @@ What most need::
 | `RunningBondWall`, `CircularArch`, `VoxelPuzzle` | masonry and puzzles |
 | `pipe`, `tunnel`, `pillar`, `beam`, `shaft` | the load cases of a tube, from a pressure in MPa |
 | `Load` | a load before it is put on blocks |
+| `LoadCase` | loads on faces and edges of any blocks, and what is held while they act |
+| `PressureLoad`, `TractionLoad`, `LineLoad` | such loads |
+| `HeldFace` | a face that is held, moved or on springs |
+| `Box`, `Plane` | parts of surfaces by their place |
+| `box_block`, `Block` of a `HexMesh` | a box, any block of hexahedra |
+| `convex_polyhedron`, `Polyhedron` | a block of flat faces |
+| `polyhedral_assembly`, `PolyhedralAssembly` | such blocks, placed, with their contacts |
+| `read_blocks` | blocks of a file: STL, OBJ, STEP and more |
 | `Answer`, `Measure` | what a solver returns, and one number of it |
+| `RefusedError` | what is wrong with an input, in one line: every error of the packages is one |
 | `contact_mesh` | contact facets of an assembly as a pyvista mesh |
 """
 
@@ -36,6 +45,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from geometry.answer import Answer, Measure
     from geometry.assembly import Assembly
+    from geometry.block import Block, box_block
+    from geometry.errors import RefusedError
     from geometry.families.boxes import BrickStack, ColumnBox, SeparateBoxes, box_column
     from geometry.families.hexagon_block import HexagonBlockParameters as HexagonBlock
     from geometry.families.indenter import Indenter
@@ -46,38 +57,71 @@ if TYPE_CHECKING:
     from geometry.families.tube import tube
     from geometry.families.versatile_panel import VersatilePanel
     from geometry.families.voxels import VoxelPuzzle
+    from geometry.files.block_files import read_blocks
     from geometry.files.memory import blocks
     from geometry.files.mesh_io import contact_mesh
-    from geometry.loads import Load, beam, pillar, pipe, shaft, tunnel
+    from geometry.loads import (
+        LineLoad,
+        Load,
+        LoadCase,
+        PressureLoad,
+        TractionLoad,
+        beam,
+        pillar,
+        pipe,
+        shaft,
+        tunnel,
+    )
+    from geometry.mesh import HexMesh
+    from geometry.parts.regions import Box, Plane
+    from geometry.parts.supports import HeldFace
+    from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
     from geometry.polyhedra.options import DetectionOptions
+    from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
 
 __all__ = [
     "Answer",
     "Assembly",
+    "Block",
+    "Box",
     "BrickStack",
     "CircularArch",
     "ColumnBox",
     "CubesLayer",
     "DetectionOptions",
+    "HeldFace",
+    "HexMesh",
     "HexagonBlock",
     "Indenter",
+    "LineLoad",
     "Load",
+    "LoadCase",
     "Measure",
     "OctahedraLayer",
     "OsteomorphicWall",
     "PlanarSineWall",
+    "Plane",
+    "PolyhedralAssembly",
+    "Polyhedron",
+    "PressureLoad",
+    "RefusedError",
     "RunningBondWall",
     "SeparateBoxes",
     "SineBlock",
     "TetrahedraLayer",
+    "TractionLoad",
     "VersatilePanel",
     "VoxelPuzzle",
     "beam",
     "blocks",
+    "box_block",
     "box_column",
     "contact_mesh",
+    "convex_polyhedron",
     "pillar",
     "pipe",
+    "polyhedral_assembly",
+    "read_blocks",
     "shaft",
     "tube",
     "tunnel",
@@ -87,30 +131,46 @@ __all__ = [
 _PLACES = {
     "Answer": ("geometry.answer", "Answer"),
     "Assembly": ("geometry.assembly", "Assembly"),
+    "Block": ("geometry.block", "Block"),
+    "Box": ("geometry.parts.regions", "Box"),
     "BrickStack": ("geometry.families.boxes", "BrickStack"),
     "CircularArch": ("geometry.families.masonry", "CircularArch"),
     "ColumnBox": ("geometry.families.boxes", "ColumnBox"),
     "CubesLayer": ("geometry.families.platonic_layers", "CubesLayer"),
     "DetectionOptions": ("geometry.polyhedra.options", "DetectionOptions"),
+    "HeldFace": ("geometry.parts.supports", "HeldFace"),
+    "HexMesh": ("geometry.mesh", "HexMesh"),
     "HexagonBlock": ("geometry.families.hexagon_block", "HexagonBlockParameters"),
     "Indenter": ("geometry.families.indenter", "Indenter"),
+    "LineLoad": ("geometry.loads", "LineLoad"),
     "Load": ("geometry.loads", "Load"),
+    "LoadCase": ("geometry.loads", "LoadCase"),
     "Measure": ("geometry.answer", "Measure"),
     "OctahedraLayer": ("geometry.families.platonic_layers", "OctahedraLayer"),
     "OsteomorphicWall": ("geometry.families.planar_wall", "OsteomorphicWall"),
     "PlanarSineWall": ("geometry.families.planar_wall", "PlanarSineWall"),
+    "Plane": ("geometry.parts.regions", "Plane"),
+    "PolyhedralAssembly": ("geometry.polyhedra.assembly", "PolyhedralAssembly"),
+    "Polyhedron": ("geometry.polyhedra.polyhedron", "Polyhedron"),
+    "PressureLoad": ("geometry.loads", "PressureLoad"),
+    "RefusedError": ("geometry.errors", "RefusedError"),
     "RunningBondWall": ("geometry.families.masonry", "RunningBondWall"),
     "SeparateBoxes": ("geometry.families.boxes", "SeparateBoxes"),
     "SineBlock": ("geometry.families.sine_block", "SineBlockParameters"),
     "TetrahedraLayer": ("geometry.families.platonic_layers", "TetrahedraLayer"),
+    "TractionLoad": ("geometry.loads", "TractionLoad"),
     "VersatilePanel": ("geometry.families.versatile_panel", "VersatilePanel"),
     "VoxelPuzzle": ("geometry.families.voxels", "VoxelPuzzle"),
     "beam": ("geometry.loads", "beam"),
     "blocks": ("geometry.files.memory", "blocks"),
+    "box_block": ("geometry.block", "box_block"),
     "box_column": ("geometry.families.boxes", "box_column"),
     "contact_mesh": ("geometry.files.mesh_io", "contact_mesh"),
+    "convex_polyhedron": ("geometry.polyhedra.polyhedron", "convex_polyhedron"),
     "pillar": ("geometry.loads", "pillar"),
     "pipe": ("geometry.loads", "pipe"),
+    "polyhedral_assembly": ("geometry.polyhedra.assembly", "polyhedral_assembly"),
+    "read_blocks": ("geometry.files.block_files", "read_blocks"),
     "shaft": ("geometry.loads", "shaft"),
     "tube": ("geometry.families.tube", "tube"),
     "tunnel": ("geometry.loads", "tunnel"),

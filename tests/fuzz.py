@@ -35,14 +35,12 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 import typer
 
+from geometry import HexMesh
 from tests.support.face import (
     SCENE_TYPES,
-    HexMesh,
     _keys,
     app,
     boundary_quads,
-    builtin_names,
-    builtin_text,
     on_its_mesh,
     polyhedron_from_quads,
     quiet,
@@ -52,7 +50,7 @@ from tests.support.face import (
     write_triangles,
 )
 from tests.support.face import main as tubelock
-from validation import load_case
+from validation import builtin_names, builtin_text, load_case
 
 _TUBE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
 #: Scenes that are answered in a blink, by what makes them small.

@@ -11,6 +11,7 @@ What most need::
 | | |
 |---|---|
 | `load_case`, `Case` | a problem and a method: a scene by its name or from TOML |
+| `builtin_names`, `builtin_text` | scenes that come with the program, and their TOML |
 | `solve` | the answer to a case |
 | `write`, `read_answer` | an answer as files, and back |
 | `plot` | a field of an answer as a matplotlib figure |
@@ -21,6 +22,7 @@ What most need::
 | `sensitivity` | derivatives of the measures with respect to the parameters |
 | `optimise` | the best design under limits |
 | `cost` | error against CPU time of every method and mesh |
+| `InputError` | what is wrong with a scene, an option or a file, in one line |
 """
 
 from __future__ import annotations
@@ -42,10 +44,15 @@ if TYPE_CHECKING:
         write,
     )
     from validation.case import Case, load_case
+    from validation.errors import InputError
+    from validation.scene.builtin import builtin_names, builtin_text
     from validation.solving import solve
 
 __all__ = [
     "Case",
+    "InputError",
+    "builtin_names",
+    "builtin_text",
     "compare",
     "cost",
     "load_case",
@@ -64,6 +71,9 @@ __all__ = [
 #: Where names come from that are not in `validation.calls`.
 _PLACES = {
     "Case": "validation.case",
+    "InputError": "validation.errors",
+    "builtin_names": "validation.scene.builtin",
+    "builtin_text": "validation.scene.builtin",
     "load_case": "validation.case",
     "solve": "validation.solving",
 }

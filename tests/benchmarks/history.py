@@ -27,7 +27,6 @@ from fem.problem.time_step import critical_time_step
 from geometry.files.whole import write_whole
 from tests.benchmarks import contact, rigid
 from tests.support.face import (
-    InputError,
     Roofline,
     Work,
     internal_force_work,
@@ -38,6 +37,7 @@ from tests.support.face import (
     update_work,
 )
 from tests.support.face import benchmarks_explicit_module as explicit
+from validation import InputError
 
 HISTORY = Path(__file__).with_name("history.jsonl")
 

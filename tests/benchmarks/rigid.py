@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from geometry.loads import named_case
+from geometry.system import peak_memory_mb
 from mbd import (
     clarabel_equilibrium,
     classify,
@@ -20,7 +21,7 @@ from mbd import (
     newton_equilibrium,
     solve_linear_programs,
 )
-from tests.support.face import measuring, peak_memory_mb, tabled, write_json
+from tests.support.face import measuring, tabled, write_json
 from validation import load_case, solve
 
 

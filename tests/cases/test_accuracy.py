@@ -20,7 +20,6 @@ from tests.support.face import (
     PRESSURES,
     SAFETY,
     FrictionSet,
-    InputError,
     Ladder,
     Rung,
     climbed,
@@ -38,7 +37,7 @@ from tests.support.face import (
 from tests.support.face import accuracy_statics_module as statics
 from tests.support.own_blocks import column
 from tests.support.stated import stated
-from validation import solve
+from validation import InputError, solve
 
 
 def test_what_is_asked_is_read() -> None:

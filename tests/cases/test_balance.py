@@ -11,7 +11,7 @@ import pytest
 
 from geometry import Answer
 from mbd import block_wrenches
-from tests.support.face import FloatArray, solved
+from tests.support.face import solved
 
 SCENES = sorted(file.stem for file in Path(str(files("validation") / "scenes")).glob("*.toml"))
 TUBE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 1, "mesh.axial": 2}
@@ -115,7 +115,7 @@ def random_case(seed: int) -> tuple[str, dict[str, Any]]:
     return kind, {"block.boxes": boxes, "load.pressure": float(rng.uniform(0.1, 1.0))}
 
 
-def left_by_hand(answer: Answer) -> FloatArray:
+def left_by_hand(answer: Answer) -> np.ndarray:
     """Force, and moment over the length of a block, of joints and loads on each free block [N]."""
     blocks, load = answer.details.blocks, answer.details.load
     wrench = block_wrenches(blocks, load)

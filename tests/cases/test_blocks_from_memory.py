@@ -20,16 +20,9 @@ from fem import (
     solve_static,
     write_deck,
 )
-from geometry import DetectionOptions, pipe
+from geometry import DetectionOptions, HeldFace, LoadCase, Plane, RefusedError, TractionLoad, pipe
 from mbd import analyse
-from tests.support.face import (
-    HeldFace,
-    LoadCase,
-    Plane,
-    RefusedError,
-    TractionLoad,
-    solved,
-)
+from tests.support.face import solved
 
 trimesh = pytest.importorskip("trimesh")
 

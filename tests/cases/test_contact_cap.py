@@ -10,7 +10,6 @@ from tests.support.face import (
     DeformableScene,
     Flavour,
     Frame,
-    InputError,
     build_deck,
     check_scene,
     critical_time_step,
@@ -21,6 +20,7 @@ from tests.support.face import (
     stated_run,
 )
 from tests.support.own_blocks import column, overclosure
+from validation import InputError
 
 #: Above 0.883 MPa, where a cap of 1000 MPa/mm begins.
 PRESSURE = 2.0

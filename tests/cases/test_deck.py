@@ -17,7 +17,6 @@ from tests.support.face import (
     CircumferentialLoad,
     Effects,
     Flavour,
-    InputError,
     NodalForceLoad,
     Procedure,
     build_deck,
@@ -29,7 +28,7 @@ from tests.support.face import (
     rgb,
     scene_problem,
 )
-from validation import load_case
+from validation import InputError, load_case
 
 pytestmark = pytest.mark.quick
 

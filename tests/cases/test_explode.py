@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from geometry import BrickStack
 from geometry import HexagonBlock as HexagonBlockParameters
 from tests.support.blocks import tsb
 from tests.support.face import (
     AssemblyError,
-    BrickStack,
     HexagonBlockDivisions,
     HexagonTube,
-    InputError,
     SineBlockDivisions,
     SineTube,
     as_polyhedral,
@@ -23,7 +22,7 @@ from tests.support.face import (
     run_explosion,
 )
 from tests.support.face import rigid_explosion_module as explosion
-from validation import load_case
+from validation import InputError, load_case
 
 HEXAGONS = HexagonTube(
     HexagonBlockParameters(4, 120.0, 40.0), HexagonBlockDivisions(6, 3), 1

@@ -13,30 +13,31 @@ import pytest
 
 import geometry
 import validation
+from geometry import (
+    BrickStack,
+    ColumnBox,
+    Indenter,
+    OsteomorphicWall,
+    PlanarSineWall,
+    Polyhedron,
+    PressureLoad,
+    SeparateBoxes,
+    box_column,
+)
 from tests.support.face import (
     CASES,
     SCENE_TYPES,
     AssemblyScene,
-    BrickStack,
-    ColumnBox,
     Flavour,
-    Indenter,
     NamedLoad,
-    OsteomorphicWall,
     PlacedBlocks,
-    PlanarSineWall,
-    Polyhedron,
-    PressureLoad,
     RoundScene,
-    SeparateBoxes,
-    box_column,
     build_deck,
     build_polyhedra,
-    builtin_names,
     check_scene,
     round_types,
 )
-from validation import load_case
+from validation import builtin_names, load_case
 
 #: A family that nobody knows of: a tube of plain bricks, its dataclass and its record.
 NEW = {

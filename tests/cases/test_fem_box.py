@@ -195,6 +195,6 @@ def test_missing_end_time_and_wrong_checkpoint(tubelock) -> None:
 
 
 def load_text(name: str) -> str:
-    from tests.support.face import builtin_text
+    from validation import builtin_text
 
     return builtin_text(name)

@@ -7,10 +7,7 @@ import meshio
 import numpy as np
 import pytest
 
-from tests.support.face import (
-    FrameWriter,
-    on_its_mesh,
-)
+from tests.support.face import FrameWriter, on_its_mesh
 from validation import load_case
 
 COARSE = "mesh.divisions=[4,2,2]"

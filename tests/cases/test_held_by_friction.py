@@ -7,13 +7,13 @@ import pytest
 
 from tests.support.face import (
     DeformableScene,
-    InputError,
     check_scene,
     inside_words,
     on_its_mesh,
     require_held_by_friction,
 )
 from tests.support.face import accuracy_statics_module as statics
+from validation import InputError
 
 
 def _pile(slope: float, friction: float | None, height: float = 10.0) -> DeformableScene:

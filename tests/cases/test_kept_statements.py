@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from fem import ExponentialLaw, LinearPenalty, solve_explicit, solve_static
-from geometry import pipe
-from tests.support.face import HeldFace, RefusedError, command
+from geometry import HeldFace, RefusedError, pipe
+from tests.support.face import command
 from validation import load_case
 
 pytestmark = pytest.mark.quick

@@ -9,8 +9,9 @@ import pytest
 import pyvista
 
 from fem import Explicit, Static
+from geometry import RefusedError
 from mbd import Rigid, analyse
-from tests.support.face import RefusedError, command
+from tests.support.face import command
 from validation import load_case, optimise, read_answer, sensitivity, write
 
 #: One layer of the tube of the paper, coarse.

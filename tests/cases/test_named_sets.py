@@ -8,7 +8,8 @@ import meshio
 import numpy as np
 import pytest
 
-from tests.support.face import RefusedError, box_block, on_its_mesh
+from geometry import RefusedError, box_block
+from tests.support.face import on_its_mesh
 from validation import load_case
 
 pytestmark = pytest.mark.quick

@@ -15,17 +15,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fem import Problem, Static, concrete, solve_static
-from geometry import SineBlock, beam, pillar, pipe, shaft, tube, tunnel
+from geometry import (
+    Block,
+    OsteomorphicWall,
+    SineBlock,
+    beam,
+    box_block,
+    pillar,
+    pipe,
+    shaft,
+    tube,
+    tunnel,
+)
 from tests.support.face import (
     FILES,
-    Block,
-    FloatArray,
     HexagonBlockDivisions,
-    OsteomorphicWall,
     PointFlexibility,
     StaticMethod,
     StaticOptions,
-    box_block,
     by_options,
     charts_of,
     coarser,
@@ -84,7 +91,7 @@ PROBLEMS = {
 }
 
 
-def apart(value: FloatArray, expected: FloatArray) -> float:
+def apart(value: np.ndarray, expected: np.ndarray) -> float:
     return float(np.abs(value - expected).max() / np.abs(expected).max())
 
 

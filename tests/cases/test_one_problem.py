@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 
 from fem import ExponentialLaw, Frames, Material, read_deck
+from fem import solve as solve_model
+from geometry import ColumnBox, box_column
 from tests.support.face import (
     AdaptiveMassDamping,
-    ColumnBox,
     DeformableAssembly,
     EffectError,
     Effects,
     Flavour,
-    InputError,
     SmoothStepAmplitude,
     StopCriterion,
-    box_column,
     build_deck,
     check_scene,
     explicit_assembly,
@@ -29,11 +28,10 @@ from tests.support.face import (
     scene_case,
     scene_data,
     scene_problem,
-    solve_model,
 )
 from tests.support.face import solve_deformable_static as solve_static
 from tests.support.fem_problems import deformable_assembly
-from validation import load_case, solve
+from validation import InputError, load_case, solve
 
 COARSE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=2")
 STATIC = (*COARSE, "fem.method=static", "effects.friction={coefficient=0.2, stick_stiffness=1e3}")

@@ -12,21 +12,17 @@ import pytest
 from scipy.sparse import csr_array
 
 from fem import Material, Problem, Static, solve_static
+from geometry import Block, LoadCase, read_blocks
 from tests.support.face import (
     CORNERS,
     NATURAL,
-    Block,
-    FloatArray,
-    IntArray,
     LagrangeMesh,
-    LoadCase,
     MeshError,
     block_group,
     calculix_available,
     file_blocks,
     grid_points,
     on_its_mesh,
-    read_blocks,
     run_calculix,
     with_degree,
 )
@@ -38,7 +34,7 @@ from tests.support.own_blocks import own_scene
 GRAVITY = "[effects]\ngravity = [0.0, 1e6, -1e6]\n"
 
 
-def twenty_seven(block: Block) -> tuple[FloatArray, IntArray]:
+def twenty_seven(block: Block) -> tuple[np.ndarray, np.ndarray]:
     """Nodes of a block's elements of degree two, and those of each in VTK's order."""
     mesh = with_degree(block, 2).mesh
     assert isinstance(mesh, LagrangeMesh)
@@ -46,7 +42,7 @@ def twenty_seven(block: Block) -> tuple[FloatArray, IntArray]:
     return mesh.nodes, mesh.members[:, columns]
 
 
-def write(path: Path, nodes: FloatArray, members: IntArray) -> None:
+def write(path: Path, nodes: np.ndarray, members: np.ndarray) -> None:
     meshio.write(path, meshio.Mesh(nodes, [(f"hexahedron{members.shape[1]}", members)]))
 
 
@@ -107,7 +103,7 @@ def ring(tmp_path: Path, n_nodes: int = 20) -> Path:
     return path
 
 
-def ring_nodes(n_nodes: int) -> tuple[FloatArray, IntArray]:
+def ring_nodes(n_nodes: int) -> tuple[np.ndarray, np.ndarray]:
     """Every second node of a grid is a corner."""
     lines = [np.linspace(*RADII, 5), np.linspace(0.0, ANGLE, 2 * PIECES + 1), [0.0, 40.0, HEIGHT]]
     r, angle, z = grid_points(*map(np.asarray, lines)).T
@@ -191,19 +187,19 @@ def test_rigid_answers_say_that_edges_are_straight(tubelock, tmp_path: Path) -> 
     assert "straight" in json.loads((tmp_path / "own.json").read_text())["notes"]["edges"]
 
 
-def bulged(nodes: FloatArray, members: IntArray) -> tuple[FloatArray, IntArray]:
+def bulged(nodes: np.ndarray, members: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The middle of an edge is pushed past its other end."""
     moved = nodes.copy()
     moved[members[0, 8]] += 0.9 * (nodes[members[0, 1]] - nodes[members[0, 0]])
     return moved, members
 
 
-def turned(nodes: FloatArray, members: IntArray) -> tuple[FloatArray, IntArray]:
+def turned(nodes: np.ndarray, members: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """As programs write that number the edges upwards before those above."""
     return nodes, members[:, [*range(12), *range(16, 20), *range(12, 16)]]
 
 
-def torn(nodes: FloatArray, members: IntArray) -> tuple[FloatArray, IntArray]:
+def torn(nodes: np.ndarray, members: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Two elements have one edge, each its own middle of it."""
     shared = np.intersect1d(members[0, 8:], members[1, 8:])[:1]
     own = members.copy()

@@ -11,22 +11,23 @@ import numpy as np
 import pytest
 
 from fem import LinearPenalty, Material, Problem, Static, solve_static
-from geometry import Assembly
-from tests.support.face import (
-    JOINT_FILES,
+from geometry import (
+    Assembly,
     ColumnBox,
-    DeformableScene,
-    Flavour,
-    FloatArray,
     HexMesh,
-    InputError,
     LoadCase,
-    Outputs,
     Polyhedron,
-    QuadSurface,
-    box,
     box_block,
     box_column,
+    read_blocks,
+)
+from tests.support.face import (
+    JOINT_FILES,
+    DeformableScene,
+    Flavour,
+    Outputs,
+    QuadSurface,
+    box,
     build_deck,
     check_scene,
     closest_on_facets,
@@ -37,7 +38,6 @@ from tests.support.face import (
     hexahedral_block,
     on_its_mesh,
     polyhedron_from_quads,
-    read_blocks,
     run_facets,
     scene_case,
     scene_problem,
@@ -60,6 +60,7 @@ from tests.support.own_blocks import (
     own_scene,
     write_stl,
 )
+from validation import InputError
 
 # ---------------------------------------------------------------------------------------------
 # A column of boxes
@@ -480,7 +481,7 @@ def test_a_cube_on_its_edge_is_a_rigid_answer_and_no_deformable_one(tubelock, tm
 # Hexahedra split from tetrahedra
 
 
-def hexahedra_of_tetrahedra(size: FloatArray) -> tuple[FloatArray, np.ndarray]:
+def hexahedra_of_tetrahedra(size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A box as six tetrahedra about its diagonal, each split into four hexahedra."""
     corners = np.array(list(product((0.0, 1.0), repeat=3))) * size
     numbers: dict[tuple[int, ...], int] = {}

@@ -9,22 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from geometry import PolyhedralAssembly, Polyhedron, RefusedError, convex_polyhedron, read_blocks
 from tests.support.face import (
     Y_UP,
-    InputError,
-    PolyhedralAssembly,
-    Polyhedron,
-    RefusedError,
     check_file,
     command,
-    convex_polyhedron,
     diagnosed_blocks,
     flat_faces,
-    read_blocks,
     write_repaired,
     write_solids,
 )
-from validation import load_case, solve
+from validation import InputError, load_case, solve
 
 pytestmark = pytest.mark.quick
 

@@ -12,8 +12,6 @@ import pytest
 from geometry import Answer
 from tests.support.face import (
     DeformableScene,
-    FloatArray,
-    InputError,
     StaticError,
     StaticMethod,
     StaticOptions,
@@ -30,7 +28,7 @@ from tests.support.face import (
 from tests.support.face import accuracy_statics_module as statics
 from tests.support.face import solve_deformable_static as solve_static
 from tests.support.fem_problems import pair_resultants
-from validation import load_case
+from validation import InputError, load_case
 
 COARSE = ["mesh.around=12", "mesh.radial=1", "mesh.axial=2"]
 CELL = [*COARSE, "fem.symmetry='periodic cell'"]
@@ -47,7 +45,7 @@ def cell() -> Answer:
     return on_its_mesh(scene_of(*CELL), "cell", "static")
 
 
-def unbalanced_forces(run_of: DeformableScene, tiles: dict[int, FloatArray]) -> dict[int, float]:
+def unbalanced_forces(run_of: DeformableScene, tiles: dict[int, np.ndarray]) -> dict[int, float]:
     """Norm of loads, contact and internal forces of every layer of a tube, displaced by tiles."""
     deformable = scene_problem(run_of, "tube").deformable
     assembly = deformable.assembly

@@ -10,17 +10,14 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from geometry import Polyhedron, RefusedError, TetrahedraLayer, convex_polyhedron
 from mbd import contact_jacobian, generalized_force, solve_linear_programs
 from tests.support.face import (
     MeshScene,
     PlaceSection,
     PolyhedralScene,
-    Polyhedron,
-    RefusedError,
-    TetrahedraLayer,
     box,
     command,
-    convex_polyhedron,
     faces_words,
     motion,
     print_rigid,

@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from geometry import LoadCase, TetrahedraLayer
 from mbd import contact_jacobian, generalized_force
 from tests.support.face import (
     AssemblyError,
-    InputError,
-    LoadCase,
     PushCurve,
     StaticResult,
-    TetrahedraLayer,
     at_rest,
     build_polyhedra,
     compared_runs,
@@ -31,7 +29,7 @@ from tests.support.face import (
     tetrahedron,
 )
 from tests.support.face import solve_deformable_static as solve_static
-from validation import load_case, solve
+from validation import InputError, load_case, solve
 
 FRICTION, STICK = 0.3, 100.0
 

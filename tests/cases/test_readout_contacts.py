@@ -18,16 +18,9 @@ from fem import (
     solve_explicit,
     solve_static,
 )
+from geometry import ColumnBox, LoadCase, box_column
 from tests.support.face import RUN_FILES as FILES
-from tests.support.face import (
-    ColumnBox,
-    ContactNormals,
-    LoadCase,
-    Outputs,
-    box_column,
-    on_its_mesh,
-    write_joints,
-)
+from tests.support.face import ContactNormals, Outputs, on_its_mesh, write_joints
 from tests.support.own_blocks import column
 from tests.support.pressed_boxes import AREA, PRESSURE, SHEAR, SIZES, STICK, STIFF, boxes
 from validation import plot, write

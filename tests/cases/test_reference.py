@@ -12,11 +12,7 @@ import pytest
 
 from geometry import Answer
 from tests.fixtures.commands import small_meshes
-from tests.support.face import (
-    Comparison,
-    DeformableScene,
-    compared_runs,
-)
+from tests.support.face import Comparison, DeformableScene, compared_runs
 from validation import compare, load_case, solve
 
 TO_REST = ["fem", "column", "--set", "fem.method=explicit", "--set", "fem.damping=static"]

@@ -10,16 +10,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from geometry import Answer
+from geometry import Answer, CircularArch, Polyhedron, convex_polyhedron
 from mbd import contact_jacobian
 from tests.support.face import (
-    CircularArch,
-    FloatArray,
     FrictionLaw,
-    IntArray,
     PolyhedralScene,
-    Polyhedron,
-    convex_polyhedron,
     first_largest,
     frictional_contacts,
     frictional_equilibrium,
@@ -167,7 +162,7 @@ def test_the_frictional_state_of_a_symmetric_arch_is_symmetric(
     np.testing.assert_allclose(joints, joints[::-1], rtol=1e-5)
 
 
-def _normal_forces(joint: IntArray, forces: FloatArray) -> FloatArray:
+def _normal_forces(joint: np.ndarray, forces: np.ndarray) -> np.ndarray:
     return np.array([forces[joint == k].sum() for k in np.unique(joint)])
 
 

@@ -18,9 +18,10 @@ from fem import (
     solve_explicit,
     solve_static,
 )
+from geometry import ColumnBox, LoadCase, box_column
 from mbd import analyse
 from tests.support.arch import arch_run
-from tests.support.face import ColumnBox, LoadCase, SectionError, box_column, on_its_mesh
+from tests.support.face import SectionError, on_its_mesh
 from tests.support.pressed_boxes import AREA, PRESSURE, SHEAR, STICK, boxes
 from validation import load_case, read_answer, section, write
 

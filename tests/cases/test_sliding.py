@@ -12,20 +12,15 @@ import pytest
 from rich.console import Console
 
 from fem import Explicit, Frames, Material, solve, solve_explicit
+from geometry import ColumnBox, RefusedError, box_block, box_column
 from tests.support.face import (
     AdaptiveMassDamping,
-    ColumnBox,
     DeformableScene,
     Effects,
-    FloatArray,
-    InputError,
     Model,
-    RefusedError,
     SmoothStepAmplitude,
     StopCriterion,
     block_frequencies,
-    box_block,
-    box_column,
     check_scene,
     explicit_assembly,
     face_pressure,
@@ -39,7 +34,7 @@ from tests.support.face import (
 )
 from tests.support.fem_problems import deformable_assembly, in_contact
 from tests.support.own_blocks import QUADS, SECTIONS, brick_corners, overclosure, write_stl
-from validation import load_case
+from validation import InputError, load_case
 
 Box = tuple[tuple[float, float, float], tuple[int, int, int]]
 
@@ -295,7 +290,7 @@ def test_a_pushed_box_presses_where_it_ended() -> None:
     assert corners[:, 0].max() == pytest.approx(slide + 25.0, abs=0.01)
 
 
-def settled_box(built: float, slid: float) -> tuple[FloatArray, FloatArray]:
+def settled_box(built: float, slid: float) -> tuple[np.ndarray, np.ndarray]:
     """Pressures and places of a box on a plank of 20 mm facets, x from the box's own place.
 
     ``built``: where the box stands in the assembly; ``slid``: its initial displacement [mm].

@@ -22,17 +22,12 @@ from fem import (
     solve_static,
     write_deck,
 )
-from geometry import Answer
+from geometry import Answer, HeldFace, LineLoad, LoadCase, PressureLoad, RefusedError
 from mbd import analyse
 from tests.support.face import (
     DeckError,
     Flavour,
-    HeldFace,
-    LineLoad,
-    LoadCase,
     Motion,
-    PressureLoad,
-    RefusedError,
     calculix_available,
     problem_deck,
     with_body_wrenches,

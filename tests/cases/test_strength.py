@@ -12,16 +12,8 @@ import numpy as np
 import pytest
 
 from fem import Material, Problem, Static, concrete, solve_static
-from geometry import Measure, SineBlock, pipe, tube
-from tests.support.face import (
-    ColumnBox,
-    RefusedError,
-    _BoundError,
-    _scaled_until,
-    box_column,
-    face_pressure,
-    measure_rows,
-)
+from geometry import ColumnBox, Measure, RefusedError, SineBlock, box_column, pipe, tube
+from tests.support.face import _BoundError, _scaled_until, face_pressure, measure_rows
 
 TUBE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=2")
 

@@ -8,22 +8,23 @@ import numpy as np
 import pytest
 
 from fem import LinearPenalty, Material, Problem, Static, solve_static
-from geometry import Assembly
-from tests.support.face import (
-    AssemblyError,
+from geometry import (
+    Assembly,
     Block,
     Box,
     HeldFace,
-    InputError,
     LineLoad,
     LoadCase,
-    LoadCaseError,
-    ModelError,
     Plane,
     PressureLoad,
-    SupportError,
     TractionLoad,
     box_block,
+)
+from tests.support.face import (
+    AssemblyError,
+    LoadCaseError,
+    ModelError,
+    SupportError,
     check_scene,
     combination_answers,
     combined,
@@ -32,6 +33,7 @@ from tests.support.face import (
     scene_problem,
     stated_load,
 )
+from validation import InputError
 
 SIZE = np.array([100.0, 50.0, 40.0])
 E, NU = 1000.0, 0.3

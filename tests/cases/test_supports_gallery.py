@@ -8,13 +8,9 @@ import numpy as np
 import pytest
 
 from fem import CoulombFriction, LinearPenalty, Material, Problem, Static, solve_static
-from geometry import Assembly
+from geometry import Assembly, Block, HeldFace, LoadCase, RefusedError
 from tests.support.face import (
-    Block,
-    HeldFace,
-    LoadCase,
     PolyhedralScene,
-    RefusedError,
     check_scene,
     faces_words,
     mapped_block,

@@ -6,8 +6,9 @@ import re
 import numpy as np
 import pytest
 
+from geometry import RefusedError
 from mbd import analyse
-from tests.support.face import RefusedError, command
+from tests.support.face import command
 from validation import load_case, read_answer
 
 pytestmark = pytest.mark.quick

@@ -13,16 +13,9 @@ import numpy as np
 import pytest
 
 from tests.support.coarse_tubes import COARSE, tube
-from tests.support.face import (
-    FILES,
-    InputError,
-    agreement,
-    compared_runs,
-    effective_region,
-    on_its_mesh,
-)
+from tests.support.face import FILES, agreement, compared_runs, effective_region, on_its_mesh
 from tests.support.face import output_console_module as console
-from validation import compare, read_answer
+from validation import InputError, compare, read_answer
 
 pytestmark = pytest.mark.quick
 

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from fem import Explicit, Static, solve_explicit, solve_static
-from geometry import Answer
+from geometry import Answer, RefusedError
 from mbd import analyse
 from tests.fixtures.commands import small_meshes
-from tests.support.face import RefusedError, builtin_names, command
-from validation import load_case, solve
+from tests.support.face import command
+from validation import builtin_names, load_case, solve
 
 #: Fewer and coarser blocks, by names or their beginnings: the law holds for any scene.
 SINE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 1, "mesh.axial": 4}

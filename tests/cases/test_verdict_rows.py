@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.face import box_block, command, solved, verdicts, write_hex_mesh
+from geometry import box_block
+from tests.support.face import command, solved, verdicts, write_hex_mesh
 from validation import load_case, solve
 
 pytestmark = pytest.mark.quick

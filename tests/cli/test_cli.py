@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from tests.support.coarse_tubes import SMALL
-from tests.support.face import FILES, builtin_names, write_json
-from validation import load_case, read_answer
+from tests.support.face import FILES, write_json
+from validation import builtin_names, load_case, read_answer
 
 pytestmark = pytest.mark.quick
 

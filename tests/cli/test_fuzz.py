@@ -11,16 +11,10 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from tests.support.face import (
-    InputError,
-    RefusedError,
-    builtin_text,
-    check_scene,
-    check_study,
-    fem_section,
-)
+from geometry import RefusedError
+from tests.support.face import check_scene, check_study, fem_section
 from tests.support.wrong_input import PLACES, keys, kind_of
-from validation import load_case
+from validation import InputError, builtin_text, load_case
 
 EXPLICIT = 'fem.method="explicit"'
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from tests.fuzz import Fate, judge, try_line
-from tests.support.face import InputError, load_study, unreadable
-from validation import load_case
+from tests.support.face import load_study, unreadable
+from validation import InputError, load_case
 
 pytestmark = pytest.mark.quick
 

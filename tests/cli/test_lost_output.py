@@ -15,14 +15,8 @@ import numpy as np
 import pytest
 
 from fem import Problem, concrete, write_deck
-from tests.support.face import (
-    ColumnBox,
-    box_block,
-    box_column,
-    face_pressure,
-    write_hex_mesh,
-    write_whole,
-)
+from geometry import ColumnBox, box_block, box_column
+from tests.support.face import face_pressure, write_hex_mesh, write_whole
 from tests.support.face import output_answer_files_module as answer_files
 
 COMMAND = [sys.executable, "-m", "validation.cli"]

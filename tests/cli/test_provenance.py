@@ -15,16 +15,8 @@ import meshio
 import numpy as np
 import pytest
 
-from tests.support.face import (
-    Outputs,
-    Provenance,
-    builtin_text,
-    check_scene,
-    program,
-    stamp_vtu,
-    stamped,
-)
-from validation import load_case
+from tests.support.face import Outputs, Provenance, check_scene, program, stamp_vtu, stamped
+from validation import builtin_text, load_case
 
 SMALL = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
 

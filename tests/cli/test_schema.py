@@ -11,14 +11,8 @@ from typing import Any
 import jsonschema
 import pytest
 
-from tests.support.face import (
-    SCENE_TYPES,
-    InputError,
-    builtin_names,
-    builtin_text,
-    check_scene,
-    scene_schema,
-)
+from tests.support.face import SCENE_TYPES, check_scene, scene_schema
+from validation import InputError, builtin_names, builtin_text
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from tests.support.face import InputError, TubeScene, check_scene, scene_schema
-from validation import load_case
+from tests.support.face import TubeScene, check_scene, scene_schema
+from validation import InputError, load_case
 
 README = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
 SHORT = re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL)[0]

@@ -9,19 +9,16 @@ import numpy as np
 import pytest
 
 from fem import Problem, concrete
-from geometry import SineBlock, pipe, tube
+from geometry import RefusedError, SineBlock, box_block, pipe, tube
 from tests.support.face import (
     MeshError,
     ProblemError,
-    RefusedError,
-    box_block,
-    builtin_text,
     on_its_mesh,
     parse_targets,
     read_any_mesh,
     write_hex_mesh,
 )
-from validation import load_case
+from validation import builtin_text, load_case
 
 
 def refusal(path: Path, text: str) -> str:

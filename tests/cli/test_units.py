@@ -5,17 +5,15 @@ import tomllib
 import jsonschema
 import pytest
 
+from geometry import RefusedError
 from tests.support.face import (
-    InputError,
-    RefusedError,
     apply_overrides,
     build_polyhedra,
-    builtin_text,
     check_scene,
     parse_unit,
     scene_schema,
 )
-from validation import load_case
+from validation import InputError, builtin_text, load_case
 
 pytestmark = pytest.mark.quick
 

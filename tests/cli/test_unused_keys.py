@@ -9,11 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from geometry import RefusedError
 from tests.support.face import (
-    InputError,
-    RefusedError,
     apply_overrides,
-    builtin_names,
     check_scene,
     idle_keys,
     ignored_words,
@@ -24,7 +22,7 @@ from tests.support.face import (
     scene_data,
 )
 from tests.support.keys import leaves, other
-from validation import Case, load_case, solve
+from validation import Case, InputError, builtin_names, load_case, solve
 
 COARSE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=1")
 #: Keys that methods tell apart, each with a value that would matter where it acts.

@@ -6,15 +6,12 @@ import numpy as np
 import pytest
 
 from fem import CoulombFriction, LinearPenalty, solve
+from fem.dynamics import stated_run
 from fem.explicit.setup.assembly import explicit_assembly
 from fem.problem.effects import PAPER_RAYLEIGH, Effects
 from fem.problem.loads import SmoothStepAmplitude, TabularAmplitude
 from fem.problem.model import Model, fixed_nodes
-from tests.support.face import (
-    on_its_mesh,
-    scene_problem,
-    stated_run,
-)
+from tests.support.face import on_its_mesh, scene_problem
 from tests.support.fem_problems import in_contact
 from tests.support.floor import GRAVITY, block_on_floor
 from tests.support.sliding_plate import plate

@@ -42,7 +42,6 @@ from geometry.loads import face_pressure
 from geometry.mesh import QuadSurface, boundary_quads, check_mesh
 from tests.support.blocks import tsb
 from tests.support.face import (
-    InputError,
     build_deck,
     by_options,
     calculix_available,
@@ -58,7 +57,7 @@ from tests.support.fem_problems import (
 )
 from tests.support.lagrange_meshes import CURVED, HEXAGON, from_twenty, relative, sine
 from tests.support.own_blocks import deformable
-from validation import load_case
+from validation import InputError, load_case
 
 
 def distorted() -> Block:

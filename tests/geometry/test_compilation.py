@@ -12,7 +12,7 @@ import pytest
 
 from geometry.compilation import compiling, njit
 from geometry.compilation.cache import KernelCache, source_digest
-from tests.support.face import stages, summed
+from geometry.compilation.stages import stages, summed
 
 ROOT = Path(__file__).parents[2]
 CHOICES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")

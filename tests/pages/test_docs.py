@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 import typer
 
-from tests.support.face import SCENE_TYPES, app, builtin_names
-from validation import load_case
+from tests.support.face import SCENE_TYPES, app
+from validation import builtin_names, load_case
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

@@ -19,18 +19,9 @@ import numpy as np
 import pytest
 
 from tests.support.chromium import BROWSER, Page
-from tests.support.face import (
-    COARSE,
-    InputError,
-    Surface,
-    View,
-    changed,
-    controls,
-    explore,
-    measure_rows,
-)
+from tests.support.face import COARSE, Surface, View, changed, controls, explore, measure_rows
 from tests.support.pixels import open_pixels
-from validation import load_case, solve
+from validation import InputError, load_case, solve
 
 #: Lists in lists, as no page sends them.
 DEEP = 2000 * "[" + 2000 * "]"

@@ -18,11 +18,10 @@ from hypothesis.extra.numpy import arrays
 from matplotlib import rc_context
 from PIL import Image
 
-from geometry import Assembly
+from geometry import Assembly, box_block
 from tests.support.coarse_tubes import tube
 from tests.support.face import (
     PICTURES,
-    InputError,
     Lines,
     Look,
     Panel,
@@ -32,7 +31,6 @@ from tests.support.face import (
     _Column,
     _Row,
     block_edges,
-    box_block,
     check_scene,
     compared_runs,
     draw_polyhedra,
@@ -53,7 +51,7 @@ from tests.support.face import pictures_assemblies_module as assemblies
 from tests.support.face import pictures_gallery_module as gallery_pictures
 from tests.support.face import pictures_tubes_module as tubes
 from tests.support.own_blocks import column
-from validation import compare, load_case, solve
+from validation import InputError, compare, load_case, solve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

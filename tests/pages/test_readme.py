@@ -3,7 +3,8 @@
 import re
 from pathlib import Path
 
-from tests.support.face import app, builtin_names
+from tests.support.face import app
+from validation import builtin_names
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "README.md").read_text("utf-8")

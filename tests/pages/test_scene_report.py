@@ -15,13 +15,12 @@ from tests.support.face import (
     CASES,
     GOOD,
     OPEN,
-    InputError,
     check_scene,
     report_scene,
     strength_verdict,
     toml_text,
 )
-from validation import load_case, report, solve
+from validation import InputError, load_case, report, solve
 
 COARSE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 2}
 SETTINGS = [f"{key}={value}" for key, value in COARSE.items()]

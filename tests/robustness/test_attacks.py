@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.face import InputError, RefusedError, require_wider
+from geometry import RefusedError
+from tests.support.face import require_wider
 from tests.support.wrong_input import PLACES, kind_of
-from validation import Case, load_case
+from validation import Case, InputError, load_case
 
 pytestmark = pytest.mark.quick
 

@@ -11,22 +11,21 @@ import numpy as np
 import pytest
 
 from fem import ExponentialLaw, Material
-from geometry import Assembly
+from geometry import (
+    Assembly,
+    CircularArch,
+    LoadCase,
+    OctahedraLayer,
+    PolyhedralAssembly,
+    RunningBondWall,
+    TetrahedraLayer,
+)
 from mbd import block_wrenches, contact_jacobian, rigid_result
 from tests.support.face import STABILITY_CONCRETE as CONCRETE
 from tests.support.face import (
     TUBES,
     AnyBlocks,
-    CircularArch,
-    FloatArray,
-    IntArray,
-    LoadCase,
-    OctahedraLayer,
-    PolyhedralAssembly,
-    RunningBondWall,
     StaticOptions,
-    TetrahedraLayer,
-    builtin_names,
     frictional_contacts,
     frictional_equilibrium,
     piped,
@@ -36,7 +35,7 @@ from tests.support.face import stability_deformable as deformable
 from tests.support.face import stability_relative as relative
 from tests.support.face import stability_tube as tube
 from tests.support.views import VIEWS, View, seen, seen_load
-from validation import load_case, solve
+from validation import builtin_names, load_case, solve
 
 _HERE = View("here")
 #: Specific weight of assemblies that come without a load, along a direction like no other [N/mm³].
@@ -50,18 +49,18 @@ Subject = tuple[Assembly | PolyhedralAssembly, LoadCase, float | None]
 class _Answer:
     words: tuple[object, ...]
     """Classes, verdicts and counts: the same from everywhere, or not."""
-    numbers: dict[str, FloatArray]
+    numbers: dict[str, np.ndarray]
     """Numbers by block, in their order in the original."""
 
 
-def _by_original(values: FloatArray, view: View) -> FloatArray:
+def _by_original(values: np.ndarray, view: View) -> np.ndarray:
     """Values of blocks, (n_blocks, …), in the order of the original."""
     old = np.empty_like(values)
     old[view.order(len(values))] = values
     return old
 
 
-def _by_block(assembly: AnyBlocks, index: IntArray, sizes: FloatArray, view: View) -> FloatArray:
+def _by_block(assembly: AnyBlocks, index: np.ndarray, sizes: np.ndarray, view: View) -> np.ndarray:
     """Sum of forces on the contacts of each block of the original, (n_blocks,) [N]."""
     total, found = np.zeros(assembly.n_blocks), assembly.interfaces
     np.add.at(total, found.block_m[index], sizes)

@@ -7,18 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.face import (
-    Check,
-    Finding,
-    InputError,
-    Verdict,
-    cases,
-    chosen,
-    command,
-    refusal,
-    run_case,
-)
+from tests.support.face import Check, Finding, Verdict, cases, chosen, command, refusal, run_case
 from tests.support.face import StabilityCase as Case
+from validation import InputError
 
 #: Of every subject one or two that take less than half a CPU second.
 QUICK = [

@@ -14,7 +14,6 @@ from tests.support.face import (
     EffectName,
     EffectsDecision,
     EffectsSection,
-    InputError,
     StaticOptions,
     change,
     command,
@@ -29,7 +28,7 @@ from tests.support.face import effect_numbers_of as answer_of
 from tests.support.face import effects_limit_module as limit
 from tests.support.face import solve_deformable_static as solve_static
 from tests.support.fem_problems import pair_resultants
-from validation import compare, load_case
+from validation import InputError, compare, load_case
 
 #: Finer than the probe's 12 × 2 × 4 elements, and still quick.
 MESH = ["assembly.layers=2", "mesh.around=24", "mesh.radial=2", "mesh.axial=6"]

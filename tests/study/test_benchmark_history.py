@@ -6,8 +6,9 @@ import pytest
 
 from tests.benchmarks import history
 from tests.benchmarks.history import Entry, Rate, falls, last_like, read_history
-from tests.support.face import InputError, Roofline, internal_force_work, update_work
+from tests.support.face import Roofline, internal_force_work, update_work
 from tests.support.face import benchmarks_explicit_module as explicit
+from validation import InputError
 
 MACHINE = Roofline(10.0, 40.0, 100.0, 200.0)
 

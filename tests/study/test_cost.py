@@ -26,8 +26,6 @@ from tests.support.face import (
     CostSetting,
     CostStore,
     Flavour,
-    FloatArray,
-    InputError,
     Point,
     Rung,
     SineBlockDivisions,
@@ -65,7 +63,7 @@ from tests.support.face import (
 from tests.support.face import costs_measure_module as costs_measure
 from tests.support.face import costs_study_module as cost
 from tests.verification.calculix import half_facet_angle
-from validation import load_case
+from validation import InputError, load_case
 
 SETTINGS = ("--set", "assembly.layers=1")
 
@@ -443,7 +441,7 @@ def test_what_calculix_prints_is_measured_as_our_own_answer() -> None:
     assert np.array_equal(np.sort(found.contacts), np.sort(ours.details.contact_state.matched))
 
 
-def ours_of(run: Answer, block: int) -> FloatArray:
+def ours_of(run: Answer, block: int) -> np.ndarray:
     """Displacements of a block; none where it is held."""
     deformable = run.details.deformable
     if deformable.group_of[block] < 0:

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from tests.support.face import InputError, Search, check_optimisation, worst_of
-from validation import optimise, sensitivity, sweep
+from tests.support.face import Search, check_optimisation, worst_of
+from validation import InputError, optimise, sensitivity, sweep
 
 pytestmark = pytest.mark.quick
 

@@ -14,7 +14,6 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from tests.support.face import (
-    InputError,
     Layout,
     Older,
     ResultFile,
@@ -29,6 +28,7 @@ from tests.support.face import (
 from tests.support.face import output_store_module as stores
 from tests.support.face import run_sweep as sweep
 from tests.support.studies import WALLS, Here, content
+from validation import InputError
 
 pytestmark = pytest.mark.quick
 

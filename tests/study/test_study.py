@@ -20,7 +20,6 @@ import pytest
 
 from tests.support.face import (
     DaskRunner,
-    InputError,
     LocalRunner,
     ResultFile,
     Row,
@@ -34,6 +33,7 @@ from tests.support.face import (
 from tests.support.face import run_sweep as sweep
 from tests.support.face import study_run_module as study_run
 from tests.support.studies import WALLS, Here, content
+from validation import InputError
 
 
 @pytest.fixture

@@ -8,12 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.support.face import (
-    PolyhedralAssembly,
-    Polyhedron,
-    convex_polyhedron,
-    polyhedral_assembly,
-)
+from geometry import PolyhedralAssembly, Polyhedron, convex_polyhedron, polyhedral_assembly
 
 
 def voussoirs(

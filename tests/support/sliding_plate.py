@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from tests.support.face import (
-    DeformableScene,
-    check_scene,
-)
+from tests.support.face import DeformableScene, check_scene
 from tests.support.floor import GRAVITY
 
 

@@ -7,11 +7,7 @@ import sqlite3
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from tests.support.face import (
-    Row,
-    Study,
-    run_design,
-)
+from tests.support.face import Row, Study, run_design
 
 #: Sixteen walls of which four cannot be built (no rows), each a few milliseconds.
 WALLS = """

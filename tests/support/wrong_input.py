@@ -8,11 +8,8 @@ from collections.abc import Iterator
 
 import pydantic
 
-from tests.support.face import (
-    SCENE_TYPES,
-    builtin_names,
-    builtin_text,
-)
+from tests.support.face import SCENE_TYPES
+from validation import builtin_names, builtin_text
 
 
 def keys(model: type[pydantic.BaseModel], start: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:

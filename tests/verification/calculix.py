@@ -17,23 +17,19 @@ from pathlib import Path
 import numpy as np
 
 from fem import ElementType, ExponentialLaw, concrete, solve
-from geometry import Assembly
+from geometry import Assembly, Block, PressureLoad, box_block
 from tests.support.face import (
     TSB1,
-    Block,
     CalculixResult,
     Deck,
     DeckStep,
     Flavour,
-    FloatArray,
     Hold,
     Joint,
-    PressureLoad,
     Procedure,
     SineBlockDivisions,
     SineTube,
     StaticResult,
-    box_block,
     calculix_available,
     canonical,
     deck_assembly,
@@ -172,7 +168,7 @@ def calculix_through_converter(deck: Deck, folder: Path) -> CalculixResult:
     return run_calculix(target)
 
 
-def flat_displacements(deck: Deck, result: StaticResult) -> FloatArray:
+def flat_displacements(deck: Deck, result: StaticResult) -> np.ndarray:
     """Our displacements in the node order of a flat deck, (n_nodes, 3) [mm]."""
     deformable = deck_assembly(deck)
     parts = []

@@ -18,15 +18,9 @@ from typing import Any
 import numpy as np
 
 from fem import Static, solve_static
+from geometry import RefusedError
 from tests.support.cubes_deck import CUBES, changed, changed_lines
-from tests.support.face import (
-    CalculixError,
-    Dialect,
-    RefusedError,
-    deck_lines,
-    deck_of_lines,
-    rewritten,
-)
+from tests.support.face import CalculixError, Dialect, deck_lines, deck_of_lines, rewritten
 from tests.verification.deck_oracle import deck_nodes, difference, original, ours
 from tests.verification.deck_press_fit import block
 

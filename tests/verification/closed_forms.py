@@ -13,26 +13,27 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mbd import contact_jacobian
-from tests.support.face import (
+from geometry import (
     CircularArch,
-    FloatArray,
-    FrictionalEquilibrium,
     PolyhedralAssembly,
     Polyhedron,
+    convex_polyhedron,
+    polyhedral_assembly,
+)
+from mbd import contact_jacobian
+from tests.support.face import (
+    FrictionalEquilibrium,
     box,
     collapse_load,
-    convex_polyhedron,
     frictional_contacts,
     frictional_equilibrium,
-    polyhedral_assembly,
 )
 
 #: Minimum thickness of a semicircular arch over its centre-line radius, four digits.
 ARCH_LIMIT = 0.1075
 
 
-def body_force(assembly: PolyhedralAssembly, direction: FloatArray) -> FloatArray:
+def body_force(assembly: PolyhedralAssembly, direction: np.ndarray) -> np.ndarray:
     """Generalized force of unit specific weight along a direction, (6 n_free,)."""
     force = np.zeros((len(assembly.free_blocks), 6))
     force[:, :3] = assembly.volumes[assembly.free_blocks, None] * direction

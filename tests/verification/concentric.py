@@ -19,16 +19,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from fem import Material, Problem
-from geometry import Assembly
-from tests.support.face import (
-    Block,
-    ContactLaw,
-    FloatArray,
-    HeldFace,
-    LoadCase,
-    PressureLoad,
-    mapped_block,
-)
+from geometry import Assembly, Block, HeldFace, LoadCase, PressureLoad
+from tests.support.face import ContactLaw, mapped_block
 
 X, Y, Z = np.eye(3)
 #: Names of the sides of a patch: through the shell, along it and up.
@@ -79,7 +71,7 @@ class Shells:
         clearance = -self.interference
         return Problem(blocks, load, self.material, law=self.law, clearance=clearance)
 
-    def _cuts(self) -> dict[str, FloatArray]:
+    def _cuts(self) -> dict[str, np.ndarray]:
         """Normal of each side that is held."""
         if not self.spherical:
             return {"start": Y, "end": X, "bottom": Z}
@@ -135,7 +127,7 @@ class Shells:
 
     def _fields(
         self, pressure: float
-    ) -> tuple[Callable[[float], FloatArray], Callable[[float], FloatArray]]:
+    ) -> tuple[Callable[[float], np.ndarray], Callable[[float], np.ndarray]]:
         first, joint, last = self.radii
         return (
             self._shell(first, joint, self.inner_pressure, pressure),
@@ -150,19 +142,19 @@ class Shells:
         modulus, ratio = self.material.young_modulus, self.material.poisson_ratio
         others = ratio if self.spherical else 0.0
 
-        def field(r: float) -> FloatArray:
+        def field(r: float) -> np.ndarray:
             radial, around = mean - part / r**n, mean + part / ((n - 1) * r**n)
             moved = r * ((1.0 - others) * around - ratio * radial) / modulus
             return np.array([radial, around, moved])
 
         return field
 
-    def _principal(self, stress: FloatArray) -> FloatArray:
+    def _principal(self, stress: np.ndarray) -> np.ndarray:
         radial, around = stress
         found = [radial, around, around if self.spherical else 0.0]
         return np.sort(found)[::-1]
 
-    def _rise(self, field: FloatArray) -> float:
+    def _rise(self, field: np.ndarray) -> float:
         """Displacement of the top of a ring, whose bottom is held [mm]."""
         if self.spherical:
             return 0.0
@@ -171,13 +163,13 @@ class Shells:
         return float(strain) * self.extent
 
 
-def _on_cylinders(at: FloatArray) -> FloatArray:
+def _on_cylinders(at: np.ndarray) -> np.ndarray:
     radius, angle, height = at.T
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
 
 
-def _on_spheres(at: FloatArray) -> FloatArray:
+def _on_spheres(at: np.ndarray) -> np.ndarray:
     radius, first, second = at.T
     ray = np.column_stack([np.tan(first), np.tan(second), np.ones(len(at))])
-    found: FloatArray = radius[:, None] * ray / np.linalg.norm(ray, axis=1, keepdims=True)
+    found: np.ndarray = radius[:, None] * ray / np.linalg.norm(ray, axis=1, keepdims=True)
     return found

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from fem import Static, solve_static
-from tests.support.face import FloatArray, deck_of_lines, run_calculix
+from tests.support.face import deck_of_lines, run_calculix
 from tests.verification.deck_oracle import deck_nodes, difference, gradual, ours
 
 #: Edge of the small cube [mm] and its facets on a sixteenth of the face.
@@ -81,18 +81,18 @@ def rows(finest: int = 16) -> Iterator[dict[str, Any]]:
         n *= 2
 
 
-def _ends(place: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _ends(place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Distances of places from both ends of the small cube along x and y, (n, 2) [mm] each."""
     local = place[:, :2] - 0.25
     return local, _EDGE - local
 
 
-def _row(n: int, program: str, moved: FloatArray) -> dict[str, Any]:
+def _row(n: int, program: str, moved: np.ndarray) -> dict[str, Any]:
     largest = float(np.linalg.norm(moved, axis=1).max())
     return {"facets": f"{n} × {n}", "program": program, "u [mm]": largest}
 
 
-def _means(place: FloatArray, force: FloatArray, area: FloatArray) -> dict[str, Any]:
+def _means(place: np.ndarray, force: np.ndarray, area: np.ndarray) -> dict[str, Any]:
     """Means of the pressure: points on the rim of a part count with half of their area."""
     low, high = _ends(place)
     quarter = 0.25 * _EDGE

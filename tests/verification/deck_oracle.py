@@ -16,15 +16,7 @@ from scipy.spatial import KDTree
 
 from fem import read_deck
 from geometry import Answer
-from tests.support.face import (
-    CalculixResult,
-    Flavour,
-    FloatArray,
-    InputDeck,
-    IntArray,
-    rewritten,
-    run_calculix,
-)
+from tests.support.face import CalculixResult, Flavour, InputDeck, rewritten, run_calculix
 from tests.support.face import write_deck_file as write_deck
 
 #: Set of all nodes that the judge prints.
@@ -39,11 +31,11 @@ _TABLE = re.compile(r"displacements .* time +(\S+)\s*\n\s*\n((?: *\d+(?: +\S+){3
 class Nodes:
     """Nodes of the blocks of a flat deck."""
 
-    label: IntArray
+    label: np.ndarray
     """Numbers in the deck, (n,)."""
-    block: IntArray
+    block: np.ndarray
     """(n,)"""
-    place: FloatArray
+    place: np.ndarray
     """(n, 3) [mm]"""
 
 
@@ -63,7 +55,7 @@ def deck_nodes(deck: InputDeck) -> Nodes:
     )
 
 
-def at_nodes(nodes: Nodes, block: IntArray, place: FloatArray, values: FloatArray) -> FloatArray:
+def at_nodes(nodes: Nodes, block: np.ndarray, place: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Values of points at the nodes of the same blocks and places; zero in other blocks."""
     result = np.zeros((len(nodes.label), values.shape[1]))
     for number in np.unique(block).tolist():
@@ -73,12 +65,12 @@ def at_nodes(nodes: Nodes, block: IntArray, place: FloatArray, values: FloatArra
     return result
 
 
-def ours(nodes: Nodes, answer: Answer) -> FloatArray:
+def ours(nodes: Nodes, answer: Answer) -> np.ndarray:
     """Our displacements of nodes, (n, 3) [mm]."""
     return at_nodes(nodes, answer.block_of_point, answer.points, answer.fields["displacement"])
 
 
-def printed(nodes: Nodes, path: Path) -> tuple[IntArray, FloatArray]:
+def printed(nodes: Nodes, path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Displacements at the last time of a printed file: positions in `nodes`, values [mm]."""
     tables = _TABLE.findall(path.read_text("latin-1"))
     last = [rows for time, rows in tables if time == tables[-1][0]]
@@ -90,7 +82,7 @@ def printed(nodes: Nodes, path: Path) -> tuple[IntArray, FloatArray]:
     return where, np.array(known).reshape(-1, 4)[:, 1:]
 
 
-def printed_pressures(path: Path) -> tuple[IntArray, IntArray, FloatArray] | None:
+def printed_pressures(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Slaves, their sides and pressures [MPa] of the last table of a printed file; None: none."""
     tables = _STRESS.findall(path.read_text("latin-1"))
     if not tables:
@@ -144,8 +136,8 @@ def original(nodes: Nodes, path: Path) -> CalculixResult:
 
 
 def pressures(
-    deck: InputDeck, answer: Answer, slaves: IntArray, sides: IntArray, values: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+    deck: InputDeck, answer: Answer, slaves: np.ndarray, sides: np.ndarray, values: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Contact pressures of tubelock and of another program at the slaves of this, (n,) [MPa].
 
     Slaves are numbers of nodes, or of elements, of which ``sides`` then has the side. Each of our
@@ -171,7 +163,7 @@ def pressures(
     return found[touched], theirs[touched]
 
 
-def written_again(nodes: Nodes, deck: InputDeck) -> FloatArray:
+def written_again(nodes: Nodes, deck: InputDeck) -> np.ndarray:
     """Displacements by CalculiX of the deck that this package writes, (n, 3) [mm]."""
     with TemporaryDirectory() as folder:
         path = Path(folder, "again.inp")
@@ -181,7 +173,7 @@ def written_again(nodes: Nodes, deck: InputDeck) -> FloatArray:
     return at_nodes(nodes, again.block, again.place, moved)
 
 
-def difference(one: FloatArray, other: FloatArray) -> float:
+def difference(one: np.ndarray, other: np.ndarray) -> float:
     """Largest difference of displacements over the largest of them [%]."""
     size = max(float(np.linalg.norm(values, axis=1).max(initial=0.0)) for values in (one, other))
     return 100.0 * float(np.linalg.norm(one - other, axis=1).max(initial=0.0)) / (size or 1.0)

@@ -15,14 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.support.face import (
-    FloatArray,
-    IntArray,
-    calculix_available,
-    deck_of_lines,
-    run_calculix,
-    solve_deck,
-)
+from tests.support.face import calculix_available, deck_of_lines, run_calculix, solve_deck
 
 MODULUS = 210000.0
 #: Penalty and stick slope [MPa/mm], and friction.
@@ -50,11 +43,11 @@ class Grid:
     name: str
     first: int
     """Nodes and elements of the parts before."""
-    lines: tuple[FloatArray, FloatArray, FloatArray]
-    place: Callable[[FloatArray], FloatArray]
+    lines: tuple[np.ndarray, np.ndarray, np.ndarray]
+    place: Callable[[np.ndarray], np.ndarray]
 
     @property
-    def numbers(self) -> IntArray:
+    def numbers(self) -> np.ndarray:
         """Of the nodes, by their place along the lines."""
         shape = tuple(map(len, self.lines))
         return self.first + 1 + np.arange(np.prod(shape)).reshape(shape)
@@ -70,10 +63,10 @@ class Grid:
         elements = [", ".join(map(str, [self.first + k, *row])) for k, row in enumerate(rows, 1)]
         return ["*Node, nset=ALL", *nodes, f"*Element, type=C3D8, elset={self.name}", *elements]
 
-    def _placed(self, at: FloatArray) -> Iterator[tuple[int, list[float]]]:
+    def _placed(self, at: np.ndarray) -> Iterator[tuple[int, list[float]]]:
         return enumerate((self.place(at).round(12) + 0.0).tolist(), 1)
 
-    def side(self, name: str, nodes: IntArray) -> list[str]:
+    def side(self, name: str, nodes: np.ndarray) -> list[str]:
         """Set of nodes."""
         return [f"*Nset, nset={name}", *map(str, nodes.ravel().tolist())]
 
@@ -110,7 +103,7 @@ def deck(one: Grid, two: Grid, held: list[str], ratio: float) -> list[str]:
 def rings(around: int) -> list[str]:
     """Quarters of two rings."""
 
-    def place(at: FloatArray) -> FloatArray:
+    def place(at: np.ndarray) -> np.ndarray:
         radius, angle, height = at.T
         return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), height])
 

@@ -26,15 +26,8 @@ from typing import Any
 import numpy as np
 
 from fem import read_deck
-from geometry import Answer
-from tests.support.face import (
-    CalculixError,
-    Dialect,
-    FloatArray,
-    InputDeck,
-    RefusedError,
-    solve_deck,
-)
+from geometry import Answer, RefusedError
+from tests.support.face import CalculixError, Dialect, InputDeck, solve_deck
 from tests.verification.deck_oracle import (
     deck_nodes,
     difference,
@@ -172,7 +165,7 @@ def _judged(deck: InputDeck, path: Path, answer: Answer) -> dict[str, Any]:
     return found
 
 
-def _pressed(other: str, mine: FloatArray, theirs: FloatArray) -> dict[str, float]:
+def _pressed(other: str, mine: np.ndarray, theirs: np.ndarray) -> dict[str, float]:
     """Difference of the largest pressures, and root of the mean square of all, over theirs [%]."""
     largest = float(theirs.max(initial=0.0)) or 1.0
     return {

@@ -12,28 +12,37 @@ import meshio
 import numpy as np
 
 from fem import CoulombFriction, ExponentialLaw, LinearPenalty, Material, Problem
-from geometry import Assembly, Load, beam, pillar, pipe, shaft, tube, tunnel
-from geometry import HexagonBlock as HexagonBlockParameters
-from geometry import SineBlock as SineBlockParameters
-from tests.support.face import (
-    LADDER,
-    NATURAL,
+from geometry import (
+    Assembly,
     Block,
     BrickStack,
     ColumnBox,
     HexMesh,
-    LagrangeMesh,
+    Load,
     LoadCase,
     OsteomorphicWall,
     PlanarSineWall,
     PressureLoad,
     RefusedError,
-    Rung,
     TractionLoad,
-    boundary_quads,
+    beam,
     box_column,
-    file_blocks,
+    pillar,
+    pipe,
     read_blocks,
+    shaft,
+    tube,
+    tunnel,
+)
+from geometry import HexagonBlock as HexagonBlockParameters
+from geometry import SineBlock as SineBlockParameters
+from tests.support.face import (
+    LADDER,
+    NATURAL,
+    LagrangeMesh,
+    Rung,
+    boundary_quads,
+    file_blocks,
     with_degree,
 )
 from tests.verification.concentric import Shells

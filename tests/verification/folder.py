@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.support.face import BoolArray, FloatArray, MeshError, diagnosed_blocks
+from tests.support.face import MeshError, diagnosed_blocks
 
 SUFFIXES = {".stl", ".obj", ".ply", ".off", ".step", ".stp", ".json", ".glb", ".gltf", ".3mf"}
 SUFFIXES |= {".3dm"}
@@ -171,7 +171,7 @@ def _scene(path: Path, units: str) -> str:
     )
 
 
-def _stand(low: FloatArray, high: FloatArray) -> BoolArray:
+def _stand(low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Which blocks are fixed, by the ends of each, (n, 3): the lowest, or the rim of a panel."""
     near = _LEVEL * (high.max(axis=0) - low.min(axis=0))
     lowest = low[:, 2] <= low[:, 2].min() + near[2]

@@ -26,12 +26,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fem import CoulombFriction, LinearPenalty, Material, Problem
-from geometry import Assembly
+from geometry import Assembly, Block, LoadCase
 from tests.support.face import (
-    Block,
     DeformableAssembly,
     FlexibilityStore,
-    LoadCase,
     SmoothStepAmplitude,
     StaticMethod,
     StaticOptions,

@@ -20,8 +20,6 @@ from geometry import Answer
 from mbd import Contacts, block_wrenches, contact_jacobian
 from tests.support.face import (
     DETERMINED,
-    BoolArray,
-    FloatArray,
     FrictionalContacts,
     admissible_cones,
     frictional_contacts,
@@ -33,7 +31,7 @@ from validation import load_case, solve
 FRICTION, DENSITY = 0.5, 2e-9
 
 
-def stored(path: Path) -> dict[tuple[int, int], tuple[FloatArray, float]]:
+def stored(path: Path) -> dict[tuple[int, int], tuple[np.ndarray, float]]:
     """Force on the first block of each joint (3,) and its normal part, by numbers of nodes [N]."""
     data = json.loads(path.read_text("utf-8"))["data"]["model"]["data"]["graph"]
     graph = data.get("data", data)
@@ -61,7 +59,7 @@ def analysed(path: Path) -> Answer:
 
 
 def extreme_thrust(
-    contacts: Contacts, frictional: FrictionalContacts, load: FloatArray, along: FloatArray
+    contacts: Contacts, frictional: FrictionalContacts, load: np.ndarray, along: np.ndarray
 ) -> float:
     """Least along · λ over all admissible forces, (3 n_contacts,); -inf where there is none [N]."""
     size = float(np.linalg.norm(load))
@@ -78,7 +76,7 @@ def extreme_thrust(
     return size * float(along @ np.asarray(result.x)) if "Solved" in str(result.status) else -np.inf
 
 
-def _abutment(run: Answer) -> BoolArray:
+def _abutment(run: Answer) -> np.ndarray:
     """Contacts of free blocks on the fixed blocks at small x, (n_contacts,)."""
     assembly, found = run.details.blocks, run.details.blocks.interfaces
     middle = assembly.centroids[:, 0].mean()

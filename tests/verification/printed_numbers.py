@@ -13,11 +13,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from geometry import CircularArch, PolyhedralAssembly
 from mbd import contact_jacobian
 from tests.support.face import (
-    CircularArch,
     PlaneProblem,
-    PolyhedralAssembly,
     SlidingCollapse,
     collapse_load,
     frictional_contacts,

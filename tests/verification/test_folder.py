@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from geometry import polyhedral_assembly, read_blocks
 from tests.benchmarks.shell import write_shell
-from tests.support.face import check_assembly, polyhedral_assembly, read_blocks
+from tests.support.face import check_assembly
 from tests.verification.folder import assemblies, rows
 
 pytestmark = pytest.mark.slow

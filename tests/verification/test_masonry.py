@@ -20,16 +20,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from geometry import CircularArch, PolyhedralAssembly, RunningBondWall
 from mbd import classify, contact_jacobian
 from tests.support.dome import hemisphere
-from tests.support.face import (
-    CircularArch,
-    PolyhedralAssembly,
-    RunningBondWall,
-    flat_side,
-    frictional_contacts,
-    frictional_equilibrium,
-)
+from tests.support.face import flat_side, frictional_contacts, frictional_equilibrium
 from tests.support.limit_programs import lune, stands
 from tests.verification import printed_numbers as others
 from tests.verification.closed_forms import (

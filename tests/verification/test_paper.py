@@ -17,7 +17,6 @@ from tests.support.evidence import (
 )
 from tests.support.face import (
     Evidence,
-    InputError,
     SharedTubes,
     StudyTable,
     Truth,
@@ -30,7 +29,7 @@ from tests.support.face import (
     to_the_digit,
 )
 from tests.support.face import paper_sensitivity as sensitivity
-from validation import load_case, solve
+from validation import InputError, load_case, solve
 
 # ---------------------------------------------------------------------------------------------
 # Parameter study
