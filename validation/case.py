@@ -165,14 +165,17 @@ def _named(name: str, method: Method | str) -> Method:
 
 
 def load_case(
-    source: str | Path, settings: Settings = (), *, method: Method | str | None = None
+    source: str | Path | Mapping[str, Any],
+    settings: Settings = (),
+    *,
+    method: Method | str | None = None,
 ) -> Case:
     """Read and check a scene.
 
     Parameters
     ----------
     source
-        Name of a built-in scene, or a TOML file.
+        Name of a built-in scene, a TOML file, or the data of one: ``{"block": {...}, ...}``.
     settings
         Values that replace or add to those of the scene, such as ``{"assembly.layers": 2}``.
     method
@@ -183,12 +186,15 @@ def load_case(
     InputError
         One line: what was got, what is expected, what to do.
     """
-    text, path = str(source), Path(source)
-    name, data = scene_data(text)
+    if isinstance(source, Mapping):
+        name, text, path, data = "scene", "scene", Path(), dict(source)
+    else:
+        text, path = str(source), Path(source)
+        name, data = scene_data(text)
     scene = check_scene(apply_overrides(data, settings_words(settings)), text)
     if isinstance(scene, MeshScene):
         scene = scene.located(path.parent)
-    own = path if path.exists() else None
+    own = path if path.is_file() else None
     case = Case(name=name, stated=scene, method=scene.method, folder=path.parent, source=own)
     return case if method is None else case.with_method(method)
 

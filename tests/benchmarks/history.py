@@ -26,18 +26,11 @@ from fem.problem.model import BlockGroup, Model
 from fem.problem.time_step import critical_time_step
 from geometry.files.whole import write_whole
 from tests.benchmarks import contact, rigid
-from tests.support.face import (
-    Roofline,
-    Work,
-    internal_force_work,
-    prepare_file,
-    processor,
-    program,
-    roofline,
-    update_work,
-)
-from tests.support.face import benchmarks_explicit_module as explicit
+from tests.support.face import prepare_file, processor, program
 from validation import InputError
+from validation.benchmarks import explicit
+from validation.benchmarks.kernels import internal_force_work, update_work
+from validation.benchmarks.roofline import Roofline, Work, roofline
 
 HISTORY = Path(__file__).with_name("history.jsonl")
 

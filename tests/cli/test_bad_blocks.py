@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.support.drawn_blocks import Drawn, cuboid, write_obj
-from tests.support.face import app
+from validation.cli.app import app
 
 pytestmark = pytest.mark.quick
 

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.support.drawn_blocks import Drawn, arch, triangles_of, write_obj
-from tests.support.face import app
+from validation.cli.app import app
 
 pytestmark = pytest.mark.quick
 

@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from tests.support.coarse_tubes import SMALL
-from tests.support.face import FILES, write_json
 from validation import builtin_names, load_case, read_answer
+from validation.output.answer_files import FILES
+from validation.output.files import write_json
 
 pytestmark = pytest.mark.quick
 

@@ -10,9 +10,11 @@ from typing import Any
 
 import pytest
 
-from tests.support.face import apply_overrides, idle_keys, load_study, run_design, scene_data
+from tests.support.face import load_study, run_design
 from tests.support.keys import leaves, other
 from validation import load_case
+from validation.scene.keys.idle import idle_keys
+from validation.scene.read import apply_overrides, scene_data
 
 TUBE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=1")
 EFFECTS = (

@@ -2,8 +2,8 @@
 
 import pytest
 
-from tests.support.face import WINDOW, WINDOWS, Forecast, duration_words
-from tests.support.face import output_console_module as console
+from validation.output import console
+from validation.output.console import WINDOW, WINDOWS, Forecast, duration_words
 
 pytestmark = pytest.mark.quick
 

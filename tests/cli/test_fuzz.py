@@ -12,9 +12,10 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from geometry import RefusedError
-from tests.support.face import check_scene, check_study, fem_section
+from tests.support.face import check_study, fem_section
 from tests.support.wrong_input import PLACES, keys, kind_of
 from validation import InputError, builtin_text, load_case
+from validation.scene.read import check_scene
 
 EXPLICIT = 'fem.method="explicit"'
 

@@ -17,7 +17,7 @@ import pytest
 from fem import Problem, concrete, write_deck
 from geometry import ColumnBox, box_block, box_column
 from tests.support.face import face_pressure, write_hex_mesh, write_whole
-from tests.support.face import output_answer_files_module as answer_files
+from validation.output import answer_files
 
 COMMAND = [sys.executable, "-m", "validation.cli"]
 SMALL = ["assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2"]

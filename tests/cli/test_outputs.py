@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from tests.support.coarse_tubes import SMALL
-from tests.support.face import Outputs
 from validation import InputError, builtin_names, builtin_text
+from validation.output.outputs import Outputs
 
 EXPLICIT = ("--set", "fem.method=explicit")
 STUDY = 'scene = "mine.toml"\n[parameters]\n"block.amplitude" = [10, 15]\n'

@@ -15,8 +15,10 @@ import meshio
 import numpy as np
 import pytest
 
-from tests.support.face import Outputs, Provenance, check_scene, program, stamp_vtu, stamped
 from validation import builtin_text, load_case
+from validation.output.outputs import Outputs
+from validation.output.provenance import Provenance, program, stamp_vtu, stamped
+from validation.scene.read import check_scene
 
 SMALL = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
 

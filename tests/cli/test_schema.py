@@ -11,8 +11,9 @@ from typing import Any
 import jsonschema
 import pytest
 
-from tests.support.face import SCENE_TYPES, check_scene, scene_schema
 from validation import InputError, builtin_names, builtin_text
+from validation.scene.keys.schema import scene_schema
+from validation.scene.read import SCENE_TYPES, check_scene
 
 
 @pytest.fixture(scope="module")

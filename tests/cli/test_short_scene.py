@@ -10,8 +10,9 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from tests.support.face import TubeScene, check_scene, scene_schema
 from validation import InputError, load_case
+from validation.scene.keys.schema import scene_schema
+from validation.scene.read import TubeScene, check_scene
 
 README = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
 SHORT = re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL)[0]

@@ -10,15 +10,9 @@ import pytest
 
 from fem import Problem, concrete
 from geometry import RefusedError, SineBlock, box_block, pipe, tube
-from tests.support.face import (
-    MeshError,
-    ProblemError,
-    on_its_mesh,
-    parse_targets,
-    read_any_mesh,
-    write_hex_mesh,
-)
+from tests.support.face import MeshError, ProblemError, on_its_mesh, read_any_mesh, write_hex_mesh
 from validation import builtin_text, load_case
+from validation.cli.options import parse_targets
 
 
 def refusal(path: Path, text: str) -> str:

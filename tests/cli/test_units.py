@@ -6,14 +6,11 @@ import jsonschema
 import pytest
 
 from geometry import RefusedError
-from tests.support.face import (
-    apply_overrides,
-    build_polyhedra,
-    check_scene,
-    parse_unit,
-    scene_schema,
-)
+from tests.support.face import build_polyhedra
 from validation import InputError, builtin_text, load_case
+from validation.scene.keys.quantities import parse_unit
+from validation.scene.keys.schema import scene_schema
+from validation.scene.read import apply_overrides, check_scene
 
 pytestmark = pytest.mark.quick
 

@@ -10,19 +10,11 @@ import numpy as np
 import pytest
 
 from geometry import RefusedError
-from tests.support.face import (
-    apply_overrides,
-    check_scene,
-    idle_keys,
-    ignored_words,
-    load_study,
-    refuse_idle_parameters,
-    run_design,
-    scene_case,
-    scene_data,
-)
+from tests.support.face import load_study, refuse_idle_parameters, run_design, scene_case
 from tests.support.keys import leaves, other
 from validation import Case, InputError, builtin_names, load_case, solve
+from validation.scene.keys.idle import idle_keys, ignored_words
+from validation.scene.read import apply_overrides, check_scene, scene_data
 
 COARSE = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=1")
 #: Keys that methods tell apart, each with a value that would matter where it acts.

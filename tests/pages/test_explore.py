@@ -19,9 +19,11 @@ import numpy as np
 import pytest
 
 from tests.support.chromium import BROWSER, Page
-from tests.support.face import COARSE, Surface, View, changed, controls, explore, measure_rows
+from tests.support.face import explore, measure_rows
 from tests.support.pixels import open_pixels
 from validation import InputError, load_case, solve
+from validation.output.pictures.canvas import Surface, View
+from validation.pages.explore.sliders import COARSE, changed, controls
 
 #: Lists in lists, as no page sends them.
 DEEP = 2000 * "[" + 2000 * "]"
@@ -119,7 +121,7 @@ async def served(file) -> AsyncIterator[str]:
     from tornado.httpserver import HTTPServer
     from tornado.netutil import bind_sockets
 
-    from tests.support.face import application
+    from validation.pages.explore.server import application
 
     pool = ThreadPoolExecutor(1)
     server = HTTPServer(application(file, pool))
@@ -226,8 +228,7 @@ def test_other_sites_do_not_reach_the_server() -> None:
 
 
 def test_the_deformable_answer_comes_from_another_process(monkeypatch) -> None:
-    from tests.support.face import drawn
-    from tests.support.face import explore_deformable as solve_deformable
+    from validation.pages.explore.answers import drawn, solve_deformable
 
     monkeypatch.setattr(signal, "signal", lambda *_: None)
     file = tube("assembly.layers=1", 'fem.mesh="scene"', "fem.error_estimate=false")

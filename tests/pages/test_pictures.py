@@ -20,38 +20,19 @@ from PIL import Image
 
 from geometry import Assembly, box_block
 from tests.support.coarse_tubes import tube
-from tests.support.face import (
-    PICTURES,
-    Lines,
-    Look,
-    Panel,
-    Scale,
-    Surface,
-    View,
-    _Column,
-    _Row,
-    block_edges,
-    check_scene,
-    compared_runs,
-    draw_polyhedra,
-    draw_polyhedral_mechanism,
-    drawing_scale,
-    gallery,
-    labelled,
-    looking,
-    on_its_mesh,
-    require_picture,
-    round_length,
-    scale_from_zero,
-    sharp_edges,
-    symmetric_scale,
-)
-from tests.support.face import picture_section as section
-from tests.support.face import pictures_assemblies_module as assemblies
-from tests.support.face import pictures_gallery_module as gallery_pictures
-from tests.support.face import pictures_tubes_module as tubes
+from tests.support.face import check_scene, compared_runs, on_its_mesh
 from tests.support.own_blocks import column
 from validation import InputError, compare, load_case, solve
+from validation.output.files import PICTURES, require_picture
+from validation.output.pictures import assemblies, tubes
+from validation.output.pictures import gallery as gallery_pictures
+from validation.output.pictures.bodies import block_edges, labelled, sharp_edges
+from validation.output.pictures.canvas import Lines, Surface, View
+from validation.output.pictures.gallery import Panel, _Column, _Row, gallery, round_length
+from validation.output.pictures.look import Look, looking
+from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
+from validation.output.pictures.scales import Scale, drawing_scale, scale_from_zero, symmetric_scale
+from validation.output.pictures.sections import section
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,19 +6,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.support.face import (
-    BLUE,
-    MISES,
-    VERMILION,
-    arrow_parts,
-    crosses,
-    draw_directions,
-    on_its_mesh,
-    rgb,
-    stress_scale,
-    stresses_of,
-)
+from tests.support.face import on_its_mesh
 from validation import load_case
+from validation.output.pictures.canvas import rgb
+from validation.output.pictures.directions import arrow_parts, crosses, draw_directions
+from validation.output.pictures.scales import BLUE, VERMILION
+from validation.output.pictures.tubes import MISES, stress_scale, stresses_of
 
 pytestmark = pytest.mark.quick
 #: Points of an arrow: four rings of ten.

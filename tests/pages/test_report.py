@@ -11,8 +11,8 @@ import pytest
 
 from tests.support.chromium import BROWSER, Page
 from tests.support.evidence import coarse_evidence, picture_is_drawn
-from tests.support.face import program
 from tests.support.pixels import open_pixels
+from validation.output.provenance import program
 
 pytestmark = pytest.mark.slow
 

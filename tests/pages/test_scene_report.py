@@ -10,17 +10,10 @@ from html import unescape
 import pytest
 
 from geometry import Measure
-from tests.support.face import (
-    BAD,
-    CASES,
-    GOOD,
-    OPEN,
-    check_scene,
-    report_scene,
-    strength_verdict,
-    toml_text,
-)
+from tests.support.face import CASES, check_scene, toml_text
 from validation import InputError, load_case, report, solve
+from validation.pages.report import report_scene
+from validation.pages.verdicts import BAD, GOOD, OPEN, strength_verdict
 
 COARSE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 2}
 SETTINGS = [f"{key}={value}" for key, value in COARSE.items()]

@@ -21,21 +21,12 @@ from geometry import (
     TetrahedraLayer,
 )
 from mbd import block_wrenches, contact_jacobian, rigid_result
-from tests.support.face import STABILITY_CONCRETE as CONCRETE
-from tests.support.face import (
-    TUBES,
-    AnyBlocks,
-    StaticOptions,
-    frictional_contacts,
-    frictional_equilibrium,
-    piped,
-)
+from tests.support.face import AnyBlocks, StaticOptions, frictional_contacts, frictional_equilibrium
 from tests.support.face import solve_deformable_static as solve_static
-from tests.support.face import stability_deformable as deformable
-from tests.support.face import stability_relative as relative
-from tests.support.face import stability_tube as tube
 from tests.support.views import VIEWS, View, seen, seen_load
 from validation import builtin_names, load_case, solve
+from validation.stability.problems import CONCRETE, deformable, relative, tube
+from validation.stability.rigid import TUBES, piped
 
 _HERE = View("here")
 #: Specific weight of assemblies that come without a load, along a direction like no other [N/mm³].

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.face import Check, Finding, Verdict, cases, chosen, command, refusal, run_case
-from tests.support.face import StabilityCase as Case
+from tests.support.face import command
 from validation import InputError
+from validation.stability.case import Case, Check, Finding, Verdict, refusal, run_case
+from validation.stability.suite import cases, chosen
 
 #: Of every subject one or two that take less than half a CPU second.
 QUICK = [

@@ -12,23 +12,22 @@ from tests.support.face import (
     Change,
     DeformableScene,
     EffectName,
-    EffectsDecision,
     EffectsSection,
     StaticOptions,
     change,
     command,
-    compared_runs,
     contact_measures,
-    decide_effects,
     on_its_mesh,
     with_auto,
 )
 from tests.support.face import EffectNumbers as Answer
 from tests.support.face import effect_numbers_of as answer_of
-from tests.support.face import effects_limit_module as limit
 from tests.support.face import solve_deformable_static as solve_static
 from tests.support.fem_problems import pair_resultants
 from validation import InputError, compare, load_case
+from validation.study.comparison.scene import compared_runs
+from validation.study.effects import limit
+from validation.study.effects.auto import EffectsDecision, decide_effects
 
 #: Finer than the probe's 12 × 2 × 4 elements, and still quick.
 MESH = ["assembly.layers=2", "mesh.around=24", "mesh.radial=2", "mesh.axial=6"]

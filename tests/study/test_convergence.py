@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.support.face import mesh_curves, time_step_curve
+from validation.study.convergence import mesh_curves, time_step_curve
 
 
 @pytest.mark.slow

@@ -18,52 +18,54 @@ from geometry import Answer
 from mbd import Norm
 from tests.support.face import (
     LADDER,
-    QUANTITIES,
     AssemblyScene,
-    BaseMesh,
-    CalculixResult,
-    CostPlan,
-    CostSetting,
-    CostStore,
     Flavour,
-    Point,
     Rung,
     SineBlockDivisions,
     TubeScene,
-    base_mesh,
     build_assembly,
     build_deck,
-    by_degree,
-    calculix_available,
-    calculix_setting,
+    on_its_mesh,
+    scene_case,
+)
+from tests.verification.calculix import half_facet_angle
+from validation import InputError, load_case
+from validation.study.comparison.calculix import CalculixResult, calculix_available
+from validation.study.costs import measure as costs_measure
+from validation.study.costs import study as cost
+from validation.study.costs.analysis import (
+    Point,
     cheapest,
+    fitted_order,
+    observed_order,
+    pareto_front,
+    richardson,
+)
+from validation.study.costs.calculix import measured_answer
+from validation.study.costs.measure import measure
+from validation.study.costs.partition import grid_of, overlap, partition_pressures
+from validation.study.costs.plan import (
+    QUANTITIES,
+    CostPlan,
+    by_degree,
     curved_rungs,
+    extrapolated,
+    full_plan,
+    quick_plan,
+)
+from validation.study.costs.settings import (
+    BaseMesh,
+    CostSetting,
+    base_mesh,
+    calculix_setting,
     curved_setting,
     degree_setting,
-    extrapolated,
-    fitted_order,
-    full_plan,
     graded,
-    grid_of,
-    measure,
-    measured_answer,
-    measurement_key,
-    observed_order,
-    on_its_mesh,
-    overlap,
-    pareto_front,
-    partition_pressures,
-    quick_plan,
-    richardson,
     rigid_setting,
-    scene_case,
     static_setting,
     with_setting,
 )
-from tests.support.face import costs_measure_module as costs_measure
-from tests.support.face import costs_study_module as cost
-from tests.verification.calculix import half_facet_angle
-from validation import InputError, load_case
+from validation.study.costs.store import CostStore, measurement_key
 
 SETTINGS = ("--set", "assembly.layers=1")
 

@@ -15,11 +15,11 @@ from tests.support.face import (
     Design,
     complete_axes,
     judge_geometry,
-    load_study,
     rank_correlations,
     read_rows,
-    run_design,
 )
+from validation.study.design import run_design
+from validation.study.study import load_study
 
 ROWS = Path(str(resources.files("validation"))) / "studies" / "paper-480-fem.csv"
 MEASURES = ("p_max", "p_eff", "sigma_1_averaged", "max_displacement")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tests.support.face import bare, effect_costs
 from validation import load_case
+from validation.study.effects.costs import bare, effect_costs
 
 TINY = ["assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2"]
 

@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
-from tests.support.face import Search, check_optimisation, worst_of
 from validation import InputError, optimise, sensitivity, sweep
+from validation.study.optimisation.search import Search, worst_of
+from validation.study.optimisation.statement import check_optimisation
 
 pytestmark = pytest.mark.quick
 

@@ -13,22 +13,13 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from tests.support.face import (
-    Layout,
-    Older,
-    ResultFile,
-    Store,
-    Study,
-    check_study,
-    content_key,
-    load_study,
-    rescue,
-    write_csv,
-)
+from tests.support.face import Layout, Store, content_key, rescue
 from tests.support.face import output_store_module as stores
-from tests.support.face import run_sweep as sweep
 from tests.support.studies import WALLS, Here, content
 from validation import InputError
+from validation.study.run import sweep
+from validation.study.store import Older, ResultFile, write_csv
+from validation.study.study import Study, check_study, load_study
 
 pytestmark = pytest.mark.quick
 

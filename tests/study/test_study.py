@@ -18,22 +18,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.face import (
-    DaskRunner,
-    LocalRunner,
-    ResultFile,
-    Row,
-    Study,
-    check_study,
-    load_study,
-    run_design,
-    write_csv,
-    write_parquet,
-)
-from tests.support.face import run_sweep as sweep
-from tests.support.face import study_run_module as study_run
 from tests.support.studies import WALLS, Here, content
 from validation import InputError
+from validation.study import run as study_run
+from validation.study.design import Row, run_design
+from validation.study.run import DaskRunner, LocalRunner, sweep
+from validation.study.store import ResultFile, write_csv, write_parquet
+from validation.study.study import Study, check_study, load_study
 
 
 @pytest.fixture
@@ -367,7 +358,7 @@ def tubes(tmp_path_factory) -> tuple[Study, Path]:
 def test_the_table_ranks_designs_and_ends_with_those_that_failed(tubes) -> None:
     from rich.console import Console
 
-    from tests.support.face import print_table
+    from validation.study.report import print_table
 
     study, path = tubes
     console = Console(width=400, record=True, file=io.StringIO())
@@ -386,7 +377,7 @@ def test_the_table_ranks_designs_and_ends_with_those_that_failed(tubes) -> None:
 
 
 def test_curves_hold_the_rows_and_failed_designs_are_gaps(tubes) -> None:
-    from tests.support.face import study_figure
+    from validation.study.picture import study_figure
 
     study, path = tubes
     with ResultFile(path, study) as results:
@@ -410,14 +401,14 @@ def test_curves_hold_the_rows_and_failed_designs_are_gaps(tubes) -> None:
     ],
 )
 def test_what_cannot_be_drawn_is_refused_before_the_work(tubes, axes, message) -> None:
-    from tests.support.face import check_axes
+    from validation.study.picture import check_axes
 
     with pytest.raises(InputError, match=message):
         check_axes(tubes[0], *axes)
 
 
 def test_the_expected_time_is_printed_first_and_where_it_changes() -> None:
-    from tests.support.face import Expected
+    from validation.study.report import Expected
 
     def row(seconds: float, status: str = "ok") -> Row:
         return Row(0, status, "", {}, {}, seconds)

@@ -17,29 +17,17 @@ from pathlib import Path
 import numpy as np
 
 from fem import ElementType, ExponentialLaw, concrete, solve
+from fem.decks.model import deck_assembly, deck_model
+from fem.decks.placement import canonical
+from fem.decks.statement import Deck, DeckStep, Flavour, Hold, Joint, Procedure, loads_of_case
+from fem.decks.write import write_deck
+from fem.static.result import StaticResult
+from fem.static.solve import solve_static
 from geometry import Assembly, Block, PressureLoad, box_block
-from tests.support.face import (
-    TSB1,
-    CalculixResult,
-    Deck,
-    DeckStep,
-    Flavour,
-    Hold,
-    Joint,
-    Procedure,
-    SineBlockDivisions,
-    SineTube,
-    StaticResult,
-    calculix_available,
-    canonical,
-    deck_assembly,
-    deck_model,
-    loads_of_case,
-    named_case,
-    run_calculix,
-)
-from tests.support.face import solve_deformable_static as solve_static
-from tests.support.face import write_deck_file as write_deck
+from geometry.families.sine_block import TSB1, SineBlockDivisions
+from geometry.families.tube import SineTube
+from geometry.loads import named_case
+from tests.support.face import CalculixResult, calculix_available, run_calculix
 
 
 @dataclass(frozen=True)

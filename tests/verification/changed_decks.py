@@ -18,9 +18,13 @@ from typing import Any
 import numpy as np
 
 from fem import Static, solve_static
+from fem.decks.read.deck import deck_of_lines
+from fem.decks.read.rewrite import rewritten
+from fem.decks.read.words import Dialect
+from fem.decks.write import deck_lines
 from geometry import RefusedError
 from tests.support.cubes_deck import CUBES, changed, changed_lines
-from tests.support.face import CalculixError, Dialect, deck_lines, deck_of_lines, rewritten
+from tests.support.face import CalculixError
 from tests.verification.deck_oracle import deck_nodes, difference, original, ours
 from tests.verification.deck_press_fit import block
 

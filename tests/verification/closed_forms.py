@@ -20,10 +20,10 @@ from geometry import (
     convex_polyhedron,
     polyhedral_assembly,
 )
+from geometry.families.masonry import box
 from mbd import contact_jacobian
-from tests.support.face import (
+from mbd.friction import (
     FrictionalEquilibrium,
-    box,
     collapse_load,
     frictional_contacts,
     frictional_equilibrium,

@@ -19,8 +19,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 from fem import Material, Problem
+from fem.contact.law import ContactLaw
 from geometry import Assembly, Block, HeldFace, LoadCase, PressureLoad
-from tests.support.face import ContactLaw, mapped_block
+from geometry.block import mapped_block
 
 X, Y, Z = np.eye(3)
 #: Names of the sides of a patch: through the shell, along it and up.

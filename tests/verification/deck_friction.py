@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from fem import Static, solve_static
-from tests.support.face import deck_of_lines, run_calculix
+from fem.decks.read.deck import deck_of_lines
+from tests.support.face import run_calculix
 from tests.verification.deck_oracle import deck_nodes, difference, gradual, ours
 
 #: Edge of the small cube [mm] and its facets on a sixteenth of the face.

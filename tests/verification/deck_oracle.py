@@ -15,9 +15,12 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from fem import read_deck
+from fem.decks.read.deck import InputDeck
+from fem.decks.read.rewrite import rewritten
+from fem.decks.statement import Flavour
+from fem.decks.write import write_deck
 from geometry import Answer
-from tests.support.face import CalculixResult, Flavour, InputDeck, rewritten, run_calculix
-from tests.support.face import write_deck_file as write_deck
+from tests.support.face import CalculixResult, run_calculix
 
 #: Set of all nodes that the judge prints.
 _EVERY = "TUBELOCK-EVERY-NODE"

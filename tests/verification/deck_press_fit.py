@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from tests.support.face import calculix_available, deck_of_lines, run_calculix, solve_deck
+from fem.decks.read.deck import deck_of_lines
+from tests.support.face import calculix_available, run_calculix, solve_deck
 
 MODULUS = 210000.0
 #: Penalty and stick slope [MPa/mm], and friction.

@@ -26,8 +26,10 @@ from typing import Any
 import numpy as np
 
 from fem import read_deck
+from fem.decks.read.deck import InputDeck
+from fem.decks.read.words import Dialect
 from geometry import Answer, RefusedError
-from tests.support.face import CalculixError, Dialect, InputDeck, solve_deck
+from tests.support.face import CalculixError, solve_deck
 from tests.verification.deck_oracle import (
     deck_nodes,
     difference,

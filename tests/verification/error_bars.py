@@ -22,18 +22,9 @@ from statistics import median
 from typing import Any
 
 from fem import Problem, solve_static
+from fem.accuracy.converge import MOST_WORK, TARGETS, bars_of, converge, growing, is_reached
+from fem.accuracy.ladder import Ladder, Rung, ladder_for
 from geometry import Measure
-from tests.support.face import (
-    MOST_WORK,
-    TARGETS,
-    Ladder,
-    Rung,
-    bars_of,
-    converge,
-    growing,
-    is_reached,
-    ladder_for,
-)
 from tests.verification.error_problems import FINER_THAN, Case, cases, twelve_tubes
 
 #: Meshes of the default.

@@ -12,6 +12,8 @@ import meshio
 import numpy as np
 
 from fem import CoulombFriction, ExponentialLaw, LinearPenalty, Material, Problem
+from fem.accuracy.ladder import LADDER, Rung
+from fem.element.lagrange_mesh import LagrangeMesh, with_degree
 from geometry import (
     Assembly,
     Block,
@@ -36,15 +38,9 @@ from geometry import (
 )
 from geometry import HexagonBlock as HexagonBlockParameters
 from geometry import SineBlock as SineBlockParameters
-from tests.support.face import (
-    LADDER,
-    NATURAL,
-    LagrangeMesh,
-    Rung,
-    boundary_quads,
-    file_blocks,
-    with_degree,
-)
+from geometry.files.hexahedral_solids import file_blocks
+from geometry.files.quadratic import NATURAL
+from geometry.mesh import boundary_quads
 from tests.verification.concentric import Shells
 
 SEED = 29

@@ -15,7 +15,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from tests.support.face import TARGETS, WIDEST
+from fem.accuracy.converge import TARGETS
+from geometry.answer import WIDEST
 
 TWO_LAYERS = ("--set", "assembly.layers=2")
 #: A tube of a user: six blocks, five layers, a wall of 60 mm.

@@ -25,7 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from tests.support.face import MeshError, diagnosed_blocks
+from geometry.files.block_files import diagnosed_blocks
+from geometry.mesh import MeshError
 
 SUFFIXES = {".stl", ".obj", ".ply", ".off", ".step", ".stp", ".json", ".glb", ".gltf", ".3mf"}
 SUFFIXES |= {".3dm"}

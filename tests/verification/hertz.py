@@ -26,23 +26,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fem import CoulombFriction, LinearPenalty, Material, Problem
+from fem.assembly.contact_state import corner_displacements
+from fem.assembly.deformable import DeformableAssembly
+from fem.problem.loads import SmoothStepAmplitude
+from fem.problem.model import Support, block_group, fixed_nodes
+from fem.static.linear_step.flexibility import FlexibilityStore
+from fem.static.result import StaticResult
+from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry import Assembly, Block, LoadCase
-from tests.support.face import (
-    DeformableAssembly,
-    FlexibilityStore,
-    SmoothStepAmplitude,
-    StaticMethod,
-    StaticOptions,
-    StaticResult,
-    Support,
-    block_group,
-    corner_displacements,
-    fixed_nodes,
-    quarter_disc,
-    round_ended,
-    strip,
-)
-from tests.support.face import solve_deformable_static as solve_static
+from geometry.families.round_bodies import quarter_disc, round_ended, strip
 
 #: Edge of the other body's elements over that of the first.
 _UNLIKE = 1.25

@@ -18,13 +18,8 @@ import numpy as np
 
 from geometry import Answer
 from mbd import Contacts, block_wrenches, contact_jacobian
-from tests.support.face import (
-    DETERMINED,
-    FrictionalContacts,
-    admissible_cones,
-    frictional_contacts,
-    solve_conic,
-)
+from mbd.force_range import DETERMINED
+from mbd.friction import FrictionalContacts, admissible_cones, frictional_contacts, solve_conic
 from validation import load_case, solve
 
 #: Of the stored run; density in t/mm³.

@@ -14,17 +14,11 @@ from __future__ import annotations
 import numpy as np
 
 from geometry import CircularArch, PolyhedralAssembly
+from geometry.families.masonry import wall_of_rows
 from mbd import contact_jacobian
-from tests.support.face import (
-    PlaneProblem,
-    SlidingCollapse,
-    collapse_load,
-    frictional_contacts,
-    frictional_equilibrium,
-    plane_problem,
-    sliding_collapse,
-    wall_of_rows,
-)
+from mbd.force_range import PlaneProblem, plane_problem
+from mbd.friction import collapse_load, frictional_contacts, frictional_equilibrium
+from mbd.sliding_collapse import SlidingCollapse, sliding_collapse
 from tests.verification.closed_forms import bisect, body_force, incline
 
 #: Friction of the walls.

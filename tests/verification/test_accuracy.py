@@ -12,7 +12,8 @@ import sys
 
 import pytest
 
-from tests.support.face import children_cpu_seconds, parse_targets, references
+from geometry.system import children_cpu_seconds
+from tests.support.face import parse_targets, references
 
 TWO, TWELVE = "assembly.layers = 2", "assembly.layers = 12"
 #: Layers, what is asked, and CPU seconds that it should take on one core.

@@ -10,26 +10,22 @@ import numpy as np
 import pytest
 
 from fem import LinearPenalty, Problem, Static, concrete, solve_static
-from geometry import Answer, Assembly, Measure, SineBlock, pipe, shaft, tube
-from tests.support.face import (
+from fem.accuracy.converge import LEAST_MESHES, TARGETS, growing, is_reached
+from fem.accuracy.errors import OF_SEQUENCES, sequence_bar
+from fem.accuracy.ladder import (
     AT_AN_EDGE,
     BY_ONE_MESH,
     LADDER,
-    LEAST_MESHES,
-    OF_SEQUENCES,
     PRESSURES,
-    TARGETS,
-    WIDEST,
     Rung,
     coarser,
     fineness,
-    growing,
-    is_reached,
-    on_degree,
     on_rung,
-    sequence_bar,
     split,
 )
+from fem.accuracy.ladder import on_mesh as on_degree
+from geometry import Answer, Assembly, Measure, SineBlock, pipe, shaft, tube
+from geometry.answer import WIDEST
 from tests.verification import error_bars
 from tests.verification.concentric import Shells
 from tests.verification.error_problems import FINER_THAN, NEAR, Case, cases

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from geometry import polyhedral_assembly, read_blocks
+from geometry.polyhedra.overlap import check_assembly
 from tests.benchmarks.shell import write_shell
-from tests.support.face import check_assembly
 from tests.verification.folder import assemblies, rows
 
 pytestmark = pytest.mark.slow

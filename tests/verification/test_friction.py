@@ -15,14 +15,10 @@ from itertools import pairwise
 import pytest
 
 from fem import Static, solve_static
-from tests.support.face import (
-    PAST_AND_BACK,
-    by_options,
-    load_step_change,
-    on_its_mesh,
-    scene_case,
-    static_options,
-)
+from fem.accuracy.friction_range import PAST_AND_BACK
+from fem.accuracy.statics import static_options
+from fem.measures import load_step_change
+from tests.support.face import by_options, on_its_mesh, scene_case
 from tests.verification.error_problems import PRESSED, exact_push, pushed_box
 from validation import load_case
 

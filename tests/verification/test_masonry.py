@@ -21,9 +21,10 @@ import numpy as np
 import pytest
 
 from geometry import CircularArch, PolyhedralAssembly, RunningBondWall
+from geometry.files.hexahedral_solids import flat_side
 from mbd import classify, contact_jacobian
+from mbd.friction import frictional_contacts, frictional_equilibrium
 from tests.support.dome import hemisphere
-from tests.support.face import flat_side, frictional_contacts, frictional_equilibrium
 from tests.support.limit_programs import lune, stands
 from tests.verification import printed_numbers as others
 from tests.verification.closed_forms import (

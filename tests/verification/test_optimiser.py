@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.face import Optimisation, Search, check_optimisation, read_rows
+from tests.support.face import Optimisation, Search, check_optimisation
+from validation.paper.deformable_study import read_rows
 
 PARAMETERS: dict[str, list[Any]] = {
     "block.shift": [0.0, 0.5],

@@ -15,21 +15,13 @@ from tests.support.evidence import (
     picture_is_drawn,
     synthetic_study,
 )
-from tests.support.face import (
-    Evidence,
-    SharedTubes,
-    StudyTable,
-    Truth,
-    claims,
-    compute_tables,
-    errata,
-    ingredients,
-    judge_claims,
-    show_errata,
-    to_the_digit,
-)
-from tests.support.face import paper_sensitivity as sensitivity
 from validation import InputError, load_case, solve
+from validation.paper.claims.claim import Truth
+from validation.paper.claims.judge import claims, judge_claims
+from validation.paper.errata import errata, show_errata
+from validation.paper.evidence import Evidence, StudyTable
+from validation.paper.reading import SharedTubes, ingredients, sensitivity, to_the_digit
+from validation.paper.tables import compute_tables
 
 # ---------------------------------------------------------------------------------------------
 # Parameter study
@@ -248,7 +240,7 @@ def test_every_erratum_is_shown_by_its_own_command(tmp_path) -> None:
 
 
 def test_curves_of_the_parameter_study_are_all_there() -> None:
-    from tests.support.face import parameter_curves
+    from validation.paper.figures import parameter_curves
 
     study = synthetic_study()
     for shift in (0.0, 0.5):
@@ -261,7 +253,7 @@ def test_curves_of_the_parameter_study_are_all_there() -> None:
 
 def test_ring_pressures_carry_the_load_to_the_frames(tmp_path) -> None:
     """Pillar: the axial load p A passes through every interface, frames included."""
-    from tests.support.face import rings
+    from validation.paper.figures import rings
 
     run = coarse_evidence(tmp_path).case("TSB1", "pillar")
     load = np.linalg.norm(run.details.load.facet_forces.sum(axis=0))
@@ -281,7 +273,7 @@ def test_ring_pressures_carry_the_load_to_the_frames(tmp_path) -> None:
 
 
 def test_cost_rows_stand_beside_the_printed_ones(tmp_path) -> None:
-    from tests.support.face import cost_rows
+    from validation.paper.figures import cost_rows
 
     rows = cost_rows(coarse_evidence(tmp_path))
     assert rows[0].cpu_hours == 2.7
@@ -294,8 +286,8 @@ def test_cost_rows_stand_beside_the_printed_ones(tmp_path) -> None:
 def test_figures_of_deformable_blocks_are_drawn(
     deformable_evidence, tmp_path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from tests.support.face import paper_figures_fem_module as figures_fem
-    from tests.support.face import pressure_pairs
+    from validation.paper import figures_fem
+    from validation.paper.claims.deformable import pressure_pairs
 
     figures_fem.draw_layer_comparison(deformable_evidence, tmp_path / "layer.png")
     assert len(pressure_pairs(deformable_evidence)) == 12
