@@ -17,7 +17,7 @@ from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
 from tests.fixtures.commands import small_meshes, undrawn
 from tests.support.blocks import tsb
-from tests.support.face import command
+from tests.support.commands import command
 
 #: CPU seconds that a test marked ``quick`` may take, not counting what is compiled; one that takes
 #: longer is marked ``slow`` beside it.

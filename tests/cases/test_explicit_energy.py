@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from fem import Explicit, ExponentialLaw, LinearPenalty, solve_explicit
-from tests.support.face import command
+from tests.support.commands import command
 from validation import load_case
 
 pytestmark = pytest.mark.quick

@@ -8,7 +8,7 @@ import pytest
 
 from fem import ExponentialLaw, LinearPenalty, solve_explicit, solve_static
 from geometry import HeldFace, RefusedError, pipe
-from tests.support.face import command
+from tests.support.commands import command
 from validation import load_case
 
 pytestmark = pytest.mark.quick

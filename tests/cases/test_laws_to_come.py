@@ -11,7 +11,7 @@ import pyvista
 from fem import Explicit, Static
 from geometry import RefusedError
 from mbd import Rigid, analyse
-from tests.support.face import command
+from tests.support.commands import command
 from validation import load_case, optimise, read_answer, sensitivity, write
 
 #: One layer of the tube of the paper, coarse.

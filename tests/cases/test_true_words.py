@@ -8,7 +8,7 @@ import pytest
 
 from geometry import RefusedError
 from mbd import analyse
-from tests.support.face import command
+from tests.support.commands import command
 from validation import load_case, read_answer
 
 pytestmark = pytest.mark.quick

@@ -16,7 +16,7 @@ from fem import Explicit, Static, solve_explicit, solve_static
 from geometry import Answer, RefusedError
 from mbd import analyse
 from tests.fixtures.commands import small_meshes
-from tests.support.face import command
+from tests.support.commands import command
 from validation import builtin_names, load_case, solve
 
 #: Fewer and coarser blocks, by names or their beginnings: the law holds for any scene.

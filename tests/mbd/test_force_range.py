@@ -17,7 +17,7 @@ from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from mbd import contact_jacobian, newton_equilibrium
 from mbd.force_range import ForceRanges, force_ranges, plane_problem
 from mbd.friction import FrictionLaw, frictional_contacts, frictional_equilibrium
-from tests.support.face import command
+from tests.support.commands import command
 from tests.verification.closed_forms import body_force
 
 pytestmark = pytest.mark.quick

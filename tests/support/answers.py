@@ -1,0 +1,41 @@
+"""Answers of deformable blocks without what takes long: refinement and error estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from fem import Problem
+from fem.accuracy.one_mesh import static_solution
+from fem.answer import answer_of
+from fem.static.solve import StaticOptions
+from geometry import Answer
+from validation import Case, load_case, solve
+
+
+def on_its_mesh(
+    stated: Case | str | Path | Mapping[str, Any],
+    settings: Mapping[str, Any] | Sequence[str] = (),
+    *,
+    method: str | None = None,
+    error_estimate: bool = False,
+    **follow: Any,
+) -> Answer:
+    """Answer of a case on the mesh that its scene states, without what else takes time."""
+    case = stated.changed(settings) if isinstance(stated, Case) else load_case(stated, settings)
+    if method is not None:
+        case = case.with_method(method)
+    fast: dict[str, Any] = {"fem.error_estimate": error_estimate}
+    if case.scene.fem.method == "static":
+        fast["fem.mesh"] = "scene"
+    else:
+        fast["fem.static_reference"] = False
+    return solve(case.changed(fast), **follow)
+
+
+def by_options(problem: Problem, options: StaticOptions | None = None) -> Answer:
+    """Static answer on the mesh of a problem, by options of the solver that no scene has."""
+    turning = problem.finite_rotation
+    solution = static_solution(problem.deformable, options, finite_rotation=turning)
+    return answer_of(solution, problem=problem)

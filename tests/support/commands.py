@@ -1,0 +1,57 @@
+"""The command line as tests run it, and the line by which a case is rejected."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import sys
+from collections.abc import Mapping, Sequence
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+from geometry import RefusedError
+from validation import load_case, solve
+
+
+def command(*words: str) -> tuple[int, str, str]:
+    """Exit status, standard output and standard error of ``tubelock WORDS``, in this process."""
+    (tubelock,) = entry_points(group="console_scripts", name="tubelock")
+    out, err = _stream(), _stream()
+    with (
+        mock.patch.object(sys, "argv", ["tubelock", *words]),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        try:
+            tubelock.load()()
+            status = 0
+        except SystemExit as stop:
+            status = int(stop.code or 0)
+    return status, _text(out), _text(err)
+
+
+def rejected(
+    stated: str | Path | Mapping[str, Any],
+    settings: Mapping[str, Any] | Sequence[str] = (),
+    *,
+    method: str | None = None,
+) -> str:
+    """The one line that rejects a case, when it is read or when it is solved."""
+    try:
+        solve(load_case(stated, settings, method=method))
+    except RefusedError as error:
+        line = str(error)
+        assert line.count("\n") == 0 < len(line), f"expected one line, got {line!r}"
+        return line
+    raise AssertionError(f"{stated}, {settings}: expected to be rejected, got an answer")
+
+
+def _stream() -> io.TextIOWrapper:
+    return io.TextIOWrapper(io.BytesIO(), encoding="utf-8", newline="", write_through=True)
+
+
+def _text(stream: io.TextIOWrapper) -> str:
+    stream.flush()
+    return stream.buffer.getvalue().decode("utf-8")  # type: ignore[attr-defined]
