@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -281,7 +281,7 @@ def sweep(
     data: dict[str, Any] = {
         "scene": str(case) if isinstance(case, str | Path) else _case(case, ()).keys,
         "quantity": quantity,
-        "parameters": dict(parameters),
+        "parameters": {key: _listed(values) for key, values in parameters.items()},
     }
     if accuracy is not None:
         data["accuracy"] = accuracy
@@ -294,6 +294,13 @@ def sweep(
             reported = summary(results, tally, perf_counter() - start)
             print_table(results, plain_console(table := StringIO()))
             return SweepResult(tuple(results.rows()), reported, study, table.getvalue().rstrip())
+
+
+def _listed(values: Any) -> Any:
+    """Values as a file of a study has them: tuples, ranges and arrays as lists."""
+    if isinstance(values, str | Mapping) or not isinstance(values, Iterable):
+        return values
+    return values.tolist() if hasattr(values, "tolist") else list(values)
 
 
 def _swept(

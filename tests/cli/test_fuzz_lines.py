@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import stat
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.fuzz import Fate, judge, try_line
-from tests.support.face import load_study, unreadable
+from tests.support.commands import command
 from validation import InputError, load_case
 
 pytestmark = pytest.mark.quick
@@ -28,11 +29,13 @@ def test_what_is_no_file_is_refused_before_it_is_opened(tmp_path: Path) -> None:
     (tmp_path / "zero.toml").symlink_to("/dev/zero")
     (tmp_path / "bytes.toml").write_bytes(b"\xff\xfe")
     for name in ("pipe", "folder", "loop", "zero", "bytes"):
-        for read in (load_case, load_study):
-            with pytest.raises(InputError, match=rf"{name}\.toml: .*; expected") as refused:
-                read(str(tmp_path / f"{name}.toml"))
-            assert "\n" not in str(refused.value)
-    assert unreadable(tmp_path / ("x" * 300)) is not None
+        for words in ("mbd", "sweep"):
+            status, _, line = command(words, str(tmp_path / f"{name}.toml"))
+            assert status == 2
+            assert re.match(rf"error: .*{name}\.toml: .*; expected", line)
+            assert line.count("\n") == 1
+    with pytest.raises(InputError, match=r"x: .*name too long"):
+        load_case(tmp_path / ("x" * 300))
     assert stat.S_ISFIFO((tmp_path / "pipe.toml").stat().st_mode)
 
 

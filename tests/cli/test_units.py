@@ -6,7 +6,6 @@ import jsonschema
 import pytest
 
 from geometry import RefusedError
-from tests.support.face import build_polyhedra
 from validation import InputError, builtin_text, load_case
 from validation.scene.keys.quantities import parse_unit
 from validation.scene.keys.schema import scene_schema
@@ -122,8 +121,8 @@ def test_editors_know_texts_with_units() -> None:
 def test_a_size_that_no_block_has_can_be_meant_as_well() -> None:
     """The same key as for slips of units: a dust of blocks, and what the message names lets it."""
     small = ["block.edge=0.4", "assembly.rings=0"]
-    file = load_case("octahedra", small)
+    case = load_case("octahedra", small, method="rigid")
     with pytest.raises(RefusedError, match=r"a block measures 0\.3.*accept = \[\"block\.size\"\]"):
-        build_polyhedra(file.scene, file.folder)  # type: ignore[arg-type]
-    meant = load_case("octahedra", [*small, 'plausibility.accept=["block.size"]'])
-    assert build_polyhedra(meant.scene, meant.folder).n_blocks == 7  # type: ignore[arg-type]
+        _ = case.problem
+    meant = case.changed(["plausibility.accept=['block.size']"])
+    assert meant.problem.blocks.n_blocks == 7

@@ -16,14 +16,15 @@ from typing import Any
 import pytest
 import typer
 
-from tests.support.face import SCENE_TYPES, app
 from validation import builtin_names, load_case
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 sys.path.insert(0, str(DOCS))
 
+from ext.commands import app  # noqa: E402
 from ext.fields import keys  # noqa: E402
+from ext.scenes import SCENE_TYPES  # noqa: E402
 
 #: Folders and pages that the build writes.
 GENERATED = ("gallery", "scenes", "results", "api", "_build", "commands.md")

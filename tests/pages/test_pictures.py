@@ -19,9 +19,8 @@ from matplotlib import rc_context
 from PIL import Image
 
 from geometry import Assembly, box_block
-from tests.support.coarse_tubes import tube
-from tests.support.face import check_scene, compared_runs, on_its_mesh
-from tests.support.own_blocks import column
+from mbd import Rigid
+from tests.support.answers import on_its_mesh
 from validation import InputError, compare, load_case, solve
 from validation.output.files import PICTURES, require_picture
 from validation.output.pictures import assemblies, tubes
@@ -40,6 +39,8 @@ if TYPE_CHECKING:
 
 RED = np.array([255, 0, 0], dtype=np.uint8)
 COARSE = ("assembly.layers=1", "mesh.around=24", "mesh.radial=2", "mesh.axial=4")
+FINE = (*COARSE, "mesh.around=48")
+BOX = ("fem.method=static", "mesh.divisions=[8,2,2]")
 
 
 def square(size: float = 1.0, at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Surface:
@@ -215,7 +216,7 @@ def test_unrolled_side_joints_lie_apart_and_keep_their_area() -> None:
 
 def test_sections_show_both_neighbours() -> None:
     """Where a layer's waves end, its neighbours fill the ring: nothing looks like a bite."""
-    run = on_its_mesh(tube("tsb1-pipe", "mesh.around=48"), "tsb1-pipe", "static")
+    run = on_its_mesh("tsb1-pipe", FINE, method="static")
     for z in tubes.section_heights(run.details):
         cut = section(run.details, z)
         area = 0.0
@@ -230,7 +231,7 @@ def test_sections_show_both_neighbours() -> None:
 
 
 def test_sections_have_the_area_of_the_tube_and_the_lines_of_its_joints() -> None:
-    run = on_its_mesh(tube("tsb1-pipe", "mesh.around=48"), "tsb1-pipe", "static")
+    run = on_its_mesh("tsb1-pipe", FINE, method="static")
     # In the middle of the layer, away from the waves: four quarters of a ring.
     cut = section(run.details, float(np.mean(tubes.section_heights(run.details))))
     a, b, c = (cut.points[cut.triangles[:, k]] for k in range(3))
@@ -300,21 +301,21 @@ def polyhedral_pictures(path: Path) -> None:
 
 
 def tube_pictures(path: Path) -> None:
-    run = on_its_mesh(tube("tsb1-pipe"), "a tube with a name that is long", "static")
+    tube = replace(load_case("tsb1-pipe", COARSE), name="a tube with a name that is long")
+    run = on_its_mesh(tube, method="static")
     for draw in (tubes.draw_stresses, tubes.draw_contact, tubes.draw_sections):
         draw(run, path)
     tubes.draw_displacement(run, path)
 
 
 def column_pictures(path: Path) -> None:
-    run = on_its_mesh(column(0.01), "column", "static")
+    run = on_its_mesh("column", {"load.pressure": 0.01}, method="static")
     tubes.draw_stresses(run, path)
     tubes.draw_contact(run, path)
 
 
 def box_pictures(path: Path) -> None:
-    scene = load_case("cantilever", ["fem.method=static", "mesh.divisions=[8,2,2]"]).scene
-    tubes.draw_stresses(on_its_mesh(scene, "cantilever", "static"), path)  # type: ignore[arg-type]
+    tubes.draw_stresses(on_its_mesh("cantilever", BOX, method="static"), path)
 
 
 def flat_pictures(path: Path) -> None:
@@ -327,7 +328,7 @@ def flat_pictures(path: Path) -> None:
         "material": "concrete",
         "fem": {"mesh": "scene"},
     }
-    tubes.draw_stresses(on_its_mesh(check_scene(sections), "flat", "static"), path)
+    tubes.draw_stresses(on_its_mesh(load_case(sections), method="static"), path)
 
 
 @pytest.mark.parametrize(
@@ -356,8 +357,10 @@ def test_no_words_of_a_comparison_overlap_or_leave_the_page(
     pressure: float, figures: list[Figure], tmp_path: Path
 ) -> None:
     """One column of panels for each answer, and numbers of any size."""
-    rigid, deformable = compared_runs("column", column(pressure))
-    compare(*(run for run in (*rigid, *deformable))).draw(tmp_path / "comparison.png")
+    case = load_case("column", {"load.pressure": pressure})
+    methods = (Rigid(norm="force"), Rigid(norm="pressure"), "static")
+    runs = (solve(case.with_method(method)) for method in methods)
+    compare(*runs).draw(tmp_path / "comparison.png")
     (figure,) = figures
     assert_words_have_room(figure)
 
@@ -378,8 +381,7 @@ def test_titles_name_scene_load_and_program(figures: list[Figure], tmp_path: Pat
 
 def test_a_third_stress_is_one_line(figures: list[Figure], tmp_path: Path, monkeypatch) -> None:
     """What is made of principal stresses gets its panel, its bar and its mark."""
-    scene = load_case("cantilever", ["fem.method=static", "mesh.divisions=[8,2,2]"]).scene
-    run = on_its_mesh(scene, "cantilever", "static")  # type: ignore[arg-type]
+    run = on_its_mesh("cantilever", BOX, method="static")
     middle = tubes.Stress("σ₂", lambda principal: principal[:, 1], "largest", "sigma_1_max")
     monkeypatch.setattr(tubes, "STRESSES", (*tubes.STRESSES, middle))
     tubes.draw_stresses(run, tmp_path / "s.png")

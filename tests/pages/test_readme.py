@@ -1,10 +1,7 @@
-"""The README: what it points to is there, and the commands and scenes it names exist."""
+"""The README and CONTRIBUTING: what they point to is there."""
 
 import re
 from pathlib import Path
-
-from tests.support.face import app
-from validation import builtin_names
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "README.md").read_text("utf-8")
@@ -14,17 +11,6 @@ def test_every_picture_is_in_the_repository() -> None:
     pictures = re.findall(r"!\[[^]]+\]\(([^)]+)\)", TEXT) + re.findall(r'<img src="([^"]+)"', TEXT)
     assert len(pictures) > 1
     assert [p for p in pictures if not (ROOT / p).is_file()] == []
-
-
-def test_every_command_and_scene_exists() -> None:
-    commands = {c.name or c.callback.__name__ for c in app.registered_commands if c.callback}
-    commands |= {group.name for group in app.registered_groups}
-    shell = "\n".join(re.findall(r"```sh\n(.*?)```", TEXT, flags=re.DOTALL))
-    lines = re.findall(r"^tubelock (\S+)(?: (\S+))?", shell, flags=re.MULTILINE)
-    assert lines
-    assert {command for command, _ in lines} - commands == set()
-    named = {word for _, word in lines if re.fullmatch(r"(tsb|thb)\d-[a-z]+", word)}
-    assert named - set(builtin_names()) == set()
 
 
 def test_contributing_points_at_what_is_there() -> None:

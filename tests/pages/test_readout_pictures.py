@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.support.face import on_its_mesh
+from tests.support.answers import on_its_mesh
 from validation import load_case
 from validation.output.pictures.canvas import rgb
 from validation.output.pictures.directions import arrow_parts, crosses, draw_directions
@@ -26,9 +26,9 @@ def bar(traction: float, *, mises: bool = False):
         "material.poisson_ratio": 0.0,
         "pictures.mises": mises,
     }
-    file = load_case("cantilever", settings)
-    scene = file.scene.changed({"load": {"x+": {"traction": [traction, 0.0, 0.0]}}})
-    return on_its_mesh(scene, "bar", "static")
+    case = load_case("cantilever", settings)
+    pull = {"x+": {"traction": [traction, 0.0, 0.0]}}
+    return on_its_mesh(load_case(case.keys | {"load": pull}), method="static")
 
 
 def test_arrows_are_along_the_pull_and_of_its_size() -> None:

@@ -10,7 +10,6 @@ from html import unescape
 import pytest
 
 from geometry import Measure
-from tests.support.face import CASES, check_scene, toml_text
 from validation import InputError, load_case, report, solve
 from validation.pages.report import report_scene
 from validation.pages.verdicts import BAD, GOOD, OPEN, strength_verdict
@@ -72,7 +71,10 @@ def test_the_page_of_a_tube(tmp_path) -> None:
     words = text_of(page)
     answer = solve(load_case("tsb1-pipe", SETTINGS, method="rigid"))
     assert answer.measures["p_max_facet"].value_words in words
-    assert all(re.search(rf"<th>{case}</th>", html) for case in CASES)
+    assert all(
+        re.search(rf"<th>{case}</th>", html)
+        for case in ("pipe", "tunnel", "pillar", "beam", "shaft")
+    )
     # What is missing for a load factor is named with its key.
     assert "needs material.tensile_strength [MPa]" in words
     assert "not checked: set limits.least_wall" in words
@@ -137,12 +139,3 @@ def test_a_scene_without_any_answer_is_rejected(tmp_path) -> None:
     with pytest.raises(InputError, match="one deformable body without contacts"):
         report("cantilever", tmp_path / "page.html", quick=True)
     assert not (tmp_path / "page.html").exists()
-
-
-@pytest.mark.quick
-def test_toml_text_is_read_back() -> None:
-    scene = load_case("wall").scene
-    data = scene.model_dump(mode="json", exclude_unset=True)
-    assert check_scene(tomllib.loads(toml_text(data))) == scene
-    odd = {"a": {"b c": 'so "called"\n', "d": [1, 2.5e-9, {"e": True}]}, "list": [[1], [2]]}
-    assert tomllib.loads(toml_text(odd)) == odd

@@ -194,6 +194,7 @@ def rigid_problem(
 
 def scene_problem(scene: DeformableScene, name: str) -> Problem:
     """State the problem of a scene for deformable blocks: solids have hexahedra."""
+    fem_section(scene, name)  # before blocks are built that no memory holds
     load = build_hexahedra(scene, name)
     with named(name):
         problem = build_problem(scene, name, load)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import re
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,8 @@ import pytest
 from tests.support.chromium import BROWSER, Page
 from tests.support.evidence import coarse_evidence, picture_is_drawn
 from tests.support.pixels import open_pixels
-from validation.output.provenance import program
+from validation.paper.reference import reference
+from validation.paper.report import Extent, report_evidence
 
 pytestmark = pytest.mark.slow
 
@@ -20,8 +22,6 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def report(tmp_path_factory) -> Path:
     """A report of rigid blocks on coarse meshes."""
-    from tests.support.face import Extent, report_evidence
-
     folder = tmp_path_factory.mktemp("report")
     return report_evidence(coarse_evidence(folder), folder, extent=Extent.QUICK)
 
@@ -38,7 +38,7 @@ def test_the_page_stands_alone(report) -> None:
         0 < page.index('class="lead"') < page.index("statements judged here") < page.index("<table")
     )
     assert page.index("<img") < page.index("<table")
-    assert program() in page
+    assert f"tubelock {version('tubelock')}+" in page
     for heading in ("Claims", "Tables", "Figures", "Cost", "Errata", "Repeat"):
         assert f"<h2>{heading}</h2>" in page
     assert page.count("<span>reproduce</span> <span>claims</span>") >= 40
@@ -49,6 +49,12 @@ def test_the_page_stands_alone(report) -> None:
         "cost.json",
         "sensitivity.json",
     }
+
+
+@pytest.mark.quick
+def test_reference_numbers_live_in_one_file() -> None:
+    assert reference()["table"]["TSB1"]["pipe"]["p_max"] == 0.467
+    assert set(reference()["table"]) == {"TSB1", "TSB2", "THB0"}
 
 
 def test_its_figures_are_drawn(report) -> None:
