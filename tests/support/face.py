@@ -164,7 +164,6 @@ _INNER = {
     "geometry.answer": "Contacts WIDEST measure_rows",
     "geometry.assembly": "AnyBlocks AssemblyError PlacedBlocks",
     "geometry.block": "mapped_block",
-    "geometry.errors": "unreadable",
     "geometry.families.hexagon_block": "HexagonBlockDivisions hexagon_block",
     "geometry.families.masonry": "box",
     "geometry.families.platonic_layers": "tetrahedron",
@@ -174,10 +173,9 @@ _INNER = {
     "geometry.files.hexahedral_solids": (
         "connected_solids file_blocks hexahedral_block six_sided_hexahedra split_tetrahedra"
     ),
-    "geometry.files.mesh_io": "read_any_mesh write_hex_mesh write_triangles",
+    "geometry.files.mesh_io": "write_hex_mesh write_triangles",
     "geometry.files.named_surfaces": "Y_UP",
     "geometry.files.quadratic": "NATURAL",
-    "geometry.files.whole": "write_whole",
     "geometry.files.write_solids": "flat_faces write_solids",
     "geometry.loads": (
         "CASES CircumferentialLoad LoadCaseError NamedLoad face_pressure with_body_wrenches"
@@ -202,14 +200,13 @@ _INNER = {
     "validation.benchmarks.roofline": "Roofline",
     "validation.build.blocks": "build_assembly",
     "validation.build.deck": "build_deck",
-    "validation.build.deformable": "fem_section scene_problem",
+    "validation.build.deformable": "scene_problem",
     "validation.build.polyhedra": "build_polyhedra motion",
     "validation.build.supports": "stated_load",
     "validation.case": "require_deformable scene_case with_auto",
     "validation.cli.app": "app main",
     "validation.cli.completion": "_keys",
     "validation.cli.options": "parse_targets",
-    "validation.cli.look": "explore",
     "validation.output.answer_files": "FILES",
     "validation.output.console": "measuring output_console_module=* tabled",
     "validation.output.decks": "export_deck solve_deck",
@@ -232,7 +229,6 @@ _INNER = {
     ),
     "validation.paper.evidence": "Design Evidence PATHS StudyTable",
     "validation.paper.reference": "reference",
-    "validation.paper.report": "Extent report_evidence",
     "validation.run.held_by_faces": "faces_words require_held_by_faces",
     "validation.run.held_by_friction": "inside_words require_held_by_friction",
     "validation.run.rigid.changed": "class_with_layers frame_warning layers_to_unlock",
@@ -241,7 +237,6 @@ _INNER = {
     "validation.scene.deformable": "EffectName EffectsSection",
     "validation.scene.family": "AssemblyScene RoundScene round_types",
     "validation.scene.keys.idle": "idle_keys",
-    "validation.scene.keys.toml_text": "toml_text",
     "validation.scene.polyhedra": "MeshScene PlaceSection PolyhedralScene",
     "validation.scene.read": "DeformableScene SCENE_TYPES TubeScene check_scene scene_data",
     "validation.study.combinations": "combination_answers envelope",
@@ -253,13 +248,13 @@ _INNER = {
     "validation.study.comparison.scene": "compared_runs",
     "validation.study.costs.peaks": "cap_comparison order",
     "validation.study.costs.references": "references",
-    "validation.study.design": "Row refuse_idle_parameters run_design",
+    "validation.study.design": "Row run_design",
     "validation.study.effects.auto": "require_wider without_effect",
     "validation.run.cell": "middle_answer",
     "validation.run.probe": "Change EffectNumbers=Numbers change effect_numbers_of=numbers_of",
     "validation.study.optimisation.search": "Search",
     "validation.study.optimisation.statement": "Optimisation check_optimisation",
-    "validation.study.study": "Study check_study load_study",
+    "validation.study.study": "Study",
 }
 
 #: Where each of these names comes from.
