@@ -88,7 +88,7 @@ class Case:
         """
         if not isinstance(self.stated, DeformableSections):
             return self.stated
-        from validation.build.deformable import rigid_problem, scene_problem
+        from validation.build.problem import rigid_problem, scene_problem
 
         if isinstance(self.method, Rigid):
             return rigid_problem(self.stated, self.name, self.folder)

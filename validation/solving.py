@@ -116,7 +116,7 @@ def solve_rigid(
 
 def _rigid_parts(case: Case, answer: Answer) -> dict[str, Part]:
     """What a scene adds to the answer of its rigid blocks."""
-    from validation.build.sections import scene_planes
+    from validation.build.problem import scene_planes
 
     scene, blocks = case.scene, answer.details.blocks
     parts: dict[str, Part] = {}

@@ -28,7 +28,7 @@ from fem.element.hexahedron import ElementType
 from fem.problem.effects import Effects
 from geometry.assembly import Assembly
 from validation.build.cell import refuse_cell
-from validation.build.deformable import (
+from validation.build.problem import (
     build_hexahedra,
     build_problem,
     element_degree,

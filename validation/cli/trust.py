@@ -90,7 +90,7 @@ def cell(scene: SceneArgument, *, settings: SetOption = None, json: JsonOption =
 
     The reference is the full tube.
     """
-    from validation.build.deformable import fem_section
+    from validation.build.problem import fem_section
     from validation.case import load_case, require_deformable
     from validation.output.console import status
     from validation.output.deformable.cell import cell_table

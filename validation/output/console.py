@@ -277,3 +277,9 @@ def _volume_words(found: Mapping[str, Any]) -> str:
     each = f"{least} mm³" if least == largest else f"{least} to {largest} mm³"
     words = f"{each} per block, {found['volume']:.5g} mm³ in all"
     return words if "mass" not in found else f"{words}, {1e3 * found['mass']:.4g} kg"
+
+
+def cpu_words(seconds: dict[str, float]) -> str:
+    """CPU time of each stage, and of the process so far: what was loaded before the run too."""
+    reported = ", ".join(f"{stage} {value:.3f}" for stage, value in seconds.items())
+    return f"{reported}; this process so far {time.process_time():.3f}"

@@ -20,14 +20,17 @@ from geometry.measures import JointResultants, Measures, SectionForces
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
 from mbd.options import Norm
 from validation.output import answer_files
-from validation.output.balance import add_reactions
-from validation.output.console import add_dimensions, two_columns
-from validation.output.joints import JOINT_FILES, write_joints
+from validation.output.console import add_dimensions, cpu_words, two_columns
+from validation.output.forces import (
+    JOINT_FILES,
+    SECTION_FILES,
+    add_reactions,
+    write_joints,
+    write_sections,
+)
 from validation.output.outputs import Outputs
 from validation.output.pictures.assemblies import draw_mechanism, draw_pressures
 from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
-from validation.output.section_forces import SECTION_FILES, write_sections
-from validation.run.stages import cpu_words
 from validation.scene.polyhedra import MeshScene
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from geometry.assembly import Assembly
 from geometry.loads import LoadCase, PressureLoad, TractionLoad, surface_means
 from geometry.measures import Measures
 from mbd import rigid_result
-from validation.build.deformable import rigid_problem
+from validation.build.problem import rigid_problem
 from validation.case import load_case
 from validation.paper.reference import reference
 from validation.scene.family import RoundScene

@@ -23,10 +23,9 @@ from geometry.errors import RefusedError
 from geometry.measures import SectionError
 from geometry.polyhedra.assembly import bare_joints
 from geometry.system import peak_memory_mb
-from validation.build.deformable import fem_section
 from validation.build.doubts import doubts
 from validation.build.polyhedra import build_polyhedra
-from validation.build.sections import scene_planes
+from validation.build.problem import fem_section, scene_planes
 from validation.case import Case
 from validation.errors import InputError, named
 from validation.run.held_by_faces import faces_words, require_held_by_faces, squeeze_words

@@ -23,8 +23,7 @@ from mbd import Contacts, contact_jacobian, generalized_force, newton_equilibriu
 from mbd.equilibrium import column_weights
 from mbd.friction import FrictionalContacts, frictional_contacts, frictional_equilibrium
 from mbd.squeeze import squeeze
-from validation.build.blocks import build_weight
-from validation.build.pairs import friction_of_pairs
+from validation.build.materials import build_weight, friction_of_pairs
 from validation.errors import InputError
 from validation.run.held_by_friction import MOST_POINTS, motion_words
 from validation.scene.polyhedra import PolyhedralScene
@@ -52,7 +51,7 @@ def _faces(scene: DeformableScene, assembly: Assembly) -> _Faces | None:
     if curved or not isinstance(scene, PolyhedralScene) or not scene.for_rigid_blocks:
         return None
     # Loaded here: it reads files, which other scenes have none of.
-    from validation.build.own_blocks import own_load
+    from validation.build.polyhedra import own_load
 
     surfaces = as_polyhedral(assembly, scene.detection.options)
     bare = surfaces.with_faces_alone()

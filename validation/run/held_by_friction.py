@@ -27,8 +27,8 @@ from mbd.friction import (
     frictional_contacts,
     frictional_equilibrium,
 )
-from validation.build.blocks import build_weight
-from validation.build.deformable import build_friction, build_hexahedra
+from validation.build.materials import build_weight
+from validation.build.problem import build_friction, build_hexahedra
 from validation.errors import InputError
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene

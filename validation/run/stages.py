@@ -1,8 +1,7 @@
-"""What a run is at, and its CPU times, in words."""
+"""What a run is at, in words."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -27,9 +26,3 @@ def tell(words: str) -> None:
     show = _TELL.get()
     if show is not None:
         show(words)
-
-
-def cpu_words(seconds: dict[str, float]) -> str:
-    """CPU time of each stage, and of the process so far: what was loaded before the run too."""
-    reported = ", ".join(f"{stage} {value:.3f}" for stage, value in seconds.items())
-    return f"{reported}; this process so far {time.process_time():.3f}"

@@ -9,8 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self, cast
 from pydantic import Field, create_model, model_validator
 
 from fem.contact.law import LAWS, ContactLaw
-from validation.scene.keys.docstrings import field_docstrings
-from validation.scene.keys.ranges import CLEARANCE, FRICTION, OF_LAWS
+from validation.scene.keys.docstrings import CLEARANCE, FRICTION, OF_LAWS, field_docstrings
 from validation.scene.sections import Finite, NoAngle, NonNegative, Positive, Section
 
 

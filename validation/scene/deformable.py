@@ -24,7 +24,7 @@ from fem.problem.effects import BulkViscosity, RayleighDamping
 from geometry.errors import is_number
 from geometry.options import OptionError
 from validation.scene.contact import ContactSection, gap_words
-from validation.scene.keys.ranges import (
+from validation.scene.keys.docstrings import (
     ACCELERATION,
     DENSITY,
     END_TIME,

@@ -18,7 +18,7 @@ from pydantic import BaseModel
 from fem.element.material import FASTEST_SOUND, SLOWEST_SOUND
 from geometry.assembly import AnyBlocks, AssemblyError, check_size
 from geometry.errors import beyond_memory
-from validation.scene.keys.ranges import YOUNG_MODULUS, Range, ranges
+from validation.scene.keys.docstrings import YOUNG_MODULUS, Range, ranges
 from validation.scene.sections import WholeScene
 
 #: Sizes of numbers whose products with a few others are still floats.

@@ -15,7 +15,7 @@ from geometry.families.voxels import VoxelPuzzle
 from geometry.polyhedra.options import DetectionOptions
 from validation.scene.deformable import MATERIALS
 from validation.scene.family import FAMILIES, FamilyScene, family
-from validation.scene.keys.ranges import ACCELERATION, SIZE
+from validation.scene.keys.docstrings import ACCELERATION, SIZE
 from validation.scene.sections import Finite, Positive, Section, Vector, section_of, vector_words
 from validation.scene.supports import PushSection
 

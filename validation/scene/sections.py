@@ -23,9 +23,8 @@ from geometry.loads import CASES
 from geometry.options import option_fields
 from mbd.options import Rigid
 from validation.errors import InputError, one_line
-from validation.scene.keys.docstrings import field_docstrings
+from validation.scene.keys.docstrings import FRICTION, PRESSURE, field_docstrings, leaves
 from validation.scene.keys.quantities import Unit, converted, parse_unit, unit_of
-from validation.scene.keys.ranges import FRICTION, PRESSURE, leaves
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from validation.scene.keys.ranges import PRESSURE
+from validation.scene.keys.docstrings import PRESSURE
 from validation.scene.sections import Finite, Positive, Section, Vector, vector_words
 
 Axis = Literal["x", "y", "z"]

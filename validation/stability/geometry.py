@@ -147,7 +147,7 @@ def _bending() -> Finding:
 
 @CASES.add("units-metre-scene", "A scene written in metres: rejected, the factor named")
 def _metre_scene() -> Finding:
-    from validation.build.blocks import build_assembly
+    from validation.build.problem import build_assembly
     from validation.case import load_case
 
     def build() -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from rich.console import Console
 
 from fem.static.linear_step.flexibility import FlexibilityStore
-from validation.build.deformable import fem_section
+from validation.build.problem import fem_section
 from validation.case import scene_case
 from validation.errors import InputError
 from validation.output.console import tabled

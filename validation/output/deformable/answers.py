@@ -22,20 +22,24 @@ from geometry.files.whole import write_whole
 from geometry.measures import SectionForces
 from geometry.system import peak_memory_mb
 from validation.output import answer_files
-from validation.output.balance import add_reactions, add_search
-from validation.output.console import add_dimensions, listing, two_columns
+from validation.output.console import add_dimensions, cpu_words, listing, two_columns
 from validation.output.deformable.cell import cell_table
 from validation.output.deformable.fields import FRAMES
 from validation.output.files import write_csv
-from validation.output.joints import JOINT_FILES, write_joints
+from validation.output.forces import (
+    JOINT_FILES,
+    SECTION_FILES,
+    add_reactions,
+    add_search,
+    write_joints,
+    write_sections,
+)
 from validation.output.outputs import Outputs
 from validation.output.pictures import tubes
 from validation.output.pictures.directions import draw_directions
 from validation.output.pictures.energies import draw_energies
 from validation.output.pictures.motions import draw_motions
-from validation.output.section_forces import SECTION_FILES, write_sections
 from validation.run.cell import CellError
-from validation.run.stages import cpu_words
 from validation.scene.family import RoundScene
 from validation.solving import solve
 

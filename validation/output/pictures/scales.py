@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fem.solution import Solution
 from geometry.mesh import FloatArray
 from validation.output.pictures.canvas import rgb
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from fem.solution import Solution
 
 #: Okabe–Ito colours: told apart by colour-blind readers.
 BLUE, SKY, ORANGE, VERMILION, GREEN, GREY = (

@@ -14,7 +14,7 @@ from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from geometry.polyhedra.explosion import FiniteExplosion, follow_explosion, outward_directions
 from mbd import MechanismClass, classify, contact_jacobian
 from mbd.margin import FirstOrderExplosion, first_order_explosion
-from validation.build.blocks import build_assembly, require_assembly
+from validation.build.problem import build_assembly, require_assembly
 from validation.case import Case
 from validation.errors import InputError
 from validation.scene.family import RoundScene, round_types

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from geometry.families.boxes import SeparateBoxes
 from validation.scene.deformable import Method
 from validation.scene.family import AssemblyScene, family
-from validation.scene.keys.ranges import SIZE
+from validation.scene.keys.docstrings import SIZE
 from validation.scene.sections import Finite, Section, Vector, vector_words
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from geometry.families.boxes import BrickStack
 from validation.scene.family import WallScene, family
-from validation.scene.keys.ranges import SIZE
+from validation.scene.keys.docstrings import SIZE
 
 family(
     WallScene,

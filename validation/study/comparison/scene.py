@@ -18,7 +18,7 @@ from fem.method import Static
 from geometry.answer import Answer
 from geometry.assembly import Assembly
 from mbd.options import Norm, Rigid
-from validation.build.deformable import fem_section, rigid_problem, scene_problem
+from validation.build.problem import fem_section, rigid_problem, scene_problem
 from validation.case import Case, scene_case
 from validation.errors import InputError
 from validation.run.deformable import Follower, deformable_answer, on_its_mesh

@@ -20,8 +20,7 @@ from fem.solution import Solution
 from geometry.answer import Answer
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.mesh import FloatArray
-from validation.build.blocks import build_assembly
-from validation.build.deformable import scene_problem
+from validation.build.problem import build_assembly, scene_problem
 from validation.case import scene_case
 from validation.errors import InputError, named
 from validation.output.provenance import processor

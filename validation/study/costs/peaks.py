@@ -17,7 +17,7 @@ from rich.console import Console
 from fem.accuracy.converge import Solved, climbed
 from fem.accuracy.ladder import LADDER, Rung
 from fem.assembly.statement import Problem
-from validation.build.deformable import scene_problem
+from validation.build.problem import scene_problem
 from validation.case import load_case
 from validation.output.console import listing, tabled
 from validation.scene.read import DeformableScene

@@ -16,7 +16,7 @@ from fem.element.hexahedron import ElementType
 from fem.static.contact_forces import grid_blocks
 from mbd.options import Norm
 from validation.build.cell import refuse_cell
-from validation.build.deformable import fem_section, scene_problem
+from validation.build.problem import fem_section, scene_problem
 from validation.errors import InputError
 from validation.scene.family import AssemblyScene
 from validation.study.comparison.calculix import calculix_version

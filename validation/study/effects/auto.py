@@ -18,7 +18,7 @@ from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
 from geometry.errors import RefusedError
-from validation.build.deformable import fem_section, scene_problem
+from validation.build.problem import fem_section, scene_problem
 from validation.errors import InputError
 from validation.run.probe import (
     Change,

@@ -24,7 +24,7 @@ from fem.explicit.step import System, step
 from fem.problem.effects import PAPER_RAYLEIGH
 from fem.problem.time_step import critical_time_step
 from validation.build.cell import refuse_cell
-from validation.build.deformable import fem_section, scene_problem
+from validation.build.problem import fem_section, scene_problem
 from validation.case import scene_case
 from validation.errors import InputError, named
 from validation.run.deformable import deformable_answer, on_its_mesh

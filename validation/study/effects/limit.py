@@ -15,7 +15,7 @@ from fem.accuracy.statics import refines
 from fem.assembly.statement import Problem
 from fem.method import Static
 from geometry.meshing.refinement import charts_of
-from validation.build.deformable import scene_problem
+from validation.build.problem import scene_problem
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
 

@@ -295,7 +295,7 @@ def _deformable(file: Case, meshes: int) -> Iterator[Values]:
     from fem.accuracy.strength import strength_factors
     from fem.method import Static
     from geometry.parts.dimensions import dimensions
-    from validation.build.deformable import fem_section
+    from validation.build.problem import fem_section
     from validation.errors import named
 
     require_deformable(file, "sensitivity --method fem")

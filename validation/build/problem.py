@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from fem.accuracy.converge import usual_degree
+import numpy as np
+
 from fem.assembly.deformable import Frames
 from fem.assembly.section_forces import check_planes
 from fem.assembly.statement import Problem
@@ -15,21 +16,22 @@ from fem.contact.pair_laws import PairLaws
 from fem.contact.surfaces import ContactNormals
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase
-from validation.build.blocks import build_blocks, require_assembly
+from geometry.measures import Planes, planes
+from geometry.parts.chosen import chosen_blocks
 from validation.build.cell import build_cell
-from validation.build.materials import build_materials
-from validation.build.pairs import friction_of_pairs, laws_of_pairs
+from validation.build.materials import build_materials, friction_of_pairs, laws_of_pairs
 from validation.build.polyhedra import build_live_load, build_polyhedra
-from validation.build.sections import scene_planes
 from validation.build.supports import held_at_faces, stated_load
 from validation.errors import InputError, named
 from validation.scene.deformable import (
     FemSection,
     Method,
 )
-from validation.scene.plausibility import too_large_to_deform
+from validation.scene.family import AssemblyScene
+from validation.scene.plausibility import check_block_size, too_large_to_deform
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene
+from validation.scene.sections import WholeScene
 
 
 def fem_section(scene: DeformableScene, name: str) -> FemSection:
@@ -96,7 +98,7 @@ def build_hexahedra(scene: DeformableScene, name: str) -> LoadCase:
     if scene.is_cell:
         return scene_load(scene, build_cell(scene, name))
     if isinstance(scene, PolyhedralScene):
-        from validation.build.own_blocks import build_own_blocks
+        from validation.build.polyhedra import build_own_blocks
 
         return build_own_blocks(scene, name)
     return build_blocks(scene)
@@ -105,7 +107,7 @@ def build_hexahedra(scene: DeformableScene, name: str) -> LoadCase:
 def scene_load(scene: DeformableScene, assembly: Assembly) -> LoadCase:
     """Build the load of a scene on blocks already built."""
     if isinstance(scene, PolyhedralScene):
-        from validation.build.own_blocks import own_load
+        from validation.build.polyhedra import own_load
 
         return own_load(scene, assembly)
     return stated_load(scene, assembly, scene.build_load(assembly))
@@ -120,6 +122,8 @@ def element_degree(scene: DeformableScene, assembly: Assembly) -> int:
     stated = scene.fem.model_fields_set & {"degree", "element"}
     if stated or scene.fem.method is not Method.STATIC:
         return scene.fem.degree
+    from fem.accuracy.converge import usual_degree
+
     return usual_degree(assembly, friction=scene.effects.friction is not None)
 
 
@@ -202,3 +206,49 @@ def scene_problem(scene: DeformableScene, name: str) -> Problem:
         if cut is not None:
             check_planes(problem.blocks, cut, ~problem.deforming)
         return problem
+
+
+def require_assembly(scene: DeformableScene, name: str, command: str) -> AssemblyScene:
+    """Return the scene if its blocks meet each other."""
+    if isinstance(scene, AssemblyScene) and scene.meets:
+        return scene
+    if isinstance(scene, PolyhedralScene):
+        raise InputError(
+            f"{name}: blocks of type {scene.block.type!r} have no mesh of a family; `tubelock "
+            f"{command}` expects one, such as tsb1-pipe: use `tubelock mbd` or `tubelock fem`"
+        )
+    raise InputError(
+        f"{name}: block.type {scene.block.type!r} is one deformable body without contacts; "
+        f"`tubelock {command}` needs an assembly, such as tsb1-pipe"
+    )
+
+
+def build_assembly(scene: AssemblyScene) -> Assembly:
+    """Build the blocks of a scene."""
+    assembly = scene.build()
+    check_block_size(scene, assembly)
+    return assembly
+
+
+def build_blocks(scene: AssemblyScene) -> LoadCase:
+    """Build the load of a scene on its blocks."""
+    assembly = build_assembly(scene)
+    return stated_load(scene, assembly, scene.build_load(assembly))
+
+
+def scene_planes(scene: WholeScene, assembly: AnyBlocks) -> Planes | None:
+    """Planes of a scene; None where it has none."""
+    if not scene.sections:
+        return None
+    result = []
+    for k, one in enumerate(scene.sections):
+        blocks = None
+        if one.blocks is not None:
+            blocks = chosen_blocks(f"sections[{k}].blocks", one.blocks, assembly)
+        result.append(planes(one.point, one.normal, blocks=blocks, names=[one.name or str(k + 1)]))
+    return Planes(
+        points=np.concatenate([one.points for one in result]),
+        normals=np.concatenate([one.normals for one in result]),
+        blocks=tuple(one.blocks[0] for one in result),
+        names=tuple(one.names[0] for one in result),
+    )

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from rich.table import Table
 
+from geometry.balance import reaction_rows
 from geometry.files.mesh_io import write_points
-from geometry.measures import JointResultants
+from geometry.measures import JointResultants, SectionForces
 from geometry.mesh import FloatArray
 from validation.output.files import write_csv
 from validation.output.outputs import Outputs
@@ -77,3 +81,68 @@ def _write_points(joints: JointResultants, path: Path) -> None:
             "block_s": joints.block_s.astype(np.int32),
         },
     )
+
+
+#: File of the section forces.
+SECTION_FILES = ("section_forces.csv",)
+#: Units of the columns; others are directions.
+_UNITS = {
+    "plane_point": "mm",
+    "area": "mm2",
+    "centroid": "mm",
+    "force": "N",
+    "moment": "Nmm",
+    "normal_force": "N",
+    "shear_forces": "N",
+    "bending_moments": "Nmm",
+    "twisting_moment": "Nmm",
+    "point": "mm",
+}
+
+
+def add_sections(table: Table, found: SectionForces | None) -> None:
+    """Add a line for each section."""
+    for k, name in enumerate(() if found is None else found.planes.names):
+        assert found is not None
+        table.add_row(f"section {name}", found.words(k))
+
+
+def write_sections(found: SectionForces | None, outputs: Outputs) -> None:
+    """Write one row for each section; nothing without a folder or without sections."""
+    if found is not None:
+        outputs.write("sections", SECTION_FILES[0], lambda path: _write(found, path))
+
+
+def _write(found: SectionForces, path: Path) -> None:
+    columns = {"name": list(found.planes.names)}
+    for key, values in found.columns().items():
+        unit = _UNITS.get(key, "")
+        if values.ndim == 1:
+            columns[f"{key}_{unit}"] = values.tolist()
+            continue
+        axes = ("x", "y", "z") if values.shape[1] == 3 else ("1", "2")
+        parts = components(key, values, unit, axes)
+        columns |= {name: part.tolist() for name, part in parts.items()}
+    write_csv(path, columns, zip(*columns.values(), strict=True))
+
+
+#: Change of the joint forces by a search at the end above which it is printed [-].
+_SEARCHED = 1e-3
+
+
+def add_reactions(table: Table, report: Mapping[str, Any]) -> None:
+    """Add force, point and horizontal part of each support, and what balances of blocks leave."""
+    for k, row in enumerate(reaction_rows(report.get("reactions", {}))):
+        table.add_row("" if k else "reactions", row)
+    if "imbalance" in report:
+        left = report["imbalance"]
+        words = f"force {left['force']:.1e}, moment {left['moment']:.1e} of the largest joint force"
+        table.add_row("largest imbalance of a block", words)
+
+
+def add_search(table: Table, report: Mapping[str, Any], bar: float) -> None:
+    """Add what a search at the end changes, where that is much, or more than a bar [-]."""
+    change = report.get("search_change")
+    if change is not None and change > min(_SEARCHED, bar):
+        words = f"a search at the end changes joint forces by {100 * change:.2g} % of the largest"
+        table.add_row("contact search, repeated", words)
