@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from fem.assembly.deformable import Frames
-from fem.assembly.section_forces import check_planes
 from fem.assembly.statement import Problem
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw
@@ -204,6 +203,8 @@ def scene_problem(scene: DeformableScene, name: str) -> Problem:
         problem = build_problem(scene, name, load)
         cut = scene_planes(scene, problem.blocks)
         if cut is not None:
+            from fem.assembly.section_forces import check_planes
+
             check_planes(problem.blocks, cut, ~problem.deforming)
         return problem
 
