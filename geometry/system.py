@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import secrets
 import signal
 import sys
 import threading
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from filelock import BaseFileLock
+
 
 #: Signal that ends a process at once: SIGKILL; on Windows SIGTERM, which does so there.
 KILL: signal.Signals = getattr(signal, "SIGKILL", signal.SIGTERM)
@@ -153,3 +155,18 @@ def release(lock: BaseFileLock) -> None:
     with suppress(PermissionError):
         Path(lock.lock_file).unlink(missing_ok=True)
     lock.release()
+
+
+def write_whole(path: Path, write: Callable[[Path], object]) -> None:
+    """Let ``write`` fill a temporary sibling with the same suffix, then rename it to ``path``.
+
+    Its name is new and nobody can foresee it: calls that write the same file at once each publish a
+    whole one, and no link that lies there leads elsewhere.
+    """
+    partial = path.with_name(f".partial-{secrets.token_hex(8)}{path.suffix}")
+    os.close(os.open(partial, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    try:
+        write(partial)
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)

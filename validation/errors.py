@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import difflib
+import io
 import json
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NoReturn, get_args, get_origin
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO, get_args, get_origin
 
 from geometry.errors import RefusedError
 
@@ -43,11 +44,9 @@ INTERRUPTED, READER_GONE = 130, 141
 def run_command(command: Callable[[], object]) -> None:
     """Run a command; the only place that turns errors into exit statuses.
 
-    What cannot be printed ends no command (`validation.lasting`): its files are written, and
+    What cannot be printed ends no command (`validation.errors`): its files are written, and
     the exit status tells.
     """
-    from validation.lasting import lasting_output
-
     try:
         with lasting_output() as output:
             status = _status(command)
@@ -308,3 +307,58 @@ def _meant(got: Any) -> str:
     if isinstance(got, str) and got in _ELSEWHERE:
         return f"; did you mean {_ELSEWHERE[got]}?"
     return ""
+
+
+class LastingOutput(io.FileIO):
+    """A file descriptor that takes what cannot be written, and keeps the first error."""
+
+    failure: OSError | None = None
+    """Why text was lost; None as long as all of it could be written."""
+
+    def write(self, data: object, /) -> int:
+        """Write bytes; return how many there were, whether or not they could be written."""
+        if self.failure is None:
+            try:
+                return super().write(data)  # type: ignore[arg-type]
+            except OSError as error:
+                self.failure = error
+        return memoryview(data).nbytes  # type: ignore[arg-type]
+
+
+@contextmanager
+def lasting_output() -> Iterator[LastingOutput | None]:
+    """Let standard output last; yields what keeps its error, or None where it is no file.
+
+    Characters that the encoding of the terminal or pipe lacks are replaced.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace" if stream is sys.stdout else "backslashreplace")
+    before = sys.stdout
+    raw = _raw(before)
+    if raw is None:
+        yield None
+        return
+    sys.stdout = io.TextIOWrapper(
+        io.BufferedWriter(raw),
+        encoding=before.encoding,
+        errors="replace",
+        line_buffering=raw.isatty(),
+    )
+    try:
+        yield raw
+    finally:
+        with suppress(ValueError):  # closed by the command
+            sys.stdout.flush()
+        sys.stdout = before
+
+
+def _raw(stream: TextIO | None) -> LastingOutput | None:
+    """The descriptor of a stream; None for a stream that has none."""
+    try:
+        if stream is None:
+            return None
+        stream.flush()
+        return LastingOutput(stream.fileno(), "w", closefd=False)
+    except (OSError, ValueError):
+        return None

@@ -24,7 +24,7 @@ from typing import Any
 from fem.problem.effects import Effects
 from fem.problem.model import BlockGroup, Model
 from fem.problem.time_step import critical_time_step
-from geometry.files.whole import write_whole
+from geometry.system import write_whole
 from tests.benchmarks import contact, rigid
 from tests.support.face import prepare_file, processor, program
 from validation import InputError

@@ -10,9 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from geometry.compilation import compiling, njit
+from geometry.compilation import compiling, njit, stages, summed
 from geometry.compilation.cache import KernelCache, source_digest
-from geometry.compilation.stages import stages, summed
 
 ROOT = Path(__file__).parents[2]
 CHOICES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")

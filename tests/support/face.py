@@ -176,6 +176,7 @@ _INNER = {
     "geometry.files.mesh_io": "write_hex_mesh write_triangles",
     "geometry.files.named_surfaces": "Y_UP",
     "geometry.files.quadratic": "NATURAL",
+    "geometry.system": "write_whole",
     "geometry.files.write_solids": "flat_faces write_solids",
     "geometry.loads": (
         "CASES CircumferentialLoad LoadCaseError NamedLoad face_pressure with_body_wrenches"

@@ -22,7 +22,7 @@ from fem.element.material import Material
 from fem.measures import load_step_change
 from geometry.answer import Answer
 from geometry.errors import RefusedError
-from geometry.files.whole import write_whole
+from geometry.system import write_whole
 from validation.build.deck import build_deck
 from validation.case import Case
 from validation.errors import InputError, named

@@ -22,8 +22,7 @@ from typing import Any, Self
 from filelock import FileLock, Timeout
 
 from geometry.errors import unreadable
-from geometry.files.whole import write_whole
-from geometry.system import release
+from geometry.system import release, write_whole
 from validation.errors import InputError
 from validation.output.files import prepare_file
 from validation.output.provenance import program

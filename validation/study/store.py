@@ -12,7 +12,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from geometry.files.whole import write_whole
+from geometry.system import write_whole
 from validation.errors import InputError
 from validation.output.files import write_csv as write_table
 from validation.output.provenance import version

@@ -18,9 +18,8 @@ from fem.measures import contact_on
 from fem.problem.model import element_words
 from fem.problem.time_step import added_mass_share
 from geometry.answer import PAPER, Answer, Measure, measure_rows
-from geometry.files.whole import write_whole
 from geometry.measures import SectionForces
-from geometry.system import peak_memory_mb
+from geometry.system import peak_memory_mb, write_whole
 from validation.output import answer_files
 from validation.output.console import add_dimensions, cpu_words, listing, two_columns
 from validation.output.deformable.cell import cell_table

@@ -16,8 +16,8 @@ from fem.element.stress import von_mises
 from fem.problem.model import BlockGroup
 from fem.problem.recovery import Recovered, block_displacements, moved_bodies, recover
 from geometry.files.mesh_io import write_hex_mesh, write_lagrange_cells
-from geometry.files.whole import write_whole
 from geometry.mesh import FloatArray, HexMesh
+from geometry.system import write_whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
