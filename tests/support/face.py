@@ -176,7 +176,6 @@ _INNER = {
     "geometry.files.mesh_io": "write_hex_mesh write_triangles",
     "geometry.files.named_surfaces": "Y_UP",
     "geometry.files.quadratic": "NATURAL",
-    "geometry.system": "write_whole",
     "geometry.files.write_solids": "flat_faces write_solids",
     "geometry.loads": (
         "CASES CircumferentialLoad LoadCaseError NamedLoad face_pressure with_body_wrenches"
@@ -200,7 +199,7 @@ _INNER = {
     "validation.benchmarks.kernels": "internal_force_work kernel_rows update_work",
     "validation.benchmarks.roofline": "Roofline",
     "validation.build.deck": "build_deck",
-    "validation.build.problem": "build_assembly fem_section scene_problem",
+    "validation.build.problem": "build_assembly scene_problem",
     "validation.build.polyhedra": "build_polyhedra motion",
     "validation.build.supports": "stated_load",
     "validation.case": "require_deformable scene_case with_auto",
