@@ -6,9 +6,10 @@ import pytest
 
 from tests.benchmarks import history
 from tests.benchmarks.history import Entry, Rate, falls, last_like, read_history
-from tests.support.face import Roofline, internal_force_work, update_work
-from tests.support.face import benchmarks_explicit_module as explicit
 from validation import InputError
+from validation.benchmarks import explicit
+from validation.benchmarks.kernels import internal_force_work, update_work
+from validation.benchmarks.roofline import Roofline
 
 MACHINE = Roofline(10.0, 40.0, 100.0, 200.0)
 

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from tests.support.face import Roofline, kernel_rows
-from tests.support.face import benchmarks_explicit_module as explicit
+from fem.problem.model import Model
+from validation.benchmarks import explicit
+from validation.benchmarks.kernels import kernel_rows
+from validation.benchmarks.roofline import Roofline
 
 
 def test_rows_and_table_on_a_tiny_block():
@@ -21,7 +23,7 @@ def test_rows_and_table_on_a_tiny_block():
     limits = Roofline(1.0, 2.0, 3.0, 4.0)
 
     def prepared(effects):
-        return explicit.ready(explicit.Model((group,), effects=effects), 1e-8)
+        return explicit.ready(Model((group,), effects=effects), 1e-8)
 
     kernels = kernel_rows(group, limits, prepared)
     assert all(kernel.nanoseconds > 0.0 for kernel in kernels)
