@@ -25,13 +25,19 @@ ROOMS = {
     "fem": _LAWS,
     "support": _LAWS,
     "benchmarks": (*_LAWS, "validation.benchmarks"),
-    "verification": (*_LAWS, "validation.paper"),
-    "study": ("validation.study",),
+    # Searches among designs whose answers are all known are verified there too.
+    "verification": (*_LAWS, "validation.paper", "validation.study.optimisation"),
+    # What studies keep their rows in, and the probe by which they decide on effects.
+    "study": ("validation.study", "validation.output.store", "validation.run.probe"),
     "pages": ("validation.pages", "validation.output"),
     "robustness": ("validation.stability",),
     "cli": ("validation.cli", "validation.scene", "validation.output"),
     # The one file that knows where tests find CalculiX, which they compare with.
     "support/ccx.py": (*_LAWS, "validation.study.comparison.calculix"),
+    # What tests leave out of commands, because it takes long.
+    "fixtures/commands.py": ("fem.accuracy", "validation.output.outputs"),
+    # A table that judges decks as `tubelock deck --run` solves them, with its remarks.
+    "verification/decks.py": (*_LAWS, "validation.output.decks"),
 }
 
 

@@ -1,17 +1,14 @@
-"""Attacks of users on what they are told: misspelt keys, accuracies beside tolerances."""
+"""Attacks of users on what they are told: misspelt keys."""
 
 from __future__ import annotations
-
-from functools import cache
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from geometry import RefusedError
-from tests.support.face import require_wider
 from tests.support.wrong_input import PLACES, kind_of
-from validation import Case, InputError, load_case
+from validation import load_case
 
 pytestmark = pytest.mark.quick
 
@@ -41,22 +38,3 @@ def test_a_key_that_lacks_a_letter_is_answered_with_the_key(
     assert "\n" not in words
     assert f"{section}.{slip}" in words
     assert key in words.replace(f"{section}.{slip}", "")
-
-
-@cache
-def tube(auto: float | None) -> Case:
-    return load_case("tsb1-pipe", {} if auto is None else {"effects.auto": auto})
-
-
-@given(auto=st.sampled_from([None, 0.001, 0.01, 0.05]), share=st.floats(1e-4, 0.5))
-@settings(max_examples=50, deadline=None)
-def test_no_bar_is_promised_below_what_left_out_effects_change(
-    auto: float | None, share: float
-) -> None:
-    targets = {"max_displacement": 0.9, "p_eff": share}
-    scene = tube(auto).scene.changed({"fem.accuracy": targets})
-    if auto is None or auto <= share:
-        require_wider(scene, "tube")
-        return
-    with pytest.raises(InputError, match=r"got p_eff=.*expected --auto of at most"):
-        require_wider(scene, "tube")

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from fem import ExponentialLaw, Material
+from fem import ExponentialLaw, Material, Problem, Static, concrete, solve_static
 from geometry import (
     Assembly,
     CircularArch,
@@ -20,12 +20,10 @@ from geometry import (
     RunningBondWall,
     TetrahedraLayer,
 )
-from mbd import block_wrenches, contact_jacobian, rigid_result
-from tests.support.face import AnyBlocks, StaticOptions, frictional_contacts, frictional_equilibrium
-from tests.support.face import solve_deformable_static as solve_static
+from mbd import block_wrenches, rigid_result
 from tests.support.views import VIEWS, View, seen, seen_load
 from validation import builtin_names, load_case, solve
-from validation.stability.problems import CONCRETE, deformable, relative, tube
+from validation.stability.problems import CONCRETE, relative, tube
 from validation.stability.rigid import TUBES, piped
 
 _HERE = View("here")
@@ -51,11 +49,11 @@ def _by_original(values: np.ndarray, view: View) -> np.ndarray:
     return old
 
 
-def _by_block(assembly: AnyBlocks, index: np.ndarray, sizes: np.ndarray, view: View) -> np.ndarray:
-    """Sum of forces on the contacts of each block of the original, (n_blocks,) [N]."""
-    total, found = np.zeros(assembly.n_blocks), assembly.interfaces
-    np.add.at(total, found.block_m[index], sizes)
-    np.add.at(total, found.block_s[index], sizes)
+def _by_block(blocks: np.ndarray, forces: np.ndarray, n_blocks: int, view: View) -> np.ndarray:
+    """Sizes of forces of contacts (n, 3), summed by block of the original, (n_blocks,) [N]."""
+    total, sizes = np.zeros(n_blocks), np.linalg.norm(forces, axis=1)
+    for side in blocks.T:
+        np.add.at(total, side, sizes)
     return _by_original(total, view)
 
 
@@ -64,24 +62,20 @@ def _rigid_answer(subject: Subject, view: View) -> _Answer:
     assembly = seen(built, view)
     load = seen_load(stated, assembly, view)
     result = rigid_result(assembly, load=load)
-    balance = result.equilibrium
+    balance, faces = result.equilibrium, assembly.interfaces
+    blocks = np.column_stack([faces.block_m, faces.block_s])[result.contact_index]
     classes = (str(result.mechanism), str(result.supported_classification.mechanism))
     words: tuple[object, ...] = (*classes, balance.holds, result.n_contacts)
     # What cannot be carried has no forces; how much of the load cannot is as unique as they are.
     numbers = {"residual": np.array([balance.residual])}
     if balance.holds:
-        numbers = {"forces": _by_block(assembly, result.contact_index, result.contact_forces, view)}
+        numbers = {"forces": _by_block(blocks, result.forces, assembly.n_blocks, view)}
     if friction is not None:
-        contacts = contact_jacobian(assembly, load.fixed)
-        force = load.body_wrenches[contacts.free_blocks]  # type: ignore[index]
-        force = np.hstack([force[:, :3], force[:, 3:] / contacts.length])
-        found = frictional_equilibrium(
-            frictional_contacts(assembly, contacts, friction), force.ravel()
-        )
-        words = (*words, found.holds)
-        if found.holds:
-            size = np.linalg.norm(found.forces, axis=1)
-            numbers["friction"] = _by_block(assembly, contacts.index, size, view)
+        given = Problem(assembly, load, concrete, friction=friction, check_units=False)
+        rubbing = rigid_result(given)
+        words = (*words, rubbing.holds)
+        if rubbing.holds:
+            numbers["friction"] = _by_block(blocks, rubbing.forces, assembly.n_blocks, view)
     return _Answer(words, numbers)
 
 
@@ -187,12 +181,12 @@ def _static_answer(build: Callable[[], tuple[Assembly, LoadCase, Material]], vie
     scale = view.scale
     law = ExponentialLaw()
     there = seen(built, view)
-    result = solve_static(
-        deformable(
+    answer = solve_static(
+        Problem(
             there,
             seen_load(stated, there, view),
             # Forces in N and times in s stay: stresses go with 1/scale², masses with 1/scale.
-            material=Material(
+            Material(
                 density=material.density / scale**4,
                 young_modulus=material.young_modulus / scale**2,
                 poisson_ratio=material.poisson_ratio,
@@ -200,21 +194,17 @@ def _static_answer(build: Callable[[], tuple[Assembly, LoadCase, Material]], vie
             law=ExponentialLaw(
                 law.clearance_at_zero_pressure * scale, law.pressure_at_zero_clearance / scale**2
             ),
+            check_units=False,
         ),
-        StaticOptions(tolerance=1e-11, symmetry=1),
+        Static(mesh="scene", symmetry="none", error_estimate=False),
     )
-    whole = result.deformable
-    moved = np.zeros((whole.assembly.n_blocks, 3))
-    for block in whole.deformable_blocks:
-        found = result.displacements[int(whole.group_of[block])][int(whole.copy_of[block])]
-        moved[block] = np.abs(found @ view.turn).max(axis=0) / scale
-    state = result.contact_state
-    pressing = np.linalg.norm(state.forces.reshape(len(state.block_m), -1), axis=1)
-    total = np.zeros(len(moved))
-    np.add.at(total, state.block_m, pressing)
-    np.add.at(total, state.block_s, pressing)
-    numbers = {"displacements": _by_original(moved, view), "pressing": _by_original(total, view)}
-    return _Answer((result.converged,), numbers)
+    moved = np.zeros((there.n_blocks, 3))
+    there_moved = np.abs(answer.fields["displacement"] @ view.turn) / scale
+    np.maximum.at(moved, answer.block_of_point, there_moved)
+    contacts = answer.contacts
+    pressing = _by_block(contacts["blocks"], contacts["force"], there.n_blocks, view)
+    numbers = {"displacements": _by_original(moved, view), "pressing": pressing}
+    return _Answer((), numbers)
 
 
 def _static_scene(name: str) -> tuple[Assembly, LoadCase, Material]:

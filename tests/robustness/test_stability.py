@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.face import command
+from tests.support.commands import command
 from validation import InputError
 from validation.stability.case import Case, Check, Finding, Verdict, refusal, run_case
 from validation.stability.suite import cases, chosen

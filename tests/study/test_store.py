@@ -13,10 +13,10 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from tests.support.face import Layout, Store, content_key, rescue
-from tests.support.face import output_store_module as stores
+import validation.output.store as stores
 from tests.support.studies import WALLS, Here, content
 from validation import InputError
+from validation.output.store import Layout, Store, content_key, rescue
 from validation.study.run import sweep
 from validation.study.store import Older, ResultFile, write_csv
 from validation.study.study import Study, check_study, load_study

@@ -116,19 +116,19 @@ def _text(stream: io.TextIOWrapper) -> str:
 # name, "name=*" for the module itself, whose names a test replaces. Imported when asked for.
 
 _INNER = {
-    "fem.accuracy.converge": "LEAST_MESHES TARGETS climbed converge",
+    "fem.accuracy.converge": "LEAST_MESHES climbed converge",
     "fem.accuracy.errors": "SAFETY error_bar",
     "fem.accuracy.facets": "pressures_on_facets",
     "fem.accuracy.ladder": (
-        "DEGREES LADDER Ladder PRESSURES Rung accuracy_ladder_module=* coarser fineness "
-        "graded_to_both_ends graded_to_one_end on_degree=on_mesh split"
+        "DEGREES LADDER Ladder PRESSURES Rung coarser fineness graded_to_both_ends "
+        "graded_to_one_end on_degree=on_mesh split"
     ),
     "fem.accuracy.one_mesh": "accuracy_one_mesh_module=* static_solution",
     "fem.accuracy.parts": "FrictionSet relative unmet",
     "fem.accuracy.statics": "accuracy_statics_module=* static_options",
     "fem.accuracy.strength": "_BoundError _scaled_until",
     "fem.accuracy.transfer": "interpolation node_places transferred",
-    "fem.assembly.contact_state": "contact_measures corner_displacements facing_points",
+    "fem.assembly.contact_state": "corner_displacements facing_points",
     "fem.assembly.deformable": "DeformableAssembly",
     "fem.assembly.reactions": "PushCurve push_curves",
     "fem.assembly.statement": "Motion ProblemError",
@@ -162,7 +162,7 @@ _INNER = {
         "StaticMethod StaticOptions solve_deformable_static=solve_static static_solve_module=*"
     ),
     "geometry.answer": "Contacts WIDEST measure_rows",
-    "geometry.assembly": "AnyBlocks AssemblyError PlacedBlocks",
+    "geometry.assembly": "AssemblyError PlacedBlocks",
     "geometry.block": "mapped_block",
     "geometry.families.hexagon_block": "HexagonBlockDivisions hexagon_block",
     "geometry.families.masonry": "box",
@@ -195,14 +195,11 @@ _INNER = {
     "mbd.margin": "first_order_explosion",
     "mbd.options": "FrictionLaw",
     "mbd.push": "at_rest",
-    "validation.benchmarks.explicit": "benchmarks_explicit_module=*",
-    "validation.benchmarks.kernels": "internal_force_work kernel_rows update_work",
-    "validation.benchmarks.roofline": "Roofline",
     "validation.build.deck": "build_deck",
     "validation.build.problem": "build_assembly scene_problem",
     "validation.build.polyhedra": "build_polyhedra motion",
     "validation.build.supports": "stated_load",
-    "validation.case": "require_deformable scene_case with_auto",
+    "validation.case": "require_deformable scene_case",
     "validation.cli.app": "app main",
     "validation.cli.completion": "_keys",
     "validation.cli.options": "parse_targets",
@@ -221,38 +218,29 @@ _INNER = {
     "validation.output.provenance": "processor program",
     "validation.output.rigid": "print_rigid write_contacts",
     "validation.output.solids": "check_file write_repaired",
-    "validation.output.store": "Layout Store content_key output_store_module=* rescue",
     "validation.pages.verdicts": "verdicts",
-    "validation.paper.deformable_study": (
-        "Compared complete_axes judge_geometry rank_correlations read_rows"
-    ),
-    "validation.paper.evidence": "Design Evidence PATHS StudyTable",
+    "validation.paper.evidence": "Evidence StudyTable",
     "validation.paper.reference": "reference",
     "validation.run.held_by_faces": "faces_words require_held_by_faces",
     "validation.run.held_by_friction": "inside_words require_held_by_friction",
     "validation.run.rigid.changed": "class_with_layers frame_warning layers_to_unlock",
     "validation.run.rigid.explosion": "explosion_json rigid_explosion_module=* run_explosion",
     "validation.scene.combinations": "combined",
-    "validation.scene.deformable": "EffectName EffectsSection",
+    "validation.scene.deformable": "EffectName",
     "validation.scene.family": "AssemblyScene RoundScene round_types",
     "validation.scene.keys.idle": "idle_keys",
     "validation.scene.polyhedra": "MeshScene PlaceSection PolyhedralScene",
     "validation.scene.read": "DeformableScene SCENE_TYPES TubeScene check_scene scene_data",
     "validation.study.combinations": "combination_answers envelope",
     "validation.study.comparison.agreement": "agreement effective_region",
-    "validation.study.comparison.calculix": (
-        "CalculixError CalculixResult calculix_available run_calculix"
-    ),
+    "validation.study.comparison.calculix": "CalculixError calculix_available run_calculix",
     "validation.study.comparison.report": "Comparison",
     "validation.study.comparison.scene": "compared_runs",
     "validation.study.costs.peaks": "cap_comparison order",
     "validation.study.costs.references": "references",
     "validation.study.design": "Row run_design",
-    "validation.study.effects.auto": "require_wider without_effect",
+    "validation.study.effects.auto": "without_effect",
     "validation.run.cell": "middle_answer",
-    "validation.run.probe": "Change EffectNumbers=Numbers change effect_numbers_of=numbers_of",
-    "validation.study.optimisation.search": "Search",
-    "validation.study.optimisation.statement": "Optimisation check_optimisation",
     "validation.study.study": "Study",
 }
 

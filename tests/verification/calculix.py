@@ -27,7 +27,7 @@ from geometry import Assembly, Block, PressureLoad, box_block
 from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import SineTube
 from geometry.loads import named_case
-from tests.support.face import CalculixResult, calculix_available, run_calculix
+from tests.support.ccx import CalculixResult, calculix_available, run_calculix
 
 
 @dataclass(frozen=True)

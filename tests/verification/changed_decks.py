@@ -23,8 +23,8 @@ from fem.decks.read.rewrite import rewritten
 from fem.decks.read.words import Dialect
 from fem.decks.write import deck_lines
 from geometry import RefusedError
+from tests.support.ccx import CalculixError
 from tests.support.cubes_deck import CUBES, changed, changed_lines
-from tests.support.face import CalculixError
 from tests.verification.deck_oracle import deck_nodes, difference, original, ours
 from tests.verification.deck_press_fit import block
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from fem import Static, solve_static
 from fem.decks.read.deck import deck_of_lines
-from tests.support.face import run_calculix
+from tests.support.ccx import run_calculix
 from tests.verification.deck_oracle import deck_nodes, difference, gradual, ours
 
 #: Edge of the small cube [mm] and its facets on a sixteenth of the face.

@@ -20,7 +20,7 @@ from fem.decks.read.rewrite import rewritten
 from fem.decks.statement import Flavour
 from fem.decks.write import write_deck
 from geometry import Answer
-from tests.support.face import CalculixResult, run_calculix
+from tests.support.ccx import CalculixResult, run_calculix
 
 #: Set of all nodes that the judge prints.
 _EVERY = "TUBELOCK-EVERY-NODE"

@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from fem import solve_static
 from fem.decks.read.deck import deck_of_lines
-from tests.support.face import calculix_available, run_calculix, solve_deck
+from tests.support.ccx import calculix_available, run_calculix
 
 MODULUS = 210000.0
 #: Penalty and stick slope [MPa/mm], and friction.
@@ -143,7 +144,8 @@ def rows(meshes: tuple[int, ...] = (6, 12, 24)) -> Iterator[dict[str, Any]]:
         yield _row(name, "closed form", pressure(), MU * pressure() * area)
         for around in meshes:
             lines = make(around)
-            answer = solve_deck(deck_of_lines(lines))
+            stated = deck_of_lines(lines)
+            answer = solve_static(stated.problem(), stated.method)
             mean = float(np.linalg.norm(answer.contacts["force"], axis=1).sum()) / area
             (curve,) = answer.report["motions"]
             yield _row(f"{name}, {around}", "tubelock", mean, abs(curve["force"][-1]))

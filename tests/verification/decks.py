@@ -29,7 +29,7 @@ from fem import read_deck
 from fem.decks.read.deck import InputDeck
 from fem.decks.read.words import Dialect
 from geometry import Answer, RefusedError
-from tests.support.face import CalculixError, solve_deck
+from tests.support.ccx import CalculixError
 from tests.verification.deck_oracle import (
     deck_nodes,
     difference,
@@ -41,6 +41,7 @@ from tests.verification.deck_oracle import (
     written_again,
 )
 from tests.verification.folder import LIMIT
+from validation.output.decks import solve_deck
 
 #: Places in decks, which differ where reasons do not.
 _PLACE = re.compile(r"^(\S+, )?line \d+: |[\w-]+: (?=surfaces of)")

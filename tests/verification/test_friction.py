@@ -18,7 +18,7 @@ from fem import Static, solve_static
 from fem.accuracy.friction_range import PAST_AND_BACK
 from fem.accuracy.statics import static_options
 from fem.measures import load_step_change
-from tests.support.face import by_options, on_its_mesh, scene_case
+from tests.support.answers import by_options, on_its_mesh
 from tests.verification.error_problems import PRESSED, exact_push, pushed_box
 from validation import load_case
 
@@ -49,16 +49,16 @@ def solved(load, friction, gap):
     coarse = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
     law = (f"effects.friction.coefficient={friction}", f"contact.clearance={gap}")
     static, explicit = (
-        load_case(f"tsb1-{load}", [*coarse, *law, f"fem.method='{method}'"]).scene
+        load_case(f"tsb1-{load}", [*coarse, *law, f"fem.method='{method}'"])
         for method in ("static", "explicit")
     )
-    case = scene_case(static, load)
-    options = static_options(case.problem, case.method)
+    problem = static.problem
+    options = static_options(problem, static.method)
     seconds, runs = [time.process_time()], []
     for run in (
-        lambda: on_its_mesh(static, load, "static"),
-        lambda: on_its_mesh(explicit, load, "explicit"),
-        lambda: by_options(case.problem, replace(options, load_path=PAST_AND_BACK)),
+        lambda: on_its_mesh(static),
+        lambda: on_its_mesh(explicit),
+        lambda: by_options(problem, replace(options, load_path=PAST_AND_BACK)),
     ):
         runs.append(run())
         seconds.append(time.process_time())

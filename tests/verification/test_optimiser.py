@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.support.face import Optimisation, Search, check_optimisation
 from validation.paper.deformable_study import read_rows
+from validation.study.optimisation.search import Search
+from validation.study.optimisation.statement import Optimisation, check_optimisation
 
 PARAMETERS: dict[str, list[Any]] = {
     "block.shift": [0.0, 0.5],
