@@ -37,7 +37,7 @@ from fem.method import Explicit, Static
 from fem.solution import Solution
 from fem.static.solve import StaticOptions
 from geometry.answer import Answer, Measure, Notes, Part
-from geometry.compilation import Stages, stages
+from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
 
 #: Frames are parts of this part of the longest run, where it may end early and has no ramp.

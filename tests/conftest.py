@@ -11,7 +11,7 @@ import pytest
 from hypothesis import settings
 
 from geometry import Assembly
-from geometry.compilation import compiling
+from geometry.compilation.clocks import compiling
 from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube

@@ -94,7 +94,7 @@ def solve_rigid(
     case: Case, tell: Callable[[str], None], stated: RigidStatement | None = None
 ) -> Answer:
     """Answer a case by rigid blocks, which may be built already: ``stated``."""
-    from geometry.compilation import stages, summed
+    from geometry.compilation.clocks import stages, summed
     from mbd.answer import analyse
 
     assert isinstance(case.method, Rigid)

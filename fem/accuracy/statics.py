@@ -34,7 +34,7 @@ from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.solve import StaticOptions
 from fem.static.solve import solve_static as solve_blocks
 from geometry.answer import Answer, Part
-from geometry.compilation import Stages, stages
+from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 

@@ -51,7 +51,7 @@ from fem.explicit.step import (
 from fem.problem.effects import SAFETY_FACTOR
 from fem.problem.model import BlockGroup, Model
 from fem.problem.time_step import CriticalTimeStep, TimeStepError, critical_time_step
-from geometry.compilation import compiling
+from geometry.compilation.clocks import compiling
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 

@@ -37,7 +37,7 @@ from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 from numba.misc.appdirs import AppDirs
 
-from geometry.compilation import CLOCKS
+from geometry.compilation.clocks import CLOCKS
 from geometry.compilation.started import STARTED
 from geometry.system import release
 

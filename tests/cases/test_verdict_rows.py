@@ -51,7 +51,7 @@ def test_a_block_that_only_lies_there_is_held_down_by_its_weight(tmp_path: Path)
     assert "resists pushes along -z; held down by its weight against pushes along +z" in row
     answer = solved(path, method="rigid").as_dict()
     assert answer["pushes"]["held_against"]["+z"]
-    assert answer["held_by_load"] == ["+z"]
+    assert answer["pushes"]["held_by_load"] == ["+z"]
 
 
 def test_a_state_held_by_prestress_is_yellow_and_has_no_pressures(tmp_path: Path) -> None:

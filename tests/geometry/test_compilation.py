@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from geometry.compilation import compiling, njit, stages, summed
+from geometry.compilation import njit
 from geometry.compilation.cache import KernelCache, source_digest
+from geometry.compilation.clocks import compiling, stages, summed
 
 ROOT = Path(__file__).parents[2]
 CHOICES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")

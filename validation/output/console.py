@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeR
 from rich.table import Table
 from rich.text import Text
 
-from geometry.compilation import compiling
+from geometry.compilation.clocks import compiling
 from validation.output.files import prepare_json
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from fem.method import Explicit, Static
 from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
 from geometry.answer import Answer, Notes, Part
-from geometry.compilation import stages, summed
+from geometry.compilation.clocks import stages, summed
 from geometry.errors import RefusedError
 from geometry.measures import SectionError
 from geometry.polyhedra.assembly import bare_joints
