@@ -11,8 +11,9 @@ from typing import Any
 import jsonschema
 import pytest
 
-from validation import InputError, builtin_names, builtin_text
+from validation import InputError, builtin_names, builtin_text, load_case
 from validation.scene.keys.schema import scene_schema
+from validation.scene.keys.toml_text import toml_text
 from validation.scene.read import SCENE_TYPES, check_scene
 
 
@@ -93,3 +94,10 @@ def test_command_prints_the_schema_that_builtin_scenes_name() -> None:
     assert set(schema["properties"]["block"]["properties"]["type"]["enum"]) == set(SCENE_TYPES)
     for name in builtin_names():
         assert builtin_text(name).startswith("#:schema scene.json\n")
+
+
+def test_toml_text_is_read_back() -> None:
+    case = load_case("wall")
+    assert load_case(tomllib.loads(toml_text(case.keys))).scene == case.scene
+    odd = {"a": {"b c": 'so "called"\n', "d": [1, 2.5e-9, {"e": True}]}, "list": [[1], [2]]}
+    assert tomllib.loads(toml_text(odd)) == odd

@@ -93,24 +93,52 @@ def _one_of(option: str, got: str, allowed: tuple[str, ...]) -> None:
 
 
 def check(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Blocks: STL, OBJ, STEP, JSON, …")],
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="Blocks: STL, OBJ, STEP, JSON, …; or a scene: TOML."),
+    ],
     units: UnitsOption = "mm",
     up: UpOption = "z",
     json: JsonOption = None,
 ) -> None:
-    """Check the blocks of a file; list the faults of each block."""
+    """Check the blocks of a file; list the faults of each block.
+
+    Of a scene of an earlier version, print the file as this version has it.
+    """
     from validation.output.console import status
     from validation.output.outputs import Outputs
     from validation.output.solids import check_file
 
     _one_of("--units", units, ("mm", "cm", "m", "inch"))
     _one_of("--up", up, ("y", "z"))
+    if file.suffix == ".toml":
+        if (units, up) != ("mm", "z"):
+            raise InputError(f"{file}: a scene states units and up itself; leave the option out")
+        _check_scene(file, json)
+        return
     with Outputs(json, reads=(file,)) as outputs:
         with status(outputs.console, f"{file.name}: reads the blocks and finds where they touch"):
             result = check_file(file, units=units, up=up, repair=False)
         outputs.console.print(result.table())
         outputs.write_json(result.as_dict())
     if not result.clean:
+        raise typer.Exit(1)
+
+
+def _check_scene(file: Path, json: str | None) -> None:
+    """Check a scene; print it anew where its keys are those of an earlier version."""
+    from validation.output.outputs import Outputs
+    from validation.scene.earlier import check_earlier
+
+    with Outputs(json, reads=(file,)) as outputs:
+        found = check_earlier(file)
+        if found.changes:
+            lines = [found.text.rstrip(), "", *(f"# Changed: {words}" for words in found.changes)]
+            outputs.console.out("\n".join(lines), highlight=False)
+        else:
+            outputs.say("scene", file)
+        outputs.write_json({"changes": list(found.changes), "scene": found.data})
+    if found.changes:
         raise typer.Exit(1)
 
 
