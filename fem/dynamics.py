@@ -39,12 +39,14 @@ from fem.static.solve import StaticOptions
 from geometry.answer import Answer, Measure, Notes, Part
 from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
+from geometry.system import one_thread_of_blas
 
 #: Frames are parts of this part of the longest run, where it may end early and has no ramp.
 _FINE = 200.0
 _DEFAULT = Explicit()
 
 
+@one_thread_of_blas()
 def solve_explicit(
     problem: Problem,
     method: Explicit = _DEFAULT,

@@ -25,6 +25,7 @@ from geometry.measures import (
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 from geometry.parts.pairs import OfPairs
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
+from geometry.system import one_thread_of_blas
 from mbd.contact_jacobian import block_wrenches, contact_jacobian, generalized_force
 from mbd.equilibrium import Equilibrium, column_weights, equilibrium
 from mbd.mechanism import (
@@ -256,6 +257,7 @@ def as_statement(problem: object, load: object) -> RigidStatement:
     return Stated(cast("AnyBlocks", problem), load)
 
 
+@one_thread_of_blas()
 def rigid_result(
     problem: AnyBlocks | RigidStatement,
     method: Rigid | None = None,

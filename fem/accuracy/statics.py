@@ -37,6 +37,7 @@ from geometry.answer import Answer, Part
 from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
+from geometry.system import one_thread_of_blas
 
 if TYPE_CHECKING:
     from fem.explicit.solve import Frame
@@ -48,6 +49,7 @@ _SPRINGS, _NAMED = 1000.0, 8
 _DEFAULT = Static()
 
 
+@one_thread_of_blas()
 def solve_static(
     problem: Problem,
     method: Static = _DEFAULT,

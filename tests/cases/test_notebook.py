@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from fem import Explicit, Problem, Static, concrete, solve_explicit, solve_static
 from geometry import Answer, SineBlock, pipe, tube
@@ -229,3 +230,22 @@ def test_cost_is_a_function_beside_its_package() -> None:
     assert callable(compare)
     with pytest.raises(ValueError, match="whose blocks meet"):
         cost("cantilever", quick=True)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 16])
+def test_linear_algebra_has_one_thread_inside_a_solve_alone(problem, threads) -> None:
+    """Blocks are small dense problems; a user's own threads are afterwards what they were."""
+    seen = []
+
+    def look(_: object) -> None:
+        seen.extend(pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas")
+
+    with threadpool_limits(threads, user_api="blas"):
+        before = threadpool_info()
+        analyse(problem, progress=look)
+        solve_static(problem, Static(mesh="scene", error_estimate=False), progress=look)
+        solve_explicit(problem, Explicit(end_time=1e-5, ramp_time=0.0), progress=look)
+        assert [pool["num_threads"] for pool in threadpool_info()] == [
+            pool["num_threads"] for pool in before
+        ]
+    assert set(seen) == {1}

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -190,23 +187,3 @@ def test_json_has_null_where_a_number_is_not_finite(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
     write_json(str(path), {"ratio": float("inf"), "rows": [(1.5, float("nan"))], "n": 3})
     assert json.loads(path.read_text("utf-8")) == {"ratio": None, "rows": [[1.5, None]], "n": 3}
-
-
-@pytest.mark.parametrize(("stated", "found"), [({}, "1"), ({"OMP_NUM_THREADS": "2"}, "None")])
-def test_commands_take_one_thread_of_linear_algebra_unless_told(
-    stated: dict[str, str], found: str
-) -> None:
-    """It is read when numpy is loaded, which must not be before."""
-    code = (
-        "import os, sys; sys.argv = ['tubelock', 'scenes']\n"
-        "from validation.cli import main\n"
-        "assert 'numpy' not in sys.modules\n"
-        "try:\n    main()\nexcept SystemExit:\n    pass\n"
-        "print(os.environ.get('OPENBLAS_NUM_THREADS'))"
-    )
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-    env = {name: value for name, value in os.environ.items() if name not in names} | stated
-    run = subprocess.run(
-        [sys.executable, "-c", code], env=env, capture_output=True, text=True, check=True
-    )
-    assert run.stdout.splitlines()[-1] == found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 import threading
@@ -35,18 +34,8 @@ def _repeat_lost_interruption(lost: UnraisableHookArgs) -> None:
         threading.Timer(0.01, interrupt).start()
 
 
-def _one_thread_of_blas() -> None:
-    """Unless the user says otherwise: blocks are small dense problems, on which more threads wait.
-
-    Twelve layers of TSB1 take 14 s by the clock with one thread, 26 s with two.
-    """
-    if os.environ.keys().isdisjoint(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")):
-        os.environ["OPENBLAS_NUM_THREADS"] = "1"
-
-
 def main() -> None:
     """Run the command line; Ctrl-C while it is loaded ends it as later."""
-    _one_thread_of_blas()
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _interrupt)
     sys.unraisablehook = _repeat_lost_interruption

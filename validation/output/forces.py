@@ -100,13 +100,6 @@ _UNITS = {
 }
 
 
-def add_sections(table: Table, found: SectionForces | None) -> None:
-    """Add a line for each section."""
-    for k, name in enumerate(() if found is None else found.planes.names):
-        assert found is not None
-        table.add_row(f"section {name}", found.words(k))
-
-
 def write_sections(found: SectionForces | None, outputs: Outputs) -> None:
     """Write one row for each section; nothing without a folder or without sections."""
     if found is not None:

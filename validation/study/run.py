@@ -106,22 +106,6 @@ def sweep(
 
 
 @contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Let processes started here use one thread for linear algebra: the designs are small."""
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
-
-
-@contextmanager
 def _main_left_out() -> Iterator[None]:
     """Let processes started here not import the calling script, of which designs need nothing.
 
@@ -196,27 +180,26 @@ class LocalRunner:
         """Rows of one pool of processes; returns the designs in its hands if it broke."""
         context = multiprocessing.get_context("spawn")
         stop = context.Event()
-        with _one_thread_each():
-            pool = ProcessPoolExecutor(
-                workers, mp_context=context, initializer=_start_worker, initargs=(stop,)
-            )
-            pending: dict[Future[Row], int] = {}
-            try:
-                self._submit(pool, pending, numbers, window)
-                while pending:
-                    finished, _ = wait(pending, return_when=FIRST_COMPLETED)
-                    for future in finished:
-                        row = future.result()
-                        del pending[future]
-                        yield row
-                    self._submit(pool, pending, numbers, window - len(pending))
-            except BrokenProcessPool:
-                return sorted(pending.values())
-            except BaseException:
-                stop.set()  # do not wait for designs that may take hours
-                raise
-            finally:
-                pool.shutdown(wait=True, cancel_futures=True)
+        pool = ProcessPoolExecutor(
+            workers, mp_context=context, initializer=_start_worker, initargs=(stop,)
+        )
+        pending: dict[Future[Row], int] = {}
+        try:
+            self._submit(pool, pending, numbers, window)
+            while pending:
+                finished, _ = wait(pending, return_when=FIRST_COMPLETED)
+                for future in finished:
+                    row = future.result()
+                    del pending[future]
+                    yield row
+                self._submit(pool, pending, numbers, window - len(pending))
+        except BrokenProcessPool:
+            return sorted(pending.values())
+        except BaseException:
+            stop.set()  # do not wait for designs that may take hours
+            raise
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
         return []
 
     def _submit(
