@@ -33,7 +33,7 @@ from fem.explicit.solve import (
     solve,
 )
 from fem.measures import measures_of
-from fem.method import Explicit, Static
+from fem.method import Explicit, Static, require_method
 from fem.solution import Solution
 from fem.static.solve import StaticOptions
 from geometry.answer import Answer, Measure, Notes, Part
@@ -101,6 +101,7 @@ def solve_explicit(
     KeyboardInterrupt
         An interruption while error bars are computed.
     """
+    require_method(method, Explicit, "solve_explicit")
     problem = require_problem(problem)
     problem.require_action()
     if problem.degree > 1:

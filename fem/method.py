@@ -147,3 +147,17 @@ class Explicit:
             gravity=gravity,
             adaptive_mass_damping=AdaptiveMassDamping() if damping == "static" else None,
         )
+
+
+def require_method(given: object, kind: type, call: str) -> None:
+    """Reject another method than the one that a call solves by.
+
+    Raises
+    ------
+    OptionError
+        What was got.
+    """
+    if not isinstance(given, kind):
+        raise OptionError(
+            f"{call}: got a {type(given).__name__}; expected a method {kind.__name__}(...)"
+        )

@@ -27,7 +27,7 @@ from fem.assembly.symmetry import require_sector
 from fem.contact.law import LinearPenalty
 from fem.element.hexahedron import ElementType
 from fem.measures import measures_of
-from fem.method import Static
+from fem.method import Static, require_method
 from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.result import LOAD_TOLERANCE, StaticError
@@ -99,6 +99,7 @@ def solve_static(
     SymmetryError
         The requested symmetry is not one of the load or the supports.
     """
+    require_method(method, Static, "solve_static")
     problem = _of_usual_degree(problem, require_problem(problem))
     problem.refuse_motion()
     problem.require_action()

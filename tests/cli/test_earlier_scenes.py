@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from validation import builtin_text, load_case
+from mbd import Rigid
+from validation import builtin_text, load_case, sweep
 from validation.scene.earlier import GONE, MOVED
 
 pytestmark = pytest.mark.quick
@@ -82,6 +83,46 @@ def test_keys_that_say_nothing_are_left_out_and_rejected_by_name(tubelock, key: 
     Path("new.toml").write_text(new)
     assert load_case("new.toml").scene == load_case("tsb1-pipe").scene
     assert json.loads(Path("a.json").read_text())["changes"] == [f"{key} is left out"]
+
+
+def test_friction_under_its_earlier_name_is_that_of_every_copy_of_a_case() -> None:
+    case = load_case("tsb1-pipe", ["rigid.friction=0.3"])
+    copies = (
+        case,
+        case.changed({"assembly.layers": 3}),
+        case.with_method("explicit"),
+        case.with_method(Rigid(norm="force")),
+        load_case(case.keys),
+    )
+    for copy in copies:
+        assert copy.scene.effects.friction.coefficient == 0.3
+        assert copy.keys["effects"]["friction"]["coefficient"] == 0.3
+        assert "friction" not in copy.keys["rigid"]
+
+
+@pytest.mark.parametrize("scene", ["wall", "tsb1-shaft"])
+def test_settings_of_friction_replace_it_under_each_of_its_names(scene: str) -> None:
+    """Whether the scene states it or not, and under which name."""
+    names = ("rigid.friction", "effects.friction", "effects.friction.coefficient")
+    for before in ((), *((f"{name}=0.4",) for name in names)):
+        for name in names:
+            case = load_case(scene, [*before, f"{name}=0.5"])
+            assert case.scene.effects.friction.coefficient == 0.5
+            assert case.changed({name: 0.7}).scene.effects.friction.coefficient == 0.7
+        assert load_case(scene, [*before, "rigid.friction=0"]).scene.effects.friction is None
+        if before:
+            case = load_case(scene, [*before, "effects.friction.stick_stiffness=50.0"])
+            assert case.scene.effects.friction.coefficient == 0.4
+
+
+def test_a_study_of_friction_is_one_under_each_of_its_names() -> None:
+    coarse = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
+    found = [
+        [row["p_max"] for row in sweep("tsb1-shaft", {name: [0.05, 0.4]}, coarse).rows]
+        for name in ("rigid.friction", "effects.friction", "effects.friction.coefficient")
+    ]
+    assert found[0] == found[1] == found[2]
+    assert found[0][0] != found[0][1]
 
 
 def test_two_values_of_one_thing_are_for_their_author(tubelock) -> None:

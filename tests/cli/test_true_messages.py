@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem import Problem, concrete
+from fem import Explicit, Problem, Static, concrete, solve_explicit, solve_static
 from geometry import RefusedError, SineBlock, pipe, read_blocks, tube
+from mbd import analyse
 from tests.support.answers import on_its_mesh
 from validation import builtin_text, load_case
 from validation.cli.options import parse_targets
@@ -80,6 +81,21 @@ def test_gravity_in_metres_is_refused_in_python() -> None:
         size = 9.81 if meant else 9810.0
         problem = Problem(blocks, load, concrete, gravity=(0.0, 0.0, -size), **meant)
         np.testing.assert_array_equal(problem.acceleration, [0.0, 0.0, -size])
+
+
+def test_another_method_than_that_of_a_call_is_named() -> None:
+    shape = SineBlock(
+        height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
+    )
+    problem = Problem(tube(shape, layers=1, mesh=(12, 1, 2)), pipe(0.01), concrete)
+    for call, other, own in (
+        (solve_static, Explicit(), "Static"),
+        (solve_static, "scene", "Static"),
+        (solve_explicit, Static(), "Explicit"),
+        (analyse, Static(), "Rigid"),
+    ):
+        with pytest.raises(RefusedError, match=rf"^{call.__name__}: got a .*expected.* {own}\("):
+            call(problem, other)
 
 
 @pytest.mark.parametrize(("amplitude", "degrees"), [(40.0, None), (90.0, 82)])

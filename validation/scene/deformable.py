@@ -398,8 +398,11 @@ class DeformableSections(WholeScene):
             )
         if stated is None and given:
             effects = effects.changed({"friction": FrictionSection(coefficient=given)})
+        others = {key: self.rigid.__dict__[key] for key in self.rigid.model_fields_set}
+        del others["friction"]
         object.__setattr__(self, "effects", effects)
-        object.__setattr__(self, "rigid", self.rigid.changed({"friction": None}))
+        object.__setattr__(self, "rigid", RigidSection(**others))
+        self.model_fields_set.add("effects")  # copies have it too
         return self
 
     @field_validator("combinations", mode="before")
