@@ -36,19 +36,11 @@ import numpy as np
 import typer
 
 from geometry import HexMesh
-from tests.support.face import (
-    SCENE_TYPES,
-    _keys,
-    app,
-    boundary_quads,
-    on_its_mesh,
-    polyhedron_from_quads,
-    quiet,
-    require_deformable,
-    structured_hexahedra,
-    write_hex_mesh,
-    write_triangles,
-)
+from geometry.files.mesh_io import write_hex_mesh, write_triangles
+from geometry.mesh import boundary_quads, structured_hexahedra
+from geometry.polyhedra.polyhedron import polyhedron_from_quads
+from tests.support.answers import on_its_mesh
+from tests.support.face import SCENE_TYPES, _keys, app, quiet, require_deformable
 from tests.support.face import main as tubelock
 from validation import builtin_names, builtin_text, load_case
 
@@ -355,7 +347,7 @@ def _interrupt(checkpoint: Path) -> None:
     """Run `STOPPED` and stop it at its first sample."""
     scene = require_deformable(load_case("tsb1-pipe", STOPPED), "fem")
     stop = lambda _: signal.raise_signal(signal.SIGTERM)  # noqa: E731
-    on_its_mesh(scene, "tsb1-pipe", "explicit", checkpoint=checkpoint, progress=stop)
+    on_its_mesh(scene, method="explicit", checkpoint=checkpoint, progress=stop)
 
 
 # ---------------------------------------------------------------------------------------------

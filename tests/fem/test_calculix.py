@@ -26,7 +26,7 @@ from geometry.families.tube import SineTube
 from geometry.loads import named_case
 from geometry.mesh import HexMesh
 from tests.support.blocks import tsb
-from tests.support.face import CalculixError, calculix_available, run_calculix
+from tests.support.ccx import CalculixError, calculix_available, run_calculix
 from tests.verification.calculix import (
     bar_deck,
     bar_rows,

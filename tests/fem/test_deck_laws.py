@@ -15,13 +15,12 @@ from fem.contact.law import LawConstants
 from fem.decks.faces import contact_patches
 from fem.decks.keywords import ENTRIES_PER_LINE, LINE_LENGTH, DeckError, entry_lines
 from fem.decks.laws import law_heading, law_lines, law_notes, law_table
-from fem.decks.problem import element_time_step
+from fem.decks.problem import element_time_step, problem_deck
 from fem.decks.read.deck import deck_of_lines
 from fem.decks.statement import Deck, Flavour
 from fem.decks.write import deck_lines
 from fem.problem.effects import Effects
 from fem.problem.time_step import characteristic_time_step
-from tests.support.face import build_deck
 from validation import load_case
 
 pytestmark = pytest.mark.quick
@@ -58,7 +57,7 @@ def test_neither_flavour_takes_it_for_the_exponential_law() -> None:
 
 def tube_deck(flavour: Flavour, *keys: str) -> Deck:
     coarse = ["mesh.around=12", "mesh.radial=1", "mesh.axial=2", "assembly.layers=1"]
-    return build_deck(load_case("tsb1-pipe", [*coarse, *keys]), flavour)
+    return problem_deck(load_case("tsb1-pipe", [*coarse, *keys]).problem, flavour)
 
 
 @given(lengths=st.lists(st.integers(1, 80), max_size=60))

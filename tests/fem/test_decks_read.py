@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,18 +21,13 @@ from fem.decks.read.cards import read_cards
 from fem.decks.read.deck import InputDeck, deck_of_lines
 from fem.decks.read.rewrite import rewritten
 from fem.decks.read.words import Dialect
-from fem.decks.statement import Flavour
 from fem.decks.write import deck_lines
 from fem.static.solve import solve_static
 from geometry.errors import RefusedError
+from tests.support.ccx import calculix_available, run_calculix
+from tests.support.commands import command
 from tests.support.cubes_deck import CUBES, changed, changed_lines
-from tests.support.face import (
-    build_deck,
-    calculix_available,
-    run_calculix,
-    scene_problem,
-    solve_deck,
-)
+from tests.support.decks import exported, solved
 from tests.verification.deck_press_fit import MU, STICK, block, block_pressure
 from validation import load_case
 
@@ -279,7 +275,7 @@ def test_a_minimum_increment_for_which_calculix_scales_masses_is_rejected() -> N
         deck_of_lines(changed("*Static", step.format("1e-5"), lines)).problem()
 
 
-def test_large_rotations_that_are_solved_linearly_are_named() -> None:
+def test_large_rotations_that_are_solved_linearly_are_named(tmp_path: Path) -> None:
     """A bar that turns by more than 0.02 rad has left the range of a linear answer."""
     start = CUBES.index("*Element, type=C3D8, elset=UPPER")
     lines = changed("*Step", "*Step, nlgeom", CUBES[:start] + CUBES[start + 2 :])
@@ -290,10 +286,12 @@ def test_large_rotations_that_are_solved_linearly_are_named() -> None:
     material = "*Material, name=M\n*Elastic\n1000., 0.\n*Solid Section, elset=LOWER, material=M\n"
     for pressure, left in ((1.0, False), (50.0, True)):
         body = f"{head}{material}*Boundary{tail.format(pressure)}"
-        deck = deck_of_lines(body.splitlines())
-        solve_deck(deck)
-        assert any("linear in rotations" in note for note in deck.model.notes)
-        assert any("elements turn by" in note for note in deck.model.notes) == left
+        (tmp_path / "bar.inp").write_text(body, "utf-8")
+        status, said, wrong = command("deck", str(tmp_path / "bar.inp"), "--run", "--json", "-")
+        assert status == 0, wrong
+        notes = json.loads(said)["remarks"]
+        assert any("linear in rotations" in note for note in notes)
+        assert any("elements turn by" in note for note in notes) == left
 
 
 def test_steps_follow_each_other() -> None:
@@ -327,7 +325,7 @@ def pushed(lines: list[str]) -> tuple[float, fem.Answer]:
     are what the pusher needs.
     """
     deck = deck_of_lines(lines)
-    answer = solve_deck(deck)
+    answer = solved(deck)
     sides = [of["force"][0] for name, of in answer.report["reactions"].items() if "b" in name]
     along = float(answer.contacts["force"][:, 0].sum())
     assert sum(sides) + along == pytest.approx(0.0, abs=1e-6)
@@ -373,7 +371,7 @@ def test_a_block_is_pushed_out_of_its_fit() -> None:
     shrinks.insert(first, "*Contact Interference, shrink\nSLAVE, MASTER")
     text = "\n".join(shrinks)
     for one in (deck, again, deck_of_lines(text.splitlines())):
-        (curve,) = solve_deck(one).report["motions"]
+        (curve,) = solved(one).report["motions"]
         assert abs(curve["force"][-1]) == pytest.approx(MU * block_pressure() * 16.0, rel=1e-6)
     moved = text.replace("*Contact Interference, shrink\nSLAVE, MASTER\n", "")
     late = moved.replace("PUSHED, 3, 3", "PUSHED, 3, 3, 0.\n*Contact Interference, shrink\n", 1)
@@ -413,21 +411,21 @@ def test_words_of_symmetry_hold_the_components_of_their_planes() -> None:
 
 
 @pytest.mark.parametrize("flavour", ["general", "calculix"])
-def test_a_spinning_block_is_read_back(flavour) -> None:
+def test_a_spinning_block_is_read_back(flavour, tmp_path: Path) -> None:
     """Velocity and spin, of the words for it in Abaqus and of all nodes in CalculiX."""
-    file = load_case("spinning-block", ["fem.element=full"] if flavour == "calculix" else [])
-    stated = scene_problem(file.scene, "a").motion
-    read = deck_of_lines(list(deck_lines(build_deck(file, Flavour(flavour))))).problem().motion
+    settings = ["fem.element=full"] if flavour == "calculix" else []
+    stated = load_case("spinning-block", settings).problem.motion
+    path = exported(tmp_path / "spin.inp", "spinning-block", settings, flavour=flavour)
+    read = read_deck(path).problem().motion
     assert stated is not None
     assert read is not None
     assert read.velocity == pytest.approx(stated.velocity, abs=1e-9)
     assert read.angular_velocity == pytest.approx(stated.angular_velocity, rel=1e-9, abs=1e-9)
 
 
-def test_scaled_masses_are_read_back() -> None:
+def test_scaled_masses_are_read_back(tmp_path: Path) -> None:
     changes = ["fem.method=explicit", "fem.mass_scaling=3.0", "fem.end_time=1.0"]
-    file = load_case("tsb1-pipe", [*COARSE, *changes])
-    deck = deck_of_lines(list(deck_lines(build_deck(file, Flavour("general")))))
+    deck = read_deck(exported(tmp_path / "tube.inp", "tsb1-pipe", [*COARSE, *changes]))
     assert deck.method.mass_scaling == pytest.approx(3.0, rel=1e-9)
 
 
@@ -466,16 +464,14 @@ def test_tetrahedra_fill_the_same_cube(kind) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("flavour", ["standard", "calculix"])
-def test_an_exported_deck_has_the_answer_of_its_scene(flavour) -> None:
+def test_an_exported_deck_has_the_answer_of_its_scene(flavour, tmp_path: Path) -> None:
     """The same mesh: coordinates to 1e-13, CalculiX' table of the law to 7e-4 of the pressure.
 
     A load that grows along a table in 101 points stays on a line: one stage, with friction too.
     """
-    file = load_case(
-        "tsb1-pipe", [*COARSE, "effects.friction={coefficient=0.3, stick_stiffness=100.0}"]
-    )
-    ours = solve_static(scene_problem(file.scene, "a").deformable)
-    deck = deck_of_lines(list(deck_lines(build_deck(file, Flavour(flavour)))))
+    settings = [*COARSE, "effects.friction={coefficient=0.3, stick_stiffness=100.0}"]
+    ours = solve_static(load_case("tsb1-pipe", settings).problem.deformable)
+    deck = read_deck(exported(tmp_path / "tube.inp", "tsb1-pipe", settings, flavour=flavour))
     assert deck.problem().after is None
     theirs = solve_static(deck.problem().deformable)
     a, b = (
@@ -608,7 +604,7 @@ def test_explicit_steps_are_one_run() -> None:
 
     deck = read("Boundary, amplitude=A", "FOOT, 3, 3, 0.01")
     assert deck.method.end_time == 4e-4
-    answer = solve_deck(deck)
+    answer = solved(deck)
     moved = answer.fields["displacement"][np.isclose(answer.points[:, 2], 0.0), 2]
     assert moved == pytest.approx(0.01, rel=1e-3)
     assert answer.report["reactions"]["foot"]["force"][2] == pytest.approx(2.0, rel=0.05)

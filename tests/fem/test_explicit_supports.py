@@ -11,7 +11,7 @@ from fem.assembly.statement import Motion
 from fem.problem.model import ModelError
 from fem.problem.time_step import TimeStepError, critical_time_step
 from geometry.loads import LineLoad
-from tests.support.face import on_its_mesh
+from tests.support.answers import on_its_mesh
 from tests.support.supports import ONE, TWO, A, X, Y, Z, case, pulled, roller
 from validation import load_case
 
@@ -137,8 +137,8 @@ def test_a_sector_has_the_reactions_of_the_whole_ring(symmetry: str) -> None:
     """Of the ends, and of what both leave of the pressure together: none."""
     small = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
     short = ("fem.method=explicit", "fem.end_time=1e-5", "effects.elastic_frame=true")
-    scene = load_case("tsb1-pipe", [*small, *short, f"fem.symmetry={symmetry}"]).scene
-    found = on_its_mesh(scene, "tsb1-pipe", "explicit").details
+    case = load_case("tsb1-pipe", [*small, *short, f"fem.symmetry={symmetry}"])
+    found = on_its_mesh(case, method="explicit").details
     assert found.imbalance.largest < 1e-9
     assert found.reactions.keys() == {"bottom", "top"}
     forces = np.array([of["force"] for of in found.reactions.values()])

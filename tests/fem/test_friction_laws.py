@@ -11,7 +11,7 @@ from fem.explicit.setup.assembly import explicit_assembly
 from fem.problem.effects import PAPER_RAYLEIGH, Effects
 from fem.problem.loads import SmoothStepAmplitude, TabularAmplitude
 from fem.problem.model import Model, fixed_nodes
-from tests.support.face import on_its_mesh, scene_problem
+from tests.support.answers import on_its_mesh
 from tests.support.fem_problems import in_contact
 from tests.support.floor import GRAVITY, block_on_floor
 from tests.support.sliding_plate import plate
@@ -93,8 +93,8 @@ def test_a_plate_that_statics_holds_does_not_slide_on_its_way():
     than the rest. Nothing is lost, and both answers are that of an elastic joint: to the residual,
     1e-4, and the way still to go, 1e-3."""
     static, slow = (
-        on_its_mesh(plate("static"), "plate", "static"),
-        on_its_mesh(plate("explicit"), "plate", "explicit"),
+        on_its_mesh(plate("static"), method="static"),
+        on_its_mesh(plate("explicit"), method="explicit"),
     )
     lost = (
         slow.details.explicit.energies.frictional_dissipation,
@@ -109,8 +109,8 @@ def test_gravity_grows_only_on_the_way_to_a_static_state():
     """The paper's damping follows a motion: gravity is there from the start, and damping is what
     was written."""
     for damping, ramped in (("static", True), ("paper", False)):
-        scene = plate("explicit", damping)
-        stated = stated_run(scene_problem(scene, "plate"), scene.in_time)
+        case = plate("explicit", damping)
+        stated = stated_run(case.problem, case.method)
         effects = stated.assembly.model.effects
         assert (effects.gravity_amplitude is not None) is ramped
         if not ramped:

@@ -22,9 +22,8 @@ from fem.static.linear_step.columns import alike_lengths, flexible_block
 from fem.static.linear_step.grid_block import GridBlock, grid_block
 from geometry import SineBlock, pipe, tube
 from geometry.mesh import FloatArray, MeshError, boundary_quads
+from tests.support.answers import on_its_mesh
 from tests.support.curved_blocks import CONCRETE, block, curved
-from tests.support.face import on_its_mesh
-from tests.support.own_blocks import deformable
 
 
 def mesh_of(degree: int, counts: tuple[int, int, int] = (6, 1, 2)) -> LagrangeMesh:
@@ -197,8 +196,8 @@ def test_two_independent_discretisations_agree(case: str, more: tuple[str, ...])
     found = []
     for around, radial, axial in ((24, 2, 8), (36, 3, 12)):
         mesh = (f"mesh.around={around}", f"mesh.radial={radial}", f"mesh.axial={axial}")
-        scene = deformable(f"tsb1-{case}", "assembly.layers=1", *mesh, *more)
-        found.append(on_its_mesh(scene, "trilinear", "static").details.largest_displacement)
+        tube = on_its_mesh(f"tsb1-{case}", ("assembly.layers=1", *mesh, *more), method="static")
+        found.append(tube.details.largest_displacement)
     step = 2.0 * abs(found[1] - found[0])
     measure = answer["max_displacement"]
     assert measure.error is not None
@@ -220,7 +219,7 @@ def test_a_cap_says_where_it_acted_and_lowers_the_peak() -> None:
     mesh = ("mesh.around=12", "mesh.radial=1", "mesh.axial=2", "assembly.layers=1")
 
     def answer(*settings: str):  # type: ignore[no-untyped-def]
-        return on_its_mesh(deformable("tsb1-pipe", *mesh, *settings), "tube", "static").as_dict()
+        return on_its_mesh("tsb1-pipe", (*mesh, *settings), method="static").as_dict()
 
     plain = answer("fem.degree=2")
     capped = answer("fem.degree=2", "contact.maximum_stiffness=100")

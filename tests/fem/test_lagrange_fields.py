@@ -28,9 +28,9 @@ from geometry.files.mesh_io import write_lagrange_cells
 from geometry.mesh import FloatArray
 from geometry.meshing.charts import Places
 from geometry.meshing.refinement import charts_of
+from tests.support.answers import by_options
 from tests.support.blocks import random_rotation
 from tests.support.curved_blocks import CONCRETE, block, curved
-from tests.support.face import by_options
 
 GRADIENT = 1e-4 * np.array([[1.0, 0.3, -0.2], [0.1, -0.5, 0.4], [0.0, 0.2, 0.7]])
 

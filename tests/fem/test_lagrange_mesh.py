@@ -26,6 +26,8 @@ from fem.assembly.peaks import largest_pressure
 from fem.assembly.statement import ProblemError
 from fem.assembly.symmetry import local_forces
 from fem.contact.surfaces import ContactNormals
+from fem.decks.keywords import DeckError
+from fem.decks.problem import problem_deck
 from fem.decks.statement import Flavour
 from fem.decks.write import write_deck
 from fem.element.lagrange_mesh import LagrangeMesh, in_pieces, with_degree
@@ -40,15 +42,9 @@ from geometry.families.hexagon_block import (
 )
 from geometry.loads import face_pressure
 from geometry.mesh import QuadSurface, boundary_quads, check_mesh
+from tests.support.answers import by_options, on_its_mesh
 from tests.support.blocks import tsb
-from tests.support.face import (
-    build_deck,
-    by_options,
-    calculix_available,
-    on_its_mesh,
-    run_calculix,
-    scene_problem,
-)
+from tests.support.ccx import calculix_available, run_calculix
 from tests.support.fem_problems import (
     CONCRETE,
     degrees_of_freedom,
@@ -56,8 +52,7 @@ from tests.support.fem_problems import (
     static_displacement,
 )
 from tests.support.lagrange_meshes import CURVED, HEXAGON, from_twenty, relative, sine
-from tests.support.own_blocks import deformable
-from validation import InputError, load_case
+from validation import load_case
 
 
 def distorted() -> Block:
@@ -218,8 +213,7 @@ def test_friction_carries_what_equilibrium_asks(degree: int) -> None:
 
 
 def stated(name: str, *settings: str) -> Problem:
-    scene = deformable(name, "fem.method='static'", *settings)
-    return scene_problem(scene, name)
+    return load_case(name, ("fem.method='static'", *settings)).problem
 
 
 def test_solvers_agree_on_a_pressure_that_is_not_resolved() -> None:
@@ -287,9 +281,8 @@ def test_error_bars_hold_the_next_degree() -> None:
     A value that is printed as not resolved promises nothing.
     """
     settings = ("mesh.edge=2", "mesh.radial=2", "assembly.layers=1", "fem.method='static'")
-    scene = deformable("thb0-tunnel", *settings, "fem.degree=2")
-    run = on_its_mesh(scene, "hexagons", "static", error_estimate=True)
-    finer = on_its_mesh(deformable("thb0-tunnel", *settings, "fem.degree=3"), "hexagons", "static")
+    run = on_its_mesh("thb0-tunnel", (*settings, "fem.degree=2"), error_estimate=True)
+    finer = on_its_mesh("thb0-tunnel", (*settings, "fem.degree=3"))
     errors = {name: measure.error for name, measure in run.measures.items()}
     assert None not in errors.values()
     missed = [
@@ -360,10 +353,9 @@ CANTILEVER = ("fem.method='static'", "mesh.divisions=[4,1,2]", "fem.degree=2")
 @pytest.mark.skipif(not calculix_available(), reason="CalculiX (ccx) is not installed")
 def test_calculix_solves_the_quadratic_deck_as_our_element_does(tmp_path: Path) -> None:
     """The same 20 functions and 27 Gauss points: seven digits are printed."""
-    file = load_case("cantilever", CANTILEVER)
-    write_deck(tmp_path / "bar.inp", build_deck(file, Flavour.CALCULIX))
-    found = run_calculix(tmp_path / "bar.inp").displacements
     problem = stated("cantilever", *CANTILEVER)
+    write_deck(tmp_path / "bar.inp", problem_deck(problem, Flavour.CALCULIX))
+    found = run_calculix(tmp_path / "bar.inp").displacements
     deformable = problem.deformable
     twenty, follow = from_twenty(problem.blocks.shape(0))
     (group,) = deformable.model.groups
@@ -388,6 +380,6 @@ def test_calculix_solves_the_quadratic_deck_as_our_element_does(tmp_path: Path) 
 def test_decks_refuse_degrees_by_name(
     scene: str, flavour: Flavour, settings: tuple[str, ...], text: str
 ) -> None:
-    file = load_case(scene, ("fem.method='static'", "fem.degree=2", *settings))
-    with pytest.raises(InputError, match=text):
-        build_deck(file, flavour)
+    problem = stated(scene, "fem.degree=2", *settings)
+    with pytest.raises(DeckError, match=text):
+        problem_deck(problem, flavour)

@@ -18,7 +18,7 @@ from fem.static.result import (
     refined,
 )
 from fem.static.solve import StaticOptions, solve_static
-from tests.support.face import on_its_mesh
+from tests.support.answers import on_its_mesh
 from tests.support.pressed_pipe import pipe, sheared_column
 from tests.support.sliding_plate import plate
 
@@ -112,7 +112,7 @@ def test_the_answer_names_its_member_and_the_width(monkeypatch):
     """A plate under gravity that leans by 0.8 of the angle of friction sticks: its answer is that
     of the load alone, to the residual of 1e-8, tenfold by the softest motion. Where half as much
     more is not carried there is no other end, and the reason is said."""
-    run = on_its_mesh(plate("static"), "plate", "static", error_estimate=True)
+    run = on_its_mesh(plate("static"), method="static", error_estimate=True)
     found = run.parts["friction"]
     assert f"monotonic loading in {run.details.static.load_steps} steps" in found.member
     assert set(found.change) == set(found.width) == set(run.measures)
@@ -125,13 +125,13 @@ def test_the_answer_names_its_member_and_the_width(monkeypatch):
         return static_solution(deformable, options, **more)
 
     monkeypatch.setattr(friction_range, "static_solution", carries_no_more)
-    refused = on_its_mesh(plate("static"), "plate", "static", error_estimate=True)
+    refused = on_its_mesh(plate("static"), method="static", error_estimate=True)
     assert not refused.parts["friction"].width
     assert "too much" in refused.parts["friction"].remark
     assert refused.as_dict()["friction"]["past_and_back"] == {}
 
 
 def test_without_friction_there_is_no_set():
-    run = on_its_mesh(plate("static", rough=False), "plate", "static", error_estimate=True)
+    run = on_its_mesh(plate("static", rough=False), method="static", error_estimate=True)
     assert "friction" not in run.parts
     assert load_step_change(run.details) == {}

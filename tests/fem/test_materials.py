@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,13 +32,8 @@ from geometry.block import box_block
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads import LoadCase, PressureLoad, TractionLoad
-from tests.support.face import (
-    calculix_available,
-    check_scene,
-    idle_keys,
-    run_calculix,
-    scene_problem,
-)
+from tests.support.ccx import calculix_available, run_calculix
+from tests.support.commands import command
 from tests.support.shapes import SHAPE
 from validation import load_case, solve
 
@@ -167,8 +163,7 @@ def test_materials_are_one_or_one_for_each_block(material: object, words: str) -
 
 
 def stated(scene: str, *settings: str) -> Problem:
-    file = load_case(scene, settings)
-    return scene_problem(file.scene, file.name)
+    return load_case(scene, settings).problem
 
 
 def test_a_scene_names_the_materials_of_blocks() -> None:
@@ -192,7 +187,7 @@ def test_parts_of_files_name_their_material(tmp_path: Path) -> None:
         "[effects]\ngravity = [0, 0, -9810]\n"
     )
     file = load_case(str(tmp_path / "own.toml"))
-    problem = scene_problem(file.scene, file.name)
+    problem = file.problem
     assert [m.density for m in problem.materials] == [2.4e-9, 7.85e-9, 0.7e-9]
     rigid = solve(file.with_method("rigid"))  # type: ignore[arg-type]
     joints = np.sort(np.unique(rigid.details.normal_forces.round(9)))
@@ -201,12 +196,16 @@ def test_parts_of_files_name_their_material(tmp_path: Path) -> None:
     assert joints == pytest.approx(each / 4.0, rel=1e-6)
 
 
-def test_constants_of_a_known_name_are_not_given_keys() -> None:
+def test_constants_of_a_known_name_are_not_given_keys(tmp_path: Path) -> None:
     """What a scene does not state is neither written down as its input nor called ignored."""
     file = load_case("column", ["materials.steel.blocks=[1]"])
     assert file.scene.materials["steel"].young_modulus == 210000.0
-    stated = file.scene.model_dump(exclude_unset=True)
-    assert stated["materials"] == {"steel": {"blocks": (1,)}}
-    assert check_scene(stated).materials == file.scene.materials
-    named = idle_keys(file.scene, "rigid")
-    assert not [key for key in named if "steel" in key]
+    assert file.keys["materials"] == {"steel": {"blocks": [1]}}
+    assert load_case(file.keys).scene.materials == file.scene.materials
+    settings = ["--set", "materials.steel.blocks=[1]", "--set", "fem.degree=2"]
+    path = tmp_path / "a.json"
+    status, _, said = command("mbd", "column", *settings, "--json", str(path))
+    assert status == 0, said
+    unused = json.loads(path.read_text("utf-8"))["unused_keys"]
+    assert "fem.degree" in unused
+    assert not [key for key in unused if "steel" in key]

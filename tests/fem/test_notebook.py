@@ -39,7 +39,7 @@ from geometry.errors import RefusedError
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import LoadCase, PressureLoad, face_pressure
 from mbd import Rigid, analyse
-from tests.support.face import on_its_mesh
+from tests.support.answers import on_its_mesh
 from tests.support.shapes import SHAPE
 from validation import load_case
 
@@ -198,8 +198,8 @@ def test_three_answers_are_those_of_the_scene(problem, static) -> None:
     """The scene states the same problem: the same bits. Explicit comes to a residual of 1e-4, and
     pressures follow forces with a gain of some ten."""
     settings = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=2")
-    scene = load_case("tsb1-pipe", settings).scene
-    run = on_its_mesh(scene, "scene", "static")  # type: ignore[arg-type]
+    case = load_case("tsb1-pipe", settings)
+    run = on_its_mesh(case, method="static")
     pressures = static.contacts["pressure"]
     assert np.array_equal(run.details.contact_state.pressures, pressures)
     assert {name: m.value for name, m in run.measures.items()} == {

@@ -9,7 +9,7 @@ import pytest
 
 from geometry.files.mesh_io import write_hex_mesh
 from geometry.mesh import CORNERS, FloatArray, HexMesh
-from tests.support.face import on_its_mesh
+from tests.support.answers import on_its_mesh
 from tests.support.numberings import rotated_numberings
 from tests.support.own_blocks import own_scene
 
@@ -57,7 +57,7 @@ def test_an_answer_with_friction_does_not_depend_on_the_numbering(tmp_path: Path
         scene = own_scene(tmp_path, parts, load=LOAD).changed(
             {"fem.mesh": "scene", "fem.error_estimate": False}
         )
-        run = on_its_mesh(scene, "boxes", "static")
+        run = on_its_mesh(scene, method="static")
         assert run.details.static is not None
         assert run.details.static.converged
         found.append([run.measures[m].value for m in ("max_displacement", "p_max_point")])

@@ -8,7 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem import CoulombFriction, LinearPenalty, Problem, concrete, read_deck, write_deck
+from fem import (
+    CoulombFriction,
+    LinearPenalty,
+    Problem,
+    Static,
+    concrete,
+    read_deck,
+    solve_static,
+    write_deck,
+)
 from fem import solve as solve_explicit
 from fem.assembly.symmetry import largest_cyclic_orbits
 from fem.contact.friction import FrictionError
@@ -25,8 +34,17 @@ from mbd.force_range import force_ranges
 from mbd.friction import collapse_load, frictional_contacts
 from mbd.options import FrictionLaw
 from mbd.sliding_collapse import sliding_collapse
-from tests.support.face import EffectName, scene_problem, without_effect
-from tests.support.pushed_bricks import EDGE, PRESSURE, ROUGH, SCENE, SMOOTH, STONE, dice, pushed
+from tests.support.pushed_bricks import (
+    EDGE,
+    PRESSURE,
+    ROUGH,
+    SCENE,
+    SMOOTH,
+    STONE,
+    dice,
+    frictionless_answer,
+    pushed,
+)
 from tests.support.shapes import SHAPE
 from validation import load_case, solve
 
@@ -155,7 +173,7 @@ def test_decks_have_an_interaction_for_each_friction(tmp_path: Path) -> None:
 def test_a_scene_names_pairs_by_block_and_by_material(tmp_path: Path) -> None:
     (tmp_path / "pairs.toml").write_text(SCENE, "utf-8")
     file = load_case(str(tmp_path / "pairs.toml"))
-    friction = scene_problem(file.scene, file.name).coulomb
+    friction = file.problem.coulomb
     assert friction is not None
     assert (friction.coefficient, friction.of_pairs) == (0.4, ((0, 1, 0.2), (1, 2, 0.1)))
     assert "others between pairs" in solve(file.with_method("rigid")).details.words
@@ -164,11 +182,14 @@ def test_a_scene_names_pairs_by_block_and_by_material(tmp_path: Path) -> None:
 def test_friction_of_some_joints_needs_that_of_the_others(tmp_path: Path) -> None:
     """Frictionless others would be a trap; what decides effects leaves out both."""
     (tmp_path / "pairs.toml").write_text(SCENE, "utf-8")
-    scene = load_case(str(tmp_path / "pairs.toml")).scene
-    bare = scene.changed({"effects.friction": None})
+    case = load_case(tmp_path / "pairs.toml")
+    data = case.keys
+    bare = load_case(data | {"effects": {}})
     with pytest.raises(RefusedError, match=r"without that of the others; expected \[effects.fric"):
-        scene_problem(bare, "pairs")
-    assert scene_problem(without_effect(scene, EffectName.FRICTION), "pairs").coulomb is None
+        _ = bare.problem
+    smooth = solve_static(replace(case.problem, friction=None), Static(mesh="scene"))
+    moved = frictionless_answer(tmp_path / "pairs.toml")["measures"]["max_displacement"]["value"]
+    assert moved == pytest.approx(smooth["max_displacement"].value, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -200,7 +221,7 @@ def test_wrong_pairs_of_a_scene_are_told_in_one_line(
 
     def stated() -> Problem:
         file = load_case(str(tmp_path / "pairs.toml"), [f"contact.pairs={setting}"])
-        return scene_problem(file.scene, file.name)
+        return file.problem
 
     with pytest.raises(RefusedError, match=words) as refused:
         stated()

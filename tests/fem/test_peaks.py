@@ -10,7 +10,7 @@ from fem.contact.surfaces import ContactNormals, corner_overclosures, point_kine
 from fem.element.facet import FACET_VALUES
 from fem.element.stress import integration_points
 from geometry import Answer, Measure
-from tests.support.face import on_its_mesh, print_run, scene_problem
+from tests.support.answers import on_its_mesh
 from tests.support.own_blocks import column
 
 PRESSURE = 0.5
@@ -19,7 +19,7 @@ PRESSURE = 0.5
 @pytest.fixture(scope="module")
 def pressed() -> Answer:
     """Three boxes of 100 × 80 mm under 0.5 MPa: uniaxial stress, the same pressure everywhere."""
-    return on_its_mesh(column(PRESSURE), "column", "static")
+    return on_its_mesh(column(PRESSURE), method="static")
 
 
 @pytest.mark.parametrize("normals", ContactNormals)
@@ -29,7 +29,7 @@ def test_overclosures_at_corners_are_those_of_the_surfaces(normals: ContactNorma
     Corners are moved along the normal alone, alike on both sides of a facet but for a gap that
     differs from corner to corner by less than 1e-9 of a side.
     """
-    surfaces = scene_problem(column(PRESSURE), "column").deformable.surfaces
+    surfaces = column(PRESSURE).problem.deformable.surfaces
     rng = np.random.default_rng(1)
     gap = 1e-8 * rng.standard_normal((surfaces.n_facets, 4))
     moved = np.zeros((surfaces.n_facets, 8, 3))
@@ -90,7 +90,7 @@ def test_a_bent_block_is_torn_where_it_bends_most() -> None:
     Full integration sees the strain of the corner displacements exactly in the quadratic field's
     own x-direction: σ_xx at a Gauss point is E times the mean slope between its element's corners.
     """
-    deformable = scene_problem(column(PRESSURE), "column").deformable
+    deformable = column(PRESSURE).problem.deformable
     group, radius = deformable.model.groups[0], 1e6
     shape = [(g.n_copies, g.n_nodes, 3) for g in deformable.model.groups]
     displacements = tuple(np.zeros(s) for s in shape)
@@ -110,7 +110,7 @@ def test_a_bent_block_is_torn_where_it_bends_most() -> None:
 
 def test_no_mean_is_above_the_largest_tension() -> None:
     """Tension that grows towards one corner: Gauss points of large elements are far from it."""
-    deformable = scene_problem(column(PRESSURE).changed({"fem.degree": 2}), "column").deformable
+    deformable = column(PRESSURE).changed({"fem.degree": 2}).problem.deformable
     x = [g.mesh.nodes for g in deformable.model.groups]
     along = [1e-9 * np.prod(nodes**2, axis=1)[:, None] * [1.0, 0.0, 0.0] for nodes in x]
     displacements = tuple(
@@ -123,7 +123,7 @@ def test_no_mean_is_above_the_largest_tension() -> None:
 
 def test_pressure_peaks_at_the_corner_that_is_pressed_most() -> None:
     """A block turned about one edge: the gap is linear, so the law is known at the far corners."""
-    deformable = scene_problem(column(PRESSURE), "column").deformable
+    deformable = column(PRESSURE).problem.deformable
     turn = 1e-4
     displacements = tuple(np.zeros((g.n_copies, g.n_nodes, 3)) for g in deformable.model.groups)
     for block in (1, 2):
@@ -155,10 +155,7 @@ def test_values_print_the_digits_their_error_leaves() -> None:
     assert wide == "not resolved on this mesh: 1.2 MPa ± 324 %"
 
 
-def test_places_are_printed(pressed: Answer, capsys: pytest.CaptureFixture[str]) -> None:
-    from rich.console import Console
-
-    print_run(pressed, Console(width=300))
-    text = capsys.readouterr().out
+def test_places_are_printed(pressed: Answer) -> None:
+    text = str(pressed)
     assert "largest contact pressure at a point" in text
     assert "blocks 0 and 1, layer 0" in text or "blocks 1 and 2, layer" in text

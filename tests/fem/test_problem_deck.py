@@ -16,7 +16,8 @@ from geometry import Assembly, SineBlock, pipe, shaft, tube
 from geometry.block import box_block
 from geometry.loads import LoadCase, TractionLoad
 from geometry.parts.supports import HeldFace
-from tests.support.face import calculix_available, export_deck, run_calculix, scene_problem
+from tests.support.ccx import calculix_available, run_calculix
+from tests.support.decks import exported
 from tests.support.shapes import SHAPE
 from validation import load_case
 
@@ -57,12 +58,11 @@ def by_block(deformable) -> np.ndarray:
 @pytest.mark.parametrize("program", ["abaqus", "abaqus-explicit", "calculix"])
 def test_decks_of_a_problem_are_those_of_its_scene(program: str, tmp_path: Path) -> None:
     """The scene's deck but for its heading, which names the scene."""
-    from fem.decks.problem import _FLAVOURS
-
+    flavours = {"abaqus": "standard", "abaqus-explicit": "general"}
     sets = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
-    file = load_case("tsb1-pipe", [*sets, "fem.method=static"])
     mesh = tube(SineBlock(**SHAPE), layers=1, mesh=(12, 1, 2))
-    export_deck(file, _FLAVOURS[program], tmp_path / "scene.inp")
+    settings, flavour = (*sets, "fem.method=static"), flavours.get(program, program)
+    exported(tmp_path / "scene.inp", "tsb1-pipe", settings, flavour=flavour)
     write_deck(Problem(mesh, pipe(0.01), concrete), tmp_path / "case.inp", program=program)
     texts = [(tmp_path / f"{name}.inp").read_text().splitlines() for name in ("scene", "case")]
     first, second = ([x for x in t[1:] if not x.startswith("**")] for t in texts)
@@ -114,7 +114,7 @@ def test_names_of_blocks_are_labels_of_their_own_in_decks(problem, tmp_path: Pat
 
 def test_facets_that_do_not_match_have_contact_pairs(tmp_path: Path) -> None:
     """Whole faces meet: the deck of the problem is read back as one whose contact is searched."""
-    stated = scene_problem(load_case("column-nonmatching").scene, "column")
+    stated = load_case("column-nonmatching").problem
     read = read_deck(write_deck(stated, tmp_path / "case.inp", program="calculix")).problem()
     assert (stated.searches, read.searches) == (True, True)
 

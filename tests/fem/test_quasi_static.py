@@ -24,8 +24,8 @@ from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
 from geometry.loads import LoadCase, named_case
+from tests.support.answers import on_its_mesh
 from tests.support.blocks import tsb
-from tests.support.face import DeformableScene, on_its_mesh
 from tests.support.fem_problems import deformable_assembly
 from validation import load_case
 
@@ -226,14 +226,13 @@ def test_floating_blocks_are_named_by_static_and_explicit_runs() -> None:
     1e-4 of the load that an explicit run may leave, and places of blocks that nothing determines
     (2 % of u apart)."""
     coarse = ["assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2"]
-    scene = load_case("tsb1-pipe", [*coarse, "contact.spacing=0.05", "fem.mesh=scene"]).scene
-    assert isinstance(scene, DeformableScene)
-    static = on_its_mesh(scene, "tube", "static")
-    explicit = on_its_mesh(scene.changed({"fem.method": "explicit"}), "tube", "explicit")
+    case = load_case("tsb1-pipe", [*coarse, "contact.spacing=0.05", "fem.mesh=scene"])
+    static = on_its_mesh(case, method="static")
+    explicit = on_its_mesh(case, method="explicit")
     for run in (static, explicit):
         assert run.report["loose_blocks"] == [4, 5, 6, 7]
     for name in ("p_eff", "p_max", "p_max_point"):
         value = static.measures[name].value
         assert explicit.measures[name].value == pytest.approx(value, rel=2e-4)
-    touching = scene.changed({"contact.spacing": 0.0, "fem.method": "explicit"})
-    assert not on_its_mesh(touching, "tube", "explicit").details.loose_blocks.size
+    touching = case.changed({"contact.spacing": 0.0, "fem.method": "explicit"})
+    assert not on_its_mesh(touching, method="explicit").details.loose_blocks.size

@@ -11,7 +11,7 @@ from fem import solve_static, write_deck
 from fem.decks.problem import problem_deck
 from fem.decks.statement import Flavour
 from fem.element.tetrahedral_mesh import TetrahedralMesh, tetrahedral_block
-from tests.support.face import calculix_available, run_calculix
+from tests.support.ccx import calculix_available, run_calculix
 from validation import load_case
 
 pytestmark = pytest.mark.quick

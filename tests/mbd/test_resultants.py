@@ -18,8 +18,9 @@ from geometry.measures import (
 )
 from mbd import block_wrenches, contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
-from tests.support.arch import arch_run
-from tests.support.face import on_its_mesh, write_contacts
+from tests.support.answers import on_its_mesh
+from tests.support.arch import ARCH, arch_run
+from tests.support.commands import command
 from tests.support.own_blocks import column
 from validation import load_case, solve
 
@@ -120,12 +121,19 @@ def test_only_a_row_of_blocks_has_a_line() -> None:
     assert chain(joints_between((0, 1), (2, 3), (3, 4), (2, 4))) is None
 
 
+def written_contacts(folder: Path, friction: float) -> meshio.Mesh:
+    settings = [w for s in (*ARCH, f"effects.friction={friction}") for w in ("--set", s)]
+    status, _, said = command("mbd", "arch", *settings, "-o", str(folder))
+    assert status == 0, said
+    return meshio.read(folder / "contacts.vtu")
+
+
+@pytest.mark.usefixtures("undrawn")
 def test_the_field_that_is_written_carries_the_load(tmp_path: Path) -> None:
     """Before, it was that of the frictionless attempt, which failed."""
     run = arch_run(0.6)
     assert not run.details.equilibrium.holds
-    write_contacts(run, tmp_path / "contacts.vtu")
-    mesh = meshio.read(tmp_path / "contacts.vtu")
+    mesh = written_contacts(tmp_path, 0.6)
     p = mesh.points[mesh.cells_dict["triangle"]]
     area = 0.5 * np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
     on_first = mesh.cell_data["block_m"][0] == 0
@@ -140,15 +148,15 @@ def test_the_field_that_is_written_carries_the_load(tmp_path: Path) -> None:
     assert answer["answer"] == "carried with friction μ = 0.6 (without: activated)"
     assert len(answer["joints"]) == 8
     keys = set(answer["joints"][0])
-    pressed = on_its_mesh(column(0.01), "column", "static")  # type: ignore[arg-type]
+    pressed = on_its_mesh(column(0.01), method="static")
     motion = {"smallest_gap", "largest_gap", "largest_slip"}  # rigid blocks do not move
     assert set(pressed.as_dict()["joints"][0]) == keys | motion
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_attempt_that_failed_is_no_field(tmp_path: Path) -> None:
     run = arch_run(0.05)
-    write_contacts(run, tmp_path / "contacts.vtu")
-    assert "patch_pressure" not in meshio.read(tmp_path / "contacts.vtu").cell_data
+    assert "patch_pressure" not in written_contacts(tmp_path, 0.05).cell_data
     answer = run.as_dict()
     assert answer["answer"] == "not carried with friction μ = 0.05"
     assert answer["largest_contact_force"] is None

@@ -8,8 +8,7 @@ from fem import Material, Problem
 from geometry.block import Block
 from geometry.families.sine_block import TSB1, SineBlockDivisions, sine_block
 from geometry.meshing.refinement import charts_of
-from tests.support.face import scene_problem
-from tests.support.own_blocks import deformable
+from validation import load_case
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 
@@ -25,5 +24,4 @@ def block(counts: tuple[int, int, int] = (6, 1, 2)) -> Block:
 
 def curved(degree: int, layers: int = 1, *settings: str, case: str = "pipe") -> Problem:
     mesh = ("mesh.around=12", "mesh.radial=2", "mesh.axial=4", f"assembly.layers={layers}")
-    scene = deformable(f"tsb1-{case}", *mesh, f"fem.degree={degree}", *settings)
-    return scene_problem(scene, "tube")
+    return load_case(f"tsb1-{case}", (*mesh, f"fem.degree={degree}", *settings)).problem

@@ -10,8 +10,7 @@ from scipy.optimize import brentq
 
 from geometry.mesh import FloatArray
 from geometry.polyhedra.polyhedron import Polyhedron
-from tests.support.face import DeformableScene, check_scene
-from validation import load_case
+from validation import Case, load_case
 
 SECTIONS = """
 [material]
@@ -31,16 +30,10 @@ QUADS = np.array(
 )
 
 
-def deformable(name: str, *settings: str) -> DeformableScene:
-    scene = load_case(name, settings).scene
-    assert isinstance(scene, DeformableScene)
-    return scene
-
-
-def column(pressure: float) -> DeformableScene:
+def column(pressure: float) -> Case:
     box = {"size": [100.0, 80.0, 50.0], "divisions": [3, 2, 2]}
     other = {"size": [100.0, 80.0, 60.0], "divisions": [3, 2, 1]}
-    scene = check_scene(
+    return load_case(
         {
             "block": {"type": "boxes", "boxes": [box, other, box]},
             "load": {"pressure": pressure},
@@ -49,8 +42,6 @@ def column(pressure: float) -> DeformableScene:
             "fem": {"method": "static"},
         }
     )
-    assert isinstance(scene, DeformableScene)
-    return scene
 
 
 def overclosure(pressure: float) -> float:
@@ -74,7 +65,7 @@ def write_stl(path: Path, solid: Polyhedron) -> None:
 
 def own_scene(
     folder: Path, parts: str, *, load: str = "[effects]\ngravity = [0, 0, -9810]\n"
-) -> DeformableScene:
+) -> Case:
     path = folder / "own.toml"
     path.write_text(f'[block]\ntype = "mesh"\n{parts}\n{load}{SECTIONS}', "utf-8")
-    return deformable(str(path))
+    return load_case(path)

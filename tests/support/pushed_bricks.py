@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
 from fem import CoulombFriction, LinearPenalty, Material, Problem
@@ -9,6 +13,7 @@ from geometry import Assembly
 from geometry.block import box_block
 from geometry.loads import LoadCase, PressureLoad
 from geometry.parts.supports import HeldFace
+from tests.support.commands import command
 
 STONE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.0)
 
@@ -66,3 +71,15 @@ friction = 0.2
 between = ["steel", "concrete"]
 friction = 0.1
 """
+
+
+def frictionless_answer(scene: Path) -> dict[str, Any]:
+    """What ``tubelock fem`` writes where it finds that friction changes less than 99 %."""
+    auto = ("--auto", "99%", "--set", "effects.auto.decide=['friction']")
+    on_its_mesh = ("--set", "fem.method=static", "--set", "fem.mesh=scene")
+    path = scene.with_suffix(".json")
+    status, said, wrong = command("fem", str(scene), *on_its_mesh, *auto, "--json", str(path))
+    assert status == 0, wrong
+    assert "left out: friction" in said
+    data: dict[str, Any] = json.loads(path.read_text("utf-8"))
+    return data

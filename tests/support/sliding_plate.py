@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from tests.support.face import DeformableScene, check_scene
 from tests.support.floor import GRAVITY
+from validation import Case, load_case
 
 
-def plate(method: str, damping: str = "static", *, rough: bool = True) -> DeformableScene:
+def plate(method: str, damping: str = "static", *, rough: bool = True) -> Case:
     """A plate on a held one, gravity leaning by 0.8 of the angle of friction, 0.3, or not rough."""
     friction = {"friction": {"coefficient": 0.3}} if rough else {}
     boxes = [{"size": [50.0, 50.0, 10.0], "divisions": [2, 2, 1]}] * 2
-    scene = check_scene(
+    return load_case(
         {
             "block": {"type": "boxes", "boxes": boxes},
             "load": {"pressure": 1e-6},
@@ -23,5 +23,3 @@ def plate(method: str, damping: str = "static", *, rough: bool = True) -> Deform
             },
         }
     )
-    assert isinstance(scene, DeformableScene)
-    return scene

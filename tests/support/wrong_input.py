@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import tomllib
 import typing
 from collections.abc import Iterator
 
 import pydantic
 
-from tests.support.face import SCENE_TYPES
-from validation import builtin_names, builtin_text
+from validation import builtin_names, load_case
 
 
 def keys(model: type[pydantic.BaseModel], start: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
@@ -22,7 +20,7 @@ def keys(model: type[pydantic.BaseModel], start: tuple[str, ...] = ()) -> Iterat
 
 
 def kind_of(name: str) -> type[pydantic.BaseModel]:
-    return SCENE_TYPES[tomllib.loads(builtin_text(name))["block"]["type"]]
+    return type(load_case(name).scene)
 
 
 PLACES = [(name, path) for name in builtin_names() for path in keys(kind_of(name))]

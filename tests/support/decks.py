@@ -1,0 +1,31 @@
+"""Input decks as a person writes them, and their answers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from fem import Explicit, solve_explicit, solve_static
+from fem.decks.read.deck import InputDeck
+from geometry import Answer
+from tests.support.commands import command
+
+
+def exported(
+    path: Path, scene: str | Path, settings: Sequence[str] = (), *, flavour: str | None = None
+) -> Path:
+    """The deck that ``tubelock export`` writes."""
+    words = ["export", str(scene), "-o", str(path)]
+    words += [word for setting in settings for word in ("--set", setting)]
+    words += [] if flavour is None else ["--flavour", flavour]
+    status, _, said = command(*words)
+    assert status == 0, said
+    return path
+
+
+def solved(deck: InputDeck) -> Answer:
+    """Answer of a deck on its own mesh, by the method of its step."""
+    problem, method = deck.problem(), deck.method
+    if isinstance(method, Explicit):
+        return solve_explicit(problem, method)
+    return solve_static(problem, method)
