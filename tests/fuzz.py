@@ -40,9 +40,10 @@ from geometry.files.mesh_io import write_hex_mesh, write_triangles
 from geometry.mesh import boundary_quads, structured_hexahedra
 from geometry.polyhedra.polyhedron import polyhedron_from_quads
 from tests.support.answers import on_its_mesh
-from tests.support.face import SCENE_TYPES, _keys, app, quiet, require_deformable
-from tests.support.face import main as tubelock
-from validation import builtin_names, builtin_text, load_case
+from tests.support.wrong_input import PLACES
+from validation import builtin_names, builtin_text
+from validation.cli.app import app
+from validation.cli.app import main as tubelock
 
 _TUBE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
 #: Scenes that are answered in a blink, by what makes them small.
@@ -163,7 +164,7 @@ def _setting(random: Random, name: str) -> str:
     data = tomllib.loads(builtin_text(name))
     if random.random() < 0.05:
         return random.choice(WORDS) + random.choice(("=", "", ".x=")) + random.choice(VALUES)
-    key = random.choice(list(_keys(SCENE_TYPES[data["block"]["type"]])))
+    key = random.choice([".".join(path) for scene, path in PLACES if scene == name and path[1:]])
     section, _, inner = key.partition(".")
     return f"{key}={_value(random, data.get(section, {}).get(inner))}"
 
@@ -345,9 +346,8 @@ def _set(settings: Sequence[str]) -> list[str]:
 
 def _interrupt(checkpoint: Path) -> None:
     """Run `STOPPED` and stop it at its first sample."""
-    scene = require_deformable(load_case("tsb1-pipe", STOPPED), "fem")
     stop = lambda _: signal.raise_signal(signal.SIGTERM)  # noqa: E731
-    on_its_mesh(scene, method="explicit", checkpoint=checkpoint, progress=stop)
+    on_its_mesh("tsb1-pipe", STOPPED, method="explicit", checkpoint=checkpoint, progress=stop)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -517,7 +517,7 @@ def try_lines(numbers: Sequence[int], seed: int, *, apart: int = 0) -> Iterator[
         specimens = Path(workshop) / "specimens"
         specimens.mkdir()
         streams = sys.stdout, sys.stderr
-        with quiet(1), quiet(2):
+        with _quiet(1), _quiet(2):
             make_specimens(specimens)
             _warm(specimens)
         sys.stdout, sys.stderr = streams
@@ -527,6 +527,22 @@ def try_lines(numbers: Sequence[int], seed: int, *, apart: int = 0) -> Iterator[
             words = line(seed, number, folder, specimens)
             yield try_line(words, folder, apart=bool(apart) and number % apart == 0)
             subprocess.run(["rm", "-rf", str(folder)], check=True)
+
+
+@contextlib.contextmanager
+def _quiet(number: int) -> Iterator[None]:
+    """Hide what is printed to a stream of the process, 1 or 2."""
+    stream = (sys.stdout, sys.stderr)[number - 1]
+    stream.flush()
+    saved, null = os.dup(number), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, number)
+    try:
+        yield
+    finally:
+        stream.flush()
+        os.dup2(saved, number)
+        os.close(null)
+        os.close(saved)
 
 
 def _warm(folder: Path) -> None:

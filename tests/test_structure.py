@@ -24,7 +24,9 @@ ROOMS = {
     "mbd": _LAWS,
     "fem": _LAWS,
     "support": _LAWS,
-    "benchmarks": (*_LAWS, "validation.benchmarks"),
+    # Programs that print tables, and lines of the command at random.
+    "benchmarks": (*_LAWS, "validation.benchmarks", "validation.output"),
+    "fuzz.py": (*_LAWS, "validation.cli"),
     # Searches among designs whose answers are all known are verified there too.
     "verification": (*_LAWS, "validation.paper", "validation.study.optimisation"),
     # What studies keep their rows in, and the probe by which they decide on effects.
@@ -113,6 +115,7 @@ def test_the_face_has_the_names_that_tests_use_and_no_others() -> None:
             face.by_options,
             face.rejected,
             face.command,
+            face.compared_runs,
         )
     }
     assert {name.rpartition(".")[2] for name in used} - own == set(face.INNER_NAMES)

@@ -27,8 +27,9 @@ from fem.problem.time_step import critical_time_step
 from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import SineTube
 from geometry.loads import named_case
-from tests.support.face import measuring, tabled, write_json
 from validation.benchmarks.stopwatch import best_cpu_seconds
+from validation.output.console import measuring, tabled
+from validation.output.files import write_json
 
 #: Elements round, through and along one block.
 MESHES = {960: (24, 4, 10), 3888: (36, 6, 18)}

@@ -26,11 +26,12 @@ from fem.problem.model import BlockGroup, Model
 from fem.problem.time_step import critical_time_step
 from geometry.system import write_whole
 from tests.benchmarks import contact, rigid
-from tests.support.face import prepare_file, processor, program
 from validation import InputError
 from validation.benchmarks import explicit
 from validation.benchmarks.kernels import internal_force_work, update_work
 from validation.benchmarks.roofline import Roofline, Work, roofline
+from validation.output.files import prepare_file
+from validation.output.provenance import processor, program
 
 HISTORY = Path(__file__).with_name("history.jsonl")
 

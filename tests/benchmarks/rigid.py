@@ -21,8 +21,9 @@ from mbd import (
     newton_equilibrium,
     solve_linear_programs,
 )
-from tests.support.face import measuring, tabled, write_json
 from validation import load_case, solve
+from validation.output.console import measuring, tabled
+from validation.output.files import write_json
 
 
 @dataclass(frozen=True)

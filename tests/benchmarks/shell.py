@@ -21,7 +21,8 @@ import numpy as np
 from rich.console import Console
 
 from geometry.mesh import FloatArray
-from tests.support.face import tabled, write_json
+from validation.output.console import tabled
+from validation.output.files import write_json
 
 #: Sides of the plan, rise and thickness of the shell [mm].
 _SPAN, _RISE, _THICKNESS = (12_000.0, 10_000.0), 2_400.0, 300.0

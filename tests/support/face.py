@@ -61,6 +61,13 @@ def on_its_mesh(
     return solve(case.stating(case.scene.changed({"fem": fast})), **follow)
 
 
+def compared_runs(name: str, stated: Any) -> tuple[list[Answer], list[Answer]]:
+    """Rigid answers in both norms and static ones to a case, or a scene."""
+    from validation.study.comparison.scene import compared_runs as compared
+
+    return compared(name, getattr(stated, "scene", stated))
+
+
 def by_options(problem: Any, options: Any) -> Answer:
     """Static answer on the mesh of a problem, by options of the solver that no scene has."""
     from fem.accuracy.one_mesh import static_solution
@@ -173,7 +180,7 @@ _INNER = {
     "geometry.files.hexahedral_solids": (
         "connected_solids file_blocks hexahedral_block six_sided_hexahedra split_tetrahedra"
     ),
-    "geometry.files.mesh_io": "write_hex_mesh write_triangles",
+    "geometry.files.mesh_io": "write_hex_mesh",
     "geometry.files.named_surfaces": "Y_UP",
     "geometry.files.quadratic": "NATURAL",
     "geometry.files.write_solids": "flat_faces write_solids",
@@ -181,9 +188,7 @@ _INNER = {
         "CASES CircumferentialLoad LoadCaseError NamedLoad face_pressure with_body_wrenches"
     ),
     "geometry.measures": "SectionError first_largest",
-    "geometry.mesh": (
-        "CORNERS MeshError QuadSurface boundary_quads grid_points structured_hexahedra"
-    ),
+    "geometry.mesh": "CORNERS MeshError QuadSurface grid_points",
     "geometry.meshing.charts": "unit_lines",
     "geometry.meshing.refinement": "charts_of with_lines",
     "geometry.parts.supports": "SupportError",
@@ -199,24 +204,22 @@ _INNER = {
     "validation.build.problem": "build_assembly scene_problem",
     "validation.build.polyhedra": "build_polyhedra motion",
     "validation.build.supports": "stated_load",
-    "validation.case": "require_deformable scene_case",
+    "validation.case": "require_deformable scene_case with_auto",
     "validation.cli.app": "app main",
     "validation.cli.completion": "_keys",
     "validation.cli.options": "parse_targets",
     "validation.output.answer_files": "FILES",
-    "validation.output.console": "measuring output_console_module=* tabled",
+    "validation.output.console": "output_console_module=*",
     "validation.output.decks": "export_deck solve_deck",
     "validation.output.deformable.answers": "RUN_FILES=FILES print_run",
     "validation.output.deformable.fields": "FrameWriter",
-    "validation.output.files": "prepare_file write_json",
     "validation.output.forces": "JOINT_FILES write_joints",
     "validation.output.outputs": "Outputs",
-    "validation.output.pictures.canvas": "quiet rgb",
+    "validation.output.pictures.canvas": "rgb",
     "validation.output.pictures.scales": "VERMILION",
     "validation.output.pictures.sections": "picture_section=section",
     "validation.output.pictures.tubes": "run_facets section_heights",
-    "validation.output.provenance": "processor program",
-    "validation.output.rigid": "print_rigid write_contacts",
+    "validation.output.rigid": "print_rigid",
     "validation.output.solids": "check_file write_repaired",
     "validation.pages.verdicts": "verdicts",
     "validation.paper.evidence": "Evidence StudyTable",
@@ -228,18 +231,16 @@ _INNER = {
     "validation.scene.combinations": "combined",
     "validation.scene.deformable": "EffectName",
     "validation.scene.family": "AssemblyScene RoundScene round_types",
-    "validation.scene.keys.idle": "idle_keys",
     "validation.scene.polyhedra": "MeshScene PlaceSection PolyhedralScene",
     "validation.scene.read": "DeformableScene SCENE_TYPES TubeScene check_scene scene_data",
     "validation.study.combinations": "combination_answers envelope",
     "validation.study.comparison.agreement": "agreement effective_region",
     "validation.study.comparison.calculix": "CalculixError calculix_available run_calculix",
     "validation.study.comparison.report": "Comparison",
-    "validation.study.comparison.scene": "compared_runs",
     "validation.study.costs.peaks": "cap_comparison order",
     "validation.study.costs.references": "references",
     "validation.study.design": "Row run_design",
-    "validation.study.effects.auto": "without_effect",
+    "validation.study.effects.auto": "without_effect require_wider",
     "validation.run.cell": "middle_answer",
     "validation.study.study": "Study",
 }
