@@ -11,7 +11,7 @@ import pytest
 
 from geometry import Answer
 from mbd import block_wrenches
-from tests.support.face import solved
+from validation import load_case, solve
 
 SCENES = sorted(file.stem for file in Path(str(files("validation") / "scenes")).glob("*.toml"))
 TUBE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 1, "mesh.axial": 2}
@@ -68,7 +68,7 @@ def test_joints_loads_and_reactions_balance_every_block(scene: str, method: str)
         settings = settings | {"fem.method": "explicit", "fem.end_time": 5e-5}
     if method != "rigid" and scene in UNLOADED:
         settings = settings | PUSH
-    answer = solved(scene, settings, method=method)
+    answer = solve(load_case(scene, settings, method=method))
     allowed = 1e-6
     if method == "static":
         allowed = max(allowed, 10.0 * answer.report["residual"])
@@ -134,7 +134,7 @@ def test_random_rigid_assemblies_are_balanced_by_their_table_of_joints(seed: int
     """Summed here from the table alone, by the residual of 1e-6 that an equilibrium may have. What
     fixed blocks do together is minus all loads on free ones."""
     scene, settings = random_case(seed)
-    answer = solved(scene, settings, method="rigid")
+    answer = solve(load_case(scene, settings, method="rigid"))
     assert answer.report["carried"]
     largest = max(np.linalg.norm(joint["force"]) for joint in answer.report["joints"])
     left = np.linalg.norm(left_by_hand(answer).reshape(-1, 2, 3), axis=2)
@@ -157,7 +157,7 @@ def test_random_deformable_assemblies_with_friction_are_balanced(seed: int, meth
     settings |= {"effects.friction": {"coefficient": 0.7}}
     more = {"fem.mesh": "scene"} if method == "static" else {"fem.end_time": 5e-5}
     more["fem.method"] = method
-    answer = solved(scene, settings | more, method=method)
+    answer = solve(load_case(scene, settings | more, method=method))
     assert imbalance(answer) <= max(1e-6, 10.0 * answer.report["residual"] * (method == "static"))
 
 
@@ -171,7 +171,7 @@ def test_an_arch_pushes_its_abutments_apart(method: str) -> None:
     settings = {"assembly.voussoirs": 5, "block.thickness": 200.0}
     if method == "static":
         settings |= {"effects.friction": {"coefficient": 1.0}, "fem.mesh": "scene"}
-    answer = solved("arch", settings, method=method)
+    answer = solve(load_case("arch", settings, method=method))
     one, two = (np.array(of["force"]) for of in answer.report["reactions"].values())
     weight = one[2] + two[2]
     thrust = [of["horizontal"] for of in answer.report["reactions"].values()]
@@ -236,7 +236,7 @@ def test_a_joint_carries_the_weight_of_the_block_on_it(
     """Whatever the mesh: some facets press at a few of their points and gape elsewhere. Corners of
     an STL file are rounded to 6e-8."""
     scene, volume = write_plate(tmp_path, angle, size)
-    answer = solved(scene, {"fem.degree": degree})
+    answer = solve(load_case(scene, {"fem.degree": degree}))
     weight = volume * 2.4e-9 * 9810.0
     (joint,) = answer.report["joints"]
     near = max(1e-7, 10.0 * answer.report["residual"])

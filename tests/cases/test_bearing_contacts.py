@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.support.dome import voussoirs, write_dome
-from tests.support.face import solved
+from validation import load_case, solve
 
 FIVE_RINGS = [20.0, 34.0, 48.0, 62.0, 76.0, 90.0]
 
@@ -22,7 +22,7 @@ def test_five_rings_stand_by_their_faces_alone(
     rings at any thickness, whatever the tolerance of contact."""
     scene = f"[rigid]\nfriction = 0.6\n[detection]\ntolerance = {tolerance}\n"
     path = write_dome(tmp_path, voussoirs(thickness, 16, FIVE_RINGS), scene)
-    answer = solved(path, method="rigid").as_dict()
+    answer = solve(load_case(path, method="rigid")).as_dict()
     assert answer["carried"] is carried
     assert answer["friction"]["with_edges_and_corners"]["holds"]
     assert answer["friction"]["with_edges_and_corners"]["n_contacts"] == 256
@@ -34,7 +34,7 @@ def test_the_limit_load_of_a_dome_is_that_of_its_faces(tmp_path: Path) -> None:
     scene = "[load]\nacceleration = [981.0, 0.0, 0.0]\n[rigid]\nfriction = 0.5\ncollapse = true\n"
     blocks = voussoirs(120.0, 8, np.linspace(10.0, 90.0, 7), cap=True)
     path = write_dome(tmp_path, blocks, scene)
-    answer = solved(path, method="rigid").as_dict()
+    answer = solve(load_case(path, method="rigid")).as_dict()
     assert answer["collapse"]["certified"]
     assert 3.886 < answer["collapse"]["factor"] < 4.063
     assert answer["collapse"]["factor"] == pytest.approx(3.9855, abs=1e-4)

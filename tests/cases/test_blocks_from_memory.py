@@ -22,7 +22,7 @@ from fem import (
 )
 from geometry import DetectionOptions, HeldFace, LoadCase, Plane, RefusedError, TractionLoad, pipe
 from mbd import analyse
-from tests.support.face import solved
+from validation import load_case, solve
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -165,7 +165,7 @@ def test_meshes_in_memory_give_the_answer_of_their_file(seed: int, tmp_path: Pat
         '[block]\ntype = "mesh"\n[[parts]]\nfile = "stack.obj"\n[assembly]\nfixed = [0]\n'
         "[effects]\ngravity = [0, 0, -9810]\nfriction = 0.6\n"
     )
-    there = solved(scene, method="rigid")
+    there = solve(load_case(scene, method="rigid"))
     blocks = geometry.blocks(meshes, fixed=[0])
     here = analyse(Problem(blocks, None, concrete, friction=0.6, gravity=(0, 0, -9810)))
     assert here["least_joint_force"].value > 0.0
@@ -190,7 +190,7 @@ def test_any_solid_deforms_as_that_of_its_file(tmp_path: Path) -> None:
         "[mesh]\nsize = 60.0\n[effects]\ngravity = [0, 0, -9810]\n"
         '[fem]\nmesh = "scene"\nerror_estimate = false\n'
     )
-    there = solved(scene, method="static")
+    there = solve(load_case(scene, method="static"))
     blocks = geometry.blocks(meshes, fixed=[0])
     problem = Problem(blocks, None, concrete, gravity=(0, 0, -9810), size=60.0)
     here = solve_static(problem, Static(mesh="scene", error_estimate=False))

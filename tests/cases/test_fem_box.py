@@ -11,14 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.support.face import FILES, DeformableScene, on_its_mesh
-from validation import load_case, read_answer
+from tests.support.answers import on_its_mesh
+from tests.support.commands import ANSWER_FILES
+from validation import Case, load_case, read_answer
 
 
-def box(scene: str, *settings: str) -> DeformableScene:
-    found = load_case(scene, settings).scene
-    assert isinstance(found, DeformableScene)
-    return found
+def box(scene: str, *settings: str) -> Case:
+    return load_case(scene, settings)
 
 
 def test_static_bar_under_uniform_traction_is_the_closed_form() -> None:
@@ -29,7 +28,7 @@ def test_static_bar_under_uniform_traction_is_the_closed_form() -> None:
         "material.poisson_ratio=0",
         'load={"x+"={traction=[0.5,0,0]}}',
     )
-    data = on_its_mesh(scene, "bar").as_dict()
+    data = on_its_mesh(scene).as_dict()
     tip = data["faces"]["x+"]["mean_displacement"]
     # Round-off times the condition number of a 40-element bar, about 1e4.
     assert tip[0] == pytest.approx(0.5 * 400 / 33000, rel=1e-10)
@@ -39,7 +38,7 @@ def test_static_bar_under_uniform_traction_is_the_closed_form() -> None:
 
 def test_cantilever_tip_against_timoshenko_beam() -> None:
     scene = box("cantilever", "fem.method=static")
-    data = on_its_mesh(scene, "cantilever").as_dict()
+    data = on_its_mesh(scene).as_dict()
     width, height, length, young = 40.0, 60.0, 400.0, 33000.0
     force, inertia = 0.05 * width * height, width * height**3 / 12
     shear = young / 2.4
@@ -53,10 +52,9 @@ def test_cantilever_tip_against_timoshenko_beam() -> None:
 
 def test_slowly_loaded_explicit_run_ends_at_the_static_answer() -> None:
     settings = ("mesh.divisions=[10,2,2]", "fem.frames=0")
-    static = on_its_mesh(box("cantilever", *settings, "fem.method=static"), "s").as_dict()
+    static = on_its_mesh(box("cantilever", *settings, "fem.method=static")).as_dict()
     run = on_its_mesh(
-        box("cantilever", *settings, "fem.damping=static", "fem.end_time=0.2", "fem.residual=1e-5"),
-        "e",
+        box("cantilever", *settings, "fem.damping=static", "fem.end_time=0.2", "fem.residual=1e-5")
     )
     assert run.details.explicit is not None
     assert run.details.explicit.status == "converged"
@@ -121,7 +119,7 @@ def test_files_of_a_run(tubelock) -> None:
     assert status == 0
     found = {p.name for p in Path("run").iterdir()}
     assert found == {
-        *FILES[:3],
+        *ANSWER_FILES[:3],
         "stresses.png",
         "history.csv",
         "energies.png",
@@ -145,8 +143,8 @@ def test_files_of_a_run(tubelock) -> None:
 
 def test_copies_move_as_one_block_does() -> None:
     settings = ("mesh.divisions=[4,2,2]", "fem.end_time=2e-4", "fem.frames=0")
-    one = on_its_mesh(box("cantilever", *settings), "one")
-    three = on_its_mesh(box("cantilever", *settings, "assembly.copies=3"), "three")
+    one = on_its_mesh("cantilever", settings)
+    three = on_its_mesh("cantilever", (*settings, "assembly.copies=3"))
     for copy in range(3):
         # The lanes run through the same sums in the same order.
         np.testing.assert_allclose(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from geometry import RefusedError, box_block
-from tests.support.face import on_its_mesh
+from tests.support.answers import on_its_mesh
 from validation import load_case
 
 pytestmark = pytest.mark.quick

@@ -1,5 +1,7 @@
 """Section forces: equilibrium with the loads on one side of a plane, for every solver."""
 
+from __future__ import annotations
+
 import csv
 import json
 from pathlib import Path
@@ -18,10 +20,10 @@ from fem import (
     solve_explicit,
     solve_static,
 )
-from geometry import ColumnBox, LoadCase, box_column
+from geometry import ColumnBox, LoadCase, RefusedError, box_column
 from mbd import analyse
+from tests.support.answers import on_its_mesh
 from tests.support.arch import arch_run
-from tests.support.face import SectionError, on_its_mesh
 from tests.support.pressed_boxes import AREA, PRESSURE, SHEAR, STICK, boxes
 from validation import load_case, read_answer, section, write
 
@@ -36,7 +38,7 @@ def test_a_cantilever_has_its_shear_and_moment(degree) -> None:
     """A traction of -0.05 MPa on 40 × 60 mm at x = 400 mm: V and M = V (L - x), at nodes and
     between them; equations of a linear body are solved to round-off."""
     settings = {"mesh.divisions": [8, 2, 2], "fem.method": "static", "fem.degree": degree}
-    run = on_its_mesh(load_case("cantilever", settings).scene, "cantilever", "static")
+    run = on_its_mesh(load_case("cantilever", settings).scene, method="static")
     x = np.array([1.0, 50.0, 130.0, 200.0, 399.0])
     points = np.column_stack([x, np.zeros(5), np.zeros(5)])
     found = section(run, points, [2.0, 0.0, 0.0])
@@ -126,7 +128,7 @@ def test_a_pillar_carries_the_same_rigid_and_static() -> None:
     load = rigid.normal_force[0]
     assert cut.normal_force == pytest.approx(load, rel=NEAR)
     assert np.linalg.norm(cut.points[:, :2], axis=1).max() < NEAR * 120.0
-    with pytest.raises(SectionError, match="passes through block 0, which is rigid"):
+    with pytest.raises(RefusedError, match="passes through block 0, which is rigid"):
         section(static, [0.0, 0.0, -50.0], [0.0, 0.0, 1.0])
 
 
@@ -209,12 +211,12 @@ def test_planes_without_forces_are_rejected(change, words, scene, tubelock) -> N
 
 def test_what_has_no_section_forces_says_so(tmp_path) -> None:
     answer = solve_static(boxes(), Static(mesh="scene", error_estimate=False))
-    with pytest.raises(SectionError, match="the normal not zero"):
+    with pytest.raises(RefusedError, match="the normal not zero"):
         section(answer, [0.0, 0.0, 50.0], [0.0, 0.0, 0.0])
-    with pytest.raises(SectionError, match=r"got blocks \[9\]"):
+    with pytest.raises(RefusedError, match=r"got blocks \[9\]"):
         section(answer, [0.0, 0.0, 50.0], [0.0, 0.0, 1.0], blocks=[9])
     write(answer, tmp_path)
-    with pytest.raises(SectionError, match="solve the problem again"):
+    with pytest.raises(RefusedError, match="solve the problem again"):
         section(read_answer(tmp_path), [0.0, 0.0, 50.0], [0.0, 0.0, 1.0])
 
 
@@ -239,7 +241,7 @@ def test_a_box_between_two_rigid_ones_hangs_by_friction() -> None:
     expected = weight * np.array([-0.5, 0.0, 0.5])
     squeeze = np.abs(cut.normal_force).max()
     np.testing.assert_allclose(cut.shear_forces[:, 1], expected, atol=NEAR * squeeze)
-    with pytest.raises(SectionError, match="passes through block 0, which is rigid"):
+    with pytest.raises(RefusedError, match="passes through block 0, which is rigid"):
         section(answer, [0, 0, 70], [1, 0, 0])
     # Of the box alone: it is squeezed along the column, hardly across it.
     across = section(answer, [0, 0, 70], [1, 0, 0], blocks=[1])

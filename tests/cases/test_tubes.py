@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.answers import both_kinds, on_its_mesh
 from tests.support.coarse_tubes import COARSE, tube
-from tests.support.face import FILES, agreement, compared_runs, effective_region, on_its_mesh
-from tests.support.face import output_console_module as console
+from tests.support.commands import ANSWER_FILES
 from validation import InputError, compare, read_answer
 
 pytestmark = pytest.mark.quick
@@ -23,9 +23,7 @@ SETTINGS = [a for s in COARSE for a in ("--set", s)]
 
 
 def test_three_answers_to_one_scene() -> None:
-    scene = tube("tsb1-pipe", "fem.mesh='scene'")
-    rigid, deformable = compared_runs("tsb1-pipe", scene, explicit=True)
-    found = compare(*(run for run in (*rigid, *deformable)))
+    found = compare(*both_kinds(tube("tsb1-pipe"), explicit=True))
     assert found.names == ("rigid (force)", "rigid (pressure)", "static", "explicit")
     errors = found.explicit_errors
     assert errors is not None
@@ -51,8 +49,8 @@ def test_three_answers_to_one_scene() -> None:
 
 
 def test_sector_and_whole_tube_give_the_same_digits() -> None:
-    whole = on_its_mesh(tube("tsb1-shaft", "fem.symmetry='none'"), "whole", "static")
-    sector = on_its_mesh(tube("tsb1-shaft", "fem.symmetry='sector'"), "sector", "static")
+    whole = on_its_mesh(tube("tsb1-shaft", "fem.symmetry='none'"), method="static")
+    sector = on_its_mesh(tube("tsb1-shaft", "fem.symmetry='sector'"), method="static")
     assert sector.details.static.symmetry == 4
     # Both stop at a residual of 1e-8 of the load; the tube's softest motion amplifies it tenfold.
     for a, b in zip(
@@ -70,7 +68,7 @@ def test_sector_is_refused_where_the_load_breaks_it(tubelock) -> None:
 
 @pytest.mark.parametrize("case", ["tunnel", "pillar", "beam"])
 def test_every_load_case_has_a_static_answer(case: str) -> None:
-    run = on_its_mesh(tube(f"tsb1-{case}"), case, "static")
+    run = on_its_mesh(tube(f"tsb1-{case}"), method="static")
     assert run.details.static.residual < 1e-8
     assert run.details.contact.p_max > 0
 
@@ -93,7 +91,7 @@ def test_json_and_files_of_a_static_tube(tubelock) -> None:
     } <= set(data["contact"])
     assert data["residual"] < 1e-8
     assert {p.name for p in Path("run").iterdir()} == {
-        *FILES,
+        *ANSWER_FILES,
         "contact_pressures.png",
         "stresses.png",
         "sections.png",
@@ -119,7 +117,7 @@ def test_interrupted_tube_continues_to_the_same_bits(tubelock, monkeypatch) -> N
         yield show
 
     with monkeypatch.context() as patch:
-        patch.setattr(console, "explicit_progress", impatient)
+        patch.setattr("validation.output.console.explicit_progress", impatient)
         status, said, _ = tubelock(*arguments, "-o", "cut")
     assert status == 130
     assert "continue with --resume cut/checkpoint.npz" in said
@@ -149,10 +147,10 @@ def test_paper_damping_rings_where_adaptive_damping_settles() -> None:
         "fem.end_time=2e-3",
         "fem.ramp_time=1e-4",
     )
-    ringing = on_its_mesh(scene, "paper", "explicit").details.explicit
+    ringing = on_its_mesh(scene, method="explicit").details.explicit
     assert ringing is not None
     calm = tube("tsb1-pipe", "fem.method='explicit'")
-    settled = on_its_mesh(calm, "static", "explicit").details.explicit
+    settled = on_its_mesh(calm, method="explicit").details.explicit
     assert settled is not None
     assert settled.residual is not None
     assert ringing.residual is not None
@@ -160,37 +158,11 @@ def test_paper_damping_rings_where_adaptive_damping_settles() -> None:
     assert ringing.energy_balance < 1e-3
 
 
-def test_agreement_of_a_field_with_itself_is_perfect() -> None:
-    rng = np.random.default_rng(0)
-    pressure, areas = rng.uniform(0, 1, 50), rng.uniform(1, 2, 50)
-    centroids, block = rng.uniform(0, 100, (50, 3)), np.repeat([0, 1], 25)
-    same = agreement("all", pressure, 2 * pressure, centroids=centroids, areas=areas, block=block)
-    assert same["correlation"] == pytest.approx(1.0)
-    assert same["overlap"] == same["peaks_found"] == 1.0
-    assert same["force_ratio"] == pytest.approx(2.0)
-    assert effective_region(np.array([0.0, 5.0, 0.0])).tolist() == [False, True, False]
-
-
 def test_friction_is_absent_unless_named_and_then_dissipates() -> None:
-    plain = on_its_mesh(tube("tsb1-pipe"), "plain", "static")
-    rough = on_its_mesh(tube("tsb1-pipe", "effects.friction.coefficient=0.3"), "rough", "static")
+    plain = on_its_mesh(tube("tsb1-pipe"), method="static")
+    rough = on_its_mesh(tube("tsb1-pipe", "effects.friction.coefficient=0.3"), method="static")
     assert plain.details.deformable.contact.friction is None
     assert plain.details.static.frictional_dissipation == 0.0
     assert rough.details.static.frictional_dissipation > 0.0
     # Friction only resists: with it the tube moves less.
     assert rough.details.largest_displacement < plain.details.largest_displacement
-
-
-def test_uniform_pressures_agree_whatever_their_round_off() -> None:
-    """A joint under uniform pressure carries round-off of 1e-8; it is no pattern to compare."""
-    rng = np.random.default_rng(1)
-    uniform = 0.2 * np.ones((2, 60)) * (1.0 + 1e-8 * rng.standard_normal((2, 60)))
-    centroids, areas = rng.uniform(0.0, 1.0, (60, 3)), np.ones(60)
-    block = np.repeat([0, 1], 30)
-    found = agreement("all", uniform[0], uniform[1], centroids=centroids, areas=areas, block=block)
-    assert found["correlation"] == 1.0
-    assert found["overlap"] == 1.0
-    assert effective_region(uniform[0]).all()
-    sloped = np.linspace(0.1, 0.3, 60)
-    found = agreement("all", uniform[0], sloped, centroids=centroids, areas=areas, block=block)
-    assert found["correlation"] == 0.0

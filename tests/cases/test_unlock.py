@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import pytest
 
-from mbd import MechanismClass
-from tests.support.face import class_with_layers, frame_warning, layers_to_unlock
+from tests.support.commands import command
 from validation import load_case, solve
 
 pytestmark = pytest.mark.quick
@@ -15,30 +15,37 @@ pytestmark = pytest.mark.quick
 COARSE = ("mesh.edge=4", "mesh.radial=2")
 
 
+def unlocking(scene: str, *settings: str) -> dict[str, Any]:
+    """What ``tubelock mbd --layers-to-unlock`` finds."""
+    words = [part for value in settings for part in ("--set", value)]
+    status, out, said = command("mbd", scene, *words, "--layers-to-unlock", "--json", "-")
+    assert status == 0, said
+    data: dict[str, Any] = json.loads(out)
+    return data
+
+
+def class_with_layers(layers: int) -> str:
+    case = load_case("thb0-pipe", [*COARSE, f"assembly.layers={layers}"], method="rigid")
+    return str(solve(case).details.mechanism)
+
+
 def test_the_least_number_of_layers_is_least() -> None:
     """Locked with one layer less, not locked with it: by the classes themselves."""
-    file = load_case("thb0-pipe", COARSE)
-    found = layers_to_unlock(file)
-    assert found.layers is not None
-    assert found.layers > 1
-    assert class_with_layers(file, found.layers) is not MechanismClass.LOCKED
-    assert class_with_layers(file, found.layers - 1) is MechanismClass.LOCKED
-    sine = load_case("tsb1-pipe", ["mesh.around=12", "mesh.radial=2", "mesh.axial=2"])
-    assert layers_to_unlock(sine, most=4).layers is None
+    found = unlocking("thb0-pipe", *COARSE)["layers_to_unlock"]["layers"]
+    assert found > 1
+    assert class_with_layers(found) != "locked"
+    assert class_with_layers(found - 1) == "locked"
+    sine = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2")
+    assert unlocking("tsb1-pipe", *sine)["layers_to_unlock"]["layers"] is None
 
 
 def test_a_short_tube_says_that_its_frames_lock_it() -> None:
-    short = load_case("thb0-pipe", [*COARSE, "assembly.layers=1"])
-    warning = frame_warning(short, solve(short.with_method("rigid")))
-    assert warning is not None
+    warning = unlocking("thb0-pipe", *COARSE, "assembly.layers=1")["frame_warning"]
     assert "with 12 layers the tube is activated" in warning
     # Long tubes, tubes that are not locked and tubes of Sine Blocks have nothing to say.
-    long = load_case("thb0-pipe", COARSE)
-    assert frame_warning(long, solve(long.with_method("rigid"))) is None
-    sine = load_case(
-        "tsb1-pipe", ["mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=1"]
-    )
-    assert frame_warning(sine, solve(sine.with_method("rigid"))) is None
+    assert not unlocking("thb0-pipe", *COARSE).get("frame_warning")
+    sine = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=1")
+    assert not unlocking("tsb1-pipe", *sine).get("frame_warning")
 
 
 def test_the_command_warns_and_finds(tubelock) -> None:

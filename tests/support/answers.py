@@ -39,3 +39,14 @@ def by_options(problem: Problem, options: StaticOptions | None = None) -> Answer
     turning = problem.finite_rotation
     solution = static_solution(problem.deformable, options, finite_rotation=turning)
     return answer_of(solution, problem=problem)
+
+
+def both_kinds(case: Case, *, explicit: bool = False) -> tuple[Answer, ...]:
+    """Answers by rigid blocks in both norms, then static and ``explicit`` ones on its mesh."""
+    norms = ({"rigid.norm": norm} for norm in ("force", "pressure"))
+    rigid = tuple(solve(case.changed(norm).with_method("rigid")) for norm in norms)
+    static = on_its_mesh(case, method="static")
+    if not explicit:
+        return *rigid, static
+    to_rest = {"fem.method": "explicit", "fem.damping": "static"}
+    return *rigid, static, on_its_mesh(case.changed(to_rest))

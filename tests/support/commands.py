@@ -14,6 +14,9 @@ from unittest import mock
 from geometry import RefusedError
 from validation import load_case, solve
 
+#: Files of every answer: its numbers, its arrays, its blocks, and its contact facets.
+ANSWER_FILES = ("answer.json", "answer.npz", "fields.vtu", "contact_pressures.vtu")
+
 
 def command(*words: str) -> tuple[int, str, str]:
     """Exit status, standard output and standard error of ``tubelock WORDS``, in this process."""

@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 from fem import Material, Problem, Static, concrete, solve_static
+from fem.accuracy.strength import _BoundError, _scaled_until
 from geometry import ColumnBox, Measure, RefusedError, SineBlock, box_column, pipe, tube
-from tests.support.face import _BoundError, _scaled_until, face_pressure, measure_rows
+from geometry.answer import measure_rows
+from geometry.loads import face_pressure
 
 TUBE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=2")
 

@@ -15,6 +15,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fem import Problem, Static, concrete, solve_static
+from fem.accuracy.facets import pressures_on_facets
+from fem.accuracy.ladder import coarser, split
+from fem.accuracy.ladder import on_mesh as on_degree
+from fem.accuracy.transfer import interpolation, node_places, transferred
+from fem.assembly.symmetry import largest_cyclic_orbits, with_half_turn
+from fem.element.lagrange_mesh import with_degree
+from fem.static import solve
+from fem.static.contact_forces import grid_blocks
+from fem.static.linear_step.grid_block import PointFlexibility
+from fem.static.solve import StaticMethod, StaticOptions
 from geometry import (
     Block,
     OsteomorphicWall,
@@ -27,30 +37,11 @@ from geometry import (
     tube,
     tunnel,
 )
-from tests.support.face import (
-    FILES,
-    HexagonBlockDivisions,
-    PointFlexibility,
-    StaticMethod,
-    StaticOptions,
-    by_options,
-    charts_of,
-    coarser,
-    grid_blocks,
-    hexagon_block,
-    interpolation,
-    largest_cyclic_orbits,
-    node_places,
-    on_degree,
-    pressures_on_facets,
-    split,
-    transferred,
-    unit_lines,
-    with_degree,
-    with_half_turn,
-    with_lines,
-)
-from tests.support.face import static_solve_module as solve
+from geometry.families.hexagon_block import HexagonBlockDivisions, hexagon_block
+from geometry.meshing.charts import unit_lines
+from geometry.meshing.refinement import charts_of, with_lines
+from tests.support.answers import by_options
+from tests.support.commands import ANSWER_FILES
 from tests.support.lagrange_meshes import HEXAGON, WALL, sine
 from validation import read_answer
 
@@ -203,7 +194,7 @@ def test_frames_and_files_change_no_number(tubelock) -> None:
     expected = measured(tubelock, *curved)
     found = measured(tubelock, *curved, "fem.frames=2", more=("-o", "out"))
     agree(found, expected)
-    assert {*FILES, "joints.csv"} <= {path.name for path in Path("out").iterdir()}
+    assert {*ANSWER_FILES, "joints.csv"} <= {path.name for path in Path("out").iterdir()}
     assert read_answer("out").as_dict()["measures"] == found
 
 

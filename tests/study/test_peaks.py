@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from tests.support.face import Rung, cap_comparison, order
+from validation.study.costs import measure as costs_measure
+from validation.study.costs.peaks import cap_comparison, order
 
 
 @pytest.mark.parametrize("slope", [1.0, 2.5])
@@ -22,7 +25,16 @@ def test_a_change_of_sign_and_growth_are_no_order(errors: tuple[float, float]) -
 
 def test_a_cap_takes_off_the_peak() -> None:
     """Equal forces with a softer law above a pressure: its largest value falls."""
-    found = cap_comparison((Rung(2, 12, 1, 4, 1.0, 8.0),))
+    rung = replace(
+        costs_measure.LADDER.rungs[0],
+        degree=2,
+        along=12,
+        across=1,
+        upward=4,
+        across_grading=1.0,
+        upward_grading=8.0,
+    )
+    found = cap_comparison((rung,))
     change = {q: found["capped"][q] / value - 1.0 for q, value in found["without"].items()}
     assert found["force_share"] > 0
     assert change["p_max_point"] < 0.0

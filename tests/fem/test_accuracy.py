@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import time
 from itertools import count
 from pathlib import Path
@@ -11,57 +12,49 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geometry import Measure
-from tests.fixtures.commands import small_meshes
-from tests.support.face import (
+from fem.accuracy import statics
+from fem.accuracy.converge import LEAST_MESHES, climbed, converge
+from fem.accuracy.errors import SAFETY, error_bar
+from fem.accuracy.ladder import (
     DEGREES,
     LADDER,
-    LEAST_MESHES,
     PRESSURES,
-    SAFETY,
-    FrictionSet,
     Ladder,
     Rung,
-    climbed,
-    converge,
-    error_bar,
     fineness,
     graded_to_both_ends,
     graded_to_one_end,
-    parse_targets,
-    references,
-    relative,
-    scene_case,
-    unmet,
 )
-from tests.support.face import accuracy_statics_module as statics
+from fem.accuracy.parts import FrictionSet, relative, unmet
+from geometry import Measure
+from tests.fixtures.commands import small_meshes
+from tests.support.commands import command
 from tests.support.own_blocks import column
+from tests.support.references import references
 from tests.support.stated import stated
-from validation import InputError, solve
+from validation import solve
 
 
-def test_what_is_asked_is_read() -> None:
-    assert parse_targets(["u=1%", "p_max_point=0.03"]) == {
-        "max_displacement": 0.01,
-        "p_max_point": 0.03,
-    }
+def refused(*asked: str) -> str:
+    """What ``tubelock fem`` says about accuracies, in one line."""
+    words = [word for text in asked for word in ("--accuracy", text)]
+    status, out, said = command("fem", "tsb1-pipe", *words, "--json", "-")
+    assert (status, out, said.count("\n")) == (2, "", 1)
+    return said
 
 
 @pytest.mark.parametrize("text", ["1%", "weight=1%", "p_eff"])
 def test_what_is_no_measure_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match="expected QUANTITY=SHARE"):
-        parse_targets([text])
+    assert "expected QUANTITY=SHARE" in refused(text)
 
 
 @pytest.mark.parametrize(("text", "words"), [("0%", ""), ("120%", ""), ("x", ""), ("3", "missing")])
 def test_what_is_no_share_is_refused(text: str, words: str) -> None:
-    with pytest.raises(InputError, match=f"expected a share between 0 and 100 %.*{words}"):
-        parse_targets([f"p_eff={text}"])
+    assert re.search(f"expected a share between 0 and 100 %.*{words}", refused(f"p_eff={text}"))
 
 
 def test_a_quantity_is_asked_once() -> None:
-    with pytest.raises(InputError, match="requested twice"):
-        parse_targets(["u=1%", "max_displacement=2%"])
+    assert "requested twice" in refused("u=1%", "max_displacement=2%")
 
 
 def test_error_bars_are_compared_relatively() -> None:
@@ -173,12 +166,13 @@ def test_a_mesh_that_takes_longer_than_the_limit_is_left_unfinished(
 
 def test_command(tubelock) -> None:  # type: ignore[no-untyped-def]
     short = ("--set", "assembly.layers=1")
-    status, _, _ = tubelock("fem", "tsb1-pipe", *short, "--accuracy", "u=20%", "--json", "fem.json")
+    asked = ("--accuracy", "u=20%", "--accuracy", "p_eff=0.5")
+    status, _, _ = tubelock("fem", "tsb1-pipe", *short, *asked, "--json", "fem.json")
     assert status == 0
     data = json.loads(Path("fem.json").read_text())
     bar = data["measures"]["max_displacement"]
     assert 0.0 < bar["error"] <= 0.2 * bar["value"]
-    assert data["accuracy"]["requested"] == {"max_displacement": 0.2}
+    assert data["accuracy"]["requested"] == {"max_displacement": 0.2, "p_eff": 0.5}
     assert [mesh["degree"] for mesh in data["meshes"]] == [
         r.degree for r in DEGREES.rungs[:LEAST_MESHES]
     ]
@@ -212,10 +206,10 @@ def test_printed_seconds_include_the_range_of_friction(monkeypatch: pytest.Monke
         return FrictionSet("loaded straight up", {}, {}, "")
 
     monkeypatch.setattr(statics, "friction_set", width)
-    scene = column(0.5).changed({"effects": {"friction": {"coefficient": 0.5}}})
+    case = column(0.5).changed({"effects.friction.coefficient": 0.5})
     with small_meshes(1):
         start = time.process_time()
-        seconds = solve(scene_case(scene, "column")).report["cpu_seconds"]
+        seconds = solve(case).report["cpu_seconds"]
         spent = time.process_time() - start
     assert seconds["range of friction"] >= 0.1
     # Outside the stages hardly anything is computed.

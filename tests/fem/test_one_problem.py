@@ -9,27 +9,19 @@ import pytest
 
 from fem import ExponentialLaw, Frames, Material, read_deck
 from fem import solve as solve_model
-from geometry import ColumnBox, box_column
-from tests.support.face import (
-    AdaptiveMassDamping,
-    DeformableAssembly,
-    EffectError,
-    Effects,
-    Flavour,
-    SmoothStepAmplitude,
-    StopCriterion,
-    build_deck,
-    check_scene,
-    explicit_assembly,
-    export_deck,
-    face_pressure,
-    law_table,
-    recommended_times,
-    scene_case,
-    scene_data,
-    scene_problem,
-)
-from tests.support.face import solve_deformable_static as solve_static
+from fem.assembly.deformable import DeformableAssembly
+from fem.decks.laws import law_table
+from fem.decks.problem import problem_deck
+from fem.decks.statement import Flavour
+from fem.explicit.setup.assembly import explicit_assembly
+from fem.explicit.setup.quasi_static import recommended_times
+from fem.explicit.solve import StopCriterion
+from fem.problem.effects import AdaptiveMassDamping, EffectError, Effects
+from fem.problem.loads import SmoothStepAmplitude
+from fem.static.solve import solve_static
+from geometry import ColumnBox, RefusedError, box_column
+from geometry.loads import face_pressure
+from tests.support.decks import exported
 from tests.support.fem_problems import deformable_assembly
 from validation import InputError, load_case, solve
 
@@ -42,19 +34,18 @@ GRAVITY = np.array([0.0, 0.0, -9810.0])
 @pytest.mark.parametrize(
     ("setting", "flavour"),
     [
-        ("contact.clearance=0.01", Flavour.STANDARD),
-        ("contact.clearance=0.01", Flavour.GENERAL),
-        ("effects.gravity=[0.0, 0.0, -9.81e6]", Flavour.GENERAL),
-        ("effects.gravity=[0.0, 0.0, -9.81e6]", Flavour.STANDARD),
+        ("contact.clearance=0.01", "standard"),
+        ("contact.clearance=0.01", "general"),
+        ("effects.gravity=[0.0, 0.0, -9.81e6]", "general"),
+        ("effects.gravity=[0.0, 0.0, -9.81e6]", "standard"),
     ],
 )
 def test_an_exported_deck_states_what_the_scene_solves(setting, flavour, tmp_path: Path) -> None:
     """Coordinates go through decimals: 1e-13 mm, over c0 = 1e-3 mm, is 1e-10 of a pressure, and
     the static solutions agree to their residual of 1e-8 times a gain of contact below 1e2."""
-    file = load_case("tsb1-pipe", [*STATIC, setting])
-    export_deck(file, flavour, tmp_path / "a.inp")
-    imported = read_deck(tmp_path / "a.inp").problem().deformable
-    ours = scene_problem(file.scene, "tube").deformable  # type: ignore[arg-type]
+    path = exported(tmp_path / "a.inp", "tsb1-pipe", [*STATIC, setting], flavour=flavour)
+    imported = read_deck(path).problem().deformable
+    ours = load_case("tsb1-pipe", [*STATIC, setting]).problem.deformable
     assert imported.contact.friction == ours.contact.friction
     answers = [solve_static(problem) for problem in (ours, imported)]
     assert answers[0].max_displacement > 1e-3
@@ -73,7 +64,7 @@ def test_clearance_and_spacing_are_two_gaps() -> None:
     gaps = {}
     for kind in ("clearance", "spacing"):
         file = load_case("tsb1-pipe", [*COARSE, f"contact.{kind}=0.01"])
-        gaps[kind] = scene_problem(file.scene, kind).deformable.surfaces.initial_gaps  # type: ignore[arg-type]
+        gaps[kind] = file.problem.deformable.surfaces.initial_gaps
     # Facets coincide up to rounding of coordinates of 400 mm.
     assert np.abs(gaps["clearance"] - 0.01).max() < 1e-12
     assert gaps["spacing"].min() < 0.005
@@ -82,16 +73,18 @@ def test_clearance_and_spacing_are_two_gaps() -> None:
 
 def test_pairs_that_slide_freely_take_no_clearance_and_general_contact_does() -> None:
     settings = [*COARSE, "effects.finite_sliding=true", "contact.clearance=0.01"]
-    with pytest.raises(InputError, match=r"clearance: got 0\.01 mm.*expected --flavour general"):
-        build_deck(load_case("tsb1-pipe", settings), Flavour.STANDARD)
-    assert build_deck(load_case("tsb1-pipe", settings), Flavour.GENERAL).clearance == 0.01
+    problem = load_case("tsb1-pipe", settings).problem
+    with pytest.raises(RefusedError, match=r"clearance: got 0\.01 mm.*expected --flavour general"):
+        problem_deck(problem, Flavour.STANDARD)
+    assert problem_deck(problem, Flavour.GENERAL).clearance == 0.01
 
 
 def test_the_table_for_calculix_is_moved_by_the_clearance() -> None:
     law, clearance = ExponentialLaw(), 0.01
     pressure, overclosure = law_table(law, clearance)[:-1].T
     assert np.allclose(law.pressure(overclosure - clearance), pressure, rtol=1e-12, atol=1e-15)
-    deck = build_deck(load_case("tsb1-pipe", [*COARSE, "contact.clearance=0.01"]), Flavour.CALCULIX)
+    problem = load_case("tsb1-pipe", [*COARSE, "contact.clearance=0.01"]).problem
+    deck = problem_deck(problem, Flavour.CALCULIX)
     assert "moved by the clearance" in " ".join(deck.notes)
 
 
@@ -150,8 +143,8 @@ def test_rigid_blocks_carry_the_weight_that_the_scene_states() -> None:
     density = heavy.case.scene.material.density  # type: ignore[union-attr]
     # The equilibrium's residual is below 1e-6 of the forces.
     assert found[1] - found[0] == pytest.approx(density * 9810.0 * above, rel=1e-5)
-    data = scene_data("column")[1] | {"effects": {"gravity": GRAVITY.tolist()}}
+    data = load_case("column", (gravity,)).keys
     del data["material"]
     # Without a material the blocks are of concrete, as this scene says itself.
-    unstated = solve(scene_case(name="column", scene=check_scene(data)).with_method("rigid"))
+    unstated = solve(load_case(data, method="rigid"))
     np.testing.assert_allclose(unstated.details.contact_forces, heavy.details.contact_forces)

@@ -6,19 +6,15 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from rich.console import Console
 
+from fem.accuracy import one_mesh
+from fem.dynamics import ramp_change
 from geometry import Answer, Measure
-from tests.support.face import (
-    WIDEST,
-    on_its_mesh,
-    print_run,
-    ramp_change,
-    references,
-    scene_problem,
-)
-from tests.support.face import accuracy_one_mesh_module as one_mesh
-from tests.support.own_blocks import column, deformable
+from geometry.answer import WIDEST
+from tests.support.answers import on_its_mesh
+from tests.support.own_blocks import column
+from tests.support.references import references
+from validation import Case, load_case
 
 #: Scenes of the coverage: three shapes under three loads, contact on slopes, waves and flanks.
 CASES = {
@@ -37,8 +33,8 @@ def solved(name: str, factor: int) -> Answer:
     given = CASES[name]
     pairs = zip(given[::2], given[1::2], strict=True)
     mesh = [str(key).format(factor * int(count)) for key, count in pairs]
-    scene = deformable(name, "assembly.layers=1", *mesh)
-    return on_its_mesh(scene, name, "static", error_estimate=factor == 1)
+    settings = ("assembly.layers=1", *mesh)
+    return on_its_mesh(name, settings, method="static", error_estimate=factor == 1)
 
 
 def test_estimates_cover_nine_of_ten_errors() -> None:
@@ -74,8 +70,8 @@ def test_estimates_of_higher_degree_cover_nine_of_ten_errors() -> None:
         if "mesh." not in key:
             continue
         for degree in (2, 3):
-            scene = deformable(name, *settings, f"fem.degree={degree}")
-            run = on_its_mesh(scene, name, "static", error_estimate=True)
+            fine = (*settings, f"fem.degree={degree}")
+            run = on_its_mesh(name, fine, method="static", error_estimate=True)
             errors = errors_of(run)
             for measure, reference in known.items():
                 found = run[measure]
@@ -91,7 +87,7 @@ def test_estimates_of_higher_degree_cover_nine_of_ten_errors() -> None:
 
 def test_an_exact_answer_has_no_error() -> None:
     """A column under uniform pressure is exact on every mesh: linear elements, constant stress."""
-    run = on_its_mesh(column(0.5), "column", "static", error_estimate=True)
+    run = on_its_mesh(column(0.5), method="static", error_estimate=True)
     errors = errors_of(run)
     # Every run is solved to a residual of 1e-8 of the load, and its softest motion amplifies it
     # tenfold; differences of two runs over r - 1 >= 0.2, times the factor of safety.
@@ -99,34 +95,32 @@ def test_an_exact_answer_has_no_error() -> None:
 
 
 @pytest.mark.parametrize(
-    "scene",
+    "case",
     [
-        deformable("tsb1-pipe"),
-        deformable("thb0-tunnel"),
-        deformable("planar-sine"),
-        deformable("brick-stack"),
-        deformable("osteomorphic"),
+        load_case("tsb1-pipe"),
+        load_case("thb0-tunnel"),
+        load_case("planar-sine"),
+        load_case("brick-stack"),
+        load_case("osteomorphic"),
         column(0.5),
     ],
     ids=["sine", "hexagon", "planar", "bricks", "osteomorphic", "boxes"],
 )
-def test_coarser_meshes_can_be_built(scene) -> None:  # type: ignore[no-untyped-def]
-    fine = scene_problem(scene, "fine").deformable.model.n_elements
+def test_coarser_meshes_can_be_built(case: Case) -> None:
+    scene, fine = case.scene, case.problem.deformable.model.n_elements
     for share in (2.0 / 3.0, 0.5):
         coarse = scene.coarser(share)
         assert coarse is not None
         assert (
-            0.5 * share**3 * fine
-            < scene_problem(coarse, "coarse").deformable.model.n_elements
-            < fine
+            0.5 * share**3 * fine < case.stating(coarse).problem.deformable.model.n_elements < fine
         )
     coarsest = scene.coarser(1e-9)
     assert coarsest is not None
     assert coarsest.coarser(0.5) is None
 
 
-def test_errors_are_printed_and_in_the_data(capsys: pytest.CaptureFixture[str]) -> None:
-    run = on_its_mesh(column(0.5), "column", "static")
+def test_errors_are_printed_and_in_the_data() -> None:
+    run = on_its_mesh(column(0.5), method="static")
     plain = run.as_dict()["measures"]
     assert all(measure["error"] is None for measure in plain.values())
     barred = replace(run["p_max_point"], error=0.034)
@@ -134,16 +128,15 @@ def test_errors_are_printed_and_in_the_data(capsys: pytest.CaptureFixture[str]) 
     found = told.as_dict()["measures"]["p_max_point"]
     assert found["error"] == 0.034
     assert found["unit"] == "MPa"
-    print_run(told, Console(width=300))
-    assert "0.500 ± 0.034 MPa" in capsys.readouterr().out
+    assert "0.500 ± 0.034 MPa" in str(told)
 
 
 def transient(mesh: tuple[int, int, int], times: dict[str, float]) -> Answer:
     counts = zip(("around", "radial", "axial"), mesh, strict=True)
     stated = [f"mesh.{name}={count}" for name, count in counts]
-    scene = deformable("tsb1-pipe", "assembly.layers=1", "fem.method=explicit", *stated)
-    moving = scene.changed({"fem.damping": None, "fem": times})
-    return on_its_mesh(moving, "transient", "explicit", error_estimate=True)
+    case = load_case("tsb1-pipe", ("assembly.layers=1", "fem.method=explicit", *stated))
+    moving = case.changed({f"fem.{name}": time for name, time in times.items()})
+    return on_its_mesh(moving, error_estimate=True)
 
 
 def test_bars_of_explicit_friction_hold_the_drag_of_damping() -> None:
@@ -153,12 +146,8 @@ def test_bars_of_explicit_friction_hold_the_drag_of_damping() -> None:
     """
     mesh = ("assembly.layers=4", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
     friction = ("effects.friction.coefficient=0.1", "fem.error_estimate=false")
-    slow = on_its_mesh(
-        deformable("tsb1-pipe", *mesh, *friction, "fem.load_steps=32"), "slow", "static"
-    )
-    run = on_its_mesh(
-        deformable("tsb1-pipe", *mesh, *friction, "fem.method=explicit"), "run", "explicit"
-    )
+    slow = on_its_mesh("tsb1-pipe", (*mesh, *friction, "fem.load_steps=32"), method="static")
+    run = on_its_mesh("tsb1-pipe", (*mesh, *friction), method="explicit")
     method = replace(run.case.method, damping="static")
     dragged = ramp_change(run.problem, method)
     for name in ("max_displacement", "p_eff"):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fem import LinearPenalty, Material, Problem, Static, solve_static
+from fem.problem.model import ModelError
 from geometry import (
     Assembly,
     Block,
@@ -17,23 +18,14 @@ from geometry import (
     LoadCase,
     Plane,
     PressureLoad,
+    RefusedError,
     TractionLoad,
     box_block,
 )
-from tests.support.face import (
-    AssemblyError,
-    LoadCaseError,
-    ModelError,
-    SupportError,
-    check_scene,
-    combination_answers,
-    combined,
-    envelope,
-    scene_case,
-    scene_problem,
-    stated_load,
-)
-from validation import InputError
+from geometry.files.mesh_io import write_hex_mesh
+from geometry.loads import LoadCaseError
+from geometry.parts.supports import SupportError
+from validation import InputError, load_case
 
 SIZE = np.array([100.0, 50.0, 40.0])
 E, NU = 1000.0, 0.3
@@ -218,43 +210,49 @@ BOX = {
 )
 def test_a_scene_says_what_is_wrong_with_a_support_or_a_load(stated: dict, said: str) -> None:
     with pytest.raises(InputError, match=said):
-        check_scene(BOX | stated)
+        load_case(BOX | stated)
 
 
 CUBE = box_block((100.0, 50.0, 40.0), (1, 1, 1))
-PANEL = {"block": {"type": "tetrahedra", "edge": 9.0}, "assembly": {"columns": 1, "rows": 1}}
-PUSHED = PANEL | {"load": {"push": {"block": 0, "distance": 1.0}}}
+PANEL = {"block": {"type": "tetrahedra", "edge": 90.0}, "assembly": {"columns": 1, "rows": 1}}
 
 
 @pytest.mark.parametrize(
     ("stated", "said"),
     [
-        ({"supports": [{"face": "x-", "blocks": [0]}]}, r"supports\[0\].blocks: block 0 is fixed"),
+        ({"supports": [{"plane": {"z": 0.0}, "blocks": [0]}]}, r"supports\[0\].blocks: block 0 is"),
         ({"loads": [{"force": [0, 0, 1], "blocks": [0]}]}, r"loads\[0\].blocks: block 0 is fixed"),
-        (PUSHED, r"load.push.block: block 0 is fixed"),
+        ({"load": {"push": {"block": 0, "distance": 1.0}}}, r"load.push.block: block 0 is fixed"),
     ],
 )
 def test_what_holds_or_loads_a_fixed_block_is_rejected(stated: dict, said: str) -> None:
-    scene = check_scene(stated if "block" in stated else BOX | stated)
-    blocks = replace(placed(CUBE, CUBE), fixed=np.array([True, False]))
     with pytest.raises(InputError, match=said):
-        stated_load(scene, blocks, LoadCase(blocks, "", (), blocks.fixed))
+        _ = load_case(PANEL | stated, method="rigid").problem.rigid_load
 
 
-def test_a_name_of_several_blocks_is_all_of_them_or_none() -> None:
+def test_a_name_of_several_blocks_is_all_of_them_or_none(tmp_path: Path) -> None:
     """Supports and loads on faces act on every block of a name; a force needs one."""
-    blocks = replace(placed(CUBE, CUBE, CUBE), names=("a", "b", "a"))
-    empty = LoadCase(blocks, "", (), blocks.fixed)
-    scene = check_scene(BOX | {"supports": [{"face": "x-", "blocks": ["a"]}]})
-    assert [held.block for held in stated_load(scene, blocks, empty).held] == [0, 2]
-    scene = check_scene(BOX | {"loads": [{"force": [0, 0, 1], "blocks": ["a"]}]})
-    with pytest.raises(AssemblyError, match="the name of 2 blocks"):
-        stated_load(scene, blocks, empty)
+    for name in ("a", "b"):
+        write_hex_mesh(tmp_path / f"{name}.vtu", CUBE.mesh)
+    (tmp_path / "own.toml").write_text(
+        '[block]\ntype = "mesh"\n[[parts]]\nfile = "a.vtu"\n'
+        "places = [{at = [0, 0, 0]}, {at = [0, 0, 80]}]\n"
+        '[[parts]]\nfile = "b.vtu"\nfixed = true\nplaces = [{at = [0, 0, 40]}]\n'
+        "[effects]\ngravity = [0, 0, -9810]\n"
+    )
+    names = load_case(tmp_path / "own.toml", method="rigid").problem.blocks.names
+    print(names)
+    held = ["supports=[{plane={x=0.0}, blocks=['a']}]"]
+    found = load_case(tmp_path / "own.toml", held, method="rigid").problem.load_case.held
+    assert [support.block for support in found] == [0, 1]
+    loaded = ["loads=[{force=[0, 0, 1], blocks=['a']}]"]
+    with pytest.raises(RefusedError, match="the name of 2 blocks"):
+        _ = load_case(tmp_path / "own.toml", loaded, method="rigid").problem
 
 
 def test_a_scene_states_the_same_as_python() -> None:
     """Rollers and a total force: mean stress F / A, carried by the roller at the end."""
-    scene = check_scene(
+    case = load_case(
         BOX
         | {
             "supports": [
@@ -265,71 +263,14 @@ def test_a_scene_states_the_same_as_python() -> None:
             "loads": [{"face": "x+", "force": [4000.0, 0.0, 0.0]}],
         }
     )
-    answer = solve_static(scene_problem(scene, "box"), Static(mesh="scene", error_estimate=False))
+    answer = solve_static(case.problem, Static(mesh="scene", error_estimate=False))
     assert answer.measures["sigma_1_max"].value == pytest.approx(2.0, rel=1e-9)
     force = answer.details.reactions["end"]["force"]
     np.testing.assert_allclose(force, [-4000.0, 0.0, 0.0], atol=1e-6)
 
 
-COMBINED = BOX | {
-    "material": "concrete",
-    "effects": {"gravity": [0.0, 0.0, -9810.0]},
-    "support": {"x-": "fixed"},
-    "load": {"x+": {"traction": [0.0, 0.0, -0.01]}},
-    "loads": [{"name": "wind", "face": "y-", "pressure": 0.02}],
-    "combinations": {"all": {"weight": 1.35, "load": 1.5, "wind": -0.6}, "weight": {"weight": 2.0}},
-}
-
-
-def test_a_combination_is_the_sum_of_its_loads_times_their_factors() -> None:
-    """Blocks without contact are linear: displacements add up, exactly to rounding."""
-
-    def moved(scene) -> np.ndarray:
-        problem = scene_problem(scene, "box")
-        return solve_static(problem, Static(mesh="scene", error_estimate=False)).fields[
-            "displacement"
-        ]
-
-    scene = check_scene(COMBINED)
-    none = {"load": {}, "loads": (), "effects.gravity": None, "combinations": {}}
-    weight = moved(scene.changed(none | {"effects.gravity": scene.effects.gravity}))
-    load = moved(scene.changed(none | {"load": scene.load}))
-    wind = moved(scene.changed(none | {"loads": scene.loads}))
-    found = moved(combined(scene, "all"))
-    np.testing.assert_allclose(found, 1.35 * weight + 1.5 * load - 0.6 * wind, atol=1e-12)
-    np.testing.assert_allclose(moved(combined(scene, "weight")), 2.0 * weight, atol=1e-12)
-
-
-def test_the_envelope_names_the_combination_that_governs() -> None:
-    file = scene_case(name="box", scene=check_scene(COMBINED))
-    answers = dict(combination_answers(file, "fem"))
-    assert list(answers) == ["all", "weight"]
-    for measure, (name, largest) in envelope(answers).items():
-        values = {n: abs(a.measures[measure].value) for n, a in answers.items()}
-        assert values[name] == max(values.values()) == abs(largest.value)
-
-
-def test_a_factor_of_no_load_is_rejected() -> None:
-    scene = check_scene(COMBINED | {"combinations": {"all": {"snow": 1.0}}})
-    with pytest.raises(InputError, match=r"combinations.all.snow: .* weight, load, wind"):
-        combined(scene, "all")
-    with pytest.raises(InputError, match="combinations: got none"):
-        next(combination_answers(scene_case(name="box", scene=check_scene(BOX)), "fem"))
-
-
-@pytest.mark.parametrize("factors", [{"held": 1.0}, {"supports": ["held"]}, {"push": {}}])
-def test_combinations_of_other_supports_are_rejected_by_name(factors: dict[str, object]) -> None:
-    held = [{"name": "held", "face": "x-", "hold": ["x", "y", "z"]}]
-    stated = BOX | {"supports": held, "combinations": {"a": {"load": 1.0, **factors}}}
-    named = rf"combinations\.a\.{next(iter(factors))}: .* the same supports and motions in all"
-    with pytest.raises(InputError, match=named):
-        combined(check_scene(stated), "a")
-
-
 def test_a_support_may_hold_a_face_of_no_load() -> None:
     """Nothing is lost where the pressure on the face is zero."""
-    blocks = placed(box_block(tuple(SIZE), (3, 2, 2)))
-    load = LoadCase(blocks, "", (PressureLoad(ALL, "z+", 0.0),), blocks.fixed)
     held = [{"face": "z+", "hold": ["z"]}]
-    scene = check_scene(BOX | {"supports": held})
-    assert len(stated_load(scene, blocks, load).held) == 1
+    case = load_case(BOX | {"supports": held, "load": {"z+": {"pressure": 0.0}}})
+    assert len(case.problem.load_case.held) == 1

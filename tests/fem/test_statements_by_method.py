@@ -22,16 +22,14 @@ from fem import (
     solve_static,
     write_deck,
 )
+from fem.assembly.statement import Motion
+from fem.decks.keywords import DeckError
+from fem.decks.problem import problem_deck
+from fem.decks.statement import Flavour
 from geometry import Answer, HeldFace, LineLoad, LoadCase, PressureLoad, RefusedError
+from geometry.loads import with_body_wrenches
 from mbd import analyse
-from tests.support.face import (
-    DeckError,
-    Flavour,
-    Motion,
-    calculix_available,
-    problem_deck,
-    with_body_wrenches,
-)
+from tests.support.ccx import calculix_available
 from tests.support.supports import ONE, TWO, A, X, Y, Z, case, pulled, roller, side
 from tests.verification.calculix import (
     calculix_of,

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from geometry import BrickStack
 from geometry import HexagonBlock as HexagonBlockParameters
+from geometry.assembly import AssemblyError
+from geometry.families.hexagon_block import HexagonBlockDivisions
+from geometry.families.sine_block import SineBlockDivisions
+from geometry.families.tube import HexagonTube, SineTube
+from geometry.polyhedra.assembly import as_polyhedral
+from geometry.polyhedra.explosion import follow_explosion, outward_directions
+from mbd.margin import first_order_explosion
 from tests.support.blocks import tsb
-from tests.support.face import (
-    AssemblyError,
-    HexagonBlockDivisions,
-    HexagonTube,
-    SineBlockDivisions,
-    SineTube,
-    as_polyhedral,
-    explosion_json,
-    first_order_explosion,
-    follow_explosion,
-    outward_directions,
-    run_explosion,
-)
-from tests.support.face import rigid_explosion_module as explosion
-from validation import InputError, load_case
+from tests.support.commands import command
 
 HEXAGONS = HexagonTube(
     HexagonBlockParameters(4, 120.0, 40.0), HexagonBlockDivisions(6, 3), 1
@@ -70,22 +66,27 @@ def test_finite_motion_starts_as_first_order_says() -> None:
 
 
 @pytest.mark.slow
-def test_scenes_explode_or_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(explosion, "STEPS", (0.01, 0.5))
+@pytest.mark.usefixtures("undrawn")
+def test_scenes_explode_or_not(tmp_path: Path) -> None:
     for name, settings, explodes in (
         ("thb0-pipe", ["mesh.edge=6", "mesh.radial=3"], True),
         ("tsb2-pipe", ["mesh.around=24", "mesh.radial=3", "mesh.axial=4"], False),
     ):
-        run = run_explosion(load_case(name, [*settings, "assembly.layers=4"]))
-        assert run.explodes == explodes
-        assert explosion_json(run)["first_order"]["admissible"] == explodes
-        assert str(run.held) == ("activated" if explodes else "locked")
+        words = [w for s in (*settings, "assembly.layers=4") for w in ("--set", s)]
+        path = tmp_path / "explosion.json"
+        status, _, said = command("explode", name, *words, "--json", str(path))
+        assert status == 0, said
+        run = json.loads(path.read_text("utf-8"))
+        assert run["explodes"] == explodes
+        assert run["first_order"]["admissible"] == explodes
+        print(sorted(run), run.get("held"))
+        assert run["held"] == ("activated" if explodes else "locked")
 
 
 def test_what_is_no_tube_is_refused() -> None:
     with pytest.raises(AssemblyError, match="not a tube"):
         outward_directions(BrickStack((1.0, 1.0, 1.0), (1, 1, 1), columns=2, layers=1).build())
-    with pytest.raises(InputError, match="makes no tube"):
-        run_explosion(load_case("brick-stack"))
-    with pytest.raises(InputError, match="no mesh of a family"):
-        run_explosion(load_case("tetrahedra"))
+    for scene, words in (("brick-stack", "makes no tube"), ("tetrahedra", "no mesh of a family")):
+        status, _, said = command("explode", scene)
+        assert (status, said.count("\n")) == (2, 1)
+        assert words in said

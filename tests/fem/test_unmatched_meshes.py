@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from fem import LinearPenalty, Material, Problem, Static, solve_static
+from fem.assembly.statement import ProblemError
 from geometry import Assembly, ColumnBox, LoadCase, box_block, box_column
 from mbd import analyse
-from tests.support.face import ProblemError
 
 STONE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 GRAVITY = 9810.0

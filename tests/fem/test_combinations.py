@@ -5,17 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.support.face import DeformableScene, StaticOptions, on_its_mesh, scene_problem
-from tests.support.face import solve_deformable_static as solve_static
-from validation import load_case
+from fem.static.solve import StaticOptions, solve_static
+from tests.support.answers import on_its_mesh
+from validation import Case, load_case
 
 COARSE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
 
 
-def scene_of(*settings: str, case: str = "tsb1-pipe") -> DeformableScene:
-    scene = load_case(case, [*COARSE, *settings]).scene
-    assert isinstance(scene, DeformableScene)
-    return scene
+def scene_of(*settings: str, case: str = "tsb1-pipe") -> Case:
+    return load_case(case, [*COARSE, *settings])
 
 
 @pytest.mark.parametrize("method", ["static", "explicit"])
@@ -35,9 +33,9 @@ def test_a_sector_gives_the_energies_of_the_whole(setting: str, method: str) -> 
     for symmetry in ("sector", "none"):
         scene = scene_of(f'fem.method="{method}"', f'fem.symmetry="{symmetry}"', setting)
         if method == "static":
-            found.append(on_its_mesh(scene, "tube", "static").details.static)
+            found.append(on_its_mesh(scene, method="static").details.static)
             continue
-        result = on_its_mesh(scene, "tube", "explicit").details.explicit
+        result = on_its_mesh(scene, method="explicit").details.explicit
         assert result is not None
         found.append(result.energies)
         last = result.history.column("strain_energy")[-1]
@@ -55,8 +53,8 @@ def test_explicit_friction_follows_slow_loading(case: str) -> None:
     # the answer, a tenth: 2e-3. After a quarter of a period the pipe was 13 % off.
     friction = "effects.friction.coefficient=0.05"
     scene = scene_of(friction, 'fem.method="explicit"', 'fem.damping="static"', case=case)
-    run = on_its_mesh(scene, "tube", "explicit")
-    slow = solve_static(scene_problem(scene, "tube").deformable, StaticOptions(load_steps=16))
+    run = on_its_mesh(scene, method="explicit")
+    slow = solve_static(scene.problem.deformable, StaticOptions(load_steps=16))
     assert run.details.contact_state.point_pressures.max() == pytest.approx(
         slow.pressures.max(), rel=5e-3
     )
@@ -66,11 +64,11 @@ def test_explicit_friction_follows_slow_loading(case: str) -> None:
 def test_friction_that_closes_a_clearance_is_loaded_in_steps() -> None:
     """One step counts slip before touch as stick, so friction holds where nothing pressed yet."""
     pillar = ("contact.clearance=0.05", "effects.friction.coefficient=0.3")
-    gap = on_its_mesh(scene_of(*pillar, case="tsb1-pillar"), "gap", "static")
+    gap = on_its_mesh(scene_of(*pillar, case="tsb1-pillar"), method="static")
     assert gap.details.static.load_steps > 1
-    one = on_its_mesh(scene_of(*pillar, "fem.load_steps=1", case="tsb1-pillar"), "one", "static")
+    one = on_its_mesh(scene_of(*pillar, "fem.load_steps=1", case="tsb1-pillar"), method="static")
     # Slip that nothing resisted dissipates nothing: finer loading loses less.
     lost = [run.details.static.frictional_dissipation for run in (gap, one)]
     assert lost[0] < 0.5 * lost[1]
-    plain = on_its_mesh(scene_of("contact.clearance=0.05"), "plain", "static")
+    plain = on_its_mesh(scene_of("contact.clearance=0.05"), method="static")
     assert plain.details.static.load_steps == 1

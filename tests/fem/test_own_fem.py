@@ -11,6 +11,13 @@ import numpy as np
 import pytest
 
 from fem import LinearPenalty, Material, Problem, Static, solve_static
+from fem.accuracy.one_mesh import static_solution
+from fem.assembly.contact_state import facing_points
+from fem.contact.cuts import closest_on_facets
+from fem.decks.problem import problem_deck
+from fem.decks.statement import Flavour
+from fem.dynamics import stated_run
+from fem.problem.loads import wrench_forces
 from geometry import (
     Assembly,
     ColumnBox,
@@ -21,46 +28,28 @@ from geometry import (
     box_column,
     read_blocks,
 )
-from tests.support.face import (
-    JOINT_FILES,
-    DeformableScene,
-    Flavour,
-    Outputs,
-    QuadSurface,
-    box,
-    build_deck,
-    check_scene,
-    closest_on_facets,
-    compared_runs,
+from geometry.families.masonry import box
+from geometry.files.block_files import step_hexahedra
+from geometry.files.hexahedral_solids import (
     connected_solids,
-    facing_points,
     file_blocks,
     hexahedral_block,
-    on_its_mesh,
-    polyhedron_from_quads,
-    run_facets,
-    scene_case,
-    scene_problem,
     six_sided_hexahedra,
-    solved,
     split_tetrahedra,
-    stated_run,
-    static_solution,
-    step_hexahedra,
-    wrench_forces,
-    write_hex_mesh,
-    write_joints,
 )
+from geometry.files.mesh_io import write_hex_mesh
+from geometry.polyhedra.polyhedron import polyhedron_from_quads
+from tests.support.answers import both_kinds, on_its_mesh
 from tests.support.own_blocks import (
     QUADS,
     brick_corners,
     column,
-    deformable,
     overclosure,
     own_scene,
     write_stl,
 )
-from validation import InputError
+from tests.support.printed import printed
+from validation import Case, InputError, load_case, solve
 
 # ---------------------------------------------------------------------------------------------
 # A column of boxes
@@ -70,21 +59,11 @@ def test_a_column_of_boxes_under_pressure() -> None:
     pressure = 0.5
     # Without lateral strain every joint closes by the law's inverse, every box by p h / E.
     top = 2 * overclosure(pressure) + pressure * 160.0 / 33e3
-    static = on_its_mesh(column(pressure), "column", "static")
+    static = on_its_mesh(column(pressure), method="static")
     # The static residual is 1e-8 of the load; a joint is as stiff as the boxes within tenfold.
     assert static.details.largest_displacement == pytest.approx(top, rel=1e-7)
     np.testing.assert_allclose(static.details.contact_state.point_pressures, pressure, rtol=1e-7)
-    quadratic = on_its_mesh(column(pressure).changed({"fem.degree": 2}), "column", "static")
-    for run in (static, quadratic):
-        # What is drawn: joints of 100 × 80 mm² in pieces of a uniform pressure.
-        drawn = run_facets(run)
-        np.testing.assert_allclose(drawn.pressures, pressure, rtol=1e-7)
-        quads = np.arange(4 * len(drawn.corners)).reshape(-1, 4)
-        faces = QuadSurface(drawn.corners.reshape(-1, 3), quads)
-        assert faces.areas.sum() == pytest.approx(2 * 8000.0, rel=1e-4)
-        assert not drawn.scale.note
-    assert len(quadratic.details.contact_state.pressures) < len(run_facets(quadratic).pressures)
-    explicit = on_its_mesh(column(pressure), "column", "explicit")
+    explicit = on_its_mesh(column(pressure), method="explicit")
     # Damped until the residual is 1e-4 of the load.
     assert explicit.details.largest_displacement == pytest.approx(top, rel=1e-3)
     np.testing.assert_allclose(explicit.details.contact_state.point_pressures, pressure, rtol=1e-3)
@@ -98,14 +77,14 @@ def test_joints_of_a_static_column_that_do_not_match_are_found() -> None:
     assert matching.unmatched == ()
     # Two joints of 50 × 40 mm², on facets of 25 × 20 mm².
     assert matching.interfaces.areas.sum() == pytest.approx(4000.0, rel=1e-12)
-    scene = column(0.5).model_dump(mode="json", exclude_unset=True)
+    scene = column(0.5).keys
     scene["block"]["boxes"][1]["divisions"] = [4, 2, 1]
-    crossing = scene_problem(check_scene(scene), "column").deformable  # type: ignore[arg-type]
+    crossing = load_case(scene).problem.deformable
     assert len(crossing.assembly.unmatched or ()) == 2
 
 
 def test_the_deck_of_a_column_holds_its_bottom_face() -> None:
-    deck = build_deck(scene_case(name="column", scene=column(0.5)), Flavour.CALCULIX)
+    deck = problem_deck(column(0.5).problem, Flavour.CALCULIX)
     assert [(hold.block, hold.face) for hold in deck.holds] == [(0, "z-")]
 
 
@@ -115,9 +94,9 @@ def test_the_deck_of_a_column_holds_its_bottom_face() -> None:
 
 def test_one_sector_of_a_hexagon_tube_gives_the_whole() -> None:
     small = ("assembly.layers=1", "mesh.edge=4", "mesh.radial=2")
-    whole = on_its_mesh(deformable("thb0-tunnel", *small, "fem.symmetry='none'"), "whole", "static")
-    sector = on_its_mesh(
-        deformable("thb0-tunnel", *small, "fem.symmetry='sector'"), "sector", "static"
+    whole, sector = (
+        on_its_mesh("thb0-tunnel", (*small, f"fem.symmetry='{which}'"), method="static")
+        for which in ("none", "sector")
     )
     assert sector.details.static.symmetry == 4
     # Both stop at a residual of 1e-8 of the load; the tube's softest motion amplifies it tenfold.
@@ -136,7 +115,7 @@ def test_the_frame_of_a_wall_carries_the_load(
     name: str, divisions: str, area: float, degree: int
 ) -> None:
     small = ("assembly.layers=1", "assembly.columns=1", f"mesh.divisions={divisions}")
-    run = on_its_mesh(deformable(name, *small, f"fem.degree={degree}"), name, "static")
+    run = on_its_mesh(name, (*small, f"fem.degree={degree}"), method="static")
     found = run.details.contact_state
     # One free block: what its facets push the frame with, towards +y, is pressure times area.
     sign = np.where(run.details.deformable.group_of[found.block_m] >= 0, 1.0, -1.0)
@@ -188,7 +167,7 @@ places = [{at = [0, 0, 0], fixed = true}, {at = [0, 0, 50]}]
 file = "brick.inp"
 places = [{at = [0, 0, 100]}]
 """
-    run = on_its_mesh(own_scene(tmp_path, parts).changed({"fem.degree": degree}), "own", "static")
+    run = on_its_mesh(own_scene(tmp_path, parts).changed({"fem.degree": degree}), method="static")
     weight = 2.4e-9 * 400_000.0 * 9810.0
     # Two bricks on the lower joint, one on the upper; the residual is 1e-8 of the load.
     assert run.details.contact.force == pytest.approx(3 * weight, rel=1e-7)
@@ -216,11 +195,12 @@ def test_friction_loads_as_slowly_whatever_made_the_gap(
             "effects.finite_sliding": sliding,
         }
     )
-    stated = stated_run(scene_problem(scene, "own"), scene.in_time)
+    stated = stated_run(scene.problem, scene.method)
     assert stated.recommended is not None
     assert stated.ramp_time * stated.recommended.frequency == pytest.approx(periods, rel=1e-12)
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("friction", [True, False])
 def test_joint_forces_that_leave_friction_out_are_named_so(tmp_path: Path, friction: bool) -> None:
     """2 N sideways are the shear force of the joint, which friction carries."""
@@ -231,13 +211,13 @@ def test_joint_forces_that_leave_friction_out_are_named_so(tmp_path: Path, frict
         load += "[[load.forces]]\nblock = 1\nforce = [2.0, 0.0, 0.0]\n"
         load += "[effects.friction]\ncoefficient = 0.5\n"
     parts = f'[[parts]]\nfile = "brick.inp"\nplaces = {places}\n'
-    run = on_its_mesh(own_scene(tmp_path, parts, load=load), "own", "static")
+    case = own_scene(tmp_path, parts, load=load)
+    run = on_its_mesh(case, method="static")
     (joint,) = run.as_dict()["joints"]
     weight, push = 2.4e-9 * 400_000.0 * 9810.0, 2.0 if friction else 0.0
     assert joint["normal_force"] == pytest.approx(weight, rel=1e-5)
     assert joint["shear_force"] == pytest.approx(push, abs=1e-5 * weight)
-    with Outputs(folder=tmp_path / "out", names=JOINT_FILES) as outputs:
-        write_joints(run.details.joints, outputs)
+    printed(case, tmp_path, "-o", str(tmp_path / "out"))
     head = (tmp_path / "out" / "joints.csv").read_text("utf-8").splitlines()[0].split(",")
     assert "shear_force_N" in head
     assert "force" in meshio.read(tmp_path / "out" / "joints.vtu").point_data
@@ -251,8 +231,7 @@ file = "wedge.stl"
 places = [{axis = [0, 1, 0], angle = 0, fixed = true}, {axis = [0, 1, 0], angle = -60},
           {axis = [0, 1, 0], angle = -120, fixed = true}]
 """
-    scene = own_scene(tmp_path, parts).changed({"fem.mesh": "scene"})
-    rigid, (static,) = compared_runs("arch", scene)
+    *rigid, static = both_kinds(own_scene(tmp_path, parts))
     weight = 2.4e-9 * wedge().mass_properties.volume * 9810.0
     # Each joint leans by 60°, so its normal force is W / (2 cos 60°). The normals turn by the
     # displacement over a facet's size, 25 mm.
@@ -274,7 +253,7 @@ def test_a_prism_of_tetrahedra_weighs_on_its_joint(tmp_path: Path) -> None:
     parts = '[[parts]]\nfile = "brick.stl"\nfixed = true\n[[parts]]\nfile = "{}"\n'
     parts += "places = [{{at = [0, 0, 50]}}]\n"
     scene = own_scene(tmp_path, parts.format("prism.stl"))
-    run = on_its_mesh(scene.changed({"mesh.size": 100.0, "mesh.divisions": 1}), "own", "static")
+    run = on_its_mesh(scene.changed({"mesh.size": 100.0, "mesh.divisions": 1}), method="static")
     # Half of an eighth of a box; the residual is 1e-8 of the load.
     assert run.details.contact.force == pytest.approx(2.4e-9 * 25_000.0 * 9810.0, rel=1e-7)
     assert "four hexahedra" in run.report["notes"]["tetrahedra"]
@@ -332,7 +311,7 @@ def write_panel(path: Path, n: int) -> list[int]:
     return ring
 
 
-def panel_scene(folder: Path, n: int, friction: float) -> DeformableScene:
+def panel_scene(folder: Path, n: int, friction: float) -> Case:
     ring = write_panel(folder / "panel.obj", n)
     load = f"[assembly]\nfixed = {ring}\n[effects]\ngravity = [0, 0, -9810]\n"
     load += f"[effects.friction]\ncoefficient = {friction}\n"
@@ -346,7 +325,7 @@ def test_a_panel_of_truncated_tetrahedra_is_held_by_friction(tmp_path: Path) -> 
     So does a first iteration without friction, which lets the blocks fall.
     """
     scene = panel_scene(tmp_path, 2, 0.6)
-    run = on_its_mesh(scene, "panel", "static")
+    run = on_its_mesh(scene, method="static")
     assert run.details.static is not None
     # Newton's method with the whole tangent; by frozen limits no number of iterations was enough.
     assert run.details.static.converged
@@ -368,9 +347,8 @@ def test_built_in_panels_stand_under_their_weight(
 ) -> None:
     """Blocks that gmsh fills or a grid does, whose faces meet in part and whose edges cross: forces
     of all free blocks balance."""
-    scene = deformable(family, *size)
-    stated = {"effects.friction.coefficient": friction, "fem.degree": 1, "fem.load_steps": 1}
-    found = on_its_mesh(scene.changed(stated), family, "static").details.static
+    stated = (f"effects.friction.coefficient={friction}", "fem.degree=1", "fem.load_steps=1")
+    found = on_its_mesh(family, (*size, *stated), method="static").details.static
     assert found is not None
     assert found.converged
     assert found.residual <= 1e-8
@@ -379,7 +357,7 @@ def test_built_in_panels_stand_under_their_weight(
 def test_faces_that_slide_on_each_other_press_nowhere(tmp_path: Path) -> None:
     """All four blocks of a panel sink along their faces: those stay in contact, to rounding of the
     file. Edges that cross lay in each other by 0.024 mm, where the law knows no bound."""
-    deformable = scene_problem(panel_scene(tmp_path, 2, 0.3), "panel").deformable
+    deformable = panel_scene(tmp_path, 2, 0.3).problem.deformable
     lean, sunk = np.tan(np.radians(25.0)), 0.057
     along = np.array([[1, -1, 0], [1, 1, 0], [-1, -1, 0], [-1, 1, 0]]) * lean - [0.0, 0.0, 1.0]
     moved = [
@@ -400,8 +378,9 @@ def test_little_friction_holds_a_panel_by_a_squeeze_alone(tmp_path: Path) -> Non
     force, of one of joints that are alike: both count the contacts that have an area."""
     scene = panel_scene(tmp_path, 2, 0.3)
     with pytest.raises(InputError, match="carried only if pressed beforehand") as error:
-        on_its_mesh(scene, "panel", "static")
-    rigid = solved(tmp_path / "own.toml", ["effects.friction=0.3"], method="rigid").as_dict()
+        on_its_mesh(scene, method="static")
+    rough = load_case(tmp_path / "own.toml", ["effects.friction=0.3"], method="rigid")
+    rigid = solve(rough).as_dict()
     verdict, _, joint = rigid["answer"].partition(":")
     assert verdict == "carried only if pressed beforehand"
     assert joint.partition(" between")[0] in str(error.value)

@@ -4,19 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from fem import ExponentialLaw
+from fem.accuracy.parts import relative
+from fem.contact.facet_peaks import LARGEST_FACTOR, facet_peaks
+from fem.measures import bracketed
 from geometry import Answer, Measure
-from tests.support.face import (
-    LARGEST_FACTOR,
-    TubeScene,
-    bracketed,
-    facet_peaks,
-    on_its_mesh,
-    print_run,
-    relative,
-)
+from tests.support.answers import on_its_mesh
 from validation import load_case
 
 COARSE = ["assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4"]
@@ -24,8 +18,7 @@ COARSE = ["assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4"
 
 def coarse_tube(clearance: float) -> Answer:
     file = load_case("tsb1-pipe", [*COARSE, f"contact.clearance={clearance}"])
-    assert isinstance(file.scene, TubeScene)
-    return on_its_mesh(file.scene, "tube", "static")
+    return on_its_mesh(file, method="static")
 
 
 @pytest.mark.parametrize("clearance", [0.0, 0.01, 0.05, 1.0])
@@ -42,12 +35,9 @@ def test_a_clearance_leaves_the_pressure_at_a_point_in_the_solved_state(clearanc
     assert bracketed(run.details)["p_max"] < run.details.contact.p_max_point * LARGEST_FACTOR
 
 
-def test_a_pressure_that_is_not_resolved_is_printed_as_such(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_pressure_that_is_not_resolved_is_printed_as_such() -> None:
     run = coarse_tube(0.05)
-    print_run(run, Console(width=300))
-    row = next(s for s in capsys.readouterr().out.splitlines() if "pressure at a point" in s)
+    row = next(s for s in str(run).splitlines() if "pressure at a point" in s)
     assert "not resolved" in row
     assert run["p_max_point"].as_json()["resolved"] is False
     assert "resolved" not in run["p_eff"].as_json()

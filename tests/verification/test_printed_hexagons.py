@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from mbd import Mechanism, contact_jacobian, generalized_force
-from tests.support.face import DeformableScene, on_its_mesh, reference, section_heights
-from tests.support.face import picture_section as section
 from validation import load_case, solve
+from validation.paper.reference import reference
 
 pytestmark = pytest.mark.quick
 
@@ -42,19 +41,3 @@ def test_tunnel_reaches_the_printed_numbers() -> None:
     assert abs(measures.effective_count_percent - printed["effective"]) < 1.5
     assert measures.p_eff == pytest.approx(printed["p_eff"], rel=0.04)
     assert measures.p_max == pytest.approx(printed["p_max"], rel=0.04)
-
-
-def test_sections_lie_in_the_layer_that_they_name() -> None:
-    """Hexagon tubes: layers reach into each other, so layer k is not between (k-1)h and kh."""
-    small = ["mesh.edge=4", "mesh.radial=1", "assembly.layers=1"]
-    scene = load_case("thb0-tunnel", small).scene
-    assert isinstance(scene, DeformableScene)
-    run = on_its_mesh(scene, "thb0-tunnel", "static")
-    assembly = run.details.deformable.assembly
-    along = np.concatenate([assembly.nodes(b) for b in assembly.free_blocks]) @ assembly.axis
-    heights = section_heights(run.details)
-    assert along.min() < heights[0]
-    assert heights[-1] < along.max()
-    # One height above and below the middle each, by the symmetry of the hexagon.
-    assert heights[0] + heights[-1] == pytest.approx(along.min() + along.max(), abs=1e-3)
-    assert all(len(section(run.details, z).triangles) for z in heights)

@@ -9,39 +9,30 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from rich.console import Console
 
 from fem import Explicit, Frames, Material, solve, solve_explicit
+from fem.explicit.setup.assembly import explicit_assembly
+from fem.explicit.setup.quasi_static import block_frequencies
+from fem.explicit.solve import StopCriterion, initial_state, prepare
+from fem.problem.effects import AdaptiveMassDamping, Effects
+from fem.problem.loads import SmoothStepAmplitude
+from fem.problem.model import Model
 from geometry import ColumnBox, RefusedError, box_block, box_column
-from tests.support.face import (
-    AdaptiveMassDamping,
-    DeformableScene,
-    Effects,
-    Model,
-    SmoothStepAmplitude,
-    StopCriterion,
-    block_frequencies,
-    check_scene,
-    explicit_assembly,
-    face_pressure,
-    initial_state,
-    on_its_mesh,
-    polyhedron_from_quads,
-    prepare,
-    print_run,
-    scene_problem,
-    write_hex_mesh,
-)
+from geometry.files.mesh_io import write_hex_mesh
+from geometry.loads import face_pressure
+from geometry.polyhedra.polyhedron import polyhedron_from_quads
+from tests.support.answers import on_its_mesh
 from tests.support.fem_problems import deformable_assembly, in_contact
 from tests.support.own_blocks import QUADS, SECTIONS, brick_corners, overclosure, write_stl
-from validation import InputError, load_case
+from tests.support.printed import printed
+from validation import Case, InputError, load_case
 
 Box = tuple[tuple[float, float, float], tuple[int, int, int]]
 
 WIDE = (100.0, 80.0, 50.0)
 
 
-def column(*boxes: Box, pressure: float = 0.5, poisson: float = 0.0, **sections) -> DeformableScene:
+def column(*boxes: Box, pressure: float = 0.5, poisson: float = 0.0, **sections) -> Case:
     stated = {
         "block": {"type": "boxes", "boxes": [{"size": s, "divisions": d} for s, d in boxes]},
         "load": {"pressure": pressure},
@@ -49,9 +40,7 @@ def column(*boxes: Box, pressure: float = 0.5, poisson: float = 0.0, **sections)
         "contact": {"clearance_at_zero_pressure": 1e-3, "pressure_at_zero_clearance": 1e-4},
         "fem": {"method": "explicit", "damping": "static", "residual": 1e-8},
     }
-    scene = check_scene(stated | sections)
-    assert isinstance(scene, DeformableScene)
-    return scene
+    return load_case(stated | sections)
 
 
 CROSSING = ((WIDE, (4, 4, 2)), (WIDE, (3, 3, 2)), (WIDE, (5, 2, 2)))
@@ -61,7 +50,7 @@ def test_patch_test_of_a_column_that_does_not_match() -> None:
     """Uniform stress passes joints of 4 × 4 on 3 × 3 on 5 × 2 facets: every point carries the
     load's pressure, every joint closes by the law's inverse, every box by p h / E. The residual is
     1e-8 of the load; a joint is as stiff as the boxes within tenfold."""
-    run = on_its_mesh(column(*CROSSING), "column", "explicit")
+    run = on_its_mesh(column(*CROSSING), method="explicit")
     assert run.details.explicit.status == "converged"
     found = run.details.contact_state
     np.testing.assert_allclose(found.point_pressures, 0.5, rtol=1e-6)
@@ -86,7 +75,7 @@ def test_one_facet_in_the_middle_of_four() -> None:
     """No facet lies inside another: the only one is cut in four equal parts, on which the load
     presses alike by symmetry, to the residual."""
     scene = column((WIDE, (2, 2, 1)), ((50.0, 40.0, 50.0), (1, 1, 1)))
-    found = on_its_mesh(scene, "column", "explicit").details.contact_state
+    found = on_its_mesh(scene, method="explicit").details.contact_state
     assert found.n_facets == 1
     quarter = np.sign(found.positions[:, :2]) @ [2.0, 1.0]
     areas = [found.point_areas[quarter == k].sum() for k in (-3.0, -1.0, 1.0, 3.0)]
@@ -98,7 +87,7 @@ def test_forces_and_moments_of_a_smaller_box_that_crosses_facets() -> None:
     """A box of 60 × 40 mm² over facets of 33 × 27 mm²: each joint passes on the load's force,
     centred, the upper joint on the area of the box alone, to the residual of 1e-8."""
     boxes = ((WIDE, (4, 4, 2)), (WIDE, (3, 3, 2)), ((60.0, 40.0, 50.0), (5, 3, 2)))
-    run = on_its_mesh(column(*boxes, poisson=0.2), "column", "explicit")
+    run = on_its_mesh(column(*boxes, poisson=0.2), method="explicit")
     found = run.details.contact_state
     load = 0.5 * 2400.0
     for joint, area in (((0, 1), 8000.0), ((1, 2), 2400.0)):
@@ -115,7 +104,7 @@ def test_forces_and_moments_of_a_smaller_box_that_crosses_facets() -> None:
 def test_random_motions_of_boxes_that_do_not_match_balance() -> None:
     """Action equals reaction and moments balance on cut facets too (rounding): the forces are the
     gradient of an energy that no rigid motion changes."""
-    stated = explicit_assembly(scene_problem(column(*CROSSING), "column").deformable)
+    stated = explicit_assembly(column(*CROSSING).problem.deformable)
     assert stated.sliding is not None
     rng = np.random.default_rng(5)
     moved = tuple(5e-3 * rng.standard_normal((1, g.n_nodes, 3)) for g in stated.model.groups)
@@ -186,9 +175,7 @@ def test_matching_joints_have_no_search_unless_asked() -> None:
     matching = ((WIDE, (4, 4, 2)), (WIDE, (4, 4, 1)))
     fixed = "matching meshes, fixed pairs (small sliding)"
     for asked, words in ((False, fixed), (True, "finite sliding")):
-        run = on_its_mesh(
-            column(*matching, effects={"finite_sliding": asked}), "column", "explicit"
-        )
+        run = on_its_mesh(column(*matching, effects={"finite_sliding": asked}), method="explicit")
         data = run.as_dict()
         assert data["contact_search"] == words
         assert (run.details.contact_state.interface is None) == asked
@@ -208,10 +195,10 @@ def test_frequencies_are_those_of_the_facets_that_face_each_other() -> None:
     searched; a joint that does not match has as much area. Facets of a tube are warped: a search
     spreads their area over the points by its projection, a square of the warp of 1e-2 apart."""
     small = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=4")
-    tube = load_case("tsb1-pipe", small).scene
+    tube = load_case("tsb1-pipe", small)
     alike = column(*[(WIDE, (4, 4, 2))] * 3)
-    for scene, rel in ((alike, 1e-9), (tube, 1e-3)):
-        deformable = scene_problem(scene, "scene").deformable  # type: ignore[arg-type]
+    for case, rel in ((alike, 1e-9), (tube, 1e-3)):
+        deformable = case.problem.deformable
         matched, searched = (
             block_frequencies(explicit_assembly(stated).model, 0.01)
             for stated in (deformable, in_contact(deformable, finite_sliding=True))
@@ -220,10 +207,8 @@ def test_frequencies_are_those_of_the_facets_that_face_each_other() -> None:
         assert searched.lowest == pytest.approx(matched.lowest, rel=rel)
     # Vertical motion of rigid blocks is uniform on a joint: its frequency depends on area alone.
     found, expected = (
-        block_frequencies(
-            rigid(explicit_assembly(scene_problem(scene, "column").deformable).model), 0.01
-        )
-        for scene in (column(*CROSSING), alike)
+        block_frequencies(rigid(explicit_assembly(case.problem.deformable).model), 0.01)
+        for case in (column(*CROSSING), alike)
     )
     assert found.excited == pytest.approx(expected.excited, rel=1e-9)
 
@@ -237,7 +222,7 @@ def test_measures_of_a_small_slide_are_those_of_matched_facets() -> None:
     found = []
     for way in ways:
         settings = (*small, "fem.method='explicit'", "fem.residual=1e-6", *way)
-        run = on_its_mesh(load_case("tsb1-pipe", settings).scene, "tube", "explicit")  # type: ignore[arg-type]
+        run = on_its_mesh("tsb1-pipe", settings, method="explicit")
         found.append(run)
     matched, searched = found
     ours, theirs = (asdict(run.details.contact) for run in (searched, matched))
@@ -276,7 +261,7 @@ def test_a_pushed_box_presses_where_it_ended() -> None:
         },
         fem={"method": "explicit", "ramp_time": 2e-3, "end_time": 0.03},
     )
-    run = on_its_mesh(scene, "push", "explicit")
+    run = on_its_mesh(scene, method="explicit")
     slide = 2e3 * (0.03 - (1.0 - np.exp(-30.0)) / 1e3)
     assert run.details.displacement(1)[:, 0].mean() == pytest.approx(slide, rel=1e-3)
     found = run.details.contact_state
@@ -343,15 +328,11 @@ def test_own_blocks_that_do_not_match(tmp_path: Path) -> None:
     path.write_text(
         f'[block]\ntype = "mesh"\n{parts}\n[effects]\ngravity = [0, 0, -9810]\n{SECTIONS}', "utf-8"
     )
-    static = load_case(str(path)).scene
-    assert isinstance(static, DeformableScene)
     weight = 2.4e-9 * 400_000.0 * 9810.0
-    assert on_its_mesh(static, "own", "static").details.contact.force == pytest.approx(
+    assert on_its_mesh(path, method="static").details.contact.force == pytest.approx(
         weight, rel=1e-6
     )
-    explicit = load_case(str(path), ["fem.method='explicit'"]).scene
-    assert isinstance(explicit, DeformableScene)
-    run = on_its_mesh(explicit, "own", "explicit")
+    run = on_its_mesh(path, method="explicit")
     assert run.report["contact_search"] == "finite sliding (non-matching meshes)"
     assert run.details.contact.force == pytest.approx(weight, rel=1e-3)
 
@@ -387,9 +368,7 @@ forces = [{block = 3, force = [0, 0, -4000]}]
     )
     residual = ["fem.residual=1e-6"] if method == "explicit" else []
     settings = [*residual, "effects.friction.coefficient=0.3", f"fem.method='{method}'"]
-    scene = load_case(str(path), settings).scene
-    assert isinstance(scene, DeformableScene)
-    found = on_its_mesh(scene, "own").details.contact_state
+    found = on_its_mesh(path, settings).details.contact_state
     weight = 2.4e-9 * 400_000.0 * 9810.0
     for joint, area, force in (
         ((0, 2), 4000.0, 2000.0 + weight),
@@ -405,13 +384,13 @@ forces = [{block = 3, force = [0, 0, -4000]}]
 def test_a_stick_too_stiff_for_the_time_step_is_refused() -> None:
     friction = {"coefficient": 0.3, "stick_stiffness": 1e6}
     with pytest.raises(InputError, match="expected at most"):
-        on_its_mesh(column(*CROSSING, effects={"friction": friction}), "column", "explicit")
+        on_its_mesh(column(*CROSSING, effects={"friction": friction}), method="explicit")
 
 
 def test_an_overlap_that_no_facet_matches_is_refused() -> None:
     """Boxes 0.05 mm in each other, beyond the law's curve: named with their depth."""
     scene = column(*CROSSING, contact={"law": "exponential"})
-    problem = scene_problem(scene, "column")
+    problem = scene.problem
     problem.deformable.offsets[1:, 2] -= 0.05
     method = Explicit(damping="static", error_estimate=False, static_reference=False)
     with pytest.raises(RefusedError, match=r"deepest 0.05 mm between blocks"):
@@ -422,22 +401,19 @@ def test_an_overlap_that_no_facet_matches_is_refused() -> None:
     ("clearance", "sliding"), [(0.0, False), (0.1, False), (0.1, True), (5.0, False)]
 )
 def test_blocks_that_nothing_determines_and_large_motions_are_named(
-    clearance: float, sliding: bool, capsys: pytest.CaptureFixture[str]
+    clearance: float, sliding: bool, tmp_path: Path
 ) -> None:
     """A ring of four blocks whose gaps close under pressure, on four points each: fewer than six
     contacts without friction hold no block, whichever way contact is found."""
-    scene = load_case("tsb1-pipe").scene
-    assert isinstance(scene, DeformableScene)
     mesh = {"mesh.around": 12, "mesh.radial": 1, "mesh.axial": 2, "assembly.layers": 1}
     contact = {"contact.clearance": clearance, "effects.finite_sliding": sliding}
-    scene = scene.changed(mesh | contact)
+    case = load_case("tsb1-pipe", mesh | contact)
     if sliding:
         with pytest.raises(InputError, match="blocks 4, 5, 6, 7 float in their gaps"):
-            on_its_mesh(scene, "ring", "static")
+            on_its_mesh(case, method="static")
         return
-    run = on_its_mesh(scene, "ring", "static")
-    print_run(run, Console(width=300))
-    text = capsys.readouterr().out
+    run = on_its_mesh(case, method="static")
+    text = printed(case, tmp_path)
     assert ("4, 5, 6, 7: no contact holds them in every direction" in text) == (clearance > 0.0)
     assert ("large motion" in text) == (clearance == 5.0)
     assert ("large_motion" in run.as_dict()) == (clearance == 5.0)
@@ -446,11 +422,9 @@ def test_blocks_that_nothing_determines_and_large_motions_are_named(
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_contact_forces_of_blocks_that_move_away_end() -> None:
     """They grew until squares of displacements overflowed; energy descent has the answer."""
-    scene = load_case("tsb1-pipe").scene
-    assert isinstance(scene, DeformableScene)
     mesh = {"mesh.around": 12, "mesh.radial": 1, "mesh.axial": 4, "assembly.layers": 1}
-    scene = scene.changed(mesh | {"contact.clearance": 5.0, "fem.degree": 3})
-    static = on_its_mesh(scene, "ring", "static").details.static
+    case = load_case("tsb1-pipe", mesh | {"contact.clearance": 5.0, "fem.degree": 3})
+    static = on_its_mesh(case, method="static").details.static
     assert static is not None
     assert static.converged
 
@@ -482,7 +456,7 @@ def test_a_joint_that_opens_altogether_has_an_answer(sliding: bool) -> None:
     scene = column(*[((100.0, 100.0, 50.0), (1, 1, 1))] * 2, pressure=-0.5)
     spring = {"blocks": [1], "face": "z+", "spring": 0.005}
     scene = scene.changed({"supports": [spring], "effects.finite_sliding": sliding})
-    answer = on_its_mesh(scene, "pulled", "static")
+    answer = on_its_mesh(scene, method="static")
     assert answer.measures["p_max"].value == 0.0
     assert answer.measures["max_displacement"].value == pytest.approx(100.0, rel=1e-6)
     assert answer.as_dict()["loose_blocks"] == []

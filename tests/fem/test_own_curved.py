@@ -12,21 +12,14 @@ import pytest
 from scipy.sparse import csr_array
 
 from fem import Material, Problem, Static, solve_static
+from fem.element.lagrange_mesh import LagrangeMesh, block_lumped_mass, with_degree
+from fem.problem.model import block_group
 from geometry import Block, LoadCase, read_blocks
-from tests.support.face import (
-    CORNERS,
-    NATURAL,
-    LagrangeMesh,
-    MeshError,
-    block_group,
-    calculix_available,
-    file_blocks,
-    grid_points,
-    on_its_mesh,
-    run_calculix,
-    with_degree,
-)
-from tests.support.face import lagrange_lumped_mass as block_lumped_mass
+from geometry.files.hexahedral_solids import file_blocks
+from geometry.files.quadratic import NATURAL
+from geometry.mesh import CORNERS, MeshError, grid_points
+from tests.support.answers import on_its_mesh
+from tests.support.ccx import calculix_available, run_calculix
 from tests.support.fem_problems import CONCRETE, degrees_of_freedom, static_displacement
 from tests.support.lagrange_meshes import CURVED, WALL, from_twenty, relative
 from tests.support.own_blocks import own_scene
@@ -78,7 +71,7 @@ def test_own_files_of_a_family_give_its_answer(tmp_path: Path) -> None:
         )
         parts.append(f'[[parts]]\nfile = "{number}.vtu"\nplaces = [{places}]\n')
     scene = own_scene(tmp_path, f"{GRAVITY}{''.join(parts)}", load="")
-    run = on_its_mesh(scene.changed({"fem.degree": 2}), "wall", "static")
+    run = on_its_mesh(scene.changed({"fem.degree": 2}), method="static")
     material = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.0)
     load = LoadCase(WALL, "weight", (), WALL.fixed)
     problem = Problem(WALL, load, material, degree=2, gravity=[0.0, 1e6, -1e6])
@@ -133,7 +126,7 @@ def test_a_curved_block_weighs_what_lies_within_its_arcs(
 file = "ring{n_nodes}.vtu"
 places = [{{at = [0, 0, 0]}}, {{at = [0, 0, -{HEIGHT}], fixed = true}}]
 """
-    run = on_its_mesh(own_scene(tmp_path, parts).changed({"fem.degree": degree}), "ring", "static")
+    run = on_its_mesh(own_scene(tmp_path, parts).changed({"fem.degree": degree}), method="static")
     s, c = np.sin(0.5 * ANGLE / PIECES), np.cos(0.5 * ANGLE / PIECES)
     angle = 2.0 * s * (c if degree == 1 else (4.0 - c) / 3.0)
     volume = PIECES * angle * 0.5 * (RADII[1] ** 2 - RADII[0] ** 2) * HEIGHT

@@ -12,7 +12,8 @@ import math
 import numpy as np
 import pytest
 
-from tests.support.face import Solution, on_its_mesh
+from fem.solution import Solution
+from tests.support.answers import on_its_mesh
 from tests.verification.hertz import RADIUS, effective_modulus, pressed
 from validation import load_case
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from fem import Problem, Static, solve_static
-from tests.support.face import StaticOptions, coarser
-from tests.support.face import static_newton_module as newton
-from tests.support.face import static_solve_module as static
+from fem.accuracy.ladder import coarser
+from fem.static import newton
+from fem.static import solve as static
+from fem.static.solve import StaticOptions
 from validation import load_case
 
 ONE_STEP = StaticOptions(load_steps=1)

@@ -8,24 +8,18 @@ from typing import Any
 import meshio
 import numpy as np
 import pytest
-from rich.console import Console
 
 from geometry import Answer, CircularArch, Polyhedron, convex_polyhedron
+from geometry.measures import first_largest
 from mbd import contact_jacobian
-from tests.support.face import (
-    FrictionLaw,
-    PolyhedralScene,
-    first_largest,
-    frictional_contacts,
-    frictional_equilibrium,
-    print_rigid,
-)
+from mbd.friction import frictional_contacts, frictional_equilibrium
+from mbd.options import FrictionLaw
+from tests.support.commands import command
 from validation import load_case, solve
 
 
 def solved(path: Path | str, *settings: str) -> Answer:
     file = load_case(str(path), list(settings))
-    assert isinstance(file.scene, PolyhedralScene)
     return solve(file.with_method("rigid"))
 
 
@@ -256,9 +250,10 @@ def test_the_default_norm_gives_the_ring_pressure_on_any_mesh(tmp_path: Path) ->
 
 
 def test_first_rows_are_printed_before_the_paper_s_measures(tmp_path: Path) -> None:
-    console = Console(record=True, width=200)
-    print_rigid(tube(tmp_path, "tunnel"), console)
-    words = console.export_text()
+    tube(tmp_path, "tunnel")
+    told = ("--json", str(tmp_path / "answer.json"))
+    status, words, said = command("mbd", str(tmp_path / "tube.toml"), *told)
+    assert status == 0, said
     order = ["kinematics", "in equilibrium", "largest contact pressure", "normal forces of joints"]
     order += [
         "total reaction",

@@ -5,21 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from geometry import PolyhedralAssembly, Polyhedron, RefusedError, convex_polyhedron, read_blocks
-from tests.support.face import (
-    Y_UP,
-    check_file,
-    command,
-    diagnosed_blocks,
-    flat_faces,
-    write_repaired,
-    write_solids,
-)
-from validation import InputError, load_case, solve
+from geometry.files.block_files import diagnosed_blocks
+from geometry.files.named_surfaces import Y_UP
+from geometry.files.write_solids import flat_faces, write_solids
+from tests.support.commands import command
+from validation import load_case, solve
 
 pytestmark = pytest.mark.quick
 
@@ -321,33 +317,43 @@ def test_overlaps_are_named_with_a_tolerance_that_works(tmp_path: Path) -> None:
     assert solve(loaded.with_method("rigid")).details.holds  # type: ignore[arg-type]
 
 
+def checked(file: Path) -> dict[str, Any]:
+    """What ``tubelock check`` finds in a file."""
+    _, out, said = command("check", str(file), "--json", "-")
+    assert not said, said
+    found: dict[str, Any] = json.loads(out)
+    return found
+
+
 def test_check_lists_faults_overlaps_and_gaps(tmp_path: Path) -> None:
     boxes = STACK | {
         "beside": ([151.0, 50.0, 100.0], [100.0, 100.0, 200.0]),
         "deep": ([0.0, 0.0, -95.0], [300.0, 300.0, 100.0]),
     }
     file = obj(tmp_path / "a.obj", boxes)
-    check = check_file(file, units="mm", up="z", repair=False)
-    assert not check.clean
-    assert [(o.block_a, o.block_b) for o in check.overlaps] == [(0, 3)]
-    assert check.overlaps[0].depth == pytest.approx(5.0, rel=1e-9)
-    assert check.gaps == [(1, 2, pytest.approx(1.0, rel=1e-9))]
+    check = checked(file)
+    assert not check["clean"]
+    (overlap,), (gap,) = check["overlaps"], check["gaps"]
+    assert overlap["blocks"] == [0, 3]
+    assert overlap["depth"] == pytest.approx(5.0, rel=1e-9)
+    assert gap["blocks"] == [1, 2]
+    assert gap["gap"] == pytest.approx(1.0, rel=1e-9)
     assert command("check", str(file))[0] == 1
     clean = obj(tmp_path / "b.obj", STACK)
     assert command("check", str(clean))[0] == 0
     small = {name: ([0.0, 0.0, 0.3 * k], [0.3] * 3) for k, name in enumerate("ab")}
-    metres = check_file(obj(tmp_path / "c.obj", small), units="mm", up="z", repair=False)
-    assert metres.as_dict()["likely_unit"] == "m"
+    assert checked(obj(tmp_path / "c.obj", small))["likely_unit"] == "m"
 
 
 def test_repair_writes_what_check_finds_clean(tmp_path: Path) -> None:
     file = obj(tmp_path / "a.obj", STACK, _SIDES + _SIDES[:1])
     for name in ("b.obj", "b.json"):
         assert command("repair", str(file), "-o", str(tmp_path / name))[0] == 0
-        assert check_file(tmp_path / name, units="mm", up="z", repair=False).clean
+        assert checked(tmp_path / name)["clean"]
     lid = obj(tmp_path / "open.obj", {"a": STACK["base"]}, _SIDES[:3])
-    with pytest.raises(InputError, match="cannot be repaired"):
-        write_repaired(lid, tmp_path / "c.obj", units="mm", up="z")
+    status, _, said = command("repair", str(lid), "-o", str(tmp_path / "c.obj"))
+    assert (status, said.count("\n")) == (2, 1)
+    assert "cannot be repaired" in said
     assert not (tmp_path / "c.obj").exists()
 
 

@@ -9,45 +9,35 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fem.accuracy import statics
+from fem.assembly.contact_state import corner_displacements
+from fem.assembly.symmetry import local_forces
+from fem.contact.surfaces import corner_forces, point_kinematics
+from fem.explicit.solve import Status
+from fem.static.result import StaticError
+from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry import Answer
-from tests.support.face import (
-    DeformableScene,
-    StaticError,
-    StaticMethod,
-    StaticOptions,
-    Status,
-    command,
-    corner_displacements,
-    corner_forces,
-    local_forces,
-    middle_answer,
-    on_its_mesh,
-    point_kinematics,
-    scene_problem,
-)
-from tests.support.face import accuracy_statics_module as statics
-from tests.support.face import solve_deformable_static as solve_static
+from tests.support.answers import on_its_mesh
+from tests.support.commands import command
 from tests.support.fem_problems import pair_resultants
-from validation import InputError, load_case
+from validation import Case, InputError, load_case
 
 COARSE = ["mesh.around=12", "mesh.radial=1", "mesh.axial=2"]
 CELL = [*COARSE, "fem.symmetry='periodic cell'"]
 
 
-def scene_of(*settings: str, case: str = "tsb1-pipe") -> DeformableScene:
-    scene = load_case(case, settings).scene
-    assert isinstance(scene, DeformableScene)
-    return scene
+def scene_of(*settings: str, case: str = "tsb1-pipe") -> Case:
+    return load_case(case, settings)
 
 
 @pytest.fixture(scope="module")
 def cell() -> Answer:
-    return on_its_mesh(scene_of(*CELL), "cell", "static")
+    return on_its_mesh(scene_of(*CELL), method="static")
 
 
-def unbalanced_forces(run_of: DeformableScene, tiles: dict[int, np.ndarray]) -> dict[int, float]:
+def unbalanced_forces(run_of: Case, tiles: dict[int, np.ndarray]) -> dict[int, float]:
     """Norm of loads, contact and internal forces of every layer of a tube, displaced by tiles."""
-    deformable = scene_problem(run_of, "tube").deformable
+    deformable = run_of.problem.deformable
     assembly = deformable.assembly
     place = np.zeros(assembly.n_blocks, dtype=np.int64)
     for layer in np.unique(assembly.layer):
@@ -90,20 +80,23 @@ def test_cells_on_top_of_each_other_are_an_equilibrium_of_a_tube(cell: Answer) -
     assert min(norms[1], norms[6]) > 0.1 * size
 
 
-def test_middle_of_longer_tubes_tends_to_the_cell(cell: Answer) -> None:
+def measured(scene: str, *settings: str) -> tuple[dict[str, float], dict[str, float]]:
+    """Numbers of the middle layers of a tube, and of its cell, as ``tubelock cell`` finds them."""
+    words = [f"--set={setting}" for setting in settings]
+    status, out, said = command("cell", scene, *words, "--json", "-")
+    assert status == 0, said
+    data = json.loads(out)
+    return data["middle"], data["cell"]
+
+
+def test_middle_of_longer_tubes_tends_to_the_cell() -> None:
     # The ends act on the middle through the mean axial strain, which frames that do not move
     # share out over all layers: an error c/L. Twice as many layers have half of it, to the next
     # order in 1/L: a tenth at sixteen layers, within a quarter here; and what extrapolation
     # leaves is a fraction of it.
-    limit = middle_answer(cell.details)
-    found = {
-        n: middle_answer(
-            on_its_mesh(scene_of(*COARSE, f"assembly.layers={n}"), "tube", "static").details
-        )
-        for n in (4, 16, 32)
-    }
+    found = {n: measured("tsb1-pipe", *COARSE, f"assembly.layers={n}") for n in (4, 16, 32)}
     for name in ("p_max", "p_eff", "displacement"):
-        few, more, many = (getattr(found[n], name) / getattr(limit, name) - 1 for n in (4, 16, 32))
+        few, more, many = (middle[name] / limit[name] - 1 for middle, limit in found.values())
         assert abs(many) < abs(more) < abs(few)
         assert many / more == pytest.approx(0.5, rel=0.25)
         assert abs(2 * many - more) < 0.25 * abs(more)
@@ -137,7 +130,7 @@ def test_explicit_cell_ends_at_the_static_one(cell: Answer) -> None:
     # Residual 1e-6; the tube's stiffness to its softest motion is that of its contacts, so
     # displacements agree to a few times that over the ratio of the two, 1e-4.
     settings = [*CELL, "fem.method='explicit'", "fem.residual=1e-6"]
-    run = on_its_mesh(scene_of(*settings), "cell", "explicit")
+    run = on_its_mesh(scene_of(*settings), method="explicit")
     size = np.abs(cell.details.group_displacements[0]).max()
     np.testing.assert_allclose(
         run.details.group_displacements[0],
@@ -160,9 +153,9 @@ def test_nothing_turns_an_explicit_cell(case: str, mesh: list[str], finite_rotat
     # constraint the hexagons turn for ever and the Sine Blocks end 8e-3 away. Displacements
     # agree as in the test above; static finite rotation counts the same constraint.
     settings = [*mesh, "fem.symmetry='periodic cell'", f"effects.finite_rotation={finite_rotation}"]
-    still = on_its_mesh(scene_of(*settings, case=case), "cell", "static")
+    still = on_its_mesh(scene_of(*settings, case=case), method="static")
     moving = [*settings, "fem.method='explicit'", "fem.residual=1e-6"]
-    run = on_its_mesh(scene_of(*moving, case=case), "cell", "explicit")
+    run = on_its_mesh(scene_of(*moving, case=case), method="explicit")
     result = run.details.explicit
     assert result is not None
     assert result.status is Status.CONVERGED
@@ -179,11 +172,10 @@ def test_nothing_turns_an_explicit_cell(case: str, mesh: list[str], finite_rotat
 def test_friction_and_clearance_close_the_cell_too() -> None:
     # The same limit, with an error that falls with the number of layers.
     more = ["effects.friction.coefficient=0.05", "contact.clearance=1e-3", "fem.load_steps=2"]
-    limit = middle_answer(on_its_mesh(scene_of(*CELL, *more), "cell", "static").details)
     errors = []
     for n in (4, 16):
-        tube = on_its_mesh(scene_of(*COARSE, *more, f"assembly.layers={n}"), "tube", "static")
-        errors.append(abs(middle_answer(tube.details).p_eff / limit.p_eff - 1.0))
+        middle, limit = measured("tsb1-pipe", *COARSE, *more, f"assembly.layers={n}")
+        errors.append(abs(middle["p_eff"] / limit["p_eff"] - 1.0))
     assert errors[1] < 0.5 * errors[0]
 
 
@@ -193,7 +185,7 @@ def test_hexagon_blocks_have_a_cell() -> None:
     # rotation by which their constraints differ, and the middle of a longer tube is nearer.
     mesh = ["mesh.edge=4", "mesh.radial=1"]
     scene = scene_of(*mesh, "fem.symmetry='periodic cell'", case="thb0-tunnel")
-    run = on_its_mesh(scene, "cell", "static")
+    run = on_its_mesh(scene, method="static")
     assert run.details.static.converged
     sparse = solve_static(run.details.deformable, StaticOptions(method=StaticMethod.SPARSE))
     np.testing.assert_allclose(
@@ -204,9 +196,9 @@ def test_hexagon_blocks_have_a_cell() -> None:
     )
     errors = []
     for n in (2, 12):
-        tube = scene_of(*mesh, f"assembly.layers={n}", case="thb0-tunnel")
-        middle = middle_answer(on_its_mesh(tube, "tube", "static").details)
-        errors.append(abs(run.details.contact.p_eff / middle.p_eff - 1.0))
+        middle, limit = measured("thb0-tunnel", *mesh, f"assembly.layers={n}")
+        assert limit["p_eff"] == pytest.approx(run.details.contact.p_eff, rel=1e-6)
+        errors.append(abs(limit["p_eff"] / middle["p_eff"] - 1.0))
     assert errors[1] < 0.8 * errors[0]
 
 
@@ -251,4 +243,4 @@ def test_blocks_that_float_in_their_gaps_are_named(monkeypatch) -> None:
     ):
         settings = (*cell, f"contact.clearance={gap}", f"load.case={case}")
         with pytest.raises(InputError, match=words):
-            on_its_mesh(load_case("tsb2-tunnel", settings).scene, "cell")
+            on_its_mesh("tsb2-tunnel", settings)

@@ -1,0 +1,36 @@
+"""How well two fields of pressures agree, and where one of them acts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from validation.study.comparison.agreement import agreement, effective_region
+
+pytestmark = pytest.mark.quick
+
+
+def test_agreement_of_a_field_with_itself_is_perfect() -> None:
+    rng = np.random.default_rng(0)
+    pressure, areas = rng.uniform(0, 1, 50), rng.uniform(1, 2, 50)
+    centroids, block = rng.uniform(0, 100, (50, 3)), np.repeat([0, 1], 25)
+    same = agreement("all", pressure, 2 * pressure, centroids=centroids, areas=areas, block=block)
+    assert same["correlation"] == pytest.approx(1.0)
+    assert same["overlap"] == same["peaks_found"] == 1.0
+    assert same["force_ratio"] == pytest.approx(2.0)
+    assert effective_region(np.array([0.0, 5.0, 0.0])).tolist() == [False, True, False]
+
+
+def test_uniform_pressures_agree_whatever_their_round_off() -> None:
+    """A joint under uniform pressure carries round-off of 1e-8; it is no pattern to compare."""
+    rng = np.random.default_rng(1)
+    uniform = 0.2 * np.ones((2, 60)) * (1.0 + 1e-8 * rng.standard_normal((2, 60)))
+    centroids, areas = rng.uniform(0.0, 1.0, (60, 3)), np.ones(60)
+    block = np.repeat([0, 1], 30)
+    found = agreement("all", uniform[0], uniform[1], centroids=centroids, areas=areas, block=block)
+    assert found["correlation"] == 1.0
+    assert found["overlap"] == 1.0
+    assert effective_region(uniform[0]).all()
+    sloped = np.linspace(0.1, 0.3, 60)
+    found = agreement("all", uniform[0], sloped, centroids=centroids, areas=areas, block=block)
+    assert found["correlation"] == 0.0

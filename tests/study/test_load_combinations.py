@@ -1,0 +1,67 @@
+"""Combinations of loads: sums, their envelope, and what is rejected."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from validation import InputError, load_case, solve
+from validation.study.combinations import combination_answers, envelope
+
+BOX: dict[str, Any] = {
+    "block": {"type": "box", "size": [100.0, 50.0, 40.0]},
+    "mesh": {"divisions": [2, 1, 1]},
+    "fem": {"method": "static", "mesh": "scene", "error_estimate": False},
+}
+COMBINED = BOX | {
+    "material": "concrete",
+    "effects": {"gravity": [0.0, 0.0, -9810.0]},
+    "support": {"x-": "fixed"},
+    "load": {"x+": {"traction": [0.0, 0.0, -0.01]}},
+    "loads": [{"name": "wind", "face": "y-", "pressure": 0.02}],
+    "combinations": {"all": {"weight": 1.35, "load": 1.5, "wind": -0.6}, "weight": {"weight": 2.0}},
+}
+
+
+def test_a_combination_is_the_sum_of_its_loads_times_their_factors() -> None:
+    """Blocks without contact are linear: displacements add up, exactly to rounding."""
+
+    def moved(*loads: str) -> np.ndarray:
+        none = {key: COMBINED[key] for key in ("block", "mesh", "fem", "material", "support")}
+        case = load_case(none | {key: COMBINED[key] for key in loads})
+        return solve(case.with_method("static")).fields["displacement"]
+
+    weight, load, wind = moved("effects"), moved("load"), moved("loads")
+    found = {
+        name: answer.fields["displacement"]
+        for name, answer in combination_answers(load_case(COMBINED), "fem")
+    }
+    np.testing.assert_allclose(found["all"], 1.35 * weight + 1.5 * load - 0.6 * wind, atol=1e-12)
+    np.testing.assert_allclose(found["weight"], 2.0 * weight, atol=1e-12)
+
+
+def test_the_envelope_names_the_combination_that_governs() -> None:
+    answers = dict(combination_answers(load_case(COMBINED), "fem"))
+    assert list(answers) == ["all", "weight"]
+    for measure, (name, largest) in envelope(answers).items():
+        values = {n: abs(a.measures[measure].value) for n, a in answers.items()}
+        assert values[name] == max(values.values()) == abs(largest.value)
+
+
+def test_a_factor_of_no_load_is_rejected() -> None:
+    case = load_case(COMBINED | {"combinations": {"all": {"snow": 1.0}}})
+    with pytest.raises(InputError, match=r"combinations.all.snow: .* weight, load, wind"):
+        next(combination_answers(case, "fem"))
+    with pytest.raises(InputError, match="combinations: got none"):
+        next(combination_answers(load_case(BOX), "fem"))
+
+
+@pytest.mark.parametrize("factors", [{"held": 1.0}, {"supports": ["held"]}, {"push": {}}])
+def test_combinations_of_other_supports_are_rejected_by_name(factors: dict[str, object]) -> None:
+    held = [{"name": "held", "face": "x-", "hold": ["x", "y", "z"]}]
+    stated = BOX | {"supports": held, "combinations": {"a": {"load": 1.0, **factors}}}
+    named = rf"combinations\.a\.{next(iter(factors))}: .* the same supports and motions in all"
+    with pytest.raises(InputError, match=named):
+        next(combination_answers(load_case(stated), "fem"))

@@ -1,0 +1,37 @@
+"""What the command prints about a case."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from tests.support.commands import command
+from validation import Case
+
+
+def written(case: Case, path: Path) -> Path:
+    """The scene of a case as a file."""
+    path.write_text("\n".join(f"{key} = {_toml(value)}" for key, value in case.keys.items()))
+    return path
+
+
+def printed(case: Case, folder: Path, *words: str) -> str:
+    """What ``tubelock fem`` prints about a case on its mesh, its table without lines and breaks."""
+    static = case.scene.fem.method == "static"
+    fast = {"fem.error_estimate": False, **({"fem.mesh": "scene"} if static else {})}
+    path = written(case.changed(fast), folder / "scene.toml")
+    no_more = () if static else ("--no-static-reference",)
+    told = ("--json", str(folder / "answer.json"))
+    status, out, said = command("fem", str(path), *no_more, *words, *told)
+    assert status == 0, said
+    return re.sub(r"[│\s]+", " ", out)
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(k)} = {_toml(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value) if isinstance(value, str | bool) else repr(value)
