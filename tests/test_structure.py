@@ -1,4 +1,4 @@
-"""Which files of tests import what: a move inside the packages edits one file of tests."""
+"""Which files of tests import what: a room knows the inside of what it tests, and no other."""
 
 from __future__ import annotations
 
@@ -10,12 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.support import face
-
 pytestmark = pytest.mark.quick
 
 TESTS = Path(__file__).parent
-FACE = TESTS / "support" / "face.py"
 PACKAGES = ("geometry", "mbd", "fem", "validation")
 _LAWS = ("geometry", "mbd", "fem")
 #: Inner modules that a room may import: those of what it tests. Other rooms have public names.
@@ -99,23 +96,5 @@ def test_inner_names_are_imported_where_they_are_tested() -> None:
         (path, module)
         for path, module in imports()
         if is_inner(module)
-        and path != FACE
         and not f"{module}.".startswith(tuple(f"{own}." for own in ROOMS.get(room(path), ())))
     )
-
-
-def test_the_face_has_the_names_that_tests_use_and_no_others() -> None:
-    used = {module for _, module in imports() if module.startswith(f"{face.__name__}.")}
-    own = {
-        f.__name__
-        for f in (
-            face.case,
-            face.solved,
-            face.on_its_mesh,
-            face.by_options,
-            face.rejected,
-            face.command,
-            face.compared_runs,
-        )
-    }
-    assert {name.rpartition(".")[2] for name in used} - own == set(face.INNER_NAMES)

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 import validation.output.store as stores
-from tests.support.studies import WALLS, Here, content
+from tests.study.designs import WALLS, Here, content
 from validation import InputError
 from validation.output.store import Layout, Store, content_key, rescue
 from validation.study.run import sweep

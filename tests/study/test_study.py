@@ -20,7 +20,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.studies import WALLS, Here, content
+from tests.study.designs import WALLS, Here, content
 from validation import InputError
 from validation.study import run as study_run
 from validation.study.design import Row, run_design

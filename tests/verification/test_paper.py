@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from tests.support.evidence import (
+from tests.verification.evidence import (
     CoarseEvidence,
     coarse_evidence,
     picture_is_drawn,

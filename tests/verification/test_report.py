@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from tests.support.chromium import BROWSER, Page
-from tests.support.evidence import coarse_evidence, picture_is_drawn
 from tests.support.pixels import open_pixels
+from tests.verification.evidence import coarse_evidence, picture_is_drawn
 from validation.paper.reference import reference
 from validation.paper.report import Extent, report_evidence
 

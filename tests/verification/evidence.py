@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from geometry import Answer
-from tests.support.face import Evidence, StudyTable
+from validation.paper.evidence import Evidence, StudyTable
 
 AXES = ((0.0, 0.5), (1.0, 1.5, 2.0), (2, 3, 4, 5, 6), (30.0, 40.0, 50.0, 60.0))
 

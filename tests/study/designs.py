@@ -7,7 +7,8 @@ import sqlite3
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from tests.support.face import Row, Study, run_design
+from validation.study.design import Row, run_design
+from validation.study.study import Study
 
 #: Sixteen walls of which four cannot be built (no rows), each a few milliseconds.
 WALLS = """
