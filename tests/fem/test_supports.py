@@ -22,9 +22,9 @@ from geometry import (
     TractionLoad,
     box_block,
 )
-from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads import LoadCaseError
 from geometry.parts.supports import SupportError
+from tests.support.drawn_blocks import cuboid, write_obj
 from validation import InputError, load_case
 
 SIZE = np.array([100.0, 50.0, 40.0])
@@ -213,7 +213,6 @@ def test_a_scene_says_what_is_wrong_with_a_support_or_a_load(stated: dict, said:
         load_case(BOX | stated)
 
 
-CUBE = box_block((100.0, 50.0, 40.0), (1, 1, 1))
 PANEL = {"block": {"type": "tetrahedra", "edge": 90.0}, "assembly": {"columns": 1, "rows": 1}}
 
 
@@ -233,21 +232,20 @@ def test_what_holds_or_loads_a_fixed_block_is_rejected(stated: dict, said: str) 
 def test_a_name_of_several_blocks_is_all_of_them_or_none(tmp_path: Path) -> None:
     """Supports and loads on faces act on every block of a name; a force needs one."""
     for name in ("a", "b"):
-        write_hex_mesh(tmp_path / f"{name}.vtu", CUBE.mesh)
+        write_obj(tmp_path / f"{name}.obj", {name: cuboid((0, 0, 0), (100, 50, 40))})
     (tmp_path / "own.toml").write_text(
-        '[block]\ntype = "mesh"\n[[parts]]\nfile = "a.vtu"\n'
+        '[block]\ntype = "mesh"\n[[parts]]\nfile = "a.obj"\n'
         "places = [{at = [0, 0, 0]}, {at = [0, 0, 80]}]\n"
-        '[[parts]]\nfile = "b.vtu"\nfixed = true\nplaces = [{at = [0, 0, 40]}]\n'
+        '[[parts]]\nfile = "b.obj"\nfixed = true\nplaces = [{at = [0, 0, 40]}]\n'
         "[effects]\ngravity = [0, 0, -9810]\n"
     )
-    names = load_case(tmp_path / "own.toml", method="rigid").problem.blocks.names
-    print(names)
-    held = ["supports=[{plane={x=0.0}, blocks=['a']}]"]
-    found = load_case(tmp_path / "own.toml", held, method="rigid").problem.load_case.held
+    data = load_case(tmp_path / "own.toml").keys
+    held = {"supports": [{"plane": {"x": 0.0}, "blocks": ["a"]}]}
+    found = load_case(data | held, method="rigid").problem.load_case.held
     assert [support.block for support in found] == [0, 1]
-    loaded = ["loads=[{force=[0, 0, 1], blocks=['a']}]"]
+    loaded = {"loads": [{"force": [0, 0, 1], "blocks": ["a"]}]}
     with pytest.raises(RefusedError, match="the name of 2 blocks"):
-        _ = load_case(tmp_path / "own.toml", loaded, method="rigid").problem
+        _ = load_case(data | loaded, method="rigid").problem
 
 
 def test_a_scene_states_the_same_as_python() -> None:

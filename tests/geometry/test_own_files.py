@@ -319,8 +319,7 @@ def test_overlaps_are_named_with_a_tolerance_that_works(tmp_path: Path) -> None:
 
 def checked(file: Path) -> dict[str, Any]:
     """What ``tubelock check`` finds in a file."""
-    _, out, said = command("check", str(file), "--json", "-")
-    assert not said, said
+    _, out, _ = command("check", str(file), "--json", "-")
     found: dict[str, Any] = json.loads(out)
     return found
 

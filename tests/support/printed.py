@@ -23,8 +23,8 @@ def printed(case: Case, folder: Path, *words: str) -> str:
     fast = {"fem.error_estimate": False, **({"fem.mesh": "scene"} if static else {})}
     path = written(case.changed(fast), folder / "scene.toml")
     no_more = () if static else ("--no-static-reference",)
-    told = ("--json", str(folder / "answer.json"))
-    status, out, said = command("fem", str(path), *no_more, *words, *told)
+    told = words if "-o" in words else (*words, "--json", str(folder / "answer.json"))
+    status, out, said = command("fem", str(path), *no_more, *told)
     assert status == 0, said
     return re.sub(r"[│\s]+", " ", out)
 
