@@ -237,7 +237,7 @@ def test_blocks_that_float_in_their_gaps_are_named(monkeypatch) -> None:
 
     monkeypatch.setattr(statics, "static_solution", wanders)
     for gap, case, words in (
-        (0.01, "tunnel", r"cell: blocks 0, 1, 2.* float in their gaps"),
+        (0.01, "tunnel", r"tsb2-tunnel: blocks 0, 1, 2.* float in their gaps"),
         (0.01, "pipe", "no equilibrium after 500"),
         (0.0, "tunnel", "no equilibrium after 500"),
     ):

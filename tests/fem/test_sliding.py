@@ -453,10 +453,11 @@ def test_a_joint_that_opens_altogether_has_an_answer(sliding: bool) -> None:
 
     The residual of 1e-8 is of the load, which the springs carry.
     """
-    scene = column(*[((100.0, 100.0, 50.0), (1, 1, 1))] * 2, pressure=-0.5)
+    boxes = [((100.0, 100.0, 50.0), (1, 1, 1))] * 2
     spring = {"blocks": [1], "face": "z+", "spring": 0.005}
-    scene = scene.changed({"supports": [spring], "effects.finite_sliding": sliding})
-    answer = on_its_mesh(scene, method="static")
+    effects = {"finite_sliding": sliding}
+    pulled = column(*boxes, pressure=-0.5, supports=[spring], effects=effects)
+    answer = on_its_mesh(pulled, method="static")
     assert answer.measures["p_max"].value == 0.0
     assert answer.measures["max_displacement"].value == pytest.approx(100.0, rel=1e-6)
     assert answer.as_dict()["loose_blocks"] == []

@@ -13,7 +13,8 @@ from validation import Case
 
 def written(case: Case, path: Path) -> Path:
     """The scene of a case as a file."""
-    path.write_text("\n".join(f"{key} = {_toml(value)}" for key, value in case.keys.items()))
+    given = {key: value for key, value in case.keys.items() if value is not None}
+    path.write_text("\n".join(f"{key} = {_toml(value)}" for key, value in given.items()), "utf-8")
     return path
 
 
@@ -31,7 +32,8 @@ def printed(case: Case, folder: Path, *words: str) -> str:
 
 def _toml(value: Any) -> str:
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{json.dumps(k)} = {_toml(v)}" for k, v in value.items()) + "}"
+        given = {json.dumps(key): _toml(inner) for key, inner in value.items() if inner is not None}
+        return "{" + ", ".join(f"{key} = {inner}" for key, inner in given.items()) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(_toml, value)) + "]"
     return json.dumps(value) if isinstance(value, str | bool) else repr(value)
