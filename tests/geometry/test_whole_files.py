@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from geometry.files.whole import write_whole
 
 from fem import Problem, concrete, write_deck
 from geometry import ColumnBox, LoadCase, PressureLoad, box_block, box_column
 from geometry.files.mesh_io import write_hex_mesh
+from geometry.system import write_whole
 
 pytestmark = pytest.mark.quick
 
