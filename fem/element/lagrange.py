@@ -18,6 +18,7 @@ from scipy.special import roots_jacobi
 
 from fem.element.hexahedron import gradient_tensor, isotropic_stiffness, strain_operator
 from fem.element.material import Material
+from fem.element.stress import stress_of_gradient, stress_tensor
 from geometry.mesh import FloatArray, MeshError
 
 
@@ -128,10 +129,7 @@ class LagrangeElement:
     def _jacobians(
         self, coordinates: FloatArray, at: TensorPoints
     ) -> tuple[FloatArray, FloatArray]:
-        n_points, n_functions, _ = at.slopes.shape
-        slopes = at.slopes.transpose(1, 0, 2).reshape(n_functions, -1)
-        products = np.swapaxes(coordinates, 1, 2).reshape(-1, n_functions) @ slopes
-        jacobian = products.reshape(len(coordinates), 3, n_points, 3).swapaxes(1, 2)
+        jacobian = self._slopes(coordinates, at)
         determinant = np.linalg.det(jacobian)
         if not (determinant > 0.0).all():
             raise MeshError(
@@ -139,6 +137,14 @@ class LagrangeElement:
                 "Jacobians: use more elements, or less grading"
             )
         return jacobian, determinant * at.weights
+
+    @staticmethod
+    def _slopes(values: FloatArray, at: TensorPoints) -> FloatArray:
+        """Slopes of nodal values (n, n_functions, 3) at points, (n, n_points, 3, 3)."""
+        n_points, n_functions, _ = at.slopes.shape
+        slopes = at.slopes.transpose(1, 0, 2).reshape(n_functions, -1)
+        products = np.swapaxes(values, 1, 2).reshape(-1, n_functions) @ slopes
+        return products.reshape(len(values), 3, n_points, 3).swapaxes(1, 2)
 
     def stiffness(self, coordinates: FloatArray) -> FloatArray:
         """Stiffness of elements, (n_elements, n_functions, 3) to (n, 3 n_f, 3 n_f) [N/mm]."""
@@ -151,6 +157,30 @@ class LagrangeElement:
                 isotropic_stiffness(tensor, material.lame_modulus, material.shear_modulus)[0]
             )
         return np.stack(matrices)
+
+    def internal_force(self, coordinates: FloatArray, displacement: FloatArray) -> FloatArray:
+        """∫ σ ∂N_a/∂x dV of elements of some bodies: K u without K [N].
+
+        Nodes are (n_elements, n_functions, 3) [mm], displacements and forces
+        (n_bodies, n_elements, n_functions, 3).
+
+        Raises
+        ------
+        MeshError
+            As `gradients`.
+        """
+        at = self.quadrature
+        jacobian, volumes = self._jacobians(coordinates, at)
+        inverse = np.linalg.inv(jacobian)
+        measure = np.swapaxes(inverse, 2, 3) * volumes[:, :, None, None]
+        # Points and slopes together, so that one product sums over both.
+        slopes = at.slopes.transpose(0, 2, 1).reshape(-1, at.slopes.shape[1])
+        result = np.empty_like(displacement)
+        for force, moved in zip(result, displacement, strict=True):  # what a cache holds
+            stress = stress_of_gradient(self._slopes(moved, at) @ inverse, self.material)
+            flux = (stress_tensor(stress) @ measure).swapaxes(1, 2).reshape(-1, len(slopes))
+            force[:] = np.swapaxes((flux @ slopes).reshape(len(moved), 3, -1), 1, 2)
+        return result
 
     def stress(
         self, coordinates: FloatArray, displacement: FloatArray, at: TensorPoints

@@ -183,7 +183,7 @@ def block_stiffness(mesh: LagrangeMesh, material: Material) -> bsr_array:
     """
     size = 3 * mesh.n_nodes
     total = coo_array((size, size)).tocsr()
-    for members in np.array_split(mesh.members, max(1, mesh.members.size // 4000)):
+    for members in _some(mesh):
         dofs = (3 * members[:, :, None] + np.arange(3)).reshape(len(members), -1)
         element = LagrangeElement(mesh.degree, material)
         values = element.stiffness(mesh.nodes[members])
@@ -196,11 +196,34 @@ def block_stiffness(mesh: LagrangeMesh, material: Material) -> bsr_array:
     return bsr_array(total, blocksize=(3, 3))
 
 
+def block_internal_force(
+    mesh: LagrangeMesh, material: Material, displacement: FloatArray
+) -> FloatArray:
+    """K u of copies of one block, (n_copies, n_nodes, 3) [mm] to the same [N]; without K.
+
+    Raises
+    ------
+    MeshError
+        An element that folds.
+    """
+    element, result = LagrangeElement(mesh.degree, material), np.zeros_like(displacement)
+    for members in _some(mesh):
+        forces = element.internal_force(mesh.nodes[members], displacement[:, members])
+        for total, force in zip(result, forces, strict=True):
+            np.add.at(total, members, force)
+    return result
+
+
+def _some(mesh: LagrangeMesh) -> list[IntArray]:
+    """Nodes of some elements after the other, few enough for their matrices."""
+    return np.array_split(mesh.members, max(1, mesh.members.size // 4000))
+
+
 def block_lumped_mass(mesh: LagrangeMesh, density: float) -> FloatArray:
     """ρ ∫ N_a dV of every node, (n_nodes,) [t]: consistent shares of the weight."""
     element = LagrangeElement(mesh.degree, _NO_MATTER)
     mass = np.zeros(mesh.n_nodes)
-    for members in np.array_split(mesh.members, max(1, mesh.members.size // 4000)):
+    for members in _some(mesh):
         volumes = element.volumes(mesh.nodes[members], element.quadrature)
         np.add.at(mass, members, density * volumes @ element.quadrature.values)
     if not (mass > 0.0).all():

@@ -69,6 +69,16 @@ class ReferenceBlock:
             return result
         return bsr_array((result + self.springs.stiffness).tocsr(), blocksize=(3, 3))
 
+    def internal_force(self, displacement: FloatArray) -> FloatArray:
+        """K u of copies, springs included, (n_copies, n_nodes, 3) [mm] to the same [N]."""
+        flat = displacement.reshape(len(displacement), -1).T
+        if not isinstance(self.mesh, LagrangeMesh):
+            return np.asarray((self.stiffness @ flat).T.reshape(displacement.shape))
+        force = lagrange_mesh.block_internal_force(self.mesh, self.material, displacement)
+        if self.springs is not None:
+            force += (self.springs.stiffness @ flat).T.reshape(displacement.shape)
+        return force
+
     @cached_property
     def hourglass_stiffness(self) -> bsr_array | None:
         """The part of `stiffness` that controls hourglass modes; None where there are none."""

@@ -136,7 +136,7 @@ def _strain_energy(deformable: DeformableAssembly, displacements: tuple[FloatArr
     energy = 0.0
     for group, moved in zip(deformable.model.groups, displacements, strict=True):
         local, _ = block_displacements(group, moved, finite_rotation=True)
-        energy += 0.5 * float(np.vdot(local, _forces(group, local)))
+        energy += 0.5 * float(np.vdot(local, group.reference.internal_force(local)))
     return energy
 
 
@@ -178,21 +178,14 @@ def internal_forces(
     With finite rotation f_frame(u), by the formula of `fem.explicit.block_frame`.
     """
     if not finite_rotation:
-        forces = _forces(group, displacement @ group.rotations)
+        forces = group.reference.internal_force(displacement @ group.rotations)
         return forces @ group.rotations.transpose(0, 2, 1)
     local, frames = block_displacements(group, displacement, finite_rotation=True)
-    mass, forces = group.lumped_mass, _forces(group, local)
+    mass, forces = group.lumped_mass, group.reference.internal_force(local)
     arms = group.mesh.nodes - mass @ group.mesh.nodes / mass.sum()
     fit = np.einsum("n,cni,nj->cij", mass, arms + local, arms)
     inertia = np.trace(fit, axis1=1, axis2=2)[:, None, None] * np.eye(3) - fit
     torque = np.cross(local, forces).sum(axis=1)
     spin = np.linalg.solve(inertia, torque[:, :, None])[:, None, :, 0]
     result: FloatArray = (forces - mass[:, None] * np.cross(spin, arms)) @ frames.transpose(0, 2, 1)
-    return result
-
-
-def _forces(group: BlockGroup, local: FloatArray) -> FloatArray:
-    """Stiffness times displacements in block frames, (n_copies, n_nodes, 3) [N]."""
-    flat = local.reshape(len(local), -1)
-    result: FloatArray = (group.stiffness @ flat.T).T.reshape(local.shape)
     return result

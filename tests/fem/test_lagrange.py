@@ -16,7 +16,12 @@ from fem.element.lagrange import (
     lobatto_points,
     tensor_points,
 )
-from fem.element.lagrange_mesh import LagrangeMesh, with_degree
+from fem.element.lagrange_mesh import (
+    LagrangeMesh,
+    block_internal_force,
+    block_stiffness,
+    with_degree,
+)
 from fem.problem.model import block_group
 from fem.static.linear_step.columns import alike_lengths, flexible_block
 from fem.static.linear_step.grid_block import GridBlock, grid_block
@@ -84,6 +89,15 @@ def test_affine_states_are_exact(degree: int) -> None:
     inside = np.setdiff1d(np.arange(len(force)), boundary)
     assert len(inside) > 0
     assert np.abs(force[inside]).max() < 1e-9 * np.abs(force).max()
+
+
+def test_forces_of_elements_are_those_of_the_stiffness() -> None:
+    """Summed over points or over K: of sums of some hundred products in another order, rounding."""
+    mesh = mesh_of(3)
+    u = np.random.default_rng(3).random((2, mesh.n_nodes, 3))
+    mine = block_internal_force(mesh, CONCRETE, u)
+    expected = block_stiffness(mesh, CONCRETE) @ u.reshape(2, -1).T
+    assert np.abs(mine.reshape(2, -1).T - expected).max() < 1e-12 * np.abs(expected).max()
 
 
 def test_faces_are_closed_and_look_outwards() -> None:
