@@ -6,12 +6,12 @@ import time
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.local_system import LocalSystem, constraint_transform, local_system
 from fem.assembly.symmetry import no_symmetry
 from fem.problem.model import ModelError, rigid_motions
+from fem.static.linear_step.linearisation import factorize
 from fem.static.result import StaticResult
 
 _MOTIONS = ("along x", "along y", "along z", "about x", "about y", "about z")
@@ -42,7 +42,7 @@ def solve_apart(
     force, stiffness = system.external_force.ravel(), system.stiffness
     rows = sp.csr_array(transform.T @ stiffness @ transform)[free]
     right = (transform.T @ force)[free] - rows @ given
-    given[free] = splu(sp.csc_matrix(rows.tocsc()[:, free])).solve(right)
+    given[free] = factorize(sp.csr_array(rows.tocsc()[:, free]))(right)
     u = transform @ given
     internal = stiffness @ u
     left = transform.T @ (force - internal)
