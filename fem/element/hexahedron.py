@@ -9,6 +9,7 @@ here is a combination of one tensor, T[ai, bj] = sum_p dv g[a, i] g[b, j]:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum
@@ -344,15 +345,16 @@ def element_lumped_mass(coordinates: FloatArray, density: float) -> FloatArray:
 
 
 def _block_pattern(mesh: HexMesh) -> tuple[IntArray, IntArray, IntArray]:
-    """Node adjacency as CSR, and where each element's 8 × 8 node pairs land in it.
+    """Node adjacency as CSR, and where each element's pairs of nodes land in it.
 
-    Row pointers (n_nodes + 1,), columns (n_pairs,), positions (n_elements, 64).
+    Row pointers (n_nodes + 1,), columns (n_pairs,), positions (n_elements, n²).
     """
-    key = (mesh.elements[:, :, None] * mesh.n_nodes + mesh.elements[:, None, :]).ravel()
+    members = mesh.connectivity
+    key = (members[:, :, None] * mesh.n_nodes + members[:, None, :]).ravel()
     pairs, position = np.unique(key, return_inverse=True)
     row, column = np.divmod(pairs, mesh.n_nodes)
     pointer = np.searchsorted(row, np.arange(mesh.n_nodes + 1))
-    return pointer, column, position.reshape(-1, 64)
+    return pointer, column, position.reshape(len(members), -1)
 
 
 def block_stiffness(
@@ -391,14 +393,15 @@ def assemble_nodal_operator(
 ) -> scipy.sparse.bsr_array:
     """Sum element matrices chunk by chunk into (rows × 3) node blocks, columns sorted.
 
-    From corners (n, 8, 3) ``element_operator`` makes matrices (n, 8 · rows, 24): 3 rows of a node
-    for forces, 6 for stresses.
+    From the nodes of elements (m, n, 3) ``element_operator`` makes matrices (m, n · rows, 3 n): 3
+    rows of a node for forces, 6 for stresses.
     """
     pointer, column, position = _block_pattern(mesh)
-    data = np.zeros((len(column), rows * 3))
-    for part in chunks(mesh.n_elements):
-        matrices = element_operator(mesh.nodes[mesh.elements[part]])
-        blocks = matrices.reshape(-1, 8, rows, 8, 3).swapaxes(2, 3).reshape(-1, rows * 3)
+    data, n = np.zeros((len(column), rows * 3)), mesh.connectivity.shape[1]
+    # Each chunk goes over all pairs of nodes: it has a quarter as many of them or more.
+    for part in chunks(mesh.n_elements, math.ceil(max(_CHUNK * 64, len(column) / 4) / n**2)):
+        matrices = element_operator(mesh.nodes[mesh.connectivity[part]])
+        blocks = matrices.reshape(-1, n, rows, n, 3).swapaxes(2, 3).reshape(-1, rows * 3)
         where = position[part].ravel()
         for k in range(rows * 3):
             data[:, k] += np.bincount(where, blocks[:, k], minlength=len(column))

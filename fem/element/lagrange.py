@@ -16,10 +16,13 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy.special import roots_jacobi
 
-from fem.element.hexahedron import gradient_tensor, isotropic_stiffness, strain_operator
+from fem.element.hexahedron import chunks, gradient_tensor, isotropic_stiffness, strain_operator
 from fem.element.material import Material
 from fem.element.stress import stress_of_gradient, stress_tensor
 from geometry.mesh import FloatArray, MeshError
+
+#: Pairs of functions whose stiffness is computed at a time: what a cache holds.
+_AT_ONCE = 1 << 14
 
 
 def lobatto_points(degree: int) -> FloatArray:
@@ -148,15 +151,17 @@ class LagrangeElement:
 
     def stiffness(self, coordinates: FloatArray) -> FloatArray:
         """Stiffness of elements, (n_elements, n_functions, 3) to (n, 3 n_f, 3 n_f) [N/mm]."""
-        material = self.material
-        matrices = []
-        for nodes in coordinates:
-            gradients, volume = self.gradients(nodes, self.quadrature)
-            tensor = gradient_tensor(gradients[None], volume[None])
-            matrices.append(
-                isotropic_stiffness(tensor, material.lame_modulus, material.shear_modulus)[0]
+        material, at = self.material, self.quadrature
+        n_functions = coordinates.shape[1]
+        result = np.empty((len(coordinates), 3 * n_functions, 3 * n_functions))
+        for part in chunks(len(coordinates), max(1, _AT_ONCE // n_functions**2)):
+            jacobian, volume = self._jacobians(coordinates[part], at)
+            gradients = at.slopes @ np.linalg.inv(jacobian)
+            tensor = gradient_tensor(gradients, volume)
+            result[part] = isotropic_stiffness(
+                tensor, material.lame_modulus, material.shear_modulus
             )
-        return np.stack(matrices)
+        return result
 
     def internal_force(self, coordinates: FloatArray, displacement: FloatArray) -> FloatArray:
         """∫ σ ∂N_a/∂x dV of elements of some bodies: K u without K [N].

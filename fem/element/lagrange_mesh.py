@@ -12,9 +12,10 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import bsr_array, coo_array
+from scipy.sparse import bsr_array
 
 from fem.element.facet import bilinear
+from fem.element.hexahedron import assemble_nodal_operator
 from fem.element.lagrange import LagrangeElement, lobatto_points
 from fem.element.material import Material
 from geometry.block import Block
@@ -181,19 +182,8 @@ def block_stiffness(mesh: LagrangeMesh, material: Material) -> bsr_array:
     MeshError
         An element that folds.
     """
-    size = 3 * mesh.n_nodes
-    total = coo_array((size, size)).tocsr()
-    for members in _some(mesh):
-        dofs = (3 * members[:, :, None] + np.arange(3)).reshape(len(members), -1)
-        element = LagrangeElement(mesh.degree, material)
-        values = element.stiffness(mesh.nodes[members])
-        rows = np.broadcast_to(dofs[:, :, None], values.shape)
-        columns = np.broadcast_to(dofs[:, None, :], values.shape)
-        total = (
-            total
-            + coo_array((values.ravel(), (rows.ravel(), columns.ravel())), (size, size)).tocsr()
-        )
-    return bsr_array(total, blocksize=(3, 3))
+    element = LagrangeElement(mesh.degree, material)
+    return assemble_nodal_operator(mesh, element.stiffness, rows=3)
 
 
 def block_internal_force(
