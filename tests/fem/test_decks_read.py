@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 import fem
 from fem import ElementType, Static, read_deck
 from fem.accuracy.converge import AccuracyError
+from fem.assembly.deformable import curved
 from fem.assembly.statement import ProblemError
 from fem.decks.keywords import DeckError
 from fem.decks.read.cards import read_cards
@@ -24,6 +25,8 @@ from fem.decks.read.words import Dialect
 from fem.decks.write import deck_lines
 from fem.static.solve import solve_static
 from geometry.errors import RefusedError
+from geometry.mesh import HEX_EDGES
+from geometry.parts.regions import region_nodes
 from tests.support.ccx import calculix_available, run_calculix
 from tests.support.commands import command
 from tests.support.cubes_deck import CUBES, changed, changed_lines
@@ -460,6 +463,26 @@ def test_tetrahedra_fill_the_same_cube(kind) -> None:
     assert problem.blocks.volumes.sum() == pytest.approx(1.0, rel=1e-12)
     assert any("split into four hexahedra" in note for note in deck.model.notes)
     assert top_moves(deck) == pytest.approx(-0.002, rel=1e-9)
+
+
+def test_nodes_along_an_edge_are_that_edge_on_other_meshes() -> None:
+    """A curved element held along one edge: its three nodes, and all of those of other degrees."""
+    corners = [(x, y, z) for z in (0, 2) for x, y in ((0, 0), (2, 0), (2, 2), (0, 2))]
+    places = corners + [
+        tuple((a + b) // 2 for a, b in zip(corners[i], corners[j], strict=True))
+        for i, j in HEX_EDGES.tolist()
+    ]
+    lines = ["*Node", *(f"{k + 1}, {x}, {y}, {z}" for k, (x, y, z) in enumerate(places))]
+    lines += ["*Element, type=C3D20, elset=E", ", ".join(map(str, (1, *range(1, 21))))]
+    edge = [str(k + 1) for k, (x, _, z) in enumerate(places) if x == z == 0]
+    lines += ["*Nset, nset=EDGE", ", ".join(edge), "*Material, name=M", "*Elastic", "1000., 0."]
+    lines += ["*Solid Section, elset=E, material=M", "*Boundary", "EDGE, 1, 3"]
+    lines += ["*Step", "*Static", "*Dload", "1, P2, 2.", "*End Step"]
+    problem = deck_of_lines(lines).problem()
+    (held,) = problem.load_case.held
+    for degree in (1, 2, 3):
+        blocks = curved(problem.blocks, degree)
+        assert len(region_nodes(blocks, 0, held.face)) == degree + 1
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from geometry.files.named_sets import face_name
 from geometry.loads import FaceLoad
 from geometry.mesh import FloatArray, IntArray
 from geometry.parts.forces import NodeForces
-from geometry.parts.regions import Points, Where
+from geometry.parts.regions import Edges, Points, Where
 from geometry.parts.supports import HeldFace
 
 _STILL: Moved = (0.0, ())
@@ -352,7 +352,7 @@ def _held_faces(actions: Actions, block: int) -> list[HeldFace]:
 
 
 def _where(blocks: Blocks, block: int, nodes: IntArray, name: str) -> Where:
-    """A face where nodes are all those of whole facets; else the nodes themselves."""
+    """A face where nodes are all those of whole facets, edges where they are those; else nodes."""
     solid, rows = blocks.solid(block), blocks.whole_sides(block, nodes)
     corners = solid.nodes[np.unique(solid.outer[rows])]
     if np.isin(np.setdiff1d(nodes, solid.others), corners).all():
@@ -361,6 +361,8 @@ def _where(blocks: Blocks, block: int, nodes: IntArray, name: str) -> Where:
             face += "x"
         blocks.add_face(block, face, rows)
         return face
+    if blocks.are_edges(block, nodes):
+        return Edges(blocks.coordinates(block, np.intersect1d(nodes, solid.nodes)))
     return Points(blocks.coordinates(block, np.union1d(nodes, corners)))
 
 

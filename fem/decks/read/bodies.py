@@ -26,7 +26,7 @@ from geometry.block import Block, Curve
 from geometry.files.hexahedral_solids import SURFACE
 from geometry.files.named_sets import face_name
 from geometry.files.quadratic import quadratic_curve
-from geometry.mesh import FloatArray, HexMesh, IntArray, boundary_quads, check_mesh
+from geometry.mesh import HEX_EDGES, FloatArray, HexMesh, IntArray, boundary_quads, check_mesh
 
 #: Face of what can meet other blocks.
 CONTACT = "contact"
@@ -223,6 +223,23 @@ class Blocks:
         element, side = np.nonzero(wanted[table].all(axis=2))
         quads = body.hexahedra.sides[mine[element], side].reshape(-1, 4)
         return self._rows(block, quads)
+
+    def are_edges(self, block: int, nodes: IntArray) -> bool:
+        """Whether nodes of the part are those of whole edges of the surface, of curved elements."""
+        instance, number = self.owners[block]
+        body, solid = self.bodies[instance], self.solid(block)
+        elements = body.hexahedra.elements[body.solid_of[body.hexahedra.owner] == number]
+        if elements.shape[1] == 8:
+            return False
+        outer = solid.nodes[solid.outer]
+        edges = np.sort(np.stack([outer, np.roll(outer, -1, axis=1)], axis=2), axis=2)
+        outer_edges = set(map(tuple, edges.reshape(-1, 2).tolist()))
+        ends = np.sort(elements[:, HEX_EDGES], axis=2)
+        inside = np.isin(ends, nodes).all(axis=2)
+        between = np.setdiff1d(np.intersect1d(nodes, solid.others), elements[:, 20:])
+        return outer_edges.issuperset(map(tuple, ends[inside].tolist())) and np.array_equal(
+            between, np.unique(elements[:, 8:20][inside])
+        )
 
     def _rows(self, block: int, quads: IntArray) -> IntArray:
         known = self.solid(block).rows
