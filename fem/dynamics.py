@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -23,6 +25,7 @@ from fem.explicit.output.checkpoint import OtherProblemError
 from fem.explicit.setup.assembly import COUNTED_PRESSURE, ExplicitAssembly
 from fem.explicit.setup.statement import ExplicitStatement, explicit_statement
 from fem.explicit.solve import (
+    CUT_SHORT,
     ExplicitResult,
     Frame,
     Output,
@@ -79,8 +82,8 @@ def solve_explicit(
     Returns
     -------
     Answer
-        Its parts are `fem.accuracy.parts`. An interrupted run has the status ``interrupted`` and
-        no error bars.
+        Its parts are `fem.accuracy.parts`. A run that is cut short has the status ``interrupted``
+        or, by ``method.max_seconds``, ``stopped``, and no error bars.
 
     Raises
     ------
@@ -118,14 +121,16 @@ def solve_explicit(
         _ = problem.deformable
         watch.lap("build")
         output = Output(progress=progress, on_frame=on_frame, checkpoint=checkpoint)
+        tell = (lambda _: None) if progress is None else progress
+        tell("critical time step")
         solution = explicit_solution(problem, method, output, resume)
         watch.lap("solve")
         run = solution.explicit
         assert run is not None
         errors, parts = dict[str, float](), dict[str, Part]()
-        if run.status is not Status.INTERRUPTED:
-            tell = (lambda _: None) if progress is None else progress
-            errors, parts = _beside(problem, method, solution, watch, tell)
+        if run.status not in CUT_SHORT:
+            unlimited = replace(method, max_seconds=None)
+            errors, parts = _beside(problem, unlimited, solution, watch, tell)
         seconds = {**watch.seconds(), "loop": run.cpu_seconds}
     return answer_of(
         solution, errors, problem=problem, parts=parts, beside={"cpu_seconds": seconds}
@@ -325,6 +330,7 @@ def explicit_solution(
     UnstableRun, TimeStepError, StateError, CheckpointError
         As `fem.explicit.solve.solve`.
     """
+    ends = math.inf if method.max_seconds is None else time.process_time() + method.max_seconds
     stated, restarts = stated_run(problem, method), 0
     to_rest = method.damped(moves=problem.motion is not None) == "static"
     # A run that is not damped to the static state watches the residual and goes on.
@@ -350,6 +356,7 @@ def explicit_solution(
                 sample_interval=method.sample_interval,
                 velocities=stated.velocities,
                 stop=replace(stop, not_before=stated.settled_after) if watched else None,
+                max_seconds=ends - time.process_time(),
                 output=None if output is None else _of_all_blocks(output, whole, restarts),
                 resume=resume,
             )

@@ -103,6 +103,8 @@ class Explicit:
     """Whether a run to the static state stands beside the converged static state."""
     sample_interval: Annotated[int, Ge(1)] = 50
     """Increments between two samples of the energies."""
+    max_seconds: Annotated[float, Gt(0)] | None = None
+    """CPU time of the run [s], at which it ends at a checkpoint; by default no limit."""
     rayleigh: RayleighDamping | None = None
     """Rayleigh damping; in scenes ``[effects.rayleigh]``."""
     bulk_viscosity: BulkViscosity | None = None

@@ -17,6 +17,9 @@ class RefusedError(ValueError):
     message for people catches this one.
     """
 
+    of_input = True
+    """Whether the input is refused; else a run had begun, and failed."""
+
 
 def is_number(value: object) -> bool:
     """Whether a value is a finite number: no text and no truth value."""

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 class InputError(RefusedError):
     """Bad input, in whole words for people: who wraps refusals lets it pass."""
 
+    def __init__(self, words: str, *, of_input: bool = True) -> None:
+        super().__init__(words)
+        self.of_input = of_input
+
 
 @contextmanager
 def named(name: str) -> Iterator[None]:
@@ -29,7 +33,7 @@ def named(name: str) -> Iterator[None]:
     except InputError:
         raise
     except RefusedError as error:
-        raise InputError(f"{name}: {error}") from None
+        raise InputError(f"{name}: {error}", of_input=error.of_input) from None
 
 
 def _stop(words: str, status: int = 2) -> NoReturn:
@@ -37,6 +41,8 @@ def _stop(words: str, status: int = 2) -> NoReturn:
     raise SystemExit(status)
 
 
+#: Exit status where a requested accuracy or state was not reached, or a run was unstable.
+NOT_REACHED = 3
 #: Exit status after Ctrl-C, and after a reader of standard output went away (128 + SIGPIPE).
 INTERRUPTED, READER_GONE = 130, 141
 
@@ -69,7 +75,7 @@ def _status(command: Callable[[], object]) -> int | str | None:
     try:
         command()
     except RefusedError as error:
-        _stop(f"error: {error}")
+        _stop(f"error: {error}", 2 if error.of_input else NOT_REACHED)
     except MemoryError as error:
         _stop(
             f"error: this needs more memory than there is ({error}); "

@@ -153,8 +153,10 @@ def _converged(
     _write_frames(method.frames, result.solution, options, follower)
     parts = result.parts
     if is_a_set(problem):
+        follower.tell("how wide the set of answers with friction is")
         parts["friction"] = friction_set(problem, result.solution, options, refined=True)
         watch.lap("range of friction")
+    follower.tell("measures and load factors")
     factors = strength_factors(result.solution, result.measures, options)
     if factors:
         watch.lap("load factors")

@@ -76,6 +76,8 @@ _ROUND_OFF_FACTOR = 4.0
 class UnstableRun(RefusedError):  # noqa: N818
     """The solution grows without bound, or makes energy; the remedy is in the message."""
 
+    of_input = False
+
 
 @dataclass(frozen=True)
 class Progress:
@@ -98,10 +100,10 @@ class Progress:
         """Time, step, energies and residual."""
         energies = self.energies
         words = (
-            f"t {1e3 * self.time:.4g} ms  step {self.step}  "
-            f"kinetic {energies.kinetic_energy:.3g}  strain {energies.strain_energy:.3g} N mm"
+            f"step {self.step} of {self.n_steps}, t {1e3 * self.time:.4g} ms, "
+            f"kinetic {energies.kinetic_energy:.3g}, strain {energies.strain_energy:.3g} N mm"
         )
-        return words if self.residual is None else f"{words}  residual {self.residual:.1e}"
+        return words if self.residual is None else f"{words}, residual {self.residual:.1e}"
 
 
 @dataclass(frozen=True)
@@ -133,6 +135,12 @@ class Status(StrEnum):
     """Stopped early: the force residual stands at what the precision of the loops leaves."""
     INTERRUPTED = "interrupted"
     """Stopped on request; continue from the checkpoint."""
+    STOPPED = "stopped"
+    """Stopped at its limit of CPU time; continue from the checkpoint."""
+
+
+#: How a run ends that has not arrived, and that a checkpoint continues.
+CUT_SHORT = (Status.INTERRUPTED, Status.STOPPED)
 
 
 @dataclass(frozen=True)
@@ -338,7 +346,7 @@ class Output:
     frame_interval: float = math.inf
     """[s]"""
     checkpoint: Path | None = None
-    """File that is written on interruption and every `checkpoint_seconds`."""
+    """File that is written where the run is cut short, and every `checkpoint_seconds`."""
     checkpoint_seconds: float = 60.0
     """Wall time between two checkpoints [s]."""
 
@@ -368,6 +376,7 @@ def solve(
     displacements: Sequence[FloatArray] | None = None,
     velocities: Sequence[FloatArray] | None = None,
     stop: StopCriterion | None = None,
+    max_seconds: float = math.inf,
     output: Output | None = None,
     resume: Path | None = None,
 ) -> ExplicitResult:
@@ -396,6 +405,8 @@ def solve(
         Initial state, world axes, one (n_copies, n_nodes, 3) for each group.
     stop
         Stop early at the static state.
+    max_seconds
+        CPU time of the loop [s]: after the next sample it ends as by Ctrl-C, with `Status.STOPPED`.
     output
         Callbacks and checkpoint.
     resume
@@ -427,6 +438,7 @@ def solve(
         end_time=end_time,
         n_steps=math.ceil(end_time / dt * (1.0 - 1e-12)),
         sample_interval=sample_interval,
+        ends=clock.process_time() + max_seconds,
         moving=tuple((support, {}) for support in moving_supports(model)),
     )
     first = state.step
@@ -451,6 +463,8 @@ class _Run:
     end_time: float
     n_steps: int
     sample_interval: int
+    ends: float = math.inf
+    """Limit of the CPU time of this process [s]."""
     energies: Energies | None = None
     residual: float | None = None
     settling: float | None = None
@@ -473,11 +487,17 @@ class _Run:
                 status = self.sample()
             if adaptive is not None and state.step % adaptive.interval == 0:
                 adapt(system, state, adaptive)
+            if sample and status is Status.FINISHED and self.is_late():
+                status = Status.STOPPED
             if request.requested:
                 status = Status.INTERRUPTED
             self.frame(ended=status in (Status.CONVERGED, Status.STALLED))
-            self.checkpoint(force=status is Status.INTERRUPTED)
+            self.checkpoint(force=status in CUT_SHORT)
         return status
+
+    def is_late(self) -> bool:
+        """Whether the limit of CPU time is reached before the end."""
+        return self.state.step < self.n_steps and clock.process_time() >= self.ends
 
     def sample_due(self) -> bool:
         """Whether the coming step is sampled: regularly, at the end, and before each frame."""
@@ -606,7 +626,7 @@ def _result(
 def _refuse_imbalance(result: ExplicitResult) -> None:
     """Reject the end of a run that made energy out of nothing, or lost some."""
     balance = result.energy_balance
-    if result.status is Status.INTERRUPTED or balance <= LARGEST_IMBALANCE:
+    if result.status in CUT_SHORT or balance <= LARGEST_IMBALANCE:
         return
     if result.history.turnover > _round_off_energy(result):
         raise UnstableRun(
