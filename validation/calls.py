@@ -68,6 +68,7 @@ def report(
     settings: Settings = (),
     *,
     quick: bool = False,
+    load_cases: bool = False,
 ) -> Path:
     """Write one page about a scene that can be sent: what `tubelock report` writes.
 
@@ -79,6 +80,8 @@ def report(
         HTML file to write.
     quick
         Rigid blocks only.
+    load_cases
+        Also a tube without combinations under the five load cases.
 
     Returns
     -------
@@ -94,7 +97,8 @@ def report(
     from validation.pages.report import report_scene, write_page
 
     path = prepare_file(Path(page))
-    write_page(report_scene(_case(case, settings), deformable=not quick), path)
+    result = report_scene(_case(case, settings), deformable=not quick, load_cases=load_cases)
+    write_page(result, path)
     return path
 
 

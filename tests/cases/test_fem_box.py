@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -162,16 +161,15 @@ def test_interrupted_and_continued_run_ends_in_the_same_bits(tubelock, monkeypat
     arguments += ["--set", "fem.end_time=2e-3"]
     assert tubelock(*arguments, "-o", "whole")[0] == 0
 
-    @contextmanager
-    def impatient():
+    def impatient(_):
         def show(sample) -> None:
             if sample.step > 300:
                 os.kill(os.getpid(), signal.SIGINT)
 
-        yield show
+        return show
 
     with monkeypatch.context() as patch:
-        patch.setattr("validation.output.console.explicit_progress", impatient)
+        patch.setattr("validation.output.progress.explicit_progress", impatient)
         status, said, _ = tubelock(*arguments, "-o", "cut")
     assert status == 130
     assert "continue with --resume cut/checkpoint.npz" in said
@@ -180,6 +178,21 @@ def test_interrupted_and_continued_run_ends_in_the_same_bits(tubelock, monkeypat
     for name in ("history.csv", "fields.vtu"):
         assert Path("whole", name).read_bytes() == Path("cut", name).read_bytes()
     assert not Path("cut/checkpoint.npz").exists()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_run_at_its_limit_of_time_is_continued_to_the_same_bits(tubelock) -> None:
+    """A limit that the first sample exceeds: status 3, the answer so far and a checkpoint."""
+    arguments = ["fem", "cantilever", "--set", "mesh.divisions=[8,2,2]", "--set", "fem.frames=0"]
+    arguments += ["--set", "fem.end_time=1e-3"]
+    assert tubelock(*arguments, "-o", "whole")[0] == 0
+    status, said, _ = tubelock(*arguments, "--max-seconds", "1e-9", "-o", "cut")
+    assert status == 3
+    assert "continue with --resume cut/checkpoint.npz" in said
+    assert json.loads(Path("cut/answer.json").read_text("utf-8"))["status"] == "stopped"
+    assert tubelock(*arguments, "-o", "cut", "--resume", "cut/checkpoint.npz")[0] == 0
+    for name in ("history.csv", "fields.vtu"):
+        assert Path("whole", name).read_bytes() == Path("cut", name).read_bytes()
 
 
 def test_missing_end_time_and_wrong_checkpoint(tubelock) -> None:

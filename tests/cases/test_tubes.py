@@ -6,7 +6,6 @@ import json
 import os
 import pickle
 import signal
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -108,16 +107,15 @@ def test_interrupted_tube_continues_to_the_same_bits(tubelock, monkeypatch) -> N
     arguments += ["--set", "fem.sample_interval=20", "--no-static-reference"]
     assert tubelock(*arguments, "-o", "whole")[0] == 0
 
-    @contextmanager
-    def impatient():
+    def impatient(_):
         def show(sample) -> None:
             if sample.step > 150:
                 os.kill(os.getpid(), signal.SIGINT)
 
-        yield show
+        return show
 
     with monkeypatch.context() as patch:
-        patch.setattr("validation.output.console.explicit_progress", impatient)
+        patch.setattr("validation.output.progress.explicit_progress", impatient)
         status, said, _ = tubelock(*arguments, "-o", "cut")
     assert status == 130
     assert "continue with --resume cut/checkpoint.npz" in said

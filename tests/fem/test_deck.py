@@ -71,6 +71,18 @@ def test_a_deck_is_written_again_and_solved(tubelock) -> None:
     assert found[0]["value"] == pytest.approx(found[1]["value"], rel=1e-6)
 
 
+def test_a_deck_is_solved_as_accurately_as_is_asked(tubelock) -> None:
+    """On finer meshes than its own, of which a limit of time leaves the first."""
+    small = (*SMALL, "--set", "assembly.layers=1", "--set", "mesh.radial=1")
+    tubelock("export", "tsb1-pipe", *small, "-o", "a.inp", "--flavour", "standard")
+    run = ("deck", "a.inp", "--run", "--json", "a.json")
+    status, said, _ = tubelock(*run, "--accuracy", "u=0.01%", "--max-seconds", "1e-9")
+    accuracy = json.loads(Path("a.json").read_text())["accuracy"]
+    assert (status, accuracy["not_reached"]) == (3, ["max_displacement"])
+    assert accuracy["ended_by"] in said
+    assert tubelock(*run, "--mesh", "scene", "--accuracy", "u=1%")[0] == 2
+
+
 def test_sets_of_blocks_hold_each_element_once(tmp_path: Path) -> None:
     """FRAME, and TUBE, which are ranges or other sets."""
     path = exported(tmp_path / "a.inp", "tsb1-pipe", COARSE, flavour="calculix")

@@ -96,7 +96,7 @@ def test_to_the_digit_is_to_the_printed_digit(quantity, printed, value, met) -> 
 
 
 def test_every_printed_number_has_its_row_and_both_readings(tmp_path) -> None:
-    data = compute_tables(Console(quiet=True), coarse_evidence(tmp_path).rigid)
+    data = compute_tables(coarse_evidence(tmp_path).rigid)
     assert (data["of"], len(data["rows"]), len(data["classes"])) == (33, 33, 15)
     assert data["to_the_digit"] == sum(row["to_the_digit"] for row in data["rows"])
     for row in data["rows"]:

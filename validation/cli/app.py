@@ -75,8 +75,8 @@ _HELP = (
 )
 _EPILOG = (
     "Exit status: 0 done; 1 a robustness case failed (`stability`) or a file has faults (`check`); "
-    "2 input error, with a one-line diagnostic; 3 a requested accuracy was not reached "
-    "(`fem --accuracy`); 130 interrupted. "
+    "2 input error, with a one-line diagnostic; 3 a requested accuracy or state not reached, or "
+    "a run unstable; 130 interrupted, with the files of the last finished mesh. "
     "NO_COLOR=1 in the environment switches colours off."
 )
 

@@ -39,7 +39,7 @@ def compare(
     from validation.build.cell import refuse_cell
     from validation.calls import compare as compared
     from validation.case import load_case, require_deformable, with_auto
-    from validation.output.console import solver_progress
+    from validation.output.progress import solver_progress
     from validation.study.comparison import report
     from validation.study.comparison.scene import comparable_problem, compared_runs
 
@@ -53,7 +53,7 @@ def compare(
             added["effects_decision"] = decision.as_json()
         refuse_cell(checked, file.name, "compare")
         comparable_problem(checked, file.name)
-        with solver_progress(outputs.console, file.name) as show:
+        with solver_progress(file.name) as show:
             show("rigid blocks, then static")
             rigid, deformable = compared_runs(file.name, checked, explicit=explicit, progress=show)
             result = compared(*rigid, *deformable)
@@ -61,7 +61,6 @@ def compare(
         report.print_comparison(result, outputs.console)
         outputs.tell_keys()
         peak = peak_memory_mb()
-        outputs.console.print(f"peak memory {peak:.0f} MB")
         outputs.write("picture", report.PICTURE, result.draw)
         outputs.write_json({"scene": file.name, **data, "peak_memory_mb": peak, **added})
 
@@ -89,14 +88,14 @@ def clearance(
     Prints displacements and contact pressures (static analysis) for each gap.
     """
     from validation.case import load_case, require_deformable
-    from validation.output.console import status
+    from validation.output.progress import following
     from validation.study.clearance import GAPS, clearance_rows, draw_clearance, print_rows
 
     file = load_case(scene, settings or ())
     checked = require_deformable(file, "clearance")
     names = ("clearance.png",)
     with scene_outputs(file, json, output, names, ending="-clearance") as outputs:
-        with status(outputs.console, f"{file.name}: static states"):
+        with following(f"{file.name}: static states"):
             rows = clearance_rows(file.name, checked, tuple(gap) if gap else GAPS, kind)
         print_rows(file.name, rows, outputs.console)
         outputs.tell_keys()
@@ -111,7 +110,7 @@ def convergence(
     json: JsonOption = None,
 ) -> None:
     """Measure convergence orders in mesh size and time step."""
-    from validation.output.console import status
+    from validation.output.progress import following
     from validation.study.convergence import (
         draw_convergence,
         mesh_curves,
@@ -121,7 +120,7 @@ def convergence(
 
     names = ("convergence.png",)
     with folder_outputs("convergence", json, output, names) as outputs:
-        with status(outputs.console, "measuring"):
+        with following("convergence"):
             curves = [*mesh_curves(), time_step_curve()]
         print_convergence(curves, outputs.console)
         outputs.write("picture", names[0], lambda path: draw_convergence(curves, path))

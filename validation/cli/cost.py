@@ -37,7 +37,7 @@ def cost(
     Runs every method on a sequence of meshes; prints and plots error against CPU time.
     """
     from validation.case import load_case
-    from validation.output.console import status
+    from validation.output.progress import following
     from validation.study.costs.plan import full_plan, quick_plan, require_cost_scene
     from validation.study.costs.report import draw_study, print_study, study_json
     from validation.study.costs.store import CostStore
@@ -48,13 +48,13 @@ def cost(
     plan = (quick_plan if quick else full_plan)(file.name, checked, others=others)
     names, stores = ("cost.png",), {"--store": store}
     with scene_outputs(file, json, output, names, ending="-cost", stores=stores) as outputs:
-        with CostStore(store) as kept, status(outputs.console, "cost") as tell:
+        with CostStore(store) as kept, following(file.name) as follow:
             study = run_cost(
                 file.name,
                 checked,
                 plan,
                 kept,
-                progress=lambda number, total, what: tell(f"{number} of {total}: {what}"),
+                progress=lambda number, total, what: follow(f"{number} of {total}: {what}"),
             )
         print_study(study, outputs.console)
         title = ", ".join((file.name, *(settings or ())))
@@ -67,12 +67,12 @@ def peaks(json: JsonOption = None) -> None:
 
     Uses high-order (isoparametric) elements; also prints the effect of a contact stiffness cap.
     """
-    from validation.output.console import status
     from validation.output.outputs import Outputs
+    from validation.output.progress import following
     from validation.study.costs.peaks import peaks, print_peaks
 
     with Outputs(json) as outputs:
-        with status(outputs.console, "two layers of tsb1-pipe, degrees 1 to 3"):
+        with following("two layers of tsb1-pipe, degrees 1 to 3"):
             result = peaks()
         print_peaks(result, outputs.console)
         outputs.write_json(result)

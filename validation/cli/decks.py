@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from validation.cli.options import JsonOption, SceneArgument, SetOption, output_option
+from validation.cli.options import (
+    AccuracyOption,
+    JsonOption,
+    MaxSecondsOption,
+    SceneArgument,
+    SetOption,
+    exit_by,
+    method_fields,
+    output_option,
+)
 from validation.errors import InputError
 
 if TYPE_CHECKING:
@@ -105,8 +114,8 @@ def check(
 
     Of a scene of an earlier version, print the file as this version has it.
     """
-    from validation.output.console import status
     from validation.output.outputs import Outputs
+    from validation.output.progress import following
     from validation.output.solids import check_file
 
     _one_of("--units", units, ("mm", "cm", "m", "inch"))
@@ -117,7 +126,7 @@ def check(
         _check_scene(file, json)
         return
     with Outputs(json, reads=(file,)) as outputs:
-        with status(outputs.console, f"{file.name}: reads the blocks and finds where they touch"):
+        with following(f"{file.name}: reads the blocks and finds where they touch"):
             result = check_file(file, units=units, up=up, repair=False)
         outputs.console.print(result.table())
         outputs.write_json(result.as_dict())
@@ -130,7 +139,7 @@ def _check_scene(file: Path, json: str | None) -> None:
     from validation.output.outputs import Outputs
     from validation.scene.earlier import check_earlier
 
-    with Outputs(json, reads=(file,)) as outputs:
+    with Outputs(json, reads=(file,), exit_line=False) as outputs:
         found = check_earlier(file)
         if found.changes:
             lines = [found.text.rstrip(), "", *(f"# Changed: {words}" for words in found.changes)]
@@ -153,14 +162,14 @@ def repair(
 
     Prints what was changed, block by block.
     """
-    from validation.output.console import status
     from validation.output.outputs import Outputs
+    from validation.output.progress import following
     from validation.output.solids import write_repaired
 
     _one_of("--units", units, ("mm", "cm", "m", "inch"))
     _one_of("--up", up, ("y", "z"))
     with Outputs(json, files={"-o": output}, reads=(file,)) as outputs:
-        with status(outputs.console, f"{file.name}: repairs the blocks"):
+        with following(f"{file.name}: repairs the blocks"):
             result = write_repaired(file, output, units=units, up=up)
         outputs.console.print(result.table())
         outputs.write_json(result.as_dict())
@@ -191,9 +200,20 @@ def deck(
         bool,
         typer.Option("--open", help="Draw blocks, supports and loads: out/NAME/assembly.png."),
     ] = False,
+    mesh: Annotated[
+        str | None,
+        typer.Option(
+            metavar="scene|converged",
+            help="Of --run: the elements of the deck, or finer and finer ones until error bars are "
+            "narrow. Default: scene, with --accuracy converged.",
+        ),
+    ] = None,
+    accuracy: AccuracyOption = None,
+    max_seconds: MaxSecondsOption = None,
 ) -> None:
     """Read an Abaqus or CalculiX deck, check it, print a summary."""
     from validation.output.decks import (
+        deck_method,
         draw_deck,
         input_json,
         input_table,
@@ -203,9 +223,15 @@ def deck(
         solve_deck,
     )
     from validation.output.outputs import Outputs
+    from validation.output.progress import solver_progress
 
     if dialect is not None:
         _one_of("--dialect", dialect, ("abaqus", "calculix"))
+    if mesh is not None:
+        _one_of("--mesh", mesh, ("scene", "converged"))
+    asked = method_fields(accuracy, max_seconds) | ({} if mesh is None else {"mesh": mesh})
+    if asked and not run:
+        raise InputError(f"--{next(iter(asked)).replace('_', '-')}: needs --run")
     picture = Path("out", file.stem, "assembly.png") if draw else None
     files = {"--write": write, "--open": picture}
     with Outputs(json, files=files, reads=(file,)) as outputs:
@@ -221,10 +247,19 @@ def deck(
             outputs.say("picture", picture)
         if run:
             before = len(stated.model.notes)
-            answer = solve_deck(stated)
+            method = deck_method(stated, asked)
+            with solver_progress(stated.name) as show:
+                answer = solve_deck(stated, method, show)
             outputs.console.print(str(answer))
+            refined = answer.parts.get("accuracy")
+            for title, words in () if refined is None else refined.rows:
+                outputs.console.print(f"  {title:20} {words}")
             for note in stated.model.notes[before:]:
                 outputs.console.print(note)
             data["remarks"] = stated.model.notes
             data["measures"] = answer.as_dict()["measures"]
+            if refined is not None:
+                data["accuracy"] = refined.as_json()
         outputs.write_json(data)
+    if run:
+        exit_by(answer, method)

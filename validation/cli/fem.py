@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from validation.cli.options import (
+    AccuracyOption,
     AutoOption,
     JsonOption,
     KeepOption,
+    MaxSecondsOption,
     SceneArgument,
     SetOption,
+    exit_by,
     folder_option,
-    parse_targets,
+    method_fields,
+    not_reached,
     scene_outputs,
+    with_fields,
 )
 from validation.errors import InputError
 
@@ -27,8 +31,6 @@ if TYPE_CHECKING:
     from validation.output.outputs import Outputs
 
 CHECKPOINT = "checkpoint.npz"
-#: Exit status of an answer whose requested accuracy was not reached.
-NOT_REACHED = 3
 
 
 def fem(
@@ -43,20 +45,8 @@ def fem(
         Path | None,
         typer.Option("--resume", metavar="CHECKPOINT", help="Continue an interrupted run."),
     ] = None,
-    accuracy: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="QUANTITY=3%",
-            help="Requested error bar; selects polynomial order, mesh density and mesh bias. "
-            "Quantities: u, p_eff, p_max, p_max_point, sigma_1_max, sigma_1_averaged; repeatable.",
-        ),
-    ] = None,
-    max_seconds: Annotated[
-        float | None,
-        typer.Option(
-            metavar="S", min=0.0, help="CPU time limit of --accuracy after the first mesh [s]."
-        ),
-    ] = None,
+    accuracy: AccuracyOption = None,
+    max_seconds: MaxSecondsOption = None,
     static_reference: Annotated[
         bool,
         typer.Option(help="Beside an explicit run to the static state, its converged value."),
@@ -71,22 +61,21 @@ def fem(
     from validation.case import load_case, with_auto
     from validation.output.deformable.answers import FILES, print_run, write_run_files
 
-    targets, case = parse_targets(accuracy or []), load_case(scene, settings or ())
-    if targets and resume is not None:
+    stated, case = method_fields(accuracy, max_seconds), load_case(scene, settings or ())
+    if "accuracy" in stated and resume is not None:
         raise InputError(f"--resume {resume}: a resumed run keeps its mesh; remove --accuracy")
-    if max_seconds is not None and not targets:
-        raise InputError("--max-seconds: limits what --accuracy takes; give both or none")
-    requested = _requested(case, targets, max_seconds, reference=static_reference)
-    case = with_auto(case.changed(requested) if requested else case, auto, keep or ())
+    if not static_reference and case.scene.fem.method != "static":
+        stated["static_reference"] = False
+    case = with_auto(with_fields(case, stated), auto, keep or ())
     if resume is not None and case.scene.fem.method == "static":
         raise InputError(
             f"--resume {resume}: a static run keeps no checkpoint; leave --resume out, or set "
             'fem.method = "explicit" as in the run that was interrupted'
         )
-    stated = scene_outputs(case, json, output, (*FILES, CHECKPOINT), ending="-fem")
-    if resume is not None and not _goes_on(resume, stated):
-        stated.reads = (resume,)
-    with stated as outputs:
+    written = scene_outputs(case, json, output, (*FILES, CHECKPOINT), ending="-fem")
+    if resume is not None and not _goes_on(resume, written):
+        written.reads = (resume,)
+    with written as outputs:
         case, added = _decided(case, outputs)
         answer = _solved(case, outputs, resume).with_report(added)
         print_run(answer, outputs.console)
@@ -94,29 +83,18 @@ def fem(
         if outputs.folder is not None:
             write_run_files(answer, outputs)
         outputs.write_answer(answer)
-        missed: list[str] = answer.report.get("accuracy", {}).get("not_reached", [])
+        missed = not_reached(answer)
         # No finer mesh describes motions that are not small.
-        if missed and not targets and answer.details.large_motion is None:
+        if missed and "accuracy" not in stated and answer.details.large_motion is None:
             words = [part for value in settings or () for part in ("--set", value)]
             words += [part for name in missed for part in ("--accuracy", f"{name}=5%")]
             line = shlex.join(["tubelock", "fem", scene, *words])
             outputs.console.print(f"for tighter error bars: {line}", soft_wrap=True)
-        if outputs.folder is not None:
+        if answer.report["status"] == "stopped":
+            _print_resumption(answer, outputs)
+        elif outputs.folder is not None:
             outputs.path(CHECKPOINT).unlink(missing_ok=True)
-    if (targets and missed) or not answer.details.reached:
-        raise typer.Exit(NOT_REACHED)
-
-
-def _requested(
-    case: Case, targets: Mapping[str, float], max_seconds: float | None, *, reference: bool
-) -> dict[str, Any]:
-    """Keys of the scene that the options of the command stand for."""
-    keys: dict[str, Any] = {f"fem.accuracy.{name}": share for name, share in targets.items()}
-    if max_seconds is not None:
-        keys["fem.max_seconds"] = max_seconds
-    if not reference and case.scene.fem.method != "static":
-        keys["fem.static_reference"] = False
-    return keys
+    exit_by(answer, case.method)
 
 
 def _goes_on(resume: Path, outputs: Outputs) -> bool:
@@ -137,8 +115,8 @@ def _decided(case: Case, outputs: Outputs) -> tuple[Case, dict[str, Any]]:
 
 def _solved(case: Case, outputs: Outputs, resume: Path | None) -> Answer:
     """Answer with frames and a checkpoint in the folder; an interrupted run says how to go on."""
-    from validation.output.console import solver_progress
     from validation.output.deformable.fields import FrameWriter
+    from validation.output.progress import solver_progress
     from validation.solving import solve
 
     files: dict[str, Any] = {}
@@ -149,16 +127,21 @@ def _solved(case: Case, outputs: Outputs, resume: Path | None) -> Answer:
         )
         files = {"checkpoint": outputs.path(CHECKPOINT), "on_frame": frames}
     try:
-        with solver_progress(outputs.console, case.name) as show:
+        with solver_progress(case.name) as show:
             answer = solve(case, show, resume=resume, **files)
     except KeyboardInterrupt as stop:
         if stop.args:
             outputs.console.print(f"{stop}: -o names a folder for one")
         raise
     if answer.report["status"] == "interrupted":
-        kept = outputs.path(CHECKPOINT)
-        outputs.console.print(
-            f"stopped at step {answer.report['n_steps']}: continue with --resume {kept}"
-        )
+        _print_resumption(answer, outputs)
         raise KeyboardInterrupt
     return answer
+
+
+def _print_resumption(answer: Answer, outputs: Outputs) -> None:
+    """Print how a run that was cut short continues."""
+    how = "no checkpoint was written: -o names a folder for one"
+    if outputs.folder is not None:
+        how = f"continue with --resume {outputs.path(CHECKPOINT)}"
+    outputs.console.print(f"stopped at step {answer.report['n_steps']}: {how}")

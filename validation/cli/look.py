@@ -9,12 +9,17 @@ import typer
 
 from validation.cli.completion import complete_scenes
 from validation.cli.options import (
+    AccuracyOption,
     JsonOption,
+    MaxSecondsOption,
     SceneArgument,
     SetOption,
+    exit_by,
+    method_fields,
     name_argument,
     output_option,
     print_builtin,
+    with_fields,
 )
 
 if TYPE_CHECKING:
@@ -107,34 +112,41 @@ def report(
     json: JsonOption = None,
     *,
     quick: Annotated[bool, typer.Option("--quick", help="Rigid blocks only: seconds.")] = False,
+    load_cases: Annotated[
+        bool,
+        typer.Option("--load-cases", help="Also solve a tube under the five load cases."),
+    ] = False,
+    accuracy: AccuracyOption = None,
+    max_seconds: MaxSecondsOption = None,
 ) -> None:
     """Write one page about a scene that can be sent: pictures, verdicts, error bars, loads, tables.
 
-    The page needs no network. Loads side by side are the combinations of the scene; of tubes
-    without combinations, the five load cases.
+    The page needs no network. Loads side by side are the combinations of the scene, if it has any.
     """
     from validation.case import load_case
     from validation.errors import InputError
-    from validation.output.console import status, told_of_compilation
     from validation.output.files import PAGES
     from validation.output.outputs import Outputs
+    from validation.output.progress import solver_progress
     from validation.pages.report import report_scene, write_page
 
-    file = load_case(scene, settings or ())
+    file = with_fields(load_case(scene, settings or ()), method_fields(accuracy, max_seconds))
     page = Path("out") / file.name / "report.html" if output is None else output
     if page.suffix.lower() not in PAGES:
         raise InputError(f"-o {page}: expected a file name that ends in .html")
     with Outputs(json, files={"-o": page}, scene=file) as outputs:
-        with status(outputs.console, file.name) as tell, told_of_compilation():
-            result = report_scene(file, deformable=not quick, tell=tell)
+        with solver_progress(file.name) as tell:
+            result = report_scene(file, deformable=not quick, load_cases=load_cases, tell=tell)
             data = result.as_dict()  # what it reads of the scene
-            tell(f"{file.name}: pictures")
+            tell("pictures")
             write_page(result, page)
         for verdict in result.verdicts:
             outputs.console.print(f"{verdict.question:24} {verdict.words}")
         outputs.tell_keys()
         outputs.say("page", page)
         outputs.write_json(data)
+    if result.deformable is not None:
+        exit_by(result.deformable, file.method)
 
 
 def explore(

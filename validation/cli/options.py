@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from validation.cli.completion import complete_effects, complete_scenes, complete_settings
-from validation.errors import InputError
+from validation.errors import NOT_REACHED, InputError
 from validation.scene.builtin import builtin_about, builtin_names, builtin_text
 
 if TYPE_CHECKING:
-    from validation.case import Case
+    from geometry.answer import Answer
+    from validation.case import Case, Method
     from validation.output.outputs import Outputs
 
 SceneArgument = Annotated[
@@ -73,6 +74,27 @@ WorkersOption = Annotated[
 ]
 SchedulerOption = Annotated[
     str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Run on this Dask cluster.")
+]
+
+
+AccuracyOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--accuracy",
+        metavar="QUANTITY=3%",
+        help="Requested error bar; selects polynomial order, mesh density and mesh bias. "
+        "Quantities: u, p_eff, p_max, p_max_point, sigma_1_max, sigma_1_averaged; repeatable.",
+    ),
+]
+MaxSecondsOption = Annotated[
+    float | None,
+    typer.Option(
+        "--max-seconds",
+        metavar="S",
+        min=0.0,
+        help="CPU time limit [s]: of a static run after its first mesh, of an explicit run until a "
+        "checkpoint is written. By default no limit.",
+    ),
 ]
 
 
@@ -147,6 +169,45 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     run.__signature__ = signature  # type: ignore[attr-defined]
     run.__annotations__ = function.__annotations__ | {"quiet": QuietOption}
     return run
+
+
+def method_fields(accuracy: list[str] | None, max_seconds: float | None) -> dict[str, Any]:
+    """Fields of a method that options state."""
+    stated = {"accuracy": parse_targets(accuracy or []) or None, "max_seconds": max_seconds}
+    return {name: value for name, value in stated.items() if value is not None}
+
+
+def with_fields(case: Case, stated: Mapping[str, Any]) -> Case:
+    """Case of a scene whose ``[fem]`` has the fields that options state."""
+    keys = {f"fem.{name}": value for name, value in stated.items() if name != "accuracy"}
+    keys |= {f"fem.accuracy.{name}": share for name, share in stated.get("accuracy", {}).items()}
+    return case.changed(keys) if keys else case
+
+
+def exit_by(answer: Answer, method: Method) -> None:
+    """End a command by the exit status of its deformable answer.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Ctrl-C ended its run.
+    typer.Exit
+        A requested accuracy, the arrival of supports or the end of the run was not reached.
+    """
+    from fem.method import Static
+
+    run = answer.details.explicit
+    if run is not None and run.status == "interrupted":
+        raise KeyboardInterrupt
+    missed = isinstance(method, Static) and method.accuracy and not_reached(answer)
+    if missed or not answer.details.reached or (run is not None and run.status == "stopped"):
+        raise typer.Exit(NOT_REACHED)
+
+
+def not_reached(answer: Answer) -> list[str]:
+    """Measures whose error bars are wider than sought."""
+    missed: list[str] = answer.report.get("accuracy", {}).get("not_reached", [])
+    return missed
 
 
 def parse_targets(texts: list[str]) -> dict[str, float]:

@@ -41,7 +41,7 @@ def tables(json: JsonOption = None) -> None:
     from validation.paper.tables import compute_tables, print_tables
 
     with Outputs(json) as outputs:
-        result = compute_tables(outputs.console)
+        result = compute_tables()
         print_tables(result, outputs.console)
         outputs.write_json(result)
 
@@ -58,13 +58,15 @@ def figures(
     from dataclasses import asdict
 
     from validation.output.outputs import Outputs
+    from validation.output.progress import following
     from validation.paper.evidence import Evidence
     from validation.paper.figures import cost_rows, draw_figures, print_costs
 
     with Outputs(json, output, ("*.png", "*.sqlite")) as outputs:
         evidence = Evidence(output, outputs.console, deformable=fem, full=full, workers=workers)
-        result = draw_figures(evidence, output)
-        costs = cost_rows(evidence)
+        with following("figures"):
+            result = draw_figures(evidence, output)
+            costs = cost_rows(evidence)
         print_costs(costs, outputs.console)
         for figure in result:
             outputs.say("picture", figure.path)
@@ -86,6 +88,7 @@ def claims(
     "not computed here".
     """
     from validation.output.outputs import Outputs
+    from validation.output.progress import following
     from validation.paper.claims import judge
     from validation.paper.evidence import Evidence
     from validation.paper.naming import chosen_by_name
@@ -93,7 +96,8 @@ def claims(
     chosen_by_name(judge.claims(), names, "claim")
     with Outputs(json, _DATA, ("*.sqlite",)) as outputs:
         evidence = Evidence(_DATA, outputs.console, deformable=fem, full=full, workers=workers)
-        result = judge.judge_claims(evidence, names)
+        with following("claims"):
+            result = judge.judge_claims(evidence, names)
         judge.print_claims(result, outputs.console)
         outputs.write_json(result)
 
@@ -128,13 +132,15 @@ def deformable(
 def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
     """List the errors in the paper, each with a computation."""
     from validation.output.outputs import Outputs
+    from validation.output.progress import following
     from validation.paper import errata
     from validation.paper.evidence import Evidence
     from validation.paper.naming import chosen_by_name
 
     chosen_by_name(errata.errata(), names, "erratum")
     with Outputs(json, _DATA, ("*.sqlite",)) as outputs:
-        result = errata.show_errata(Evidence(_DATA, outputs.console), names)
+        with following("errata"):
+            result = errata.show_errata(Evidence(_DATA, outputs.console), names)
         errata.print_errata(result, outputs.console)
         outputs.write_json(result)
 
@@ -187,7 +193,7 @@ def _tables(outputs: Outputs) -> None:
     from validation.paper.tables import compute_tables, print_tables
 
     outputs.console.print("The paper's tables and tubelock (rigid blocks, frictionless contact):")
-    result = compute_tables(outputs.console)
+    result = compute_tables()
     print_tables(result, outputs.console)
     data = stamped(result, outputs.origin)
     outputs.write("tables", "tables.json", lambda path: write_json(str(path), data))

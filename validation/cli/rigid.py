@@ -46,7 +46,7 @@ def mbd(
     pressures.
     """
     from validation.case import load_case
-    from validation.output.console import status, told_of_compilation
+    from validation.output.progress import following
     from validation.output.rigid import FILES, print_rigid, write_rigid
     from validation.run.rigid.changed import (
         frame_warning,
@@ -63,11 +63,8 @@ def mbd(
     if refine:
         require_mesh(file)
     with scene_outputs(file, json, output, FILES) as outputs:
-        with (
-            status(outputs.console, file.name) as show,
-            told_of_compilation(),
-        ):
-            answer = solve(file, lambda words: show(f"{file.name}: {words}"))
+        with following(file.name) as show:
+            answer = solve(file, show)
         print_rigid(answer, outputs.console)
         outputs.tell_keys()
         added: dict[str, Any] = {}
@@ -76,11 +73,13 @@ def mbd(
             outputs.console.print(f"{'note':9} {warning}")
             added["frame_warning"] = warning
         if unlock:
-            result = layers_to_unlock(file)
+            with following(f"{file.name}: layers to unlock"):
+                result = layers_to_unlock(file)
             outputs.console.print(f"{'unlock':9} {result.words}")
             added["layers_to_unlock"] = result.as_json()
         if refine:
-            change = refined(file, answer)
+            with following(f"{file.name}: half the facet size"):
+                change = refined(file, answer)
             outputs.console.print(f"{'refined':9} {change.words}")
             added["refinement"] = change.as_json()
         if outputs.folder is not None:
@@ -107,6 +106,7 @@ def explode(
     from validation.case import load_case
     from validation.output.files import picture_file
     from validation.output.outputs import Outputs
+    from validation.output.progress import following
     from validation.output.rigid import print_explosion
     from validation.run.rigid.explosion import explosion_json, run_explosion
 
@@ -115,7 +115,8 @@ def explode(
     if output is not None or json is None:
         picture = picture_file(output, Path("out") / file.name / "explosion.png", file)
     with Outputs(json, files={"-o": picture}, scene=file) as outputs:
-        run = run_explosion(file)
+        with following(f"{file.name}: motion outwards"):
+            run = run_explosion(file)
         print_explosion(run, outputs.console)
         outputs.tell_keys()
         if picture is not None:

@@ -163,16 +163,13 @@ def combinations(
     Sections [combinations.NAME] give factors of named loads: weight, load and those of [[loads]].
     """
     from validation.case import load_case
-    from validation.output.console import status, told_of_compilation
+    from validation.output.progress import following
     from validation.study import combinations as study
 
     file = load_case(scene, settings or ())
     ending, name = "-combinations", "combinations.csv"
     with scene_outputs(file, json, output, (name,), ending=ending) as outputs:
-        with (
-            status(outputs.console, f"{file.name}: combinations") as tell,
-            told_of_compilation(),
-        ):
+        with following(file.name) as tell:
             answers = dict(study.combination_answers(file, method, tell))
             data = study.combinations_json(answers)
         study.print_combinations(file, answers, outputs.console)
@@ -234,13 +231,13 @@ def sensitivity(
     Each comes with its elasticity and the error of the difference quotient.
     """
     from validation.case import load_case
-    from validation.output.console import status, told_of_compilation
+    from validation.output.progress import following
     from validation.study.optimisation import sensitivity as study
 
     file = load_case(scene, settings or ())
     names = ("sensitivity.csv", "sensitivity.png")
     with scene_outputs(file, json, output, names, ending="-sensitivity") as outputs:
-        with status(outputs.console, f"{file.name}: sensitivity") as tell, told_of_compilation():
+        with following(f"{file.name}: sensitivity") as tell:
             result = study.sensitivity_of(file, method, of, step, tell)
         result.print(outputs.console)
         outputs.write("table", names[0], result.write)
@@ -273,6 +270,7 @@ def optimise(
     An interrupted search continues with the same command.
     """
     from validation.output.outputs import Outputs
+    from validation.output.progress import following
     from validation.study.optimisation import report
     from validation.study.optimisation.statement import load_optimisation
     from validation.study.run import runner_for
@@ -287,18 +285,10 @@ def optimise(
         return runner_for(study, workers, scheduler)
 
     with Outputs(json, files={"picture": picture}, stores=stores, reads=stated.study.reads) as out:
-        result = report.optimise(stated, path, final_path, runner, _progress)
+        with following(stated.study.name) as follow:
+            result = report.optimise(stated, path, final_path, runner, follow)
         result.print(out.console)
         result.draw(picture)
         out.say("picture", picture)
         out.say("results", path)
         out.write_json(result.as_json())
-
-
-def _progress(words: str) -> None:
-    """Print the course of a search in a line of its own, on a terminal."""
-    from validation.output.console import error_console, quiet
-
-    console = error_console()
-    if console.is_terminal and not quiet.get():
-        console.print(words)

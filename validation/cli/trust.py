@@ -66,6 +66,7 @@ def effects(
     Adds one effect at a time to the reference run of a tube.
     """
     from validation.case import load_case, require_deformable
+    from validation.output.progress import following
     from validation.study.effects import report
     from validation.study.effects.costs import effect_costs
 
@@ -73,14 +74,10 @@ def effects(
     checked = require_deformable(file, "effects")
     bound = report.bound(checked, tolerance)
     with scene_outputs(file, json, output, (report.PICTURE,)) as outputs:
-        console = outputs.console
-        result = effect_costs(
-            checked.changed({"effects.auto": None}),
-            file.name,
-            tolerance=bound,
-            told=lambda name: console.print(f"… {name}") if console.is_terminal else None,
-        )
-        console.print(report.effects_table(result))
+        with following(file.name) as follow:
+            plain = checked.changed({"effects.auto": None})
+            result = effect_costs(plain, file.name, tolerance=bound, told=follow)
+        outputs.console.print(report.effects_table(result))
         outputs.write("picture", report.PICTURE, lambda path: report.draw_effects(result, path))
         outputs.write_json(result)
 
@@ -92,16 +89,16 @@ def cell(scene: SceneArgument, *, settings: SetOption = None, json: JsonOption =
     """
     from validation.build.problem import fem_section
     from validation.case import load_case, require_deformable
-    from validation.output.console import status
     from validation.output.deformable.cell import cell_table
     from validation.output.outputs import Outputs
+    from validation.output.progress import following
     from validation.run.cell import cell_error
 
     file = load_case(scene, settings or ())
     checked = require_deformable(file, "cell")
     fem_section(checked, file.name)
     with Outputs(json, scene=file) as outputs:
-        with status(outputs.console, f"{file.name}: periodic cell and whole tube"):
+        with following(f"{file.name}: periodic cell and whole tube"):
             result = cell_error(checked, file.name)
         outputs.console.print(cell_table(file.name, result))
         outputs.write_json(result)

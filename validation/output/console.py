@@ -1,24 +1,20 @@
-"""Text for people: where it goes, the tables it stands in, the bars that say how far a run is."""
+"""Text for people: where it goes, and the tables it stands in."""
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterable, Mapping
 from contextvars import ContextVar
 from typing import IO, TYPE_CHECKING, Any, TypeVar
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Table
-from rich.text import Text
 
-from geometry.compilation.clocks import compiling
+from geometry.system import children_cpu_seconds, peak_memory_mb
 from validation.output.files import prepare_json
 
 if TYPE_CHECKING:
-    from fem.explicit.solve import Progress as Sample
     from validation.scene.sections import LimitsSection
 
 T = TypeVar("T")
@@ -26,18 +22,13 @@ T = TypeVar("T")
 #: Columns of tables in a pipe or a log, which have no width of their own.
 _WIDTH = 118
 
-#: Times over which the pace is measured and their number, least time left that is said [s].
-WINDOW, WINDOWS, LONG = 2.0, 3, 600.0
-
-#: Least time between two lines of progress in a pipe or a log [s].
-_PACE = 10.0
+#: CPU time of processes that were started that is worth a word [s].
+_LEAST_CHILDREN = 0.1
 
 _UNITS = ((365.0 * 86400.0, "years"), (86400.0, "days"), (3600.0, "h"), (60.0, "min"))
 
 #: Whether a call prints errors only (``--quiet``).
 quiet: ContextVar[bool] = ContextVar("quiet", default=False)
-
-_TOLD: ContextVar[bool] = ContextVar("compilation is announced", default=False)
 
 
 def text_console(json: str | None = None) -> Console:
@@ -122,133 +113,11 @@ def tabled(
     return table
 
 
-@contextmanager
-def status(console: Console, words: str) -> Iterator[Callable[[str], None]]:
-    """Spinner with words on a terminal; yields what changes the words.
-
-    In a pipe or a file a line each `_PACE` seconds of what is done at that time, on standard error.
-    """
-    last, errors = time.monotonic(), error_console()
-
-    def show(changed: str) -> None:
-        nonlocal last
-        spinner.update(Text(changed))
-        if not (console.is_terminal or quiet.get()) and time.monotonic() - last >= _PACE:
-            last = time.monotonic()
-            errors.print(Text(f"{changed} …"))
-
-    with console.status(Text(words)) as spinner:
-        yield show
-
-
-@contextmanager
-def progress(*columns: ProgressColumn) -> Iterator[Progress]:
-    """Live bar on a terminal; a log file wants the result, not a thousand states of a bar."""
-    console = error_console()
-    hidden = not console.is_terminal or quiet.get()
-    with Progress(*columns, console=console, transient=True, disable=hidden) as bar:
-        yield bar
-
-
-@contextmanager
-def told_of_compilation() -> Iterator[None]:
-    """Print once that loops are compiled first: progress bars stand still meanwhile."""
-    console = error_console()
-
-    def tell() -> None:
-        if not _TOLD.get():
-            _TOLD.set(True)
-            console.print("compiling machine code (only before the first run of this kind)")
-
-    with compiling(tell):
-        yield
-
-
 def duration_words(seconds: float) -> str:
     """A time in the largest unit of which there are at least two: ``5.6 h``."""
     size, unit = next(((s, u) for s, u in _UNITS if seconds >= 2.0 * s), (1.0, "s"))
     number = seconds / size
     return f"{number:.0f} {unit}" if number >= 10.0 else f"{number:.2g} {unit}"
-
-
-class Forecast:
-    """Estimates once the remaining time, from the best pace of the first seconds.
-
-    The best one: functions are compiled and processes started meanwhile, which comes once.
-    """
-
-    def __init__(self, window: float = WINDOW) -> None:
-        self._window = window
-        self._last: tuple[float, float] | None = None
-        self._paces: list[float] = []
-
-    def left(self, done: float, total: float) -> str | None:
-        """Words for the time left, once, where it is long; None else. Work is in any unit."""
-        now = time.perf_counter()
-        if self._last is None:
-            self._last = (now, done)
-        start, before = self._last
-        if len(self._paces) == WINDOWS or now - start < self._window or done <= before:
-            return None
-        self._paces.append((now - start) / (done - before))
-        self._last = (now, done)
-        if len(self._paces) < WINDOWS:
-            return None
-        seconds = min(self._paces) * (total - done)
-        return duration_words(seconds) if seconds > LONG else None
-
-
-@contextmanager
-def solver_progress(console: Console, name: str) -> Iterator[Callable[[Any], None]]:
-    """Yields what shows the progress of any solver: the bar of explicit runs, else words."""
-    with told_of_compilation(), ExitStack() as shown:
-        kind: str | None = None
-        show: Callable[[Any], None]
-
-        def follow(now: Any) -> None:
-            nonlocal kind, show
-            wanted = "bar" if hasattr(now, "n_steps") else "words"
-            if kind != wanted:
-                shown.close()
-                kind = wanted
-                if wanted == "bar":
-                    show = shown.enter_context(explicit_progress())
-                else:
-                    show = shown.enter_context(status(console, f"{name}: {now}"))
-            show(now if wanted == "bar" else f"{name}: {now}")
-
-        yield follow
-
-
-@contextmanager
-def explicit_progress() -> Iterator[Callable[[Sample], None]]:
-    """Live bar with time, step, energies and remaining time; yields the callback that feeds it.
-
-    A run that will take long says so after some seconds, in a log file too.
-    """
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(bar_width=24),
-        TextColumn("{task.percentage:>3.0f} %", markup=False),
-        TextColumn("{task.fields[state]}", markup=False),
-        TimeRemainingColumn(),
-    )
-    forecast, console = Forecast(), error_console()
-
-    with progress(*columns) as bar, told_of_compilation():
-        task = bar.add_task("explicit", total=None, state="")
-
-        def show(sample: Sample) -> None:
-            left = forecast.left(sample.step, sample.n_steps)
-            if left is not None:
-                console.print(
-                    f"estimated run time: at most {left} ({sample.n_steps:.3g} steps), less if the "
-                    "blocks come to rest; Ctrl-C stops the run; fem.end_time, fem.time_step, "
-                    'fem.mass_scaling or fem.method = "static" make it shorter'
-                )
-            bar.update(task, total=sample.n_steps, completed=sample.step, state=str(sample))
-
-        yield show
 
 
 def add_dimensions(table: Table, found: Mapping[str, Any], limits: LimitsSection) -> None:
@@ -280,6 +149,14 @@ def _volume_words(found: Mapping[str, Any]) -> str:
 
 
 def cpu_words(seconds: dict[str, float]) -> str:
-    """CPU time of each stage, and of the process so far: what was loaded before the run too."""
-    reported = ", ".join(f"{stage} {value:.3f}" for stage, value in seconds.items())
-    return f"{reported}; this process so far {time.process_time():.3f}"
+    """CPU time of each stage."""
+    return ", ".join(f"{stage} {value:.3f}" for stage, value in seconds.items())
+
+
+def process_words() -> str:
+    """CPU time and peak memory of this process so far: loading and pictures included."""
+    words = f"{time.process_time():.2f} CPU s"
+    started = children_cpu_seconds()
+    if started >= _LEAST_CHILDREN:
+        words += f", {started:.2f} in processes that it started"
+    return f"{words}; peak memory {peak_memory_mb():.0f} MB"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from fem.decks.statement import Deck, Flavour, element_name
 from fem.decks.write import write_deck
 from fem.element.material import Material
 from fem.measures import load_step_change
+from fem.method import Explicit, Static
 from geometry.answer import Answer
 from geometry.errors import RefusedError
 from geometry.system import write_whole
@@ -119,17 +121,49 @@ def read_file(path: Path, dialect: str | None) -> InputDeck:
     return deck
 
 
-def solve_deck(deck: InputDeck) -> Answer:
-    """Solve a deck on its own mesh: static equilibrium or explicit dynamics."""
-    from fem import Explicit, solve_explicit, solve_static
+def deck_method(deck: InputDeck, asked: Mapping[str, Any]) -> Static | Explicit:
+    """Method of a deck with the fields that are asked for.
 
-    problem, method = deck.problem(), deck.method
+    On its own mesh, unless ``asked`` has a mesh or an accuracy.
+
+    Raises
+    ------
+    InputError
+        A field that the method does not have, or finer meshes under forces on nodes.
+    """
+    method = deck.method
+    missing = set(asked) - {f.name for f in fields(method)}
+    if missing:
+        raise InputError(
+            f"--{min(missing)}: {deck.name} is an explicit run on the mesh of the deck; leave it "
+            "out"
+        )
     if isinstance(method, Explicit):
-        answer = solve_explicit(problem, method)
+        return replace(method, **asked)
+    mesh = asked.get("mesh", "converged" if "accuracy" in asked else "scene")
+    if mesh == "converged" and not method.error_estimate:
+        raise InputError(
+            f"{deck.name}: forces on nodes belong to the mesh of the deck, and have no error bars; "
+            "expected --mesh scene without --accuracy"
+        )
+    return replace(method, **{**asked, "mesh": mesh})
+
+
+def solve_deck(
+    deck: InputDeck,
+    method: Static | Explicit | None = None,
+    progress: Callable[[Any], None] | None = None,
+) -> Answer:
+    """Solve a deck by a method, by default its own: static equilibrium or explicit dynamics."""
+    from fem import solve_explicit, solve_static
+
+    problem, method = deck.problem(), method or deck.method
+    if isinstance(method, Explicit):
+        answer = solve_explicit(problem, method, progress=progress)
     else:
         if problem.after is None and not method.error_estimate:
             deck.model.note("error bars: none, forces on nodes belong to the mesh of the deck")
-        answer = solve_static(problem, method)
+        answer = solve_static(problem, method, progress=progress)
         if problem.after is not None:
             deck.model.note(f"error bars: none of the mesh; {_change_by_increments(answer)}")
     strain = largest_strain(problem, answer)

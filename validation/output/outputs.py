@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from validation.errors import InputError
 from validation.output.answer_files import answer_files, remove_others
-from validation.output.console import text_console
+from validation.output.console import process_words, text_console
 from validation.output.files import PAGES, PICTURES, output_folder, prepare_file, write_json
 from validation.output.pictures.look import Look, looking
 from validation.output.provenance import Provenance, stamp_vtu, stamped
@@ -50,6 +50,9 @@ class Outputs:
     """Files that the call reads, beside those of its scene."""
     scene: Case | None = None
     """Scene that the call is about; what is written names it."""
+    exit_line: bool = True
+    """Whether CPU time and memory are printed at the end; not where the text is a file by itself.
+    """
     _of_this_call: set[str] = field(default_factory=set, repr=False)
     _unused: tuple[str, ...] | None = field(default=None, repr=False)
     _defaults: dict[str, str] = field(default_factory=dict, repr=False)
@@ -90,6 +93,8 @@ class Outputs:
         trace: TracebackType | None,
     ) -> None:
         self._open.__exit__(kind, error, trace)
+        if self.exit_line and kind is None:
+            self.console.print(f"{'process':9} {process_words()}")
 
     def _named(self) -> Iterator[tuple[str, Path]]:
         if self.json is not None and self.json != "-":

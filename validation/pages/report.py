@@ -29,7 +29,7 @@ from validation.scene.read import DeformableScene
 from validation.solving import solve
 from validation.study.combinations import answer_to, combination_rows
 
-Tell = Callable[[str], None]
+Tell = Callable[[Any], None]
 
 #: What pictures show, by the names of their files, in the order of the page.
 _CAPTIONS = {
@@ -124,19 +124,40 @@ class SceneReport:
 
 
 def report_scene(
-    file: Case, *, deformable: bool = True, tell: Tell = lambda _: None
+    file: Case,
+    *,
+    deformable: bool = True,
+    load_cases: bool = False,
+    tell: Tell = lambda _: None,
 ) -> SceneReport:
-    """Compute the answers that a report shows; ``tell`` is called with a line before each."""
+    """Compute the answers that a report shows.
+
+    Parameters
+    ----------
+    file
+        The scene.
+    deformable
+        Whether deformable blocks are solved too.
+    load_cases
+        Whether a tube without combinations is solved under the five load cases.
+    tell
+        Called with what it is at: words, or what the solvers tell.
+
+    Raises
+    ------
+    InputError
+        A scene that neither rigid nor deformable blocks answer.
+    """
     failed: dict[str, str] = {}
-    tell(f"{file.name}: rigid blocks")
-    rigid = _tried(failed, "rigid", lambda: solve(file.with_method("rigid")))
+    tell("rigid blocks")
+    rigid = _tried(failed, "rigid", lambda: solve(file.with_method("rigid"), tell))
     run = None
     if deformable:
-        tell(f"{file.name}: deformable blocks")
-        run = _tried(failed, "fem", lambda: solve(file, lambda now: tell(f"{file.name}: {now}")))
+        tell("deformable blocks")
+        run = _tried(failed, "fem", lambda: solve(file, tell))
     if rigid is None and run is None:
         raise InputError(next(iter(failed.values())))
-    title, scenes = load_scenes(file.scene)
+    title, scenes = load_scenes(file.scene, load_cases=load_cases)
     known = {"rigid": rigid, "fem": run}
     loads = [
         _side_by_side(file, scenes, kind, answered, tell)
@@ -158,13 +179,15 @@ def _tried(failed: dict[str, str], kind: str, solve: Callable[[], Any]) -> Any:
         return None
 
 
-def load_scenes(scene: DeformableScene) -> tuple[str, dict[str, DeformableScene]]:
+def load_scenes(
+    scene: DeformableScene, *, load_cases: bool
+) -> tuple[str, dict[str, DeformableScene]]:
     """Return what is compared, and the scene under each load: its combinations, or load cases."""
     from geometry.loads import CASES
 
     if scene.combinations:
         return "Load combinations", {name: combined(scene, name) for name in scene.combinations}
-    if isinstance(scene, RoundScene):
+    if load_cases and isinstance(scene, RoundScene):
         cases: dict[str, DeformableScene] = {
             name: scene.changed({"load.case": name}) for name in CASES
         }
@@ -178,8 +201,9 @@ def _side_by_side(
     """Answers under each load; that of the scene itself is known."""
     answers: dict[str, Answer] = {}
     failed: dict[str, str] = {}
-    for name, scene in scenes.items():
-        tell(f"{file.name}: {name}, {'rigid' if kind == 'rigid' else 'deformable'} blocks")
+    blocks = "rigid blocks" if kind == "rigid" else "deformable blocks"
+    for number, (name, scene) in enumerate(scenes.items(), 1):
+        tell(f"{blocks} under {name}, {number} of {len(scenes)}")
         one = replace(file.stating(scene), name=f"{file.name}, {name}")
         solve = partial(answer_to, one, kind)
         answer = known if scene == file.scene else _tried(failed, name, solve)

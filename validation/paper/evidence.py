@@ -21,7 +21,7 @@ from geometry.families.sine_block import LayerTurn
 from geometry.measures import Measures
 from validation.case import load_case
 from validation.errors import InputError
-from validation.output.console import status
+from validation.output.progress import following
 from validation.paper.reading import MESH_OF_TABLES, SharedTubes, solve_row
 from validation.study.report import sweep_progress
 from validation.study.run import LocalRunner, sweep
@@ -203,7 +203,7 @@ class Evidence:
         own = ("fem.method=static", f"fem.symmetry={symmetry}", *mesh)
         file = load_case(name, [*own, *settings])
         assert isinstance(file.scene, DeformableScene)
-        with status(self.console, f"deformable blocks: {name} {words}"):
+        with following(f"deformable blocks: {name} {words}"):
             answer = deformable_answer(on_its_mesh(file))
         label = f"fem {name} {around} × {radial} × {axial} {words}".strip()
         self.cpu_seconds[label] = answer.report["cpu_seconds"]["total"]

@@ -86,7 +86,7 @@ def report_evidence(evidence: Evidence, folder: Path, *, extent: Extent) -> Path
     _say(console, "parameter study")
     study = evidence.study
     _say(console, "tables")
-    tables = compute_tables(console, evidence.rigid)
+    tables = compute_tables(evidence.rigid)
     _say(console, "what the tables depend on")
     sensitive = sensitivity(evidence.rigid)
     _say(console, "claims")

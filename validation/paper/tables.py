@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from rich.console import Console
-from rich.progress import track
 
 from geometry.answer import Answer
 from validation.output.console import tabled
+from validation.output.progress import following
 from validation.paper.reading import DECIMALS, SharedTubes, Solve, as_read, solve_row, to_the_digit
 from validation.paper.reference import reference
 
@@ -25,8 +25,8 @@ HEADS = {
 }
 
 
-def compute_tables(console: Console, solve: Solve | None = None) -> dict[str, Any]:
-    """Compute every printed row, with a progress bar.
+def compute_tables(solve: Solve | None = None) -> dict[str, Any]:
+    """Compute every printed row.
 
     By default every scene is solved anew, with the blocks of each table once.
 
@@ -43,18 +43,20 @@ def compute_tables(console: Console, solve: Solve | None = None) -> dict[str, An
 
     rows, classes = [], []
     tasks = [(block, case) for block, cases in reference()["table"].items() for case in cases]
-    for block, case in track(tasks, description="tables", console=console, transient=True):
-        printed = reference()["table"][block][case]
-        run = solve_row(solve, block, case)
-        mechanism = str(run.details.mechanism)
-        place = {"block": block, "case": case}
-        classes.append(place | {"paper": printed["mechanism"], "ours": mechanism})
-        if "p_max" in printed:
-            # As physics says, only the shaft's load differs.
-            physical = run
-            if case == "shaft":
-                physical = solve_row(solve, block, case, "load.as_printed=false")
-            rows += [place | row for row in _rows(printed, run, physical)]
+    with following("tables") as follow:
+        for number, (block, case) in enumerate(tasks):
+            follow(f"{block} {case}, {number + 1} of {len(tasks)}", number, len(tasks))
+            printed = reference()["table"][block][case]
+            run = solve_row(solve, block, case)
+            mechanism = str(run.details.mechanism)
+            place = {"block": block, "case": case}
+            classes.append(place | {"paper": printed["mechanism"], "ours": mechanism})
+            if "p_max" in printed:
+                # As physics says, only the shaft's load differs.
+                physical = run
+                if case == "shaft":
+                    physical = solve_row(solve, block, case, "load.as_printed=false")
+                rows += [place | row for row in _rows(printed, run, physical)]
     met = sum(row["to_the_digit"] for row in rows)
     return {"to_the_digit": met, "of": len(rows), "rows": rows, "classes": classes}
 

@@ -106,6 +106,7 @@ def deformable_answer(
     if not isinstance(case.stated, DeformableSections):
         return replace(solve(case.stated), case=case)
     name, scene = case.name, case.scene
+    follower.progress("blocks, meshes and contact")
     with stages() as watch:
         fem_section(scene, name)
         static = isinstance(method, Static)

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
-from validation.output.console import progress
+from validation.output.progress import following
 from validation.stability.case import Case, Verdict, run_case
 
 _STYLES = {Verdict.GREEN: "green", Verdict.REFUSED: "cyan", Verdict.RED: "bold red"}
@@ -24,13 +23,12 @@ def list_cases(cases: Sequence[Case], console: Console) -> None:
 
 
 def run_cases(cases: Sequence[Case]) -> dict[str, Any]:
-    """Run the cases one after another, with a bar; count the verdicts."""
+    """Run the cases one after another; count the verdicts."""
     result: list[dict[str, Any]] = []
-    with progress(*Progress.get_default_columns()) as bar:
-        task = bar.add_task("robustness cases", total=len(cases))
-        for case in cases:
+    with following("robustness cases") as follow:
+        for number, case in enumerate(cases):
+            follow(f"{case.name}, {number + 1} of {len(cases)}", number, len(cases))
             result.append(run_case(case))
-            bar.update(task, advance=1, description=case.name)
     counts = {v: sum(row["verdict"] == v for row in result) for v in Verdict}
     seconds = sum(row["cpu_seconds"] for row in result)
     return {"cases": result, "counts": counts, "cpu_seconds": seconds}

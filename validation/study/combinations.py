@@ -36,9 +36,9 @@ def combination_answers(
             "with factors: weight = 1.35, load = 1.5"
         )
     stated = {name: combined(file.scene, name) for name in file.scene.combinations}
-    for name, scene in stated.items():
+    for number, (name, scene) in enumerate(stated.items(), 1):
         if tell is not None:
-            tell(f"{file.name}: {name}")
+            tell(f"{name}, {number} of {len(stated)}")
         one = replace(file.stating(scene), name=f"{file.name}, {name}")
         yield name, answer_to(one, kind)
 

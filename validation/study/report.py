@@ -12,19 +12,16 @@ from statistics import median
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 
 from geometry.answer import Measure
 from validation.errors import InputError
 from validation.output.console import (
-    LONG,
     duration_words,
-    error_console,
-    progress,
     tabled,
     two_columns,
 )
 from validation.output.outputs import Outputs
+from validation.output.progress import LONG, following
 from validation.study.design import Row, idle_parameters
 from validation.study.run import Tally
 from validation.study.store import ResultFile, write_csv, write_parquet
@@ -42,25 +39,16 @@ _MEASURED = 1.0
 
 @contextmanager
 def sweep_progress(results: ResultFile, *, retry_failed: bool = False) -> Iterator[Any]:
-    """Live bar with failures and remaining time on a terminal; yields what takes each row.
+    """Print designs, failures and remaining time; yields what takes each row.
 
     The expected CPU time is printed after the first row, and again where it changes much.
     """
     done, failed = results.counts()
     if retry_failed:
         done, failed = done - failed, 0
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(bar_width=30),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[failed]}"),
-        TimeRemainingColumn(),
-        TextColumn("left"),
-    )
     total = results.study.n_designs
     expected = Expected(total - done)
-    with progress(*columns) as bar:
-        task = bar.add_task(results.study.name, total=total, completed=done, failed="")
+    with following(results.study.name) as follow:
 
         def show(row: Row) -> None:
             nonlocal done, failed
@@ -68,8 +56,9 @@ def sweep_progress(results: ResultFile, *, retry_failed: bool = False) -> Iterat
             failed += row.status == "failed"
             words = expected.words(row)
             if words:
-                error_console().print(words)
-            bar.update(task, advance=1, failed=f"{failed} failed" if failed else "")
+                follow.line(words)
+            state = f"{done} of {total} designs" + (f", {failed} failed" if failed else "")
+            follow(state, done, total)
 
         yield show
 

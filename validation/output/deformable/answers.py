@@ -19,7 +19,7 @@ from fem.problem.model import element_words
 from fem.problem.time_step import added_mass_share
 from geometry.answer import PAPER, Answer, Measure, measure_rows
 from geometry.measures import SectionForces
-from geometry.system import peak_memory_mb, write_whole
+from geometry.system import write_whole
 from validation.output import answer_files
 from validation.output.console import add_dimensions, cpu_words, listing, two_columns
 from validation.output.deformable.cell import cell_table
@@ -223,7 +223,6 @@ def print_run(answer: Answer, console: Console) -> None:
     )
     _add_part(table, answer, "meshes")
     table.add_row("CPU seconds", cpu_words(answer.report["cpu_seconds"]))
-    table.add_row("peak memory", f"{peak_memory_mb():.0f} MB")
     console.print(table)
     cell = answer.parts.get("periodic_cell")
     if isinstance(cell, CellError):

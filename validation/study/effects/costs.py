@@ -176,8 +176,9 @@ def effect_costs(
     assert statement.recommended is not None  # blocks meet
     frequency, ramp = statement.recommended.frequency, statement.ramp_time
     costs = []
-    for effect, setting, changes, note in effects_of(base, 4.0 * np.pi * frequency):
-        say(effect)
+    effects = list(effects_of(base, 4.0 * np.pi * frequency))
+    for number, (effect, setting, changes, note) in enumerate(effects, 1):
+        say(f"{effect}, {number} of {len(effects)}")
         changed = base.changed(changes)
         times = {"ramp_time": ramp}
         if changed.fem.damping is None:

@@ -10,7 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from validation.errors import InputError
-from validation.output.console import status, tabled
+from validation.output.console import tabled
+from validation.output.progress import following
 from validation.scene.deformable import parse_share
 from validation.scene.read import DeformableScene
 from validation.study.effects.auto import EffectsDecision, decide_effects
@@ -24,8 +25,8 @@ def decided(
     scene: DeformableScene, name: str, console: Console
 ) -> tuple[DeformableScene, EffectsDecision]:
     """Scene with the effects that matter, and the decision that it asks for; printed."""
-    with status(console, f"{name}: which effects matter") as tell:
-        scene, decision = decide_effects(scene, name, told=lambda what: tell(f"{name}: {what}"))
+    with following(f"{name}: which effects matter") as follow:
+        scene, decision = decide_effects(scene, name, told=follow)
     console.print(decision.words)
     return scene, decision
 

@@ -237,9 +237,9 @@ def sensitivity_of(
         _number(file, path)
     base = answers_at(file, method)
     slopes, failed = list[Slope](), dict[str, str]()
-    for path in chosen:
+    for number, path in enumerate(chosen, 1):
         if tell is not None:
-            tell(f"{file.name}: {path}")
+            tell(f"{path}, {number} of {len(chosen)}")
         try:
             slopes += _slopes(file, method, path, step, base)
         except RefusedError as error:

@@ -1,0 +1,226 @@
+"""Progress of runs on standard error: lines in a pipe, and a spinner above them on a terminal."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import TYPE_CHECKING, Any, Protocol
+
+from rich.console import Console
+from rich.status import Status
+from rich.text import Text
+
+from geometry.answer import ALIASES
+from geometry.compilation.clocks import compiling
+from validation.output.console import duration_words, error_console, quiet
+
+if TYPE_CHECKING:
+    from geometry.answer import Measure
+
+#: A run that is shorter prints nothing [s].
+SHORT = 2.0
+#: Least time between two lines of what a run is at: [s], and as a share of the time so far.
+_PACE, _SHARE = 10.0, 0.1
+#: Times over which the pace is measured [s], and their number.
+WINDOW, WINDOWS = 0.5, 3
+#: Least time of a run that is told how to make it shorter [s].
+LONG = 600.0
+#: Measures in the line of a mesh.
+_OF_A_MESH = ("u", "p_eff", "p_max_point")
+
+_TOLD: ContextVar[bool] = ContextVar("compilation is announced", default=False)
+
+
+class Forecast:
+    """Estimates the remaining time from the best pace of the last windows of time.
+
+    The best one: functions are compiled and processes started in some.
+    """
+
+    def __init__(self) -> None:
+        self._last: tuple[float, float] | None = None
+        self._paces: deque[float] = deque(maxlen=WINDOWS)
+
+    def left(self, done: float, total: float) -> float | None:
+        """Time left [s]; None in the first windows. Work is in any unit."""
+        now = time.perf_counter()
+        if self._last is None:
+            self._last = (now, done)
+        start, before = self._last
+        if now - start >= WINDOW and done > before:
+            self._paces.append((now - start) / (done - before))
+            self._last = (now, done)
+        if len(self._paces) < WINDOWS:
+            return None
+        return min(self._paces) * (total - done)
+
+
+class Following:
+    """Who prints what a run is at: see `following`."""
+
+    def __init__(self, name: str, console: Console, spinner: Status | None) -> None:
+        self._name, self._console, self._spinner = name, console, spinner
+        self.left: float | None = None
+        """Time left [s]; None where it is not known."""
+        self._state = name
+        self._start = time.monotonic()
+        self._kept: list[str] = []
+        self._is_long = False
+        self._lock, self._ended = threading.Lock(), threading.Event()
+        self._forecast = Forecast()
+
+    @contextmanager
+    def renamed(self, name: str) -> Iterator[Following]:
+        """Print another name, of a part of the run."""
+        before, self._name, self._forecast = self._name, name, Forecast()
+        self(name)
+        try:
+            yield self
+        finally:
+            self._name = before
+
+    def __call__(self, words: object, done: float = 0.0, total: float | None = None) -> None:
+        """Take what the run is at, and how much of how much is done."""
+        self._state = self._name if words == self._name else f"{self._name}: {words}"
+        self.left = None if total is None else self._forecast.left(done, total)
+        if self.left is not None:
+            self._state += f", about {duration_words(self.left)} left"
+        if self._spinner is not None:
+            self._spinner.update(Text(self._state))
+
+    def line(self, words: str) -> None:
+        """Print a line that stays, now or when the run turns out to be long."""
+        words = f"{self._name}: {words}"
+        with self._lock:
+            if self._is_long:
+                self._console.print(words)
+            else:
+                self._kept.append(words)
+
+    def tell(self) -> None:
+        """Print what was kept and, in a pipe, what the run is at; the run is long."""
+        with self._lock:
+            self._is_long = True
+            for words in self._kept:
+                self._console.print(words)
+            self._kept.clear()
+            if self._spinner is None:
+                self._console.print(f"{self._state} … {duration_words(self._spent)}")
+
+    @property
+    def _spent(self) -> float:
+        return time.monotonic() - self._start
+
+    def watch(self) -> None:
+        """Tell from another thread, until the run has ended."""
+        wait = SHORT
+        while not self._ended.wait(wait):
+            self.tell()
+            wait = max(_PACE, _SHARE * self._spent)
+
+    def end(self) -> None:
+        """Print no more."""
+        self._ended.set()
+
+
+_OUTER: ContextVar[Following | None] = ContextVar("run that is followed", default=None)
+
+
+@contextmanager
+def following(name: str) -> Iterator[Following]:
+    """Print on standard error what a run is at, if it takes longer than `SHORT`.
+
+    On a terminal a spinner has the words of the moment. In a pipe they are printed first after two
+    seconds, then every ten, later at longer intervals. A part of a run that is followed already
+    changes the name.
+    """
+    outer = _OUTER.get()
+    if outer is not None:
+        with outer.renamed(name):
+            yield outer
+        return
+    console = error_console()
+    spinner = console.status(Text(name)) if console.is_terminal and not quiet.get() else None
+    follow = Following(name, console, spinner)
+
+    def compile_line() -> None:
+        if not _TOLD.get():
+            _TOLD.set(True)
+            follow.line("compiling machine code (only before the first run of this kind)")
+
+    thread = threading.Thread(target=follow.watch, daemon=True)
+    with compiling(compile_line):
+        thread.start()
+        if spinner is not None:
+            spinner.start()
+        token = _OUTER.set(follow)
+        try:
+            yield follow
+        finally:
+            _OUTER.reset(token)
+            follow.end()
+            thread.join()
+            if spinner is not None:
+                spinner.stop()
+
+
+class _Sample(Protocol):
+    """State of an explicit run (`fem.explicit.solve.Progress`)."""
+
+    time: float
+    step: int
+    n_steps: int
+    residual: float | None
+
+
+@contextmanager
+def solver_progress(name: str) -> Iterator[Callable[[Any], None]]:
+    """Follow a solver, whatever its method: takes words, meshes and samples of explicit runs."""
+    with following(name) as follow:
+        show_sample = explicit_progress(follow)
+
+        def show(now: Any) -> None:
+            if hasattr(now, "n_steps"):
+                show_sample(now)
+                return
+            measures = getattr(now, "measures", None)
+            if measures:
+                follow.line(f"mesh {now.rung - 1}: {_mesh_words(measures)}")
+            follow(now)
+
+        yield show
+
+
+def _mesh_words(measures: Mapping[str, Measure]) -> str:
+    """Numbers of a mesh in one line, with their error bars."""
+    pairs = ((name, measures.get(ALIASES.get(name, name))) for name in _OF_A_MESH)
+    return ", ".join(f"{name} {m.value_words}" for name, m in pairs if m is not None)
+
+
+def explicit_progress(follow: Following) -> Callable[[_Sample], None]:
+    """Return what takes the samples of an explicit run: its steps and its forecast come first."""
+    told = False
+
+    def show(sample: _Sample) -> None:
+        nonlocal told
+        follow(sample, sample.step, sample.n_steps)
+        left = follow.left
+        if told or left is None or sample.step < 2:
+            return
+        told = True
+        step = sample.time / (sample.step - 1)
+        words = f"{sample.n_steps} steps of {step:.4g} s, about {duration_words(left)}"
+        if sample.residual is not None:
+            words += " at most: the run ends where the blocks are at rest"
+        if left > LONG:
+            words += (
+                "; Ctrl-C stops it at a checkpoint; fem.end_time, fem.time_step, "
+                'fem.mass_scaling or fem.method = "static" make it shorter'
+            )
+        follow.line(words)
+
+    return show
