@@ -250,6 +250,7 @@ def deck(
             method = deck_method(stated, asked)
             with solver_progress(stated.name) as show:
                 answer = solve_deck(stated, method, show)
+                show.end(answer)
             outputs.console.print(str(answer))
             refined = answer.parts.get("accuracy")
             for title, words in () if refined is None else refined.rows:

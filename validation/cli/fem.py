@@ -129,6 +129,7 @@ def _solved(case: Case, outputs: Outputs, resume: Path | None) -> Answer:
     try:
         with solver_progress(case.name) as show:
             answer = solve(case, show, resume=resume, **files)
+            show.end(answer)
     except KeyboardInterrupt as stop:
         if stop.args:
             outputs.console.print(f"{stop}: -o names a folder for one")

@@ -137,6 +137,8 @@ def report(
     with Outputs(json, files={"-o": page}, scene=file) as outputs:
         with solver_progress(file.name) as tell:
             result = report_scene(file, deformable=not quick, load_cases=load_cases, tell=tell)
+            if result.deformable is not None:
+                tell.end(result.deformable)
             data = result.as_dict()  # what it reads of the scene
             tell("pictures")
             write_page(result, page)

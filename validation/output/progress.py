@@ -19,7 +19,7 @@ from geometry.compilation.clocks import compiling
 from validation.output.console import duration_words, error_console, quiet
 
 if TYPE_CHECKING:
-    from geometry.answer import Measure
+    from geometry.answer import Answer, Measure
 
 #: A run that is shorter prints nothing [s].
 SHORT = 2.0
@@ -177,22 +177,36 @@ class _Sample(Protocol):
     residual: float | None
 
 
+class SolverProgress:
+    """Takes what a solver is at, whatever its method: words, meshes, samples of explicit runs."""
+
+    def __init__(self, follow: Following) -> None:
+        self._follow = follow
+        self._show_sample = explicit_progress(follow)
+
+    def __call__(self, now: Any) -> None:
+        """Show the state; the mesh before it has a line of its own."""
+        if hasattr(now, "n_steps"):
+            self._show_sample(now)
+            return
+        measures = getattr(now, "measures", None)
+        if measures:
+            self._follow.line(f"mesh {now.rung - 1}: {_mesh_words(measures)}")
+        self._follow(now)
+
+    def end(self, answer: Answer) -> None:
+        """Print the line of the last mesh of an answer, and what ended the refinement."""
+        meshes, accuracy = answer.parts.get("meshes"), answer.parts.get("accuracy")
+        if meshes is not None and accuracy is not None:
+            words = f"mesh {len(meshes.as_json())}: {_mesh_words(answer.measures)}"
+            self._follow.line(f"{words}; ended by: {accuracy.as_json()['ended_by']}")
+
+
 @contextmanager
-def solver_progress(name: str) -> Iterator[Callable[[Any], None]]:
-    """Follow a solver, whatever its method: takes words, meshes and samples of explicit runs."""
+def solver_progress(name: str) -> Iterator[SolverProgress]:
+    """Follow a solver, as `following` does."""
     with following(name) as follow:
-        show_sample = explicit_progress(follow)
-
-        def show(now: Any) -> None:
-            if hasattr(now, "n_steps"):
-                show_sample(now)
-                return
-            measures = getattr(now, "measures", None)
-            if measures:
-                follow.line(f"mesh {now.rung - 1}: {_mesh_words(measures)}")
-            follow(now)
-
-        yield show
+        yield SolverProgress(follow)
 
 
 def _mesh_words(measures: Mapping[str, Measure]) -> str:
