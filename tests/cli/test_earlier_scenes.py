@@ -115,6 +115,7 @@ def test_settings_of_friction_replace_it_under_each_of_its_names(scene: str) -> 
             assert case.scene.effects.friction.coefficient == 0.4
 
 
+@pytest.mark.slow
 def test_a_study_of_friction_is_one_under_each_of_its_names() -> None:
     coarse = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
     found = [
