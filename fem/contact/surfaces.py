@@ -342,16 +342,61 @@ def corner_overclosures(
 def curvature(surfaces: ContactSurfaces, corner_displacements: FloatArray) -> FloatArray:
     """Second derivative of the overclosure with current normals.
 
-    In terms of (d, t_1, t_2), with e the tangential part of d over |a| and P = 1 - n nᵀ:
-    ∂²/∂a∂d = -P / |a|, ∂²/∂a² = ((n·d) P / |a| + n eᵀ + e nᵀ) / |a|, ∂²/∂t_1∂t_2 = [e]×.
-
     Returns
     -------
     FloatArray
         (n, n_points, m, m) [1/mm], degrees of freedom 3 · node + component.
     """
     d = surfaces.offsets + surfaces.basis.difference @ corner_displacements
+    hessian = _second_derivatives(_current_frame(surfaces, corner_displacements, d))
+    spread = np.einsum("pka,ij->pkiaj", _frame_factors(surfaces), np.eye(3))
+    spread = spread.reshape(*spread.shape[:1], 9, -1)
+    return _transposed(spread) @ hessian @ spread
+
+
+def motion_derivatives(
+    surfaces: ContactSurfaces, corner_displacements: FloatArray, motions: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """First and second derivative of the overclosure by motions, with current normals.
+
+    Parameters
+    ----------
+    surfaces
+        Facets in contact.
+    corner_displacements
+        Where they are, (n, nodes of both, 3) [mm].
+    motions
+        Displacements of the nodes of both facets by unit motions, (n, nodes of both, 3, n_motions).
+
+    Returns
+    -------
+    tuple[FloatArray, FloatArray]
+        (n, n_points, n_motions) and (n, n_points, n_motions, n_motions).
+    """
+    d = surfaces.offsets + surfaces.basis.difference @ corner_displacements
     frame = _current_frame(surfaces, corner_displacements, d)
+    by_first = np.cross(frame.slip, frame.tangents[:, :, 1])
+    by_second = np.cross(frame.tangents[:, :, 0], frame.slip)
+    first = np.concatenate([-frame.normal, by_first, by_second], axis=2)
+    way = np.einsum("pka,faim->fpkim", _frame_factors(surfaces), motions, optimize=True)
+    way = way.reshape(*first.shape, -1)
+    gradient = (first[:, :, None] @ way)[:, :, 0]
+    return gradient, _transposed(way) @ _second_derivatives(frame) @ way
+
+
+def _frame_factors(surfaces: ContactSurfaces) -> FloatArray:
+    """Weights of the nodes of both facets in d, t_1 and t_2, (n_points, 3, nodes of both)."""
+    basis = surfaces.basis
+    slopes = (basis.mean_slopes[:, :, 0], basis.mean_slopes[:, :, 1])
+    return np.stack([basis.difference, *slopes], axis=1)
+
+
+def _second_derivatives(frame: _CurrentFrame) -> FloatArray:
+    """Second derivative of the overclosure by (d, t_1, t_2), (n, n_points, 9, 9).
+
+    With e the tangential part of d over |a| and P = 1 - n nᵀ: ∂²/∂a∂d = -P / |a|,
+    ∂²/∂a² = ((n·d) P / |a| + n eᵀ + e nᵀ) / |a|, ∂²/∂t_1∂t_2 = [e]×.
+    """
     n, e, area = frame.normal, frame.slip, frame.area[:, :, None, None]
     tangential = np.eye(3) - n[..., :, None] * n[..., None, :]
     mixed = n[..., :, None] * e[..., None, :]
@@ -369,11 +414,7 @@ def curvature(surfaces: ContactSurfaces, corner_displacements: FloatArray) -> Fl
             hessian[..., rows, columns] = _transposed(turn[i]) @ by_a_a @ turn[j]
     hessian[..., 3:6, 6:] += cross_matrix(e)
     hessian[..., 6:, 3:6] -= cross_matrix(e)
-    basis = surfaces.basis
-    slopes = (basis.mean_slopes[:, :, 0], basis.mean_slopes[:, :, 1])
-    factors = np.stack([basis.difference, *slopes], axis=1)
-    spread = np.einsum("pka,ij->pkiaj", factors, np.eye(3)).reshape(basis.n_points, 9, -1)
-    return _transposed(spread) @ hessian @ spread
+    return hessian
 
 
 def _transposed(matrix: FloatArray) -> FloatArray:

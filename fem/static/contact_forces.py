@@ -7,9 +7,10 @@ of the outward displacements of its two sides,
 
     x = Σ ν · u - gap + δ = -A q + H + M α - gap + δ,      Mᵀ q = Rᵀ f,
 
-with A, H and M summed over the blocks in contact. Current normals turn by the rotations of the
-blocks, a share of 1e-3 or less: what they change of x (δ) and of the forces is taken from the
-iteration before, so that the converged state is that of the current normals.
+with A, H and M summed over the blocks in contact. From rest normals are the reference ones until
+the forces are nearly in balance: that energy is convex, and an overshoot is cut where it is least.
+Then they turn with the blocks (`fem.static.turning`), and the converged state is that of the
+current normals. A state from which the energy falls along some motion is none.
 
 The law is linearised in pressure as in `fem.static.newton`: after a solution each point that
 presses is linearised where the law has that pressure. From a start, points whose contact is soft
@@ -19,7 +20,7 @@ chain of dense blocks.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -28,13 +29,14 @@ from scipy.spatial import cKDTree
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.local_system import LocalSystem
-from fem.contact.surfaces import ContactNormals, ContactSurfaces, PointKinematics
+from fem.contact.surfaces import ContactNormals, ContactSurfaces
 from fem.static.linear_step.block_tridiagonal import Level, UnresistedMotionError, factor_chain
 from fem.static.linear_step.condensed import levels_of
 from fem.static.linear_step.grid_block import GridBlock, PointFlexibility, grid_block
-from fem.static.newton import FARTHEST, relative_residual
+from fem.static.newton import FARTHEST, least_share, relative_residual
 from fem.static.result import StaticError
 from fem.static.time_limit import check_time
+from fem.static.turning import Turned, TurningNormals
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Holding springs of the blocks at first, over the tangent stiffness of their contacts, …
@@ -50,6 +52,8 @@ _SOFT_SHARE = 0.05
 _LEAST_STIFFNESS = 1e-12
 #: Linear problems at most, from rest and from a start.
 _MOST_ITERATIONS, _MOST_FROM_START = 80, 25
+#: Residual with reference normals below which normals turn with the blocks.
+_SETTLED = 1e-2
 #: Distance of a point of a facet from that of its block, over the size of the block.
 _SAME_POINT = 1e-7
 
@@ -113,6 +117,8 @@ class _Part:
     """Each once, (n,)."""
     local: IntArray
     """(n,)"""
+    side: int
+    """Whether the block is the first or the second one of its facets."""
 
 
 class _Points:
@@ -140,6 +146,9 @@ class _Points:
             np.stack([surfaces.block_m, surfaces.block_s]), axis=1, return_inverse=True
         )
         self.joint = np.repeat(np.asarray(pair[1]).ravel(), per_facet)
+        #: Slots of both blocks of each point, (2, n), and of each joint; -1: a rigid block.
+        self.slots: IntArray = np.repeat(slots, per_facet, axis=1)
+        self.joint_slots: list[list[int]] = slots[:, surfaces.pair_start[:-1]].T.tolist()
         self.parts: list[list[_Part]] = [[] for _ in self.grids]
         quads = np.split(system.corner_nodes, 2, axis=1)
         numbers = np.arange(self.n).reshape(n_facets, per_facet)
@@ -156,7 +165,12 @@ class _Points:
                 for level in np.unique(low[mine]):
                     rows = np.repeat(low[mine] == level, per_facet)
                     points = numbers[mine].ravel()[rows]
-                    self.parts[slot].append(_Part(int(level), points, local[rows]))
+                    self.parts[slot].append(_Part(int(level), points, local[rows], side))
+
+    @cached_property
+    def motions(self) -> FloatArray:
+        """Displacements by unit motions of the blocks, (6, n_nodes, 3)."""
+        return np.stack([self.of_motions(np.tile(one, (len(self.grids), 1))) for one in np.eye(6)])
 
     @cached_property
     def gaps(self) -> FloatArray:
@@ -175,24 +189,51 @@ class _Points:
             nodal[self.system.nodes_of(slot)][grid.numbers.ravel()] = values
         return nodal
 
-    def pushed(self, forces: FloatArray) -> list[FloatArray]:
-        """Forces on the nodes of each grid from those of the points, (n_grid_nodes, 3) [N]."""
+    def pushed(self, forces: FloatArray) -> FloatArray:
+        """Forces on the nodes from those of the points, (n_nodes, 3) [N]."""
         result = []
         for grid, parts in zip(self.grids, self.parts, strict=True):
             local = np.zeros(len(grid.positions))
             for part in parts:
                 local[part.local] += forces[part.points]
             result.append(-(grid.outward.T @ local).reshape(-1, 3))
-        return result
+        return self.to_nodes(result)
 
-    def approach(self, on_grids: list[FloatArray]) -> FloatArray:
-        """Σ ν · u of all points, (n,) [mm], from displacements of the nodes of each grid."""
+    def in_motions(self, forces: FloatArray) -> FloatArray:
+        """Rᵀ f of nodal forces (n_nodes, 3) [N], (n_slots, 6)."""
+        each = enumerate(self.grids)
+        return np.stack([grid.rigid.T @ self.on_grid(s, forces).ravel() for s, grid in each])
+
+    def of_motions(self, motions: FloatArray) -> FloatArray:
+        """R α of motions (n_slots, 6), (n_nodes, 3) [mm]."""
+        each = zip(self.grids, motions, strict=True)
+        return self.to_nodes([(grid.rigid @ motion).reshape(-1, 3) for grid, motion in each])
+
+    def balanced(self, forces: FloatArray) -> FloatArray:
+        """Nodal forces (n_nodes, 3) [N] without those on motions of the blocks."""
+        shares = zip(self.grids, self.in_motions(forces), strict=True)
+        on_motions = [np.linalg.solve(grid.rigid.T @ grid.rigid, share) for grid, share in shares]
+        return forces - self.of_motions(np.stack(on_motions))
+
+    def approach(self, displacement: FloatArray) -> FloatArray:
+        """Σ ν · u of all points, (n,) [mm], from displacements (n_nodes, 3) [mm]."""
         result = np.zeros(self.n)
-        for grid, parts, u in zip(self.grids, self.parts, on_grids, strict=True):
-            outward = grid.outward @ u.ravel()
+        for slot, (grid, parts) in enumerate(zip(self.grids, self.parts, strict=True)):
+            outward = grid.outward @ self.on_grid(slot, displacement).ravel()
             for part in parts:
                 result[part.points] += outward[part.local]
         return result
+
+    def moved(self, by_motions: FloatArray, motions: FloatArray) -> FloatArray:
+        """Sum over both blocks of derivatives (2, n, 6) times their motions (n_slots, 6), (n,)."""
+        padded = np.concatenate([motions, np.zeros((1, 6))])
+        return np.asarray(np.einsum("bnm,bnm->n", by_motions, padded[self.slots]))
+
+    def on_motions(self, by_motions: FloatArray, forces: FloatArray) -> FloatArray:
+        """Forces of the points (n,) on the motions of their blocks, (n_slots, 6)."""
+        result = np.zeros((len(self.grids) + 1, 6))
+        np.add.at(result, self.slots, by_motions * forces[:, None])
+        return result[:-1]
 
     def soft(self, stiffness: FloatArray, below: float) -> BoolArray:
         """Points softer than a bound that carry little of the stiffness of their joint, (n,)."""
@@ -206,16 +247,6 @@ class _Points:
         little = np.empty(self.n, dtype=np.bool_)
         little[order] = sums - before[joint] <= _SOFT_SHARE * total[joint]
         return little & (stiffness < below)
-
-
-@dataclass(frozen=True)
-class _Turning:
-    """What current normals change against reference ones, at one displacement."""
-
-    overclosure: FloatArray
-    """δ of every point, (n,) [mm]."""
-    forces: FloatArray
-    """Of the nodes, (n_nodes, 3) [N]."""
 
 
 class _ForceProblem:
@@ -239,6 +270,18 @@ class _ForceProblem:
             self.blocks.append(kinds[id(grid)])
         level = points.slot_level
         self.members = [np.flatnonzero(level == k).tolist() for k in range(int(level.max()) + 1)]
+        #: Level of each slot, and its columns among the motions there.
+        self.span = {
+            slot: (k, slice(6 * column, 6 * column + 6))
+            for k, slots in enumerate(self.members)
+            for column, slot in enumerate(slots)
+        }
+
+    def motions_in(self, displacement: FloatArray) -> FloatArray:
+        """Motions of the blocks in displacements (n_nodes, 3) [mm], (n_slots, 6)."""
+        pairs = enumerate(self.blocks)
+        on_grids = (block.motion_in(self.points.on_grid(s, displacement)) for s, block in pairs)
+        return np.stack(list(on_grids))
 
     def linear(
         self,
@@ -247,11 +290,11 @@ class _ForceProblem:
         softness: FloatArray,
         *,
         given: FloatArray,
-        turning: _Turning,
+        turned: Turned,
         before: FloatArray,
         holding: float,
-    ) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
-        """Forces of all points (n,) [N], motions (n_slots, 6), displacements of all grids [mm].
+    ) -> _State:
+        """Solve for the state with the law linearised, in balance.
 
         Parameters
         ----------
@@ -263,42 +306,82 @@ class _ForceProblem:
             One over the slope of their forces, (n_s,) [mm/N].
         given
             Forces of the soft points, zero elsewhere, (n,) [N].
-        turning
-            Of the iteration before.
+        turned
+            By the iteration before.
         before, holding
-            Motions that springs hold, and their stiffness.
+            Motions of the iteration before, and stiffness of springs that hold them.
         """
         points = self.points
         row = np.full(points.n, -1, dtype=np.int64)
         row[stiff] = np.arange(len(stiff))
         mine = [[_among(part, row) for part in parts] for parts in points.parts]
-        nodal = self.load + turning.forces
-        loads = [points.on_grid(s, nodal) + f for s, f in enumerate(points.pushed(given))]
-        loaded = self._displacements(loads)
-        approach = points.approach(loaded) - points.gaps + turning.overclosure
-        side, motions = right + approach[stiff], np.zeros_like(before)
-        for slot, (grid, load) in enumerate(zip(points.grids, loads, strict=True)):
-            motions[slot] = -grid.rigid.T @ load.ravel() - holding * before[slot]
         levels, members = self._chain(stiff, mine, softness, holding)
+        self._turn(levels, members, mine, turned, stiff)
+        load = self.load + points.pushed(given)
+        loaded = self._displacements(load + turned.forces)
+        approach = points.approach(loaded) - points.gaps + turned.overclosure
+        approach -= points.moved(turned.by_motions, before)
+        side = right + approach[stiff]
+        motions = points.on_motions(turned.by_motions, given)
+        motions -= points.in_motions(load) + self._held(levels, before)
         sides = [(side[m], motions[self.members[k]].ravel()) for k, m in enumerate(members)]
         forces = given.copy()
         for k, (result, alpha) in enumerate(factor_chain(levels).solve(sides)):
             forces[stiff[members[k]]] = result
             motions[self.members[k]] = alpha.reshape(-1, 6)
-        displaced = self._displacements(points.pushed(forces - given))
-        for slot, grid in enumerate(points.grids):
-            displaced[slot] += loaded[slot] + (grid.rigid @ motions[slot]).reshape(-1, 3)
-        return forces, motions, displaced
+        displaced = loaded + self._displacements(points.pushed(forces - given))
+        taken = self.load + points.pushed(forces) + turned.forces
+        return _State(
+            displaced + points.of_motions(motions), motions, points.balanced(taken), forces
+        )
 
-    def _displacements(self, forces: list[FloatArray]) -> list[FloatArray]:
-        """G of the forces on each grid, those of congruent blocks at once."""
-        result = forces.copy()
+    def _turn(
+        self,
+        levels: list[Level],
+        members: list[IntArray],
+        mine: list[list[_Part]],
+        turned: Turned,
+        stiff: IntArray,
+    ) -> None:
+        """Add to the levels what motions change by turning normals."""
+        place = _places(members, len(stiff))
+        for slot, parts in enumerate(mine):
+            own, span = self.span[slot]
+            for part in parts:
+                level, rows = levels[part.level], place[part.points]
+                change = turned.by_motions[part.side, stiff[part.points]]
+                if part.level == own:
+                    level.motions[rows, span] += change
+                else:
+                    level.next_motions[rows - level.first_shared, span] += change
+        for slots, stiffness in zip(self.points.joint_slots, turned.stiffness, strict=True):
+            ends = [(k, self.span[slot]) for k, slot in enumerate(slots) if slot >= 0]
+            for a, (low, lines) in ends:
+                for b, (high, columns) in ends:
+                    if low == high:
+                        levels[low].holding[lines, columns] += stiffness[a, :, b]
+                    elif low < high:
+                        levels[low].next_holding[lines, columns] += stiffness[a, :, b]
+
+    def _held(self, levels: list[Level], motions: FloatArray) -> FloatArray:
+        """Product of `Level.holding` of all levels with motions, (n_slots, 6)."""
+        result = np.zeros_like(motions)
+        for level, slots in zip(levels, self.members, strict=True):
+            result[slots] += (level.holding @ motions[slots].ravel()).reshape(-1, 6)
+        for level, (slots, after) in zip(levels, pairwise(self.members), strict=False):
+            result[slots] += (level.next_holding @ motions[after].ravel()).reshape(-1, 6)
+            result[after] += (level.next_holding.T @ motions[slots].ravel()).reshape(-1, 6)
+        return result
+
+    def _displacements(self, forces: FloatArray) -> FloatArray:
+        """G of nodal forces, (n_nodes, 3) [mm], of congruent blocks at once."""
+        points, on_grids = self.points, [np.empty(0)] * len(self.blocks)
         for block in set(self.blocks):
             slots = [slot for slot, other in enumerate(self.blocks) if other is block]
-            moved = block.displacements(np.stack([forces[slot] for slot in slots]))
+            moved = block.displacements(np.stack([points.on_grid(s, forces) for s in slots]))
             for slot, own in zip(slots, moved, strict=True):
-                result[slot] = own
-        return result
+                on_grids[slot] = own
+        return points.to_nodes(on_grids)
 
     def _chain(
         self, stiff: IntArray, mine: list[list[_Part]], softness: FloatArray, holding: float
@@ -309,13 +392,13 @@ class _ForceProblem:
         order = np.lexsort((shared, level))
         starts = np.searchsorted(level[order], np.arange(len(self.members) + 1))
         members = [order[a:b] for a, b in pairwise(starts)]
-        place = np.empty(len(stiff), dtype=np.int64)
-        place[order] = np.arange(len(stiff)) - starts[level[order]]
+        place = _places(members, len(stiff))
         levels = []
         for k, m in enumerate(members):
             first, after = int((~shared[m]).sum()), k + 1 < len(members)
             width = 6 * len(self.members[k])
             n_after = len(members[k + 1]) if after else 0
+            width_after = 6 * len(self.members[k + 1]) if after else 0
             levels.append(
                 Level(
                     flexibility=np.asfortranarray(np.diag(softness[m])),
@@ -323,17 +406,16 @@ class _ForceProblem:
                     holding=holding * np.eye(width),
                     first_shared=first,
                     next_flexibility=np.zeros((len(m) - first, n_after)),
-                    next_motions=np.zeros(
-                        (len(m) - first, 6 * len(self.members[k + 1]) if after else 0)
-                    ),
+                    next_motions=np.zeros((len(m) - first, width_after)),
+                    next_holding=np.zeros((width, width_after)),
                 )
             )
         for slot, parts in enumerate(mine):
             for part in parts:
                 self.blocks[slot].include(part.local)
         for k, slots in enumerate(self.members):
-            for column, slot in enumerate(slots):
-                span = slice(6 * column, 6 * column + 6)
+            for slot in slots:
+                span = self.span[slot][1]
                 _add_block(levels, k, self.blocks[slot], span, mine[slot], place)
         return levels, members
 
@@ -371,10 +453,18 @@ def _add_block(  # noqa: PLR0917
             below.next_flexibility[np.ix_(shared, place[upper.points])] += response
 
 
+def _places(members: list[IntArray], n: int) -> IntArray:
+    """Row of each of n points in its level, (n,)."""
+    place = np.empty(n, dtype=np.int64)
+    for rows in members:
+        place[rows] = np.arange(len(rows))
+    return place
+
+
 def _among(part: _Part, row: IntArray) -> _Part:
     """Points of a part that have a row, and those rows."""
     rows = row[part.points]
-    return _Part(part.level, rows[rows >= 0], part.local[rows >= 0])
+    return replace(part, points=rows[rows >= 0], local=part.local[rows >= 0])
 
 
 def solve_in_contact_forces(
@@ -419,6 +509,25 @@ def solve_in_contact_forces(
     return _Iteration(points, everywhere, load_factor, tolerance, None).run()
 
 
+@dataclass(frozen=True)
+class _State:
+    """Where an iteration is: a linear solution, or a share of the way there."""
+
+    displacement: FloatArray
+    """In block frames, (n_nodes, 3) [mm]."""
+    motions: FloatArray
+    """Of the blocks, (n_slots, 6)."""
+    internal: FloatArray
+    """K u, (n_nodes, 3) [N]; of a start unknown."""
+    forces: FloatArray
+    """Of the points, (n,) [N]."""
+
+    def towards(self, other: _State, share: float) -> _State:
+        """Take a share of the way to another state."""
+        pairs = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+        return _State(*(one + share * (two - one) for one, two in pairs))
+
+
 class _Iteration:
     """Newton's method with the stiff points as unknowns."""
 
@@ -442,37 +551,27 @@ class _Iteration:
         first = _FIRST_HOLDING * float(law.stiffness(rest)) * area / n_blocks
         self.least = _LEAST_HOLDING * first
         self.farthest = FARTHEST * self.system.deformable.assembly.characteristic_length
-        self.motions = np.zeros((n_blocks, 6))
         self.residuals: list[float] = []
-        self.turning = _Turning(np.zeros(points.n), np.zeros((self.system.n_nodes, 3)))
-        self.reference = self._reference_gradient()
-        self.at = np.full(points.n, rest)
-        self.holding, self.bound, self.most = first, 0.0, _MOST_ITERATIONS
-        if start is not None:
-            kinematics = self.system.kinematics(start, self.contact.normals)
-            self.at = kinematics.overclosure.ravel()
-            on_grids = [points.on_grid(s, start) for s in range(n_blocks)]
-            pressing = points.weights * law.pressure(self.at)
-            self.turning = self._turning(kinematics, on_grids, pressing)
+        self.turning = TurningNormals(self.system, points.motions)
+        self.turned = self.turning.none
+        nothing, free = np.zeros((self.system.n_nodes, 3)), np.zeros(points.n)
+        self.state = _State(nothing, np.zeros((n_blocks, 6)), nothing, free)
+        self.cuts = start is None
+        if start is None:
+            self.normals = ContactNormals.REFERENCE
+            self._look()
+            self.at = np.full(points.n, rest)
+            self.holding, self.bound, self.most = first, 0.0, _MOST_ITERATIONS
+        else:
+            self.state = replace(
+                self.state, displacement=start, motions=self.problem.motions_in(start)
+            )
+            self.normals = self.contact.normals
+            self._look()
+            self.at = self.overclosure
+            self._turn(weights * law.pressure(self.at))
             self.holding, self.most = self.least, _MOST_FROM_START
             self.bound = _SOFT * _stiffness_of_block(points)
-
-    def _reference_gradient(self) -> FloatArray | None:
-        if self.contact.normals is ContactNormals.REFERENCE:
-            return None
-        rest = np.zeros((self.system.n_nodes, 3))
-        return self.system.kinematics(rest, ContactNormals.REFERENCE).gradient
-
-    def _turning(
-        self, kinematics: PointKinematics, on_grids: list[FloatArray], forces: FloatArray
-    ) -> _Turning:
-        """What current normals change at a displacement, under forces (n,) [N] of the points."""
-        if self.reference is None:
-            return self.turning
-        straight = self.points.approach(on_grids) - self.points.gaps
-        change = kinematics.gradient - self.reference
-        nodal = self.system.scatter(change, forces.reshape(change.shape[:2]))
-        return _Turning(kinematics.overclosure.ravel() - straight, nodal)
 
     def run(self) -> ForceState:
         """Iterate until the forces are those of the law, in balance."""
@@ -486,6 +585,18 @@ class _Iteration:
             f"{self.residuals[-1]:.2g}, expected {self.tolerance:g}"
         )
 
+    def _look(self) -> None:
+        """Find the overclosures, (n,) [mm], and their gradients at the displacement."""
+        self.kinematics = self.system.kinematics(self.state.displacement, self.normals)
+        self.overclosure = self.kinematics.overclosure.ravel()
+
+    def _turn(self, forces: FloatArray) -> None:
+        """Let normals turn with the displacement, under forces of the points (n,) [N]."""
+        if self.normals is ContactNormals.CURRENT:
+            straight = self.points.approach(self.state.displacement) - self.points.gaps
+            at = self.state.displacement, self.kinematics
+            self.turned = self.turning.turned(*at, straight, forces)
+
     def _step(self) -> ForceState | None:
         """One linear problem; the state where it is the last one."""
         check_time()
@@ -496,53 +607,86 @@ class _Iteration:
         given, slope = weights * law.pressure(self.at), stiffness[stiff]
         given[stiff] = 0.0
         try:
-            forces, self.motions, on_grids = self.problem.linear(
+            solution = self.problem.linear(
                 stiff,
                 law.pressure(self.at[stiff]) / slope - self.at[stiff],
                 1.0 / (weights[stiff] * slope),
                 given=given,
-                turning=self.turning,
-                before=self.motions,
+                turned=self.turned,
+                before=self.state.motions,
                 holding=self.holding,
             )
         except (UnresistedMotionError, np.linalg.LinAlgError) as error:
             raise StaticError(f"contact forces: {error}") from None
-        result = self._state(forces, on_grids)
-        if result is None:
-            self._linearise(stiff, forces)
-        return result
-
-    def _state(self, forces: FloatArray, on_grids: list[FloatArray]) -> ForceState | None:
-        """Judge a linear solution; None: it is not the last one."""
-        points, system, weights = self.points, self.system, self.points.weights
-        displacement = points.to_nodes(on_grids)
-        if np.abs(displacement).max() > self.farthest:
+        if np.abs(solution.displacement).max() > self.farthest:
             raise StaticError("blocks move away without end")
-        kinematics = system.kinematics(displacement, self.contact.normals)
-        self.overclosure = kinematics.overclosure.ravel()
-        pressing = weights * self.contact.law.pressure(self.overclosure)
-        taken = points.to_nodes(points.pushed(forces)) + self.turning.forces
-        of_law = system.scatter(
-            kinematics.gradient, pressing.reshape(system.surfaces.weights.shape)
-        )
-        residual = relative_residual(system, of_law - taken, pressing)
-        size = max(float(np.linalg.norm(forces)), 1e-300)
-        wrong = float(np.linalg.norm(pressing - forces)) / size
-        self.residuals.append(max(residual, wrong))
-        if self.residuals[-1] <= self.tolerance and self.holding <= self.least:
-            internal = self.problem.load + taken
-            return ForceState(displacement, internal, tuple(self.residuals))
-        self.turning = self._turning(kinematics, on_grids, forces)
+        cut = self._go(solution)
+        if self._is_last():
+            state = self.state
+            return ForceState(state.displacement, state.internal, tuple(self.residuals))
+        forces = self.state.forces
+        if self.normals is not self.contact.normals and self.residuals[-1] < _SETTLED:
+            self.normals = self.contact.normals
+            self._look()
+        self._turn(forces)
+        self.at = self.overclosure if cut else self._linearised(stiff, forces)
         return None
 
-    def _linearise(self, stiff: IntArray, forces: FloatArray) -> None:
-        """Overclosures at which the law is linearised next."""
+    def _go(self, solution: _State) -> bool:
+        """Go to a linear solution, or to the least energy on the way; whether it is cut.
+
+        As `fem.static.newton`. The energy of turned normals is not convex, and there no way is cut.
+        """
+        law, weights, start, before = (
+            self.contact.law,
+            self.points.weights,
+            self.state,
+            self.overclosure,
+        )
+        self.state = solution
+        self._look()
+        if not self.cuts or self.normals is ContactNormals.CURRENT:
+            return False
+        way, change = solution.displacement - start.displacement, self.overclosure - before
+        first = float(np.vdot(start.internal - self.problem.load, way))
+        growth = float(np.vdot(solution.internal - start.internal, way))
+
+        def slope(share: float) -> float:
+            pressure = law.pressure(before + share * change)
+            return first + share * growth + float(np.vdot(weights * pressure, change))
+
+        share = least_share(slope)
+        if share < 1.0:
+            self.state = start.towards(solution, share)
+            self._look()
+            pressing = weights * law.pressure(self.overclosure)
+            self.state = replace(self.state, forces=pressing)
+        return share < 1.0
+
+    def _is_last(self) -> bool:
+        """Judge the state: forces are those of the law, in balance, and nothing else holds it."""
+        system, state = self.system, self.state
+        pressing = self.points.weights * self.contact.law.pressure(self.overclosure)
+        of_law = system.scatter(
+            self.kinematics.gradient, pressing.reshape(system.surfaces.weights.shape)
+        )
+        unbalanced = self.problem.load + of_law - state.internal
+        residual = relative_residual(system, unbalanced, pressing)
+        size = max(float(np.linalg.norm(state.forces)), 1e-300)
+        wrong = float(np.linalg.norm(pressing - state.forces)) / size
+        self.residuals.append(max(residual, wrong))
+        free = self.holding <= self.least and self.normals is self.contact.normals
+        return free and self.residuals[-1] <= self.tolerance
+
+    def _linearised(self, stiff: IntArray, forces: FloatArray) -> FloatArray:
+        """Overclosures at which the law is linearised after a linear solution, (n,) [mm]."""
         law, weights = self.contact.law, self.points.weights
         # An exponential overshoots: nowhere is it linearised beyond the largest force so far.
         largest = float(np.max(forces[stiff] / weights[stiff], initial=self.mean))
-        self.at = np.minimum(self.overclosure, law.overclosure(largest))
+        at: FloatArray = np.minimum(self.overclosure, law.overclosure(largest))
         pressing = stiff[forces[stiff] > 0.0]
-        self.at[pressing] = law.overclosure(forces[pressing] / weights[pressing])
+        at[pressing] = law.overclosure(forces[pressing] / weights[pressing])
+        return at
 
 
 def _stiffness_of_block(points: _Points) -> float:

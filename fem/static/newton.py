@@ -475,6 +475,11 @@ def _step_share(
         normal = float(np.vdot(weights * pressure, change))
         return start + share * growth + normal + sliding(share, pressure)
 
+    return least_share(slope)
+
+
+def least_share(slope: Callable[[float], float]) -> float:
+    """Share of a way at which an energy of some slope is least; 1 unless it rises steeply there."""
     first = slope(0.0)
     if not first < 0.0 or slope(1.0) <= -_OVERSHOOT * first:
         return 1.0

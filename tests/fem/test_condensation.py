@@ -74,7 +74,7 @@ def test_condensed_forces_and_recovery_invert_each_other(distorted):
 
 
 def random_chain(sizes, motions, seed=2):
-    """A positive definite A with chain coupling, random C; levels and the dense matrix."""
+    """A positive definite A and random C and τ with chain coupling; levels, sides, solution."""
     random = np.random.default_rng(seed)
     n, m = sum(sizes), sum(motions)
     start = np.concatenate([[0], np.cumsum(sizes)])
@@ -82,12 +82,17 @@ def random_chain(sizes, motions, seed=2):
     shared = [size // 2 for size in sizes]
     a = np.zeros((n, n))
     c = np.zeros((n, m))
+    held = 0.1 * np.eye(m)
     for k in range(len(sizes)):
         low = start[k] if k == 0 else start[k] - shared[k - 1]
         rows = random.standard_normal((start[k + 1] - low, start[k + 1] - low))
         a[low : start[k + 1], low : start[k + 1]] += rows @ rows.T
         wide = random.standard_normal((start[k + 1] - low, motions[k]))
         c[low : start[k + 1], first[k] : first[k + 1]] = wide
+        if k:
+            across = 0.1 * random.standard_normal((motions[k - 1], motions[k]))
+            held[first[k - 1] : first[k], first[k] : first[k + 1]] = across
+            held[first[k] : first[k + 1], first[k - 1] : first[k]] = across.T
     d, e = random.standard_normal(n), random.standard_normal(m)
     levels, sides = [], []
     for k in range(len(sizes)):
@@ -104,10 +109,11 @@ def random_chain(sizes, motions, seed=2):
                 first_shared=sizes[k] - shared[k],
                 next_flexibility=a[cut : start[k + 1], after].copy(),
                 next_motions=c[cut : start[k + 1], moving].copy(),
+                next_holding=held[mine, moving].copy(),
             )
         )
         sides.append((d[own], e[mine]))
-    matrix = np.block([[a, -c], [-c.T, -0.1 * np.eye(m)]])
+    matrix = np.block([[a, -c], [-c.T, -held]])
     return levels, sides, np.linalg.solve(matrix, np.concatenate([d, e]))
 
 
@@ -160,6 +166,7 @@ def dense_chain(levels):
         upper[level.first_shared : n] = np.hstack([level.next_flexibility, -level.next_motions])
         lower = np.zeros((n_next + m_next, n + m))
         lower[:, level.first_shared : n] = np.vstack([done.next_flexibility, -done.next_motions.T])
+        upper[n:, n_next:], lower[n_next:, n:] = -level.next_holding, -level.next_holding.T
         rows[k][k + 1], rows[k + 1][k] = upper, lower
     return np.block(
         [
@@ -176,6 +183,7 @@ def test_a_motion_without_resistance_is_named():
     levels, _, _ = random_chain([6, 5], [2, 2])
     levels[1].motions[:, 1] = 0.0
     levels[0].next_motions[:, 1] = 0.0
+    levels[0].next_holding[:, 1] = 0.0
     levels[1].holding[1, 1] = 0.0
     with pytest.raises(UnresistedMotionError, match="level 1") as caught:
         factor_chain(levels)

@@ -15,6 +15,7 @@ from fem.contact.surfaces import (
     corner_overclosures,
     curvature,
     facet_pressures,
+    motion_derivatives,
     point_kinematics,
 )
 from geometry import SineBlock as SineBlockParameters
@@ -83,6 +84,18 @@ def test_curvature_is_the_slope_of_the_gradient(surfaces):
     slope = np.einsum("fpij,fj->fpi", hessian, direction.reshape(-1, 24))
     difference = ((plus - minus) / (2 * d)).reshape(slope.shape)
     assert np.abs(difference - slope).max() < 1e-8
+
+
+def test_derivatives_by_motions_are_those_by_the_corners(surfaces):
+    """Chain rule through random motions of order one: sums of 24 products and of 576, to 1e-12."""
+    corners = random_corners(surfaces, 0.1)
+    motions = np.stack([random_corners(surfaces, 1.0, seed=k) for k in range(3, 8)], axis=3)
+    first, second = motion_derivatives(surfaces, corners, motions)
+    gradient = point_kinematics(surfaces, corners).gradient
+    assert np.abs(first - np.einsum("fpai,faim->fpm", gradient, motions)).max() < 1e-12
+    flat = motions.reshape(-1, 24, 5)
+    by_corners = np.einsum("fim,fpij,fjn->fpmn", flat, curvature(surfaces, corners), flat)
+    assert np.abs(second - by_corners).max() < 1e-12
 
 
 def test_action_equals_reaction_and_moments_balance(surfaces):

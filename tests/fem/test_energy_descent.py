@@ -28,8 +28,8 @@ TSB1 = SineBlockParameters(
 )
 
 
-def tunnel(clearance, **options):
-    assembly = SineTube(TSB1, SineBlockDivisions(12, 2, 4), 2).build()
+def tunnel(clearance, divisions=(12, 2, 4), **options):
+    assembly = SineTube(TSB1, SineBlockDivisions(*divisions), 2).build()
     load = named_case(assembly, "tunnel", 0.01)
     return deformable_assembly(assembly, load, CONCRETE, clearance=clearance, **options)
 
@@ -124,3 +124,26 @@ def test_without_gap_the_descent_ends_where_the_iteration_does():
     assert descent.saddles == 0
     expected = system.localised(plain.displacements)
     assert np.abs(descent.displacement - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("clearance", [0.05, 0.1])
+def test_contact_forces_come_to_rest_in_gaps_at_a_minimum(clearance):
+    """Only the turning of normals holds blocks along joints that are open at the start.
+
+    From there the descent leaves no step to take, and no direction in which the energy falls.
+    """
+    deformable = tunnel(clearance, (12, 1, 2), degree=2)
+    found = solve_static(deformable)
+    assert found.in_contact_forces
+    system = local_system(deformable, largest_cyclic_orbits(deformable))
+    size = np.linalg.norm(system.external_force)
+    descent = minimise_energy(
+        system,
+        SparseStep(system),
+        system.localised(found.displacements),
+        residual=lambda force, _: float(np.linalg.norm(force) / size),
+        tolerance=1e-6,
+    )
+    assert descent.converged
+    assert len(descent.residuals) == 1
+    assert descent.saddles == 0

@@ -56,6 +56,8 @@ class Level:
     """Coupling of the shared forces with the next level's forces, (n - first_shared, n_next)."""
     next_motions: FloatArray
     """Minus their coupling with its motions, like C; (n - first_shared, n_motions_next)."""
+    next_holding: FloatArray
+    """τ between its motions and those of the next level, (n_motions, n_motions_next)."""
     leaning: Leaning | None = None
     """What the forces do where that is not what they feel; None: the system is symmetric."""
 
@@ -108,7 +110,9 @@ class _Eliminated:
         response = _lower_solve(self.factor[first:, first:], coupling)
         update = response.T @ response
         if len(self.pivot):
-            through = _lower_solve(self.pivot, self.motions[first:].T @ response)
+            push = self.motions[first:].T @ response
+            push[:, n:] -= level.next_holding
+            through = _lower_solve(self.pivot, push)
             update -= through.T @ through
         after.flexibility[...] -= update[:n, :n]
         after.motions[...] += update[:n, n:]
@@ -142,9 +146,12 @@ class _Leant:
         first, n = level.first_shared, level.next_flexibility.shape[1]
         coupling = np.zeros((len(self.motions), n + level.next_motions.shape[1]), order="F")
         coupling[first:] = np.hstack([level.next_flexibility, -level.next_motions])
-        response, _ = self.solve(coupling, np.zeros((len(self.pivot), coupling.shape[1])))
+        turned = np.zeros((len(self.pivot), coupling.shape[1]))
+        turned[:, n:] = -level.next_holding
+        response, motions = self.solve(coupling, turned)
         pushed = level.leaning
         update = np.vstack([pushed.next_flexibility, -pushed.next_motions.T]) @ response[first:]
+        update[n:] -= level.next_holding.T @ motions
         after.flexibility[...] -= update[:n, :n]
         after.motions[...] += update[:n, n:]
         after.leaning.motions[...] += update[n:, :n].T
@@ -178,20 +185,24 @@ class ChainFactor:
         ):
             side = (force, motion) if change is None else (force - change[0], motion - change[1])
             done.append(side)
-            forces, _ = eliminated.solve(*side)
+            forces, alpha = eliminated.solve(*side)
             shared = forces[level.first_shared :]
             pushed = level.pushed
-            change = pushed.next_flexibility @ shared, -pushed.next_motions.T @ shared
+            change = (
+                pushed.next_flexibility @ shared,
+                -pushed.next_motions.T @ shared - level.next_holding.T @ alpha,
+            )
         result: list[Side] = []
         for level, eliminated, side in zip(
             reversed(self.levels), reversed(self.eliminated), reversed(done), strict=True
         ):
-            force = side[0].copy()
+            force, motion = side[0].copy(), side[1]
             if result:
                 after = result[-1]
                 shared = level.next_motions @ after[1] - level.next_flexibility @ after[0]
                 force[level.first_shared :] += shared
-            result.append(eliminated.solve(force, side[1]))
+                motion = motion + level.next_holding @ after[1]
+            result.append(eliminated.solve(force, motion))
         return result[::-1]
 
 

@@ -170,6 +170,8 @@ class FlexibleBlock:
     """B G Bᵀ between them, (n, n) [mm/N]."""
     column: _Column
     """The whole block."""
+    held: IntArray
+    """Unknowns that springs hold against rigid motions."""
 
     def displacements(self, forces: FloatArray) -> FloatArray:
         """G of nodal forces, (n_cases, n_nodes, 3) [N], to displacements of that shape [mm]."""
@@ -198,7 +200,7 @@ def flexible_block(block: ColumnBlock, asked: BoolArray, rigid: FloatArray) -> F
     stiffness = float(np.diag(front.matrix)[: len(held)].mean())
     spring = _Front({final: held}, np.empty(0, dtype=np.int64), stiffness * springs @ springs.T)
     front = _joined([front, other, spring], final, steps)
-    return FlexibleBlock(front.points, -front.matrix, replace(column, steps=tuple(steps)))
+    return FlexibleBlock(front.points, -front.matrix, replace(column, steps=tuple(steps)), held)
 
 
 def _end(block: ColumnBlock, front: _Front, plane: int, points: IntArray) -> _Front:

@@ -363,6 +363,7 @@ class CondensedStep:
                     first_shared=int(size[k]) - shared,
                     next_flexibility=np.zeros((shared, n_next)),
                     next_motions=np.zeros((shared, width_next)),
+                    next_holding=np.zeros((width[k], width_next)),
                     leaning=leaning,
                 )
             )

@@ -204,6 +204,13 @@ class PointFlexibility:
         """G of nodal forces on the grid, (n_cases, n_nodes, 3) [N], [mm]."""
         return self._flexible.displacements(forces)
 
+    def motion_in(self, displacement: FloatArray) -> FloatArray:
+        """Rigid motion in a displacement (n_nodes, 3) [mm]: G of balanced forces has none, (6,)."""
+        held = self._flexible.held
+        rigid, moved = self.block.rigid[held], displacement.ravel()[held]
+        motion: FloatArray = np.linalg.lstsq(rigid, moved, rcond=None)[0]
+        return motion
+
     def between(self, points: IntArray, others: IntArray) -> FloatArray:
         """F of points that `include` was given, (n, m) [mm/N]."""
         return self._flexibility[np.ix_(self._row[points], self._row[others])]

@@ -1,0 +1,115 @@
+"""What current normals change against reference ones where blocks turn.
+
+About a displacement with motions α₀ of the blocks, and with forces q of the points, the overclosure
+and the balance of the motions are those of reference normals and
+
+    δ + D (α - α₀),      Dᵀ q + T (α - α₀)      with  D = ∂x/∂α - ∂x_ref/∂α,  T = Σ q ∂²x/∂α².
+
+δ is what the displacement itself changes of x. Elastic deformations turn normals too, a share of
+1e-3 or less: in δ and in the nodal forces that is taken from the iteration before. T is what holds
+blocks that slide in their gaps: no other stiffness resists such motions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fem.assembly.local_system import LocalSystem
+from fem.contact.surfaces import (
+    ContactNormals,
+    ContactSurfaces,
+    PointKinematics,
+    motion_derivatives,
+    reference_gradient,
+)
+from geometry.mesh import FloatArray
+
+
+@dataclass(frozen=True)
+class Turned:
+    """What normals change at one displacement; joints are the block pairs of the surfaces."""
+
+    overclosure: FloatArray
+    """δ of every point, (n,) [mm]."""
+    forces: FloatArray
+    """Change of the forces on the nodes, (n_nodes, 3) [N]."""
+    by_motions: FloatArray
+    """D by the motions of both blocks, (2, n, 6)."""
+    stiffness: FloatArray
+    """T by the motions of both blocks of each joint, (n_joints, 2, 6, 2, 6)."""
+
+
+class TurningNormals:
+    """Normals between blocks of a system whose motions are combinations of six."""
+
+    def __init__(self, system: LocalSystem, motions: FloatArray) -> None:
+        """Take displacements of all nodes by unit motions of their blocks, (6, n_nodes, 3)."""
+        assert isinstance(system.surfaces, ContactSurfaces)
+        self._system, self._surfaces = system, system.surfaces
+        self._n = self._surfaces.weights.size
+        each = np.stack([system.corner_displacements(moved) for moved in motions], axis=3)
+        # By the six motions of the first block, then by those of the second.
+        half = each.shape[1] // 2
+        self._corners = np.zeros((*each.shape[:3], 12))
+        self._corners[:, :half, :, :6] = each[:, :half]
+        self._corners[:, half:, :, 6:] = each[:, half:]
+
+    @cached_property
+    def _reference(self) -> FloatArray:
+        """Gradients in block frames."""
+        at_rest = np.zeros((self._system.n_nodes, 3))
+        return self._system.kinematics(at_rest, ContactNormals.REFERENCE).gradient
+
+    @cached_property
+    def _straight(self) -> FloatArray:
+        """∂x_ref/∂α, (n_facets, n_points, 12)."""
+        gradient = reference_gradient(self._surfaces)
+        straight: FloatArray = np.einsum("fpai,faim->fpm", gradient, self._corners, optimize=True)
+        return straight
+
+    @property
+    def none(self) -> Turned:
+        """Of reference normals."""
+        n_joints = len(self._surfaces.pair_start) - 1
+        return Turned(
+            np.zeros(self._n),
+            np.zeros((self._system.n_nodes, 3)),
+            np.zeros((2, self._n, 6)),
+            np.zeros((n_joints, 2, 6, 2, 6)),
+        )
+
+    def turned(
+        self,
+        displacement: FloatArray,
+        kinematics: PointKinematics,
+        straight: FloatArray,
+        forces: FloatArray,
+    ) -> Turned:
+        """Return what normals change at a displacement.
+
+        Parameters
+        ----------
+        displacement
+            In block frames, (n_nodes, 3) [mm].
+        kinematics
+            There, with current normals.
+        straight
+            Overclosures there with reference normals, (n,) [mm].
+        forces
+            Of the points, (n,) [N].
+        """
+        change = kinematics.gradient - self._reference
+        corners = self._system.corner_displacements(displacement)
+        first, second = motion_derivatives(self._surfaces, corners, self._corners)
+        by_motions = (first - self._straight).reshape(self._n, 2, 6)
+        of_facets = np.einsum("fp,fpkl->fkl", forces.reshape(first.shape[:2]), second)
+        stiffness = np.add.reduceat(of_facets, self._surfaces.pair_start[:-1])
+        return Turned(
+            kinematics.overclosure.ravel() - straight,
+            self._system.scatter(change, forces.reshape(change.shape[:2])),
+            by_motions.transpose(1, 0, 2),
+            stiffness.reshape(-1, 2, 6, 2, 6),
+        )
