@@ -506,16 +506,23 @@ class Answer:
                 data[name] = values
         return surface
 
+    def numbers_alone(self) -> Answer:
+        """Return its measures and its report without fields, contacts and the solver's own result.
+
+        Of many answers these take the memory.
+        """
+        none = {name: np.empty_like(getattr(self, name)[:0]) for name in _OF_POINTS}
+        kept = {"title": self.title, "method": self.method, "measures": known(dict(self.measures))}
+        return _restored({**kept, **none, "fields": {}, "contacts": Contacts({})}, self.report)
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle what is plain: everything computed, without the solver's own result."""
         kept = {name: getattr(self, name) for name in _PLAIN}
         return _restored, (kept, self.report)
 
 
-_PLAIN = (
-    *("title", "method", "measures", "fields", "points", "cells"),
-    *("block_of_point", "layer_of_point", "contacts"),
-)
+_OF_POINTS = ("points", "cells", "block_of_point", "layer_of_point")
+_PLAIN = ("title", "method", "measures", "fields", "contacts", *_OF_POINTS)
 
 
 def _restored(kept: dict[str, Any], report: dict[str, Any]) -> Answer:

@@ -170,7 +170,8 @@ def combinations(
     ending, name = "-combinations", "combinations.csv"
     with scene_outputs(file, json, output, (name,), ending=ending) as outputs:
         with following(file.name) as tell:
-            answers = dict(study.combination_answers(file, method, tell))
+            found = study.combination_answers(file, method, tell)
+            answers = {name: answer.numbers_alone() for name, answer in found}
             data = study.combinations_json(answers)
         study.print_combinations(file, answers, outputs.console)
         outputs.tell_keys()

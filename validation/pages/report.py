@@ -198,7 +198,7 @@ def load_scenes(
 def _side_by_side(
     file: Case, scenes: Mapping[str, DeformableScene], kind: Any, known: Answer, tell: Tell
 ) -> LoadTable:
-    """Answers under each load; that of the scene itself is known."""
+    """Numbers under each load; the answer of the scene itself is known."""
     answers: dict[str, Answer] = {}
     failed: dict[str, str] = {}
     blocks = "rigid blocks" if kind == "rigid" else "deformable blocks"
@@ -208,7 +208,7 @@ def _side_by_side(
         solve = partial(answer_to, one, kind)
         answer = known if scene == file.scene else _tried(failed, name, solve)
         if answer is not None:
-            answers[name] = answer
+            answers[name] = answer.numbers_alone()
     return LoadTable(kind, answers, failed)
 
 
