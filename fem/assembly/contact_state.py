@@ -69,17 +69,19 @@ def block_surface(assembly: Assembly, block: int, offset: FloatArray) -> BlockSu
     if isinstance(mesh, LagrangeMesh):
         facets = mesh.facet_nodes(quads)
         quads = facets[:, structured_quads(mesh.degree)].reshape(-1, 4)
-    nodes = np.unique(quads)
+    nodes, origin = np.unique(quads), assembly.centroids.mean(axis=0)
+    shift = assembly.translations[block] + offset - origin
     return BlockSurface(
         block=block,
         group=0,
         copy=block,
         rotation=assembly.rotations[block],
         nodes=nodes,
-        reference=(assembly.nodes(block) + offset)[nodes],
+        reference=mesh.nodes[nodes] @ assembly.rotations[block].T + shift,
         quads=np.searchsorted(nodes, quads),
         facets=None if facets is None else np.searchsorted(nodes, facets),
         stands=block,
+        origin=origin,
     )
 
 
@@ -437,6 +439,7 @@ def searched_state(
     nodes = (kept.corners + moved[near])[:, n_nodes:]
     apart = np.einsum("na,nai->ni", kept.difference[:, 0], kept.corners + moved[near])
     positions = np.einsum("na,nai->ni", kept.shapes, nodes) - 0.5 * apart
+    nodes, positions = nodes + kept.origin, positions + kept.origin
     direction = -there.gradient[near, 0, n_nodes:].sum(axis=1)
     frictions = None if frictions is None else frictions[near]
     acting = pressure[near, None], direction, frictions

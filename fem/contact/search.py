@@ -8,7 +8,7 @@ along the neighbours' edges (`fem.contact.cuts`) follow the motion between searc
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -56,7 +56,7 @@ class BlockSurface:
     nodes: IntArray
     """Mesh nodes on the surface, (n_nodes,)."""
     reference: FloatArray
-    """Their positions before any displacement, world axes, (n_nodes, 3) [mm]."""
+    """Their positions before any displacement, relative to `origin`, (n_nodes, 3) [mm]."""
     quads: IntArray
     """Facets as positions in `nodes`, counter-clockwise from outside, (n_facets, 4)."""
     facets: IntArray | None = None
@@ -66,6 +66,9 @@ class BlockSurface:
     """In a sector: block that stands for it …"""
     turn: int = 0
     """… and by how many angles of the sector it is turned from that."""
+    origin: FloatArray = field(default_factory=lambda: np.zeros(3))
+    """Place near the blocks, the same for all, world axes, (3,) [mm]: far from the world's origin
+    differences of places have fewer digits."""
 
     @property
     def edge(self) -> float:
@@ -423,7 +426,8 @@ class SearchedSurfaces:
     quads_s: IntArray
     """Nodes of the point's facet in block s's mesh, alike."""
     corners: FloatArray
-    """Of both facets before any displacement, m's first, world axes, (n, 2 n_nodes, 3) [mm]."""
+    """Of both facets before any displacement, m's first, relative to `origin`, world axes,
+    (n, 2 n_nodes, 3) [mm]."""
     shapes: FloatArray
     """Shape functions of the point's facet there, (n, n_nodes)."""
     xi: FloatArray
@@ -444,6 +448,8 @@ class SearchedSurfaces:
     """Largest gap at which the search counts a point as facing a facet [mm]."""
     clearance: float
     """Added to every gap [mm]."""
+    origin: FloatArray
+    """World axes, (3,) [mm] (`BlockSurface.origin`)."""
 
     @property
     def n_facets(self) -> int:
@@ -503,16 +509,17 @@ class SearchedSurfaces:
     @property
     def _each(self) -> dict[str, Any]:
         """What every point has, by name."""
-        of_all = ("clearance", "farthest")
+        of_all = ("clearance", "farthest", "origin")
         return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in of_all}
 
-    def turned(self, turn: FloatArray, origin: FloatArray, image: IntArray) -> SearchedSurfaces:
-        """The same points after a rotation (3, 3) about an origin (3,) that maps blocks (n,)."""
+    def turned(self, turn: FloatArray, place: FloatArray, image: IntArray) -> SearchedSurfaces:
+        """The same points after a rotation (3, 3) about a place (3,) that maps blocks (n,)."""
+        about = place - self.origin
         return replace(
             self,
             block_m=image[self.block_m],
             block_s=image[self.block_s],
-            corners=(self.corners - origin) @ turn.T + origin,
+            corners=(self.corners - about) @ turn.T + about,
             normals=self.normals @ turn.T,
         )
 
@@ -556,4 +563,5 @@ def searched_surfaces(points: FacingPoints, clearance: float) -> SearchedSurface
         facet_areas=areas[slave],
         farthest=points.farthest,
         clearance=clearance,
+        origin=points.surfaces[0].origin,
     )

@@ -150,8 +150,10 @@ def contact_surfaces(
     interfaces = assembly.interfaces
     quads_m = _facet_nodes(assembly, interfaces.block_m, interfaces.quads_m)
     quads_s = _facet_nodes(assembly, interfaces.block_s, interfaces.quads_s)
-    nodes_m = facet_corners(assembly, interfaces.block_m, quads_m)
-    nodes_s = facet_corners(assembly, interfaces.block_s, quads_s)
+    # Far from the world's origin differences of places have fewer digits.
+    origin = assembly.centroids.mean(axis=0)
+    nodes_m = facet_corners(assembly, interfaces.block_m, quads_m, origin)
+    nodes_s = facet_corners(assembly, interfaces.block_s, quads_s, origin)
     basis = basis_of(quads_m)
     offsets: FloatArray = basis.values @ (nodes_s - nodes_m)
     if moved is not None:
@@ -181,14 +183,17 @@ def _facet_nodes(assembly: Assembly, blocks: IntArray, quads: IntArray) -> IntAr
     return result
 
 
-def facet_corners(assembly: Assembly, blocks: IntArray, quads: IntArray) -> FloatArray:
-    """World positions of nodes of facets (n, m), (n, m, 3) [mm]."""
+def facet_corners(
+    assembly: Assembly, blocks: IntArray, quads: IntArray, origin: FloatArray | float = 0.0
+) -> FloatArray:
+    """Positions of nodes of facets (n, m) from an origin on, world axes, (n, m, 3) [mm]."""
     corners = np.empty((*quads.shape, 3))
-    for block in np.unique(blocks):
+    for block in np.unique(blocks).tolist():
         members = blocks == block
-        corners[members] = assembly.place(
-            int(block), assembly.shape(int(block)).mesh.nodes[quads[members]].reshape(-1, 3)
-        ).reshape(-1, quads.shape[1], 3)
+        shift = assembly.translations[block] - origin
+        corners[members] = (
+            assembly.shape(block).mesh.nodes[quads[members]] @ assembly.rotations[block].T + shift
+        )
     return corners
 
 

@@ -8,6 +8,7 @@ other solid with tetrahedra and splits each into four hexahedra.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -58,6 +59,9 @@ SURFACE = "surface"
 _SAME_PLACE = 0.1
 #: Largest sine of the angle at a corner that still counts as a straight side.
 _STRAIGHT = 1e-6
+#: Digits of the places that gmsh gets: more than tolerances see, fewer than rounding far from the
+#: origin changes.
+_DIGITS = 11
 
 
 def hexahedral_block(name: str, mesh: HexMesh, curve: Curve | None = None) -> Block:
@@ -258,20 +262,23 @@ def split_tetrahedra(solid: Polyhedron, size: float) -> HexMesh:
     """Fill a solid with tetrahedra of a size [mm], each split into four hexahedra, by gmsh.
 
     Every flat side stays flat, and every edge stays an edge: triangles of the surface that are
-    smaller than the size are kept as they are.
+    smaller than the size are kept as they are. A solid has the same mesh wherever it stands: gmsh
+    gets places relative to its first point, without digits that rounding decides.
 
     Raises
     ------
     MeshError
         Where gmsh finds no mesh.
     """
-    why = "its mesh is empty"
+    why, origin = "its mesh is empty", solid.points[0]
+    kept = _DIGITS - math.ceil(math.log10(np.ptp(solid.points, axis=0).max()))
+    local = replace(solid, points=np.round(solid.points - origin, kept))
     for whole_sides in (True, False):
         with gmsh_session(solid.name) as gmsh:
             options = {"MeshSizeMin": size, "MeshSizeMax": size, "SubdivisionAlgorithm": 2}
             for name, value in options.items():
                 gmsh.option.setNumber(f"Mesh.{name}", value)
-            volume = _gmsh_solid(gmsh, solid, whole_sides=whole_sides)
+            volume = _gmsh_solid(gmsh, local, whole_sides=whole_sides)
             try:
                 gmsh.model.mesh.generate(3)
                 mesh = hexahedra_in(gmsh, volume)
@@ -279,7 +286,7 @@ def split_tetrahedra(solid: Polyhedron, size: float) -> HexMesh:
                 why = str(error)
                 continue
         if mesh.n_elements:
-            return mesh
+            return replace(mesh, nodes=mesh.nodes + origin)
     raise MeshError(
         f"{solid.name}: gmsh finds no tetrahedra ({why}); expected another mesh.size than "
         f"{size:.3g} mm, or a file of hexahedra (.vtu, .inp)"

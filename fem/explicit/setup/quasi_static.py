@@ -180,6 +180,7 @@ def _add_sliding(
             group = model.groups[surface.group]
             turn = surface.rotation
             shift = surface.reference[0] - turn @ group.mesh.nodes[surface.nodes[0]]
+            shift = shift + surface.origin
             motions = motions_about_centroid(group, (state.positions[points] - shift) @ turn)
             gaps.append(sign * np.einsum("pi,pij->pj", state.normals[points] @ turn, motions))
             rows.append(6 * (first[surface.group] + surface.copy) + np.arange(6))
