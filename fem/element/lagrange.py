@@ -10,7 +10,7 @@ Reference: Karniadakis and Sherwin (2005), Spectral/hp Element Methods, chapter 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -34,9 +34,18 @@ def lobatto_points(degree: int) -> FloatArray:
 
 def line_basis(degree: int, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Lagrange polynomials on the Gauss-Lobatto points and their slopes, (n, degree + 1) each."""
+    return _line_basis(degree, np.ascontiguousarray(x, dtype=np.float64).tobytes())
+
+
+@lru_cache(maxsize=1024)
+def _line_basis(degree: int, x: bytes) -> tuple[FloatArray, FloatArray]:
+    """The same of few lines, which come again and again: those of cells of alike elements."""
     to_nodal, derived = _to_nodal(degree)
-    powers = legendre.legvander(x, degree)
-    return powers @ to_nodal, powers[:, :degree] @ derived
+    powers = legendre.legvander(np.frombuffer(x), degree)
+    result = powers @ to_nodal, powers[:, :degree] @ derived
+    for values in result:
+        values.flags.writeable = False
+    return result
 
 
 @cache
