@@ -36,10 +36,15 @@ class Static:
     converged, unless the problem states an element or a degree, or cannot be refined."""
     accuracy: Mapping[str, Annotated[float, Gt(0), Lt(1)]] | None = None
     """Relative error bars [-] by measure, such as ``{"p_max_point": 0.03}``; by default 5 % of
-    displacement, p_eff, pressure at a point and averaged tension, within a fixed amount of work."""
+    displacement, p_eff, pressure at a point and averaged tension, within ``max_work``."""
+    max_work: Annotated[float, Gt(0)] | None = None
+    """Work at most, counted in operations and stated as seconds on the reference machine [s]: the
+    same meshes on every machine. By default 20 where contact is conforming, without friction or
+    gaps, 60 elsewhere; no limit with an accuracy, nor for the state on the mesh of the problem."""
     max_seconds: Annotated[float, Gt(0)] | None = None
-    """CPU time that meshes beyond the first may take [s]; by default a fixed amount of work, no
-    limit with an accuracy."""
+    """CPU time at most by the clock, on which meshes then depend [s]; by default no limit."""
+    max_memory: Annotated[float, Gt(0)] = 4.0
+    """Memory that one computation may take [GB]: what needs more is not started."""
     error_estimate: bool = True
     """Whether measures on the mesh of the problem have error bars, from two coarser meshes: a
     quarter more time."""

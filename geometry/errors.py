@@ -7,8 +7,6 @@ from math import isfinite
 from numbers import Real
 from pathlib import Path
 
-from geometry.system import machine_memory
-
 
 class RefusedError(ValueError):
     """Base of all refusals: one line that says what was got, what is expected, what to do.
@@ -24,22 +22,6 @@ class RefusedError(ValueError):
 def is_number(value: object) -> bool:
     """Whether a value is a finite number: no text and no truth value."""
     return not isinstance(value, bool) and isinstance(value, Real) and isfinite(value)
-
-
-#: Part of the machine's memory that one computation may need.
-_SHARE = 0.8
-
-
-def beyond_memory(what: str, need: float, remedy: str) -> str | None:
-    """One line on what needs so many bytes, where the machine has not enough; else None."""
-    there = machine_memory()
-    if need <= _SHARE * there:
-        return None
-    size = need / 2**30
-    return (
-        f"{what} need at least {f'{size:.0f}' if size < 1e6 else f'{size:.2g}'} GB of memory, and "
-        f"this machine has {there / 2**30:.0f} GB; take {remedy}"
-    )
 
 
 def unreadable(path: Path) -> str | None:

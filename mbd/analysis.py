@@ -26,6 +26,7 @@ from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 from geometry.parts.pairs import OfPairs
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
 from geometry.system import one_thread_of_blas
+from geometry.work import Budget, budget, clock
 from mbd.contact_jacobian import block_wrenches, contact_jacobian, generalized_force
 from mbd.equilibrium import Equilibrium, column_weights, equilibrium
 from mbd.mechanism import (
@@ -79,6 +80,8 @@ class RigidResult(ReadOnlyArrays):
     """… under which loads and supports, weight included."""
     parts: Mapping[str, Part] = field(default_factory=dict)
     """What was found beside, by name."""
+    work: Budget = field(default_factory=Budget, repr=False)
+    """Limits, and what was counted."""
 
     @property
     def mechanism(self) -> MechanismClass:
@@ -292,6 +295,12 @@ def rigid_result(
         What rigid blocks do not have, such as gaps and supports that move.
     """
     stated, method = as_statement(problem, load), method or Rigid()
+    with budget(method.max_work, clock(method.max_seconds)) as spent:
+        result = _result(stated, method, tell)
+    return replace(result, work=spent)
+
+
+def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) -> RigidResult:
     blocks, live_case, weight = stated.rigid_blocks, stated.rigid_load, stated.rigid_weight
     pushed = live_case
     if any(support.is_push for support in live_case.held):

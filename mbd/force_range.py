@@ -19,6 +19,7 @@ References: eq. SCP-linear of the paper; Kao, Iannuzzo, Thomaszewski, Coros, Van
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -31,7 +32,7 @@ from geometry.mesh import BoolArray, FloatArray, IntArray
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import newton_equilibrium
 from mbd.friction import FrictionalContacts, FrictionError
-from mbd.work import MOST_WORK, Work
+from mbd.work import Work
 
 #: Out-of-plane parts below this fraction are round-off of vertices and normals.
 _FLAT = 1e-9
@@ -162,7 +163,7 @@ def force_ranges(
     frictional: FrictionalContacts | None = None,
     plane: PlaneProblem | None = None,
     progress: Callable[[int, int], None] | None = None,
-    limit: float = MOST_WORK,
+    limit: float = math.inf,
 ) -> ForceRanges | None:
     """Least and largest normal force of every joint.
 
@@ -184,7 +185,7 @@ def force_ranges(
     progress
         Called with the number of joints that are done and that of all.
     limit
-        Operations of `mbd.work.Work` after which no joint is asked any more.
+        Reference seconds (`geometry.work`) after which no joint is asked any more.
 
     Returns
     -------

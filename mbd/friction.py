@@ -25,10 +25,12 @@ import scipy.sparse as sp
 from geometry.assembly import AnyBlocks
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
+from geometry.work import Operation
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
 from mbd.options import FrictionLaw
 from mbd.supports import admissible
+from mbd.work import count_program
 
 #: A mechanism certifies only if no admissible unit force does more negative work than this
 #: fraction of the load's work.
@@ -274,7 +276,9 @@ def solve_conic(
         [clarabel.ZeroConeT(len(target)), *cones],
         settings,
     )
-    return solver.solve()
+    result = solver.solve()
+    count_program(Operation.CONIC, float(max(result.iterations, 1) * constraint.nnz))
+    return result
 
 
 def _bounded(x: Any) -> FloatArray:

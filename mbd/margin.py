@@ -15,6 +15,7 @@ Blocks that carry a load are held one way and not another: a small push along ea
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -38,7 +39,7 @@ from mbd.equilibrium import (
     newton_equilibrium,
 )
 from mbd.options import Norm
-from mbd.work import MOST_WORK, Work
+from mbd.work import Work
 
 _AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
@@ -71,14 +72,14 @@ def interlocking_margin(
     jacobian: ContactJacobian,
     areas: FloatArray,
     *,
-    limit: float = MOST_WORK,
+    limit: float = math.inf,
     progress: Callable[[int], None] | None = None,
 ) -> Margin:
     """Carry unit forces and couples, both ways, on each free block in turn.
 
     Costs twelve equilibria for each free block. Areas are those of the contacts [mm²]; no further
-    load is asked after a limit of operations of `mbd.work.Work`. ``progress`` gets the number of
-    unit loads that were asked.
+    load is asked after a limit of reference seconds (`geometry.work`). ``progress`` gets the number
+    of unit loads that were asked.
     """
     n_rows, n_contacts = jacobian.shape
     bearing = np.full((n_rows, 2), np.nan)
@@ -93,7 +94,7 @@ def interlocking_margin(
             load[row] = sign
             load = jacobian.admissible(load)
             equilibrium = newton_equilibrium(jacobian, load, weights=weights)
-            work.conic(equilibrium.iterations, 12 * n_contacts)
+            work.newton(equilibrium.iterations, 12 * n_contacts)
             bearing[row, way] = 0.0
             if np.linalg.norm(load) <= _TAKEN:
                 bearing[row, way] = np.inf

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import ClassVar
+from typing import Annotated, ClassVar
+
+from annotated_types import Gt
 
 from geometry.options import check
 
@@ -56,6 +58,11 @@ class Rigid:
     """Smallest and largest normal force of each joint over all admissible states."""
     margin: bool = False
     """Interlocking margin: the load on a single block that is carried worst."""
+    max_work: Annotated[float, Gt(0)] = 60.0
+    """Work of all that is found beside the equilibrium at most, counted in operations and stated as
+    seconds on the reference machine [s]: the same rows on every machine."""
+    max_seconds: Annotated[float, Gt(0)] | None = None
+    """The same by the clock, CPU time [s]; by default no limit."""
 
     def __post_init__(self) -> None:
         check(self)

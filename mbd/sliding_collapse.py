@@ -30,6 +30,7 @@ linear programming", Comput. Struct. 84 (2006).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -50,7 +51,7 @@ from mbd.friction import (
     solve_conic,
 )
 from mbd.options import FrictionLaw
-from mbd.work import MOST_WORK, Work
+from mbd.work import Work
 
 if TYPE_CHECKING:
     from mbd.force_range import PlaneProblem
@@ -333,7 +334,7 @@ def sliding_collapse(
     dead: FloatArray,
     live: FloatArray,
     *,
-    limit: float = MOST_WORK,
+    limit: float = math.inf,
     progress: Callable[[int], None] | None = None,
 ) -> SlidingCollapse:
     """Search the least α at which the blocks can begin to slide without dilation.
@@ -341,8 +342,8 @@ def sliding_collapse(
     The linear programs use the pyramid. With `FrictionLaw.CONE` the motion is chosen, and the state
     judged, by the cone: forces inside the pyramid reach it where joints slide along their
     tangents, as in plane walls and arches; elsewhere the state may fail to be certified. Dead and
-    live load are generalized forces, (n_rows,) [N]. ``limit`` is in operations of `mbd.work.Work`;
-    ``progress`` gets the number of programs solved.
+    live load are generalized forces, (n_rows,) [N]. ``limit`` is in reference seconds
+    (`geometry.work`); ``progress`` gets the number of programs solved.
 
     Raises
     ------

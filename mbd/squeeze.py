@@ -41,7 +41,7 @@ _SETTLED = 1e-3
 #: and the least part that is tried before giving up.
 _SHRINKS, _STEP, _LEAST_STEP = 0.7, 0.5, 0.02
 #: Operations that may be spent: seconds.
-MOST_WORK = 4e9
+MOST_SECONDS = 10.0
 #: Joints that are asked for their least force, those first that miss most of it.
 _MOST_JOINTS = 6
 
@@ -82,7 +82,7 @@ def squeeze(
     forces: FloatArray,
     *,
     weights: FloatArray | None = None,
-    limit: float = MOST_WORK,
+    limit: float = MOST_SECONDS,
     progress: Callable[[int], None] | None = None,
 ) -> Squeeze:
     """Look for forces that the load itself brings about.
@@ -98,7 +98,8 @@ def squeeze(
     weights
         Column scaling of `mbd.equilibrium.column_weights`, (n_contacts,): w is its square.
     limit
-        Operations of `mbd.work.Work` that may be spent; the least force of joints needs some more.
+        Reference seconds (`geometry.work`) that may be spent; the least force of joints needs some
+        more.
     progress
         Called with the number of programs solved.
     """

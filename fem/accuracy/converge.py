@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,14 +29,13 @@ from fem.solution import Solution
 from fem.static.linear_step.condensed import StaticMemoryError
 from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.solve import StaticOptions
-from fem.static.time_limit import OutOfTimeError, time_limit
 from geometry.answer import ALIASES, TITLES, Measure, Part
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.errors import RefusedError, is_number
 from geometry.mesh import FloatArray
 from geometry.meshing.refinement import charts_of
-from geometry.system import machine_memory
+from geometry.work import Budget, LimitError, allowance, budget, clock, memory_limit, stop
 
 #: Relative error bars that an answer has by default [-].
 TARGETS: Mapping[str, float] = {
@@ -44,8 +44,11 @@ TARGETS: Mapping[str, float] = {
     "p_max_point": 0.05,
     "sigma_1_averaged": 0.05,
 }
-#: Work of one mesh at most where no accuracy is requested: the sum of the cubes of the contact
-#: points of each layer, about 20 CPU s.
+#: Reference seconds of a run where no accuracy is requested: of contact that is conforming and
+#: without friction or gaps, and of all else.
+CONFORMING_SECONDS, MOST_SECONDS = 20.0, 60.0
+#: What one mesh costs before it is solved, at most: the sum of the cubes of the contact points of
+#: each layer, about 20 CPU s.
 MOST_WORK = 6e11
 #: The general solver works in the three displacements of the nodes of both sides, six unknowns a
 #: point, about twelve times. With friction ten iterations for each of seven parts of the load:
@@ -62,8 +65,6 @@ _FOR_BARS = 2
 #: A value at an edge that changes by more than the first share of its value, and by more than the
 #: second one of the change before, grows.
 _GROWTH, _SLOWING = 0.05, 0.7
-#: Share of the machine's memory that flexibilities may take.
-_MEMORY_SHARE = 0.6
 #: CPU time grows with this power of the unknowns, by measurement.
 _TIME_POWER = 1.7
 
@@ -114,6 +115,8 @@ class Solved:
     """Change of each measure by half as many load steps, in its unit."""
     seconds: float
     """CPU time of this mesh alone [s]."""
+    spent: Budget
+    """Operations of this mesh alone."""
 
     @property
     def unknowns(self) -> int:
@@ -121,13 +124,6 @@ class Solved:
         static = self.solution.static
         assert static is not None
         return static.n_unknowns
-
-    @property
-    def work(self) -> float:
-        """As in `MOST_WORK`."""
-        static = self.solution.static
-        assert static is not None
-        return work(self.problem, static.symmetry)
 
 
 def is_reached(measures: Mapping[str, Measure], targets: Mapping[str, float], n: int) -> bool:
@@ -174,11 +170,13 @@ def converge(
     otherwise: Mapping[str, float] = TARGETS,
     options: StaticOptions | None = None,
     max_seconds: float | None = None,
-    most_work: float = MOST_WORK,
     progress: Callable[[Progress], None] | None = None,
     ladder: Ladder | None = None,
 ) -> Converged:
     """Solve on finer and finer meshes until the error bars are as narrow as requested.
+
+    Or until a limit of `geometry.work.budget` is reached, or Ctrl-C: the last mesh that was
+    finished is the answer then.
 
     Parameters
     ----------
@@ -188,13 +186,11 @@ def converge(
         Relative error [-] by the name of the measure, reached however long it takes; those that
         the problem does not have, such as pressures of single bodies, are left out.
     otherwise
-        Those sought where none is requested, within a fixed amount of work.
+        Those sought where none is requested.
     options
         Of the static solver.
     max_seconds
         CPU time at most [s], but for the first mesh; None: no limit.
-    most_work
-        Work of a mesh at most where no accuracy is requested.
     progress
         Called before each mesh.
     ladder
@@ -204,6 +200,8 @@ def converge(
     ------
     AccuracyError
         A problem that cannot be refined.
+    LimitError
+        A limit that was reached on the first mesh.
     StaticError, SymmetryError
         As `fem.solve_static`.
     """
@@ -214,32 +212,34 @@ def converge(
     # Of earlier meshes only their numbers stay in memory.
     last: Solved | None = None
     meshes, values = list[dict[str, Any]](), list[Mapping[str, Measure]]()
-    limit = np.inf if requested else most_work
-    ends = np.inf if max_seconds is None else time.process_time() + max_seconds
     ended, errors, remarks = "the finest mesh", dict[str, float](), dict[str, str]()
     told: Mapping[str, Measure] = {}
+    stopped: str | None = None
+    ends = clock(max_seconds)
     for number, rung in enumerate(ladder.rungs, 1):
         stated = on_rung(problem, rung)
-        left = ends - time.process_time()
-        why = None if last is None else _beyond(stated, last, left, limit, number)
-        if why is not None:
-            ended = why
+        left = ends - time.process_time() if ends < math.inf else ends
+        beyond = None if last is None else _beyond(stated, last, number, left)
+        if beyond is not None:
+            stopped, ended = beyond
             break
         if progress is not None:
             progress(_progress(ladder, number, stated, last, told))
         try:
-            with time_limit(np.inf if last is None else left):
+            with budget(ends=math.inf if last is None else ends):
                 last = _solve(problem, stated, rung, options, last)
-        except OutOfTimeError:
-            ended = f"the limit of CPU time: mesh {number} was not finished in it"
+        except (LimitError, KeyboardInterrupt) as limit:
+            if last is None:
+                raise _first_mesh(limit, stated) from None
+            stopped = limit.by if isinstance(limit, LimitError) else "interrupt"
+            ended = f"{stop(stopped)}: mesh {number} was not finished"
             break
         except StaticError as error:
             if last is None:
                 raise
             large = isinstance(error, StaticMemoryError)
-            ended = (
-                "the memory of this machine" if large else "the next mesh, which did not converge"
-            )
+            stopped = "memory" if large else None
+            ended = stop("memory") if large else "the next mesh, which did not converge"
             break
         meshes.append(_row(last))
         values.append(told := last.measures)
@@ -252,7 +252,7 @@ def converge(
             ended = "the requested accuracy"
             break
     assert last is not None
-    accuracy = Accuracy(_among(targets, told), told, ended)
+    accuracy = Accuracy(_among(targets, told), told or last.measures, ended, stopped)
     solved = last.problem, last.solution, errors, remarks, last.facets
     return Converged(*solved, accuracy, Meshes(meshes))
 
@@ -377,6 +377,18 @@ def _solve(
 ) -> Solved:
     """Solve on one mesh, from the state on a coarser one."""
     clock = time.process_time()
+    with budget() as spent:
+        solution, facets = _state(base, stated, options, before)
+        measures = dict(measures_of(solution, facets=facets))
+        steps = load_step_change(solution)
+    seconds = time.process_time() - clock
+    return Solved(stated, rung, solution, facets, measures, steps, seconds, spent)
+
+
+def _state(
+    base: Problem, stated: Problem, options: StaticOptions, before: Solved | None
+) -> tuple[Solution, tuple[Assembly, FloatArray] | None]:
+    """State on a mesh, and the mean pressures on the facets of the mesh that was stated."""
     deformable = stated.deformable
     start = None
     if before is not None and deformable.meets and _may_start(stated, before.problem):
@@ -397,9 +409,7 @@ def _solve(
             symmetry=solution.static.symmetry,
         )
         facets = base.blocks, pressures
-    measures = dict(measures_of(solution, facets=facets))
-    steps = load_step_change(solution)
-    return Solved(stated, rung, solution, facets, measures, steps, time.process_time() - clock)
+    return solution, facets
 
 
 def _may_start(stated: Problem, before: Problem) -> bool:
@@ -473,32 +483,46 @@ def _condensed_shapes(stated: Problem) -> list[Block]:
 
 
 def _beyond(
-    stated: Problem, last: Solved, left: float, most_work: float, number: int
-) -> str | None:
-    """Why a mesh is not solved in the CPU time that is left [s]; None where it may be.
+    stated: Problem, last: Solved, number: int, left: float
+) -> tuple[str | None, str] | None:
+    """Which limit keeps a mesh from being solved, in a word and in words; None where none does.
 
-    Error bars need two meshes: the second is begun as long as any time is left.
+    The work of the mesh before grows with the unknowns; CPU time is ``left`` [s]. Error bars need
+    two meshes: the second is begun as long as any CPU time is left.
     """
-    if number <= _FOR_BARS:
-        return None if left > 0.0 else "the limit of CPU time: none is left for a second mesh"
-    static = last.solution.static
-    assert static is not None
     if last.solution.large_motion is not None:
-        return "the large motion, which no mesh of small motions describes"
-    points = _points(stated, static.symmetry)
-    if work(stated, static.symmetry) > most_work:
-        return "the limit of work"
-    if 16.0 * (points**2).sum() > _MEMORY_SHARE * machine_memory():
-        return "the memory of this machine"
+        return None, "the large motion, which no mesh of small motions describes"
+    ratio = _growth(stated, last)
+    if last.spent.grown(ratio) > allowance().work:
+        return "work", stop("work")
+    if last.spent.bytes_grown(ratio) > memory_limit():
+        return "memory", stop("memory")
     need = _expected_seconds(stated, last)
-    if need <= left:
+    if need <= left or (number <= _FOR_BARS and left > 0.0):
         return None
     remain = f"{left:.2g} s remain" if left > 0.0 else "none is left"
-    return f"the limit of CPU time: the next mesh needs about {need:.2g} s, and {remain}"
+    words = f"{stop('clock')}: the next mesh needs about {need:.2g} s, and {remain}"
+    return "clock", words
+
+
+def _first_mesh(limit: BaseException, stated: Problem) -> BaseException:
+    """What is raised where a limit stops the first mesh: an interrupt goes on as it is."""
+    if not isinstance(limit, LimitError):
+        return limit
+    return LimitError(
+        limit.by,
+        f"no state within {stop(limit.by)}: the first mesh, of {_unknowns(stated):.0f} unknowns a "
+        f"block, was not finished; expected a coarser mesh, fewer blocks, or a higher fem.max_work",
+    )
+
+
+def _growth(stated: Problem, last: Solved) -> float:
+    """Unknowns of the next mesh over those of the last one."""
+    return _unknowns(stated) / _unknowns(last.problem)
 
 
 def _expected_seconds(stated: Problem, last: Solved) -> float:
-    return (_unknowns(stated) / _unknowns(last.problem)) ** _TIME_POWER * last.seconds
+    return _growth(stated, last) ** _TIME_POWER * last.seconds
 
 
 def _unknowns(stated: Problem) -> float:
@@ -526,7 +550,7 @@ def _row(solved: Solved) -> dict[str, Any]:
         "elements_per_block": solved.problem.blocks.shapes[0].mesh.n_elements,
         "unknowns": solved.unknowns,
         "cpu_seconds": solved.seconds,
-        "work": solved.work,
+        "work": solved.spent.seconds,
         "measures": {name: measure.value for name, measure in solved.measures.items()},
         "not_resolved": [name for name, m in solved.measures.items() if not m.resolved],
         "load_step_changes": dict(solved.steps),

@@ -63,6 +63,8 @@ class Accuracy:
     """Numbers of the last mesh with their error bars."""
     ended_by: str
     """What ended the refinement."""
+    stopped_by: str | None = None
+    """Which limit did: "work", "clock", "memory" or "interrupt"; None: none."""
 
     @property
     def not_reached(self) -> list[str]:
@@ -99,6 +101,7 @@ class Accuracy:
             "reached": {name: relative(self.measures[name]) for name in self.requested},
             "not_reached": self.not_reached,
             "ended_by": self.ended_by,
+            "stopped_by": self.stopped_by,
         }
 
 

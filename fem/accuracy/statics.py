@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fem.accuracy.converge import (
+    CONFORMING_SECONDS,
+    MOST_SECONDS,
     TARGETS,
     AccuracyError,
     Progress,
@@ -33,15 +35,18 @@ from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.solve import StaticOptions
 from fem.static.solve import solve_static as solve_blocks
-from geometry.answer import Answer, Part
+from geometry.answer import Answer, Measure, Notes, Part
 from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 from geometry.system import one_thread_of_blas
+from geometry.work import LIMITS, LimitError, budget, clock
 
 if TYPE_CHECKING:
     from fem.explicit.solve import Frame
 
+#: Part of the work that the range of friction and load factors keep.
+_AFTER = 0.25
 #: First load steps of blocks with friction that close a clearance: slip before touch is no stick.
 _CLOSING_STEPS = 4
 #: Springs in the joints by which blocks are known to float [MPa/mm], and blocks that are named.
@@ -109,9 +114,24 @@ def solve_static(
             require_sector(problem.deformable)
         watch.lap("build")
         follower = _Follower(watch, progress or (lambda _: None), on_frame)
-        if finer:
-            return _converged(problem, method, otherwise, follower)
-        return _on_one_mesh(problem, method, store, follower)
+        work = most_work(problem, method, finer=finer)
+        with budget(work, memory=method.max_memory) as spent:
+            if finer:
+                answer = _converged(problem, method, otherwise, follower, work)
+            else:
+                answer = _on_one_mesh(problem, method, store, follower)
+        return answer.with_report({"work": spent.as_json() | {"max_seconds": method.max_seconds}})
+
+
+def most_work(problem: Problem, method: Static, *, finer: bool) -> float | None:
+    """Work that a method may do, on finer and finer meshes or not [reference s]; None: any."""
+    if method.max_work is not None:
+        return method.max_work
+    if method.accuracy is not None or not finer:
+        return None
+    opened = problem.clearance > 0.0 or problem.spacing > 0.0
+    conforming = problem.coulomb is None and not (opened or problem.searches)
+    return CONFORMING_SECONDS if conforming else MOST_SECONDS
 
 
 def _of_usual_degree(stated: Problem, meshed: Problem) -> Problem:
@@ -137,10 +157,14 @@ def _converged(
     method: Static,
     otherwise: Mapping[str, float],
     follower: _Follower,
+    work: float | None,
 ) -> Answer:
     """Answer on finer and finer meshes."""
     options, watch = static_options(problem, method), follower.watch
-    with _floating_named(problem, options):
+    ends = clock(method.max_seconds)
+    strong = any(m.tensile_strength or m.compressive_strength for m in problem.materials)
+    share = None if work is None else work * (1.0 - _AFTER * (strong or is_a_set(problem)))
+    with _floating_named(problem, options), budget(share):
         result = converge(
             problem,
             None if method.accuracy is None else checked_targets(method.accuracy),
@@ -152,12 +176,13 @@ def _converged(
     watch.lap("solve")
     _write_frames(method.frames, result.solution, options, follower)
     parts = result.parts
-    if is_a_set(problem):
-        follower.tell("how wide the set of answers with friction is")
-        parts["friction"] = friction_set(problem, result.solution, options, refined=True)
-        watch.lap("range of friction")
-    follower.tell("measures and load factors")
-    factors = strength_factors(result.solution, result.measures, options)
+    with budget(ends=ends):
+        if is_a_set(problem):
+            follower.tell("how wide the set of answers with friction is")
+            parts["friction"] = friction_set(problem, result.solution, options, refined=True)
+            watch.lap("range of friction")
+        follower.tell("measures and load factors")
+        factors = strength_factors(result.solution, result.measures, options)
     if factors:
         watch.lap("load factors")
     return answer_of(
@@ -186,18 +211,21 @@ def _on_one_mesh(
         solution = _solution(problem, options, store)
     watch.lap("solve")
     _write_frames(method.frames, solution, options, follower)
-    parts, errors = dict[str, Part](), dict[str, float]()
-    if method.error_estimate and problem.after is None:
-        tell("coarser meshes, for the errors")
-        errors = static_errors(problem, solution, lambda other: _solution(other, options))
-        watch.lap("error bars")
-        if is_a_set(problem):
-            tell("how wide the set of answers with friction is")
-            parts["friction"] = friction_set(problem, solution, options, refined=False)
-            watch.lap("range of friction")
-    factors = {}
-    if problem.after is None:
-        factors = strength_factors(solution, measures_of(solution, errors), options)
+    parts, errors, factors = dict[str, Part](), dict[str, float](), dict[str, Measure]()
+    most = MOST_SECONDS if method.max_work is None else None
+    with budget(most, clock(method.max_seconds)) as beside:
+        if method.error_estimate and problem.after is None:
+            tell("coarser meshes, for the errors")
+            errors = static_errors(problem, solution, lambda other: _solution(other, options))
+            if beside.stopped_by and not errors:
+                parts["notes"] = Notes([("error bars", f"none: {LIMITS[beside.stopped_by]}")])
+            watch.lap("error bars")
+            if is_a_set(problem):
+                tell("how wide the set of answers with friction is")
+                parts["friction"] = friction_set(problem, solution, options, refined=False)
+                watch.lap("range of friction")
+        if problem.after is None:
+            factors = strength_factors(solution, measures_of(solution, errors), options)
     if factors:
         watch.lap("load factors")
     seconds = {"cpu_seconds": watch.seconds()}
@@ -278,6 +306,8 @@ def _floating_named(problem: Problem, options: StaticOptions) -> Iterator[None]:
     """Name blocks that float in gaps where a search ends without an equilibrium."""
     try:
         yield
+    except LimitError:
+        raise
     except RefusedError:
         words = _floating_words(problem, options)
         if words is None:

@@ -20,6 +20,7 @@ from fem.contact.search import SearchedSurfaces
 from fem.contact.surfaces import ContactNormals, ContactSurfaces, PointKinematics
 from fem.problem.model import Amplitude, BlockGroup, ModelError
 from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.work import Operation, count
 
 #: Prescribed displacements are met to this share of the largest displacement.
 _ROUNDING = 1e-12
@@ -133,6 +134,7 @@ class LocalSystem:
     def kinematics(self, displacement: FloatArray, normals: ContactNormals) -> PointKinematics:
         """Overclosures at a displacement, gradients in block frames."""
         world = self.surfaces.kinematics(self.corner_displacements(displacement), normals)
+        count(Operation.POINT, world.gradient.size / 3.0)
         return PointKinematics(world.overclosure, self.local_gradient(world.gradient))
 
     def gather(self, local_gradient: FloatArray, displacement: FloatArray) -> FloatArray:

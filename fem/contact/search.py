@@ -22,6 +22,7 @@ from fem.contact.surfaces import ContactNormals, PointKinematics
 from fem.element.facet import FACET_CORNERS, bilinear, facet_areas, facet_functions
 from fem.element.lagrange import lobatto_points
 from geometry.mesh import BoolArray, FloatArray, IntArray, run_starts
+from geometry.work import Operation, count
 
 #: Skin of the search over the shortest mean edge of a facet.
 _SKIN = 0.1
@@ -251,6 +252,7 @@ class FacingPoints:
         self._start = np.searchsorted(own[order], np.arange(len(self.quads) + 1))
         self._near, self._share = near[order], share[order]
         self.cut()
+        count(Operation.SEARCH, self.count)
 
     def cut(self) -> None:
         """Cut the facets along those that they face now: points follow the motion."""

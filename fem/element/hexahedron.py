@@ -29,6 +29,7 @@ from geometry.mesh import (
     shape_gradients,
     shape_values,
 )
+from geometry.work import Operation, count
 
 
 class ElementType(Enum):
@@ -330,6 +331,7 @@ def element_stiffness(
         An element that is inverted or flat at a Gauss point.
     """
     stiffness = ELEMENTS[element].stiffness
+    count(Operation.ELEMENT, 9.0 * 8.0**3 * len(coordinates))
     return np.concatenate([stiffness(coordinates[p], material) for p in chunks(len(coordinates))])
 
 

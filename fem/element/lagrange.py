@@ -20,6 +20,7 @@ from fem.element.hexahedron import chunks, gradient_tensor, isotropic_stiffness,
 from fem.element.material import Material
 from fem.element.stress import stress_of_gradient, stress_tensor
 from geometry.mesh import FloatArray, MeshError
+from geometry.work import Operation, count
 
 #: Pairs of functions whose stiffness is computed at a time: what a cache holds.
 _AT_ONCE = 1 << 14
@@ -162,6 +163,7 @@ class LagrangeElement:
         """Stiffness of elements, (n_elements, n_functions, 3) to (n, 3 n_f, 3 n_f) [N/mm]."""
         material, at = self.material, self.quadrature
         n_functions = coordinates.shape[1]
+        count(Operation.ELEMENT, 9.0 * n_functions**3 * len(coordinates))
         result = np.empty((len(coordinates), 3 * n_functions, 3 * n_functions))
         for part in chunks(len(coordinates), max(1, _AT_ONCE // n_functions**2)):
             jacobian, volume = self._jacobians(coordinates[part], at)

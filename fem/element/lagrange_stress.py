@@ -27,6 +27,7 @@ from fem.element.lagrange import (
 from fem.element.stress import principal_stress, stress_of_gradient, von_mises
 from geometry.measures import first_largest
 from geometry.mesh import FloatArray, IntArray
+from geometry.work import Operation, count
 
 #: Size of cells over the radius of a ball.
 _CELL = 0.3
@@ -117,6 +118,7 @@ def sampled_stress(bodies: MovedBodies, elements: IntArray, at: TensorPoints) ->
     jacobian = np.einsum("eai,pak->epik", nodes, at.slopes, optimize=True)
     inverse = np.linalg.inv(jacobian)
     stress = np.empty((len(bodies.displacements), *jacobian.shape[:2], 6))
+    count(Operation.ELEMENT, 9.0 * stress.size * at.values.shape[1] / 6.0)
     for body, moved in enumerate(bodies.displacements):  # all at once are too many for a cache
         slopes = np.einsum("eai,pak->epik", moved[members], at.slopes, optimize=True)
         stress[body] = stress_of_gradient(slopes @ inverse, element.material)
@@ -361,6 +363,7 @@ def _on_grid(
     n_bodies = len(bodies.displacements)
     slopes = np.stack([_contracted(bodies, lines, fields, axis) for axis in range(3)], axis=-1)
     slopes = slopes.reshape(-1, 1 + n_bodies, 3, 3)
+    count(Operation.ELEMENT, 9.0 * slopes.size)
     jacobian = slopes[:, 0]
     gradient = np.moveaxis(slopes[:, 1:] @ np.linalg.inv(jacobian)[:, None], 1, 0)
     return _Cells(
@@ -393,6 +396,7 @@ def _tension(cells: _Cells, centres: FloatArray, radius: float, size: float) -> 
         cKDTree(cells.positions), radius + 0.5 * ramp, output_type="ndarray"
     )
     members = near["j"]
+    count(Operation.ELEMENT, 9.0 * len(near) * (1 + len(cells.stress)))
     share = cells.volumes[members] * np.clip((radius - near["v"]) / ramp + 0.5, 0.0, 1.0)
     # As it is: sorting it by rows takes longer than the products.
     weights = coo_array((share, (near["i"], members)), (len(centres), len(cells.positions)))

@@ -35,9 +35,9 @@ from fem.static.linear_step.condensed import levels_of
 from fem.static.linear_step.grid_block import GridBlock, PointFlexibility, grid_block
 from fem.static.newton import FARTHEST, least_share, relative_residual
 from fem.static.result import StaticError
-from fem.static.time_limit import check_time
 from fem.static.turning import Turned, TurningNormals
 from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.work import Operation, count
 
 #: Holding springs of the blocks at first, over the tangent stiffness of their contacts, …
 _FIRST_HOLDING = 0.25
@@ -599,8 +599,8 @@ class _Iteration:
 
     def _step(self) -> ForceState | None:
         """One linear problem; the state where it is the last one."""
-        check_time()
         points, law, weights = self.points, self.contact.law, self.points.weights
+        count(Operation.CALL, points.system.n_slots)
         stiffness = law.stiffness(self.at)
         counts = ~points.soft(stiffness, self.bound)
         stiff = np.flatnonzero(counts & (stiffness > _LEAST_STIFFNESS * law.touching_stiffness))

@@ -34,8 +34,8 @@ from fem.static.linear_step.linearisation import (
     LinearStep,
     UnheldBlocksError,
 )
-from fem.static.time_limit import check_time
 from geometry.mesh import FloatArray
+from geometry.work import Operation, count
 
 #: Conjugate gradients stop at this share of the unbalanced force, or its root when it is small …
 _FORCING = 0.1
@@ -203,7 +203,7 @@ def minimise_energy(
     residuals: list[float] = []
     saddles = 0
     for _ in range(max_iterations):
-        check_time()
+        count(Operation.CALL, system.n_slots)
         pressure = energy.weights * energy.law.pressure(state.kinematics.overclosure)
         residuals.append(residual(state.force, pressure))
         precondition = _preconditioner(energy, state, holding)

@@ -39,8 +39,8 @@ from fem.static.linear_step.linearisation import (
     coarsened,
 )
 from fem.static.result import StaticError, StaticResult
-from fem.static.time_limit import check_time
 from geometry.mesh import FloatArray
+from geometry.work import Operation, count
 
 #: First holding springs relative to the tangent contact stiffness on a block at the start.
 _FIRST_HOLDING = 0.25
@@ -304,7 +304,7 @@ def descend(problem: StaticProblem, state: StaticState) -> StaticState:
 
 def _iterate(problem: StaticProblem, state: StaticState) -> StaticState:
     """One linear problem, and what follows from it."""
-    check_time()
+    count(Operation.CALL, problem.system.n_slots)
     linear = _linearise(problem.system, state)
     trial, state = _solve(problem, _linear_problem(problem, linear, state), state)
     if state.softened:

@@ -7,6 +7,7 @@ import pytest
 
 from geometry.families.masonry import RunningBondWall
 from geometry.families.platonic_layers import OctahedraLayer
+from geometry.work import SECONDS, Operation
 from mbd import contact_jacobian, newton_equilibrium
 from mbd.force_range import force_ranges
 from mbd.friction import frictional_contacts, frictional_equilibrium
@@ -19,6 +20,8 @@ from tests.verification.closed_forms import body_force
 
 pytestmark = pytest.mark.quick
 
+#: Reference seconds of one operation of the simplex method.
+EACH = SECONDS[Operation.SIMPLEX]
 DOWN, ASIDE = np.array([0.0, 0.0, -1.0]), np.array([1.0, 0.0, 0.0])
 
 
@@ -31,7 +34,7 @@ def wall():
 
 def test_work_is_iterations_times_entries_and_ends_at_its_limit() -> None:
     told: list[int] = []
-    work = Work(1000.0, progress=told.append)
+    work = Work(1000.0 * EACH, progress=told.append)
     assert work.simplex_iterations(100) == 10
     work.simplex(4, 100)
     assert work.simplex_iterations(100) == 6
@@ -50,7 +53,7 @@ def test_ranges_known_at_the_limit_are_those_without_one(wall) -> None:
     assert every is not None
     assert every.unanswered == 0
     # All least forces and no largest one: HiGHS needs some iterations for each.
-    few = force_ranges(contacts, load, shown, frictional=frictional, limit=2e5)
+    few = force_ranges(contacts, load, shown, frictional=frictional, limit=2e5 * EACH)
     assert few is not None
     assert 0 < few.unanswered <= len(few.least)
     assert few.unanswered == np.isnan(few.width).sum()
@@ -63,7 +66,7 @@ def test_a_search_for_sliding_says_where_it_stopped() -> None:
     """No smaller factor than the one it starts from, which the whole search finds."""
     problem, assembly = printed_numbers.wall("W1")
     loads = [problem.load(body_force(assembly, way)) for way in (DOWN, ASIDE)]
-    found = sliding_collapse(problem.contacts, *loads, limit=1.0)
+    found = sliding_collapse(problem.contacts, *loads, limit=EACH)
     assert found.stopped
     assert f"limit of work, {found.programs} linear programs" in found.status
     whole = sliding_collapse(problem.contacts, *loads)
@@ -76,7 +79,7 @@ def test_a_squeeze_that_is_not_decided_says_so(wall) -> None:
     load = body_force(assembly, DOWN)
     forces = frictional_equilibrium(frictional, load).forces
     told: list[int] = []
-    found = squeeze(contacts, frictional, load, 0.5 * forces, limit=1.0, progress=told.append)
+    found = squeeze(contacts, frictional, load, 0.5 * forces, limit=EACH, progress=told.append)
     assert found.needed is None
     assert found.words().startswith("not decided (limit of work)")
     assert told == list(range(1, found.programs + 1))
@@ -85,7 +88,7 @@ def test_a_squeeze_that_is_not_decided_says_so(wall) -> None:
 def test_unit_loads_left_at_the_limit_are_counted() -> None:
     contacts = contact_jacobian(OctahedraLayer(50.0, 0).build())
     every = interlocking_margin(contacts.jacobian, contacts.areas)
-    found = interlocking_margin(contacts.jacobian, contacts.areas, limit=1.0)
+    found = interlocking_margin(contacts.jacobian, contacts.areas, limit=EACH)
     assert every.unasked == 0
     assert found.unasked == every.areas.size - 1
     assert found.bearing_area == every.areas[0, 0, 0] >= every.bearing_area

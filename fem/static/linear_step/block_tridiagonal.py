@@ -21,6 +21,7 @@ import numpy.typing as npt
 import scipy.linalg
 
 from geometry.mesh import FloatArray
+from geometry.work import count_elimination
 
 #: Forces and motions of a level, or their right-hand sides.
 Side = tuple[FloatArray, FloatArray]
@@ -220,6 +221,8 @@ def factor_chain(levels: Sequence[Level]) -> ChainFactor:
     for k, level in enumerate(levels):
         eliminated = _eliminate(k, level) if level.leaning is None else _eliminate_leaning(k, level)
         done.append(eliminated)
+        sizes = len(level.flexibility), level.next_flexibility.shape[1] + level.motions.shape[1]
+        count_elimination(*sizes, symmetric=level.leaning is None)
         if k + 1 < len(levels):
             eliminated.update(level, levels[k + 1])
     return ChainFactor(levels, tuple(done))

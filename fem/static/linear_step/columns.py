@@ -30,6 +30,7 @@ from scipy.sparse import csr_array
 
 from fem.static.linear_step.condensation import Elimination
 from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.work import count_elimination
 
 #: Columns are congruent where nodes map onto each other to this part of their size.
 _CONGRUENT = 1e-9
@@ -356,6 +357,7 @@ def _joined(fronts: list[_Front], inside: int, steps: list[Elimination]) -> _Fro
                     coupling[:, to[j]] += part
                 elif starts[j] >= 0:
                     rest[to[i], to[j]] += part
+    count_elimination(n, m)
     factor = scipy.linalg.cholesky(inner, lower=True, check_finite=False)
     coupling = scipy.linalg.blas.dtrsm(1.0, factor, coupling, lower=1, overwrite_b=1)
     _subtract_square(rest, coupling)
@@ -473,6 +475,7 @@ class _Dissection:
         rest = total[n:, n:]
         around = unknowns[~inside]
         if n:
+            count_elimination(n, len(rest))
             factor = scipy.linalg.cholesky(total[:n, :n], lower=True, check_finite=False)
             coupling = scipy.linalg.blas.dtrsm(1.0, factor, total[:n, n:], lower=1)
             rest = np.ascontiguousarray(rest)

@@ -21,6 +21,7 @@ import scipy.linalg.blas
 from fem.problem.model import BlockGroup
 from geometry.compilation import njit
 from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.work import Operation, count, count_elimination
 
 #: Elements of a part that is not bisected further: smaller costs calls, larger costs products.
 _LEAF_ELEMENTS = 48
@@ -39,15 +40,22 @@ class Elimination:
     coupling: FloatArray
     """L⁻¹ A_ib, (n_i, n_b)."""
 
+    @property
+    def entries(self) -> float:
+        """Of both matrices that count."""
+        return 0.5 * self.factor.size + self.coupling.size
+
     def forward(self, forces: FloatArray) -> None:
         """Move forces (n, n_cases) from inside to around; inside remains what `backward` needs."""
         inner = scipy.linalg.blas.dtrsm(1.0, self.factor, forces[self.inside], lower=1)
+        count(Operation.ENTRY, self.entries * forces.shape[1])
         forces[self.inside] = inner
         forces[self.around] -= self.coupling.T @ inner
 
     def backward(self, found: FloatArray) -> None:
         """Turn what `forward` left inside into displacements, from those around."""
         right = found[self.inside] - self.coupling @ found[self.around]
+        count(Operation.ENTRY, self.entries * found.shape[1])
         found[self.inside] = scipy.linalg.blas.dtrsm(1.0, self.factor, right, lower=1, trans_a=1)
 
 
@@ -218,6 +226,7 @@ def _eliminate(split: _Split, nodes: IntArray, inside: BoolArray) -> tuple[Elimi
     """Schur complement (lower) on the nodes around; the parts are overwritten."""
     factor = scipy.linalg.cholesky(split.inner, lower=True, overwrite_a=True, check_finite=False)
     outward, rest = split.coupling, split.rest
+    count_elimination(len(split.inner), len(rest))
     if outward.size:
         # A_bi L⁻ᵀ, from the right.
         outward = scipy.linalg.blas.dtrsm(

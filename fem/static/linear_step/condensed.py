@@ -57,8 +57,8 @@ from fem.static.linear_step.linearisation import (
     gradient_matrix,
 )
 from fem.static.result import StaticError
-from geometry.errors import beyond_memory
 from geometry.mesh import FloatArray, IntArray
+from geometry.work import Operation, beyond_memory, count, hold
 
 #: Points count as open when their stiffness is below this share of that at first touch: their
 #: pressure is far below rounding of any other, while their flexibility would drown the rest.
@@ -146,6 +146,7 @@ class CondensedStep:
         )
         if words is not None:
             raise StaticMemoryError(words)
+        hold(8.0 * (forces + kept))
 
     def _held_rows(self, slot: int) -> npt.NDArray[np.bool_]:
         """Which held nodes are of a slot, (n_held,)."""
@@ -448,6 +449,10 @@ class CondensedStep:
     def internal_force(self, displacement: FloatArray) -> FloatArray:
         """S u of the contact nodes, zero at inner nodes; (n_nodes, 3) [N]."""
         result = np.zeros(3 * self._system.n_nodes)
+        count(
+            Operation.ENTRY,
+            sum(self._kind(s).condensed.stiffness.size for s in range(self._system.n_slots)),
+        )
         flat = displacement.ravel()
         for slot in range(self._system.n_slots):
             dofs, kind = self._retained(slot), self._kind(slot)
@@ -456,6 +461,7 @@ class CondensedStep:
                 # A rigid motion costs no force; taking it out first keeps its rounding out too.
                 local = local - kind.rigid @ np.linalg.lstsq(kind.rigid, local, rcond=None)[0]
             result[dofs] = kind.condensed.stiffness @ local
+            count(Operation.ENTRY, kind.condensed.stiffness.size)
         return result.reshape(-1, 3)
 
     @cached_property
@@ -513,6 +519,7 @@ class _Rows:
         near = csr_array(csc_array(self.gradient)[:, used])
         push = near if self.push is self.gradient else csr_array(csc_array(self.push)[:, used])
         flexible: FloatArray = near @ (push @ inverse[np.ix_(used, used)]).T
+        count(Operation.ENTRY, push.nnz * len(used) + near.nnz * near.shape[0])
         return flexible
 
 

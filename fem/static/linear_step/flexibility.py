@@ -14,6 +14,7 @@ from fem.problem.model import BlockGroup, rigid_motions
 from fem.static.linear_step.condensation import CondensedBlock
 from fem.static.linear_step.linearisation import UnheldBlocksError
 from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.work import Operation, count
 
 #: Energy of a rigid motion of order one over that of a block strained as much, below which no
 #: spring resists it: what rounding leaves.
@@ -52,6 +53,7 @@ def symmetric_pseudo_inverse(stiffness: FloatArray, rigid: FloatArray) -> FloatA
     if not stiffness.size:  # supports prescribe every node
         return stiffness
     shifted = np.array(stiffness, order="F")
+    count(Operation.DENSE, 0.5 * float(len(stiffness)) ** 3)
     scale = float(np.diag(stiffness).mean())
     basis = np.linalg.qr(rigid)[0] if rigid.shape[1] else rigid
     shifted += scale * basis @ basis.T

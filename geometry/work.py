@@ -1,0 +1,254 @@
+"""Work of a run, counted in operations: the same on every machine, under any load.
+
+Parts that cost count their operations, by formulas in sizes and in iterations done. `SECONDS` says
+what each takes on the reference machine; limits are sums of them, in reference seconds. A limit of
+CPU time is read from the clock of this process instead.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, Literal, NamedTuple, TypeAlias
+
+from geometry.errors import RefusedError
+from geometry.system import machine_memory
+
+
+class Operation(StrEnum):
+    """What is counted."""
+
+    DENSE = "dense"
+    """Multiplications of dense factorisations and products of matrices."""
+    SPARSE = "sparse"
+    """Multiplications of sparse factorisations."""
+    ENTRY = "entry"
+    """Entries of matrices that meet a vector."""
+    ELEMENT = "element"
+    """Entries of element matrices and stresses that are integrated, times points."""
+    POINT = "point"
+    """Contact points at which gaps are found, times nodes of both facets."""
+    SEARCH = "search"
+    """Contact points whose facet is searched."""
+    CALL = "call"
+    """Linear problems of a block, whatever its size."""
+    SIMPLEX = "simplex"
+    """Iterations of the simplex method times entries of the matrix."""
+    CONIC = "conic"
+    """Iterations of the interior-point method times entries of the matrix."""
+
+
+#: Seconds of an operation on the reference machine, one thread: by `python -m
+#: tests.benchmarks.work --fit`, once and on purpose.
+SECONDS = {
+    Operation.DENSE: 4.5e-11,
+    Operation.SPARSE: 3.7e-10,
+    Operation.ENTRY: 4.9e-10,
+    Operation.ELEMENT: 8.2e-10,
+    Operation.POINT: 1.0e-7,
+    Operation.SEARCH: 1.0e-6,
+    Operation.CALL: 6.0e-3,
+    Operation.SIMPLEX: 7.0e-9,
+    Operation.CONIC: 1.4e-7,
+}
+#: Power of the unknowns of a block with which operations grow on finer meshes of solids.
+GROWTH = {
+    Operation.DENSE: 2.0,
+    Operation.SPARSE: 2.0,
+    Operation.ENTRY: 4.0 / 3.0,
+    Operation.ELEMENT: 1.0,
+    Operation.POINT: 2.0 / 3.0,
+    Operation.SEARCH: 2.0 / 3.0,
+    Operation.CALL: 0.0,
+    Operation.SIMPLEX: 2.0,
+    Operation.CONIC: 2.0,
+}
+
+
+#: Part of the machine's memory that one computation may need.
+_SHARE = 0.8
+
+
+#: What may stop a run within.
+Stop: TypeAlias = Literal["work", "clock"]
+#: Limits in words.
+LIMITS: Mapping[str, str] = {
+    "work": "the limit of work",
+    "clock": "the limit of CPU time",
+    "memory": "the limit of memory",
+    "interrupt": "an interrupt",
+}
+
+
+class LimitError(RefusedError):
+    """A limit is reached: what was begun has no answer."""
+
+    def __init__(self, by: Stop, words: str = "") -> None:
+        super().__init__(words or LIMITS[by])
+        self.by = by
+        """Which limit."""
+
+
+class Allowance(NamedTuple):
+    """What is left."""
+
+    work: float
+    """Reference seconds."""
+    seconds: float
+    """CPU time [s]."""
+
+
+@dataclass
+class Budget:
+    """What may be spent, and what was."""
+
+    work: float | None = None
+    """Reference seconds at most; None: no limit."""
+    ends: float = math.inf
+    """CPU time of this process at which it is stopped [s]."""
+    memory: float | None = None
+    """Memory of one computation at most [GB]."""
+    outer: Budget | None = None
+    """Which this one is part of."""
+    done: dict[Operation, float] = field(default_factory=dict)
+    """Operations by kind."""
+    seconds: float = 0.0
+    """All of them in reference seconds."""
+    bytes: float = 0.0
+    """Largest matrices that were held at once."""
+    stopped_by: str | None = None
+    """Which limit, or an interrupt, left something undone; None: none."""
+
+    @property
+    def left(self) -> Allowance:
+        """What is left of it."""
+        work = math.inf if self.work is None else self.work - self.seconds
+        seconds = self.ends - time.process_time() if self.ends < math.inf else math.inf
+        return Allowance(work, seconds)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {
+            "done": self.seconds,
+            "limit": self.work,
+            "max_memory": self.memory,
+            "stopped_by": self.stopped_by,
+        }
+
+    def grown(self, ratio: float) -> float:
+        """Reference seconds of the same on a mesh with ``ratio`` times the unknowns."""
+        return sum(n * SECONDS[kind] * ratio ** GROWTH[kind] for kind, n in self.done.items())
+
+    def bytes_grown(self, ratio: float) -> float:
+        """Matrices of the same on a mesh with ``ratio`` times the unknowns [bytes]."""
+        return self.bytes * ratio ** GROWTH[Operation.ENTRY]
+
+    def add(self, kind: Operation, amount: float) -> None:
+        """Count operations.
+
+        Raises
+        ------
+        LimitError
+            A limit is reached.
+        """
+        self.done[kind] = self.done.get(kind, 0.0) + amount
+        self.seconds += amount * SECONDS[kind]
+        if self.outer is not None:
+            self.outer.add(kind, amount)
+        if self.work is not None and self.seconds > self.work:
+            self.stopped_by = "work"
+            raise LimitError("work")
+        if self.ends < math.inf and self.left.seconds < 0.0:
+            self.stopped_by = "clock"
+            raise LimitError("clock")
+
+
+_BUDGET: ContextVar[Budget | None] = ContextVar("budget", default=None)
+
+
+def _chain() -> Iterator[Budget]:
+    """The present budget and those that it is part of."""
+    current = _BUDGET.get()
+    while current is not None:
+        yield current
+        current = current.outer
+
+
+@contextmanager
+def budget(
+    work: float | None = None, ends: float = math.inf, memory: float | None = None
+) -> Iterator[Budget]:
+    """Count what is done within, and limit it: see `Budget`."""
+    result = Budget(work, ends, memory, _BUDGET.get())
+    token = _BUDGET.set(result)
+    try:
+        yield result
+    finally:
+        _BUDGET.reset(token)
+
+
+def count(kind: Operation, amount: float) -> None:
+    """Count operations of a kind where someone asks for them; raises `LimitError` at a limit."""
+    current = _BUDGET.get()
+    if current is not None:
+        current.add(kind, amount)
+
+
+def count_elimination(inner: int, around: int, *, symmetric: bool = True) -> None:
+    """Count the elimination of so many unknowns of a dense matrix from those around them."""
+    n, m = float(inner), float(around)
+    half = n * (n**2 / 3.0 + n * m + m**2) / 2.0
+    count(Operation.DENSE, half if symmetric else 2.0 * half)
+
+
+def clock(seconds: float | None) -> float:
+    """CPU time of this process in so many seconds; without end for None."""
+    return math.inf if seconds is None else time.process_time() + seconds
+
+
+def allowance() -> Allowance:
+    """What is left of all budgets; without end where there is none."""
+    left = [own.left for own in _chain()]
+    work = min((one.work for one in left), default=math.inf)
+    return Allowance(work, min((one.seconds for one in left), default=math.inf))
+
+
+def stop(by: str) -> str:
+    """Say that a limit left something undone; returns it in words."""
+    limit = None
+    for own in _chain():
+        own.stopped_by = by
+        limit = own.work or limit
+    return f"{LIMITS[by]}, {limit:g} s on the reference machine" if by == "work" else LIMITS[by]
+
+
+def hold(size: float) -> None:
+    """Say how many bytes the matrices of one computation take."""
+    for own in _chain():
+        own.bytes = max(own.bytes, size)
+
+
+def memory_limit() -> float:
+    """Bytes that one computation may take: as limited, and at most a part of the machine's."""
+    limits = [2.0**30 * own.memory for own in _chain() if own.memory is not None]
+    return min([_SHARE * machine_memory(), *limits])
+
+
+def beyond_memory(what: str, need: float, remedy: str) -> str | None:
+    """One line on what needs so many bytes, where that is beyond the limit; else None."""
+    limit = memory_limit()
+    if need <= limit:
+        return None
+    size, there = need / 2**30, machine_memory()
+    has = f"the limit is {limit / 2**30:.3g} GB (fem.max_memory)"
+    if limit >= _SHARE * there:
+        has = f"this machine has {there / 2**30:.0f} GB"
+    return (
+        f"{what} need at least {f'{size:.0f}' if size < 1e6 else f'{size:.2g}'} GB of memory, and "
+        f"{has}; take {remedy}"
+    )
