@@ -39,7 +39,7 @@ def test_work_is_iterations_times_entries_and_ends_at_its_limit() -> None:
     work.simplex(4, 100)
     assert work.simplex_iterations(100) == 6
     assert not work.spent
-    work.simplex(6, 100)
+    work.simplex(7, 100)
     assert work.spent
     assert told == [1, 2]
     assert work.simplex_iterations(100) == 0
