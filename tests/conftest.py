@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 from collections.abc import Callable, Generator, Iterator
@@ -32,6 +33,14 @@ settings.load_profile("repeatable")
 # would pass it on to the commands that tests interrupt.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _no_progress() -> Iterator[None]:
+    """No progress on standard error, however slow the machine: tests of it set their own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("validation.output.progress.SHORT", math.inf)
+        yield
 
 
 def _cpu_seconds() -> float:

@@ -70,8 +70,7 @@ def printed(method: str, name: str, settings: dict[str, Any]) -> dict[str, Any]:
     words = [w for k, v in settings.items() for w in ("--set", f"{k}={json.dumps(v)}")]
     status, out, err = command(method, name, *words, "--json", "-")
     if status == 2:
-        # A long run says what it is at in lines before.
-        line = err.rpartition("error: ")[2].removesuffix("\n")
+        line = err.removeprefix("error: ").removesuffix("\n")
         return {"rejected": line.removeprefix(f"{name}: ")}
     assert status == 0, err
     return json.loads(out)
