@@ -10,7 +10,9 @@ import typer
 from validation.cli.options import (
     AccuracyOption,
     JsonOption,
+    MaxMemoryOption,
     MaxSecondsOption,
+    MaxWorkOption,
     SceneArgument,
     SetOption,
     exit_by,
@@ -209,7 +211,9 @@ def deck(
         ),
     ] = None,
     accuracy: AccuracyOption = None,
+    max_work: MaxWorkOption = None,
     max_seconds: MaxSecondsOption = None,
+    max_memory: MaxMemoryOption = None,
 ) -> None:
     """Read an Abaqus or CalculiX deck, check it, print a summary."""
     from validation.output.decks import (
@@ -229,7 +233,10 @@ def deck(
         _one_of("--dialect", dialect, ("abaqus", "calculix"))
     if mesh is not None:
         _one_of("--mesh", mesh, ("scene", "converged"))
-    asked = method_fields(accuracy, max_seconds) | ({} if mesh is None else {"mesh": mesh})
+    asked = method_fields(
+        accuracy, max_work=max_work, max_seconds=max_seconds, max_memory=max_memory
+    )
+    asked |= {} if mesh is None else {"mesh": mesh}
     if asked and not run:
         raise InputError(f"--{next(iter(asked)).replace('_', '-')}: needs --run")
     picture = Path("out", file.stem, "assembly.png") if draw else None

@@ -13,7 +13,9 @@ from validation.cli.options import (
     AutoOption,
     JsonOption,
     KeepOption,
+    MaxMemoryOption,
     MaxSecondsOption,
+    MaxWorkOption,
     SceneArgument,
     SetOption,
     exit_by,
@@ -46,7 +48,9 @@ def fem(
         typer.Option("--resume", metavar="CHECKPOINT", help="Continue an interrupted run."),
     ] = None,
     accuracy: AccuracyOption = None,
+    max_work: MaxWorkOption = None,
     max_seconds: MaxSecondsOption = None,
+    max_memory: MaxMemoryOption = None,
     static_reference: Annotated[
         bool,
         typer.Option(help="Beside an explicit run to the static state, its converged value."),
@@ -61,7 +65,10 @@ def fem(
     from validation.case import load_case, with_auto
     from validation.output.deformable.answers import FILES, print_run, write_run_files
 
-    stated, case = method_fields(accuracy, max_seconds), load_case(scene, settings or ())
+    stated, case = (
+        method_fields(accuracy, max_work=max_work, max_seconds=max_seconds, max_memory=max_memory),
+        load_case(scene, settings or ()),
+    )
     if "accuracy" in stated and resume is not None:
         raise InputError(f"--resume {resume}: a resumed run keeps its mesh; remove --accuracy")
     if not static_reference and case.scene.fem.method != "static":

@@ -11,7 +11,9 @@ from validation.cli.completion import complete_scenes
 from validation.cli.options import (
     AccuracyOption,
     JsonOption,
+    MaxMemoryOption,
     MaxSecondsOption,
+    MaxWorkOption,
     SceneArgument,
     SetOption,
     exit_by,
@@ -117,7 +119,9 @@ def report(
         typer.Option("--load-cases", help="Also solve a tube under the five load cases."),
     ] = False,
     accuracy: AccuracyOption = None,
+    max_work: MaxWorkOption = None,
     max_seconds: MaxSecondsOption = None,
+    max_memory: MaxMemoryOption = None,
 ) -> None:
     """Write one page about a scene that can be sent: pictures, verdicts, error bars, loads, tables.
 
@@ -130,7 +134,10 @@ def report(
     from validation.output.progress import solver_progress
     from validation.pages.report import report_scene, write_page
 
-    file = with_fields(load_case(scene, settings or ()), method_fields(accuracy, max_seconds))
+    asked = method_fields(
+        accuracy, max_work=max_work, max_seconds=max_seconds, max_memory=max_memory
+    )
+    file = with_fields(load_case(scene, settings or ()), asked)
     page = Path("out") / file.name / "report.html" if output is None else output
     if page.suffix.lower() not in PAGES:
         raise InputError(f"-o {page}: expected a file name that ends in .html")

@@ -86,14 +86,33 @@ AccuracyOption = Annotated[
         "Quantities: u, p_eff, p_max, p_max_point, sigma_1_max, sigma_1_averaged; repeatable.",
     ),
 ]
+MaxWorkOption = Annotated[
+    float | None,
+    typer.Option(
+        "--max-work",
+        metavar="S",
+        min=0.0,
+        help="Limit of work, counted in operations: seconds of the reference machine. The same "
+        "meshes on every machine.",
+    ),
+]
+MaxMemoryOption = Annotated[
+    float | None,
+    typer.Option(
+        "--max-memory",
+        metavar="GB",
+        min=0.0,
+        help="Limit of memory; what needs more is not started. Default: 4.",
+    ),
+]
 MaxSecondsOption = Annotated[
     float | None,
     typer.Option(
         "--max-seconds",
         metavar="S",
         min=0.0,
-        help="CPU time limit [s]: of a static run after its first mesh, of an explicit run until a "
-        "checkpoint is written. By default no limit.",
+        help="Limit of CPU time by the clock [s], on which the result then depends; an explicit "
+        "run ends at a checkpoint. By default none.",
     ),
 ]
 
@@ -171,17 +190,18 @@ def command(function: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-def method_fields(accuracy: list[str] | None, max_seconds: float | None) -> dict[str, Any]:
-    """Fields of a method that options state."""
-    stated = {"accuracy": parse_targets(accuracy or []) or None, "max_seconds": max_seconds}
+def method_fields(accuracy: list[str] | None = None, **limits: float | None) -> dict[str, Any]:
+    """Fields of a method that options state: an accuracy, and limits by their names."""
+    stated = {"accuracy": parse_targets(accuracy or []) or None, **limits}
     return {name: value for name, value in stated.items() if value is not None}
 
 
-def with_fields(case: Case, stated: Mapping[str, Any]) -> Case:
-    """Case of a scene whose ``[fem]`` has the fields that options state."""
-    keys = {f"fem.{name}": value for name, value in stated.items() if name != "accuracy"}
-    keys |= {f"fem.accuracy.{name}": share for name, share in stated.get("accuracy", {}).items()}
-    return case.changed(keys) if keys else case
+def with_fields(case: Case, stated: Mapping[str, Any], section: str = "fem") -> Case:
+    """Case of a scene whose section of a method has the fields that options state."""
+    given = {f"{section}.{name}": value for name, value in stated.items() if name != "accuracy"}
+    for name, share in stated.get("accuracy", {}).items():
+        given[f"{section}.accuracy.{name}"] = share
+    return case.changed(given) if given else case
 
 
 def exit_by(answer: Answer, method: Method) -> None:
@@ -197,7 +217,8 @@ def exit_by(answer: Answer, method: Method) -> None:
     from fem.method import Static
 
     run = answer.details.explicit
-    if run is not None and run.status == "interrupted":
+    stopped_by = answer.report.get("work", {}).get("stopped_by")
+    if stopped_by == "interrupt" or (run is not None and run.status == "interrupted"):
         raise KeyboardInterrupt
     missed = isinstance(method, Static) and method.accuracy and not_reached(answer)
     if missed or not answer.details.reached or (run is not None and run.status == "stopped"):

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from validation.cli.options import (
     JsonOption,
+    MaxSecondsOption,
+    MaxWorkOption,
     SceneArgument,
     SetOption,
     folder_option,
+    method_fields,
     output_option,
     scene_outputs,
+    with_fields,
 )
-
-if TYPE_CHECKING:
-    pass
 
 
 def mbd(
@@ -39,6 +40,8 @@ def mbd(
         bool,
         typer.Option("--refine", help="h-refinement check: also solve with half the facet size."),
     ] = False,
+    max_work: MaxWorkOption = None,
+    max_seconds: MaxSecondsOption = None,
 ) -> None:
     """Rigid-block analysis: locked or not, equilibrium, pressures.
 
@@ -57,7 +60,8 @@ def mbd(
     )
     from validation.solving import solve
 
-    file = load_case(scene, settings or (), method="rigid")
+    asked = method_fields(max_work=max_work, max_seconds=max_seconds)
+    file = with_fields(load_case(scene, settings or (), method="rigid"), asked, "rigid")
     if unlock:
         require_tube(file)
     if refine:

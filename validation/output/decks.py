@@ -134,9 +134,9 @@ def deck_method(deck: InputDeck, asked: Mapping[str, Any]) -> Static | Explicit:
     method = deck.method
     missing = set(asked) - {f.name for f in fields(method)}
     if missing:
+        option = f"--{min(missing).replace('_', '-')}"
         raise InputError(
-            f"--{min(missing)}: {deck.name} is an explicit run on the mesh of the deck; leave it "
-            "out"
+            f"{option}: {deck.name} is an explicit run on the mesh of the deck; leave it out"
         )
     if isinstance(method, Explicit):
         return replace(method, **asked)
