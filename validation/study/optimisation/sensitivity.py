@@ -228,13 +228,15 @@ def sensitivity_of(
     step
         Relative step of real parameters [-]; of a value of 0 the step itself.
     tell
-        Called with a line before each parameter.
+        Called with words before each answer.
     """
     if not 0.0 < step <= 0.2:
         raise InputError(f"--step {step:g}: expected a share above 0 and at most 0.2")
     chosen = _numbers_of(file, method) if parameters is None else parameters
     for path in chosen:
         _number(file, path)
+    if tell is not None:
+        tell("as stated")
     base = answers_at(file, method)
     slopes, failed = list[Slope](), dict[str, str]()
     for number, path in enumerate(chosen, 1):
