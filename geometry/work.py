@@ -88,8 +88,11 @@ LIMITS: Mapping[str, str] = {
 class LimitError(RefusedError):
     """A limit is reached: what was begun has no answer."""
 
+    of_input = False
+
     def __init__(self, by: Stop, words: str = "") -> None:
-        super().__init__(words or LIMITS[by])
+        remedy = "expected a coarser mesh, fewer blocks or a higher limit"
+        super().__init__(words or f"no state within {LIMITS[by]}; {remedy}")
         self.by = by
         """Which limit."""
 

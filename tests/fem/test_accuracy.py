@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fem.accuracy import converge as converging
 from fem.accuracy import statics
 from fem.accuracy.converge import LEAST_MESHES, climbed, converge
 from fem.accuracy.errors import SAFETY, error_bar
@@ -162,6 +163,32 @@ def test_a_mesh_that_takes_longer_than_the_limit_is_left_unfinished(
     assert "limit of CPU time" in found.accuracy.ended_by
     assert len(found.meshes.meshes) == 1
     assert found.measures["p_eff"].value == pytest.approx(first.measures["p_eff"].value, rel=1e-9)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_an_interrupt_leaves_the_files_of_the_last_finished_mesh(tubelock, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    state, calls = converging._state, count(1)
+
+    def interrupted(*given):  # type: ignore[no-untyped-def]
+        if next(calls) > 2:
+            raise KeyboardInterrupt
+        return state(*given)
+
+    monkeypatch.setattr(converging, "_state", interrupted)
+    status, _, said = tubelock("fem", "tsb1-pipe", "--set", "assembly.layers=1", "-o", "o")
+    assert (status, said.splitlines()[-1]) == (130, "interrupted")
+    data = json.loads(Path("o/answer.json").read_text())
+    assert data["work"]["stopped_by"] == data["accuracy"]["stopped_by"] == "interrupt"
+    assert len(data["meshes"]) == 2
+    assert data["measures"]["max_displacement"]["error"] > 0.0
+    assert Path("o/fields.vtu").exists()
+
+
+def test_work_that_does_for_no_mesh_is_no_answer(tubelock) -> None:  # type: ignore[no-untyped-def]
+    status, _, said = tubelock("fem", "tsb1-pipe", "--max-work", "1e-6", "--json", "f.json")
+    assert (status, said.count("\n")) == (3, 1)
+    assert "limit of work" in said
+    assert not Path("f.json").exists()
 
 
 def test_command(tubelock) -> None:  # type: ignore[no-untyped-def]

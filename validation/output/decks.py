@@ -159,11 +159,13 @@ def solve_deck(
 
     problem, method = deck.problem(), method or deck.method
     if isinstance(method, Explicit):
-        answer = solve_explicit(problem, method, progress=progress)
+        with named(deck.name):
+            answer = solve_explicit(problem, method, progress=progress)
     else:
         if problem.after is None and not method.error_estimate:
             deck.model.note("error bars: none, forces on nodes belong to the mesh of the deck")
-        answer = solve_static(problem, method, progress=progress)
+        with named(deck.name):
+            answer = solve_static(problem, method, progress=progress)
         if problem.after is not None:
             deck.model.note(f"error bars: none of the mesh; {_change_by_increments(answer)}")
     strain = largest_strain(problem, answer)

@@ -183,6 +183,8 @@ class SolverProgress:
     def __init__(self, follow: Following) -> None:
         self._follow = follow
         self._show_sample = explicit_progress(follow)
+        self._meshes = 0
+        """Meshes that have their lines."""
 
     def __call__(self, now: Any) -> None:
         """Show the state; the mesh before it has a line of its own."""
@@ -191,15 +193,20 @@ class SolverProgress:
             return
         measures = getattr(now, "measures", None)
         if measures:
-            self._follow.line(f"mesh {now.rung - 1}: {_mesh_words(measures)}")
+            self._tell_mesh(now.rung - 1, measures)
         self._follow(now)
 
     def end(self, answer: Answer) -> None:
         """Print the line of the last mesh of an answer, and what ended the refinement."""
         meshes, accuracy = answer.parts.get("meshes"), answer.parts.get("accuracy")
         if meshes is not None and accuracy is not None:
-            words = f"mesh {len(meshes.as_json())}: {_mesh_words(answer.measures)}"
-            self._follow.line(f"{words}; ended by: {accuracy.as_json()['ended_by']}")
+            self._tell_mesh(len(meshes.as_json()), answer.measures)
+            self._follow.line(f"ended by: {accuracy.as_json()['ended_by']}")
+
+    def _tell_mesh(self, number: int, measures: Mapping[str, Measure]) -> None:
+        if number > self._meshes:
+            self._meshes = number
+            self._follow.line(f"mesh {number}: {_mesh_words(measures)}")
 
 
 @contextmanager

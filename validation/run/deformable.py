@@ -131,6 +131,8 @@ def _explained(name: str, scene: DeformableScene, problem: Problem) -> Iterator[
     try:
         yield
     except RefusedError as error:
+        if not error.of_input:  # a limit of work or time says nothing of the blocks
+            raise InputError(f"{name}: {error}", of_input=False) from None
         why, stated = str(error), (scene, problem.deformable.assembly)
         faces = faces_words(*stated) or squeeze_words(*stated)
         faces = faces or mechanism_words(name, scene) or inside_words(name, scene)

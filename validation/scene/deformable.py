@@ -319,9 +319,8 @@ class FemSection(_FemKeys):  # type: ignore[misc]
     """Sector: cyclic symmetry, exact for cyclic loads. Auto: sector where exact. Periodic cell: two
     layers represent the middle of a long tube."""
     max_seconds: Annotated[float, Field(gt=0)] | None = None
-    """CPU time that meshes beyond the first may take [s]; of an explicit run that of the whole run,
-    which then ends at a checkpoint. By default a fixed amount of work; no limit with an accuracy,
-    nor of an explicit run."""
+    """CPU time at most by the clock, on which meshes then depend [s]; an explicit run ends at a
+    checkpoint. By default no limit."""
     frames: Annotated[int, Field(ge=0, le=10_000)] = 0
     """Frames written for ParaView, spread over what was run, the first and the end included; of a
     static run states under parts of the load, with friction those of its load steps."""
