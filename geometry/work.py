@@ -134,6 +134,13 @@ class Budget:
         seconds = self.ends - time.process_time() if self.ends < math.inf else math.inf
         return Allowance(work, seconds)
 
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Which limit left something undone, where one did."""
+        if self.stopped_by != "work":
+            return []
+        return [("work", f"{self.seconds:.3g} of {self.work:g} s on the reference machine")]
+
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
         return {

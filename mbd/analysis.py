@@ -26,7 +26,7 @@ from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 from geometry.parts.pairs import OfPairs
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
 from geometry.system import one_thread_of_blas
-from geometry.work import Budget, budget, clock
+from geometry.work import budget, clock
 from mbd.contact_jacobian import block_wrenches, contact_jacobian, generalized_force
 from mbd.equilibrium import Equilibrium, column_weights, equilibrium
 from mbd.mechanism import (
@@ -80,8 +80,6 @@ class RigidResult(ReadOnlyArrays):
     """… under which loads and supports, weight included."""
     parts: Mapping[str, Part] = field(default_factory=dict)
     """What was found beside, by name."""
-    work: Budget = field(default_factory=Budget, repr=False)
-    """Limits, and what was counted."""
 
     @property
     def mechanism(self) -> MechanismClass:
@@ -297,7 +295,7 @@ def rigid_result(
     stated, method = as_statement(problem, load), method or Rigid()
     with budget(method.max_work, clock(method.max_seconds)) as spent:
         result = _result(stated, method, tell)
-    return replace(result, work=spent)
+    return replace(result, parts={**result.parts, "work": spent})
 
 
 def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) -> RigidResult:

@@ -266,7 +266,6 @@ class _Found:
             "n_blocks": result.n_blocks,
             "n_contacts": result.n_contacts,
             "dimensions": dimensions(self.assembly).as_json(),
-            "work": result.work.as_json(),
             "cpu_seconds": result.cpu_seconds,
             **self._solids(),
             **{name: part.as_json() for name, part in result.parts.items()},

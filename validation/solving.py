@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from geometry.answer import Notes
 from mbd.options import Rigid
 from validation.case import Case
-from validation.errors import named
+from validation.errors import InputError, named
 from validation.scene.family import RoundScene
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 
 if TYPE_CHECKING:
     from fem.explicit.solve import Frame
     from geometry.answer import Answer, Part
+    from geometry.work import Budget
     from mbd.analysis import RigidStatement
 
 #: Load cases that put the ring of a tube under pressure: the loaded face, and what the ring gets.
@@ -72,6 +73,29 @@ def solve(
             raise KeyboardInterrupt(f"stopped at step {run.n_steps}: no checkpoint was written")
         answer = _with_cell_error(case, answer)
     return replace(answer, case=case)
+
+
+def repeatable(answer: Answer) -> Answer:
+    """Return an answer that every machine gives.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Ctrl-C ended its run.
+    InputError
+        A limit of CPU time did.
+    """
+    run = None if answer.method == "rigid" else answer.details.explicit
+    by = str(run.status) if run is not None else cast("Budget", answer.parts["work"]).stopped_by
+    if by in {"interrupt", "interrupted"}:
+        raise KeyboardInterrupt
+    if by in {"clock", "stopped"}:
+        section = "rigid" if answer.method == "rigid" else "fem"
+        raise InputError(
+            f"{section}.max_seconds: the limit of CPU time ended a run, and its answer depends on "
+            f"the machine; expected {section}.max_work, which is the same on every machine"
+        )
+    return answer
 
 
 def _with_cell_error(case: Case, answer: Answer) -> Answer:

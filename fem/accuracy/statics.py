@@ -120,7 +120,7 @@ def solve_static(
                 answer = _converged(problem, method, otherwise, follower, work)
             else:
                 answer = _on_one_mesh(problem, method, store, follower)
-        return answer.with_report({"work": spent.as_json() | {"max_seconds": method.max_seconds}})
+        return answer.beside({"work": spent}, {})
 
 
 def most_work(problem: Problem, method: Static, *, finer: bool) -> float | None:

@@ -45,9 +45,9 @@ def combination_answers(
 
 def answer_to(file: Case, kind: Kind) -> Answer:
     """Answer to a scene, as `tubelock mbd` or `fem` gives it."""
-    from validation.solving import solve
+    from validation.solving import repeatable, solve
 
-    return solve(file.with_method("rigid") if kind == "rigid" else file)
+    return repeatable(solve(file.with_method("rigid") if kind == "rigid" else file))
 
 
 def envelope(answers: Mapping[str, Answer]) -> dict[str, tuple[str, Measure]]:

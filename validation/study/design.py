@@ -108,12 +108,12 @@ _NO_COLUMN = ("collapse", "sliding", "ranges", "margin")
 
 
 def _rigid_results(file: Case) -> dict[str, Any]:
-    from validation.solving import solve
+    from validation.solving import repeatable, solve
 
     assert isinstance(file.method, Rigid)
     idle: dict[str, Any] = dict.fromkeys(_NO_COLUMN, False)
     method = replace(file.method, **idle)
-    answer = solve(file.with_method(method))
+    answer = repeatable(solve(file.with_method(method)))
     result, friction = answer.details, answer.details.friction
     # With friction the forces and the verdict are those with it: a load that is carried only if
     # joints were pressed beforehand is not in equilibrium by itself.
@@ -144,7 +144,7 @@ def _built(report: Mapping[str, Any]) -> dict[str, Any]:
 def _fem_answer(study: Study, file: Case) -> Answer:
     """Solve a design as `tubelock fem` does: on finer and finer meshes, or on its own."""
     from fem.accuracy.converge import TARGETS
-    from validation.solving import solve
+    from validation.solving import repeatable, solve
 
     stated, scene = study.accuracy, file.scene
     if isinstance(stated, float):
@@ -153,7 +153,7 @@ def _fem_answer(study: Study, file: Case) -> Answer:
         scene = scene.changed({"fem.accuracy": stated})
     elif scene.fem.method == "explicit":
         scene = scene.changed({"fem.static_reference": False})
-    return solve(file.stating(scene), otherwise=dict.fromkeys(TARGETS, RANKING))
+    return repeatable(solve(file.stating(scene), otherwise=dict.fromkeys(TARGETS, RANKING)))
 
 
 def _fem_results(study: Study, file: Case) -> tuple[dict[str, Any], list[str]]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from geometry.errors import RefusedError
 from mbd.options import Rigid
 from validation.case import Case, Method
-from validation.solving import solve
+from validation.solving import repeatable, solve
 from validation.study.study import Quantity, Study
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def sweep_function(
         start, row = time.process_time(), {"number": number, **values}
         try:
             case = Case(name=f"{name}[{number}]", stated=make(**values), method=method)
-            measures = solve(case).measures
+            measures = repeatable(solve(case)).measures
         except RefusedError as error:
             row |= {"status": "failed", "message": str(error)}
         else:

@@ -25,7 +25,7 @@ from validation.run.deformable import Follower, deformable_answer, on_its_mesh
 from validation.run.held_by_faces import require_held_by_faces
 from validation.scene.deformable import Method
 from validation.scene.read import DeformableScene
-from validation.solving import solve_rigid
+from validation.solving import repeatable, solve_rigid
 
 
 def compared_runs(
@@ -59,7 +59,8 @@ def compared_runs(
         dynamic = scene.changed({"fem": {"method": Method.EXPLICIT, "damping": damping}})
         asked.append(on_its_mesh(scene_case(dynamic, name)))
     follower = Follower(progress=progress)
-    return rigid, [deformable_answer(case, follower, problem=problem) for case in asked]
+    answers = (deformable_answer(case, follower, problem=problem) for case in asked)
+    return rigid, [repeatable(answer) for answer in answers]
 
 
 def _rigid_runs(name: str, scene: DeformableScene, problem: Problem) -> Iterator[Answer]:

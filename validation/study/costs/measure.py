@@ -15,7 +15,6 @@ import numpy as np
 from fem.accuracy.converge import climbed
 from fem.accuracy.ladder import LADDER
 from fem.dynamics import stated_run
-from fem.explicit.solve import Status
 from fem.solution import Solution
 from geometry.answer import Answer
 from geometry.families.sine_block import SineBlockDivisions
@@ -26,7 +25,7 @@ from validation.errors import InputError, named
 from validation.output.provenance import processor
 from validation.run.deformable import deformable_answer, on_its_mesh
 from validation.scene.family import AssemblyScene
-from validation.solving import solve
+from validation.solving import repeatable, solve
 from validation.study.costs.calculix import MethodAnswer, solve_by_calculix
 from validation.study.costs.partition import PARTITION_LEVEL, partition_pressures
 from validation.study.costs.settings import BaseMesh, CostSetting, with_setting
@@ -161,10 +160,8 @@ def _curved(where: str, scene: AssemblyScene, setting: CostSetting) -> MethodAns
 
 def _deformable(where: str, scene: AssemblyScene, _: CostSetting) -> MethodAnswer:
     start = time.process_time()
-    answer = deformable_answer(on_its_mesh(scene_case(scene, where)))
+    answer = repeatable(deformable_answer(on_its_mesh(scene_case(scene, where))))
     found: Solution = answer.details
-    if found.explicit is not None and found.explicit.status is Status.INTERRUPTED:
-        raise KeyboardInterrupt
     seconds = time.process_time() - start
     scalars, details = _numbers(answer)
     contacts, pressures = found.contact_state.matched, found.contact_state.pressures
