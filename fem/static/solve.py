@@ -269,7 +269,7 @@ def _problem(
     if options.method is StaticMethod.SPARSE or in_displacements:
         step, kept = SparseStep(system, options.sparse_solver), np.ones(system.n_nodes, np.bool_)
     else:
-        step = CondensedStep(system, store, directions=1 if rows is None else 3)
+        step = CondensedStep(system, store, friction=rows is not None)
         kept = np.isin(np.arange(system.n_nodes), system.corner_nodes)
     free = free_motions(system, kept)
     bounds = options.tolerance, options.max_iterations

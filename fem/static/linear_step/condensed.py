@@ -39,7 +39,6 @@ from fem.assembly.local_system import (
 from fem.contact.search import SearchedSurfaces
 from fem.static.linear_step.block_tridiagonal import (
     ChainFactor,
-    Leaning,
     Level,
     UnresistedMotionError,
     factor_chain,
@@ -51,11 +50,9 @@ from fem.static.linear_step.flexibility import (
     content_of,
     flexibility_of,
 )
-from fem.static.linear_step.linearisation import (
-    Linearisation,
-    UnheldBlocksError,
-    gradient_matrix,
-)
+from fem.static.linear_step.linearisation import Linearisation, UnheldBlocksError
+from fem.static.linear_step.pairs import NodePairs
+from fem.static.linear_step.row_laws import Bound, PairLaw, PointLaw, point_law
 from fem.static.result import StaticError
 from geometry.mesh import FloatArray, IntArray
 from geometry.work import Operation, beyond_memory, count, hold
@@ -77,11 +74,11 @@ class CondensedStep:
     """Solves the linear problem in contact forces, with one flexibility per kind of block."""
 
     def __init__(
-        self, system: LocalSystem, store: FlexibilityStore | None = None, *, directions: int = 1
+        self, system: LocalSystem, store: FlexibilityStore | None = None, *, friction: bool = False
     ) -> None:
         self._system = system
         self._level_of = levels_of(system)
-        self._directions = directions
+        self._pairs = NodePairs(system) if friction else None
         self._store = FlexibilityStore() if store is None else store
         self._transform, free, self._value = constraint_transform(system.held, system.n_nodes)
         self._is_free = np.zeros(3 * system.n_nodes, dtype=np.bool_)
@@ -134,8 +131,10 @@ class CondensedStep:
         surfaces = self._system.surfaces
         level = np.append(self._level_of, np.iinfo(np.int64).max)  # of rigid blocks
         slots = self._system.slot_of[np.stack([surfaces.block_m, surfaces.block_s])]
-        points = np.bincount(level[slots].min(axis=0)) * surfaces.weights.shape[1]
-        forces = _FORCE_COPIES * ((self._directions * points.astype(np.float64)) ** 2).sum()
+        low = level[slots].min(axis=0)
+        points = np.bincount(low) * surfaces.weights.shape[1]
+        rows = points if self._pairs is None else 3 * np.bincount(low[self._pairs.facet])
+        forces = _FORCE_COPIES * (rows.astype(np.float64) ** 2).sum()
         of_nodes = [9.0 * len(of_kind) ** 2 for of_kind in nodes]
         kept = _KEPT_COPIES * sum(of_nodes) + _NODE_COPIES * max(of_nodes, default=0.0)
         most = max(map(len, nodes), default=0)
@@ -211,13 +210,21 @@ class CondensedStep:
         ]
         self._columns = np.concatenate(columns)
 
-    def _free_forces(self, load_factor: float, value: FloatArray) -> list[FloatArray]:
-        """Loads and forces of prescribed displacements on the free variables of every slot."""
+    def _free_forces(
+        self, load_factor: float, value: FloatArray, turned: FloatArray | None
+    ) -> list[FloatArray]:
+        """Loads and forces of prescribed displacements on the free variables of every slot.
+
+        ``turned`` are more loads on contact nodes, (n_nodes, 3) [N].
+        """
         forces = []
         for slot in range(self._system.n_slots):
             kind = self._kind(slot)
             given = value[self._retained(slot)]
             force = load_factor * self._loads[slot]
+            if turned is not None:
+                on_retained = turned.ravel()[self._retained(slot)]
+                force = force + self._to_variables(slot, on_retained)
             if given.any():
                 force = force - kind.stiffness @ given
             forces.append(force[kind.free])
@@ -230,17 +237,17 @@ class CondensedStep:
         self, linear: Linearisation, before: FloatArray, holding: float = 0.0
     ) -> FloatArray:
         """Displacements of the contact nodes, zero at the others; (n_nodes, 3) [mm]."""
-        factored = self._factor(linear, holding)
+        factored, turned = self._factor(linear, before, holding)
         value = self._value
         if linear.time is not None:
             value = prescribed_values(self._system.held, self._system.n_nodes, linear.time)
-        loads = self._free_forces(linear.load_factor, value)
+        loads = self._free_forces(linear.load_factor, value, turned)
         responses = [self._kind(s).inverse @ f for s, f in enumerate(loads)]
-        forces = self._force_side(linear, factored, responses, value)
+        felt = self._felt(factored, responses, value)
         motions = [-self._kind(s).rigid.T @ f for s, f in enumerate(loads)]
         if holding:
             motions = [m - holding * self._motion(s, before) for s, m in enumerate(motions)]
-        solved = factored.solve(forces, motions)
+        solved = factored.solve(felt, motions, loaded=True)
         return self._displacements(factored.rows, responses, *solved, value)
 
     def inverse(self, linear: Linearisation, holding: float = 0.0) -> NodalInverse:
@@ -251,8 +258,8 @@ class CondensedStep:
         UnheldBlocksError
             Blocks on which too few points press, when nothing else holds them.
         """
-        factored = self._factor(linear, holding)
         nothing = np.zeros_like(self._value)
+        factored, _ = self._factor(linear, nothing.reshape(-1, 3), holding)
 
         def apply(force: FloatArray) -> FloatArray:
             loads = []
@@ -260,20 +267,29 @@ class CondensedStep:
                 on_retained = force.ravel()[self._retained(slot)]
                 loads.append(self._to_variables(slot, on_retained)[self._kind(slot).free])
             responses = [self._kind(s).inverse @ f for s, f in enumerate(loads)]
-            side = np.zeros(len(factored.points.number))
-            for row, response in zip(factored.rows, responses, strict=True):
-                side[row.points] += row.gradient @ response
             motions = [-self._kind(s).rigid.T @ f for s, f in enumerate(loads)]
-            solved = factored.solve(side, motions)
+            felt = self._felt(factored, responses, nothing)
+            solved = factored.solve(felt, motions, loaded=False)
             return self._displacements(factored.rows, responses, *solved, nothing)
 
         return apply
 
-    def _factor(self, linear: Linearisation, holding: float) -> _Factored:
-        """Assemble and eliminate the chain of all levels."""
-        points = self._active_points(linear)
-        rows = self._rows(linear, points)
-        levels, slots = self._chain(linear, points, holding)
+    def _factor(
+        self, linear: Linearisation, before: FloatArray, holding: float
+    ) -> tuple[_Factored, FloatArray | None]:
+        """Assemble and eliminate the chain of all levels; loads that normals turn, if any do."""
+        least, turned = _LEAST_STIFFNESS * self._system.law.touching_stiffness, None
+        law: PointLaw | PairLaw
+        if self._pairs is None:
+            law = point_law(self._system, linear, least)
+            facet = law.active // linear.stiffness.shape[1]
+        else:
+            law, turned = self._pairs.law(linear, before, least)
+            facet = self._pairs.facet[law.active // 3]
+        points = self._ordered(law.active, facet)
+        law = law.ordered(points.order)
+        rows = self._rows(law.gradient)
+        levels, slots = self._chain(points, holding)
         span: list[slice] = [slice(0)] * self._system.n_slots
         for level in slots:
             column = 0
@@ -281,23 +297,20 @@ class CondensedStep:
                 span[slot] = slice(column, column + self._kind(slot).rigid.shape[1])
                 column = span[slot].stop
                 self._add_slot(levels, slot, span[slot], points.start, rows[slot])
+        bound = law.bind(levels)
         try:
-            factor = factor_chain(levels)
+            factor = factor_chain(bound.levels)
         except UnresistedMotionError as error:
             blocks = [int(self._system.blocks[s]) for s in slots[error.level]]
             raise UnheldBlocksError("too few contacts press", tuple(blocks)) from None
         except np.linalg.LinAlgError:
             # Stiffness beyond all bounds leaves the points of a facet no compliance of their own.
             raise UnheldBlocksError("contact presses beyond all bounds", ()) from None
-        return _Factored(points, rows, factor, slots, span)
+        return _Factored(points, rows, law, bound, factor, slots, span), turned
 
-    def _active_points(self, linear: Linearisation) -> _Points:
-        """Points that press, ordered by level, those shared with the next level last."""
+    def _ordered(self, active: IntArray, facet: IntArray) -> _Points:
+        """Rows of some facets ordered by level, those shared with the next level last."""
         system = self._system
-        stiffness = linear.stiffness.ravel()
-        touching = system.law.touching_stiffness
-        active = np.flatnonzero(stiffness > _LEAST_STIFFNESS * touching)
-        facet = active // linear.stiffness.shape[1]
         slot_m = system.slot_of[system.surfaces.block_m[facet]]
         slot_s = system.slot_of[system.surfaces.block_s[facet]]
         far = np.iinfo(np.int64).max
@@ -309,34 +322,22 @@ class CondensedStep:
         n_levels = int(self._level_of.max()) + 1
         start = np.searchsorted(low[order], np.arange(n_levels + 1))
         first_shared = start[1:] - np.bincount(low[shared], minlength=n_levels)[:n_levels]
-        return _Points(active[order], start.astype(np.int64), first_shared.astype(np.int64))
+        return _Points(order, start.astype(np.int64), first_shared.astype(np.int64))
 
-    def _rows(self, linear: Linearisation, points: _Points) -> list[_Rows]:
-        """Active points of each slot, their gradients and forces on its free variables."""
-        gradients = self._on_slots(linear.gradient, points)
-        pushes = gradients if linear.push is None else self._on_slots(linear.push, points)
+    def _rows(self, gradient: csr_array) -> list[_Rows]:
+        """Rows of each slot on its free variables, of gradients (n, 3 n_nodes)."""
+        if len(self._system.held.nodes):
+            gradient = csr_array(gradient @ self._transform)
+        columns = csc_array(gradient)[:, self._columns]
         result = []
-        for gradient, push in zip(gradients, pushes, strict=True):
-            mine = np.flatnonzero(np.diff(gradient.indptr))
-            own = gradient[mine]
-            result.append(_Rows(mine, own, own if push is gradient else push[mine]))
+        for a, b in pairwise(self._start):
+            own = csr_array(columns[:, a:b])
+            mine = np.flatnonzero(np.diff(own.indptr))
+            result.append(_Rows(mine, own[mine]))
         return result
 
-    def _on_slots(self, gradient: FloatArray, points: _Points) -> list[csr_array]:
-        """Rows of the active points on the free variables of each slot."""
-        rows = gradient_matrix(self._system, gradient, points.number)
-        if len(self._system.held.nodes):
-            rows = csr_array(rows @ self._transform)
-        columns = csc_array(rows)[:, self._columns]
-        return [csr_array(columns[:, a:b]) for a, b in pairwise(self._start)]
-
-    def _chain(
-        self,
-        linear: Linearisation,
-        points: _Points,
-        holding: float,
-    ) -> tuple[list[Level], list[list[int]]]:
-        """Levels with the law's part only, and the slots of each."""
+    def _chain(self, points: _Points, holding: float) -> tuple[list[Level], list[list[int]]]:
+        """Levels with holding springs only, and the slots of each."""
         slots = [np.flatnonzero(self._level_of == k).tolist() for k in range(points.n_levels)]
         width = [sum(self._kind(s).rigid.shape[1] for s in level) for level in slots]
         size = np.diff(points.start)
@@ -344,28 +345,16 @@ class CondensedStep:
         for k in range(points.n_levels):
             shared = int(points.start[k + 1] - points.first_shared[k])
             after = k + 1 < points.n_levels
-            a = np.zeros((size[k], size[k]), order="F")
-            diagonal = points.number[points.start[k] : points.start[k + 1]]
-            weight = linear.weights.ravel()[diagonal]
-            a[np.diag_indices_from(a)] = 1.0 / (weight * linear.stiffness.ravel()[diagonal])
             n_next, width_next = (size[k + 1], width[k + 1]) if after else (0, 0)
-            leaning = None
-            if linear.push is not None:
-                leaning = Leaning(
-                    motions=np.zeros((size[k], width[k])),
-                    next_flexibility=np.zeros((n_next, shared)),
-                    next_motions=np.zeros((shared, width_next)),
-                )
             levels.append(
                 Level(
-                    flexibility=a,
+                    flexibility=np.zeros((size[k], size[k]), order="F"),
                     motions=np.zeros((size[k], width[k])),
                     holding=holding * np.eye(width[k]),
                     first_shared=int(size[k]) - shared,
                     next_flexibility=np.zeros((shared, n_next)),
                     next_motions=np.zeros((shared, width_next)),
                     next_holding=np.zeros((width[k], width_next)),
-                    leaning=leaning,
                 )
             )
         return levels, slots
@@ -373,24 +362,16 @@ class CondensedStep:
     def _kind(self, slot: int) -> Flexibility:
         return self._kinds[self._kind_of[slot]]
 
-    def _force_side(
-        self,
-        linear: Linearisation,
-        factored: _Factored,
-        responses: list[FloatArray],
-        value: FloatArray,
+    def _felt(
+        self, factored: _Factored, responses: list[FloatArray], value: FloatArray
     ) -> FloatArray:
-        """C - x̂ + p/k + N G f of the active points, (n,) [mm]."""
-        where = factored.points.number
-        stiffness = linear.stiffness.ravel()[where]
-        right = (linear.constant - linear.at).ravel()[where]
-        right = right + linear.pressure.ravel()[where] / stiffness
+        """What the rows feel of loads and of prescribed displacements, (n,) [mm]."""
+        felt = np.zeros(len(factored.points.order))
         for row, response in zip(factored.rows, responses, strict=True):
-            right[row.points] += row.gradient @ response
+            felt[row.points] += row.gradient @ response
         if len(self._system.held.nodes):
-            full = gradient_matrix(self._system, linear.gradient, where)
-            right += full @ (self._transform @ value)
-        return right
+            felt += factored.law.gradient @ (self._transform @ value)
+        return felt
 
     def _add_slot(
         self, levels: list[Level], slot: int, span: slice, start: IntArray, rows: _Rows
@@ -400,13 +381,11 @@ class CondensedStep:
         kind, mine = self._kind(slot), rows.points
         level = levels[k]
         flexible = rows.flexibility(kind.inverse)
-        felt, done = rows.gradient @ kind.rigid, rows.push @ kind.rigid
+        felt = rows.gradient @ kind.rigid
         own = mine >= start[k]
         here = mine[own] - start[k]
         level.flexibility[np.ix_(here, here)] += flexible[np.ix_(own, own)]
         level.motions[here, span] += felt[own]
-        if level.leaning is not None:
-            level.leaning.motions[here, span] += done[own]
         if own.all():
             return
         below = levels[k - 1]
@@ -415,9 +394,6 @@ class CondensedStep:
         below.flexibility[np.ix_(there, there)] += flexible[np.ix_(~own, ~own)]
         below.next_flexibility[np.ix_(shared, here)] += flexible[np.ix_(~own, own)]
         below.next_motions[shared, span] += felt[~own]
-        if below.leaning is not None:
-            below.leaning.next_flexibility[np.ix_(here, shared)] += flexible[np.ix_(own, ~own)]
-            below.leaning.next_motions[shared, span] += done[~own]
 
     def _motion(self, slot: int, displacement: FloatArray) -> FloatArray:
         """Rigid part α of a displacement of a slot."""
@@ -439,7 +415,7 @@ class CondensedStep:
         variables = prescribed.copy()
         for slot, row in enumerate(rows):
             kind = self._kind(slot)
-            pushed = responses[slot] - kind.inverse @ (row.push.T @ forces[row.points])
+            pushed = responses[slot] - kind.inverse @ (row.gradient.T @ forces[row.points])
             moved = pushed + kind.rigid @ motions[slot]
             variables[self._retained(slot)[kind.free]] = moved
         if len(self._system.held.nodes):
@@ -489,8 +465,8 @@ class CondensedStep:
 class _Points:
     """Active contact points in the order of the chain."""
 
-    number: IntArray
-    """Point number, points per facet · facet + point, (n,)."""
+    order: IntArray
+    """Which row comes where, (n,)."""
     start: IntArray
     """First point of each level, and the total; (n_levels + 1,)."""
     first_shared: IntArray
@@ -510,16 +486,13 @@ class _Rows:
     """Numbers among the active points, (n,)."""
     gradient: csr_array
     """∂x/∂u, (n, n_free)."""
-    push: csr_array
-    """Minus the nodal forces of one unit of each, (n, n_free)."""
 
     def flexibility(self, inverse: FloatArray) -> FloatArray:
-        """Answer of each point to a unit force of each, (n, n)."""
-        used = np.unique(np.concatenate([self.gradient.indices, self.push.indices]))
+        """Answer of each row to a unit force of each, (n, n)."""
+        used = np.unique(self.gradient.indices)
         near = csr_array(csc_array(self.gradient)[:, used])
-        push = near if self.push is self.gradient else csr_array(csc_array(self.push)[:, used])
-        flexible: FloatArray = near @ (push @ inverse[np.ix_(used, used)]).T
-        count(Operation.ENTRY, push.nnz * len(used) + near.nnz * near.shape[0])
+        flexible: FloatArray = near @ (near @ inverse[np.ix_(used, used)]).T
+        count(Operation.ENTRY, near.nnz * (len(used) + near.shape[0]))
         return flexible
 
 
@@ -530,6 +503,8 @@ class _Factored:
     points: _Points
     rows: list[_Rows]
     """Of each slot."""
+    law: PointLaw | PairLaw
+    bound: Bound
     factor: ChainFactor
     slots: list[list[int]]
     """Slots of each level."""
@@ -537,23 +512,28 @@ class _Factored:
     """Columns of each slot among the motions of its level."""
 
     def solve(
-        self, force_side: FloatArray, motion_side: list[FloatArray]
+        self, felt: FloatArray, motion_side: list[FloatArray], *, loaded: bool
     ) -> tuple[FloatArray, list[FloatArray]]:
-        """Contact forces of all points, and motions of each slot."""
+        """Forces of all rows, and motions of each slot.
+
+        ``loaded`` says whether the law presses where nothing moves.
+        """
+        motions_of = [np.concatenate([motion_side[s] for s in level]) for level in self.slots]
+        force_side = felt
+        if loaded:
+            force_side = felt + self.bound.rest
+            pairs = zip(motions_of, self.bound.motions, strict=True)
+            motions_of = [side + more for side, more in pairs]
         start = self.points.start
         sides = [
-            (
-                force_side[start[k] : start[k + 1]],
-                np.concatenate([motion_side[s] for s in level]),
-            )
-            for k, level in enumerate(self.slots)
+            (force_side[start[k] : start[k + 1]], motion) for k, motion in enumerate(motions_of)
         ]
         solved = self.factor.solve(sides)
         motions = [np.zeros(0)] * len(self.span)
         for (_, alpha), level in zip(solved, self.slots, strict=True):
             for slot in level:
                 motions[slot] = alpha[self.span[slot]]
-        return np.concatenate([q for q, _ in solved]), motions
+        return self.law.forces(np.concatenate([q for q, _ in solved]), loaded=loaded), motions
 
 
 def levels_of(system: LocalSystem) -> IntArray:
