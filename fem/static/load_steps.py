@@ -7,7 +7,7 @@ follow the motion until they stay.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -51,6 +51,10 @@ _SHORTER = 0.9
 _MAX_TRIES = 2
 
 
+#: Holding springs where a state is known, relative to the first ones.
+_SOON_HELD = 1e-3
+#: Load factors and displacements of each group there, as `StaticResult.steps`.
+Known = Sequence[tuple[float, tuple[FloatArray, ...]]]
 #: Load factor and time of a step; None: no support moves.
 _Target = tuple[float, float | None]
 #: Takes a state, or a guess of it, to its own load factor and time from the displacements at which
@@ -120,13 +124,16 @@ def _along(
     state: StaticState,
     path: list[_Target],
     step: _Step,
+    *,
     options: StaticOptions,
+    known: Known,
 ) -> tuple[StaticProblem, StaticState]:
     """Take steps one after the other; those of a motion that fail are cut.
 
-    A step starts where the one before leads to, if loads grow or supports go on as before: contact
-    laws are stiff over lengths that are far shorter than a step. Where the shortest of a motion has
-    no equilibrium either, what was reached before is an answer.
+    A step starts where fewer parts of the load led to, or else where the one before leads to, if
+    loads grow or supports go on as before: contact laws are stiff over lengths that are far shorter
+    than a step. Where the shortest of a motion has no equilibrium either, what was reached before
+    is an answer.
     """
     ahead, shortest = path[::-1], _SHORTEST * (path[-1][1] or 0.0)
     rate: FloatArray | None = None
@@ -142,7 +149,12 @@ def _along(
             guess = replace(guess, pressed=more * float(pressures.max(initial=0.0)))
         if moment and problem.friction is None:
             guess = held_in_motion(problem, guess)
-        if rate is not None and leads:
+        near = None if moment else _near(known, factor)
+        if near is not None:
+            few = _SOON_HELD * guess.first_holding
+            guess = replace(guess, holding=min(guess.holding, few), pressed=None)
+            guess = _led_on(problem, guess, problem.system.localised(near) - state.displacement)
+        elif rate is not None and leads:
             guess = _led_on(problem, guess, length * rate)
         try:
             there, reached, goes_on = step(problem, guess, state.displacement)
@@ -169,6 +181,12 @@ def _along(
     return problem, state
 
 
+def _near(known: Known, factor: float) -> tuple[FloatArray, ...] | None:
+    """The known state under the least load that is no less, if there is one."""
+    above = [(load, u) for load, u in known if load >= factor]
+    return min(above, key=lambda one: one[0])[1] if above else None
+
+
 def _length(done: _Target | None, aim: _Target) -> float:
     """How much a step adds to the load, or to the time [s]; 0: the step before leads nowhere."""
     if aim[1]:
@@ -190,9 +208,14 @@ def _led_on(problem: StaticProblem, state: StaticState, way: FloatArray) -> Stat
 
 
 def load_up(
-    problem: StaticProblem, state: StaticState, parts: int, *, options: StaticOptions
+    problem: StaticProblem,
+    state: StaticState,
+    parts: int,
+    *,
+    options: StaticOptions,
+    known: Known = (),
 ) -> tuple[StaticProblem, StaticState]:
-    """Apply the load in parts."""
+    """Apply the load in parts; states under some loads may be ``known`` nearly."""
 
     def step(
         problem: StaticProblem, state: StaticState, begin: FloatArray
@@ -205,7 +228,9 @@ def load_up(
             reached = descend(problem, replace(state, residuals=reached.residuals))
         return problem, _advance_friction(problem, reached, begin), True
 
-    return _along(problem, state, _load_path(problem, options, parts), step, options)
+    return _along(
+        problem, state, _load_path(problem, options, parts), step, options=options, known=known
+    )
 
 
 def _load_path(problem: StaticProblem, options: StaticOptions, parts: int) -> list[_Target]:
@@ -248,11 +273,13 @@ def follow_up(
     search_anew: Callable[[StaticProblem, StaticState], tuple[StaticProblem, StaticState]],
     begin: FloatArray,
     before: ElasticSlips | None = None,
+    known: Known = (),
 ) -> tuple[StaticProblem, StaticState]:
     """Apply the load in parts; points follow the motion until they stay.
 
-    ``search_anew`` gives the problem on the points of the place that a state has; slips count from
-    the displacements ``begin``, and are those of ``before`` there.
+    States under some loads may be ``known`` nearly. ``search_anew`` gives the problem on the points
+    of the place that a state has; slips count from the displacements ``begin``, and are those of
+    ``before`` there.
     """
     elastic, first, rest = before or ElasticSlips.none(points), True, begin
 
@@ -299,7 +326,9 @@ def follow_up(
         elastic = ElasticSlips.of(problem, points, state)
         return problem, state, True
 
-    return _along(problem, state, _load_path(problem, options, parts), step, options)
+    return _along(
+        problem, state, _load_path(problem, options, parts), step, options=options, known=known
+    )
 
 
 @dataclass(frozen=True)

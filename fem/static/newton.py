@@ -72,10 +72,10 @@ _EPSILON = float(np.finfo(np.float64).eps)
 _NOTHING = 1e-6
 #: Pressure of a light touch over that at which contacts begin to press.
 LIGHT_TOUCH = 10.0
-#: With friction iterations after which stick is softened to these shares of its stiffness, and the
-#: residual at which the next one follows. Stick is hundreds of times stiffer than contact that
+#: With friction iterations after which stick is softened to these shares of its stiffness, those of
+#: them that may bring no better residual, and that at which the next share follows. Stick is hundreds of times stiffer than contact that
 #: hardly presses: of many points some turn back in each step, and lines of least energy end there.
-_BEFORE_SOFTENING = 20
+_BEFORE_SOFTENING, _PATIENCE_BEFORE = 20, 8
 _SOFT_STICK = (0.01, 0.1, 1.0)
 _SOFT_TOLERANCE = 1e-2
 #: Iterations that may bring no better residual, before and after the best is below _NEAR.
@@ -227,7 +227,8 @@ def converge(
     if not state.softened:
         few = min(_BEFORE_SOFTENING, problem.max_iterations)
         with suppress(StaticError):
-            reached = _iterated(replace(problem, max_iterations=few), state)
+            limited = replace(problem, max_iterations=few)
+            reached = _iterated(limited, state, _PATIENCE_BEFORE)
             if reached.converged or few == problem.max_iterations:
                 return reached
             state = replace(state, residuals=reached.residuals)

@@ -42,6 +42,7 @@ from fem.static.linear_step.grid_block import GridBlock
 from fem.static.linear_step.linearisation import LinearStep, SparseStep
 from fem.static.load_steps import (
     ElasticSlips,
+    Known,
     StaticMethod,
     StaticOptions,
     follow_up,
@@ -120,8 +121,19 @@ def solve_static(
         before = start.slips if goes_on and start is not None else ()
         return _load(deformable, options, start, store, before, slips_from_rest=slips_from_rest)
 
+    known: Known = ()
+
     def in_parts(parts: int) -> StaticResult:
-        return _load(deformable, replace(options, load_steps=parts), None, store)
+        nonlocal known
+        solve = partial(_load, deformable, replace(options, load_steps=parts, keep_steps=True))
+        result: StaticResult | None = None
+        if known:
+            with contextlib.suppress(StaticError):
+                result = solve(None, store, known=known)
+        if result is None or not result.converged:
+            result = solve(None, store)
+        known = result.steps if result.converged else known
+        return result if options.keep_steps else replace(result, steps=())
 
     result, coarser = refined(in_parts, options.load_steps, change)
     return replace(result, coarser_loading=coarser)
@@ -135,8 +147,12 @@ def _load(
     before: tuple[Any, ...] = (),
     *,
     slips_from_rest: bool = False,
+    known: Known = (),
 ) -> StaticResult:
-    """Apply the load in the requested parts; ``before`` are the slips to go on with."""
+    """Apply the load in the requested parts; ``before`` are the slips to go on with.
+
+    States under some loads may be ``known`` nearly.
+    """
     clock = time.process_time()
     orbits = _orbits(deformable, options.symmetry)
     like = options.like
@@ -153,7 +169,7 @@ def _load(
     problem = _problem(deformable, orbits, options, store, points)
     ready = time.process_time()
     first = start_state(problem.system, start)
-    way = partial(load_up, options=options)
+    way = partial(load_up, options=options, known=known)
     if points is not None:
         anew = partial(_searched_anew, options=options, points=points, store=store)
         slips = np.zeros_like(first.displacement) if slips_from_rest else first.displacement
@@ -165,6 +181,7 @@ def _load(
             search_anew=anew,
             begin=slips,
             before=elastic,
+            known=known,
         )
     elif before:
         first = replace(first, anchor=before[0])

@@ -14,8 +14,8 @@ the law, q / w = p + k (N u + c - x̂), turns into
 whose unknowns are only the points that press, and six motions of each block. Points between the
 same two layers come together, and layers follow each other: a block-tridiagonal system of dense
 blocks (`fem.static.linear_step.block_tridiagonal`). τ holds blocks that too few points press on to
-where they were; at convergence it does nothing. Where points slide, the friction that follows
-their force goes with it: Nᵀ q becomes Pᵀ q (`Linearisation.push`).
+where they were; at convergence it does nothing. With friction q are the forces on pairs of nodes,
+and unknown are the displacements between these (`fem.static.linear_step.pairs`).
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ from geometry.work import Operation, beyond_memory, count, hold
 #: pressure is far below rounding of any other, while their flexibility would drown the rest.
 _LEAST_STIFFNESS = 1e-12
 
-#: Matrices of the contact forces of each level, and of the nodes of each kind of block, that are in
+#: Matrices of the rows of each level, and of the nodes of each kind of block, that are in
 #: memory at once; and of the kind that is made. Measured: 4.4 with friction, 2 and 4.
 _FORCE_COPIES, _KEPT_COPIES, _NODE_COPIES = 4.5, 2.0, 4.0
 
