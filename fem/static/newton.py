@@ -73,8 +73,9 @@ _NOTHING = 1e-6
 #: Pressure of a light touch over that at which contacts begin to press.
 LIGHT_TOUCH = 10.0
 #: With friction iterations after which stick is softened to these shares of its stiffness, those of
-#: them that may bring no better residual, and that at which the next share follows. Stick is hundreds of times stiffer than contact that
-#: hardly presses: of many points some turn back in each step, and lines of least energy end there.
+#: them that may bring no better residual, and that at which the next share follows. Stick is
+#: hundreds of times stiffer than contact that hardly presses: of many points some turn back in each
+#: step, and lines of least energy end there.
 _BEFORE_SOFTENING, _PATIENCE_BEFORE = 20, 8
 _SOFT_STICK = (0.01, 0.1, 1.0)
 _SOFT_TOLERANCE = 1e-2

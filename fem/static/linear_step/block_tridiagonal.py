@@ -14,7 +14,7 @@ couplings, are not symmetric then (`Leaning`), and each level is an LU factorisa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -120,24 +120,45 @@ class _Eliminated:
         after.holding[...] += update[n:, n:]
 
 
+#: LU factors and pivots of a matrix.
+_LU = tuple[FloatArray, npt.NDArray[np.signedinteger]]
+
+
 @dataclass(frozen=True)
 class _Leant:
-    """Factors of one level whose forces lean."""
+    """Factors of one level whose forces lean; those shared with the next level are last."""
 
-    factor: tuple[FloatArray, npt.NDArray[np.signedinteger]]
+    own: _LU
+    """Of A of the forces that are not shared."""
+    through: FloatArray
+    """A⁻¹ of those times the coupling with the shared ones, (n_own, n_shared)."""
+    back: FloatArray
+    """Coupling of the shared ones with those, (n_shared, n_own)."""
+    shared: _LU
+    """Of what remains of A on the shared forces."""
     motions: FloatArray
     """A⁻¹ C."""
     pushed: FloatArray
     """C of the balance of motions."""
     pivot: FloatArray
 
+    def _forces(self, side: FloatArray) -> FloatArray:
+        """A⁻¹ of one column or several."""
+        n = len(self.back.T)
+        first = scipy.linalg.lu_solve(self.own, side[:n], check_finite=False)
+        rest = side[n:] - self.back @ first
+        last = scipy.linalg.lu_solve(self.shared, rest, check_finite=False)
+        return np.concatenate([first - self.through @ last, last])
+
+    def _motions(self, balance: FloatArray) -> FloatArray:
+        if not len(self.pivot):
+            return np.zeros_like(balance)
+        return np.asarray(-np.linalg.solve(self.pivot, balance), dtype=np.float64)
+
     def solve(self, force_side: FloatArray, motion_side: FloatArray) -> Side:
         """(q, α) for given right-hand sides, of one column or several."""
-        forces = scipy.linalg.lu_solve(self.factor, force_side, check_finite=False)
-        if not len(self.pivot):
-            return forces, np.zeros_like(motion_side)
-        balance = motion_side + self.pushed.T @ forces
-        alpha = np.asarray(-np.linalg.solve(self.pivot, balance), dtype=np.float64)
+        forces = self._forces(force_side)
+        alpha = self._motions(motion_side + self.pushed.T @ forces)
         return forces + self.motions @ alpha, alpha
 
     def update(self, level: Level, after: Level) -> None:
@@ -145,13 +166,15 @@ class _Leant:
         assert level.leaning is not None
         assert after.leaning is not None
         first, n = level.first_shared, level.next_flexibility.shape[1]
-        coupling = np.zeros((len(self.motions), n + level.next_motions.shape[1]), order="F")
-        coupling[first:] = np.hstack([level.next_flexibility, -level.next_motions])
-        turned = np.zeros((len(self.pivot), coupling.shape[1]))
-        turned[:, n:] = -level.next_holding
-        response, motions = self.solve(coupling, turned)
-        pushed = level.leaning
-        update = np.vstack([pushed.next_flexibility, -pushed.next_motions.T]) @ response[first:]
+        coupling = np.hstack([level.next_flexibility, -level.next_motions])
+        forces = scipy.linalg.lu_solve(self.shared, coupling, check_finite=False)
+        pushed = self.pushed[first:] - self.through.T @ self.pushed[:first]
+        balance = pushed.T @ forces
+        balance[:, n:] -= level.next_holding
+        motions = self._motions(balance)
+        response = forces + self.motions[first:] @ motions
+        done = level.leaning
+        update = np.vstack([done.next_flexibility, -done.next_motions.T]) @ response
         update[n:] -= level.next_holding.T @ motions
         after.flexibility[...] -= update[:n, :n]
         after.motions[...] += update[:n, n:]
@@ -248,12 +271,17 @@ def _eliminate(number: int, level: Level) -> _Eliminated:
 
 def _eliminate_leaning(number: int, level: Level) -> _Leant:
     assert level.leaning is not None
-    factor = scipy.linalg.lu_factor(level.flexibility, overwrite_a=True, check_finite=False)
-    motions = scipy.linalg.lu_solve(factor, level.motions, check_finite=False)
-    pushed = level.leaning.motions
-    pivot = level.holding + pushed.T @ motions
+    n, a = level.first_shared, level.flexibility
+    own = scipy.linalg.lu_factor(np.asfortranarray(a[:n, :n]), overwrite_a=True, check_finite=False)
+    through = scipy.linalg.lu_solve(own, a[:n, n:], check_finite=False)
+    rest = np.asfortranarray(a[n:, n:] - a[n:, :n] @ through)
+    shared = scipy.linalg.lu_factor(rest, overwrite_a=True, check_finite=False)
+    none = np.zeros((0, 0))
+    factors = _Leant(own, through, a[n:, :n], shared, none, level.leaning.motions, none)
+    motions = factors._forces(level.motions)
+    pivot = level.holding + factors.pushed.T @ motions
     _check_resistance(number, pivot, symmetric=False)
-    return _Leant(factor, motions, pushed, pivot)
+    return replace(factors, motions=motions, pivot=pivot)
 
 
 def _check_resistance(number: int, pivot: FloatArray, *, symmetric: bool = True) -> None:

@@ -382,18 +382,19 @@ class CondensedStep:
         level = levels[k]
         flexible = rows.flexibility(kind.inverse)
         felt = rows.gradient @ kind.rigid
-        own = mine >= start[k]
-        here = mine[own] - start[k]
-        level.flexibility[np.ix_(here, here)] += flexible[np.ix_(own, own)]
-        level.motions[here, span] += felt[own]
-        if own.all():
+        # Rows shared with the level below come first.
+        n = int(np.searchsorted(mine, start[k]))
+        here = mine[n:] - start[k]
+        _add(level.flexibility, here, here, flexible[n:, n:])
+        level.motions[here, span] += felt[n:]
+        if not n:
             return
         below = levels[k - 1]
-        there = mine[~own] - start[k - 1]
+        there = mine[:n] - start[k - 1]
         shared = there - below.first_shared
-        below.flexibility[np.ix_(there, there)] += flexible[np.ix_(~own, ~own)]
-        below.next_flexibility[np.ix_(shared, here)] += flexible[np.ix_(~own, own)]
-        below.next_motions[shared, span] += felt[~own]
+        _add(below.flexibility, there, there, flexible[:n, :n])
+        _add(below.next_flexibility, shared, here, flexible[:n, n:])
+        below.next_motions[shared, span] += felt[:n]
 
     def _motion(self, slot: int, displacement: FloatArray) -> FloatArray:
         """Rigid part α of a displacement of a slot."""
@@ -534,6 +535,15 @@ class _Factored:
             for slot in level:
                 motions[slot] = alpha[self.span[slot]]
         return self.law.forces(np.concatenate([q for q, _ in solved]), loaded=loaded), motions
+
+
+def _add(matrix: FloatArray, rows: IntArray, columns: IntArray, more: FloatArray) -> None:
+    """Add a matrix at some rows and columns, ascending; where these follow each other at once."""
+    runs = [slice(int(at[0]), int(at[-1]) + 1) for at in (rows, columns) if len(at)]
+    if len(runs) == 2 and matrix[runs[0], runs[1]].shape == more.shape:
+        matrix[runs[0], runs[1]] += more
+    else:
+        matrix[np.ix_(rows, columns)] += more
 
 
 def levels_of(system: LocalSystem) -> IntArray:
