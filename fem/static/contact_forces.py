@@ -10,7 +10,8 @@ of the outward displacements of its two sides,
 with A, H and M summed over the blocks in contact. From rest normals are the reference ones until
 the forces are nearly in balance: that energy is convex, and an overshoot is cut where it is least.
 Then they turn with the blocks (`fem.static.turning`), and the converged state is that of the
-current normals. A state from which the energy falls along some motion is none.
+current normals. Where turning would leave a motion without resistance, the forces of that iteration
+do not turn, as in `fem.static.newton`.
 
 The law is linearised in pressure as in `fem.static.newton`: after a solution each point that
 presses is linearised where the law has that pressure. From a start, points whose contact is soft
@@ -21,7 +22,7 @@ chain of dense blocks.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
@@ -606,16 +607,21 @@ class _Iteration:
         stiff = np.flatnonzero(counts & (stiffness > _LEAST_STIFFNESS * law.touching_stiffness))
         given, slope = weights * law.pressure(self.at), stiffness[stiff]
         given[stiff] = 0.0
+        solve = partial(
+            self.problem.linear,
+            stiff,
+            law.pressure(self.at[stiff]) / slope - self.at[stiff],
+            1.0 / (weights[stiff] * slope),
+            given=given,
+            before=self.state.motions,
+            holding=self.holding,
+        )
         try:
-            solution = self.problem.linear(
-                stiff,
-                law.pressure(self.at[stiff]) / slope - self.at[stiff],
-                1.0 / (weights[stiff] * slope),
-                given=given,
-                turned=self.turned,
-                before=self.state.motions,
-                holding=self.holding,
-            )
+            try:
+                solution = solve(turned=self.turned)
+            except UnresistedMotionError:
+                # Far from rest turning normals may push: what resists without them leads there.
+                solution = solve(turned=self.turned.without_stiffness)
         except (UnresistedMotionError, np.linalg.LinAlgError) as error:
             raise StaticError(f"contact forces: {error}") from None
         if np.abs(solution.displacement).max() > self.farthest:

@@ -12,7 +12,7 @@ blocks that slide in their gaps: no other stiffness resists such motions.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -40,6 +40,11 @@ class Turned:
     """D by the motions of both blocks, (2, n, 6)."""
     stiffness: FloatArray
     """T by the motions of both blocks of each joint, (n_joints, 2, 6, 2, 6)."""
+
+    @property
+    def without_stiffness(self) -> Turned:
+        """The same as if forces did not turn with the blocks."""
+        return replace(self, stiffness=np.zeros_like(self.stiffness))
 
 
 class TurningNormals:

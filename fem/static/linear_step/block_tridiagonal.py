@@ -288,8 +288,9 @@ def _check_resistance(number: int, pivot: FloatArray, *, symmetric: bool = True)
     """Reject a motion whose share of the resistance is below `_SMALLEST_PIVOT`."""
     if not len(pivot):
         return
-    scale = np.sqrt(np.abs(np.diag(pivot)) if not symmetric else np.diag(pivot))
-    if (scale > 0.0).all():
+    own = np.diag(pivot) if symmetric else np.abs(np.diag(pivot))
+    if (own > 0.0).all():
+        scale = np.sqrt(own)
         scaled = pivot / np.outer(scale, scale)
         if symmetric:
             values, vectors = np.linalg.eigh(scaled)
@@ -299,4 +300,4 @@ def _check_resistance(number: int, pivot: FloatArray, *, symmetric: bool = True)
         if values[0] > _SMALLEST_PIVOT * values[-1]:
             return
         raise UnresistedMotionError(number, vectors[:, 0] / scale)
-    raise UnresistedMotionError(number, (scale == 0.0).astype(np.float64))
+    raise UnresistedMotionError(number, (own <= 0.0).astype(np.float64))
