@@ -244,8 +244,13 @@ def factor_chain(levels: Sequence[Level]) -> ChainFactor:
     for k, level in enumerate(levels):
         eliminated = _eliminate(k, level) if level.leaning is None else _eliminate_leaning(k, level)
         done.append(eliminated)
-        sizes = len(level.flexibility), level.next_flexibility.shape[1] + level.motions.shape[1]
-        count_elimination(*sizes, symmetric=level.leaning is None)
+        around = level.next_flexibility.shape[1] + level.motions.shape[1]
+        n, shared = len(level.flexibility), len(level.next_flexibility)
+        if level.leaning is None:
+            count_elimination(n, around)
+        else:
+            count_elimination(n - shared, shared, symmetric=False)
+            count_elimination(shared, around, symmetric=False)
         if k + 1 < len(levels):
             eliminated.update(level, levels[k + 1])
     return ChainFactor(levels, tuple(done))

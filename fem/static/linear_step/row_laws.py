@@ -22,6 +22,7 @@ from fem.assembly.local_system import LocalSystem
 from fem.static.linear_step.block_tridiagonal import Leaning, Level
 from fem.static.linear_step.linearisation import Linearisation, gradient_matrix
 from geometry.mesh import FloatArray, IntArray
+from geometry.work import Operation, count
 
 
 @dataclass(frozen=True)
@@ -111,6 +112,8 @@ class PairLaw:
                 rest[k + 1] -= level.next_flexibility.T @ constant[k][shared]
                 motions[k + 1] += level.next_motions.T @ constant[k][shared]
             stiff = own[k][shared, shared]
+            n_next = level.next_flexibility.shape[1]
+            count(Operation.ENTRY, own[k].nnz * len(level.flexibility) + stiff.nnz * n_next)
             felt = after[0].T @ level.next_flexibility.T if after else level.next_flexibility.T
             bound.append(
                 replace(
