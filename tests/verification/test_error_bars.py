@@ -275,7 +275,6 @@ def test_a_change_of_degree_alone_leaves_a_bar_that_holds() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="answers with friction end after two meshes")
 def test_answers_with_friction_have_bars_of_a_tenth() -> None:
     wave = {"amplitude": 10.56, "frequency": 2.0, "shift": 0.643, "blocks_per_layer": 3}
     blocks = _tube(158.0, 193.1, 34.5, (16, 2, 4), **wave)
