@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 
-from fem.accuracy.ladder import LADDER, coarser, on_rung
+from fem.accuracy.ladder import coarser, ladder_for, on_rung
 from fem.accuracy.one_mesh import static_solution
 from fem.accuracy.parts import FrictionSet
 from fem.assembly.statement import Problem
@@ -25,9 +25,12 @@ from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
 from geometry.answer import Measure
 from geometry.errors import RefusedError
+from geometry.work import LIMITS, LimitError, allowance, budget
 
 #: Load factors of the path past the load and back.
 PAST_AND_BACK = (0.09, 0.38, 0.84, 1.5, 1.25, 1.0)
+#: Share of the work that is left which this may take.
+_SHARE = 0.5
 #: Elements along an edge of the meshes on which the width is sought, over those of the answer.
 _SHARES = (0.5, 2.0 / 3.0)
 
@@ -56,16 +59,29 @@ def friction_set(
         first of these, else on coarser ones than that of the problem.
     """
     member, change = _member(solution), load_step_change(solution)
+    with budget(_SHARE * allowance().work):
+        width, words = _width(problem, options, refined=refined)
+    return FrictionSet(member, change, width, words)
+
+
+def _width(
+    problem: Problem, options: StaticOptions, *, refined: bool
+) -> tuple[dict[str, float], str]:
+    """Relative change of each measure from one end to the other, and where or why not."""
     reason = ""
     for stated, words in _rungs(problem) if refined else _coarser(problem):
         solve = partial(_measures, stated, FlexibilityStore())
         try:
             direct = solve(options)
+        except LimitError as error:
+            return {}, f"not sought: {LIMITS[error.by]}"
         except RefusedError as error:
             reason = f"no static state: {error}"
             continue
         try:
             back = solve(replace(options, load_path=PAST_AND_BACK))
+        except LimitError as error:
+            return {}, f"not sought: {LIMITS[error.by]}"
         except RefusedError as error:
             reason = f"150 % of the load are not carried: {error}"
             if refined:
@@ -73,8 +89,8 @@ def friction_set(
             break
         width = {n: m.value / direct[n].value - 1.0 for n, m in back.items() if direct[n].value}
         elements = stated.deformable.model.n_elements
-        return FrictionSet(member, change, width, f"on {elements} elements{words}")
-    return FrictionSet(member, change, {}, reason)
+        return width, f"on {elements} elements{words}"
+    return {}, reason
 
 
 def _measures(
@@ -87,7 +103,7 @@ def _measures(
 
 
 def _rungs(problem: Problem) -> Iterator[tuple[Problem, str]]:
-    for rung in LADDER.rungs[:2]:
+    for rung in ladder_for((), problem).rungs[:2]:
         yield on_rung(problem, rung), f" of degree {rung.degree}"
 
 
