@@ -13,10 +13,12 @@ from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw
 from fem.contact.pair_laws import PairLaws
 from fem.contact.surfaces import ContactNormals
+from fem.method import Static
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase
 from geometry.measures import Planes, planes
 from geometry.parts.chosen import chosen_blocks
+from geometry.work import budget
 from validation.build.cell import build_cell
 from validation.build.materials import build_materials, friction_of_pairs, laws_of_pairs
 from validation.build.polyhedra import build_live_load, build_polyhedra
@@ -46,7 +48,10 @@ def fem_section(scene: DeformableScene, name: str) -> FemSection:
             'explicit runs have elements of degree 1: expected 1, or fem.method = "static"'
         )
     refuse_linear_keys(scene.fem, name)
-    large = too_large_to_deform(scene, static=scene.fem.method is Method.STATIC)
+    method = scene.method
+    static = isinstance(method, Static)
+    with budget(memory=method.max_memory if isinstance(method, Static) else None):
+        large = too_large_to_deform(scene, static=static)
     if large is not None:
         raise InputError(f"{name}: {large}")
     return scene.fem

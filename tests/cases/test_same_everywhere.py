@@ -1,0 +1,55 @@
+"""Limits of work are the same on every machine, under any load: no clock has a say in answers."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from typing import Any
+
+import pytest
+
+from validation import load_case, solve
+
+CASES: dict[str, tuple[str, str, dict[str, Any]]] = {
+    "refined tube": ("tsb1-pipe", "static", {"assembly.layers": 1}),
+    "gap": ("tsb1-tunnel", "static", {"assembly.layers": 1, "contact.clearance": 0.05}),
+    "rigid ranges": ("octahedra", "rigid", {"rigid.ranges": True, "effects.friction": 0.4}),
+}
+
+
+def without_times(data: Any) -> Any:
+    """Plain data without what is measured by a clock."""
+    if isinstance(data, dict):
+        told = {"cpu_seconds", "peak_memory_mb"}
+        return {key: without_times(value) for key, value in data.items() if key not in told}
+    return [without_times(value) for value in data] if isinstance(data, list) else data
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_clock_that_runs_a_hundred_times_faster_changes_no_answer(
+    monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    scene, method, settings = CASES[name]
+    settings = settings | ({"fem.max_work": 0.3} if method == "static" else {})
+    case = load_case(scene, settings, method=method)
+    first = without_times(solve(case).as_dict())
+    for clock in ("process_time", "perf_counter"):
+        readings = itertools.count(0.0, 10.0)
+        monkeypatch.setattr(time, clock, lambda readings=readings: next(readings))
+    assert without_times(solve(case).as_dict()) == first
+    assert first["work"]["done"] > 0.0
+
+
+def test_a_limit_of_work_ends_a_refinement_and_says_so() -> None:
+    """Less work leaves fewer meshes, each as before; its sum is in the answer."""
+    case = load_case("tsb1-pipe", {"assembly.layers": 1, "fem.max_work": 5.0}, method="static")
+    more = solve(case).as_dict()
+    assert more["work"]["stopped_by"] is None
+    assert sum(mesh["work"] for mesh in more["meshes"]) <= more["work"]["done"] <= 5.0
+    first, second, *_ = (mesh["work"] for mesh in more["meshes"])
+    limit = first + 0.5 * second
+    few = solve(case.changed({"fem.max_work": limit})).as_dict()
+    assert without_times(few["meshes"]) == without_times(more["meshes"][:1])
+    assert few["work"]["stopped_by"] == few["accuracy"]["stopped_by"] == "work"
+    assert few["work"]["done"] <= few["work"]["limit"] == limit
+    assert few["accuracy"]["ended_by"].startswith("the limit of work")
