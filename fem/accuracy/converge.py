@@ -22,6 +22,7 @@ from fem.accuracy.ladder import (
 )
 from fem.accuracy.one_mesh import static_solution
 from fem.accuracy.parts import Accuracy, Meshes, MeshFacets, unmet
+from fem.accuracy.strength import scaled_loads
 from fem.accuracy.transfer import transferred
 from fem.assembly.statement import Problem
 from fem.measures import load_step_change, measures_of
@@ -149,7 +150,9 @@ class Converged:
     accuracy: Accuracy
     """What was requested and reached, and what ended the refinement."""
     meshes: Meshes
-    """Those that were solved."""
+    """Those that were solved …"""
+    ladder: Ladder
+    """… the first of these."""
 
     @property
     def measures(self) -> Mapping[str, Measure]:
@@ -254,7 +257,7 @@ def converge(
     assert last is not None
     accuracy = Accuracy(_among(targets, told), told or last.measures, ended, stopped)
     solved = last.problem, last.solution, errors, remarks, last.facets
-    return Converged(*solved, accuracy, Meshes(meshes))
+    return Converged(*solved, accuracy, Meshes(meshes), ladder)
 
 
 def climbed(
@@ -315,6 +318,31 @@ def bars_of(
     fine, along = ([mesh[name] for mesh in meshes] for name in ("fineness", "fineness_along"))
     bars, steps = ladder.error_bars(found, fine, along), meshes[-1]["load_step_changes"]
     return {name: bar + steps.get(name, 0.0) for name, bar in bars.items()}
+
+
+def bars_under(
+    problem: Problem, rungs: Sequence[Rung], options: StaticOptions, factor: float
+) -> dict[str, float]:
+    """Error bars of measures under a factor times the loads and the weight, on some meshes.
+
+    Parameters
+    ----------
+    problem
+        As stated.
+    rungs
+        The first meshes of a ladder; less than two give no bars.
+    options
+        Of the static solver.
+    factor
+        Of all loads [-].
+    """
+    found, meshes = [], []
+    for rung in rungs:
+        stated = on_rung(problem, rung)
+        solution, facets = _state(problem, stated, options, factor=factor)
+        found.append(measures_of(solution, facets=facets))
+        meshes.append({**_fineness(stated), "load_step_changes": load_step_change(solution)})
+    return bars_of(Ladder(tuple(rungs)), found, meshes) if len(found) >= _FOR_BARS else {}
 
 
 def check_refinable(problem: Problem) -> None:
@@ -386,11 +414,16 @@ def _solve(
 
 
 def _state(
-    base: Problem, stated: Problem, options: StaticOptions, before: Solved | None
+    base: Problem,
+    stated: Problem,
+    options: StaticOptions,
+    before: Solved | None = None,
+    factor: float = 1.0,
 ) -> tuple[Solution, tuple[Assembly, FloatArray] | None]:
     """State on a mesh, and the mean pressures on the facets of the mesh that was stated."""
-    deformable = stated.deformable
-    start = None
+    deformable, start = stated.deformable, None
+    if factor != 1.0:
+        deformable = scaled_loads(deformable, factor)
     if before is not None and deformable.meets and _may_start(stated, before.problem):
         coarse = before.solution
         assert coarse.static is not None
@@ -541,12 +574,15 @@ def _progress(
     return Progress(number, len(ladder.rungs), round(_unknowns(stated)), told, seconds)
 
 
+def _fineness(stated: Problem) -> dict[str, float]:
+    return {"fineness": fineness(stated), "fineness_along": fineness(stated, "along")}
+
+
 def _row(solved: Solved) -> dict[str, Any]:
     """What the answer says of a mesh, as plain data."""
     return {
         "degree": solved.rung.degree,
-        "fineness": fineness(solved.problem),
-        "fineness_along": fineness(solved.problem, "along"),
+        **_fineness(solved.problem),
         "elements_per_block": solved.problem.blocks.shapes[0].mesh.n_elements,
         "unknowns": solved.unknowns,
         "cpu_seconds": solved.seconds,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +16,7 @@ from fem.accuracy.converge import (
     TARGETS,
     AccuracyError,
     Progress,
+    bars_under,
     checked_targets,
     converge,
     usual_degree,
@@ -22,7 +24,7 @@ from fem.accuracy.converge import (
 )
 from fem.accuracy.friction_range import friction_set, is_a_set
 from fem.accuracy.one_mesh import static_errors, static_solution
-from fem.accuracy.strength import strength_factors
+from fem.accuracy.strength import scaled_loads, strength_factors
 from fem.answer import answer_of
 from fem.assembly.statement import Problem, require_problem
 from fem.assembly.symmetry import require_sector
@@ -182,7 +184,13 @@ def _converged(
             parts["friction"] = friction_set(problem, result.solution, options, refined=True)
             watch.lap("range of friction")
         follower.tell("measures and load factors")
-        factors = strength_factors(result.solution, result.measures, options)
+        rungs = result.ladder.rungs[: len(result.meshes.meshes)]
+        factors = strength_factors(
+            result.solution,
+            result.measures,
+            options,
+            lambda factor, _: bars_under(problem, rungs, options, factor),
+        )
     if factors:
         watch.lap("load factors")
     return answer_of(
@@ -225,7 +233,10 @@ def _on_one_mesh(
                 parts["friction"] = friction_set(problem, solution, options, refined=False)
                 watch.lap("range of friction")
         if problem.after is None:
-            factors = strength_factors(solution, measures_of(solution, errors), options)
+            measures = measures_of(solution, errors)
+            factors = strength_factors(
+                solution, measures, options, partial(_errors_under, problem, options)
+            )
     if factors:
         watch.lap("load factors")
     seconds = {"cpu_seconds": watch.seconds()}
@@ -241,6 +252,18 @@ def _solution(
     *before, deformable = (stage.deformable for stage in problem.stages)
     turning = problem.finite_rotation
     return static_solution(deformable, options, finite_rotation=turning, store=store, before=before)
+
+
+def _errors_under(
+    problem: Problem, options: StaticOptions, factor: float, solution: Solution
+) -> dict[str, float]:
+    """Errors on the mesh of the problem under a factor times the loads, of a state there."""
+
+    def solve(other: Problem) -> Solution:
+        scaled = scaled_loads(other.deformable, factor)
+        return static_solution(scaled, options, finite_rotation=other.finite_rotation)
+
+    return static_errors(problem, solution, solve)
 
 
 def refines(problem: Problem, method: Static) -> bool:

@@ -27,6 +27,8 @@ JUDGED = {
     "tensile_strength": ("cracking_factor", ("sigma_1_averaged",)),
     "compressive_strength": ("crushing_factor", ("sigma_3_min", "p_max_point")),
 }
+#: Error bars under a factor times the loads, with the state there.
+Bars = Callable[[float, Solution], Mapping[str, float]]
 #: Why a factor is none.
 _TOO_COARSE = "not resolved: under {:.2g} times the load the law is too stiff for this mesh"
 #: Logarithm of strength over stress from which the last secant is followed without solving again
@@ -46,6 +48,7 @@ def strength_factors(
     solution: Solution,
     measures: Mapping[str, Measure],
     options: StaticOptions | None = None,
+    bars: Bars | None = None,
 ) -> dict[str, Measure]:
     """Factors of all loads and the weight at first cracking and crushing, by name.
 
@@ -54,9 +57,12 @@ def strength_factors(
     solution
         Static state under the load as stated.
     measures
-        Its measures with their error bars: that of a factor is that of the stress behind it.
+        Its measures with their error bars.
     options
         Of the solver.
+    bars
+        Error bars of measures under a factor times the loads, whose state is given: that of the
+        factor is that of the stress there. None: factors have none.
 
     Returns
     -------
@@ -78,7 +84,7 @@ def strength_factors(
     store = FlexibilityStore()
     options = replace(options or StaticOptions(), load_path=None, like=solution.static)
 
-    last, state = 1.0, solution.static
+    last, state, solved = 1.0, solution.static, {1.0: solution}
     path_counts = solution.deformable.contact.friction is not None
 
     def at(factor: float) -> Mapping[str, Measure]:
@@ -92,13 +98,23 @@ def strength_factors(
             start=state if near and not path_counts else None,
         )
         last, state = factor, result.static
+        solved[factor] = result
         return measures_of(result, hidden_between_nodes(result))
+
+    def bar_at(factor: float, name: str) -> float | None:
+        if bars is None:
+            return None
+        near = min(solved, key=lambda one: abs(math.log(factor / one)))
+        try:
+            return bars(near, solved[near]).get(name)
+        except RefusedError:  # no state there on another mesh, or a limit
+            return None
 
     result = {}
     for name, strength in strengths.items():
         title, judged = JUDGED[name]
         if strength is not None:
-            result[title] = _judged(solution, measures, judged, strength, at)
+            result[title] = _judged(solution, measures, judged, strength, (at, bar_at))
     return result
 
 
@@ -107,9 +123,13 @@ def _judged(
     measures: Mapping[str, Measure],
     names: tuple[str, ...],
     strength: float,
-    at: Callable[[float], Mapping[str, Measure]],
+    asked: tuple[Callable[[float], Mapping[str, Measure]], Callable[[float, str], float | None]],
 ) -> Measure:
-    """Find the factor at which a measure reaches a strength [MPa]."""
+    """Find the factor at which a measure reaches a strength [MPa].
+
+    ``asked`` under a factor: measures, and the error bar of one.
+    """
+    at, bar_at = asked
     if solution.deformable.moves:
         return _none("none: supports move, and loads alone are scaled")
     usable = [n for n in names if n in measures and measures[n].is_number]
@@ -131,9 +151,10 @@ def _judged(
     if not (reached.resolved and (stress.error is None or reached.is_number)):
         remark = _TOO_COARSE.format(factor)
         return Measure(factor, "times the load", place=place, remark=remark)
-    bar = None
-    if stress.error is not None:
-        bar = factor * max(abs((of.error or 0.0) / of.value) for of in (stress, reached))
+    bar = bar_at(factor, name) if stress.error is not None else None
+    if bar is not None:
+        hidden = reached.error or 0.0
+        bar = factor * abs(max(bar, hidden) / reached.value)
     return Measure(factor, "times the load", bar, place=place)
 
 

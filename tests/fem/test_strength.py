@@ -109,7 +109,6 @@ def test_the_limit_that_is_reached_first_is_named_first() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="the bar is that of the stress under the load as stated")
 def test_the_bar_of_a_factor_is_that_of_the_stress_at_the_factor() -> None:
     """A run at the factor has another relative bar: contact is stiffer there."""
     block = SineBlock(
