@@ -83,9 +83,14 @@ class Block(ReadOnlyArrays):
         return np.concatenate([self.faces[name] for name in self.contact_faces])
 
     @cached_property
+    def boundary(self) -> IntArray:
+        """Facets on the boundary, oriented outward, (n, 4)."""
+        return boundary_quads(self.mesh)
+
+    @cached_property
     def surface_nodes(self) -> IntArray:
         """Nodes on the boundary, each once, sorted; (n,)."""
-        return np.unique(boundary_quads(self.mesh))
+        return np.unique(self.boundary)
 
     def surface(self, name: str) -> QuadSurface:
         """Return the named face group as a surface with centroids, normals and areas."""

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block
-from geometry.mesh import HEX_TETRAHEDRA, BoolArray, FloatArray, boundary_quads
+from geometry.mesh import HEX_TETRAHEDRA, BoolArray, FloatArray
 
 #: Points of two meshes that lie closer than this share of a block are one.
 _SAME = 1e-9
@@ -63,21 +63,24 @@ class _Solid:
     def __init__(self, shape: Block) -> None:
         mesh, self._shape = shape.mesh, shape
         self._corners = mesh.nodes[mesh.elements[:, :8]]
-        middles = mesh.nodes[boundary_quads(mesh)[:, :4]].mean(axis=1)
+        middles = mesh.nodes[shape.boundary].mean(axis=1)
         surface = np.concatenate([mesh.nodes[shape.surface_nodes], middles])
         centres = self._corners.mean(axis=1)
         self.points = np.concatenate([surface, centres])
         """On the boundary, and the middles of the elements, (n, 3) [mm]."""
         self._surface, self._centres = cKDTree(surface), cKDTree(centres)
+        self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)
+        self._box = self._low.min(axis=0), self._high.max(axis=0)
         self._radius = float(np.linalg.norm(self._corners - centres[:, None], axis=2).max())
 
     def depth(self, points: FloatArray) -> float:
         """How deep the deepest of some points (n, 3) lies inside [mm]."""
-        low, high = self._corners.min(axis=(0, 1)), self._corners.max(axis=(0, 1))
+        low, high = self._box
         points = points[((points > low) & (points < high)).all(axis=1)]
         if len(points):
-            apart = self._surface.query(points)[0] > _SAME * float(np.ptp([low, high]))
-            points = points[apart]
+            same = _SAME * float(np.ptp([low, high]))
+            apart = self._surface.query(points, distance_upper_bound=same)[0]
+            points = points[np.isinf(apart)]
         inside = self._inside(points)
         if not inside.any():
             return 0.0
@@ -94,9 +97,12 @@ class _Solid:
             near = self._centres.query_ball_point(points, self._radius)
         point = np.repeat(np.arange(len(points)), [len(elements) for elements in near])
         element = np.array([e for elements in near for e in elements], dtype=np.int64)
+        in_box = (points[point] >= self._low[element]) & (points[point] <= self._high[element])
+        may = in_box.all(axis=1)
+        point, corners = point[may], self._corners[element[may]]
         inside = np.zeros(len(points), dtype=np.bool_)
         for tetrahedron in HEX_TETRAHEDRA:
-            ends = self._corners[element][:, tetrahedron]
+            ends = corners[:, tetrahedron]
             edges = np.swapaxes(ends[:, 1:] - ends[:, :1], 1, 2)
             solid = np.linalg.det(edges) != 0.0  # flat ones of distorted hexahedra have no inside
             arms = (points[point] - ends[:, 0])[solid, :, None]

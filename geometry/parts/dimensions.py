@@ -11,7 +11,7 @@ import numpy as np
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.block import Block
 from geometry.files.vtu import as_surface
-from geometry.mesh import FloatArray, IntArray, boundary_quads
+from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.polyhedron import Polyhedron
 
 #: Units of `Dimensions` as plain data.
@@ -132,7 +132,7 @@ def _surface(shape: Any) -> tuple[FloatArray, IntArray, IntArray]:
     if not isinstance(shape, Block):
         return shape.points, shape.triangles, shape.plane_of
     if not _has_faces(shape):
-        quads = boundary_quads(shape.mesh)
+        quads = shape.boundary
         triangles = np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
         whole = Polyhedron(shape.name, shape.mesh.nodes, triangles)
         return whole.points, triangles, whole.plane_of

@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 from geometry.assembly import AnyBlocks
 from geometry.block import Block
 from geometry.errors import RefusedError
-from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays, boundary_quads
+from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays
 
 #: Distance from a plane or a box that still counts as on it, in block sizes (∛V).
 _ON = 1e-6
@@ -185,7 +185,7 @@ def region_points(assembly: AnyBlocks, block: int, where: Where) -> FloatArray:
 def _facets(assembly: AnyBlocks, block: int) -> IntArray:
     """Corners of all facets of the surface of a block, (n, 4), or of its triangles, (n, 3)."""
     shape = assembly.shape(block)
-    facets: IntArray = boundary_quads(shape.mesh) if isinstance(shape, Block) else shape.triangles
+    facets: IntArray = shape.boundary if isinstance(shape, Block) else shape.triangles
     return facets
 
 
