@@ -147,6 +147,21 @@ class HexMesh(ReadOnlyArrays):
         """All nodes of facets from their corners (n, 4): here the corners."""
         return quads
 
+    def face_elements(self, quads: IntArray) -> IntArray:
+        """One hexahedron that has each of some faces (n, 4), (n,)."""
+        keys, elements = self._faces
+        return elements[np.searchsorted(keys, self._face_keys(quads))]
+
+    @cached_property
+    def _faces(self) -> tuple[npt.NDArray[Any], IntArray]:
+        """Keys of the faces, sorted, and a hexahedron that has each."""
+        keys = self._face_keys(self.elements[:, HEX_FACES].reshape(-1, 4))
+        unique, first = np.unique(keys, return_index=True)
+        return unique, first // len(HEX_FACES)
+
+    def _face_keys(self, quads: IntArray) -> npt.NDArray[Any]:
+        return row_keys(np.sort(quads, axis=1), int(self.elements.max(initial=0)) + 1)
+
     def extent(self) -> tuple[float, FloatArray]:
         """Volume [mm³] and centroid (3,) [mm]."""
         return volume_and_centroid(self)
@@ -371,6 +386,20 @@ def grid_faces(n_u: int, n_v: int, n_w: int) -> dict[str, IntArray]:
 def cross_matrix(vectors: FloatArray) -> FloatArray:
     """[v]× with [v]× w = v × w, (..., 3) to (..., 3, 3)."""
     return -np.cross(vectors[..., None, :], np.eye(3))
+
+
+def row_keys(rows: IntArray, size: int = 0) -> npt.NDArray[Any]:
+    """One value for each row of whole numbers from 0, which can be sorted, (n,).
+
+    Keys are the same in all rows of numbers below a size that is given.
+
+    Whole numbers where these suffice: bytes take ten times as long to sort.
+    """
+    size, width = size or int(rows.max(initial=0)) + 1, rows.shape[1]
+    if size**width <= np.iinfo(np.int64).max:
+        return rows @ size ** np.arange(width, dtype=np.int64)[::-1]
+    packed = np.ascontiguousarray(rows, dtype=np.int64).view(np.dtype((np.void, 8 * width)))
+    return packed.ravel()
 
 
 def run_starts(*keys: IntArray) -> IntArray:

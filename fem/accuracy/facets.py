@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from fem.accuracy.transfer import degree_of, interpolation, unique_rows
+from fem.accuracy.transfer import degree_of, interpolation_on_faces, unique_rows
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import representatives
 from fem.contact.surfaces import ContactSurfaces, facet_pressures, point_overclosures
@@ -149,7 +149,7 @@ def _at_facets(
         first, which = unique_rows(quads[rows])
         known = quads[rows[first]]
         element, corners = facet_elements(shape.mesh, known)
-        natural = np.einsum("na,fai->fni", bilinear(at)[0], corners)
+        natural = bilinear(at)[0] @ corners
         charts = charts_as(shape, charts_of(assembly.shapes[number]))
         places = places_in(charts, np.repeat(element, len(at)), natural.reshape(-1, 3))
         # Blocks that are alike have moved alike in their own frames.
@@ -160,7 +160,7 @@ def _at_facets(
             if group >= 0:
                 u = displacements[group][solved.copy_of[block]] @ assembly.rotations[block]
             fields.append(u)
-        to = interpolation(assembly.shapes[number], places)
+        to = interpolation_on_faces(assembly.shapes[number], places)
         values = to @ np.concatenate(fields, axis=1)
         values = np.reshape(values, (len(known), len(at), len(fields), 3))
         turns = np.swapaxes(assembly.rotations[blocks[rows]], 1, 2)

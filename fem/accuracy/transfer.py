@@ -13,8 +13,16 @@ from fem.assembly.deformable import DeformableAssembly
 from fem.element.lagrange import line_basis, lobatto_points
 from fem.element.lagrange_mesh import LagrangeMesh
 from geometry.block import Block
-from geometry.mesh import CORNERS, FloatArray, HexMesh, IntArray, grid_points, shape_values
-from geometry.meshing.charts import Places, located, places_in, row_keys
+from geometry.mesh import (
+    CORNERS,
+    FloatArray,
+    HexMesh,
+    IntArray,
+    grid_points,
+    row_keys,
+    shape_values,
+)
+from geometry.meshing.charts import Places, located, places_in
 from geometry.meshing.refinement import charts_of
 
 
@@ -52,6 +60,25 @@ def interpolation(block: Block, places: Places) -> csr_array:
     result = csr_array((values.ravel(), members.ravel(), pointer), (len(values), mesh.n_nodes))
     result.eliminate_zeros()  # on a face all but its own nodes
     return result
+
+
+def interpolation_on_faces(block: Block, places: Places) -> csr_array:
+    """`interpolation` at places on faces of elements, where only the nodes of the face count."""
+    mesh = block.mesh
+    if not isinstance(mesh, LagrangeMesh):
+        return interpolation(block, places)
+    element, natural = located(charts_of(block), places)
+    line, every = mesh.degree + 1, np.arange(len(element))
+    normal = np.abs(natural).argmax(axis=1)
+    side = (natural[every, normal] > 0.0).astype(np.int64)
+    along = np.array([[1, 2], [0, 2], [0, 1]])[normal]
+    first, second = (line_basis(mesh.degree, natural[every, along[:, k]])[0] for k in range(2))
+    values = first[:, :, None] * second[:, None, :]
+    grid = np.arange(line**3).reshape(line, line, line)
+    of_sides = np.stack([np.moveaxis(grid, k, 0)[[0, -1]].reshape(2, -1) for k in range(3)])
+    members = mesh.members[element[:, None], of_sides[normal, side]]
+    pointer = line**2 * np.arange(len(element) + 1)
+    return csr_array((values.ravel(), members.ravel(), pointer), (len(element), mesh.n_nodes))
 
 
 def transferred(

@@ -13,11 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from geometry.mesh import (
     CORNERS,
-    HEX_FACES,
     FloatArray,
     HexMesh,
     IntArray,
@@ -140,21 +138,6 @@ def facet_elements(mesh: HexMesh, quads: IntArray) -> tuple[IntArray, FloatArray
     tuple[IntArray, FloatArray]
         (n,) and (n, 4, 3).
     """
-    faces = np.sort(mesh.elements[:, HEX_FACES].reshape(-1, 4), axis=1)
-    keys = row_keys(np.concatenate([faces, np.sort(quads, axis=1)]))
-    unique, first = np.unique(keys[: len(faces)], return_index=True)
-    element = first[np.searchsorted(unique, keys[len(faces) :])] // len(HEX_FACES)
+    element = mesh.face_elements(quads)
     corner = (mesh.elements[element][:, None, :] == quads[:, :, None]).argmax(axis=2)
     return element, CORNERS[corner]
-
-
-def row_keys(rows: IntArray) -> npt.NDArray[Any]:
-    """One value for each row of whole numbers from 0, which can be sorted, (n,).
-
-    Whole numbers where these suffice: bytes take ten times as long to sort.
-    """
-    size, width = int(rows.max(initial=0)) + 1, rows.shape[1]
-    if size**width <= np.iinfo(np.int64).max:
-        return rows @ size ** np.arange(width, dtype=np.int64)[::-1]
-    packed = np.ascontiguousarray(rows, dtype=np.int64).view(np.dtype((np.void, 8 * width)))
-    return packed.ravel()
