@@ -295,6 +295,11 @@ class _Cells:
     stress: FloatArray
     """(n_bodies, n, 6) [MPa]"""
 
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Of the positions; unbalanced: made in half the time."""
+        return cKDTree(self.positions, balanced_tree=False)
+
 
 def _cells(
     bodies: MovedBodies,
@@ -393,7 +398,7 @@ def _tension(cells: _Cells, centres: FloatArray, radius: float, size: float) -> 
     """σ₁ of means over balls, (n_bodies, n_centres); cells on the edge of a ball count in part."""
     ramp = size * radius
     near = cKDTree(centres).sparse_distance_matrix(
-        cKDTree(cells.positions), radius + 0.5 * ramp, output_type="ndarray"
+        cells.tree, radius + 0.5 * ramp, output_type="ndarray"
     )
     members = near["j"]
     count(Operation.ELEMENT, 9.0 * len(near) * (1 + len(cells.stress)))
