@@ -18,7 +18,6 @@ from scipy.special import roots_jacobi
 
 from fem.element.hexahedron import chunks, gradient_tensor, isotropic_stiffness, strain_operator
 from fem.element.material import Material
-from fem.element.stress import stress_of_gradient, stress_tensor
 from geometry.mesh import FloatArray, MeshError
 from geometry.work import Operation, count
 
@@ -102,6 +101,31 @@ def gauss_line(n: int) -> tuple[FloatArray, FloatArray]:
     return points, weights
 
 
+def slopes_of(values: FloatArray, at: TensorPoints) -> FloatArray:
+    """Slopes of nodal values (n, n_functions, 3) at points: ∂vᵢ/∂ξₖ, (n, 3, 3, n_points)."""
+    n_points, n_functions, _ = at.slopes.shape
+    products = np.swapaxes(values, 1, 2).reshape(-1, n_functions) @ _by_direction(at)
+    return products.reshape(len(values), 3, 3, n_points)
+
+
+def _by_direction(at: TensorPoints) -> FloatArray:
+    """Slopes of the functions, (n_functions, 3 n_points)."""
+    return at.slopes.transpose(1, 2, 0).reshape(at.slopes.shape[1], -1)
+
+
+def adjugates(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Adjugates (n, 3, 3, m) and determinants (n, m) of matrices (n, 3, 3, m).
+
+    An inverse is an adjugate over its determinant: `numpy.linalg` takes seven times as long.
+    """
+    result = np.empty(matrices.shape)
+    for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        for p, (q, r) in enumerate(((1, 2), (2, 0), (0, 1))):
+            result[:, p, i] = matrices[:, j, q] * matrices[:, k, r]
+            result[:, p, i] -= matrices[:, j, r] * matrices[:, k, q]
+    return result, np.asarray((matrices[:, 0] * result[:, :, 0]).sum(axis=1))
+
+
 @dataclass(frozen=True)
 class LagrangeElement:
     """Hexahedra of one degree in one material."""
@@ -126,8 +150,8 @@ class LagrangeElement:
         MeshError
             An element that folds at one of the points.
         """
-        jacobian, volumes = self._jacobians(coordinates[None], at)
-        return at.slopes @ np.linalg.inv(jacobian[0]), volumes[0]
+        inverse, volumes = self._inverses(coordinates[None], at)
+        return at.slopes @ np.moveaxis(inverse[0], 2, 0), volumes[0]
 
     def volumes(self, coordinates: FloatArray, at: TensorPoints) -> FloatArray:
         """Volumes of points of elements, (n_elements, n_functions, 3) to (n, n_points) [mm³].
@@ -137,27 +161,17 @@ class LagrangeElement:
         MeshError
             As `gradients`.
         """
-        return self._jacobians(coordinates, at)[1]
+        return self._inverses(coordinates, at)[1]
 
-    def _jacobians(
-        self, coordinates: FloatArray, at: TensorPoints
-    ) -> tuple[FloatArray, FloatArray]:
-        jacobian = self._slopes(coordinates, at)
-        determinant = np.linalg.det(jacobian)
+    def _inverses(self, coordinates: FloatArray, at: TensorPoints) -> tuple[FloatArray, FloatArray]:
+        """Inverse Jacobians ∂ξₖ/∂xⱼ (n, 3, 3, n_points) and volumes of points (n, n_points)."""
+        adjugate, determinant = adjugates(slopes_of(coordinates, at))
         if not (determinant > 0.0).all():
             raise MeshError(
                 f"isoparametric element: Jacobian {determinant.min():.3g} mm³; expected positive "
                 "Jacobians: use more elements, or less grading"
             )
-        return jacobian, determinant * at.weights
-
-    @staticmethod
-    def _slopes(values: FloatArray, at: TensorPoints) -> FloatArray:
-        """Slopes of nodal values (n, n_functions, 3) at points, (n, n_points, 3, 3)."""
-        n_points, n_functions, _ = at.slopes.shape
-        slopes = at.slopes.transpose(1, 0, 2).reshape(n_functions, -1)
-        products = np.swapaxes(values, 1, 2).reshape(-1, n_functions) @ slopes
-        return products.reshape(len(values), 3, n_points, 3).swapaxes(1, 2)
+        return adjugate / determinant[:, None, None], determinant * at.weights
 
     def stiffness(self, coordinates: FloatArray) -> FloatArray:
         """Stiffness of elements, (n_elements, n_functions, 3) to (n, 3 n_f, 3 n_f) [N/mm]."""
@@ -166,8 +180,8 @@ class LagrangeElement:
         count(Operation.ELEMENT, 9.0 * n_functions**3 * len(coordinates))
         result = np.empty((len(coordinates), 3 * n_functions, 3 * n_functions))
         for part in chunks(len(coordinates), max(1, _AT_ONCE // n_functions**2)):
-            jacobian, volume = self._jacobians(coordinates[part], at)
-            gradients = at.slopes @ np.linalg.inv(jacobian)
+            inverse, volume = self._inverses(coordinates[part], at)
+            gradients = at.slopes @ np.moveaxis(inverse, 3, 1)
             tensor = gradient_tensor(gradients, volume)
             result[part] = isotropic_stiffness(
                 tensor, material.lame_modulus, material.shear_modulus
@@ -185,16 +199,18 @@ class LagrangeElement:
         MeshError
             As `gradients`.
         """
-        at = self.quadrature
-        jacobian, volumes = self._jacobians(coordinates, at)
-        inverse = np.linalg.inv(jacobian)
-        measure = np.swapaxes(inverse, 2, 3) * volumes[:, :, None, None]
-        # Points and slopes together, so that one product sums over both.
-        slopes = at.slopes.transpose(0, 2, 1).reshape(-1, at.slopes.shape[1])
+        at, material = self.quadrature, self.material
+        inverse, volumes = self._inverses(coordinates, at)
+        measure = inverse * volumes[:, None, None]
+        slopes = _by_direction(at).T
         result = np.empty_like(displacement)
         for force, moved in zip(result, displacement, strict=True):  # what a cache holds
-            stress = stress_of_gradient(self._slopes(moved, at) @ inverse, self.material)
-            flux = (stress_tensor(stress) @ measure).swapaxes(1, 2).reshape(-1, len(slopes))
+            gradient = np.einsum("nikp,nkjp->nijp", slopes_of(moved, at), inverse)
+            stress = material.shear_modulus * (gradient + np.swapaxes(gradient, 1, 2))
+            stress[:, range(3), range(3)] += (
+                material.lame_modulus * np.einsum("niip->np", gradient)[:, None]
+            )
+            flux = np.einsum("nijp,nkjp->nikp", stress, measure).reshape(-1, len(slopes))
             force[:] = np.swapaxes((flux @ slopes).reshape(len(moved), 3, -1), 1, 2)
         return result
 

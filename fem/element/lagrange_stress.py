@@ -19,9 +19,11 @@ from scipy.spatial import cKDTree
 from fem.element.lagrange import (
     LagrangeElement,
     TensorPoints,
+    adjugates,
     gauss_line,
     line_basis,
     lobatto_points,
+    slopes_of,
     tensor_points,
 )
 from fem.element.stress import principal_stress, stress_of_gradient, von_mises
@@ -115,16 +117,16 @@ def sampled_stress(bodies: MovedBodies, elements: IntArray, at: TensorPoints) ->
     """Stresses of some elements at points of each."""
     element, members = bodies.element, bodies.elements[elements]
     nodes = bodies.positions[members]
-    jacobian = np.einsum("eai,pak->epik", nodes, at.slopes, optimize=True)
-    inverse = np.linalg.inv(jacobian)
-    stress = np.empty((len(bodies.displacements), *jacobian.shape[:2], 6))
+    adjugate, determinant = adjugates(slopes_of(nodes, at))
+    inverse = adjugate / determinant[:, None, None]
+    stress = np.empty((len(bodies.displacements), *determinant.shape, 6))
     count(Operation.ELEMENT, 9.0 * stress.size * at.values.shape[1] / 6.0)
     for body, moved in enumerate(bodies.displacements):  # all at once are too many for a cache
-        slopes = np.einsum("eai,pak->epik", moved[members], at.slopes, optimize=True)
-        stress[body] = stress_of_gradient(slopes @ inverse, element.material)
+        gradient = np.einsum("eikp,ekjp->eijp", slopes_of(moved[members], at), inverse)
+        stress[body] = stress_of_gradient(np.moveaxis(gradient, 3, 1), element.material)
     return SampledStress(
         np.einsum("pa,eai->epi", at.values, nodes, optimize=True),
-        np.linalg.det(jacobian) * at.weights,
+        determinant * at.weights,
         stress,
     )
 
@@ -367,13 +369,15 @@ def _on_grid(
     fields = np.concatenate([nodes, moved], axis=2)
     n_bodies = len(bodies.displacements)
     slopes = np.stack([_contracted(bodies, lines, fields, axis) for axis in range(3)], axis=-1)
-    slopes = slopes.reshape(-1, 1 + n_bodies, 3, 3)
+    slopes = slopes.reshape(-1, 3 * (1 + n_bodies), 3)
     count(Operation.ELEMENT, 9.0 * slopes.size)
-    jacobian = slopes[:, 0]
-    gradient = np.moveaxis(slopes[:, 1:] @ np.linalg.inv(jacobian)[:, None], 1, 0)
+    jacobian = np.ascontiguousarray(np.moveaxis(slopes[:, :3], 0, 2))
+    (adjugate,), (determinant,) = adjugates(jacobian[None])
+    gradient = slopes[:, 3:] @ np.moveaxis(adjugate / determinant, 2, 0)
+    gradient = np.moveaxis(gradient.reshape(-1, n_bodies, 3, 3), 1, 0)
     return _Cells(
         _contracted(bodies, lines, nodes).reshape(-1, 3),
-        np.linalg.det(jacobian) * volume,
+        determinant * volume,
         stress_of_gradient(gradient, bodies.element.material),
     )
 
