@@ -96,9 +96,10 @@ format: setup
 	$(BIN)/ruff format .
 
 # Rates of all solvers beside the machine's roofline, one line in tests/benchmarks/history.jsonl;
-# says what has become slower.
+# says what has become slower; then whole runs beside their counted work (`tests/benchmarks/work.py`).
 bench: setup
 	$(BIN)/python -m tests.benchmarks.history
+	$(BIN)/python -m tests.benchmarks.work
 
 benchmark: setup
 	$(BIN)/python -m tests.benchmarks.rigid

@@ -1,6 +1,6 @@
 """What runs take, beside what `geometry.work` counts of them: one line for each.
 
-``python -m tests.benchmarks.work [--fit] [--no-record] [NAME ...]`` (``make work``)
+``python -m tests.benchmarks.work [--fit] [--no-record] [NAME ...]`` (in ``make bench``)
 
 CPU time and peak memory are those of a process of its own, the answer included and pictures not.
 The first ratio is the counted work over the CPU time: the speed of this machine over the reference
