@@ -81,7 +81,7 @@ GMSH = ("gmsh:physical", "gmsh:geometrical")
 def test_faces_of_a_file_are_supported_and_loaded_by_name(suffix: str, tmp_path: Path) -> None:
     """A uniform stress, exact for trilinear elements: reaction p A, and the joint passes p."""
     file = load_case(write(tmp_path, suffix))
-    solution = on_its_mesh(file.scene, file.name, "static").details
+    solution = on_its_mesh(file, method="static").details
     force = PRESSURE * 40.0 * 20.0
     assert solution.reactions["base"]["force"] == pytest.approx([0.0, 0.0, force], abs=1e-8 * force)
     assert solution.contact_state.point_pressures == pytest.approx(PRESSURE, rel=1e-8)
@@ -92,7 +92,7 @@ def test_sets_that_are_not_there_are_rejected_in_one_line(tmp_path: Path) -> Non
     with pytest.raises(
         RefusedError, match=r"block 0 .* expected one of surface, base, top"
     ) as error:
-        on_its_mesh(file.scene, file.name, "static")
+        on_its_mesh(file, method="static")
     assert "\n" not in str(error.value)
 
 
@@ -126,7 +126,7 @@ def test_one_block_is_held_by_a_set_that_is_an_edge(degree: int, tmp_path: Path)
         scene = tmp_path / "alone.toml"
         scene.write_text(ALONE.format(edge=edge, degree=degree), "utf-8")
         file = load_case(str(scene))
-        reactions = on_its_mesh(file.scene, file.name, "static").details.reactions
+        reactions = on_its_mesh(file, method="static").details.reactions
         answers.append([reactions[name]["force"] for name in ("edge", "base")])
     area = 40.0 * 20.0
     assert np.sum(answers[0], axis=0) == pytest.approx([-0.4 * area, 0.0, 2.0 * area], abs=1e-6)
@@ -141,4 +141,4 @@ def test_a_block_that_nothing_holds_or_touches_is_still_rejected(tmp_path: Path)
     path.write_text("\n".join(away if "places" in line else line for line in kept), "utf-8")
     file = load_case(str(path))
     with pytest.raises(RefusedError, match="block 2 touches no other block"):
-        on_its_mesh(file.scene, file.name, "static")
+        on_its_mesh(file, method="static")

@@ -38,7 +38,7 @@ def test_a_cantilever_has_its_shear_and_moment(degree) -> None:
     """A traction of -0.05 MPa on 40 × 60 mm at x = 400 mm: V and M = V (L - x), at nodes and
     between them; equations of a linear body are solved to round-off."""
     settings = {"mesh.divisions": [8, 2, 2], "fem.method": "static", "fem.degree": degree}
-    run = on_its_mesh(load_case("cantilever", settings).scene, method="static")
+    run = on_its_mesh("cantilever", settings, method="static")
     x = np.array([1.0, 50.0, 130.0, 200.0, 399.0])
     points = np.column_stack([x, np.zeros(5), np.zeros(5)])
     found = section(run, points, [2.0, 0.0, 0.0])

@@ -47,7 +47,7 @@ def printed_rows(answer: Answer) -> list[list[str]]:
 
 @pytest.mark.quick
 def test_every_number_of_a_tube_has_a_slider_around_its_value() -> None:
-    file = tube("limits.least_wall=30.0")
+    file = tube("limits.least_wall=30.0", "effects.friction=0.3")
     found = controls(file)
     keys = {slider.key for slider in found.sliders}
     block = {
@@ -63,6 +63,7 @@ def test_every_number_of_a_tube_has_a_slider_around_its_value() -> None:
         "assembly.layers",
         "load.pressure",
         "limits.least_wall",
+        "effects.friction.coefficient",
     } == keys
     assert found.case == "pipe"
     for slider in (*found.sliders, *controls(load_case("wall")).sliders):

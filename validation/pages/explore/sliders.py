@@ -19,12 +19,12 @@ from validation.scene.read import TubeScene, check_scene
 from validation.scene.sections import Section, TubeLoadSection
 
 #: Sections whose numbers have sliders.
-_SECTIONS = ("block", "assembly", "load", "loads", "limits", "rigid")
+_SECTIONS = ("block", "assembly", "load", "loads", "limits")
 #: Least, largest value and step of keys whose value says nothing of their range.
 _RANGES = {
     "block.frequency": (0.5, 4.0, 0.5),
     "block.shift": (0.0, 1.0, 0.125),
-    "rigid.friction": (0.0, 1.0, 0.05),
+    "effects.friction.coefficient": (0.0, 1.0, 0.05),
     "limits.steepest_joint": (5.0, 90.0, 1.0),
 }
 #: Steps between the least and the largest value, at least.
@@ -82,6 +82,10 @@ def controls(file: Case) -> Controls:
     found = []
     for name in _SECTIONS:
         found += list(_sliders(scene.__dict__.get(name), name))
+    friction = scene.effects.friction
+    if friction is not None:
+        key, value = "effects.friction.coefficient", friction.coefficient
+        found += list(_slider(key, ("friction", ""), value, 0.0))
     load = scene.__dict__.get("load")
     if isinstance(scene, AssemblyScene) and isinstance(load, TubeLoadSection):
         return Controls(tuple(found), tuple(CASES), load.case)
