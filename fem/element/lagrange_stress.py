@@ -28,7 +28,7 @@ from fem.element.lagrange import (
 )
 from fem.element.stress import principal_stress, stress_of_gradient, von_mises
 from geometry.measures import first_largest
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.work import Operation, count
 
 #: Size of cells over the radius of a ball.
@@ -217,9 +217,23 @@ def averaged_tension(bodies: MovedBodies, radius: float) -> tuple[PointValue, Po
     best = _largest(better, extrapolated(better), _BEST)
     places = between(best, _CENTRES[1], _CENTRES[2])
     result = extrapolated(places)
-    return _largest_at(result, places), _largest_at(
-        principal_stress(fine.stress)[..., 0], fine.positions
-    )
+    return _largest_at(result, places), _largest_at(_largest_tension(fine.stress), fine.positions)
+
+
+def _largest_tension(stress: FloatArray) -> FloatArray:
+    """σ₁ of stresses (..., 6) where it may be the largest of all, -∞ elsewhere, (...,) [MPa].
+
+    It is larger than the mean by once to twice √(J₂/3).
+    """
+    mean = stress[..., :3] @ np.full(3, 1.0 / 3.0)
+    deviator, shear = stress[..., :3] - mean[..., None], stress[..., 3:]
+    squares = 0.5 * np.einsum("...i,...i->...", deviator, deviator)
+    least = np.sqrt((squares + np.einsum("...i,...i->...", shear, shear)) / 3.0)
+    most = float((mean + least).max())
+    may = mean + 2.0 * least >= most - 1e-6 * abs(most)
+    result = np.full(mean.shape, -np.inf)
+    result[may] = principal_stress(stress[may])[..., 0]
+    return result
 
 
 def _largest_at(values: FloatArray, positions: FloatArray) -> PointValue:
@@ -262,11 +276,9 @@ def _points_between(
         box = _box(bodies, element, lines, places, within + _STEPS * size)
         if box is not None:
             lines = [_finer(line, 2.0 / n) for line, n in zip(box, counts, strict=True)]
-            nodes = bodies.positions[bodies.elements[element]]
-            result.append(_contracted(bodies, lines, nodes)[0])
-    points = np.concatenate(result)
-    points = points[np.isfinite(cKDTree(places).query(points, distance_upper_bound=within)[0])]
-    return np.unique(np.round(points, 6), axis=0)
+            points = _grid(bodies, element, lines)
+            result.append(points[_near(points, cKDTree(places), within)])
+    return np.unique(np.round(np.concatenate(result), 6), axis=0)
 
 
 def _finer(line: FloatArray, step: float) -> FloatArray:
@@ -341,15 +353,10 @@ def _box(
     shape = [len(line) for line in lines]
     # Of many points first some, each of which stands for those nearer to it than to the next.
     step = _STEPS if np.prod(shape) > _MOST_POINTS else 1
-    picked = [np.unique(np.append(np.arange(0, n, step), n - 1)) for n in shape]
+    picked = [_each(n, step) for n in shape]
     some = [line[at] for line, at in zip(lines, picked, strict=True)]
-    points = _contracted(bodies, some, bodies.positions[bodies.elements[element]])
-    grid = points.reshape(*(len(at) for at in picked), 3)
-    if step > 1:
-        gaps = (np.linalg.norm(np.diff(grid, axis=axis), axis=-1) for axis in range(3))
-        within += sum(float(gap.max(initial=0.0)) for gap in gaps)
-    apart = cKDTree(places).query(points.reshape(-1, 3), distance_upper_bound=within)[0]
-    close = np.isfinite(apart).reshape(grid.shape[:3])
+    grid = _grid(bodies, element, some)
+    close = _near(grid, cKDTree(places), within + _gaps(grid) * (step > 1))
     if not close.any():
         return None
     kept = []
@@ -357,6 +364,39 @@ def _box(
         there = np.flatnonzero(close.any(axis=tuple({0, 1, 2} - {axis})))
         kept.append(line[at[there[0]] : at[there[-1]] + 1])
     return kept
+
+
+def _each(n: int, step: int) -> IntArray:
+    """Every so many of n numbers from 0, and the last one."""
+    return np.unique(np.append(np.arange(0, n, step), n - 1))
+
+
+def _grid(bodies: MovedBodies, element: IntArray, lines: list[FloatArray]) -> FloatArray:
+    """Points of an element (1,) at a grid, (n_1, n_2, n_3, 3) [mm]."""
+    points = _contracted(bodies, lines, bodies.positions[bodies.elements[element]])
+    return points.reshape(*(len(line) for line in lines), 3)
+
+
+def _gaps(grid: FloatArray) -> float:
+    """Largest distance of neighbours in a grid, summed over its directions [mm]."""
+    gaps = (np.linalg.norm(np.diff(grid, axis=axis), axis=-1) for axis in range(3))
+    return sum(float(gap.max(initial=0.0)) for gap in gaps)
+
+
+def _near(grid: FloatArray, places: cKDTree, within: float) -> BoolArray:
+    """Points of a grid (n_1, n_2, n_3, 3) near some places, (n_1, n_2, n_3).
+
+    Of many points first some, then those between them.
+    """
+    may = np.ones(grid.shape[:3], dtype=np.bool_)
+    if may.size > _MOST_POINTS:
+        picked = [_each(n, _STEPS) for n in may.shape]
+        some = grid[np.ix_(*picked)]
+        may = _near(some, places, within + _gaps(some))
+        for axis, (at, n) in enumerate(zip(picked, grid.shape, strict=False)):
+            may = np.repeat(may, np.diff(at, append=n), axis=axis)
+    may[may] = np.isfinite(places.query(grid[may], distance_upper_bound=within)[0])
+    return may
 
 
 def _on_grid(
