@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import bsr_array
+from scipy.sparse import bsr_array, csr_array
 
 from fem.element.facet import bilinear
 from fem.element.hexahedron import assemble_nodal_operator
@@ -199,8 +199,11 @@ def block_internal_force(
     element, result = LagrangeElement(mesh.degree, material), np.zeros_like(displacement)
     for members in _some(mesh):
         forces = element.internal_force(mesh.nodes[members], displacement[:, members])
+        # Sums of rows, which `numpy.add.at` takes ten times as long for.
+        shape = (mesh.n_nodes, members.size)
+        to = csr_array((np.ones(members.size), (members.ravel(), np.arange(members.size))), shape)
         for total, force in zip(result, forces, strict=True):
-            np.add.at(total, members, force)
+            total[:] += to @ force.reshape(-1, 3)
     return result
 
 

@@ -26,7 +26,7 @@ from fem.element.lagrange import (
     slopes_of,
     tensor_points,
 )
-from fem.element.stress import principal_stress, stress_of_gradient, von_mises
+from fem.element.stress import invariants, principal_stress, stress_of_gradient
 from geometry.measures import first_largest
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.work import Operation, count
@@ -92,20 +92,14 @@ class SampledStress:
     stress: FloatArray
     """(n_bodies, n_elements, n_points, 6) [MPa]"""
 
-    @cached_property
-    def principal(self) -> FloatArray:
-        """Principal stresses there, (n_bodies, n_elements, n_points, 3) [MPa]."""
-        return principal_stress(self.stress)
-
     def extreme(self, component: int) -> PointValue:
         """Largest first (0) or least third (2) principal stress."""
-        values = self.principal[..., component]
-        return self._at(values if component == 0 else -values, 1.0 if component == 0 else -1.0)
+        sign = 1.0 if component == 0 else -1.0
+        return self._at(_largest_tension(sign * self.stress), sign)
 
     def largest_mises(self) -> PointValue:
         """Largest von Mises stress."""
-        values = von_mises(self.principal)
-        return self._at(values, 1.0)
+        return self._at(np.sqrt(3.0 * invariants(self.stress)[1]), 1.0)
 
     def _at(self, values: FloatArray, sign: float) -> PointValue:
         layer, element, point = np.unravel_index(first_largest(values), values.shape)
@@ -225,10 +219,8 @@ def _largest_tension(stress: FloatArray) -> FloatArray:
 
     It is larger than the mean by once to twice √(J₂/3).
     """
-    mean = stress[..., :3] @ np.full(3, 1.0 / 3.0)
-    deviator, shear = stress[..., :3] - mean[..., None], stress[..., 3:]
-    squares = 0.5 * np.einsum("...i,...i->...", deviator, deviator)
-    least = np.sqrt((squares + np.einsum("...i,...i->...", shear, shear)) / 3.0)
+    mean, second = invariants(stress)
+    least = np.sqrt(second / 3.0)
     most = float((mean + least).max())
     may = mean + 2.0 * least >= most - 1e-6 * abs(most)
     result = np.full(mean.shape, -np.inf)

@@ -163,6 +163,14 @@ def rotate_stress(stress: FloatArray, rotations: FloatArray) -> FloatArray:
     return np.stack([turned[..., i, j] for i, j in VOIGT], axis=-1)
 
 
+def invariants(stress: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean stress [MPa] and J₂ [MPa²], half the square of the deviator, (...,) of (..., 6)."""
+    mean = stress[..., :3] @ np.full(3, 1.0 / 3.0)
+    deviator, shear = stress[..., :3] - mean[..., None], stress[..., 3:]
+    squares = 0.5 * np.einsum("...i,...i->...", deviator, deviator)
+    return mean, squares + np.einsum("...i,...i->...", shear, shear)
+
+
 def von_mises(principal: FloatArray) -> FloatArray:
     """Von Mises stress √(½ Σ (σᵢ - σⱼ)²) of principal stresses, (...,) of (..., 3) [MPa]."""
     first, second, third = np.moveaxis(principal, -1, 0)
