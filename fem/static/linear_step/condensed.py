@@ -21,7 +21,7 @@ and unknown are the displacements between these (`fem.static.linear_step.pairs`)
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
 
@@ -86,6 +86,7 @@ class CondensedStep:
         self._kind_of, self._kinds = self._make_kinds()
         self._reduce_loads()
         self._number_variables()
+        self._last: _Chain | None = None
 
     # -----------------------------------------------------------------------------------------
     # Once
@@ -248,7 +249,7 @@ class CondensedStep:
         if holding:
             motions = [m - holding * self._motion(s, before) for s, m in enumerate(motions)]
         solved = factored.solve(felt, motions, loaded=True)
-        return self._displacements(factored.rows, responses, *solved, value)
+        return self._displacements(factored.chain.rows, responses, *solved, value)
 
     def inverse(self, linear: Linearisation, holding: float = 0.0) -> NodalInverse:
         """Inverse of K + Σ w k ∂x/∂u ∂x/∂uᵀ on the contact nodes, for many nodal forces.
@@ -270,7 +271,7 @@ class CondensedStep:
             motions = [-self._kind(s).rigid.T @ f for s, f in enumerate(loads)]
             felt = self._felt(factored, responses, nothing)
             solved = factored.solve(felt, motions, loaded=False)
-            return self._displacements(factored.rows, responses, *solved, nothing)
+            return self._displacements(factored.chain.rows, responses, *solved, nothing)
 
         return apply
 
@@ -282,22 +283,15 @@ class CondensedStep:
         law: PointLaw | PairLaw
         if self._pairs is None:
             law = point_law(self._system, linear, least)
-            facet = law.active // linear.stiffness.shape[1]
+            chain = self._assembled(law, law.active // linear.stiffness.shape[1])
         else:
+            # Rows of pairs do not turn: the same pairs have the same flexibilities.
             law, turned = self._pairs.law(linear, before, least)
-            facet = self._pairs.facet[law.active // 3]
-        points = self._ordered(law.active, facet)
-        law = law.ordered(points.order)
-        rows = self._rows(law.gradient)
-        levels, slots = self._chain(points, holding)
-        span: list[slice] = [slice(0)] * self._system.n_slots
-        for level in slots:
-            column = 0
-            for slot in level:
-                span[slot] = slice(column, column + self._kind(slot).rigid.shape[1])
-                column = span[slot].stop
-                self._add_slot(levels, slot, span[slot], points.start, rows[slot])
-        bound = law.bind(levels)
+            if self._last is None or not np.array_equal(self._last.active, law.active):
+                self._last = self._assembled(law, self._pairs.facet[law.active // 3])
+            chain = self._last
+        slots, law = chain.slots, law.ordered(chain.points.order)
+        bound = law.bind(chain.held(holding))
         try:
             factor = factor_chain(bound.levels)
         except UnresistedMotionError as error:
@@ -306,7 +300,21 @@ class CondensedStep:
         except np.linalg.LinAlgError:
             # Stiffness beyond all bounds leaves the points of a facet no compliance of their own.
             raise UnheldBlocksError("contact presses beyond all bounds", ()) from None
-        return _Factored(points, rows, law, bound, factor, slots, span), turned
+        return _Factored(chain, law, bound, factor), turned
+
+    def _assembled(self, law: PointLaw | PairLaw, facet: IntArray) -> _Chain:
+        """Flexibilities and motions of the rows of a law, which belong to some facets."""
+        points = self._ordered(law.active, facet)
+        rows = self._rows(csr_array(law.gradient[points.order]))
+        levels, slots = self._levels(points)
+        span: list[slice] = [slice(0)] * self._system.n_slots
+        for level in slots:
+            column = 0
+            for slot in level:
+                span[slot] = slice(column, column + self._kind(slot).rigid.shape[1])
+                column = span[slot].stop
+                self._add_slot(levels, slot, span[slot], points.start, rows[slot])
+        return _Chain(law.active, points, rows, levels, slots, span)
 
     def _ordered(self, active: IntArray, facet: IntArray) -> _Points:
         """Rows of some facets ordered by level, those shared with the next level last."""
@@ -336,8 +344,8 @@ class CondensedStep:
             result.append(_Rows(mine, own[mine]))
         return result
 
-    def _chain(self, points: _Points, holding: float) -> tuple[list[Level], list[list[int]]]:
-        """Levels with holding springs only, and the slots of each."""
+    def _levels(self, points: _Points) -> tuple[list[Level], list[list[int]]]:
+        """Levels of zeros, and the slots of each."""
         slots = [np.flatnonzero(self._level_of == k).tolist() for k in range(points.n_levels)]
         width = [sum(self._kind(s).rigid.shape[1] for s in level) for level in slots]
         size = np.diff(points.start)
@@ -350,7 +358,7 @@ class CondensedStep:
                 Level(
                     flexibility=np.zeros((size[k], size[k]), order="F"),
                     motions=np.zeros((size[k], width[k])),
-                    holding=holding * np.eye(width[k]),
+                    holding=np.zeros((width[k], width[k])),
                     first_shared=int(size[k]) - shared,
                     next_flexibility=np.zeros((shared, n_next)),
                     next_motions=np.zeros((shared, width_next)),
@@ -366,8 +374,8 @@ class CondensedStep:
         self, factored: _Factored, responses: list[FloatArray], value: FloatArray
     ) -> FloatArray:
         """What the rows feel of loads and of prescribed displacements, (n,) [mm]."""
-        felt = np.zeros(len(factored.points.order))
-        for row, response in zip(factored.rows, responses, strict=True):
+        felt = np.zeros(len(factored.chain.points.order))
+        for row, response in zip(factored.chain.rows, responses, strict=True):
             felt[row.points] += row.gradient @ response
         if len(self._system.held.nodes):
             felt += factored.law.gradient @ (self._transform @ value)
@@ -498,19 +506,39 @@ class _Rows:
 
 
 @dataclass(frozen=True)
-class _Factored:
-    """The chain of one linear problem, eliminated."""
+class _Chain:
+    """The chain of all levels of some rows, without the law of these."""
 
+    active: IntArray
+    """Numbers of the rows, (n,)."""
     points: _Points
     rows: list[_Rows]
     """Of each slot."""
-    law: PointLaw | PairLaw
-    bound: Bound
-    factor: ChainFactor
+    levels: list[Level]
+    """Without holding springs."""
     slots: list[list[int]]
     """Slots of each level."""
     span: list[slice]
     """Columns of each slot among the motions of its level."""
+
+    def held(self, holding: float) -> list[Level]:
+        """Levels with holding springs [N/mm], to bind a law to; laws of pairs keep the others."""
+        return [
+            replace(
+                level, motions=level.motions.copy(), holding=holding * np.eye(len(level.holding))
+            )
+            for level in self.levels
+        ]
+
+
+@dataclass(frozen=True)
+class _Factored:
+    """The chain of one linear problem, eliminated."""
+
+    chain: _Chain
+    law: PointLaw | PairLaw
+    bound: Bound
+    factor: ChainFactor
 
     def solve(
         self, felt: FloatArray, motion_side: list[FloatArray], *, loaded: bool
@@ -519,21 +547,21 @@ class _Factored:
 
         ``loaded`` says whether the law presses where nothing moves.
         """
-        motions_of = [np.concatenate([motion_side[s] for s in level]) for level in self.slots]
+        slots, span, start = self.chain.slots, self.chain.span, self.chain.points.start
+        motions_of = [np.concatenate([motion_side[s] for s in level]) for level in slots]
         force_side = felt
         if loaded:
             force_side = felt + self.bound.rest
             pairs = zip(motions_of, self.bound.motions, strict=True)
             motions_of = [side + more for side, more in pairs]
-        start = self.points.start
         sides = [
             (force_side[start[k] : start[k + 1]], motion) for k, motion in enumerate(motions_of)
         ]
         solved = self.factor.solve(sides)
-        motions = [np.zeros(0)] * len(self.span)
-        for (_, alpha), level in zip(solved, self.slots, strict=True):
+        motions = [np.zeros(0)] * len(span)
+        for (_, alpha), level in zip(solved, slots, strict=True):
             for slot in level:
-                motions[slot] = alpha[self.span[slot]]
+                motions[slot] = alpha[span[slot]]
         return self.law.forces(np.concatenate([q for q, _ in solved]), loaded=loaded), motions
 
 

@@ -136,7 +136,7 @@ class PairLaw:
 
 
 def _identity_plus(flexibility: FloatArray, stiffness: csr_array) -> FloatArray:
-    """I + W K, of a symmetric W."""
-    result: FloatArray = (stiffness.T @ flexibility).T
+    """I + W K, of a symmetric W in Fortran order."""
+    result: FloatArray = (csr_array(stiffness.T) @ flexibility.T).T
     result[np.diag_indices(len(result))] += 1.0
     return result
