@@ -207,7 +207,9 @@ def _load(
     seconds = {"setup": ready - clock, "newton": solved - ready}
     seconds["recovery"] = time.process_time() - solved
     seconds["total"] = time.process_time() - clock
-    internal = system.internal_force(displacement)
+    # Condensing takes from the loads what inner nodes hand on; there K u is the load.
+    condensed = problem.step.internal_force(state.displacement) - problem.step.external_force
+    internal = system.external_force + condensed
     outcome = _Outcome(displacement, internal, state, seconds, forces, frictions(problem, state))
     return replace(
         _result(system, options, outcome),
