@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from fem.assembly.statement import Problem
 from fem.measures import load_step_change, measures_of
 from fem.solution import Solution
 from fem.static.linear_step.condensed import StaticMemoryError
+from fem.static.load_steps import Known
 from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.solve import StaticOptions
 from geometry.answer import ALIASES, TITLES, Measure, Part
@@ -422,15 +424,22 @@ def _state(
 ) -> tuple[Solution, tuple[Assembly, FloatArray] | None]:
     """State on a mesh, and the mean pressures on the facets of the mesh that was stated."""
     deformable, start = stated.deformable, None
+    known: Known = ()
     if factor != 1.0:
         deformable = scaled_loads(deformable, factor)
     if before is not None and deformable.meets and _may_start(stated, before.problem):
         coarse = before.solution
         assert coarse.static is not None
-        moved = transferred(coarse.group_displacements, coarse.deformable, deformable)
-        start = replace(coarse.static, deformable=deformable, displacements=moved)
+        move = partial(transferred, source=coarse.deformable, target=deformable)
+        if stated.friction is None:
+            moved = move(coarse.group_displacements)
+            start = replace(coarse.static, deformable=deformable, displacements=moved)
+        else:
+            known = tuple((load, move(u)) for load, u in coarse.static.steps)
+            halved = max(options.load_steps, coarse.static.load_steps // 2)
+            options = replace(options, load_steps=halved)
     solution = static_solution(
-        deformable, options, finite_rotation=stated.finite_rotation, start=start
+        deformable, options, finite_rotation=stated.finite_rotation, start=start, known=known
     )
     facets = None
     if deformable.meets and not deformable.contact.finite_sliding:
@@ -446,8 +455,11 @@ def _state(
 
 
 def _may_start(stated: Problem, before: Problem) -> bool:
-    """Whether a state on another mesh is a start: not where the way to the load counts."""
-    if stated.friction is not None or stated.finite_rotation or stated.searches:
+    """Whether states on another mesh are near those on this one.
+
+    Searched points take long to come to rest however near the start is.
+    """
+    if stated.finite_rotation or stated.searches:
         return False
     shapes = zip(stated.blocks.shapes, before.blocks.shapes, strict=True)
     return all(charts_of(a).directions == charts_of(b).directions for a, b in shapes)

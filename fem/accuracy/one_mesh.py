@@ -34,6 +34,7 @@ from fem.measures import bracketed, load_step_change, measures_of
 from fem.solution import Solution
 from fem.static.history import solve_history
 from fem.static.linear_step.flexibility import FlexibilityStore
+from fem.static.load_steps import Known
 from fem.static.result import StaticError, StaticResult
 from fem.static.solve import StaticOptions, solve_static
 from geometry.answer import Measure
@@ -60,11 +61,13 @@ def static_solution(
     store: FlexibilityStore | None = None,
     start: StaticResult | None = None,
     before: Sequence[DeformableAssembly] = (),
+    known: Known = (),
 ) -> Solution:
     """Solve for the static state of blocks that are built: see `fem.solve_static`.
 
     Runs that share a ``store`` condense the same blocks once; ``start`` is a state of the same
-    model near the solution. ``before`` are the stages from rest on that come before.
+    model near the solution. ``before`` are the stages from rest on that come before; states under
+    some loads may be ``known`` nearly.
 
     Raises
     ------
@@ -82,7 +85,7 @@ def static_solution(
 
         result = solve_static_with_rotation(deformable, options, start=start, store=store)
     else:
-        result = solve_static(deformable, options, store=store, start=start)
+        result = solve_static(deformable, options, store=store, start=start, known=known)
     if not result.converged:
         raise StaticError(result.status)
     return Solution(

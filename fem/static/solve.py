@@ -78,6 +78,7 @@ def solve_static(
     slips_from_rest: bool = False,
     goes_on: bool = False,
     store: FlexibilityStore | None = None,
+    known: Known = (),
 ) -> StaticResult:
     """Find the static state of an assembly under its loads; single bodies are solved at once.
 
@@ -96,6 +97,9 @@ def solve_static(
         Whether the friction of the start goes on: its points keep their anchors.
     store
         Of one call for the next: blocks that are the same are condensed once.
+    known
+        Load factors and states there that are nearly equilibria, such as `StaticResult.steps` of
+        another mesh: where load steps with friction are looked for. They count for no history.
 
     Returns
     -------
@@ -121,19 +125,19 @@ def solve_static(
         before = start.slips if goes_on and start is not None else ()
         return _load(deformable, options, start, store, before, slips_from_rest=slips_from_rest)
 
-    known: Known = ()
+    near = dict(known)
 
     def in_parts(parts: int) -> StaticResult:
-        nonlocal known
         solve = partial(_load, deformable, replace(options, load_steps=parts, keep_steps=True))
         result: StaticResult | None = None
-        if known:
+        if near:
             with contextlib.suppress(StaticError):
-                result = solve(None, store, known=known)
+                result = solve(None, store, known=tuple(near.items()))
         if result is None or not result.converged:
             result = solve(None, store)
-        known = result.steps if result.converged else known
-        return result if options.keep_steps else replace(result, steps=())
+        if result.converged:
+            near.update(result.steps)
+        return result
 
     result, coarser = refined(in_parts, options.load_steps, change)
     return replace(result, coarser_loading=coarser)
