@@ -9,7 +9,7 @@ over a ball of `Material.averaging_radius`. Where meshes do not match and joints
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import cache
 
@@ -38,6 +38,9 @@ from geometry.answer import (
 from geometry.assembly import Assembly
 from geometry.measures import facet_measures, first_largest
 from geometry.mesh import FloatArray
+
+#: Changes by load steps below which no stresses are searched: a hundredth of those tolerated [-].
+_NEGLIGIBLE = 1e-4
 
 
 def measures_of(
@@ -210,12 +213,26 @@ def _measure(solution: Solution, peak: Peak, unit: str = "MPa", **beside: float)
 
 
 def load_step_change(solution: Solution) -> dict[str, float]:
-    """Change of each measure by half as many load steps, in its unit; empty if not known."""
+    """Change of each measure by half as many load steps, in its unit; empty if not known.
+
+    The stresses of a state take as long to search as the state itself: where all else changes by a
+    negligible share, they count as changed by that.
+    """
     coarse = solution.coarser_loading
     if coarse is None:
         return {}
     before, after = measures_of(coarse), measures_of(solution)
-    return {name: abs(after[name].value - before[name].value) for name in after}
+
+    def changes(names: Collection[str]) -> dict[str, float]:
+        return {name: abs(after[name].value - before[name].value) for name in names}
+
+    stresses = _stresses(solution).keys()
+    result = changes([name for name in after if name not in stresses])
+    shares = [change / abs(after[n].value) for n, change in result.items() if after[n].value]
+    share = max(shares, default=1.0)
+    if share > _NEGLIGIBLE:
+        return result | changes(stresses)
+    return result | {name: share * abs(after[name].value) for name in stresses}
 
 
 def hidden_between_nodes(solution: Solution) -> dict[str, float]:
