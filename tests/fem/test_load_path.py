@@ -61,6 +61,21 @@ def test_parts_are_doubled_until_the_answer_stays():
     assert plain.load_steps == 1
 
 
+def test_states_that_are_nearly_known_are_no_history():
+    """Load steps start near states that are wrong by a tenth, as those of another mesh may be: the
+    answer and the work lost are the same, to the residual."""
+    model = pipe(friction=CoulombFriction(0.3))
+    options = replace(TIGHT, load_tolerance=LOAD_TOLERANCE)
+    direct = solve_static(model, options)
+    near = tuple((load, tuple(1.1 * u for u in moved)) for load, moved in direct.steps)
+    found = solve_static(model, options, known=near)
+    assert near
+    assert found.load_steps == direct.load_steps
+    moved = direct.displacements[0]
+    assert np.abs(found.displacements[0] - moved).max() < 1e-7 * np.abs(moved).max()
+    assert found.frictional_dissipation == pytest.approx(direct.frictional_dissipation, rel=1e-6)
+
+
 def test_the_finest_parts_that_converge_are_the_answer():
     """Parts that find no equilibrium are no reference for others."""
     good = solve_static(sheared_column(0.2, CoulombFriction(0.3)))
