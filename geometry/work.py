@@ -53,7 +53,7 @@ SECONDS = {
     Operation.POINT: 1.0e-7,
     Operation.SEARCH: 1.0e-6,
     Operation.CALL: 6.0e-3,
-    Operation.SIMPLEX: 7.0e-9,
+    Operation.SIMPLEX: 5.0e-9,
     Operation.CONIC: 1.4e-7,
 }
 #: Power of the unknowns of a block with which operations grow on finer meshes of solids.

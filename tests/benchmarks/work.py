@@ -54,8 +54,11 @@ RUNS: Mapping[str, tuple[str, str, Mapping[str, Any]]] = {
         "static",
         {"assembly.layers": 2, "contact.clearance": 0.05},
     ),
-    "arch": ("arch", "static", {}),
-    "tetrahedra": ("tetrahedra", "static", {}),
+    "arch of 11, friction 0.7": (
+        "arch",
+        "static",
+        {"block.thickness": 150.0, "assembly.voussoirs": 11, "effects.friction": 0.7},
+    ),
     "hertz-ball": ("hertz-ball", "static", {}),
     "rigid tube with friction": (
         "tsb1-pipe",
