@@ -11,6 +11,7 @@ from fem.element.facet import lagrange_basis
 from fem.element.hexahedron import element_stiffness
 from fem.element.lagrange import (
     LagrangeElement,
+    adjugates,
     gauss_line,
     line_basis,
     lobatto_points,
@@ -29,6 +30,17 @@ from geometry import SineBlock, pipe, tube
 from geometry.mesh import FloatArray, MeshError, boundary_quads
 from tests.support.answers import on_its_mesh
 from tests.support.curved_blocks import CONCRETE, block, curved
+
+
+def test_a_matrix_times_its_adjugate_is_its_determinant() -> None:
+    """A adj(A) = det(A) I, singular matrices included; 1e-14: round-off of entries of order 1."""
+    matrices = np.random.default_rng(0).uniform(-1.0, 1.0, (2, 3, 3, 7))
+    matrices[0, 2] = matrices[0, 0]
+    adjugate, determinant = adjugates(matrices)
+    product = np.einsum("nijm,njkm->nmik", matrices, adjugate)
+    np.testing.assert_allclose(product, determinant[..., None, None] * np.eye(3), atol=1e-14)
+    expected = np.linalg.det(np.moveaxis(matrices, 3, 1))
+    np.testing.assert_allclose(determinant, expected, atol=1e-14)
 
 
 def mesh_of(degree: int, counts: tuple[int, int, int] = (6, 1, 2)) -> LagrangeMesh:
