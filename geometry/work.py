@@ -96,6 +96,10 @@ class LimitError(RefusedError):
         self.by = by
         """Which limit."""
 
+    def __reduce__(self) -> tuple[type[LimitError], tuple[Stop, str]]:
+        """Make the same again, in another process."""
+        return LimitError, (self.by, str(self))
+
 
 class Allowance(NamedTuple):
     """What is left."""
