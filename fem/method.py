@@ -36,7 +36,8 @@ class Static:
     converged, unless the problem states an element or a degree, or cannot be refined."""
     accuracy: Mapping[str, Annotated[float, Gt(0), Lt(1)]] | None = None
     """Relative error bars [-] by measure, such as ``{"p_max_point": 0.03}``; by default 5 % of
-    displacement, p_eff, pressure at a point and averaged tension, within ``max_work``."""
+    displacement, p_eff, pressure at a point and averaged tension, with friction 10 % of all but the
+    pressure at a point, within ``max_work``."""
     max_work: Annotated[float, Gt(0)] | None = None
     """Work at most, counted in operations and stated as seconds on the reference machine [s]: the
     same meshes on every machine. By default 20 where contact is conforming, without friction or

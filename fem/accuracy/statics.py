@@ -13,7 +13,6 @@ import numpy as np
 from fem.accuracy.converge import (
     CONFORMING_SECONDS,
     MOST_SECONDS,
-    TARGETS,
     AccuracyError,
     Progress,
     bars_under,
@@ -61,7 +60,7 @@ def solve_static(
     problem: Problem,
     method: Static = _DEFAULT,
     *,
-    otherwise: Mapping[str, float] = TARGETS,
+    otherwise: Mapping[str, float] | None = None,
     store: FlexibilityStore | None = None,
     progress: Callable[[Progress | str], None] | None = None,
     on_frame: Callable[[Frame], None] | None = None,
@@ -157,7 +156,7 @@ class _Follower:
 def _converged(
     problem: Problem,
     method: Static,
-    otherwise: Mapping[str, float],
+    otherwise: Mapping[str, float] | None,
     follower: _Follower,
     work: float | None,
 ) -> Answer:

@@ -9,7 +9,6 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fem.accuracy.converge import TARGETS
 from fem.accuracy.statics import solve_static
 from fem.assembly.statement import Problem
 from fem.element.hexahedron import ElementType
@@ -90,7 +89,7 @@ def deformable_answer(
             return solve_static(
                 problem,
                 method,
-                otherwise=TARGETS if otherwise is None else otherwise,
+                otherwise=otherwise,
                 store=store,
                 progress=follower.progress,
                 on_frame=follower.on_frame,
