@@ -53,10 +53,10 @@ $(LOWEST)/installed:
 # (kernels of OpenBLAS), and machine code without them (generic, which compiles anew). Ten CPU minutes.
 PROCESSORS ?= Prescott $(shell grep -sqw avx2 /proc/cpuinfo && echo Haswell) \
   $(shell grep -sqw avx512f /proc/cpuinfo && echo SkylakeX) generic
-PROCESSOR_TESTS ?= tests/mbd tests/cases/test_rigid_answer.py tests/fem/test_static.py \
+PROCESSOR_TESTS ?= tests/mbd tests/fem/test_static.py \
   tests/fem/test_condensation.py tests/fem/test_load_path.py tests/fem/test_deck_laws.py \
-  tests/fem/test_abaqus.py tests/fem/test_problem_deck.py tests/cases/test_own_files.py \
-  tests/cases/test_own_curved.py tests/fem/test_own_law.py tests/fem/test_contact_law.py tests/fixtures
+  tests/fem/test_abaqus.py tests/fem/test_problem_deck.py tests/geometry/test_own_files.py \
+  tests/fem/test_own_curved.py tests/fem/test_own_law.py tests/fem/test_contact_law.py tests/fixtures
 COMPILED_TESTS ?= tests/fem/test_kernels.py tests/fem/test_explicit_contact.py
 processor: $(PROCESSORS:%=processor-%)
 
