@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from html import escape
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar, final
 
 import numpy as np
@@ -399,7 +398,7 @@ class Answer:
     """What was solved, with its ``blocks`` on the facets of `contacts`; None in such an answer."""
     cut: Callable[[Planes], SectionForces] | None = None
     """Makes section forces; None in such an answer."""
-    parts: Mapping[str, Part] = MappingProxyType({})
+    parts: Mapping[str, Part] = field(default_factory=dict)
     """What was found beside the measures, by name; none in such an answer."""
     case: Any = None
     """What was asked (`validation.Case`); None in such an answer, and where a solver was called."""
