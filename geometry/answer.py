@@ -8,7 +8,7 @@ then computed once, and only the solver's own result is left behind.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from html import escape
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar, final
