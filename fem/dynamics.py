@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import Literal
 
 from fem.accuracy.converge import Progress as Refinement
-from fem.accuracy.converge import converge, why_not_refined
+from fem.accuracy.converge import converge, usual_work, why_not_refined
 from fem.accuracy.errors import SAFETY
 from fem.accuracy.friction_range import friction_set, is_a_set
 from fem.accuracy.ladder import OF_FACETS, coarser
@@ -43,6 +42,7 @@ from geometry.answer import Answer, Measure, Notes, Part
 from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
 from geometry.system import one_thread_of_blas
+from geometry.work import budget, clock
 
 #: Frames are parts of this part of the longest run, where it may end early and has no ramp.
 _FINE = 200.0
@@ -213,9 +213,12 @@ def _static_reference(
     with stages() as watch:
         try:
             options = _statically(problem, method)
-            result = converge(problem, options=options, progress=progress)
+            with budget(usual_work(problem)):
+                result = converge(problem, options=options, progress=progress)
         except RefusedError as error:
             return StaticReference(why_not=str(error))
+        if result.accuracy.stopped_by == "interrupt":
+            raise KeyboardInterrupt
         watch.lap("solve")
         measures = result.measures
         if result.facets is None:  # means over other facets than the run's
@@ -330,7 +333,7 @@ def explicit_solution(
     UnstableRun, TimeStepError, StateError, CheckpointError
         As `fem.explicit.solve.solve`.
     """
-    ends = math.inf if method.max_seconds is None else time.process_time() + method.max_seconds
+    ends = clock(method.max_seconds)
     stated, restarts = stated_run(problem, method), 0
     to_rest = method.damped(moves=problem.motion is not None) == "static"
     # A run that is not damped to the static state watches the residual and goes on.

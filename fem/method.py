@@ -43,7 +43,8 @@ class Static:
     same meshes on every machine. By default 20 where contact is conforming, without friction or
     gaps, 60 elsewhere; no limit with an accuracy, nor for the state on the mesh of the problem."""
     max_seconds: Annotated[float, Gt(0)] | None = None
-    """CPU time at most by the clock, on which meshes then depend [s]; by default no limit."""
+    """CPU time at most by the clock, on which meshes then depend [s]; the first mesh is finished
+    whatever it takes. By default no limit."""
     max_memory: Annotated[float, Gt(0)] = 4.0
     """Memory that one computation may take [GB]: what needs more is not started."""
     error_estimate: bool = True

@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from filelock import BaseFileLock
 
-
 #: Signal that ends a process at once: SIGKILL; on Windows SIGTERM, which does so there.
 KILL: signal.Signals = getattr(signal, "SIGKILL", signal.SIGTERM)
 

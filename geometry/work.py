@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, NoReturn, TypeAlias
 
 from geometry.errors import RefusedError
 from geometry.system import machine_memory
@@ -141,7 +141,7 @@ class Budget:
     @property
     def rows(self) -> list[tuple[str, str]]:
         """Which limit left something undone, where one did."""
-        if self.stopped_by != "work":
+        if self.stopped_by != "work" or self.work is None:
             return []
         return [("work", f"{self.seconds:.3g} of {self.work:g} s on the reference machine")]
 
@@ -175,11 +175,19 @@ class Budget:
         if self.outer is not None:
             self.outer.add(kind, amount)
         if self.work is not None and self.seconds > self.work:
-            self.stopped_by = "work"
-            raise LimitError("work")
+            self._stop("work")
         if self.ends < math.inf and self.left.seconds < 0.0:
-            self.stopped_by = "clock"
-            raise LimitError("clock")
+            self._stop("clock")
+
+    def _stop(self, by: Stop) -> NoReturn:
+        self.mark(by)
+        raise LimitError(by)
+
+    def mark(self, by: str) -> None:
+        """Say that a limit left something undone, here and in what this one is part of."""
+        self.stopped_by = by
+        if self.outer is not None:
+            self.outer.mark(by)
 
 
 _BUDGET: ContextVar[Budget | None] = ContextVar("budget", default=None)
@@ -236,7 +244,7 @@ def stop(by: str) -> str:
     """Say that a limit left something undone; returns it in words."""
     limit = None
     for own in _chain():
-        own.stopped_by = by
+        own.mark(by)
         limit = own.work or limit
     return f"{LIMITS[by]}, {limit:g} s on the reference machine" if by == "work" else LIMITS[by]
 

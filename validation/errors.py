@@ -50,7 +50,7 @@ INTERRUPTED, READER_GONE = 130, 141
 def run_command(command: Callable[[], object]) -> None:
     """Run a command; the only place that turns errors into exit statuses.
 
-    What cannot be printed ends no command (`validation.errors`): its files are written, and
+    What cannot be printed ends no command (`LastingOutput`): its files are written, and
     the exit status tells.
     """
     try:

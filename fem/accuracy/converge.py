@@ -379,6 +379,13 @@ def why_not_refined(problem: Problem) -> str | None:
     return None
 
 
+def usual_work(problem: Problem) -> float:
+    """Work at most where neither a limit nor an accuracy is stated [reference s]."""
+    opened = problem.clearance > 0.0 or problem.spacing > 0.0
+    conforming = problem.coulomb is None and not (opened or problem.searches)
+    return CONFORMING_SECONDS if conforming else MOST_SECONDS
+
+
 def usual_degree(blocks: Assembly, *, friction: bool) -> int:
     """Degree of the elements where nothing states it: of tetrahedra split into hexahedra 2.
 
@@ -414,12 +421,12 @@ def _solve(
     before: Solved | None,
 ) -> Solved:
     """Solve on one mesh, from the state on a coarser one."""
-    clock = time.process_time()
+    begun = time.process_time()
     with budget() as spent:
         solution, facets = _state(base, stated, options, before)
         measures = dict(measures_of(solution, facets=facets))
         steps = load_step_change(solution)
-    seconds = time.process_time() - clock
+    seconds = time.process_time() - begun
     return Solved(stated, rung, solution, facets, measures, steps, seconds, spent)
 
 

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fem.accuracy.converge import (
-    CONFORMING_SECONDS,
     MOST_SECONDS,
     AccuracyError,
     Progress,
@@ -19,6 +18,7 @@ from fem.accuracy.converge import (
     checked_targets,
     converge,
     usual_degree,
+    usual_work,
     why_not_refined,
 )
 from fem.accuracy.friction_range import friction_set, is_a_set
@@ -130,9 +130,7 @@ def most_work(problem: Problem, method: Static, *, finer: bool) -> float | None:
         return method.max_work
     if method.accuracy is not None or not finer:
         return None
-    opened = problem.clearance > 0.0 or problem.spacing > 0.0
-    conforming = problem.coulomb is None and not (opened or problem.searches)
-    return CONFORMING_SECONDS if conforming else MOST_SECONDS
+    return usual_work(problem)
 
 
 def _of_usual_degree(stated: Problem, meshed: Problem) -> Problem:
@@ -177,6 +175,8 @@ def _converged(
     watch.lap("solve")
     _write_frames(method.frames, result.solution, options, follower)
     parts = result.parts
+    if result.accuracy.stopped_by == "interrupt":
+        ends = clock(0.0)
     with budget(ends=ends):
         if is_a_set(problem):
             follower.tell("how wide the set of answers with friction is")

@@ -53,3 +53,16 @@ def test_a_limit_of_work_ends_a_refinement_and_says_so() -> None:
     assert few["work"]["stopped_by"] == few["accuracy"]["stopped_by"] == "work"
     assert few["work"]["done"] <= few["work"]["limit"] == limit
     assert few["accuracy"]["ended_by"].startswith("the limit of work")
+
+
+def test_a_limit_that_leaves_out_error_bars_stands_in_the_answer() -> None:
+    """On one mesh the state is found whatever it takes; its bars within the limit of the rest."""
+    settings = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 1, "mesh.axial": 2}
+    case = load_case("tsb1-pipe", {**settings, "fem.mesh": "scene"}, method="static")
+    whole = solve(case).as_dict()
+    assert whole["work"]["stopped_by"] is None
+    cut = solve(case.changed({"fem.max_seconds": 1e-9})).as_dict()
+    assert cut["work"]["stopped_by"] == "clock"
+    value = whole["measures"]["p_eff"]["value"]
+    assert cut["measures"]["p_eff"]["value"] == pytest.approx(value, rel=1e-12)
+    assert cut["measures"]["p_eff"]["error"] is None

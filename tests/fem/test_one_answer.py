@@ -43,16 +43,9 @@ from geometry.meshing.refinement import charts_of, with_lines
 from tests.support.answers import by_options
 from tests.support.commands import ANSWER_FILES
 from tests.support.lagrange_meshes import HEXAGON, WALL, sine
+from tests.support.shapes import SHAPE
 from validation import read_answer
 
-SHAPE = {
-    "height": 200,
-    "amplitude": 20,
-    "frequency": 1.5,
-    "blocks_per_layer": 4,
-    "inner_radius": 120,
-    "thickness": 40,
-}
 TUBE = tube(SineBlock(**SHAPE), layers=1, mesh=(12, 1, 2))
 TOWER = tube(SineBlock(**SHAPE), layers=2, mesh=(12, 1, 2))
 #: Half a turn takes facets between its layers onto themselves.

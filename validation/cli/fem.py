@@ -65,9 +65,9 @@ def fem(
     from validation.case import load_case, with_auto
     from validation.output.deformable.answers import FILES, print_run, write_run_files
 
-    stated, case = (
-        method_fields(accuracy, max_work=max_work, max_seconds=max_seconds, max_memory=max_memory),
-        load_case(scene, settings or ()),
+    case = load_case(scene, settings or ())
+    stated = method_fields(
+        accuracy, max_work=max_work, max_seconds=max_seconds, max_memory=max_memory
     )
     if "accuracy" in stated and resume is not None:
         raise InputError(f"--resume {resume}: a resumed run keeps its mesh; remove --accuracy")

@@ -319,8 +319,8 @@ class FemSection(_FemKeys):  # type: ignore[misc]
     """Sector: cyclic symmetry, exact for cyclic loads. Auto: sector where exact. Periodic cell: two
     layers represent the middle of a long tube."""
     max_seconds: Annotated[float, Field(gt=0)] | None = None
-    """CPU time at most by the clock, on which meshes then depend [s]; an explicit run ends at a
-    checkpoint. By default no limit."""
+    """CPU time at most by the clock, on which meshes then depend [s]; the first mesh is finished
+    whatever it takes, and an explicit run ends at a checkpoint. By default no limit."""
     frames: Annotated[int, Field(ge=0, le=10_000)] = 0
     """Frames written for ParaView, spread over what was run, the first and the end included; of a
     static run states under parts of the load, with friction those of its load steps."""

@@ -434,10 +434,6 @@ class CondensedStep:
     def internal_force(self, displacement: FloatArray) -> FloatArray:
         """S u of the contact nodes, zero at inner nodes; (n_nodes, 3) [N]."""
         result = np.zeros(3 * self._system.n_nodes)
-        count(
-            Operation.ENTRY,
-            sum(self._kind(s).condensed.stiffness.size for s in range(self._system.n_slots)),
-        )
         flat = displacement.ravel()
         for slot in range(self._system.n_slots):
             dofs, kind = self._retained(slot), self._kind(slot)

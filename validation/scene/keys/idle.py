@@ -34,7 +34,8 @@ _IN_TIME = ("effects.rayleigh", "effects.bulk_viscosity")
 #: Of a scene's answer, which decks leave to the program that reads them.
 _NOT_WRITTEN = (
     *("rigid", "sections", "material.averaging_radius", "material.tensile_strength"),
-    *("material.compressive_strength", "fem.mesh", "fem.accuracy", "fem.max_seconds"),
+    *("material.compressive_strength", "fem.mesh", "fem.accuracy"),
+    *("fem.max_work", "fem.max_seconds", "fem.max_memory"),
     *("fem.error_estimate", "fem.load_steps", "fem.motion_steps", "fem.symmetry"),
     *("fem.residual", "fem.precision", "fem.threads", "fem.static_reference"),
     "fem.sample_interval",

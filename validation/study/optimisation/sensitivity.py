@@ -297,6 +297,7 @@ def _deformable(file: Case, meshes: int) -> Iterator[Values]:
     from fem.accuracy.strength import strength_factors
     from fem.method import Static
     from geometry.parts.dimensions import dimensions
+    from geometry.work import budget
     from validation.build.problem import fem_section
     from validation.errors import named
 
@@ -310,8 +311,13 @@ def _deformable(file: Case, meshes: int) -> Iterator[Values]:
     ladder = ladder_for(("p_max", "p_eff", "sigma_1_averaged", "max_displacement"), problem)
     method = file.method if isinstance(file.method, Static) else Static()
     options = static_options(problem, method)
+    if method.max_seconds is not None:
+        raise InputError(
+            f"{file.name}: fem.max_seconds: derivatives would depend on the machine; expected "
+            "fem.max_work, which is the same on every machine"
+        )
     volume = Measure(dimensions(problem.blocks).volume, "mm³")
-    with named(file.name):
+    with named(file.name), budget(method.max_work, memory=method.max_memory):
         for solved in islice(climbed(problem, ladder.rungs, options), meshes):
             factors = strength_factors(solved.solution, solved.measures, options)
             yield dict(solved.measures) | factors | {"volume": volume}
