@@ -42,18 +42,22 @@ def run(problem):
     )
 
 
+#: Initial gaps [mm]. With stiff searched contact how a box chatters is chaotic, and rounding decides
+#: on the energy of one run: there the mean over some is judged.
+GAPS = {(1e5, True): (0.0099, 0.01, 0.0101, 0.0102)}
+
+
 @pytest.mark.parametrize("sliding", [False, True], ids=["matched", "searched"])
 @pytest.mark.parametrize("stiffness", [1e4, 1e5])
 def test_stiff_linear_contact_that_closes_and_opens_makes_no_energy(column, stiffness, sliding):
-    """In the mean over gaps: how a box chatters is chaotic, and rounding decides on one run."""
     shares = []
-    for gap in (0.0099, 0.01, 0.0101, 0.0102):
+    for gap in GAPS.get((stiffness, sliding), (0.01,)):
         stated = replace(column, clearance=gap, law=LinearPenalty(stiffness))
         energies = run(replace(stated, finite_sliding=sliding)).report["energies"]
         # The sum is what the run made; without damping and friction all the rest is external work.
         assert energies["external_work"] > 0.0
-        shares.append(energies["total"] / energies["external_work"])
-    assert abs(sum(shares) / len(shares)) < 0.02
+        shares.append(abs(energies["total"]) / energies["external_work"])
+    assert sum(shares) / len(shares) < 0.02
 
 
 def test_a_cap_that_acts_makes_no_energy(column):
