@@ -42,7 +42,7 @@ def run(problem):
     )
 
 
-#: Initial gaps [mm]. With stiff searched contact how a box chatters is chaotic, and rounding decides
+#: Initial gaps [mm]. How a box chatters on stiff searched contact is chaotic, and rounding decides
 #: on the energy of one run: there the mean over some is judged.
 GAPS = {(1e5, True): (0.0099, 0.01, 0.0101, 0.0102)}
 
