@@ -15,9 +15,10 @@ from scipy.sparse import block_diag, bsr_array, csr_array, eye_array
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import Orbits, local_forces
+from fem.contact.friction import Coulomb, coulomb
 from fem.contact.law import ContactLaw
 from fem.contact.search import SearchedSurfaces
-from fem.contact.surfaces import ContactNormals, ContactSurfaces, PointKinematics
+from fem.contact.surfaces import ContactNormals, ContactSurfaces
 from fem.problem.model import Amplitude, BlockGroup, ModelError
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.work import Operation, count
@@ -60,6 +61,21 @@ NOTHING_HELD = HeldNodes(
 
 
 @dataclass(frozen=True)
+class Gaps:
+    """Overclosures of all contact points, with friction also their slips, and their derivatives."""
+
+    x: FloatArray
+    """Overclosure, then slips along `ContactSurfaces.sides`, (n_facets, n_points, 1 or 3) [mm]."""
+    gradient: FloatArray
+    """∂x/∂u in block frames, (n_facets, n_points, 1 or 3, nodes of both facets, 3)."""
+
+    @property
+    def overclosure(self) -> FloatArray:
+        """Overclosures alone, (n_facets, n_points) [mm]."""
+        return self.x[..., 0]
+
+
+@dataclass(frozen=True)
 class LocalSystem:
     """Representative blocks, the facets between them, their loads and supports."""
 
@@ -86,6 +102,12 @@ class LocalSystem:
     def law(self) -> ContactLaw:
         """Contact law of `surfaces`."""
         return self.deformable.contact.law.on(self.surfaces.block_m, self.surfaces.block_s)
+
+    @cached_property
+    def coulomb(self) -> Coulomb:
+        """The same with friction."""
+        surfaces, friction = self.surfaces, self.deformable.contact.friction
+        return coulomb(self.law, friction, surfaces.block_m, surfaces.block_s)
 
     @property
     def n_nodes(self) -> int:
@@ -131,20 +153,37 @@ class LocalSystem:
         local *= self.moves[:, None, :, None]
         return local
 
-    def kinematics(self, displacement: FloatArray, normals: ContactNormals) -> PointKinematics:
-        """Overclosures at a displacement, gradients in block frames."""
+    def gaps(self, displacement: FloatArray, normals: ContactNormals) -> Gaps:
+        """Overclosures at a displacement, and slips where there is friction."""
         world = self.surfaces.kinematics(self.corner_displacements(displacement), normals)
         count(Operation.POINT, world.gradient.size / 3.0)
-        return PointKinematics(world.overclosure, self.local_gradient(world.gradient))
+        x, gradient = world.overclosure[..., None], self.local_gradient(world.gradient)[:, :, None]
+        if self.deformable.contact.friction is None:
+            return Gaps(x, gradient)
+        return Gaps(
+            np.concatenate([x, self.gather(self._by_slips, displacement)], axis=2),
+            np.concatenate([gradient, self._by_slips], axis=2),
+        )
 
-    def gather(self, local_gradient: FloatArray, displacement: FloatArray) -> FloatArray:
-        """Product of gradients with a displacement, (n_facets, n_points) [mm]."""
+    @cached_property
+    def _by_slips(self) -> FloatArray:
+        """∂(slip)/∂u, (n_facets, n_points, 2, nodes of both facets, 3)."""
+        world = np.einsum("fpa,fpki->fpkai", self.surfaces.difference, self.surfaces.sides)
+        n, p, _, a, _ = world.shape
+        return self.local_gradient(world.reshape(n, 2 * p, a, 3)).reshape(world.shape)
+
+    def gather(self, gradient: FloatArray, displacement: FloatArray) -> FloatArray:
+        """Product of gradients (n_facets, …, 2 m, 3) with a displacement, (n_facets, …) [mm]."""
         padded = np.concatenate([displacement, np.zeros((1, 3))])
-        return np.einsum("fpai,fai->fp", local_gradient, padded[self.corner_nodes], optimize=True)
+        rows = gradient.reshape(len(gradient), int(np.prod(gradient.shape[1:-2])), -1, 3)
+        moved = np.einsum("fpai,fai->fp", rows, padded[self.corner_nodes], optimize=True)
+        return moved.reshape(gradient.shape[:-2])
 
-    def scatter(self, local_gradient: FloatArray, point_forces: FloatArray) -> FloatArray:
-        """Nodal forces -Σ w p ∂(overclosure)/∂u, (n_nodes, 3) [N]."""
-        return self._gathered(-np.einsum("fp,fpai->fai", point_forces, local_gradient))
+    def scatter(self, gradient: FloatArray, point_forces: FloatArray) -> FloatArray:
+        """Nodal forces -Σ w t ∂x/∂u of forces w t (n_facets, …) [N], (n_nodes, 3) [N]."""
+        rows = gradient.reshape(len(gradient), int(np.prod(gradient.shape[1:-2])), -1, 3)
+        forces = point_forces.reshape(rows.shape[:2])
+        return self._gathered(-np.einsum("fp,fpai->fai", forces, rows))
 
     def scatter_corners(self, corner_forces: FloatArray) -> FloatArray:
         """Nodal forces of forces on the nodes of facets in world axes, (n_nodes, 3) [N]."""

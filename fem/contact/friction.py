@@ -7,24 +7,22 @@ the slip at which it would be free of traction, and k the stick stiffness,
     t = mu p (s - a) / |s - a|          else: it slides, and the anchor follows, a = s - t / k
 
 The anchor is the history of a point. A point without pressure has its anchor at its slip, so
-contact begins without traction. The scalar function is compiled: kernels call the same one.
+contact begins without traction. Explicit runs keep k (s - a) in world axes instead of the anchor:
+`fem.explicit.contact` returns it in its own loops.
 
 Reference: Wriggers, Computational Contact Mechanics (2006), section 5.2, elastic slip and radial
 return.
 """
 
-# mypy: disable-error-code="untyped-decorator"
-
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from geometry.compilation import njit
+from fem.contact.law import ContactLaw
 from geometry.errors import RefusedError, is_number
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.parts.pairs import OfPairs, pair_values
 
 #: Coefficients of dry materials stay below 2; beyond this a number is something else.
@@ -77,82 +75,79 @@ class CoulombFriction:
         return pair_values(self.coefficient, self.of_pairs, block_m, block_s)
 
 
-@njit(cache=True)
-def friction_traction(
-    slip_1: float, slip_2: float, anchor_1: float, anchor_2: float, limit: float, stiffness: float
-) -> tuple[float, float, float, float]:
-    """Traction and new anchor of one point.
+@dataclass(frozen=True)
+class Coulomb:
+    """Tractions of contact points by their overclosures and slips: pressure and friction.
 
-    Parameters
-    ----------
-    slip_1, slip_2
-        Slip along two orthonormal tangents [mm].
-    anchor_1, anchor_2
-        Anchor [mm].
-    limit
-        mu p [MPa].
-    stiffness
-        Stick stiffness [MPa/mm].
-
-    Returns
-    -------
-    tuple[float, float, float, float]
-        Traction [MPa] that resists the slip and anchor [mm], along the tangents. The work
-        lost is the traction times the path of the anchor.
+    ``x`` are (n, n_points, 1) without friction and (n, n_points, 3) with it: overclosure, then the
+    slips along two orthonormal tangents [mm]. Tractions are alike: pressure, then friction that
+    resists the slips [MPa]. Anchors are (n, n_points, 0 or 2) [mm].
     """
-    if limit <= 0.0:
-        return 0.0, 0.0, slip_1, slip_2
-    traction_1 = stiffness * (slip_1 - anchor_1)
-    traction_2 = stiffness * (slip_2 - anchor_2)
-    size = math.hypot(traction_1, traction_2)
-    if size <= limit:
-        return traction_1, traction_2, anchor_1, anchor_2
-    traction_1 *= limit / size
-    traction_2 *= limit / size
-    return (
-        traction_1,
-        traction_2,
-        slip_1 - traction_1 / stiffness,
-        slip_2 - traction_2 / stiffness,
-    )
+
+    law: ContactLaw
+    """Pressure of the overclosure."""
+    coefficient: float | FloatArray = 0.0
+    """μ of all points, or of those of each facet, (n, 1) [-]."""
+    stick: float = 1.0
+    """Slope of the friction while sticking [MPa/mm]."""
+
+    def tractions(self, x: FloatArray, anchor: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Tractions [MPa] and new anchors [mm].
+
+        The work lost is the traction times the path of the anchor.
+        """
+        traction = np.empty_like(x)
+        traction[..., 0] = self.law.pressure(x[..., 0])
+        if x.shape[-1] == 1:
+            return traction, anchor
+        trial, share, slides = self._returned(x, anchor, traction[..., 0])
+        traction[..., 1:] = share * trial
+        return traction, np.where(slides, x[..., 1:] - traction[..., 1:] / self.stick, anchor)
+
+    def slope(self, x: FloatArray, anchor: FloatArray) -> FloatArray:
+        """∂(traction)/∂x, (n, n_points, 1 or 3, 1 or 3) [MPa/mm].
+
+        Not symmetric where a point slides: its friction follows its pressure.
+        """
+        slope = np.zeros((*x.shape, x.shape[-1]))
+        slope[..., 0, 0] = self.law.stiffness(x[..., 0])
+        if x.shape[-1] == 1:
+            return slope
+        pressure = self.law.pressure(x[..., 0])
+        trial, share, slides = self._returned(x, anchor, pressure)
+        length = np.linalg.norm(trial, axis=-1, keepdims=True)
+        along = np.divide(trial, length, out=np.zeros_like(trial), where=slides & (length > 0.0))
+        grows = (self.coefficient * slope[..., 0, 0])[..., None]
+        slope[..., 1:, 0] = np.where(pressure[..., None] > 0.0, grows * along, 0.0)
+        across = np.eye(2) - along[..., None] * along[..., None, :]
+        slope[..., 1:, 1:] = self.stick * share[..., None] * across
+        return slope
+
+    def _returned(
+        self, x: FloatArray, anchor: FloatArray, pressure: FloatArray
+    ) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Friction of full stick, the share of it that acts, and whether a point slides.
+
+        Shapes are (n, n_points, 2), (n, n_points, 1) and (n, n_points, 1).
+        """
+        trial = self.stick * (x[..., 1:] - anchor)
+        size = np.hypot(trial[..., :1], trial[..., 1:])
+        limit = (self.coefficient * pressure)[..., None]
+        slides = (size > limit) | (limit <= 0.0)
+        share = np.divide(limit, size, out=np.ones_like(size), where=size > limit)
+        return trial, np.where(limit > 0.0, share, 0.0), slides
+
+    def softened(self, share: float) -> Coulomb:
+        """The same with a share of the stick stiffness."""
+        return replace(self, stick=share * self.stick)
 
 
-@njit(cache=True)
-def _each(
-    slip: FloatArray,
-    anchor: FloatArray,
-    limit: FloatArray,
-    stiffness: float,
-    traction: FloatArray,
-    moved: FloatArray,
-) -> None:
-    for i in range(len(limit)):
-        t1, t2, a1, a2 = friction_traction(
-            slip[i, 0], slip[i, 1], anchor[i, 0], anchor[i, 1], limit[i], stiffness
-        )
-        traction[i, 0], traction[i, 1], moved[i, 0], moved[i, 1] = t1, t2, a1, a2
-
-
-def friction_tractions(
-    friction: CoulombFriction,
-    slip: FloatArray,
-    anchor: FloatArray,
-    pressure: FloatArray,
-    coefficient: float | FloatArray | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """Tractions [MPa] and new anchors [mm] of many points, (..., 2) each.
-
-    Slips and anchors are (..., 2) [mm], pressures (...,) [MPa]. The coefficient is that of the law,
-    or another of each point, (...,).
-    """
-    coefficient = friction.coefficient if coefficient is None else coefficient
-    traction, moved = np.empty(slip.shape), np.empty(slip.shape)
-    _each(
-        np.ascontiguousarray(slip).reshape(-1, 2),
-        np.ascontiguousarray(anchor).reshape(-1, 2),
-        np.ascontiguousarray(coefficient * pressure).reshape(-1),
-        friction.stick_stiffness,
-        traction.reshape(-1, 2),
-        moved.reshape(-1, 2),
-    )
-    return traction, moved
+def coulomb(
+    law: ContactLaw, friction: CoulombFriction | None, block_m: IntArray, block_s: IntArray
+) -> Coulomb:
+    """Law of facets or points between blocks (n,) each, from that of pressures there."""
+    if friction is None:
+        return Coulomb(law)
+    found = friction.on(block_m, block_s)
+    coefficient = found if isinstance(found, float | int) else found[:, None]
+    return Coulomb(law, coefficient, friction.stick_stiffness)

@@ -478,7 +478,7 @@ class SearchedSurfaces:
         return np.concatenate([-faced, self.shapes], axis=1)
 
     @cached_property
-    def tangents(self) -> FloatArray:
+    def sides(self) -> FloatArray:
         """Orthonormal tangents of the normals, (n, 1 point, 2, 3)."""
         n_nodes = self.shapes.shape[1]
         slopes = facet_functions(self.xi, n_nodes)[1]

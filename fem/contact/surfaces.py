@@ -97,6 +97,13 @@ class ContactSurfaces(ReadOnlyArrays):
         return self.area_vectors / np.linalg.norm(self.area_vectors, axis=2, keepdims=True)
 
     @cached_property
+    def sides(self) -> FloatArray:
+        """Orthonormal reference tangents, along which slips are measured, (n, n_points, 2, 3)."""
+        first = self.tangents[:, :, 0]
+        first = first / np.linalg.norm(first, axis=2, keepdims=True)
+        return np.stack([first, np.cross(self.normals, first)], axis=2)
+
+    @cached_property
     def areas(self) -> FloatArray:
         """Reference area of each facet, (n,) [mm²]."""
         return self.weights.sum(axis=1)

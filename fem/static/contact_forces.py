@@ -500,7 +500,7 @@ def solve_in_contact_forces(
     points = _Points(system, grids)
     if start is not None:
         law = system.deformable.contact.law
-        at = system.kinematics(start, system.deformable.contact.normals).overclosure.ravel()
+        at = system.gaps(start, system.deformable.contact.normals).x.ravel()
         soft = points.soft(law.stiffness(at), _SOFT * _stiffness_of_block(points))
         try:
             return _Iteration(points, ~soft, load_factor, tolerance, start).run()
@@ -588,14 +588,14 @@ class _Iteration:
 
     def _look(self) -> None:
         """Find the overclosures, (n,) [mm], and their gradients at the displacement."""
-        self.kinematics = self.system.kinematics(self.state.displacement, self.normals)
-        self.overclosure = self.kinematics.overclosure.ravel()
+        self.gaps = self.system.gaps(self.state.displacement, self.normals)
+        self.overclosure = self.gaps.x.ravel()
 
     def _turn(self, forces: FloatArray) -> None:
         """Let normals turn with the displacement, under forces of the points (n,) [N]."""
         if self.normals is ContactNormals.CURRENT:
             straight = self.points.approach(self.state.displacement) - self.points.gaps
-            at = self.state.displacement, self.kinematics
+            at = self.state.displacement, self.gaps
             self.turned = self.turning.turned(*at, straight, forces)
 
     def _step(self) -> ForceState | None:
@@ -673,9 +673,7 @@ class _Iteration:
         """Judge the state: forces are those of the law, in balance, and nothing else holds it."""
         system, state = self.system, self.state
         pressing = self.points.weights * self.contact.law.pressure(self.overclosure)
-        of_law = system.scatter(
-            self.kinematics.gradient, pressing.reshape(system.surfaces.weights.shape)
-        )
+        of_law = system.scatter(self.gaps.gradient, pressing)
         unbalanced = self.problem.load + of_law - state.internal
         residual = relative_residual(system, unbalanced, pressing)
         size = max(float(np.linalg.norm(state.forces)), 1e-300)

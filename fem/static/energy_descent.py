@@ -21,12 +21,11 @@ from typing import Protocol
 
 import numpy as np
 
-from fem.assembly.local_system import LocalSystem, NodalInverse
+from fem.assembly.local_system import Gaps, LocalSystem, NodalInverse
 from fem.contact.law import ContactLaw
 from fem.contact.surfaces import (
     ContactNormals,
     ContactSurfaces,
-    PointKinematics,
     curvature_tangent,
 )
 from fem.static.linear_step.linearisation import (
@@ -79,7 +78,7 @@ class Residual(Protocol):
 @dataclass(frozen=True)
 class _State:
     displacement: FloatArray
-    kinematics: PointKinematics
+    gaps: Gaps
     energy: float
     """[N mm]"""
     rounding: float
@@ -94,7 +93,7 @@ class _Energy:
     def __init__(self, system: LocalSystem, step: LinearStep, load_factor: float) -> None:
         self.system = system
         self.step = step
-        self.weights = system.surfaces.weights
+        self.weights = system.surfaces.weights[..., None]
         self.load = load_factor * step.external_force
 
     @property
@@ -103,17 +102,17 @@ class _Energy:
 
     def __call__(self, displacement: FloatArray) -> _State:
         internal = self.step.internal_force(displacement)
-        result = self.system.kinematics(displacement, ContactNormals.CURRENT)
-        stored = float(np.vdot(self.weights, self.law.stored_energy(result.overclosure)))
+        result = self.system.gaps(displacement, ContactNormals.CURRENT)
+        stored = float(np.vdot(self.weights, self.law.stored_energy(result.x)))
         strain = 0.5 * float(np.vdot(internal, displacement))
         work = float(np.vdot(self.load, displacement))
         force = self.load - internal
         force = force + self.system.scatter(
-            result.gradient, self.weights * self.law.pressure(result.overclosure)
+            result.gradient, self.weights * self.law.pressure(result.x)
         )
         return _State(
             displacement=displacement,
-            kinematics=result,
+            gaps=result,
             energy=strain + stored - work,
             rounding=_ENERGY_ROUNDING * (abs(strain) + abs(stored) + abs(work)),
             force=self.system.free_part(force),
@@ -121,8 +120,8 @@ class _Energy:
 
     def hessian(self, state: _State) -> Callable[[FloatArray], FloatArray]:
         """H at a state, as a function of a free displacement."""
-        system, result = self.system, state.kinematics
-        stiffness = self.weights * self.law.stiffness(result.overclosure)
+        system, result = self.system, state.gaps
+        stiffness = self.weights * self.law.stiffness(result.x)
         bending = self._curvature(state)
 
         def apply(change: FloatArray) -> FloatArray:
@@ -142,7 +141,7 @@ class _Energy:
         surfaces = self.system.surfaces
         assert isinstance(surfaces, ContactSurfaces)  # points of a search have no such tangent
         corners = self.system.corner_displacements(state.displacement)
-        forces = self.weights * self.law.pressure(state.kinematics.overclosure)
+        forces = (self.weights * self.law.pressure(state.gaps.x))[..., 0]
         size = 3 * corners.shape[1]
         tangent = np.empty((surfaces.n_facets, size, size))
         for first in range(0, surfaces.n_facets, _CHUNK):
@@ -152,14 +151,14 @@ class _Energy:
 
     def linearisation(self, state: _State) -> Linearisation:
         """Tangent of the law at a state, for the preconditioner."""
-        at = state.kinematics.overclosure
+        at = state.gaps.x
         return Linearisation(
-            weights=self.weights,
-            gradient=state.kinematics.gradient,
+            weights=self.weights[..., 0],
+            gradient=state.gaps.gradient,
             constant=np.zeros_like(at),
             at=at,
-            pressure=self.law.pressure(at),
-            stiffness=self.law.stiffness(at),
+            traction=self.law.pressure(at),
+            slope=self.law.stiffness(at)[..., None],
         )
 
 
@@ -204,7 +203,7 @@ def minimise_energy(
     saddles = 0
     for _ in range(max_iterations):
         count(Operation.CALL, system.n_slots)
-        pressure = energy.weights * energy.law.pressure(state.kinematics.overclosure)
+        pressure = energy.weights * energy.law.pressure(state.gaps.x)
         residuals.append(residual(state.force, pressure))
         precondition = _preconditioner(energy, state, holding)
         hessian = energy.hessian(state)
@@ -239,7 +238,7 @@ def _preconditioner(energy: _Energy, state: _State, holding: float) -> NodalInve
 def _random_force(energy: _Energy, state: _State) -> FloatArray:
     """Forces of random contact pressures: no motion that contacts feel is orthogonal to them."""
     random = np.random.default_rng(0).standard_normal(energy.weights.shape)
-    scattered = energy.system.scatter(state.kinematics.gradient, energy.weights * random)
+    scattered = energy.system.scatter(state.gaps.gradient, energy.weights * random)
     return energy.system.free_part(scattered)
 
 

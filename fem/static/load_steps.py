@@ -19,7 +19,6 @@ from fem.static.linear_step.linearisation import SparseSolver
 from fem.static.newton import (
     StaticProblem,
     StaticState,
-    anchor_of,
     bounded,
     converge,
     descend,
@@ -144,10 +143,10 @@ def _along(
         length = _length(done, (factor, moment))
         leads = rate is not None and length > 0.0 and bool(moment) == bool(done and done[1])
         if moment or leads:
-            pressures = problem.system.law.pressure(state.kinematics.overclosure)
+            pressures = problem.system.law.pressure(state.gaps.overclosure)
             more = 1.0 if moment else factor / state.load_factor
             guess = replace(guess, pressed=more * float(pressures.max(initial=0.0)))
-        if moment and problem.friction is None:
+        if moment and not problem.has_friction:
             guess = held_in_motion(problem, guess)
         near = None if moment else _near(known, factor)
         if near is not None:
@@ -202,9 +201,9 @@ def _led_on(problem: StaticProblem, state: StaticState, way: FloatArray) -> Stat
     displacement = state.displacement + way
     if not problem.system.has_prescribed(displacement, state.time):
         return state
-    kinematics = problem.kinematics(displacement)
-    at = bounded(problem, state, kinematics.overclosure)
-    return replace(state, displacement=displacement, kinematics=kinematics, at=at)
+    gaps = problem.gaps(displacement)
+    at = bounded(problem, state, gaps.x)
+    return replace(state, displacement=displacement, gaps=gaps, at=at)
 
 
 def load_up(
@@ -221,7 +220,7 @@ def load_up(
         problem: StaticProblem, state: StaticState, begin: FloatArray
     ) -> tuple[StaticProblem, StaticState, bool]:
         reached = converge(problem, state, begin)
-        if problem.friction is not None and reached.residuals[-1] > _HISTORY:
+        if problem.has_friction and reached.residuals[-1] > _HISTORY:
             # What follows would start from a history that no equilibrium has.
             return problem, reached, False
         if not reached.converged and options.like is None and has_potential(problem):
@@ -240,7 +239,7 @@ def _load_path(problem: StaticProblem, options: StaticOptions, parts: int) -> li
     """
     requested, moving = options.load_path, problem.system.held.moving
     if requested is None:
-        requested = load_factors(parts, friction=problem.friction is not None)
+        requested = load_factors(parts, friction=problem.has_friction)
     if not moving or options.motion_steps is None:
         return [(factor, None) for factor in requested]
     tables = [np.array(share.times) for share, _ in moving if isinstance(share, TabularAmplitude)]
@@ -313,7 +312,7 @@ def follow_up(
                 continue
             least, around = (moved, 0) if moved < _SHORTER * least else (least, around + 1)
             enough = _FOLLOWED * points.skin
-            if problem.friction is not None and aim[0] < 1.0 and search:
+            if problem.has_friction and aim[0] < 1.0 and search:
                 way = float(np.abs(state.displacement - begin).max())
                 enough = max(enough, _ON_THE_WAY * way)
             settled = 2.0 * moved <= enough
@@ -349,23 +348,19 @@ class ElasticSlips:
     @classmethod
     def of(cls, problem: StaticProblem, points: FacingPoints, state: StaticState) -> ElasticSlips:
         """After the anchors have moved."""
-        result, rows = cls.none(points), problem.friction
-        if rows is not None:
-            slip = (rows.slip(state.displacement) - anchor_of(state))[:, 0]
-            order = _searched(problem).order
-            result.slip[order] = np.einsum("nk,nki->ni", slip, rows.tangents[:, 0])
+        result, surfaces = cls.none(points), _searched(problem)
+        if problem.has_friction:
+            slip = (state.gaps.x[..., 1:] - state.anchor)[:, 0]
+            result.slip[surfaces.order] = np.einsum("nk,nki->ni", slip, surfaces.sides[:, 0])
         return result
 
-    def anchor(
-        self, problem: StaticProblem, points: FacingPoints, begin: FloatArray
-    ) -> FloatArray | None:
+    def anchor(self, problem: StaticProblem, points: FacingPoints, begin: FloatArray) -> FloatArray:
         """Anchors on the present points: their slip at the start of the step less the elastic."""
-        rows = problem.friction
-        if rows is None:
-            return None
-        carried = points.carried(self.slave, self.shapes, self.slip)[_searched(problem).order]
-        elastic = np.einsum("nki,ni->nk", rows.tangents[:, 0], carried)
-        return rows.slip(begin) - elastic[:, None]
+        slip, surfaces = problem.gaps(begin).x[..., 1:], _searched(problem)
+        if not problem.has_friction:
+            return slip
+        carried = points.carried(self.slave, self.shapes, self.slip)[surfaces.order]
+        return slip - np.einsum("npki,ni->npk", surfaces.sides, carried)
 
 
 def _n_joints(problem: StaticProblem) -> int:
@@ -395,19 +390,14 @@ def _advance_friction(problem: StaticProblem, state: StaticState, begin: FloatAr
     the pressure from the beginning to the end, in the mean. A point that lifts off loses half of
     what it had.
     """
-    rows = problem.friction
-    if rows is None:
+    if not problem.has_friction:
         return state
-    law = problem.system.law
-    pressure = law.pressure(state.kinematics.overclosure)
-    before = law.pressure(problem.kinematics(begin).overclosure)
-    anchor = anchor_of(state)
-    slip = rows.slip(state.displacement)
-    first, _ = rows.tractions(rows.slip(begin), anchor, before)
-    traction, moved = rows.tractions(slip, anchor, pressure)
-    touching = pressure > 0.0
+    law, anchor = problem.law, state.anchor
+    first, _ = law.tractions(problem.gaps(begin).x, anchor)
+    last, moved = law.tractions(state.gaps.x, anchor)
+    before, pressure, touching = first[..., 0], last[..., 0], last[..., 0] > 0.0
     mean = 0.5 + 0.5 * np.divide(before, pressure, out=np.zeros_like(pressure), where=touching)
-    resisting = np.where(touching[:, :, None], mean[:, :, None] * traction, 0.5 * first)
+    resisting = np.where(touching[..., None], mean[..., None] * last, 0.5 * first)[..., 1:]
     lost = problem.system.surfaces.weights * ((moved - anchor) * resisting).sum(axis=2)
     orbits = problem.system.orbits
     times: IntArray | int = orbits.order

@@ -1,9 +1,10 @@
 """Newton's iteration to a static equilibrium under one load.
 
-Each point of contact keeps a *linearisation overclosure* x̂. One iteration solves the linear
-problem in which the law is replaced by its tangent there,
+Each point of contact keeps a *linearisation overclosure* x̂, with friction also slips. One iteration
+solves the linear problem in which the law (`fem.contact.friction.Coulomb`) is replaced by its
+tangent there,
 
-    K u + Σ w (p(x̂) + p'(x̂) (x(u) - x̂)) ∂x/∂u = f,
+    K u + Σ w (t(x̂) + t'(x̂) (x(u) - x̂)) ∂x/∂u = f,
 
 minimises the energy exactly along the way to that solution when the end overshoots, and moves
 x̂: after a full step to the overclosure at which the law has the *same pressure* as its tangent
@@ -28,10 +29,10 @@ from functools import partial
 
 import numpy as np
 
-from fem.assembly.local_system import FreeMotions, LocalSystem
-from fem.contact.surfaces import ContactNormals, PointKinematics
+from fem.assembly.local_system import FreeMotions, Gaps, LocalSystem
+from fem.contact.friction import Coulomb
+from fem.contact.surfaces import ContactNormals
 from fem.static.energy_descent import minimise_energy
-from fem.static.friction import FrictionRows
 from fem.static.linear_step.linearisation import (
     Linearisation,
     LinearStep,
@@ -94,13 +95,18 @@ class StaticProblem:
     tolerance: float
     """Norm of the residual over that of the loads at which the iteration stops [-]."""
     max_iterations: int
-    friction: FrictionRows | None
+    law: Coulomb
     normals: ContactNormals
     free: FreeMotions | None
 
-    def kinematics(self, displacement: FloatArray) -> PointKinematics:
-        """Overclosures and gradients at a displacement."""
-        return self.system.kinematics(displacement, self.normals)
+    @property
+    def has_friction(self) -> bool:
+        """Whether contact has friction."""
+        return self.system.deformable.contact.friction is not None
+
+    def gaps(self, displacement: FloatArray) -> Gaps:
+        """Overclosures, slips and gradients at a displacement."""
+        return self.system.gaps(displacement, self.normals)
 
 
 @dataclass(frozen=True)
@@ -108,8 +114,11 @@ class StaticState:
     """What one iteration leaves to the next."""
 
     displacement: FloatArray
-    kinematics: PointKinematics
+    gaps: Gaps
     at: FloatArray
+    """Overclosures and slips at which the law is linearised, as `Gaps.x` [mm]."""
+    anchor: FloatArray
+    """Slips without traction, (n_facets, n_points, 0 or 2) [mm]: they move between load steps."""
     first_holding: float
     holding: float
     load_factor: float = 1.0
@@ -119,11 +128,8 @@ class StaticState:
     """Largest pressure at the end of the step before, where supports move [MPa]."""
     rescues: int = 0
     coarse_iterations: int = 0
-    anchor: FloatArray | None = None
     softened: bool = False
     """Whether a load step did not end soon with the stick of the problem."""
-    slip_at: FloatArray | None = None
-    """Slip at which friction is linearised [mm]; None: that of the displacement."""
     dissipation: float = 0.0
     residuals: tuple[float, ...] = ()
     converged: bool = False
@@ -144,17 +150,19 @@ def start_state(system: LocalSystem, start: StaticResult | None) -> StaticState:
     load = float(np.linalg.norm(system.external_force, axis=1).sum())
     law = system.law
     rest = law.overclosure(np.maximum(load / area if area else 0.0, touching_pressure(system)))
-    at = np.empty(surfaces.weights.shape)
-    at.T[:] = rest  # one number, or one for each facet
     holding = first_holding(system, rest)
     if start is not None:
         displacement = localised(system, start)
-        at = system.kinematics(displacement, contact.normals).overclosure
         holding *= _RESCUE_HOLDING
+    gaps = system.gaps(displacement, contact.normals)
+    at = gaps.x.copy()
+    if start is None:
+        at[..., 0].T[:] = rest  # one number, or one for each facet
     return StaticState(
         displacement=displacement,
-        kinematics=system.kinematics(displacement, contact.normals),
+        gaps=gaps,
         at=at,
+        anchor=np.zeros_like(at[..., 1:]),
         first_holding=holding,
         holding=holding,
         # Without friction blocks that only friction holds would move far away.
@@ -202,18 +210,6 @@ def localised(system: LocalSystem, start: StaticResult) -> FloatArray:
     return system.localised(start.displacements)
 
 
-def anchor_of(state: StaticState) -> FloatArray:
-    """Anchors of the friction; zero before the first load step."""
-    if state.anchor is not None:
-        return state.anchor
-    return np.zeros((*state.at.shape, 2))
-
-
-def slip_at(rows: FrictionRows, state: StaticState) -> FloatArray:
-    """Slip at which friction is linearised, (n_facets, n_points, 2) [mm]."""
-    return rows.slip(state.displacement) if state.slip_at is None else state.slip_at
-
-
 def converge(
     problem: StaticProblem, state: StaticState, begin: FloatArray | None = None
 ) -> StaticState:
@@ -222,8 +218,8 @@ def converge(
     ``begin`` are displacements at which a load step with friction begins: where the iteration does
     not end soon, stick is softened first. None: the state is near its equilibrium.
     """
-    state = replace(state, slip_at=None)
-    if begin is None or problem.friction is None:
+    state = _with_slips(state, state.gaps.x[..., 1:])
+    if begin is None or not problem.has_friction:
         return _iterated(problem, state)
     if not state.softened:
         few = min(_BEFORE_SOFTENING, problem.max_iterations)
@@ -233,26 +229,30 @@ def converge(
             if reached.converged or few == problem.max_iterations:
                 return reached
             state = replace(state, residuals=reached.residuals)
-    return _stiffened(problem, problem.friction, replace(state, softened=True), begin)
+    return _stiffened(problem, replace(state, softened=True), begin)
 
 
-def _stiffened(
-    problem: StaticProblem, rows: FrictionRows, state: StaticState, begin: FloatArray
-) -> StaticState:
+def _with_slips(state: StaticState, slips: FloatArray) -> StaticState:
+    """Linearise friction at slips, (n_facets, n_points, 0 or 2) [mm]."""
+    return replace(state, at=np.concatenate([state.at[..., :1], slips], axis=2))
+
+
+def _stiffened(problem: StaticProblem, state: StaticState, begin: FloatArray) -> StaticState:
     """Find equilibria with softer stick, then with that of the problem.
 
     Each keeps the tractions of the load step's start, and the next is linearised at its tractions.
     """
-    start, anchor, before = rows.slip(begin), anchor_of(state), None
+    start, anchor, before = problem.gaps(begin).x[..., 1:], state.anchor, None
     for share in _SOFT_STICK:
-        softer, own = rows.softened(share), start + (anchor - start) / share
+        softer, own = problem.law.softened(share), start + (anchor - start) / share
         if before is not None:
-            slip = rows.slip(state.displacement)
-            pressure = problem.system.law.pressure(state.kinematics.overclosure)
-            alike = before.with_traction_of(slip, anchor_of(state), pressure, softer, own)
-            state = replace(state, slip_at=alike)
+            x = state.gaps.x
+            traction, moved = before.tractions(x, state.anchor)
+            sticks = (moved == state.anchor).all(axis=2, keepdims=True)
+            alike = own + traction[..., 1:] / softer.stick
+            state = _with_slips(state, np.where(sticks, alike, x[..., 1:]))
         tolerance = problem.tolerance if share == 1.0 else _SOFT_TOLERANCE
-        softened = replace(problem, friction=softer, tolerance=tolerance)
+        softened = replace(problem, law=softer, tolerance=tolerance)
         few = _PATIENCE_NEAR if share < 1.0 else _PATIENCE
         state = _iterated(softened, replace(state, anchor=own, converged=False), few)
         before = softer
@@ -273,7 +273,7 @@ def _iterated(problem: StaticProblem, state: StaticState, patience: int = _PATIE
 
 def has_potential(problem: StaticProblem) -> bool:
     """Whether the energy can be followed: what the plain iteration leaves out then decides."""
-    return problem.friction is None and problem.normals is ContactNormals.CURRENT
+    return not problem.has_friction and problem.normals is ContactNormals.CURRENT
 
 
 def descend(problem: StaticProblem, state: StaticState) -> StaticState:
@@ -292,12 +292,12 @@ def descend(problem: StaticProblem, state: StaticState) -> StaticState:
         )
     except UnheldBlocksError as error:
         raise StaticError(_unheld_text(error)) from None
-    kinematics = problem.kinematics(descent.displacement)
+    gaps = problem.gaps(descent.displacement)
     return replace(
         start,
         displacement=descent.displacement,
-        kinematics=kinematics,
-        at=kinematics.overclosure,
+        gaps=gaps,
+        at=gaps.x,
         residuals=(*start.residuals, *descent.residuals),
         converged=descent.converged,
         saddles=state.saddles + descent.saddles,
@@ -307,13 +307,15 @@ def descend(problem: StaticProblem, state: StaticState) -> StaticState:
 def _iterate(problem: StaticProblem, state: StaticState) -> StaticState:
     """One linear problem, and what follows from it."""
     count(Operation.CALL, problem.system.n_slots)
-    linear = _linearise(problem.system, state)
-    trial, state = _solve(problem, _linear_problem(problem, linear, state), state)
+    linear = _linearise(problem, state)
+    # One pressure a facet at first.
+    simple = coarsened(linear) if state.coarse_iterations > 0 else linear
+    trial, state = _solve(problem, simple, state)
     if state.softened:
         full = _moved(problem, linear, state, trial, 1.0)
         if full.residuals[-1] < _GROWS * _residual(problem, state):
             return full  # friction has no energy: where work is least says little
-    share = _step_share(problem, linear, state, trial)
+    share = _step_share(problem, state, trial)
     return _moved(problem, linear, state, trial, share)
 
 
@@ -325,22 +327,17 @@ def _moved(
     share: float,
 ) -> StaticState:
     """The state after a share of the way to the linear solution."""
-    system, law, rows = problem.system, problem.system.law, problem.friction
     displacement = state.displacement + share * (trial - state.displacement)
-    pressure = linear.linear_pressure(system, displacement)
-    kinematics = problem.kinematics(displacement)
-    elsewhere = bounded(problem, state, kinematics.overclosure)
-    same_pressure = (pressure > 0.0) & (share == 1.0)
-    turned = None
-    if rows is not None and share == 1.0:
-        slips = rows.slip(displacement), slip_at(rows, state), anchor_of(state)
-        turned = rows.next_slip(*slips, linear.pressure)
+    gaps = problem.gaps(displacement)
+    at = bounded(problem, state, gaps.x)
+    if share == 1.0:
+        way = problem.system.gather(linear.gradient, displacement)
+        at = _after_full_step(problem.law, state, linear.tractions(linear.constant + way), at)
     state = replace(
         state,
         displacement=displacement,
-        kinematics=kinematics,
-        at=np.where(same_pressure, law.overclosure(pressure), elsewhere),
-        slip_at=turned,
+        gaps=gaps,
+        at=at,
         holding=max(_FADING * state.holding, _LEAST_HOLDING * state.first_holding),
         coarse_iterations=state.coarse_iterations - 1,
     )
@@ -352,40 +349,59 @@ def _moved(
     )
 
 
-def bounded(problem: StaticProblem, state: StaticState, overclosure: FloatArray) -> FloatArray:
-    """Overclosures at which the law is linearised anew [mm].
+def _after_full_step(
+    law: Coulomb, state: StaticState, tangent: FloatArray, x: FloatArray
+) -> FloatArray:
+    """Overclosures and slips at which the law is linearised after a full step [mm].
+
+    The law has the pressure of the tangent there, where that presses. Stick is so stiff that a
+    point whose slip turns back passes through all of it in one step: there it sticks first, and the
+    step after shows whether it slides, and where to.
+
+    Parameters
+    ----------
+    law
+        Of the points.
+    state
+        Before the step.
+    tangent
+        Tractions of the linear problem, (n_facets, n_points, 1 or 3) [MPa].
+    x
+        Overclosures and slips after the step, alike [mm].
+    """
+    at, pressure, anchor = x.copy(), tangent[..., 0], state.anchor
+    at[..., 0] = np.where(pressure > 0.0, law.law.overclosure(pressure), x[..., 0])
+    if anchor.shape[2]:
+        _, moved = law.tractions(state.at, anchor)
+        slid = (moved != anchor).any(axis=2)
+        back = ((x[..., 1:] - anchor) * (state.at[..., 1:] - anchor)).sum(axis=2) < 0.0
+        at[..., 1:] = np.where((slid & back)[..., None], anchor, x[..., 1:])
+    return at
+
+
+def bounded(problem: StaticProblem, state: StaticState, x: FloatArray) -> FloatArray:
+    """Overclosures and slips, as `Gaps.x`, at which the law is linearised anew [mm].
 
     Where supports move, blocks that run into others overlap far beyond the length of the law, where
     it is too stiff to move them apart: no more than the pressures of the step before have.
     """
     if state.pressed is None:
-        return overclosure
-    law = problem.system.law
+        return x
+    law, bounded = problem.system.law, x.copy()
     most = np.maximum(state.pressed, LIGHT_TOUCH * touching_pressure(problem.system))
-    bounded: FloatArray = np.minimum(overclosure.T, law.overclosure(most)).T
+    bounded[..., 0] = np.minimum(x[..., 0].T, law.overclosure(most)).T
     return bounded
 
 
-def _linear_problem(
-    problem: StaticProblem, normal: Linearisation, state: StaticState
-) -> Linearisation:
-    """One pressure a facet at first; with friction its rows."""
-    if state.coarse_iterations > 0:
-        return coarsened(normal)
-    if problem.friction is None:
-        return normal
-    return problem.friction.linearise(normal, slip_at(problem.friction, state), anchor_of(state))
-
-
-def _linearise(system: LocalSystem, state: StaticState) -> Linearisation:
-    law, result = system.law, state.kinematics
+def _linearise(problem: StaticProblem, state: StaticState) -> Linearisation:
+    system, law, gaps = problem.system, problem.law, state.gaps
     return Linearisation(
         weights=system.surfaces.weights,
-        gradient=result.gradient,
-        constant=result.overclosure - system.gather(result.gradient, state.displacement),
+        gradient=gaps.gradient,
+        constant=gaps.x - system.gather(gaps.gradient, state.displacement),
         at=state.at,
-        pressure=law.pressure(state.at),
-        stiffness=law.stiffness(state.at),
+        traction=law.tractions(state.at, state.anchor)[0],
+        slope=law.slope(state.at, state.anchor),
         load_factor=state.load_factor,
         time=state.time,
     )
@@ -448,9 +464,7 @@ def _unheld_text(error: UnheldBlocksError) -> str:
     )
 
 
-def _step_share(
-    problem: StaticProblem, linear: Linearisation, state: StaticState, trial: FloatArray
-) -> float:
+def _step_share(problem: StaticProblem, state: StaticState, trial: FloatArray) -> float:
     """Share of the way to the linear solution at which the energy is least.
 
     One, unless the energy rises steeply at the end. Along the way overclosures and slips are
@@ -462,20 +476,16 @@ def _step_share(
     system, step = problem.system, problem.step
     if not system.has_prescribed(state.displacement, state.time):
         return 1.0
-    law, weights = system.law, system.surfaces.weights
     way = trial - state.displacement
-    force = step.internal_force(state.displacement) - linear.load_factor * step.external_force
+    force = step.internal_force(state.displacement) - state.load_factor * step.external_force
     start = float(np.vdot(force, way))
     growth = float(np.vdot(step.internal_force(way), way))
-    before = linear.constant + system.gather(linear.gradient, state.displacement)
-    change = system.gather(linear.gradient, way)
-
-    sliding = _sliding_slope(problem, state, way)
+    before, change = state.gaps.x, system.gather(state.gaps.gradient, way)
+    weighted = system.surfaces.weights[..., None] * change
 
     def slope(share: float) -> float:
-        pressure = law.pressure(before + share * change)
-        normal = float(np.vdot(weights * pressure, change))
-        return start + share * growth + normal + sliding(share, pressure)
+        traction, _ = problem.law.tractions(before + share * change, state.anchor)
+        return start + share * growth + float(np.vdot(weighted, traction))
 
     return least_share(slope)
 
@@ -493,23 +503,6 @@ def least_share(slope: Callable[[float], float]) -> float:
         else:
             high = middle
     return high
-
-
-def _sliding_slope(
-    problem: StaticProblem, state: StaticState, way: FloatArray
-) -> Callable[[float, FloatArray], float]:
-    """Work of the friction per share of a way, as a function of the share and the pressures."""
-    rows = problem.friction
-    if rows is None:
-        return lambda _share, _pressure: 0.0
-    before, change, anchor = rows.slip(state.displacement), rows.slip(way), anchor_of(state)
-    weighted = problem.system.surfaces.weights[:, :, None] * change
-
-    def slope(share: float, pressure: FloatArray) -> float:
-        traction, _ = rows.tractions(before + share * change, anchor, pressure)
-        return float(np.vdot(weighted, traction))
-
-    return slope
 
 
 def _residual(problem: StaticProblem, state: StaticState) -> float:
@@ -541,27 +534,25 @@ def _least_force(problem: StaticProblem, farthest: float) -> float:
 
 
 def unbalanced_forces(problem: StaticProblem, state: StaticState) -> tuple[FloatArray, FloatArray]:
-    """Nodal forces that are not in balance, and forces of the contact points [N].
+    """Nodal forces that are not in balance, and pressures of the contact points as forces [N].
 
     On prescribed components the first are minus the forces of the supports.
     """
     system, step = problem.system, problem.step
-    pressure = system.law.pressure(state.kinematics.overclosure)
-    forces = system.surfaces.weights * pressure
+    traction, _ = problem.law.tractions(state.gaps.x, state.anchor)
+    forces = system.surfaces.weights[..., None] * traction
     unbalanced = state.load_factor * step.external_force
     unbalanced = unbalanced - step.internal_force(state.displacement)
-    unbalanced += system.scatter(state.kinematics.gradient, forces)
-    if problem.friction is not None:
-        unbalanced += problem.friction.forces(state.displacement, anchor_of(state), pressure)
-    return unbalanced, forces
+    unbalanced += system.scatter(state.gaps.gradient, forces)
+    return unbalanced, forces[..., 0]
 
 
 def frictions(problem: StaticProblem, state: StaticState) -> FloatArray | None:
     """Friction on block s at the points of a state, world axes, (n_facets, n_points, 3) [MPa]."""
-    if problem.friction is None:
+    if not problem.has_friction:
         return None
-    pressure = problem.system.law.pressure(state.kinematics.overclosure)
-    return problem.friction.on_block_s(state.displacement, anchor_of(state), pressure)
+    traction, _ = problem.law.tractions(state.gaps.x, state.anchor)
+    return -np.einsum("fpk,fpki->fpi", traction[..., 1:], problem.system.surfaces.sides)
 
 
 def support_forces(problem: StaticProblem, state: StaticState) -> FloatArray:

@@ -34,7 +34,6 @@ from fem.assembly.symmetry import (
 from fem.contact.search import FacingPoints, SearchedSurfaces, searched_surfaces
 from fem.problem.model import Model
 from fem.static.contact_forces import grid_blocks, solve_in_contact_forces
-from fem.static.friction import friction_rows
 from fem.static.linear import solve_apart
 from fem.static.linear_step.condensed import CondensedStep
 from fem.static.linear_step.flexibility import FlexibilityStore
@@ -51,7 +50,6 @@ from fem.static.load_steps import (
 from fem.static.newton import (
     StaticProblem,
     StaticState,
-    anchor_of,
     frictions,
     localised,
     require_near,
@@ -225,10 +223,10 @@ def _slips(
     problem: StaticProblem, points: FacingPoints | None, state: StaticState
 ) -> tuple[Any, ...]:
     """Friction at the end of the load (`StaticResult.slips`); none without an equilibrium."""
-    if problem.friction is None or not state.converged:
+    if not (problem.has_friction and state.converged):
         return ()
     if points is None:
-        return (anchor_of(state),)
+        return (state.anchor,)
     elastic = ElasticSlips.of(problem, points, state)
     return elastic.slave, elastic.shapes, elastic.slip
 
@@ -284,19 +282,18 @@ def _problem(
     if points is not None:
         searched = searched_surfaces(points, deformable.surfaces.clearance)
     system = local_system(deformable, orbits, searched)
-    friction = deformable.contact.friction
-    rows = None if friction is None else friction_rows(system, friction)
+    friction = deformable.contact.friction is not None
     step: LinearStep
     # On searched points limits of friction follow the pressures, in displacements alone.
-    in_displacements = not (searched is None or rows is None) or _most_held(system) > _MOST_HELD
+    in_displacements = (searched is not None and friction) or _most_held(system) > _MOST_HELD
     if options.method is StaticMethod.SPARSE or in_displacements:
         step, kept = SparseStep(system, options.sparse_solver), np.ones(system.n_nodes, np.bool_)
     else:
-        step = CondensedStep(system, store, friction=rows is not None)
+        step = CondensedStep(system, store, friction=friction)
         kept = np.isin(np.arange(system.n_nodes), system.corner_nodes)
     free = free_motions(system, kept)
     bounds = options.tolerance, options.max_iterations
-    return StaticProblem(system, step, *bounds, rows, deformable.contact.normals, free)
+    return StaticProblem(system, step, *bounds, system.coulomb, deformable.contact.normals, free)
 
 
 def _most_held(system: LocalSystem) -> int:
@@ -324,9 +321,8 @@ def _searched_anew(
     points.displace(tuple(system.expand(problem.step.complete(state.displacement))))
     points.search()
     there = _problem(system.deformable, system.orbits, options, store, points)
-    kinematics = there.kinematics(state.displacement)
-    at = kinematics.overclosure
-    return there, replace(state, kinematics=kinematics, at=at)
+    gaps = there.gaps(state.displacement)
+    return there, replace(state, gaps=gaps, at=gaps.x)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -362,7 +358,7 @@ def _result(system: LocalSystem, options: StaticOptions, outcome: _Outcome) -> S
         corners = corner_displacements(deformable, displacements, searched)
         overclosure = searched.kinematics(corners, deformable.contact.normals).overclosure
     else:
-        result = system.kinematics(displacement, deformable.contact.normals)
+        result = system.gaps(displacement, deformable.contact.normals)
         overclosure = result.overclosure.ravel()[orbits.point_of]
     if friction is not None:
         friction = vectors_in_all_sectors(deformable, orbits, friction, searched)

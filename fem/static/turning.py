@@ -17,11 +17,10 @@ from functools import cached_property
 
 import numpy as np
 
-from fem.assembly.local_system import LocalSystem
+from fem.assembly.local_system import Gaps, LocalSystem
 from fem.contact.surfaces import (
     ContactNormals,
     ContactSurfaces,
-    PointKinematics,
     motion_derivatives,
     reference_gradient,
 )
@@ -66,7 +65,7 @@ class TurningNormals:
     def _reference(self) -> FloatArray:
         """Gradients in block frames."""
         at_rest = np.zeros((self._system.n_nodes, 3))
-        return self._system.kinematics(at_rest, ContactNormals.REFERENCE).gradient
+        return self._system.gaps(at_rest, ContactNormals.REFERENCE).gradient
 
     @cached_property
     def _straight(self) -> FloatArray:
@@ -89,7 +88,7 @@ class TurningNormals:
     def turned(
         self,
         displacement: FloatArray,
-        kinematics: PointKinematics,
+        gaps: Gaps,
         straight: FloatArray,
         forces: FloatArray,
     ) -> Turned:
@@ -99,22 +98,22 @@ class TurningNormals:
         ----------
         displacement
             In block frames, (n_nodes, 3) [mm].
-        kinematics
+        gaps
             There, with current normals.
         straight
             Overclosures there with reference normals, (n,) [mm].
         forces
             Of the points, (n,) [N].
         """
-        change = kinematics.gradient - self._reference
+        change = gaps.gradient - self._reference
         corners = self._system.corner_displacements(displacement)
         first, second = motion_derivatives(self._surfaces, corners, self._corners)
         by_motions = (first - self._straight).reshape(self._n, 2, 6)
         of_facets = np.einsum("fp,fpkl->fkl", forces.reshape(first.shape[:2]), second)
         stiffness = np.add.reduceat(of_facets, self._surfaces.pair_start[:-1])
         return Turned(
-            kinematics.overclosure.ravel() - straight,
-            self._system.scatter(change, forces.reshape(change.shape[:2])),
+            gaps.x.ravel() - straight,
+            self._system.scatter(change, forces),
             by_motions.transpose(1, 0, 2),
             stiffness.reshape(-1, 2, 6, 2, 6),
         )

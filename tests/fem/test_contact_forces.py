@@ -54,11 +54,8 @@ def test_joint_forces_are_the_contact_vector_of_the_last_residual(
         pytest.skip("solved in contact forces")
     problem, state = last[0]
     system = problem.system
-    pressure = system.law.pressure(state.kinematics.overclosure)
-    vector = system.scatter(state.kinematics.gradient, system.surfaces.weights * pressure)
-    if problem.friction is not None:
-        anchor = newton.anchor_of(state)
-        vector = vector + problem.friction.forces(state.displacement, anchor, pressure)
+    traction, _ = problem.law.tractions(state.gaps.x, state.anchor)
+    vector = system.scatter(state.gaps.gradient, system.surfaces.weights[..., None] * traction)
     assembly = solution.deformable.assembly
     joints = joint_wrenches(assembly, solution.joints, assembly.centroids)
     size = np.linalg.norm(solution.joints.forces, axis=1).sum()

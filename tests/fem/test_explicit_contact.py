@@ -6,7 +6,7 @@ import pytest
 from fem import CoulombFriction, Frames, Material, solve
 from fem.assembly.contact_state import corner_displacements, matched_pressures
 from fem.assembly.symmetry import cyclic_orbits, no_symmetry
-from fem.contact.friction import friction_tractions
+from fem.contact.friction import Coulomb
 from fem.contact.surfaces import ContactNormals, corner_forces, point_kinematics
 from fem.element.facet import FACET_SLOPES, FACET_VALUES
 from fem.explicit.damping import applied_forces
@@ -164,9 +164,11 @@ def test_friction_agrees_with_the_plain_law():
     )
     (s0, _), (s1, basis) = slips(deformable, before), slips(deformable, after)
     touched = matched_pressures(deformable, before)[0] > 0.0
-    pressure = matched_pressures(deformable, after)[0]
+    pressure, overclosure = matched_pressures(deformable, after)
     anchor = np.where(touched[:, :, None], s0, s1)
-    traction, _ = friction_tractions(friction, s1, anchor, pressure)
+    law = Coulomb(deformable.contact.law, friction.coefficient, friction.stick_stiffness)
+    x = np.concatenate([overclosure[:, :, None], s1], axis=2)
+    traction = law.tractions(x, anchor)[0][..., 1:]
     slides = np.linalg.norm(traction, axis=2) > 0.999 * friction.coefficient * pressure
     assert 0.1 < slides[touched].mean() < 0.9
     surfaces = deformable.surfaces

@@ -3,48 +3,72 @@
 import numpy as np
 import pytest
 
-from fem import CoulombFriction
-from fem.contact.friction import FrictionError, friction_tractions
+from fem import CoulombFriction, ExponentialLaw, LinearPenalty
+from fem.contact.friction import Coulomb, FrictionError
 
-LAW = CoulombFriction(0.3, 50.0)
+#: A stiffness of one: overclosures are pressures.
+LAW = Coulomb(LinearPenalty(1.0), 0.3, 50.0)
 
 
 def random_points(n=200, seed=0):
+    """Overclosures with slips, and anchors."""
     random = np.random.default_rng(seed)
-    return (
-        random.standard_normal((n, 2)),
-        random.standard_normal((n, 2)),
-        np.abs(random.standard_normal(n)) * 100.0,
-    )
+    slip, anchor = random.standard_normal((2, n, 1, 2))
+    pressure = np.abs(random.standard_normal((n, 1, 1))) * 100.0
+    return np.concatenate([pressure, slip], axis=2), anchor
 
 
 def test_traction_obeys_the_limit_and_the_anchor_reproduces_it():
     """|t| <= mu p, and t = k (s - a) with the new anchor: three roundings of numbers of 100."""
-    slip, anchor, pressure = random_points()
-    traction, moved = friction_tractions(LAW, slip, anchor, pressure)
-    size = np.linalg.norm(traction, axis=1)
-    limit = 0.3 * pressure
+    x, anchor = random_points()
+    traction, moved = LAW.tractions(x, anchor)
+    friction, slip = traction[..., 1:], x[..., 1:]
+    size, limit = np.linalg.norm(friction, axis=2), 0.3 * traction[..., 0]
+    assert (traction[..., 0] == x[..., 0]).all()
     assert (size <= limit * (1 + 1e-15)).all()
-    assert np.abs(traction - 50.0 * (slip - moved)).max() < 1e-12
-    sticks = (moved == anchor).all(axis=1)
+    assert np.abs(friction - 50.0 * (slip - moved)).max() < 1e-12
+    sticks = (moved == anchor).all(axis=2)
     assert sticks.any()
     assert not sticks.all()
     assert size[~sticks] == pytest.approx(limit[~sticks], rel=1e-14)
     # Sliding resists the slip: along s - a, never against it.
-    assert (np.einsum("ni,ni->n", traction, slip - anchor) >= 0.0).all()
+    assert ((friction * (slip - anchor)).sum(axis=2) >= 0.0).all()
+
+
+def test_slope_is_the_derivative_of_the_tractions():
+    """Open, sticking and sliding points; central differences of 1e-6 of the law's length.
+
+    Between stick and sliding there is a kink: the few points that cross it in between are left out.
+    """
+    law = Coulomb(ExponentialLaw(), 0.3, 50.0)
+    x, anchor = random_points()
+    x = np.concatenate([x[..., :1] * 1e-4 - 3e-3, 1e-5 * x[..., 1:]], axis=2)
+    anchor, step = 1e-5 * anchor, 1e-9
+    slope = law.slope(x, anchor)
+    friction, moved = law.tractions(x, anchor)
+    pressed, sticks = friction[..., 0] > 0.0, (moved == anchor).all(axis=2)
+    for some in (~pressed, pressed & sticks, pressed & ~sticks):
+        assert 20 < some.sum() < 180
+    for k in range(3):
+        ends = [law.tractions(x + sign * step * np.eye(3)[k], anchor) for sign in (-1.0, 1.0)]
+        smooth = ((ends[0][1] == anchor) == (ends[1][1] == anchor)).all(axis=2)
+        assert smooth.mean() > 0.98
+        change = (ends[1][0] - ends[0][0]) / (2.0 * step)
+        scale = np.abs(slope).max(axis=(2, 3))[..., None] + 1e-9
+        assert (np.abs(change - slope[..., k]) / scale)[smooth].max() < 1e-5
 
 
 def test_sliding_back_and_forth_loses_the_area_of_the_loop():
     """Per cycle of amplitude A > mu p/k: 4 mu p (A - mu p/k), exactly in the continuous limit;
     increments only move the anchor while sliding, along which the traction is constant."""
-    pressure, amplitude = np.array([1.0]), 0.1
+    amplitude = 0.1
     path = np.concatenate([np.linspace(0, amplitude, 101), np.linspace(amplitude, -amplitude, 201)])
     path = np.concatenate([path, np.linspace(-amplitude, amplitude, 201)])
-    anchor = np.zeros((1, 2))
+    anchor = np.zeros((1, 1, 2))
     lost = []
     for value in path:
-        traction, moved = friction_tractions(LAW, np.array([[value, 0.0]]), anchor, pressure)
-        lost.append(float((traction * (moved - anchor)).sum()))
+        traction, moved = LAW.tractions(np.array([[[1.0, value, 0.0]]]), anchor)
+        lost.append(float((traction[..., 1:] * (moved - anchor)).sum()))
         anchor = moved
     limit = 0.3
     cycle = sum(lost[101:])
@@ -53,19 +77,18 @@ def test_sliding_back_and_forth_loses_the_area_of_the_loop():
 
 
 def test_a_turned_path_gives_turned_tractions():
-    slip, anchor, pressure = random_points()
-    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
-    here, _ = friction_tractions(LAW, slip, anchor, pressure)
-    there, _ = friction_tractions(LAW, slip @ turn.T, anchor @ turn.T, pressure)
+    x, anchor = random_points()
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.6, -0.8], [0.0, 0.8, 0.6]])
+    here, _ = LAW.tractions(x, anchor)
+    there, _ = LAW.tractions(x @ turn.T, anchor @ turn[1:, 1:].T)
     assert np.abs(there - here @ turn.T).max() < 1e-12
 
 
 def test_without_pressure_the_anchor_follows():
-    slip = np.array([[[0.4, -0.2]]])
-    traction, moved = friction_tractions(LAW, slip, np.zeros((1, 1, 2)), np.zeros((1, 1)))
+    x = np.array([[[-0.1, 0.4, -0.2]]])
+    traction, moved = LAW.tractions(x, np.zeros((1, 1, 2)))
     assert (traction == 0.0).all()
-    assert (moved == slip).all()
-    assert traction.shape == (1, 1, 2)
+    assert (moved == x[..., 1:]).all()
 
 
 @pytest.mark.parametrize(

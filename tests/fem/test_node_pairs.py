@@ -9,7 +9,6 @@ from fem import CoulombFriction
 from fem.assembly.local_system import local_system
 from fem.assembly.symmetry import largest_cyclic_orbits
 from fem.contact.surfaces import ContactNormals
-from fem.static.friction import friction_rows
 from fem.static.linear_step.condensed import CondensedStep
 from fem.static.linear_step.linearisation import Linearisation, SparseStep
 from geometry.mesh import FloatArray
@@ -26,22 +25,22 @@ def test_one_linear_problem_is_that_of_one_sparse_matrix(normals: ContactNormals
     friction = CoulombFriction(0.3)
     deformable = pipe(friction=friction, normals=normals)
     system = local_system(deformable, largest_cyclic_orbits(deformable))
-    rows, random = friction_rows(system, friction), np.random.default_rng(1)
+    random = np.random.default_rng(1)
     before = 1e-4 * random.standard_normal((system.n_nodes, 3))
-    kinematics = system.kinematics(before, normals)
-    at = 2e-3 * random.standard_normal(kinematics.overclosure.shape)
-    normal = Linearisation(
+    gaps = system.gaps(before, normals)
+    at = gaps.x.copy()
+    at[..., 0] = 2e-3 * random.standard_normal(gaps.overclosure.shape)
+    anchor = at[..., 1:] + 1e-3 * random.standard_normal(at[..., 1:].shape)
+    linear = Linearisation(
         weights=system.surfaces.weights,
-        gradient=kinematics.gradient,
-        constant=kinematics.overclosure - system.gather(kinematics.gradient, before),
+        gradient=gaps.gradient,
+        constant=gaps.x - system.gather(gaps.gradient, before),
         at=at,
-        pressure=system.law.pressure(at),
-        stiffness=system.law.stiffness(at),
+        traction=system.coulomb.tractions(at, anchor)[0],
+        slope=system.coulomb.slope(at, anchor),
     )
-    slip = rows.slip(before)
-    linear = rows.linearise(normal, slip, slip + 1e-3 * random.standard_normal(slip.shape))
-    assert linear.push is not None
-    assert (linear.stiffness[:, : at.shape[1]] == 0.0).any()
+    assert not linear.symmetric
+    assert (linear.slope == 0.0).all(axis=(2, 3)).any()
     touched = np.unique(system.corner_nodes[system.corner_nodes < system.n_nodes])
 
     def solved(step: SparseStep | CondensedStep) -> FloatArray:

@@ -283,7 +283,7 @@ class CondensedStep:
         law: PointLaw | PairLaw
         if self._pairs is None:
             law = point_law(self._system, linear, least)
-            chain = self._assembled(law, law.active // linear.stiffness.shape[1])
+            chain = self._assembled(law, law.active // linear.weights.shape[1])
         else:
             # Rows of pairs do not turn: the same pairs have the same flexibilities.
             law, turned = self._pairs.law(linear, before, least)

@@ -15,7 +15,7 @@ from importlib import import_module, util
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array, csr_matrix, diags_array, triu
+from scipy.sparse import bsr_array, csc_array, csr_array, csr_matrix, diags_array, triu
 from scipy.sparse.linalg import splu
 
 from fem.assembly.local_system import (
@@ -144,42 +144,41 @@ class Linearisation:
     weights: FloatArray
     """Area of each point, (n_facets, n_points) [mm²]."""
     gradient: FloatArray
-    """∂x/∂u in block frames, (n_facets, n_points, nodes of both facets, 3)."""
+    """∂x/∂u in block frames, (n_facets, n_points, 1 or 3, nodes of both facets, 3)."""
     constant: FloatArray
-    """x(u) = constant + gradient · u, (n_facets, n_points) [mm]."""
+    """x(u) = constant + gradient · u, (n_facets, n_points, 1 or 3) [mm]."""
     at: FloatArray
-    """Linearisation overclosure x̂, (n_facets, n_points) [mm]."""
-    pressure: FloatArray
-    """p(x̂), (n_facets, n_points) [MPa]."""
-    stiffness: FloatArray
-    """p'(x̂), (n_facets, n_points) [MPa/mm]."""
+    """Overclosure and slips x̂ of the linearisation, alike [mm]."""
+    traction: FloatArray
+    """t(x̂), alike [MPa]."""
+    slope: FloatArray
+    """∂t/∂x there, (n_facets, n_points, 1 or 3, 1 or 3) [MPa/mm]."""
     load_factor: float = 1.0
     """Share of the loads that acts [-]."""
     time: float | None = None
     """At which supports that move are where they are prescribed [s]; None: all their way."""
-    push: FloatArray | None = None
-    """Minus the nodal forces of one unit of each row's force, like ``gradient``: of the overclosure
-    of a sliding point with the friction that follows its pressure. The matrix is not symmetric
-    then. None: the gradients."""
 
-    def linear_pressure(self, system: LocalSystem, displacement: FloatArray) -> FloatArray:
-        """Pressure of the tangent at a displacement, (n_facets, n_points) [MPa]."""
-        overclosure = self.constant + system.gather(self.gradient, displacement)
-        pressure: FloatArray = self.pressure + self.stiffness * (overclosure - self.at)
-        return pressure
+    def tractions(self, x: FloatArray) -> FloatArray:
+        """Tractions of the tangent at overclosures and slips, like ``at`` [MPa]."""
+        more = np.einsum("fpkl,fpl->fpk", self.slope, x - self.at)
+        return np.asarray(self.traction + more)
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether no point slides: then friction does not follow pressures."""
+        return bool(np.array_equal(self.slope, np.swapaxes(self.slope, 2, 3)))
 
 
 def coarsened(linear: Linearisation) -> Linearisation:
     """Take one pressure for each facet, the mean of its points: cheaper first iterations."""
     weights = linear.weights.sum(axis=1, keepdims=True)
 
-    def mean(values: FloatArray) -> FloatArray:
-        return (linear.weights * values).sum(axis=1, keepdims=True) / weights
-
-    gradient = np.einsum("fp,fpai->fai", linear.weights / weights, linear.gradient)
-    names = ("constant", "at", "pressure", "stiffness")
-    means: dict[str, Any] = {name: mean(getattr(linear, name)) for name in names}
-    return replace(linear, weights=weights, gradient=gradient[:, None], **means)
+    names = ("gradient", "constant", "at", "traction", "slope")
+    means: dict[str, Any] = {
+        name: np.einsum("fp,fp...->f...", linear.weights / weights, getattr(linear, name))[:, None]
+        for name in names
+    }
+    return replace(linear, weights=weights, **means)
 
 
 class LinearStep(Protocol):
@@ -212,12 +211,11 @@ def gradient_matrix(
 ) -> csr_array:
     """Gradients of points as a sparse matrix, (n_rows, 3 n_nodes).
 
-    Of gradients (n_facets, n_points, nodes of both facets, 3). ``points`` are the rows to keep,
-    n_points · facet + point; None keeps all.
+    Of gradients (n_facets, …, nodes of both facets, 3). ``points`` are the rows to keep,
+    rows of a facet · facet + row; None keeps all.
     """
-    per_facet = gradient.shape[1]
+    per_facet, width = int(np.prod(gradient.shape[1:-2])), 3 * gradient.shape[-2]
     chosen = np.arange(per_facet * len(gradient)) if points is None else points
-    width = 3 * gradient.shape[2]
     columns = (3 * system.corner_nodes[:, :, None] + np.arange(3)).reshape(-1, width)
     columns = np.where(columns < 3 * system.n_nodes, columns, 0)[chosen // per_facet]
     values = gradient.reshape(-1, width)[chosen]
@@ -244,11 +242,11 @@ class SparseStep:
     ) -> FloatArray:
         """Displacements (n_nodes, 3) [mm]."""
         system = self._system
-        rows, push = self._rows(linear)
-        matrix = self._matrix(linear, rows, push, holding)
-        constant = linear.pressure + linear.stiffness * (linear.constant - linear.at)
+        rows = gradient_matrix(system, linear.gradient) @ self._transform
+        matrix = self._matrix(linear, rows, holding)
+        forces = linear.weights[..., None] * linear.tractions(linear.constant)
         right = linear.load_factor * (self._transform.T @ system.external_force.ravel())
-        right -= push.T @ (linear.weights * constant).ravel()
+        right -= rows.T @ forces.ravel()
         if holding:
             right += holding * self._shares() * (self._transform.T @ before.ravel())
         value = self._value
@@ -256,8 +254,8 @@ class SparseStep:
             value = prescribed_values(system.held, system.n_nodes, linear.time)
         right -= matrix @ value
         solution = value.copy()
-        symmetric = linear.push is None
-        solution[self._free] = self._factor(matrix, symmetric=symmetric)(right[self._free])
+        solve = self._factor(matrix, symmetric=linear.symmetric)
+        solution[self._free] = solve(right[self._free])
         return (self._transform @ solution).reshape(-1, 3)
 
     def inverse(self, linear: Linearisation, holding: float = 0.0) -> NodalInverse:
@@ -268,8 +266,8 @@ class SparseStep:
         UnheldBlocksError
             A singular matrix.
         """
-        matrix = self._matrix(linear, *self._rows(linear), holding)
-        solve = self._factor(matrix, symmetric=linear.push is None)
+        rows = gradient_matrix(self._system, linear.gradient) @ self._transform
+        solve = self._factor(self._matrix(linear, rows, holding), symmetric=linear.symmetric)
 
         def apply(force: FloatArray) -> FloatArray:
             solution = np.zeros_like(self._value)
@@ -278,18 +276,12 @@ class SparseStep:
 
         return apply
 
-    def _rows(self, linear: Linearisation) -> tuple[csr_array, csr_array]:
-        """Gradients of all points, and their forces."""
-        rows = gradient_matrix(self._system, linear.gradient) @ self._transform
-        if linear.push is None:
-            return rows, rows
-        return rows, gradient_matrix(self._system, linear.push) @ self._transform
-
-    def _matrix(
-        self, linear: Linearisation, rows: csr_array, push: csr_array, holding: float
-    ) -> csr_array:
-        stiff = (linear.weights * linear.stiffness).ravel()[:, None]
-        matrix = csr_array(self._stiffness + push.T @ rows.multiply(stiff).tocsr())
+    def _matrix(self, linear: Linearisation, rows: csr_array, holding: float) -> csr_array:
+        weighted = linear.weights[..., None, None] * linear.slope
+        size = weighted.shape[-1]
+        each = np.arange(weighted.size // size**2 + 1)
+        stiff = bsr_array((weighted.reshape(-1, size, size), each[:-1], each)).tocsr()
+        matrix = csr_array(self._stiffness + rows.T @ csr_array(stiff @ rows))
         return csr_array(matrix + diags_array(holding * self._shares()) if holding else matrix)
 
     def _factor(

@@ -4,12 +4,11 @@ Facets that match have their nodes in pairs. With d the displacements of the sec
 to the first ones, the overclosure and the slips of all points of a facet are B d, and the forces on
 the pairs are
 
-    μ = K d + g    with    K = Σ w k Pᵀ B,    g = Σ w Pᵀ (p + k (x - B d - x̂)),
+    μ = K d + g    with    K = Σ w Bᵀ k B,    g = Σ w Bᵀ (t + k (x - B d - x̂)),
 
-where P is B, but for the normal rows of sliding points, whose friction follows their pressure. A
-facet of degree n has (n + 2)² points with three rows each, and about n² pairs with three
-components: there are fewer unknowns, and the flexibility between them does not change while
-points come and go.
+where k are the slopes of the tractions t. A facet of degree n has (n + 2)² points with three rows
+each, and about n² pairs with three components: there are fewer unknowns, and the flexibility
+between them does not change while points come and go.
 
 Current normals turn with the mean of both sides, too. That part of the gradients, a share of 1e-3
 or less, moves points and forces as it did at the displacement before.
@@ -84,40 +83,40 @@ class NodePairs:
         tuple[PairLaw, FloatArray]
             Of the pairs on which forces act, and (n_nodes, 3) [N].
         """
-        gradient = self._on_pairs(linear.gradient)
-        push = gradient if linear.push is None else self._on_pairs(linear.push)
-        weighted = linear.weights * np.where(
-            (linear.stiffness.T > np.asarray(least).T).T, linear.stiffness, 0.0
-        )
-        n_facets, width = len(gradient), gradient.shape[2]
-        blocks = np.swapaxes(push, 1, 2) @ (weighted[:, :, None] * gradient)
+        n_facets, rows_of_point = len(linear.slope), linear.slope.shape[2]
+        flat = linear.gradient.reshape(n_facets, -1, *linear.gradient.shape[3:])
+        gradient, weights = self._on_pairs(flat), linear.weights[:, :, None]
+        width = gradient.shape[2]
+        slope = weights[..., None] * linear.slope
+        slope[..., 0] *= (linear.slope[..., 0, 0].T > np.asarray(least).T).T[..., None]
+        by_pairs = slope @ gradient.reshape(n_facets, -1, rows_of_point, width)
+        blocks = np.swapaxes(gradient, 1, 2) @ by_pairs.reshape(gradient.shape)
         dofs = (3 * self._of_facets[:, :, None] + np.arange(3)).reshape(n_facets, width)
-        pressed = weighted.any(axis=1)
+        pressed = slope.any(axis=(1, 2, 3))
         rows = np.broadcast_to(dofs[pressed][:, :, None], blocks[pressed].shape)
         columns = np.broadcast_to(dofs[pressed][:, None], blocks[pressed].shape)
         size = 3 * self.count
         where = rows.ravel(), columns.ravel()
         stiffness = csr_array(coo_array((blocks[pressed].ravel(), where), (size, size)))
         apart = (self.relative @ before.ravel())[dofs]
-        there = linear.constant + self._system.gather(linear.gradient, before)
-        constant = there - np.einsum("frw,fw->fr", gradient, apart)
-        forces = linear.weights * linear.pressure
-        at_rest = forces + weighted * (constant - linear.at)
-        nodal = linear.gradient if linear.push is None else linear.push
-        turned = self._system.scatter(nodal, forces)
-        turned += (self.relative.T @ self._summed(push, forces, dofs)).reshape(-1, 3)
+        away = linear.constant + self._system.gather(linear.gradient, before) - linear.at
+        away -= np.einsum("frw,fw->fr", gradient, apart).reshape(away.shape)
+        forces = weights * linear.traction
+        at_rest = forces + np.einsum("fpkl,fpl->fpk", slope, away)
+        turned = self._system.scatter(linear.gradient, forces)
+        turned += (self.relative.T @ self._summed(gradient, forces, dofs)).reshape(-1, 3)
         active = np.unique(dofs[pressed])
         law = PairLaw(
             active,
             csr_array(self.relative[active]),
             csr_array(stiffness[active][:, active]),
-            self._summed(push, at_rest, dofs)[active],
+            self._summed(gradient, at_rest, dofs)[active],
         )
         return law, turned
 
-    def _summed(self, push: FloatArray, forces: FloatArray, dofs: IntArray) -> FloatArray:
+    def _summed(self, gradient: FloatArray, forces: FloatArray, dofs: IntArray) -> FloatArray:
         """Forces on the pairs of those of the rows, (3 n_pairs,) [N]."""
-        values = np.einsum("frw,fr->fw", push, forces)
+        values = np.einsum("frw,fr->fw", gradient, forces.reshape(gradient.shape[:2]))
         return np.bincount(dofs.ravel(), values.ravel(), minlength=3 * self.count)
 
     def _on_pairs(self, gradient: FloatArray) -> FloatArray:

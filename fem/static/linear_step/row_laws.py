@@ -68,12 +68,11 @@ class PointLaw:
 
 
 def point_law(system: LocalSystem, linear: Linearisation, least: float | FloatArray) -> PointLaw:
-    """Law of all points that are stiffer than a stiffness [MPa/mm]."""
-    active = np.flatnonzero((linear.stiffness.T > np.asarray(least).T).T.ravel())
-    stiffness = linear.stiffness.ravel()[active]
-    rest = (linear.constant - linear.at).ravel()[active] + linear.pressure.ravel()[
-        active
-    ] / stiffness
+    """Law of all points that are stiffer than a stiffness [MPa/mm]; without friction."""
+    slope = linear.slope[..., 0, 0]
+    active = np.flatnonzero((slope.T > np.asarray(least).T).T.ravel())
+    stiffness, pressure = slope.ravel()[active], linear.traction.ravel()[active]
+    rest = (linear.constant - linear.at).ravel()[active] + pressure / stiffness
     softness = 1.0 / (linear.weights.ravel()[active] * stiffness)
     return PointLaw(active, gradient_matrix(system, linear.gradient, active), softness, rest)
 
