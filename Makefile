@@ -11,7 +11,7 @@ OUT    ?= out/demo
 export OMP_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: setup anew demo test lowest processor check quick lint types floors spelling format bench benchmark fuzz mutation docs pages wheel clean
+.PHONY: setup anew demo test lowest processor check quick lint types floors spelling format bench benchmark frozen fuzz mutation docs pages wheel clean
 
 setup: $(VENV)/.installed
 
@@ -103,6 +103,11 @@ bench: setup
 
 benchmark: setup
 	$(BIN)/python -m tests.benchmarks.rigid
+
+# Answers and CPU times of 27 problems beside those of a commit: `make frozen OLD=main~1`.
+OLD ?= HEAD
+frozen: setup
+	$(BIN)/python -m tests.benchmarks.frozen $(OLD)
 
 # Random command lines (seed and count: `python -m tests.fuzz --help`); a minute for a hundred.
 fuzz: setup
