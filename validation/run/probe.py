@@ -12,6 +12,7 @@ from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
 from geometry.errors import RefusedError
+from geometry.work import LimitError
 from validation.build.problem import scene_problem
 from validation.errors import InputError, named
 from validation.scene.deformable import Method
@@ -77,29 +78,22 @@ def change(before: Numbers, after: Numbers) -> Change:
     return Change(*map(relative, before.values, after.values))
 
 
-class UnsolvedError(InputError):
-    """A probe without a static state."""
-
-
 def solve_probe(
     scene: DeformableScene,
     name: str,
     store: FlexibilityStore | None = None,
     *,
     start: Solution | None = None,
-    max_iterations: int = StaticOptions.max_iterations,
 ) -> Solution:
     """Static state of a probe; probes that share a store condense the same blocks once.
 
-    Finite rotation begins at ``start``, the same blocks without it. A load step takes no more than
-    ``max_iterations``.
+    Finite rotation begins at ``start``, the same blocks without it.
     """
     with named(name):
         deformable = scene_problem(without_motion(scene), name).deformable
     options = StaticOptions(
         symmetry=1 if scene.fem.symmetry == "none" else None,
         tolerance=_TOLERANCE,
-        max_iterations=max_iterations,
     )
     turning, near = scene.effects.finite_rotation, None
     if turning and start is not None and start.static is not None:
@@ -108,8 +102,10 @@ def solve_probe(
         return static_solution(
             deformable, options, finite_rotation=turning, start=near, store=store
         )
+    except LimitError:
+        raise
     except RefusedError as error:
-        raise UnsolvedError(
+        raise InputError(
             f"{name}: effects.auto: the probe has no static state ({error}); expected one that can "
             "be probed: remove effects.auto, and every effect acts as written"
         ) from None

@@ -3,39 +3,41 @@
 The rule is that of `tubelock effects`: an effect is added to the scene without any, and matters if
 p_max, p_eff or the largest displacement change by more than the tolerance. The scene is solved as a
 static problem on a coarse mesh. Effects that are left out change no more than the tolerance
-together, as the sum of their changes. Probes take a third of the work of the answer at most
-(`effects.limit`); beyond it effects stay as written. The decision is part of the result.
+together, as the sum of their changes. Probes take a third of the answer's limit of work at most;
+beyond it effects stay as written. The decision is part of the result.
 """
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from fem.accuracy.converge import usual_work
+from fem.method import Static
 from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.solve import StaticOptions
 from geometry.errors import RefusedError
+from geometry.work import LimitError, budget
 from validation.build.problem import fem_section, scene_problem
 from validation.errors import InputError
 from validation.run.probe import (
     Change,
-    UnsolvedError,
     change,
     largest_slip_share,
     mesh_words,
     numbers_of,
     probe_scene,
     solve_probe,
-    without_motion,
 )
 from validation.scene.deformable import AutoSection, EffectName, Method
 from validation.scene.family import AssemblyScene
 from validation.scene.read import DeformableScene
-from validation.study.effects.limit import SHARE, most_probing, unknowns
 
+#: Part of the limit of work of an answer that its probes may take.
+SHARE = 1.0 / 3.0
 #: Effects that are on or off, without a value.
 _SWITCHES = (EffectName.ELASTIC_FRAME, EffectName.FINITE_ROTATION, EffectName.FINITE_SLIDING)
 #: Effects that ``[contact]`` names.
@@ -80,9 +82,8 @@ class EffectsDecision:
     """What was solved."""
     cpu_seconds: float
     """Of all probes [s]."""
-    share_of_answer: float
-    """Work of all probes over the least work of the answer (`effects.limit`) [-]; 0 of
-    an explicit run."""
+    work: float
+    """Of all probes [reference s]."""
 
     @property
     def left_out(self) -> tuple[EffectName, ...]:
@@ -221,7 +222,7 @@ def decide_effects(
         as_written=tuple(e for e in EffectName if e not in names and has_effect(plain, e)),
         probe=f"static, {mesh_words(probe.scene)}",
         cpu_seconds=time.process_time() - start,
-        share_of_answer=probe.share,
+        work=probe.work,
     )
 
 
@@ -240,11 +241,18 @@ def _together(found: list[Decision], tolerance: float) -> tuple[Decision, ...]:
 
 
 #: Why an effect is not decided.
-_TOO_DEAR = "as written: to probe it takes more than a third of the work of the answer"
+_TOO_DEAR = "as written: to probe it takes more than a third of the limit of work"
 
 
-class _TooDearError(InputError):
-    """A probe that takes too much work beside the answer."""
+def _most_work(scene: DeformableScene, name: str) -> float:
+    """Reference seconds that the probes of a scene may take, its effects as written.
+
+    Explicit runs take thousands of steps: there is no limit beside them.
+    """
+    method = scene.method
+    if not isinstance(method, Static):
+        return math.inf
+    return SHARE * (method.max_work or usual_work(scene_problem(scene, name)))
 
 
 class _Probe:
@@ -262,33 +270,16 @@ class _Probe:
         self.scene = probe_scene(scene, name)
         self._needed: tuple[EffectName, ...] = ()
         solved = [e for e in names if e not in _DAMPING]
-        self.work, self._limit = 0.0, most_probing(scene, name) if solved else 0.0
-        self._each = unknowns(scene_problem(without_motion(self.scene), name)) if solved else 1.0
+        self.work, self._limit = 0.0, _most_work(scene, name) if solved else 0.0
         self._base = self._solved(solved) if solved else None
-
-    @property
-    def share(self) -> float:
-        """Work of the probes over that of the answer, at least."""
-        return SHARE * self.work / self._limit if self._limit else 0.0
 
     def _run(self, scene: DeformableScene, start: Solution | None = None) -> Solution:
         """Solve a probe within the work that is left."""
-        usual = StaticOptions.max_iterations
-        allowed = int(min((self._limit - self.work) / self._each, usual))
-        if allowed < 1:
-            raise _TooDearError(_TOO_DEAR)
-        try:
-            result = solve_probe(
-                scene, self._name, self._store, start=start, max_iterations=allowed
-            )
-        except UnsolvedError:
-            self.work += allowed * self._each
-            if allowed < usual:
-                raise _TooDearError(_TOO_DEAR) from None
-            raise
-        assert result.static is not None
-        self.work += result.static.newton_iterations * self._each
-        return result
+        with budget(self._limit - self.work) as spent:
+            try:
+                return solve_probe(scene, self._name, self._store, start=start)
+            finally:
+                self.work += spent.seconds
 
     def _solved(self, names: list[EffectName]) -> Solution | None:
         """Solve without effects; those that have a value stay where there is no solution.
@@ -302,7 +293,7 @@ class _Probe:
             bare = without_effect(bare, effect)
         try:
             result = self._run(bare)
-        except _TooDearError:
+        except LimitError:
             return None
         except RefusedError:
             if not written:
@@ -337,7 +328,7 @@ class _Probe:
         self._told(str(effect))
         try:
             result = self._run(self._with(effect), base)
-        except _TooDearError:
+        except LimitError:
             return self._as_written(effect, setting)
         except RefusedError as error:
             possible = effect is not EffectName.ELASTIC_FRAME
