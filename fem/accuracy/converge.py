@@ -34,11 +34,20 @@ from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.solve import StaticOptions
 from geometry.answer import ALIASES, TITLES, Measure, Part
 from geometry.assembly import Assembly
-from geometry.block import Block
 from geometry.errors import RefusedError, is_number
 from geometry.mesh import FloatArray
 from geometry.meshing.refinement import charts_of
-from geometry.work import Budget, LimitError, allowance, budget, clock, memory_limit, stop
+from geometry.work import (
+    SECONDS,
+    Budget,
+    LimitError,
+    Operation,
+    allowance,
+    budget,
+    clock,
+    memory_limit,
+    stop,
+)
 
 #: Relative error bars that an answer has by default [-].
 TARGETS: Mapping[str, float] = {
@@ -57,17 +66,9 @@ WITH_FRICTION: Mapping[str, float] = {
 #: Reference seconds of a run where no accuracy is requested: of contact that is conforming and
 #: without friction or gaps, and of all else.
 CONFORMING_SECONDS, MOST_SECONDS = 20.0, 60.0
-#: What one mesh costs before it is solved, at most: the sum of the cubes of the contact points of
-#: each layer, about 20 CPU s.
-MOST_WORK = 6e11
 #: The general solver works in the three displacements of the nodes of both sides, six unknowns a
-#: point, about twelve times. With friction ten iterations for each of seven parts of the load:
-#: a thousand times the work where facets match, ten times that of the general solver elsewhere.
-_GENERAL_WORK, _FRICTION_WORK = 12 * 6**3, 1000
-#: Where the second mesh takes this many times the work, none is solved: an error bar needs two.
-FAR_BEYOND = 20.0
-#: Of a shape without a grid, or whose copies are held at a face, for the square of its unknowns.
-_SHAPE_WORK = 600.0
+#: point, about twelve times; with friction in parts of the load, ten times that.
+_GENERAL, _WITH_FRICTION = 12 * 6**3, 10
 #: Meshes before an error bar is believed: one agreement of two is no convergence.
 LEAST_MESHES = 3
 #: Meshes without which there is no error bar.
@@ -75,8 +76,6 @@ _FOR_BARS = 2
 #: A value at an edge that changes by more than the first share of its value, and by more than the
 #: second one of the change before, grows.
 _GROWTH, _SLOWING = 0.05, 0.7
-#: CPU time grows with this power of the unknowns, by measurement.
-_TIME_POWER = 1.7
 
 
 class AccuracyError(RefusedError):
@@ -368,8 +367,9 @@ def why_not_refined(problem: Problem) -> str | None:
     """What stands against refining the mesh of a problem; None where nothing does."""
     if problem.searches:
         second = on_rung(problem, ladder_for(TARGETS, problem).rungs[_FOR_BARS - 1])
-        if work(second, 1) > FAR_BEYOND * MOST_WORK:
-            return "general contact of so many facets that a second mesh takes minutes"
+        friction = problem.friction is not None
+        if general_work(second.blocks, second.degree, friction=friction) > MOST_SECONDS:
+            return "general contact of so many facets that a second mesh is beyond the usual work"
     if problem.blocks.image_of is not None:
         return "a periodic cell"
     if any(held.moves for held in problem.load_case.held):
@@ -389,12 +389,11 @@ def usual_work(problem: Problem) -> float:
 def usual_degree(blocks: Assembly, *, friction: bool) -> int:
     """Degree of the elements where nothing states it: of tetrahedra split into hexahedra 2.
 
-    Degree 1 of all else, and where general contact of so many facets takes minutes with 2.
+    Degree 1 of all else, and where general contact of so many facets is beyond the usual work.
     """
     if all(shape.tetrahedra is None for shape in blocks.shapes):
         return 1
-    need = searched_work(searched_points(blocks, 2), friction=friction)
-    return 2 if need <= FAR_BEYOND * MOST_WORK else 1
+    return 2 if general_work(blocks, 2, friction=friction) <= MOST_SECONDS else 1
 
 
 def checked_targets(accuracy: Mapping[str, float]) -> dict[str, float]:
@@ -490,56 +489,16 @@ def _told(
     }
 
 
-def searched_points(blocks: Assembly, degree: int) -> FloatArray:
-    """Half of the outer points of the free blocks of each layer, (n_layers,)."""
+def general_work(blocks: Assembly, degree: int, *, friction: bool) -> float:
+    """Work of general contact between blocks before it is solved [reference s].
+
+    Of dense matrices, by half of the outer points of the free blocks of each layer.
+    """
     free = blocks.free_blocks
     outer = [len(blocks.shape(block).contact_quads) for block in free.tolist()]
-    return 0.5 * degree**2 * np.bincount(blocks.layer[free], weights=outer).astype(np.float64)
-
-
-def searched_work(points: FloatArray, *, friction: bool) -> float:
-    """Work of general contact of so many points of each layer, as in `MOST_WORK`."""
-    return float((points**3).sum()) * _GENERAL_WORK * (10 if friction else 1)
-
-
-def _points(stated: Problem, symmetry: int) -> FloatArray:
-    """Contact points of each layer of a sector; half of its outer ones where they are searched."""
-    deformable = stated.deformable
-    if deformable.contact.finite_sliding:
-        return searched_points(stated.blocks, stated.degree) / symmetry
-    surfaces = deformable.surfaces
-    layer = deformable.assembly.layer
-    low = np.minimum(layer[surfaces.block_m], layer[surfaces.block_s])
-    per_layer: FloatArray = np.bincount(low) * surfaces.basis.n_points / symmetry
-    return per_layer
-
-
-def work(stated: Problem, symmetry: int) -> float:
-    """Sum of the cubes of the contact points of each layer of a sector: what a mesh costs.
-
-    Shapes without a grid, and all shapes where faces are held, are condensed by a factorisation
-    that costs about the square of their unknowns: once for each way of being held.
-    """
-    points, friction = _points(stated, symmetry), stated.friction is not None
-    of_shapes = sum(
-        _SHAPE_WORK * (3.0 * shape.mesh.n_elements * stated.degree**3) ** 2
-        for shape in _condensed_shapes(stated)
-    )
-    if stated.deformable.contact.finite_sliding:
-        return searched_work(points, friction=friction) + of_shapes
-    return float((points**3).sum()) * (_FRICTION_WORK if friction else 1) + of_shapes
-
-
-def _condensed_shapes(stated: Problem) -> list[Block]:
-    """Shapes that are condensed as a whole, each for every way in which its copies are held."""
-    deformable, supports = stated.deformable, stated.deformable.model.supports
-    ways = set()
-    for block in deformable.deformable_blocks.tolist():
-        group, copy = int(deformable.group_of[block]), int(deformable.copy_of[block])
-        held = tuple(k for k, s in enumerate(supports) if s.group == group and copy in s.copies)
-        ways.add((int(stated.blocks.shape_of[block]), group, held))
-    shapes = [stated.blocks.shapes[number] for number, *_ in sorted(ways)]
-    return [s for s in shapes if supports or s.charts is None or len(s.charts.elements) > 1]
+    points = 0.5 * degree**2 * np.bincount(blocks.layer[free], weights=outer)
+    times = _GENERAL * (_WITH_FRICTION if friction else 1)
+    return SECONDS[Operation.DENSE] * times * float((points**3).sum())
 
 
 def _beyond(
@@ -582,7 +541,8 @@ def _growth(stated: Problem, last: Solved) -> float:
 
 
 def _expected_seconds(stated: Problem, last: Solved) -> float:
-    return _growth(stated, last) ** _TIME_POWER * last.seconds
+    """CPU time of the next mesh, which grows as the work [s]."""
+    return last.spent.grown(_growth(stated, last)) / last.spent.seconds * last.seconds
 
 
 def _unknowns(stated: Problem) -> float:

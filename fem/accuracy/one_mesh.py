@@ -40,6 +40,7 @@ from fem.static.solve import StaticOptions, solve_static
 from geometry.answer import Measure
 from geometry.block import Block
 from geometry.errors import RefusedError
+from geometry.system import one_thread_of_blas
 
 #: Elements along an edge of the coarser meshes over those of the run.
 SHARES = (2.0 / 3.0, 0.5)
@@ -53,6 +54,7 @@ _MOST_ELEMENTS = 20_000
 _OF_MESHES = ("sigma_1_averaged", "p_max_point", "max_displacement")
 
 
+@one_thread_of_blas()
 def static_solution(
     deformable: DeformableAssembly,
     options: StaticOptions | None = None,

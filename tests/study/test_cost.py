@@ -519,6 +519,22 @@ def test_a_setting_without_an_answer_is_told_and_the_rest_stands(tmp_path, monke
     assert [row.setting for row in found.rows] == list(plan.settings[1:])
 
 
+def test_a_setting_beyond_the_limit_of_work_is_told_and_the_rest_stands(
+    tmp_path, monkeypatch
+) -> None:
+    scene, store = tube("fem.max_work=0.3"), CostStore(tmp_path / "cost.sqlite")
+    plan, dear = small_plan(scene), curved_setting(3)
+
+    def kept(name, scene, base, setting):
+        return (measure if setting == dear else once)(name, scene, base, setting)
+
+    monkeypatch.setattr(cost, "measure", kept)
+    found = cost.run_cost("a", scene, replace(plan, settings=(*plan.settings, dear)), store)
+    assert "the limit of work" in found.failures.pop(dear.name)
+    assert not found.failures
+    assert [row.setting for row in found.rows] == list(plan.settings)
+
+
 def test_key_is_the_content(tmp_path) -> None:
     scene = tube()
     setting = static_setting(ElementType.FULL, 2)

@@ -121,7 +121,7 @@ def element_degree(scene: DeformableScene, assembly: Assembly) -> int:
     """Degree of the elements of a scene on one mesh: of tetrahedra split into hexahedra 2.
 
     The scene may state another, or a kind of elements of degree 1; explicit runs have degree 1, and
-    so has general contact of so many facets that degree 2 takes minutes.
+    so has general contact of so many facets that degree 2 is beyond the usual work.
     """
     stated = scene.fem.model_fields_set & {"degree", "element"}
     if stated or scene.fem.method is not Method.STATIC:

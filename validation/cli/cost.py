@@ -11,10 +11,13 @@ from validation.cli.options import (
     COST_STORE,
     CostStoreOption,
     JsonOption,
+    MaxWorkOption,
     SceneArgument,
     SetOption,
     folder_option,
+    method_fields,
     scene_outputs,
+    with_fields,
 )
 
 
@@ -31,6 +34,7 @@ def cost(
     json: JsonOption = None,
     output: Annotated[Path | None, folder_option("the figure", "out/SCENE-cost")] = None,
     store: CostStoreOption = COST_STORE,
+    max_work: MaxWorkOption = None,
 ) -> None:
     """Measure computational cost versus accuracy.
 
@@ -43,7 +47,7 @@ def cost(
     from validation.study.costs.store import CostStore
     from validation.study.costs.study import run_cost
 
-    file = load_case(scene, settings or ())
+    file = with_fields(load_case(scene, settings or ()), method_fields(max_work=max_work))
     checked = require_cost_scene(file.scene, file.name)
     plan = (quick_plan if quick else full_plan)(file.name, checked, others=others)
     names, stores = ("cost.png",), {"--store": store}

@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from fem.accuracy.converge import climbed
+from fem.accuracy.converge import MOST_SECONDS, climbed
 from fem.accuracy.ladder import LADDER
 from fem.dynamics import stated_run
 from fem.solution import Solution
 from geometry.answer import Answer
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.mesh import FloatArray
+from geometry.work import budget
 from validation.build.problem import build_assembly, scene_problem
 from validation.case import scene_case
 from validation.errors import InputError, named
@@ -99,7 +100,8 @@ def _run(
 ) -> tuple[dict[str, Any], float]:
     """Numbers of one run and its CPU time [s]."""
     gc.collect()
-    result = _METHODS[setting.method](f"{name}, {setting.name}", scene, setting)
+    with budget(scene.fem.max_work or MOST_SECONDS, memory=scene.fem.max_memory):
+        result = _METHODS[setting.method](f"{name}, {setting.name}", scene, setting)
     cells = replace(setting, method="static", level=PARTITION_LEVEL, radial_grading=1.0)
     pressures, areas = partition_pressures(
         result.assembly,

@@ -9,11 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from fem.accuracy.converge import MOST_WORK, why_not_refined, work
+import numpy as np
+
+from fem.accuracy.converge import MOST_SECONDS, why_not_refined
 from fem.accuracy.ladder import LADDER, on_rung
+from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import largest_cyclic_orbits
 from fem.element.hexahedron import ElementType
 from fem.static.contact_forces import grid_blocks
+from geometry.work import SECONDS, Operation
 from mbd.options import Norm
 from validation.build.cell import refuse_cell
 from validation.build.problem import fem_section, scene_problem
@@ -168,9 +172,18 @@ def _why_no_ladder(name: str, scene: AssemblyScene) -> str | None:
     if grid_blocks(on_rung(problem, LADDER.rungs[0]).deformable) is None:
         return "its finest meshes take minutes where blocks are no structured grids"
     finest = on_rung(problem, LADDER.rungs[-2])
-    if work(finest, largest_cyclic_orbits(finest.deformable).order) > MOST_WORK:
+    if _work(finest.deformable) > MOST_SECONDS:
         return "its finest meshes are beyond the limit of work: blocks of a layer are not alike"
     return None
+
+
+def _work(deformable: DeformableAssembly) -> float:
+    """Work of the contact of a sector before it is solved: dense matrices of each layer."""
+    surfaces, layer = deformable.surfaces, deformable.assembly.layer
+    low = np.minimum(layer[surfaces.block_m], layer[surfaces.block_s])
+    order = largest_cyclic_orbits(deformable).order
+    points = np.bincount(low) * (surfaces.basis.n_points / order)
+    return SECONDS[Operation.DENSE] * float((points**3).sum())
 
 
 def quick_plan(name: str, scene: AssemblyScene, *, others: bool = False) -> CostPlan:
