@@ -147,13 +147,11 @@ class Outputs:
 
     @cached_property
     def _look(self) -> Look:
-        """Size, font and format of pictures."""
+        """Footer and labels of pictures."""
         if self.scene is None:
             return Look()
         requested = self.scene.scene.pictures
-        return Look(
-            requested.width, requested.font, requested.font_size, requested.footer, requested.labels
-        )
+        return Look(requested.footer, requested.labels)
 
     def _as_drawn(self, name: str) -> str:
         """Name of a file in the folder, a picture's with the ending that the scene asks for."""
@@ -169,10 +167,8 @@ class Outputs:
         return self.folder / name
 
     def say(self, words: str, path: Path) -> None:
-        """Print what was written where, and what differs from the request."""
-        notes = f" ({'; '.join(dict.fromkeys(self._look.notes))})" if self._look.notes else ""
-        self._look.notes.clear()
-        self.console.print(f"{words:9} {path}{notes}")
+        """Print what was written where."""
+        self.console.print(f"{words:9} {path}")
 
     def write(self, words: str, name: str, write: Callable[[Path], object]) -> None:
         """Let ``write`` make a file of the folder and say so; nothing without a folder."""

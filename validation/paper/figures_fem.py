@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +12,7 @@ from geometry.answer import Answer
 from geometry.files.mesh_io import interface_surface
 from geometry.mesh import FloatArray
 from validation.output.pictures.bodies import EYE
+from validation.output.pictures.canvas import Surface, View, merged
 from validation.output.pictures.gallery import Panel, gallery
 from validation.output.pictures.scales import (
     PRESSURE_MAP,
@@ -30,9 +29,6 @@ from validation.paper.claims.deformable import (
     pressure_pairs,
 )
 from validation.paper.evidence import Evidence
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 
 def _runs(evidence: Evidence) -> Iterator[tuple[int, int, Answer]]:
@@ -56,29 +52,19 @@ def draw_layer_comparison(evidence: Evidence, path: Path) -> None:
     for number, pair in enumerate(pressure_pairs(evidence)):
         block, case, side = pair.name.split()
         assembly = evidence.fem(block, case).details.deformable.assembly
-        corners = interface_surface(assembly, pair.contacts).nodes.reshape(-1, 4, 3)[..., :2]
+        corners = interface_surface(assembly, pair.contacts).nodes.reshape(-1, 4, 3)
         for offset, (words, values) in enumerate(
             (("rigid", pair.rigid), ("deformable", pair.deformable))
         ):
             largest = float(values.max())
             title = f"{block} {case}, {side}, {words}\nlargest {largest:.3g} MPa"
-            plot = partial(_draw_facets, corners=corners, values=values / largest, scale=scale)
-            columns[2 * (number % 2) + offset].append(Panel(title, plot=plot))
+            quads = np.arange(corners.size // 3).reshape(-1, 4)
+            colours = scale.of(values / largest)
+            facets = Surface(corners.reshape(-1, 3), quads, colours, lit=False)
+            view = View([facets], (0.0, 0.0, 1.0))
+            columns[2 * (number % 2) + offset].append(Panel(title, view))
     title = "Contact pressures on the top and bottom faces of layer 7, seen along the axis"
     gallery(columns, title, path, height=16.0, scale=scale)
-
-
-def _draw_facets(axes: Axes, *, corners: FloatArray, values: FloatArray, scale: Scale) -> None:
-    """Draw facets in the plane in the colours of their values."""
-    from matplotlib.collections import PolyCollection
-
-    shades = scale.of(values) / 255.0
-    faces = PolyCollection(list(corners), facecolors=shades, edgecolors=shades, linewidths=0.2)
-    faces.set_rasterized(True)
-    axes.add_collection(faces)
-    axes.autoscale_view()
-    axes.set_aspect("equal")
-    axes.set_axis_off()
 
 
 # ---------------------------------------------------------------------------------------------
@@ -107,44 +93,28 @@ def draw_principal(evidence: Evidence, component: int, path: Path) -> None:
         circle = (
             2 * np.pi * float(np.linalg.norm(answer.details.deformable.assembly.nodes(0)[-1, :2]))
         )
-        z = np.concatenate([f[1].ravel() for f in faces])
-        tall = float(np.ptp(z))
-        columns[column].append(
-            Panel(
-                f"{BLOCKS[row]} {CASES[column]}",
-                plot=partial(_draw_outer, faces=faces, scale=scale, circle=circle),
-                shape=circle / tall,
-                scale=scale,
-            )
-        )
+        view = _outer_view(faces, scale, circle)
+        columns[column].append(Panel(f"{BLOCKS[row]} {CASES[column]}", view, scale=scale))
     title = f"{symbol} [MPa] on the outer surface, unrolled: red tension, blue compression"
     gallery(columns, title, path, height=14.0)
 
 
-def _draw_outer(
-    axes: Axes,
-    *,
-    faces: list[tuple[FloatArray, FloatArray, FloatArray]],
-    scale: Scale,
-    circle: float,
-) -> None:
-    """Draw outer faces over arc length and height."""
+def _outer_view(
+    faces: list[tuple[FloatArray, FloatArray, FloatArray]], scale: Scale, circle: float
+) -> View:
+    """Outer faces over arc length and height; a block that crosses the cut shows on both sides."""
+    bodies, shades = [], []
     for x, z, values in faces:
-        for turn in (-1, 0, 1):  # a block that crosses the cut shows on both sides
-            axes.pcolormesh(
-                x + turn * circle,
-                z,
-                values,
-                cmap=scale.map,
-                vmin=scale.low,
-                vmax=scale.high,
-                shading="gouraud",
-                rasterized=True,
-            )
-    axes.set_xlim(0, circle)
-    axes.set_xlabel("arc length [mm]", fontsize="small")
-    axes.set_ylabel("z [mm]", fontsize="small")
-    axes.tick_params(labelsize="small")
+        for turn in (-1, 0, 1):
+            corners = np.arange(x.size).reshape(x.shape)
+            quads = [corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]]
+            places = np.stack([x + turn * circle, z, np.zeros_like(x)], axis=-1)
+            bodies.append((places.reshape(-1, 3), np.stack(quads, axis=-1).reshape(-1, 4)))
+            shades.append(scale.of(values.ravel()))
+    heights = np.concatenate([z.ravel() for _, z, _ in faces])
+    window = np.array([0.0, heights.min()]), np.array([circle, heights.max()])
+    surface = Surface(*merged(bodies, 4), np.concatenate(shades), lit=False)
+    return View([surface], (0.0, 0.0, 1.0), margin=0.0, window=window)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -238,12 +237,6 @@ class PicturesSection(Section):
 
     format: Literal["png", "svg", "pdf"] = "png"
     """Kind of file: ``png``, ``svg`` or ``pdf`` (lines and letters, for print)."""
-    width: Annotated[float, Field(ge=40.0, le=2000.0)] | None = None
-    """Width of a picture [mm], such as a journal's column; by default set by its panels."""
-    font: str | None = None
-    """Font family; by default DejaVu Sans."""
-    font_size: Annotated[float, Field(ge=3.0, le=36.0)] | None = None
-    """Small print [pt]; titles are larger in proportion. By default 9."""
     footer: bool = True
     """Whether a line at the foot names program, version and day."""
     mises: bool = False
@@ -253,21 +246,6 @@ class PicturesSection(Section):
     labels: Literal["none", "numbers", "names"] = "none"
     """Labels on the blocks of a drawn assembly: their ``numbers``, as in tables and JSON, or the
     ``names`` of their shapes."""
-
-    @field_validator("font")
-    @classmethod
-    def _font_that_is_here(cls, font: str | None) -> str | None:
-        if font is None:
-            return None
-        from matplotlib import font_manager
-
-        known = {entry.name for entry in font_manager.fontManager.ttflist}
-        if font in known:
-            return font
-        near = difflib.get_close_matches(font, known, n=3) or sorted(known)[:6]
-        raise ValueError(
-            "not installed here; expected a family of fonts such as " + ", ".join(map(repr, near))
-        )
 
 
 class CutSection(Section):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -32,13 +33,9 @@ from validation.output.pictures.bodies import (
     turns,
     with_labels,
 )
-from validation.output.pictures.canvas import Part, Pixels, View
-from validation.output.pictures.gallery import Panel, gallery
+from validation.output.pictures.canvas import Lines, Part, Pixels, Surface, View
+from validation.output.pictures.gallery import Numbers, Panel, gallery
 from validation.output.pictures.scales import ORANGE, PRESSURE_MAP, VERMILION, Scale
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 #: Width over height of unrolled joints.
 _UNROLLED = 2.6
@@ -182,10 +179,18 @@ def unrolled_panel(
 ) -> Panel:
     """One joint of a tube over angle and radius, so that nothing hides."""
     rows = facets.between(lower)
-    return Panel(
+    flat = unrolled_corners(facets.assembly, facets.corners[rows])
+    # A facet that crosses the cut shows on both sides.
+    turned = np.concatenate([flat + np.array([turn, 0.0]) for turn in (0.0, 360.0, -360.0)])
+    seen = (turned[..., 0].max(axis=1) > -180.0) & (turned[..., 0].min(axis=1) < 180.0)
+    ticks = {f"{angle}".replace("-", "−"): float(angle) for angle in range(-180, 181, 60)}
+    return _flat_panel(
         f"{side} faces, unrolled" if title is None else title,
-        plot=lambda axes: draw_unrolled(axes, facets, rows, scale),
-        shape=_UNROLLED,
+        turned[seen],
+        shades=scale.of(facets.pressures[rows][np.tile(np.arange(len(rows)), 3)[seen]]),
+        pair=facets.pair(np.tile(rows, 3)[seen]),
+        span=(-180.0, 180.0),
+        numbers=Numbers("angle from x towards y [°]", "radius [mm]", ticks, {}),
     )
 
 
@@ -194,19 +199,70 @@ def side_joints_panel(facets: PressedFacets, layer: int, scale: Scale) -> Panel:
     rows = facets.within(layer)
     flat, middles = side_by_side(facets, rows)
     margin = 0.05 * float(np.ptp(flat[..., 0]))
+    return _flat_panel(
+        f"side joints of layer {layer}, unrolled",
+        flat,
+        shades=scale.of(facets.pressures[rows]),
+        pair=facets.pair(rows),
+        span=(float(flat[..., 0].min()) - margin, float(flat[..., 0].max()) + margin),
+        numbers=Numbers(
+            "joint at this angle; inner edge at the left",
+            "z [mm]",
+            {f"{angle}°".replace("-", "−"): place for angle, place in middles.items()},
+            {},
+        ),
+    )
 
-    def plot(axes: Axes) -> None:
-        draw_facets(axes, flat, scale.of(facets.pressures[rows]), facets.pair(rows))
-        axes.set_xticks(
-            list(middles.values()), [f"{angle}°".replace("-", "−") for angle in middles]
-        )
-        axes.set_xlim(flat[..., 0].min() - margin, flat[..., 0].max() + margin)
-        _limit_height(axes, flat)
-        axes.set_xlabel("joint at this angle; inner edge at the left", fontsize="small")
-        axes.set_ylabel("z [mm]", fontsize="small")
-        axes.tick_params(labelsize="small")
 
-    return Panel(f"side joints of layer {layer}, unrolled", plot=plot, shape=_UNROLLED)
+def _flat_panel(
+    title: str,
+    flat: FloatArray,
+    *,
+    shades: Pixels,
+    pair: IntArray,
+    span: tuple[float, float],
+    numbers: Numbers,
+) -> Panel:
+    """Coloured facets in a plane, lines where one pair of blocks ends, and numbers round them.
+
+    Parameters
+    ----------
+    flat
+        Corners, (n, 4, 2): upwards in millimetres.
+    shades
+        Colours, (n, 3).
+    pair
+        Number of the joint that a facet belongs to, (n,): lines part them.
+    span
+        Both ends of what is shown across.
+    numbers
+        Ticks across; those upwards are round numbers.
+    """
+    from matplotlib.ticker import MaxNLocator
+
+    heights = flat[..., 1] if len(flat) else np.array([0.0, 1.0])
+    low, high = float(heights.min()), float(heights.max())
+    inside = np.array(MaxNLocator(4).tick_values(low, high))
+    inside = inside[(inside >= low) & (inside <= high)]
+    # Width over height of the view is what is asked for, whatever the units across.
+    stretch = _UNROLLED * (high - low) / (span[1] - span[0])
+
+    def placed(points: FloatArray, height: float) -> FloatArray:
+        return np.insert(points.reshape(-1, 2) * (stretch, 1.0), 2, height, axis=1)
+
+    faces = Surface(placed(flat, 0.0), np.arange(4 * len(flat)).reshape(-1, 4), shades, lit=False)
+    ends = _joint_edges(flat, pair)
+    lines = Lines(placed(ends, 0.0), np.arange(2 * len(ends)).reshape(-1, 2))
+    window = np.array([span[0] * stretch, low]), np.array([span[1] * stretch, high])
+    return Panel(
+        title,
+        View([faces, lines], (0.0, 0.0, 1.0), margin=0.0, window=window),
+        numbers=replace(
+            numbers,
+            ticks_across={w: stretch * place for w, place in numbers.ticks_across.items()},
+            ticks_up={f"{place:g}".replace("-", "−"): place for place in inside.tolist()},
+        ),
+    )
 
 
 def side_by_side(facets: PressedFacets, rows: IntArray) -> tuple[FloatArray, dict[int, float]]:
@@ -252,60 +308,6 @@ def unrolled_corners(assembly: Assembly, corners: FloatArray) -> FloatArray:
     angle = np.degrees(np.arctan2(y, x))
     angle -= 360.0 * np.round((angle - angle[:, :1]) / 360.0)
     return np.stack([angle, np.hypot(x, y)], axis=2)
-
-
-def draw_unrolled(axes: Axes, facets: PressedFacets, rows: IntArray, scale: Scale) -> None:
-    """Draw facets over angle and radius, and where one pair of blocks ends."""
-    axes.set_xlim(-180, 180)
-    axes.set_xticks(range(-180, 181, 60))
-    axes.set_xlabel("angle from x towards y [°]", fontsize="small")
-    axes.set_ylabel("radius [mm]", fontsize="small")
-    axes.tick_params(labelsize="small")
-    flat = unrolled_corners(facets.assembly, facets.corners[rows])
-    if not len(flat):
-        return
-    # A facet that crosses the cut shows on both sides.
-    turned = np.concatenate([flat + np.array([turn, 0.0]) for turn in (0.0, 360.0, -360.0)])
-    angle, which = turned[..., 0], np.tile(rows, 3)
-    seen = (angle.max(axis=1) > -180.0) & (angle.min(axis=1) < 180.0)
-    shades = scale.of(facets.pressures[which[seen]])
-    draw_facets(axes, turned[seen], shades, facets.pair(which[seen]))
-    _limit_height(axes, flat)
-
-
-def _limit_height(axes: Axes, flat: FloatArray) -> None:
-    """End the axes where facets end, with round numbers between."""
-    from matplotlib.ticker import MaxNLocator
-
-    low, high = float(flat[..., 1].min()), float(flat[..., 1].max())
-    axes.set_ylim(low, high)
-    inside = np.array(MaxNLocator(4).tick_values(low, high))
-    axes.set_yticks(inside[(inside >= low) & (inside <= high)])
-
-
-def draw_facets(axes: Axes, flat: FloatArray, shades: Pixels, pair: IntArray) -> None:
-    """Draw coloured facets in the plane, and where one pair of blocks ends.
-
-    Parameters
-    ----------
-    flat
-        Corners, (n, 4, 2).
-    shades
-        Colours, (n, 3).
-    pair
-        Number of the joint that a facet belongs to, (n,): lines part them.
-    """
-    from matplotlib.collections import LineCollection, PolyCollection
-
-    # Arrays are much faster than the sequences that their type asks for.
-    corners: Any = flat
-    edges: Any = _joint_edges(flat, pair)
-    faces = PolyCollection(corners, facecolors=shades / 255.0, linewidths=0.0)
-    faces.set(antialiased=False, rasterized=True, in_layout=False)
-    axes.add_collection(faces)
-    lines = LineCollection(edges, colors="#303030", linewidths=0.8)
-    lines.set_in_layout(False)
-    axes.add_collection(lines)
 
 
 def _joint_edges(flat: FloatArray, pair: IntArray) -> FloatArray:

@@ -41,11 +41,12 @@ def draw_block(assembly: Assembly, block: SineBlockParameters, path: Path, *, ti
         [
             [Panel("the block", view)],
             [
-                Panel("from above", plot=lambda axes: _plan(axes, block), shape=1.5),
+                Panel("from above", plot=lambda axes: _plan(axes, block), shape=1.5, bare=True),
                 Panel(
                     "outer face unrolled; dashed: inner face",
                     plot=lambda axes: _elevation(axes, block),
                     shape=1.5,
+                    bare=True,
                 ),
             ],
         ],

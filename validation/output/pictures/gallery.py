@@ -2,15 +2,15 @@
 
 All pictures are set here, so that all look alike: columns of panels, each as large as its column
 allows; colour bars that say where their colours stop and what lies beyond; one line that names
-the program and the day.
+the program and the day. Words are measured once, views and plots fill the room that they leave.
 """
 
 from __future__ import annotations
 
 import datetime
 import textwrap
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +19,8 @@ import numpy as np
 from geometry.mesh import FloatArray
 from geometry.system import write_whole
 from validation.output.pictures.canvas import LARGEST, View
-from validation.output.pictures.look import PRINT, look
-from validation.output.pictures.scales import VERMILION, Scale, colour_bar
+from validation.output.pictures.look import look, settings
+from validation.output.pictures.scales import VERMILION, Scale
 from validation.output.provenance import program
 
 if TYPE_CHECKING:
@@ -28,28 +28,54 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter
 
-#: Inches at nominal letters: round all panels, round each, of the line at the foot, of a legend.
-_MARGIN, _PAD, _FOOT, _LEGEND = 0.2, 0.1, 0.2, 0.36
-#: The same: room of the bar at the side, of each line beside it, thickness of bars, longest.
-_SIDE, _SIDE_LINE, _BAR, _LONGEST_BAR = 0.95, 0.16, 0.15, 4.5
-#: The same: least height of a panel, least width of a view, and of a figure of free width.
+#: Inches: round all panels, between columns, of the line at the foot, of a legend.
+_MARGIN, _PAD, _FOOT, _LEGEND = 0.2, 0.2, 0.2, 0.36
+#: The same: lines of the title, of titles of panels and of small print.
+_TITLE_LINE, _LINE, _SMALL_LINE = 0.21, 0.19, 0.16
+#: The same: thickness of bars, shortest and longest, and room of numbers beside and below one.
+_BAR, _LEAST_BAR, _LONGEST_BAR, _BESIDE_BAR, _BELOW_BAR = 0.15, 1.9, 4.5, 0.55, 0.3
+#: The same: least height of a panel, least width of a view, and of a figure.
 _LEAST_PANEL, _LEAST_VIEW, _LEAST_PAGE = 0.5, 1.5, 5.5
-#: The same, from the lower left corner of a view: its scale bar, and its axes.
-_AT_BAR, _AT_AXES = (0.58, -0.28), (0.22, -0.3)
-#: The same: length of arrows; shorter than that part of it, they point at the reader.
+#: The same: room below a view, and, from its lower left corner, its scale bar and its axes.
+_BELOW_VIEW, _AT_BAR, _AT_AXES = 0.62, (0.58, -0.3), (0.22, -0.32)
+#: The same: room of the numbers of axes at the left, at the right and below; length of a tick.
+_NUMBERS, _TICK = (0.68, 0.15, 0.5), 0.05
+#: The same: length of arrows. Those that look shorter than that part of it are left out.
 _ARROW, _SEEN_ALONG = 0.17, 0.08
-#: The same: height of a line of a title, and letters of it in an inch.
-_TITLE_LINE, _TITLE_LETTERS = 0.21, 10.5
-#: Part of the height asked for that is left to pictures that would be too wide; wider then.
-_LEAST_SHARE = 0.4
-#: The same before columns go into rows below each other, where a width is asked for.
-_LEAST_SHARE_OF_ROWS = 0.75
-#: Height of such a row, in its widths.
-_TALLEST = 1.4
-#: Halvings of the range in which the height of a row is sought.
-_HALVINGS = 12
-#: Dots per inch at which matplotlib measures words.
-_MEASURING = 100
+#: Letters of the title in an inch.
+_TITLE_LETTERS = 10.5
+#: Pixels of a file per inch: on a screen, and in what is printed.
+_SCREEN, _PRINT = 130, 300
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A place that a panel speaks of."""
+
+    point: FloatArray
+    """(3,) [mm]"""
+    words: str
+    """What is there, below the bar of the panel."""
+
+    def line(self, seen: bool) -> str:
+        """The words behind the ring, or without one where a body hides the place."""
+        first, *others = self.words.split("\n")
+        first = f"○ {first}" if seen else f"{first}; not seen here"
+        return "\n".join([first, *others])
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Numbers beside a flat view, whose own lengths mean nothing."""
+
+    across: str
+    """Words below the view."""
+    up: str
+    """Words at its left."""
+    ticks_across: Mapping[str, float]
+    """Places along the first axis of the view by their words [mm]."""
+    ticks_up: Mapping[str, float]
+    """The same along the second one."""
 
 
 @dataclass(frozen=True)
@@ -62,12 +88,16 @@ class Panel:
     """Draws into axes, where there is no view."""
     shape: float = 1.0
     """Width over height of a plot."""
+    bare: bool = False
+    """Whether a plot has no axes."""
     scale: Scale | None = None
     """Colours of this panel alone: a bar stands below it."""
-    ring: FloatArray | None = None
-    """Place in the view that its bar speaks of, (3,) [mm]."""
+    mark: Mark | None = None
+    """A place in the view, and its words below the bar."""
     labels: Sequence[tuple[str, FloatArray]] = ()
     """Words on the view, and where: from its left and from below, (2,) [mm]."""
+    numbers: Numbers | None = None
+    """Numbers round a flat view, in place of its axes and its scale bar."""
 
     @property
     def aspect(self) -> float:
@@ -77,13 +107,51 @@ class Panel:
         width, height = self.view.size
         return float(np.clip(width / height, 0.02, 50.0))
 
+    @property
+    def lines(self) -> list[str]:
+        """All that is written below its bar, at its longest."""
+        marked = [] if self.mark is None else self.mark.line(False).split("\n")
+        return [*(self.scale.lines if self.scale else ()), *marked]
 
-#: Columns of panels beside each other, those of each column from above.
-_Columns = Sequence[Sequence[Panel]]
+    @property
+    def beside(self) -> tuple[float, float]:
+        """Room at the left and at the right of what is drawn [in]."""
+        numbered = self.numbers or (self.plot and not self.bare)
+        return _NUMBERS[:2] if numbered else (0.0, 0.0)
+
+    @property
+    def above(self) -> float:
+        """Room of the title [in]."""
+        return 0.12 + _LINE * len(self.title.split("\n"))
+
+    @property
+    def below_drawing(self) -> float:
+        """Room of axes or numbers below what is drawn [in]."""
+        if self.numbers or self.plot:
+            return 0.0 if self.bare else _NUMBERS[2]
+        return _BELOW_VIEW + (0.1 if self.view and self.view.weight else 0.0)
+
+    @property
+    def below(self) -> float:
+        """Room of axes and of a bar below what is drawn [in]."""
+        bar = _BAR + _BELOW_BAR + _SMALL_LINE * len(self.lines) if self.scale else 0.0
+        return self.below_drawing + bar
+
+    @property
+    def least_width(self) -> float:
+        """Width that its words need, and a view at least [in]."""
+        widths = [_width(line, "medium") for line in self.title.split("\n")]
+        if self.scale:
+            widths += [_LEAST_BAR, *(_width(line, "small") for line in self.lines)]
+        return self.beside[0] + max(_LEAST_VIEW if self.view else 0.0, *widths)
+
+    def width(self, height: float) -> float:
+        """Of all of it where what is drawn is so high [in]."""
+        return max(self.least_width, sum(self.beside) + height * self.aspect)
 
 
 def gallery(
-    columns: _Columns,
+    columns: Sequence[Sequence[Panel]],
     title: str,
     path: Path,
     *,
@@ -109,350 +177,290 @@ def gallery(
     from matplotlib import rc_context
 
     bars = [] if scale is None else [scale] if isinstance(scale, Scale) else list(scale)
-    zoom, requested = look().zoom, look().inches
-    while True:
-        with rc_context(look().settings(zoom)):
-            page = _Page(title, legend, bars, zoom)
-            page.lay_out(columns, height * zoom, requested or widest * zoom, requested is not None)
-            if requested is None or page.needed <= requested * 1.001:
-                look().fitted(zoom)
-                page.draw(_dots(path))
-                save_figure(page.figure, path)
-                return
-        zoom *= 0.98 * requested / page.needed
+    lines = max((len(bar.lines) for bar in bars), default=0)
+    side = _PAD + _BAR + _BESIDE_BAR + _SMALL_LINE * lines if bars else 0.0
+    with rc_context(settings()):
+        layout = _Layout(columns, height, widest - 2 * _MARGIN - side)
+        width = max(sum(layout.widths) + 2 * _MARGIN + side, _LEAST_PAGE)
+        words = _wrapped(title, (width - 2 * _MARGIN) * _TITLE_LETTERS)
+        top = layout.height + _FOOT + (_LEGEND if legend else 0.0)
+        page = _Page((width, top + 0.2 + _TITLE_LINE * len(words)), _dots(path))
+        page.write((_MARGIN, page.size[1] - 0.12), "\n".join(words), fontsize="large", va="top")
+        boxes = layout.boxes(0.5 * (width - side - sum(layout.widths)), top)
+        for column, places in zip(columns, boxes, strict=True):
+            for panel, box in zip(column, places, strict=True):
+                page.draw(panel, box)
+        for shared, beside in _sides(bars, boxes).items():
+            low, high = min(box[1] for box in beside), max(box[1] + box[3] for box in beside)
+            long = min((0.6 if len(bars) == 1 else 0.9) * (high - low), _LONGEST_BAR)
+            start = (width - _MARGIN - side + _PAD, 0.5 * (low + high - long))
+            page.bar(shared, shared.lines, start, long, upright=True)
+        if legend:
+            options = {"ncols": len(legend), "frameon": False, "fontsize": "medium"}
+            place = (0.5, 0.8 * _FOOT / page.size[1])
+            page.figure.legend(
+                handles=list(legend), loc="lower center", bbox_to_anchor=place, **options
+            )
+        save_figure(page.figure, path)
 
 
 # ---------------------------------------------------------------------------------------------
 # Layout
 
 
-@dataclass(frozen=True)
-class _Column:
-    """What a column of panels needs [in]."""
+class _Layout:
+    """Columns beside each other, as high as their width allows.
 
-    panels: Sequence[Panel]
-    beside: float
-    """Beside its axes: numbers and labels."""
-    between: float
-    """Above, between and below its axes: words and bars."""
-    words: float
-    """Width of the widest words above and below its axes."""
-    least: float
-    """Height of axes below which there is nothing to see."""
+    What first panels draw begins at one height, and what last ones draw ends at one.
+    """
 
-    def width(self, height: float) -> float:
-        """Of all the column, where it is so high."""
-        each = (height - self.between) / len(self.panels)
-        return self.beside + max(self.words, each * max(panel.aspect for panel in self.panels))
-
-    @property
-    def least_height(self) -> float:
-        """Of the column."""
-        return self.between + self.least * len(self.panels)
-
-
-class _Row:
-    """Columns beside each other, as high as their width allows."""
-
-    def __init__(
-        self, columns: Sequence[_Column], height: float, room: float, least: float
-    ) -> None:
+    def __init__(self, columns: Sequence[Sequence[Panel]], height: float, room: float) -> None:
         self.columns = columns
-        low = max(height * least, *(column.least_height for column in columns))
-        self.height = high = max(height, low)
-        for _ in range(_HALVINGS if self._wider(high, room) else 0):
-            self.height = 0.5 * (low + high)
-            low, high = (
-                (low, self.height) if self._wider(self.height, room) else (self.height, high)
-            )
-        self.widths = [column.width(self.height) for column in columns]
+        self._above = max(column[0].above for column in columns)
+        self._below = max(column[-1].below for column in columns)
+        least = [self._between(column) + len(column) * _LEAST_PANEL for column in columns]
+        low = max(least)
+        # Widths are linear in the height between those at which words cease to be wider.
+        breaks = [
+            self._between(column)
+            + len(column) * (panel.least_width - sum(panel.beside)) / panel.aspect
+            for column in columns
+            for panel in column
+        ]
+        high = max(low, height)
+        heights = np.clip(sorted([low, high, *breaks]), low, high)
+        #: Height of all columns, and width of each with the room beside it [in].
+        self.height = float(np.interp(room, [sum(self._widths(h)) for h in heights], heights))
+        self.widths = self._widths(self.height)
 
-    def _wider(self, height: float, room: float) -> bool:
-        """Whether the columns are wider than their room where they are so high."""
-        return sum(column.width(height) for column in self.columns) > room * 1.001
+    def _widths(self, height: float) -> list[float]:
+        """Of each column, where all are so high [in]."""
+        return [
+            _PAD + max(panel.width(self._each(column, height)) for panel in column)
+            for column in self.columns
+        ]
+
+    def _between(self, column: Sequence[Panel]) -> float:
+        """Room above, between and below what the panels of a column draw [in]."""
+        inner = sum(panel.below for panel in column[:-1]) + sum(p.above for p in column[1:])
+        return self._above + self._below + inner
+
+    def _each(self, column: Sequence[Panel], height: float) -> float:
+        """Height of what each panel of a column draws [in]."""
+        return (height - self._between(column)) / len(column)
+
+    def boxes(self, left: float, top: float) -> list[list[_Box]]:
+        """Where the panels of each column draw, from the upper left corner of all [in]."""
+        result = []
+        for column, width in zip(self.columns, self.widths, strict=True):
+            each, boxes = self._each(column, self.height), list[_Box]()
+            upper = top - self._above
+            for k, panel in enumerate(column):
+                before, after = panel.beside
+                wide = width - _PAD - before - after if panel.plot else each * panel.aspect
+                boxes.append((left + before, upper - each, wide, each))
+                following = column[k + 1].above if k + 1 < len(column) else 0.0
+                upper -= each + panel.below + following
+            result.append(boxes)
+            left += width
+        return result
 
 
-def _rows(columns: Sequence[_Column], height: float, room: float) -> list[_Row]:
-    """As many columns in each row as it has room for."""
-    rows: list[_Row] = []
-    first = 0
-    for last in range(1, len(columns) + 1):
-        row = _Row(columns[first:last], height, room, _LEAST_SHARE_OF_ROWS)
-        if sum(row.widths) > room * 1.001 and last - first > 1:
-            first = last - 1
-            rows.append(_Row(columns[first:last], height, room, _LEAST_SHARE))
-        else:
-            rows[-1:] = [row]
-    return rows
+def _sides(bars: Sequence[Scale], boxes: Sequence[Sequence[_Box]]) -> dict[Scale, list[_Box]]:
+    """What each bar at the side stands beside: all, or the rows that have its colours."""
+    if len(bars) == 1:
+        return {bars[0]: [box for column in boxes for box in column]}
+    result: dict[Scale, list[_Box]] = {}
+    for row, scale in enumerate(bars):
+        # Columns with fewer panels have rows of their own.
+        of_row = [column[row] for column in boxes if len(column) == len(bars)]
+        result.setdefault(scale, []).extend(of_row)
+    return result
 
 
-@dataclass
-class _Drawing:
-    """One panel in a figure."""
-
-    panel: Panel
-    row: int
-    """Of the figure."""
-    column: int
-    """Of the row."""
-    place: int
-    """From above in its column."""
-    axes: Any
-    bar: Any = None
-    """Axes of its colour bar."""
-    limits: Any = None
-    """Of a plot before a layout widens them."""
+# ---------------------------------------------------------------------------------------------
+# Drawing
 
 
 class _Page:
-    """Panels in a figure that matplotlib's constrained layout sets, twice.
+    """A figure, and what is drawn at places in it [in], from its lower left corner."""
 
-    The first time measures what words and bars need beside what is drawn; then each column becomes
-    as wide as its panels are at their height, and the figure as wide as its columns. Most of the
-    time goes into axes and their words, so both times have the same ones.
-    """
-
-    def __init__(
-        self, title: str, legend: Sequence[Any], scales: Sequence[Scale], zoom: float
-    ) -> None:
+    def __init__(self, size: tuple[float, float], dots: float) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
-        self.title, self.legend, self.scales, self.zoom = title, legend, scales, zoom
-        lines = max((len(scale.lines) for scale in scales), default=0)
-        #: Room at the side: for a bar, its numbers, and the lines beside them [in].
-        self.side = (_SIDE + _SIDE_LINE * lines) * zoom if scales else 0.0
-        self.figure = Figure(dpi=_MEASURING, layout="constrained")
+        self.size = np.array(size)
+        self.figure = Figure(figsize=size, dpi=dots)
         FigureCanvasAgg(self.figure)
-        self.words = self.figure.text(0.0, 0.0, "", fontsize="large", va="top", linespacing=1.15)
-        self.drawings: list[_Drawing] = []
 
-    def lay_out(self, columns: _Columns, height: float, widest: float, fixed: bool) -> None:
-        """Set columns in a figure, in rows below each other where its width is fixed [in]."""
-        edges = 2 * _MARGIN * self.zoom + self.side
-        trial = [height * max(p.aspect for p in c) / len(c) + 2 * self.zoom for c in columns]
-        self._set([columns], sum(trial) + edges, [trial], [height])
-        sizes = [self._measured(k, column, height) for k, column in enumerate(columns)]
-        room = widest - edges
-        rows = [_Row(sizes, height, room, _LEAST_SHARE)]
-        if fixed:
-            rows = _rows(sizes, min(height, _TALLEST * room), room)
-        inside = max(sum(row.widths) for row in rows)
-        #: Width that the panels need [in]: more than is asked for where words have no room.
-        self.needed = inside + edges
-        if fixed and self.needed > widest * 1.001:
-            return
-        width = widest if fixed else max(self.needed, _LEAST_PAGE * self.zoom)
-        placed = [[column.panels for column in row.columns] for row in rows]
-        widths = [[*row.widths, inside - sum(row.widths) + 1e-3] for row in rows]
-        self._set(placed, width, widths, [row.height for row in rows], width - self.needed)
-
-    def _set(
-        self,
-        rows: Sequence[_Columns],
-        width: float,
-        widths: Sequence[Sequence[float]],
-        heights: Sequence[float],
-        spare: float = 0.0,
-    ) -> None:
-        """Make the figure of panels so wide and rows so high [in], and let matplotlib set it."""
-        zoom = self.zoom
-        words = _wrapped(self.title, (width / zoom - 2 * _MARGIN) * _TITLE_LETTERS)
-        top = (0.2 + _TITLE_LINE * len(words)) * zoom
-        low = (_FOOT + (_LEGEND if self.legend else 0.0)) * zoom
-        #: Width and height [in].
-        self.size = np.array([width, sum(heights) + top + low])
-        self.figure.set_size_inches(*self.size)
-        left = _MARGIN * zoom + max(0.5 * spare, 0.0)
-        rect = np.array([[left, low], [width - 2 * left - self.side, sum(heights)]])
-        engine: Any = self.figure.get_layout_engine()
-        engine.set(w_pad=_PAD * zoom, h_pad=0.5 * _PAD * zoom, hspace=0.0, wspace=0.0)
-        engine.set(rect=tuple((rect / self.size).ravel()))
-        at = np.array([(_MARGIN + _PAD) * zoom, self.size[1] - 0.12 * zoom]) / self.size
-        self.words.set(position=tuple(at), text="\n".join(words))
-        self._place(rows, widths, heights)
-        _read_no_formulas(self.figure)
-        engine.execute(self.figure)
-
-    def _place(
-        self,
-        rows: Sequence[_Columns],
-        widths: Sequence[Sequence[float]],
-        heights: Sequence[float],
-    ) -> None:
-        """Put panels in rows of columns, each into new axes or those it has."""
-        before = {id(drawing.panel): drawing for drawing in self.drawings}
-        self.drawings = []
-        outer = self.figure.add_gridspec(len(rows), 1, height_ratios=list(heights))
-        for number, row in enumerate(rows):
-            cells = outer[number].subgridspec(1, len(widths[number]), width_ratios=widths[number])
-            for c, column in enumerate(row):
-                places = cells[c].subgridspec(len(column), 1)
-                for k, panel in enumerate(column):
-                    old = before.get(id(panel))
-                    new = self._filled(panel, places[k]) if old is None else old
-                    if old is not None:
-                        old.axes.set_subplotspec(places[k])
-                        old.axes.set(**old.limits, autoscale_on=True)
-                    self.drawings.append(replace(new, row=number, column=c, place=k))
-
-    def _filled(self, panel: Panel, place: Any) -> _Drawing:
-        axes = self.figure.add_subplot(place)
-        bar = self._fill(panel, axes)
-        limits = {"xlim": axes.get_xlim(), "ylim": axes.get_ylim()}
-        return _Drawing(panel, 0, 0, 0, axes, bar, limits)
-
-    def _fill(self, panel: Panel, axes: Any) -> Any:
-        """Draw a plot, or leave room for a view and what is below it; its colour bar's axes."""
-        axes.set_title(panel.title, loc="left", fontsize="medium")
-        if panel.plot is not None:
-            panel.plot(axes)
-            # Layouts know no axes that keep a shape of their own; limits that a plot has set may
-            # widen, without a warning.
-            axes.set_adjustable("datalim")
-            axes.set_autoscale_on(True)
-        else:
-            lines = 3 if panel.view is None or panel.view.weight is None else 4
-            axes.set(xticks=[], yticks=[], xlabel="\n".join(lines * " "))
-            axes.spines[:].set_visible(False)
-            axes.patch.set_visible(False)
-        if panel.scale is None:
-            return None
-        return colour_bar(self.figure, panel.scale, ax=axes, location="bottom").ax
-
-    def _measured(self, number: int, column: Sequence[Panel], height: float) -> _Column:
-        """What a column needs, as matplotlib has set it so high."""
-        from matplotlib.transforms import Bbox
-
-        canvas: Any = self.figure.canvas
-        renderer = canvas.get_renderer()
-        beside, between, words = 0.0, height, 0.0
-        for drawing in (d for d in self.drawings if d.column == number):
-            axes = drawing.axes.get_window_extent(renderer)
-            parts = [part for part in (drawing.axes, drawing.bar) if part is not None]
-            outside = Bbox.union(
-                [part.get_tightbbox(renderer, for_layout_only=True) for part in parts]
-            )
-            beside = max(beside, (outside.width - axes.width) / _MEASURING)
-            between -= axes.height / _MEASURING
-            texts = [drawing.axes._left_title]
-            if drawing.bar is not None:
-                texts.append(drawing.bar.xaxis.label)
-            for text in texts:
-                words = max(words, text.get_window_extent(renderer).width / _MEASURING)
-            if drawing.panel.view is not None:
-                words = max(words, _LEAST_VIEW * self.zoom)
-        pad = 2 * _PAD * self.zoom
-        return _Column(column, beside + pad, between, words, _LEAST_PANEL * self.zoom)
-
-    # -----------------------------------------------------------------------------------------
-    # What matplotlib does not set
-
-    def draw(self, dots: float) -> None:
-        """Draw views into the room left for them, bars at the side, and the legend."""
-        # No layout engine at all: with the one called "none" matplotlib draws everything twice.
-        unset: Any = self.figure
-        unset._layout_engine = None
-        self.figure.set_dpi(dots)
-        for drawing in self.drawings:
-            if drawing.panel.view is not None:
-                self._draw_view(drawing, drawing.panel.view)
-        self._draw_bars()
-        if self.legend:
-            self.figure.legend(
-                handles=list(self.legend),
-                loc="lower center",
-                bbox_to_anchor=(0.5, 0.8 * _FOOT * self.zoom / self.size[1]),
-                ncols=len(self.legend),
-                frameon=False,
-                fontsize="medium",
-            )
-
-    def _draw_view(self, drawing: _Drawing, view: View) -> None:
-        """Show a rendered view with a scale bar of a round length, and its ring."""
-        low, high = drawing.axes.get_position(original=True).get_points() * self.size
-        per_inch = max(*np.array(view.size) / (high - low))
-        across, tall = np.array(view.size) / per_inch
-        corner = np.array([low[0], low[1] + 0.5 * (high[1] - low[1] - tall)])
-        box = np.array([corner, (across, tall)]) / self.size
-        drawing.axes.set_position(tuple(box.ravel()))
-        drawing.axes.set_xlabel("")
-        pixels = _pixels(view, across * self.figure.dpi, tall * self.figure.dpi)
-        self.figure.add_artist(_image(pixels, *corner))
-        self._draw_axes(corner, view)
-        self._draw_scale_bar(corner + self.zoom * np.array(_AT_BAR), view.size[0], per_inch)
-        if drawing.panel.ring is not None:
-            at = corner + np.array(view.place(drawing.panel.ring)) / per_inch
-            self._line([at], marker="o", mfc="none", mec="black", ms=9, mew=1.4)
-        for words, place in drawing.panel.labels:
-            back = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.75}
-            at = corner + place / per_inch
-            self._write(at, words, size="x-small", ha="center", va="center", bbox=back)
-
-    def _draw_scale_bar(self, start: FloatArray, width: float, per_inch: float) -> None:
-        """Draw a bar of a round length from a place in the figure [in]."""
-        length = round_length(max(0.4 * width, 0.4 * self.zoom * per_inch))
-        end = start + np.array([length / per_inch, 0.0])
-        self._line([start, end], linewidth=2.5, solid_capstyle="butt")
-        self._write(end + self.zoom * np.array([0.06, 0.0]), f"{length:g} mm", va="center")
-
-    def _draw_axes(self, corner: FloatArray, view: View) -> None:
-        """Draw the directions x, y and z below a view, and the one of its weight."""
-        seen = {name: view.axes[:2, k] for k, name in enumerate("xyz")}
-        at = corner + self.zoom * np.array(_AT_AXES)
-        for name, along in seen.items():
-            self._arrow(at, along, name, "black")
-        if view.weight is not None:
-            along = view.axes[:2] @ np.array(view.weight) / np.linalg.norm(view.weight)
-            self._arrow(at, along, "g", VERMILION)
-
-    def _arrow(self, start: FloatArray, along: FloatArray, name: str, colour: str) -> None:
-        """Draw a unit vector as it is seen, with its name at the tip."""
-        tip = start + _ARROW * self.zoom * along
-        if np.linalg.norm(along) > _SEEN_ALONG:
-            self._line([start, tip], color=colour, linewidth=1.0)
-        beyond = tip + 0.075 * self.zoom * along / max(float(np.linalg.norm(along)), 1e-9)
-        self._write(beyond, name, size="x-small", color=colour, ha="center", va="center")
-
-    def _line(self, points: Sequence[FloatArray], **options: Any) -> None:
-        """Draw a line between places in the figure [in]."""
+    def line(self, points: Any, **options: Any) -> None:
+        """Draw a line through places, (n, 2)."""
         from matplotlib.lines import Line2D
 
         places = (np.array(points) / self.size).T
-        self.figure.add_artist(Line2D(*places, **{"color": "black", **options}))
+        self.figure.add_artist(Line2D(*places, **{"color": "black", "linewidth": 0.8, **options}))
 
-    def _write(self, place: FloatArray, words: str, *, size: str = "small", **options: Any) -> None:
-        """Write small print at a place in the figure [in]."""
-        x, y = place / self.size
-        self.figure.text(x, y, words, fontsize=size, **options)
+    def write(self, place: Any, words: str, **options: Any) -> None:
+        """Write words as they are; small print by default."""
+        options = {"fontsize": "small", "linespacing": 1.15, "parse_math": False, **options}
+        x, y = np.array(place) / self.size
+        self.figure.text(x, y, words, **options)
 
-    def _draw_bars(self) -> None:
-        """Draw bars beside all panels, or beside each row of them."""
-        shared = len(self.scales) == 1
-        # Columns with fewer panels than there are scales have rows of their own.
-        last = {(d.row, d.column): d.place for d in self.drawings}
-        for row in sorted({drawing.row for drawing in self.drawings}):
-            for scale in dict.fromkeys(self.scales):
-                places = {k for k, other in enumerate(self.scales) if other == scale}
-                boxes = [
-                    drawing.axes.get_position()
-                    for drawing in self.drawings
-                    if shared
-                    or (
-                        (drawing.row == row and drawing.place in places)
-                        and last[row, drawing.column] == len(self.scales) - 1
-                    )
-                ]
-                if not boxes:
-                    continue
-                low = min(box.y0 for box in boxes) * self.size[1]
-                high = max(box.y1 for box in boxes) * self.size[1]
-                long = min((0.6 if shared else 0.9) * (high - low), _LONGEST_BAR * self.zoom)
-                start = (self.size[0] - self.side, 0.5 * (low + high - long))
-                box = np.array([start, (_BAR * self.zoom, long)]) / self.size
-                colour_bar(self.figure, scale, cax=self.figure.add_axes(tuple(box.ravel())))
-            if shared:
-                return
+    def paint(self, pixels: Any, x: float, y: float) -> None:
+        """Show pixels as they are, (height, width, 3): nothing is drawn anew."""
+        self.figure.add_artist(_image(pixels, x, y))
+
+    # -----------------------------------------------------------------------------------------
+    # Panels
+
+    def draw(self, panel: Panel, box: _Box) -> None:
+        """Draw a panel, its title above and its bar below."""
+        x, y, wide, high = box
+        self.write((x, y + high + 0.08), panel.title, fontsize="medium", va="bottom")
+        seen = True
+        if panel.plot is not None:
+            axes = self.figure.add_axes(tuple((np.array(box).reshape(2, 2) / self.size).ravel()))
+            panel.plot(axes)
+            # Limits that a plot has set may widen, without a warning.
+            axes.set_adjustable("datalim")
+            axes.set_autoscale_on(True)
+        elif panel.view is not None:
+            seen = self._draw_view(panel, panel.view, box)
+        if panel.scale is not None:
+            lines = panel.scale.lines
+            if panel.mark is not None:
+                lines = [*lines, *panel.mark.line(seen).split("\n")]
+            start = (x, y - panel.below_drawing - _BAR)
+            self.bar(panel.scale, lines, start, max(wide, _LEAST_BAR))
+
+    def _draw_view(self, panel: Panel, view: View, box: _Box) -> bool:
+        """Show a rendered view with its axes or numbers, and its mark; whether that is seen."""
+        x, y, wide, high = box
+        per_inch = view.size[1] / high
+        point = None if panel.mark is None else panel.mark.point
+        pixels, seen = _pixels(view, wide * self.figure.dpi, high * self.figure.dpi, point)
+        self.paint(pixels, x, y)
+        if panel.numbers is None:
+            self._draw_axes(x + _AT_AXES[0], y + _AT_AXES[1], view)
+            self._draw_scale_bar(x + _AT_BAR[0], y + _AT_BAR[1], view.size[0], per_inch)
+        else:
+            self._draw_numbers(panel.numbers, view, box)
+        if point is not None and seen:
+            at = np.array([x, y]) + np.array(view.place(point)) / per_inch
+            self.line([at], marker="o", mfc="none", mec="black", ms=9, mew=1.4)
+        for words, place in panel.labels:
+            back = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.75}
+            at = np.array([x, y]) + place / per_inch
+            self.write(at, words, fontsize="x-small", ha="center", va="center", bbox=back)
+        return seen
+
+    def _draw_scale_bar(self, x: float, y: float, width: float, per_inch: float) -> None:
+        """Draw a bar of a round length."""
+        length = round_length(max(0.4 * width, 0.4 * per_inch))
+        end = x + length / per_inch
+        self.line([(x, y), (end, y)], linewidth=2.5, solid_capstyle="butt")
+        self.write((end + 0.06, y), f"{length:g} mm", va="center")
+
+    def _draw_axes(self, x: float, y: float, view: View) -> None:
+        """Draw the directions x, y and z below a view, and the one of its weight."""
+        arrows = {name: (view.axes[:2, k], "black") for k, name in enumerate("xyz")}
+        if view.weight is not None:
+            along = view.axes[:2] @ np.array(view.weight) / np.linalg.norm(view.weight)
+            arrows["g"] = (along, VERMILION)
+        for name, (along, colour) in arrows.items():
+            start, long = np.array([x, y]), float(np.linalg.norm(along))
+            if long < _SEEN_ALONG:
+                continue
+            tip = start + _ARROW * along
+            self.line([start, tip], color=colour, linewidth=1.0)
+            beyond = tip + 0.085 * along / long
+            self.write(beyond, name, fontsize="x-small", color=colour, ha="center", va="center")
+
+    def _draw_numbers(self, numbers: Numbers, view: View, box: _Box) -> None:
+        """Draw a frame round a flat view, its ticks, and the words of both axes."""
+        x, y, wide, high = box
+        self.line([(x, y), (x + wide, y), (x + wide, y + high), (x, y + high), (x, y)])
+        low = view.corner
+        for words, place in numbers.ticks_across.items():
+            at = x + (place - low[0]) * wide / view.size[0]
+            self.line([(at, y), (at, y - _TICK)])
+            self.write((at, y - 0.09), words, ha="center", va="top")
+        for words, place in numbers.ticks_up.items():
+            at = y + (place - low[1]) * high / view.size[1]
+            self.line([(x, at), (x - _TICK, at)])
+            self.write((x - 0.09, at), words, ha="right", va="center")
+        self.write((x + 0.5 * wide, y - 0.28), numbers.across, ha="center", va="top")
+        at = x - _NUMBERS[0] + 0.02
+        self.write((at, y + 0.5 * high), numbers.up, rotation=90, ha="left", va="center")
+
+    # -----------------------------------------------------------------------------------------
+    # Colours
+
+    def bar(
+        self,
+        scale: Scale,
+        lines: Sequence[str],
+        start: tuple[float, float],
+        length: float,
+        *,
+        upright: bool = False,
+    ) -> None:
+        """Draw the colours of a scale from a place to the right or upwards, numbers and words.
+
+        Both ends are labelled; it has arrows where values go beyond its colours.
+        """
+        from matplotlib.patches import Polygon
+
+        def at(along: float, across: float) -> tuple[float, float]:
+            """Place along the bar, and to that side of it where its numbers are."""
+            x, y = start
+            return (x + across, y + along) if upright else (x + along, y + _BAR - across)
+
+        tip = 0.7 * _BAR
+        low = tip if scale.beyond in ("min", "both") else 0.0
+        high = length - (tip if scale.beyond in ("max", "both") else 0.0)
+        dots = self.figure.dpi
+        shades = scale.gradient(max(round((high - low) * dots), 2))
+        strip = np.repeat(shades[None], max(round(_BAR * dots), 1), axis=0)
+        corner = at(low, 0.0) if upright else at(low, _BAR)
+        self.paint(strip.transpose(1, 0, 2)[::-1] if upright else strip, *corner)
+        border = [at(low, 0.0), at(low - tip, 0.5 * _BAR) if low else at(low, 0.0), at(low, _BAR)]
+        beyond = at(high + tip, 0.5 * _BAR) if high < length else at(high, _BAR)
+        border += [at(high, _BAR), beyond, at(high, 0.0), at(low, 0.0)]
+        for ends, colour in ((border[:3], shades[0]), (border[3:6], shades[-1])):
+            arrow = Polygon(np.array(ends) / self.size, color=tuple(colour / 255.0), linewidth=0.0)
+            self.figure.add_artist(arrow)
+        self.line(border)
+        ticks = scale.ticks(6 if upright else 2)
+        for k, value in enumerate(ticks):
+            along = low + (high - low) * float(scale.position(np.array([value]))[0])
+            self.line([at(along, _BAR), at(along, _BAR + _TICK)])
+            words, place = scale.number(value), at(along, _BAR + 0.09)
+            if upright:
+                self.write(place, words, va="center")
+            else:  # what stands at the ends has no room beside the bar
+                side = "left" if k == 0 else "right" if k == len(ticks) - 1 else "center"
+                self.write(place, words, ha=side, va="top")
+        words = "\n".join(lines)
+        if upright:
+            place = at(0.5 * length, _BAR + _BESIDE_BAR)
+            self.write(place, words, rotation=90, ha="left", va="center", ma="center")
+        else:
+            self.write(at(0.0, _BAR + _BELOW_BAR), words, va="top")
+
+
+#: Left, lower end, width and height [in].
+_Box = tuple[float, float, float, float]
+
+
+def _width(words: str, size: str) -> float:
+    """Width of a line [in]."""
+    from matplotlib.backends.backend_agg import RendererAgg
+    from matplotlib.font_manager import FontProperties
+
+    renderer: Any = RendererAgg(1, 1, 72)  # type: ignore[no-untyped-call]
+    wide, _, _ = renderer.get_text_width_height_descent(words, FontProperties(size=size), False)
+    return float(wide) / 72.0
 
 
 def _wrapped(words: str, letters: float) -> list[str]:
@@ -460,21 +468,26 @@ def _wrapped(words: str, letters: float) -> list[str]:
     return [line for part in words.split("\n") for line in textwrap.wrap(part, count) or [""]]
 
 
-def _pixels(view: View, width: float, height: float) -> Any:
+def _pixels(view: View, width: float, height: float, point: FloatArray | None) -> Any:
     """Exactly so many pixels of a view, from twice as many each way, so that lines are smooth.
 
-    Where one window has not as many, from as many as it has.
+    Where one window has not as many, from as many as it has. Beside them, whether a point is seen.
     """
     from PIL import Image
 
     size = max(round(width), 1), max(round(height), 1)
     more = min(2.0, LARGEST / max(size))
-    rendered = Image.fromarray(view.render(*(round(more * side) for side in size)))
-    return np.asarray(rendered.resize(size, Image.Resampling.BOX))
+    large = tuple(round(more * side) for side in size)
+    seen = True
+    if point is None:
+        pixels = view.render(*large)
+    else:
+        pixels, seen = view.render_with(point, *large)
+    return np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.BOX)), seen
 
 
 def _image(pixels: Any, x: float, y: float) -> Any:
-    """Pixels as they are, at a place in a figure [in]: nothing is drawn anew."""
+    """Pixels at a place in a figure [in]."""
     from matplotlib.artist import Artist
 
     shown = np.full((*pixels.shape[:2], 4), 255, np.uint8)
@@ -515,17 +528,10 @@ def save_figure(figure: Figure, path: Path, *, about: str = "") -> None:
     kind = path.suffix.lower().removeprefix(".")
     today = datetime.date.today().isoformat()
     foot = " · ".join(part for part in (about, f"tubelock {program()}", today) if part)
-    shown = foot if look().footer else ""
     width, height = figure.get_size_inches()
-    figure.text(
-        1 - 0.12 / width,
-        0.07 / height,
-        shown,
-        fontsize="xx-small",
-        color="#707070",
-        ha="right",
-        va="bottom",
-    )
+    if look().footer:
+        place = (1 - 0.12 / width, 0.07 / height)
+        figure.text(*place, foot, size="xx-small", color="#707070", ha="right", va="bottom")
     _read_no_formulas(figure)
     options: dict[str, Any] = {"dpi": _dots(path)}
     if kind == "png":
@@ -534,13 +540,13 @@ def save_figure(figure: Figure, path: Path, *, about: str = "") -> None:
     def write(partial: Path) -> None:
         figure.savefig(partial, format=kind, metadata=_metadata(kind, foot), **options)
 
-    with rc_context(look().settings()):
+    with rc_context(settings()):
         write_whole(path, write)
 
 
 def _dots(path: Path) -> float:
     """Pixels per inch of a figure."""
-    return PRINT if path.suffix.lower() != ".png" else look().dots
+    return _SCREEN if path.suffix.lower() == ".png" else _PRINT
 
 
 def subplots(
@@ -550,14 +556,12 @@ def subplots(
     from matplotlib import rcParams
     from matplotlib.figure import Figure
 
-    size, zoom = look().plot_size(size)
     # `looking` sets them back.
-    rcParams.update(look().settings(zoom))
+    rcParams.update(settings())
     figure = Figure(figsize=size, layout="constrained")
     # Room for the line at the foot.
     engine: Any = figure.get_layout_engine()
-    foot = _FOOT * zoom / size[1]
-    engine.set(rect=(0.0, foot, 1.0, 1.0 - foot))
+    engine.set(rect=(0.0, _FOOT / size[1], 1.0, 1.0 - _FOOT / size[1]))
     return figure, figure.subplots(rows, columns, **options)
 
 
@@ -584,8 +588,3 @@ def _read_no_formulas(figure: Figure) -> None:
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
             axis.label.set_parse_math(False)
-
-
-def marked(scale: Scale, panel: Panel, point: FloatArray, words: str) -> Panel:
-    """Panel with a bar that names where the extreme value lies, and a ring there."""
-    return replace(panel, scale=replace(scale, note=words), ring=point)

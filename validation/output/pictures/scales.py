@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from geometry.mesh import FloatArray
-from validation.output.pictures.canvas import rgb
+from validation.output.pictures.canvas import Pixels, rgb
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from fem.solution import Solution
 
 #: Okabe–Ito colours: told apart by colour-blind readers.
@@ -58,33 +56,52 @@ class Scale:
     nothing: str = ""
     """What a value of zero means: those places are grey, and the bar says so."""
 
-    def of(self, values: FloatArray) -> Any:
-        """Colours of values, (n, 3) uint8."""
+    decades: float = 0.0
+    """Powers of ten between both ends of a logarithmic scale; zero: it is linear."""
+
+    def position(self, values: FloatArray) -> FloatArray:
+        """Where values lie on the bar, from 0 to 1, (n,)."""
+        if self.decades:
+            shares = np.log10(np.maximum(values, self.low) / self.low) / self.decades
+        else:
+            shares = (values - self.low) / max(self.high - self.low, 1e-300)
+        return np.clip(shares, 0.0, 1.0)
+
+    def of(self, values: FloatArray) -> Pixels:
+        """Colours of values, (n, 3)."""
         from matplotlib import colormaps
 
         reach = max(abs(self.low), abs(self.high), 1e-300)
-        low, high = (-reach, reach) if self.diverging else (self.low, self.high)
-        shown = np.clip(values, self.low, self.high)
-        shades = colormaps[self.colours]((shown - low) / max(high - low, 1e-300))[:, :3]
+        shares = self.position(values)
+        if self.diverging:
+            shares = (np.clip(values, self.low, self.high) + reach) / (2.0 * reach)
+        shades = np.asarray(255 * colormaps[self.colours](shares)[:, :3] + 0.5, dtype=np.uint8)
         if self.nothing:
-            shades[values <= _ZERO * reach] = np.array(rgb(PALE)) / 255
-        return (255 * shades + 0.5).astype(np.uint8)
+            shades[values <= _ZERO * reach] = rgb(PALE)
+        return shades
 
-    @property
-    def map(self) -> Any:
-        """Colours from the lower to the upper end, as matplotlib wants them."""
-        from matplotlib.colors import ListedColormap
-
-        return ListedColormap(self.of(np.linspace(self.low, self.high, 256)) / 255.0)
+    def gradient(self, count: int) -> Pixels:
+        """So many colours from the lower to the upper end, (count, 3)."""
+        between = np.geomspace if self.decades else np.linspace
+        return self.of(between(self.low, self.high, count))
 
     def ticks(self, count: int) -> list[float]:
         """Both ends, and round numbers that have room between them."""
         from matplotlib.ticker import MaxNLocator
 
-        room = 0.7 * (self.high - self.low) / count
-        inside = MaxNLocator(count).tick_values(self.low, self.high)
-        between = [float(x) for x in inside if self.low + room < x < self.high - room]
-        return [self.low, *between, self.high]
+        if self.decades:
+            first = int(np.ceil(np.log10(self.low)))
+            inside = 10.0 ** np.arange(first, first + np.ceil(self.decades))
+        else:
+            inside = np.array(MaxNLocator(count).tick_values(self.low, self.high))
+        room = 0.7 / count
+        places = self.position(inside)
+        between = inside[(places > room) & (places < 1.0 - room)]
+        return [self.low, *between.tolist(), self.high]
+
+    def number(self, value: float) -> str:
+        """A value as it stands at the bar, without the power of ten in the label."""
+        return f"{value / 10.0**self.power:.3g}".replace("-", "−")
 
     @property
     def beyond(self) -> str:
@@ -149,36 +166,6 @@ def symmetric_scale(label: str, colours: str, values: Sequence[FloatArray]) -> S
         low, high = -1e-300, 1e-300
     reached = (float(every.min()), float(every.max()))
     return Scale(label, colours, low, high, reached, diverging=True)
-
-
-def colour_bar(figure: Figure, scale: Scale, **place: Any) -> Any:
-    """Draw a colour bar in axes of its own, or below others; both its ends are labelled.
-
-    It has arrows where values go beyond its colours. Options are those of matplotlib.
-    """
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-    from matplotlib.ticker import FuncFormatter
-
-    flat = place.get("location") == "bottom"
-    if flat:
-        place["aspect"] = 22
-    bar = figure.colorbar(
-        ScalarMappable(Normalize(scale.low, scale.high), scale.map),
-        extend=scale.beyond,
-        **place,
-    )
-    ten = 10.0**scale.power
-    bar.formatter = FuncFormatter(lambda value, _: f"{value / ten:.3g}".replace("-", "−"))
-    bar.set_ticks(scale.ticks(2 if flat else 6))
-    bar.set_label("\n".join(scale.lines), fontsize="small")
-    bar.ax.tick_params(labelsize="small")
-    if flat:
-        # What stands at the ends has no room beside the bar.
-        first, *_, last = bar.ax.get_xticklabels()
-        first.set_horizontalalignment("left")
-        last.set_horizontalalignment("right")
-    return bar
 
 
 def drawing_scale(solution: Solution) -> float:

@@ -25,8 +25,8 @@ from validation.output.pictures.bodies import (
     middle_layer,
     outlines,
 )
-from validation.output.pictures.canvas import Direction, Part, View
-from validation.output.pictures.gallery import Panel, gallery, marked
+from validation.output.pictures.canvas import Direction, Lines, Part, Surface, View
+from validation.output.pictures.gallery import Mark, Panel, gallery
 from validation.output.pictures.scales import (
     MOTION_MAP,
     PALE,
@@ -40,8 +40,6 @@ from validation.output.pictures.sections import Section, section
 from validation.scene.family import RoundScene
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from fem.solution import Solution
     from geometry.answer import Answer
 
@@ -142,7 +140,7 @@ def _scale(stress: Stress, values: Sequence[FloatArray]) -> Scale:
     return replace(scale, diverging=stress.colours == STRESS_MAP)
 
 
-def extreme(answer: Answer, stress: Stress) -> tuple[FloatArray, str]:
+def extreme(answer: Answer, stress: Stress) -> Mark:
     """Where a stress is extreme at a node, and words for it and for what the tables give."""
     best, place, words = -np.inf, np.zeros(3), ""
     for block in answer.details.deformable.deformable_blocks.tolist():
@@ -152,9 +150,9 @@ def extreme(answer: Answer, stress: Stress) -> tuple[FloatArray, str]:
             best = float(values[node])
             place = answer.details.deformable.positions(block)[node]
             joint = _joint(answer.details, block, node)
-            words = f"○ node: {stress.sign * best:.3g}, block {block}{joint}"
+            words = f"node: {stress.sign * best:.3g}, block {block}{joint}"
     inside = answer[stress.measure].value
-    return place, f"{words}\nintegration point: {inside:.3g}".replace("-", "−")
+    return Mark(place, f"{words}\nintegration point: {inside:.3g}".replace("-", "−"))
 
 
 def _joint(solution: Solution, block: int, node: int) -> str:
@@ -184,8 +182,8 @@ def draw_stresses(answer: Answer, path: Path) -> None:
     for stress in stresses_of(answer):
         scale, values = stress_scale(solution, stress), partial(_stress, solution, stress)
         words = f"{stress.symbol}{', outer surface' if tube else ''}"
-        panel = Panel(words, blocks_view(solution, values, scale, faces, direction), scale=scale)
-        columns.append([marked(scale, panel, *extreme(answer, stress))])
+        view, mark = blocks_view(solution, values, scale, faces, direction), extreme(answer, stress)
+        columns.append([Panel(words, view, scale=scale, mark=mark)])
     moved = _SHELL if tube else all_faces(solution)
     columns.append([moved_panel(solution, moved, direction)])
     joints = _joint_panels(answer) if solution.deformable.meets else []
@@ -229,7 +227,7 @@ def _joint_panels(answer: Answer) -> list[Panel]:
     top, bottom = above_and_below(parts, direction, title=f"{stress.symbol} {where}", scale=scale)
     if _is_tube(answer):
         return [replace(top, scale=None), bottom]
-    return [top, marked(scale, bottom, *extreme(answer, stress))]
+    return [top, replace(bottom, mark=extreme(answer, stress))]
 
 
 def draw_displacement(answer: Answer, path: Path) -> None:
@@ -276,7 +274,7 @@ def draw_sections(answer: Answer, path: Path) -> None:
         [
             Panel(
                 f"{stress.symbol}, z = {z:.4g} mm",
-                plot=partial(_draw_section, cut=cut, values=stress.of(cut.values), scale=scale),
+                _section_view(cut, stress.of(cut.values), scale),
             )
             for stress, scale in zip(stresses, scales, strict=True)
         ]
@@ -289,25 +287,18 @@ def draw_sections(answer: Answer, path: Path) -> None:
     gallery(columns, title, path, height=7.5, widest=18.0, scale=scales)
 
 
-def _draw_section(axes: Axes, *, cut: Section, values: FloatArray, scale: Scale) -> None:
-    """Draw a section in the colours of a stress; blocks without stresses are grey."""
-    from matplotlib.collections import LineCollection, PolyCollection
-    from matplotlib.ticker import MaxNLocator
-    from matplotlib.tri import Triangulation
-
-    axes.set_aspect("equal")
-    if len(cut.triangles):
-        mesh = Triangulation(cut.points[:, 0], cut.points[:, 1], cut.triangles)
-        colours = {"cmap": scale.map, "vmin": scale.low, "vmax": scale.high}
-        axes.tripcolor(mesh, values, shading="gouraud", rasterized=True, **colours)
-    axes.add_collection(PolyCollection(list(cut.points[cut.rigid]), facecolors=PALE))
-    axes.add_collection(LineCollection(list(cut.borders), colors="black", linewidths=0.7))
-    axes.autoscale_view()
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MaxNLocator(6, prune="both"))
-    axes.set_xlabel("x [mm]", fontsize="small")
-    axes.set_ylabel("y [mm]", fontsize="small")
-    axes.tick_params(labelsize="small")
+def _section_view(cut: Section, values: FloatArray, scale: Scale) -> View:
+    """A section from above in the colours of a stress; blocks without stresses are pale."""
+    places = np.insert(cut.points, 2, 0.0, axis=1)
+    borders = np.insert(cut.borders.reshape(-1, 2), 2, 0.0, axis=1)
+    return View(
+        [
+            Surface(places, cut.triangles, scale.of(values), lit=False),
+            Surface(places, cut.rigid, PALE, lit=False),
+            Lines(borders, np.arange(len(borders)).reshape(-1, 2)),
+        ],
+        (0.0, 0.0, 1.0),
+    )
 
 
 # ---------------------------------------------------------------------------------------------
