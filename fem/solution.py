@@ -28,7 +28,7 @@ from fem.assembly.section_forces import SolvedState, section_forces
 from fem.assembly.symmetry import local_forces
 from fem.contact.search import searched_surfaces
 from fem.element.stress import principal_stress
-from fem.problem.recovery import Recovered, recover, stress_at_nodes
+from fem.problem.recovery import Recovered, recover
 from fem.static.result import StaticResult, loose_blocks
 from fem.static.rotation import internal_forces
 from geometry.balance import Imbalance, imbalance, of_fixed_blocks, together
@@ -199,7 +199,7 @@ class Solution(ReadOnlyArrays):
     def nodal_stress_range(self) -> tuple[float, float]:
         """Least σ₃ and largest σ₁ at the nodes [MPa]."""
         result = [
-            principal_stress(stress_at_nodes(self.deformable.group(int(blocks[0])), moved))
+            principal_stress(self.deformable.group(int(blocks[0])).nodal_stress(moved))
             for blocks, moved in moved_blocks(
                 self.deformable,
                 self.group_displacements,

@@ -139,6 +139,11 @@ class HexMesh(ReadOnlyArrays):
         return len(self.elements)
 
     @property
+    def degree(self) -> int:
+        """Degree of the polynomials on each hexahedron."""
+        return 1
+
+    @property
     def connectivity(self) -> IntArray:
         """All nodes of each hexahedron: here its corners."""
         return self.elements

@@ -23,6 +23,7 @@ from fem.contact.surfaces import (
     contact_surfaces,
 )
 from fem.element.hexahedron import ElementType
+from fem.element.kinds import block_lumped_mass, element_of
 from fem.element.lagrange_mesh import in_pieces, with_degree
 from fem.element.material import Material
 from fem.problem.loads import (
@@ -41,7 +42,6 @@ from fem.problem.model import (
     Support,
     block_group,
     fixed_nodes,
-    lumped_mass,
 )
 from fem.problem.springs import Springs, springs_on
 from geometry.assembly import Assembly
@@ -246,7 +246,7 @@ def block_groups(
             block_group(
                 shape.mesh,
                 material,
-                element=element,
+                element=element_of(shape.mesh, element),
                 rotations=assembly.rotations[blocks],
                 translations=assembly.translations[blocks] + offsets[blocks],
                 springs=springs[int(kind)],
@@ -307,7 +307,7 @@ def block_load_forces(assembly: Assembly, load: LoadCase, block: int) -> FloatAr
         return on_faces
     mesh, rotation = assembly.shape(block).mesh, assembly.rotations[block]
     wrench = load.body_wrenches[block]
-    share = lumped_mass(mesh, 1.0)
+    share = block_lumped_mass(mesh, 1.0)
     forces = wrench_forces(mesh.nodes, share, wrench[:3] @ rotation, wrench[3:] @ rotation)
     return forces if on_faces is None else on_faces + forces
 

@@ -27,18 +27,12 @@ from fem.assembly.contact_state import ContactState
 from fem.assembly.deformable import DeformableAssembly
 from fem.contact.facet_peaks import FacetPeaks, facet_peaks
 from fem.contact.law import ContactLaw
-from fem.element.hexahedron import point_volumes
-from fem.element.lagrange_mesh import LagrangeMesh
-from fem.element.lagrange_stress import (
-    PointValue,
-    averaged_tension,
-    everywhere,
-    one_of_each_cube,
-)
+from fem.element.hexahedron import at_corners, point_volumes
+from fem.element.kinds import integration_points
+from fem.element.lagrange_stress import averaged_tension, one_of_each_cube
 from fem.element.stress import (
-    corner_extrapolation,
-    integration_point_stress,
-    integration_points,
+    invariants,
+    largest_tension,
     principal_stress,
     von_mises,
 )
@@ -245,9 +239,8 @@ def stress_peaks(
         deformable, displacements, finite_rotation=finite_rotation, representative=representative
     ):
         group = deformable.group(int(blocks[0]))
-        of_group = _lagrange_peaks if isinstance(group.mesh, LagrangeMesh) else _group_peaks
         radius = group.material.averaging_radius if averaging_radius is None else averaging_radius
-        result.append(of_group(deformable, blocks, moved, radius))
+        result.append(_group_peaks(deformable, blocks, moved, radius))
     averaged = result[first_largest(np.array([f.sigma_1_averaged.value for f in result]))]
     return StressPeaks(
         sigma_1=_largest([f.sigma_1 for f in result]),
@@ -290,76 +283,52 @@ def _group_peaks(
 ) -> StressPeaks:
     """Of blocks of one group, from displacements in their frames (n_blocks, n_nodes, 3) [mm]."""
     group = deformable.group(int(blocks[0]))
-    stress = integration_point_stress(group.mesh, group.material, group.element, local)
-    principal = principal_stress(stress)
+    linear, stress = group.element.degree == 1, group.point_stress(local)
     points = integration_points(group.mesh, group.element)
     per_element = len(points) // group.mesh.n_elements
 
-    def peak(values: FloatArray, at: FloatArray, *, inside: bool) -> Peak:
-        copy, row = (int(k) for k in np.unravel_index(first_largest(values), values.shape))
+    def placed(value: float, copy: int, where: FloatArray, element: int | None = None) -> Peak:
         block, face = int(blocks[copy]), None
-        where = deformable.assembly.place(block, at[row][None])[0] + deformable.offsets[block]
-        if inside:
-            face = _element_face(deformable, block, row // per_element, at[row])
-        return Peak(float(values.max()), (block,), where, face)
+        if element is not None:
+            face = _element_face(deformable, block, element, where)
+        world = deformable.assembly.place(block, where[None])[0] + deformable.offsets[block]
+        return Peak(value, (block,), world, face)
 
-    first, third, mises = principal[:, :, 0], principal[:, :, 2], von_mises(principal)
-    balls = ball_averages(group, points, radius)
-    averaged = principal_stress(balls.averaged(stress))[:, :, 0]
-    at_corners = _corner_extremes(group, stress, principal)
-    least = peak(-third, points, inside=True)
-    return StressPeaks(
-        peak(first, points, inside=True),
-        replace(least, value=-least.value),
-        peak(mises, points, inside=True),
-        peak(averaged, balls.centres, inside=False),
-        radius,
-        *at_corners,
-    )
+    def peak(values: FloatArray, at: FloatArray, sign: float = 1.0) -> Peak:
+        copy, row = (int(k) for k in np.unravel_index(first_largest(values), values.shape))
+        element = row // per_element if linear and at is points else None
+        return placed(sign * float(values.max()), copy, at[row], element)
 
-
-def _lagrange_peaks(
-    deformable: DeformableAssembly, blocks: IntArray, local: FloatArray, radius: float
-) -> StressPeaks:
-    """The same of elements of higher degree, which hide nothing towards their corners.
-
-    There their polynomials overshoot (`fem.element.lagrange_stress.everywhere`).
-    """
-    bodies = moved_bodies(deformable.group(int(blocks[0])), local)
-
-    def peak(found: PointValue) -> Peak:
-        block = int(blocks[found.layer - 1])
-        where = deformable.assembly.place(block, found.position[None])[0]
-        return Peak(found.value, (block,), where + deformable.offsets[block], None)
-
-    sampled = everywhere(bodies)
-    third, mises = sampled.extreme(2), sampled.largest_mises()
-    averaged, at_cells = averaged_tension(bodies, radius)
-    first = sampled.extreme(0)
-    if first.value < averaged.value:  # of a large element the Gauss points are far from its ends
-        first = at_cells
-    at_points = peak(first), peak(third), peak(mises), peak(averaged)
-    return StressPeaks(*at_points, radius, first.value, third.value, mises.value)
+    first = peak(largest_tension(stress), points)
+    third = peak(largest_tension(-stress), points, -1.0)
+    mises = peak(np.sqrt(3.0 * invariants(stress)[1]), points)
+    if linear:
+        balls = ball_averages(group, points, radius)
+        averaged = peak(largest_tension(balls.averaged(stress)), balls.centres)
+        at_corners = _corner_extremes(group, stress)
+    else:  # points hide nothing towards corners, where polynomials overshoot
+        of_ball, at_cells = averaged_tension(moved_bodies(group, local), radius)
+        averaged = placed(of_ball.value, of_ball.layer - 1, of_ball.position)
+        if first.value < averaged.value:  # of a large element they are far from its ends
+            first = placed(at_cells.value, at_cells.layer - 1, at_cells.position)
+        at_corners = first.value, third.value, mises.value
+    return StressPeaks(first, third, mises, averaged, radius, *at_corners)
 
 
-def _corner_extremes(
-    group: BlockGroup, stress: FloatArray, principal: FloatArray
-) -> tuple[float, float, float]:
+def _corner_extremes(group: BlockGroup, stress: FloatArray) -> tuple[float, float, float]:
     """Largest σ₁, least σ₃ and largest von Mises stress at corners of elements.
 
     Of those elements that hold half of the extreme inside.
     """
-    weights = corner_extrapolation(group.element)
-    per_element = weights.shape[1]
-    stress = stress.reshape(-1, per_element, 6)
-    values = principal.reshape(-1, per_element, 3)
+    stress = stress.reshape(-1, len(group.element.points), 6)
+    values = principal_stress(stress)
     first, third = values[:, :, 0].max(axis=1), values[:, :, 2].min(axis=1)
     mises = von_mises(values).max(axis=1)
     high = stress[first >= first.max() - 0.5 * abs(first.max())]
     low = stress[third <= third.min() + 0.5 * abs(third.min())]
 
     def corners(inside: FloatArray) -> FloatArray:
-        return principal_stress(np.einsum("cp,epi->eci", weights, inside))
+        return principal_stress(at_corners(inside))
 
     return (
         float(corners(high)[:, :, 0].max()),

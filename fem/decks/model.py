@@ -26,7 +26,7 @@ from fem.decks.statement import (
     Procedure,
     named_face,
 )
-from fem.element.hexahedron import block_lumped_mass
+from fem.element.kinds import block_lumped_mass
 from fem.problem.loads import (
     SmoothStepAmplitude,
     TabularAmplitude,
@@ -35,7 +35,7 @@ from fem.problem.loads import (
 )
 from fem.problem.model import Model, NodalLoad, Support, fixed_nodes, nodal_load
 from geometry.loads import CircumferentialLoad, PressureLoad
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray, HexMesh, IntArray
 
 
 def block_nodes(deck: Deck, block: int) -> FloatArray:
@@ -55,7 +55,8 @@ def nodal_forces(deck: Deck, load: DeckLoad, block: int) -> FloatArray:
         return forces
     if isinstance(load, BodyForceLoad):
         density = load.force_density[load.blocks == block][0]
-        return np.outer(block_lumped_mass(shape.mesh, 1.0), density)
+        eight = HexMesh(shape.mesh.nodes, shape.mesh.elements)  # corners have all of it
+        return np.outer(block_lumped_mass(eight, 1.0), density)
     nodes, corners = block_nodes(deck, block), shape.faces[named_face(load.face)]
     quads = shape.mesh.facet_nodes(corners)
     if isinstance(load, PressureLoad):

@@ -9,42 +9,22 @@ here is a combination of one tensor, T[ai, bj] = sum_p dv g[a, i] g[b, j]:
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-import scipy
 
 from fem.element.material import Material
 from geometry.mesh import (
     CORNERS,
     FloatArray,
-    HexMesh,
-    IntArray,
     MeshError,
-    check_mesh,
     gauss_points,
     shape_gradients,
     shape_values,
 )
 from geometry.work import Operation, count
-
-
-class ElementType(Enum):
-    """Choice of the hexahedron, named as the field names them."""
-
-    FULL = "full"
-    """2 × 2 × 2 Gauss points; locks in bending and near incompressibility."""
-    B_BAR = "b-bar"
-    """Full integration with the dilatation averaged over the element (Hughes 1980), which is
-    what Abaqus calls C3D8: no volumetric locking."""
-    INCOMPATIBLE = "incompatible"
-    """Nine incompatible modes, condensed (C3D8I): no shear locking, no hourglass."""
-    REDUCED = "reduced"
-    """Uniform strain with stiffness hourglass control (C3D8R)."""
-
 
 #: Hourglass stiffness relative to the shear modulus, C = scale · mu · V · B:B on vectors of
 #: entries ± 1. The factor is the default that Abaqus documents for first-order solids,
@@ -272,9 +252,21 @@ def _uniform_strain(coordinates: FloatArray, _: Material) -> FloatArray:
     return strain_operator(mean_gradients(*gauss_gradients(coordinates))[0])[:, None]
 
 
+def at_corners(values: FloatArray) -> FloatArray:
+    """Values at integration points (..., n_points, m) continued to the corners, (..., 8, m).
+
+    By the trilinear polynomials through them, which are products of (1 + 3 x x_p) / 2 for points
+    ± 1/√3; one value of an element is constant.
+    """
+    if values.shape[-2] == 1:
+        return np.repeat(values, 8, axis=-2)
+    points = gauss_points(2)[0]
+    return np.prod(0.5 * (1.0 + 3.0 * CORNERS[:, None] * points), axis=2) @ values
+
+
 @dataclass(frozen=True, kw_only=True)
-class Element:
-    """One hexahedron: its stiffness and strain, for assembly and stresses, and its names."""
+class Formulation:
+    """What one hexahedron of degree 1 does not share with the others."""
 
     words: str
     """Its name in tables."""
@@ -282,139 +274,124 @@ class Element:
     """Of corners (n_elements, 8, 3) [mm] and material, (n_elements, 24, 24)."""
     strain: Callable[[FloatArray, Material], FloatArray]
     """Strain at the integration points from corner displacements, (n_elements, points, 6, 24)."""
-    points: int = 8
-    """Integration points: those of 2 × 2 × 2, or the centre."""
+    order: int = 2
+    """Integration points in each direction."""
+    hourglass: Callable[[FloatArray, Material], FloatArray] | None = None
+    """The part of the stiffness that controls hourglass modes; None: there is none."""
     abaqus: str | None = None
     """Its name in Abaqus, whose C3D8 averages the dilatation; None: it has none there."""
     calculix: str | None = None
     """Its name in CalculiX, whose C3D8 is plain full integration."""
 
 
+class ElementType(Enum):
+    """Choice of the hexahedron of degree 1, named as the field names them."""
+
+    FULL = "full"
+    """2 × 2 × 2 Gauss points; locks in bending and near incompressibility."""
+    B_BAR = "b-bar"
+    """Full integration with the dilatation averaged over the element (Hughes 1980), which is
+    what Abaqus calls C3D8: no volumetric locking."""
+    INCOMPATIBLE = "incompatible"
+    """Nine incompatible modes, condensed (C3D8I): no shear locking, no hourglass."""
+    REDUCED = "reduced"
+    """Uniform strain with stiffness hourglass control (C3D8R)."""
+
+    @property
+    def degree(self) -> int:
+        """Of the polynomials."""
+        return 1
+
+    @property
+    def words(self) -> str:
+        """Name in tables."""
+        return ELEMENTS[self].words
+
+    @property
+    def hourglass(self) -> Callable[[FloatArray, Material], FloatArray] | None:
+        """The part of `stiffness` that controls hourglass modes; None: there is none."""
+        return ELEMENTS[self].hourglass
+
+    @property
+    def points(self) -> FloatArray:
+        """Natural coordinates of the integration points, (n_points, 3)."""
+        return gauss_points(ELEMENTS[self].order)[0]
+
+    def values(self, natural: FloatArray) -> FloatArray:
+        """Functions at natural coordinates, (n_points, 3) to (n_points, 8)."""
+        return shape_values(natural)
+
+    def stiffness(self, coordinates: FloatArray, material: Material) -> FloatArray:
+        """Stiffness of corners (n_elements, 8, 3) [mm] in VTK order, symmetric to the bit.
+
+        Returns
+        -------
+        FloatArray
+            (n_elements, 24, 24) [N/mm], degrees of freedom 3 · corner + component.
+
+        Raises
+        ------
+        MeshError
+            An element that is inverted or flat at a Gauss point.
+        """
+        count(Operation.ELEMENT, 9.0 * 8.0**3 * len(coordinates))
+        parts = [coordinates[part] for part in chunks(len(coordinates))]
+        return np.concatenate([ELEMENTS[self].stiffness(part, material) for part in parts])
+
+    def strain(self, coordinates: FloatArray, material: Material) -> FloatArray:
+        """Strain at `points` from corner displacements, (n_elements, n_points, 6, 24) [1/mm]."""
+        return ELEMENTS[self].strain(coordinates, material)
+
+    def stress(
+        self, coordinates: FloatArray, material: Material, displacement: FloatArray
+    ) -> FloatArray:
+        """Stress at `points` of elements of some bodies, (n_bodies, n_elements, n_points, 6) [MPa].
+
+        Corners are (n_elements, 8, 3) [mm], displacements (n_bodies, n_elements, 8, 3) [mm].
+        """
+        operator = material.elasticity_matrix() @ self.strain(coordinates, material)
+        n_bodies, n_elements, n_points = len(displacement), *operator.shape[:2]
+        moved = displacement.reshape(n_bodies, n_elements, 24).transpose(1, 2, 0)
+        stress = operator.reshape(n_elements, -1, 24) @ moved
+        return stress.transpose(2, 0, 1).reshape(n_bodies, n_elements, n_points, 6)
+
+    def nodal_stress(
+        self, coordinates: FloatArray, material: Material, displacement: FloatArray
+    ) -> FloatArray:
+        """`stress` continued to the corners, (n_bodies, n_elements, 8, 6) [MPa]."""
+        return at_corners(self.stress(coordinates, material, displacement))
+
+    def mass(self, coordinates: FloatArray, density: float) -> FloatArray:
+        """Row-sum mass of the corners, rho ∫ N_a dV: (n_elements, 8) [t].
+
+        The integrand has degree three in each natural coordinate: the 2 × 2 × 2 rule is exact.
+        """
+        points, weights = gauss_points(2)
+        jacobian = np.swapaxes(coordinates, 1, 2)[:, None] @ shape_gradients(points)
+        return density * (np.linalg.det(jacobian) * weights) @ shape_values(points)
+
+
 ELEMENTS = {
-    ElementType.FULL: Element(
+    ElementType.FULL: Formulation(
         words="fully integrated hexahedra", stiffness=_full, strain=_strain, calculix="C3D8"
     ),
-    ElementType.B_BAR: Element(
+    ElementType.B_BAR: Formulation(
         words="C3D8 (B-bar hexahedra)", stiffness=_b_bar, strain=_b_bar_strain, abaqus="C3D8"
     ),
-    ElementType.INCOMPATIBLE: Element(
+    ElementType.INCOMPATIBLE: Formulation(
         words="C3D8I (incompatible-mode hexahedra)",
         stiffness=_incompatible,
         strain=_incompatible_strain,
         abaqus="C3D8I",
         calculix="C3D8I",
     ),
-    ElementType.REDUCED: Element(
+    ElementType.REDUCED: Formulation(
         words="C3D8R (reduced integration, hourglass control)",
         stiffness=_reduced,
         strain=_uniform_strain,
-        points=1,
+        order=1,
+        hourglass=hourglass_stiffness,
         abaqus="C3D8R",
         calculix="C3D8R",
     ),
 }
-
-
-def element_stiffness(
-    coordinates: FloatArray, material: Material, element: ElementType
-) -> FloatArray:
-    """Stiffness matrices of corners (n_elements, 8, 3) [mm] in VTK order, symmetric to the bit.
-
-    Returns
-    -------
-    FloatArray
-        (n_elements, 24, 24) [N/mm], degrees of freedom 3 · corner + component.
-
-    Raises
-    ------
-    MeshError
-        An element that is inverted or flat at a Gauss point.
-    """
-    stiffness = ELEMENTS[element].stiffness
-    count(Operation.ELEMENT, 9.0 * 8.0**3 * len(coordinates))
-    return np.concatenate([stiffness(coordinates[p], material) for p in chunks(len(coordinates))])
-
-
-def element_lumped_mass(coordinates: FloatArray, density: float) -> FloatArray:
-    """Row-sum mass of the corners, rho ∫ N_a dV: (n_elements, 8) [t].
-
-    The integrand has degree three in each natural coordinate: the 2 × 2 × 2 rule is exact.
-    """
-    points, weights = gauss_points(2)
-    natural = shape_gradients(points)
-    jacobian = np.swapaxes(coordinates, 1, 2)[:, None] @ natural
-    return density * (np.linalg.det(jacobian) * weights) @ shape_values(points)
-
-
-def _block_pattern(mesh: HexMesh) -> tuple[IntArray, IntArray, IntArray]:
-    """Node adjacency as CSR, and where each element's pairs of nodes land in it.
-
-    Row pointers (n_nodes + 1,), columns (n_pairs,), positions (n_elements, n²).
-    """
-    members = mesh.connectivity
-    key = (members[:, :, None] * mesh.n_nodes + members[:, None, :]).ravel()
-    pairs, position = np.unique(key, return_inverse=True)
-    row, column = np.divmod(pairs, mesh.n_nodes)
-    pointer = np.searchsorted(row, np.arange(mesh.n_nodes + 1))
-    return pointer, column, position.reshape(len(members), -1)
-
-
-def block_stiffness(
-    mesh: HexMesh, material: Material, element: ElementType
-) -> scipy.sparse.bsr_array:
-    """Assemble the stiffness of one block, which is checked here.
-
-    Returns
-    -------
-    bsr_array
-        (3 n_nodes, 3 n_nodes) [N/mm] in 3 × 3 node blocks, columns sorted, symmetric to the
-        bit; degrees of freedom 3 · node + component. ``.tocsr()`` where rows are wanted.
-
-    Raises
-    ------
-    MeshError
-        See `geometry.mesh.check_mesh`.
-    """
-    check_mesh(mesh)
-    return assemble_nodal_operator(
-        mesh, lambda part: element_stiffness(part, material, element), rows=3
-    )
-
-
-def block_hourglass_stiffness(mesh: HexMesh, material: Material) -> scipy.sparse.bsr_array:
-    """Assemble the hourglass part of the stiffness of the reduced element.
-
-    ½ uᵀ K u is the hourglass energy of a block; (3 n_nodes, 3 n_nodes) [N/mm].
-    """
-    check_mesh(mesh)
-    return assemble_nodal_operator(mesh, lambda part: hourglass_stiffness(part, material), rows=3)
-
-
-def assemble_nodal_operator(
-    mesh: HexMesh, element_operator: Callable[[FloatArray], FloatArray], *, rows: int
-) -> scipy.sparse.bsr_array:
-    """Sum element matrices chunk by chunk into (rows × 3) node blocks, columns sorted.
-
-    From the nodes of elements (m, n, 3) ``element_operator`` makes matrices (m, n · rows, 3 n): 3
-    rows of a node for forces, 6 for stresses.
-    """
-    pointer, column, position = _block_pattern(mesh)
-    data, n = np.zeros((len(column), rows * 3)), mesh.connectivity.shape[1]
-    # Each chunk goes over all pairs of nodes: it has a quarter as many of them or more.
-    for part in chunks(mesh.n_elements, math.ceil(max(_CHUNK * 64, len(column) / 4) / n**2)):
-        matrices = element_operator(mesh.nodes[mesh.connectivity[part]])
-        blocks = matrices.reshape(-1, n, rows, n, 3).swapaxes(2, 3).reshape(-1, rows * 3)
-        where = position[part].ravel()
-        for k in range(rows * 3):
-            data[:, k] += np.bincount(where, blocks[:, k], minlength=len(column))
-    shape = (rows * mesh.n_nodes, 3 * mesh.n_nodes)
-    # 32-bit indices: half the index traffic in every product.
-    indices, indptr = column.astype(np.int32), pointer.astype(np.int32)
-    return scipy.sparse.bsr_array((data.reshape(-1, rows, 3), indices, indptr), shape=shape)
-
-
-def block_lumped_mass(mesh: HexMesh, density: float) -> FloatArray:
-    """Row-sum mass of the nodes of one block: (n_nodes,) [t]; sums to the mass of the mesh."""
-    mass = element_lumped_mass(mesh.nodes[mesh.elements], density)
-    total = np.bincount(mesh.elements.ravel(), mass.ravel(), minlength=mesh.n_nodes)
-    return total.astype(np.float64)

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy.special import roots_jacobi
 
-from fem.element.hexahedron import chunks, gradient_tensor, isotropic_stiffness, strain_operator
+from fem.element.hexahedron import chunks, gradient_tensor, isotropic_stiffness
 from fem.element.material import Material
-from geometry.mesh import FloatArray, MeshError
+from fem.element.stress import stress_of_gradient
+from geometry.mesh import FloatArray, MeshError, grid_points
 from geometry.work import Operation, count
 
 #: Pairs of functions whose stiffness is computed at a time: what a cache holds.
@@ -127,13 +128,27 @@ def adjugates(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 @dataclass(frozen=True)
-class LagrangeElement:
-    """Hexahedra of one degree in one material."""
+class Lagrange:
+    """Hexahedra of one degree; n functions, the last natural direction fastest."""
 
     degree: int
     """Of the polynomials, at least one."""
-    material: Material
-    """Elastic constants."""
+
+    @property
+    def words(self) -> str:
+        """Name in tables."""
+        return f"isoparametric hexahedra of degree {self.degree}"
+
+    @property
+    def hourglass(self) -> None:
+        """No part of the stiffness controls hourglass modes."""
+        return None
+
+    def values(self, natural: FloatArray) -> FloatArray:
+        """Functions at natural coordinates, (n_points, 3) to (n_points, n)."""
+        first, second, third = (line_basis(self.degree, x)[0] for x in natural.T)
+        plane = (first[:, :, None] * second[:, None, :]).reshape(len(natural), -1)
+        return (plane[:, :, None] * third[:, None, :]).reshape(len(natural), -1)
 
     @cached_property
     def quadrature(self) -> TensorPoints:
@@ -141,30 +156,20 @@ class LagrangeElement:
         return tensor_points(self.degree, *gauss_line(self.degree + 1))
 
     def gradients(self, coordinates: FloatArray, at: TensorPoints) -> tuple[FloatArray, FloatArray]:
-        """Gradients of the functions and volumes of points of one element.
+        """Gradients of the functions and volumes of points of elements.
 
-        Nodes, (n_functions, 3) [mm], give (n_points, n_functions, 3) [1/mm] and (n_points,) [mm³].
+        Nodes, (m, n, 3) [mm], give (m, n_points, n, 3) [1/mm] and (m, n_points) [mm³].
 
         Raises
         ------
         MeshError
             An element that folds at one of the points.
         """
-        inverse, volumes = self._inverses(coordinates[None], at)
-        return at.slopes @ np.moveaxis(inverse[0], 2, 0), volumes[0]
-
-    def volumes(self, coordinates: FloatArray, at: TensorPoints) -> FloatArray:
-        """Volumes of points of elements, (n_elements, n_functions, 3) to (n, n_points) [mm³].
-
-        Raises
-        ------
-        MeshError
-            As `gradients`.
-        """
-        return self._inverses(coordinates, at)[1]
+        inverse, volumes = self._inverses(coordinates, at)
+        return at.slopes @ np.moveaxis(inverse, 3, 1), volumes
 
     def _inverses(self, coordinates: FloatArray, at: TensorPoints) -> tuple[FloatArray, FloatArray]:
-        """Inverse Jacobians ∂ξₖ/∂xⱼ (n, 3, 3, n_points) and volumes of points (n, n_points)."""
+        """Inverse Jacobians ∂ξₖ/∂xⱼ (m, 3, 3, n_points) and volumes of points (m, n_points)."""
         adjugate, determinant = adjugates(slopes_of(coordinates, at))
         if not (determinant > 0.0).all():
             raise MeshError(
@@ -173,33 +178,78 @@ class LagrangeElement:
             )
         return adjugate / determinant[:, None, None], determinant * at.weights
 
-    def stiffness(self, coordinates: FloatArray) -> FloatArray:
-        """Stiffness of elements, (n_elements, n_functions, 3) to (n, 3 n_f, 3 n_f) [N/mm]."""
-        material, at = self.material, self.quadrature
-        n_functions = coordinates.shape[1]
-        count(Operation.ELEMENT, 9.0 * n_functions**3 * len(coordinates))
-        result = np.empty((len(coordinates), 3 * n_functions, 3 * n_functions))
-        for part in chunks(len(coordinates), max(1, _AT_ONCE // n_functions**2)):
-            inverse, volume = self._inverses(coordinates[part], at)
-            gradients = at.slopes @ np.moveaxis(inverse, 3, 1)
-            tensor = gradient_tensor(gradients, volume)
+    def mass(self, coordinates: FloatArray, density: float) -> FloatArray:
+        """Row sums ρ ∫ N_a dV of nodes (m, n, 3) [mm], (m, n) [t]; MeshError as `gradients`."""
+        at = self.quadrature
+        return density * self._inverses(coordinates, at)[1] @ at.values
+
+    def stiffness(self, coordinates: FloatArray, material: Material) -> FloatArray:
+        """Stiffness of nodes (m, n, 3) [mm], (m, 3 n, 3 n) [N/mm]; MeshError as `gradients`."""
+        n = coordinates.shape[1]
+        count(Operation.ELEMENT, 9.0 * n**3 * len(coordinates))
+        result = np.empty((len(coordinates), 3 * n, 3 * n))
+        for part in chunks(len(coordinates), max(1, _AT_ONCE // n**2)):
+            tensor = gradient_tensor(*self.gradients(coordinates[part], self.quadrature))
             result[part] = isotropic_stiffness(
                 tensor, material.lame_modulus, material.shear_modulus
             )
         return result
 
-    def internal_force(self, coordinates: FloatArray, displacement: FloatArray) -> FloatArray:
+    @property
+    def points(self) -> FloatArray:
+        """Where `stress` is sampled: two Gauss points more than the degree in each direction.
+
+        Nearer to the corners of an element a polynomial of a high degree overshoots.
+        """
+        return grid_points(*[gauss_line(self.degree + 2)[0]] * 3)
+
+    def stress(
+        self, coordinates: FloatArray, material: Material, displacement: FloatArray
+    ) -> FloatArray:
+        """Stress at `points` of elements of some bodies, (n_bodies, m, n_points, 6) [MPa].
+
+        Nodes are (m, n, 3) [mm], displacements (n_bodies, m, n, 3) [mm].
+        """
+        at = tensor_points(self.degree, gauss_line(self.degree + 2)[0])
+        return self.stress_at(coordinates, material, displacement, at)
+
+    def nodal_stress(
+        self, coordinates: FloatArray, material: Material, displacement: FloatArray
+    ) -> FloatArray:
+        """`stress` at the nodes, (n_bodies, m, n, 6) [MPa]."""
+        at = tensor_points(self.degree, lobatto_points(self.degree))
+        return self.stress_at(coordinates, material, displacement, at)
+
+    def stress_at(
+        self,
+        coordinates: FloatArray,
+        material: Material,
+        displacement: FloatArray,
+        at: TensorPoints,
+    ) -> FloatArray:
+        """`stress` at any points."""
+        adjugate, determinant = adjugates(slopes_of(coordinates, at))
+        inverse = adjugate / determinant[:, None, None]
+        stress = np.empty((len(displacement), *determinant.shape, 6))
+        count(Operation.ELEMENT, 9.0 * stress.size * at.values.shape[1] / 6.0)
+        for body, moved in zip(stress, displacement, strict=True):  # all are too many for a cache
+            gradient = np.einsum("eikp,ekjp->eijp", slopes_of(moved, at), inverse)
+            body[:] = stress_of_gradient(np.moveaxis(gradient, 3, 1), material)
+        return stress
+
+    def internal_force(
+        self, coordinates: FloatArray, material: Material, displacement: FloatArray
+    ) -> FloatArray:
         """∫ σ ∂N_a/∂x dV of elements of some bodies: K u without K [N].
 
-        Nodes are (n_elements, n_functions, 3) [mm], displacements and forces
-        (n_bodies, n_elements, n_functions, 3).
+        Nodes are (m, n, 3) [mm], displacements and forces (n_bodies, m, n, 3).
 
         Raises
         ------
         MeshError
             As `gradients`.
         """
-        at, material = self.quadrature, self.material
+        at = self.quadrature
         inverse, volumes = self._inverses(coordinates, at)
         measure = inverse * volumes[:, None, None]
         slopes = _by_direction(at).T
@@ -213,14 +263,3 @@ class LagrangeElement:
             flux = np.einsum("nijp,nkjp->nikp", stress, measure).reshape(-1, len(slopes))
             force[:] = np.swapaxes((flux @ slopes).reshape(len(moved), 3, -1), 1, 2)
         return result
-
-    def stress(
-        self, coordinates: FloatArray, displacement: FloatArray, at: TensorPoints
-    ) -> FloatArray:
-        """Stress of one element at points, (n_points, 6) [MPa].
-
-        Coordinates and displacements are those of its nodes, (n_functions, 3) [mm].
-        """
-        gradients, _ = self.gradients(coordinates, at)
-        strain = strain_operator(gradients) @ displacement.ravel()
-        return strain @ self.material.elasticity_matrix().T

@@ -12,12 +12,10 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import bsr_array, csr_array
 
 from fem.element.facet import bilinear
-from fem.element.hexahedron import assemble_nodal_operator
-from fem.element.lagrange import LagrangeElement, lobatto_points
-from fem.element.material import Material
+from fem.element.kinds import block_lumped_mass
+from fem.element.lagrange import lobatto_points
 from geometry.block import Block
 from geometry.mesh import (
     CORNERS,
@@ -25,7 +23,6 @@ from geometry.mesh import (
     FloatArray,
     HexMesh,
     IntArray,
-    MeshError,
     grid_points,
     shape_values,
     structured_hexahedra,
@@ -34,8 +31,6 @@ from geometry.mesh import (
 
 #: Shares of corners in a node are told apart to this, far above rounding.
 _SHARE = 1e-6
-#: What a mass does not depend on.
-_NO_MATTER = Material(density=1.0, young_modulus=1.0, poisson_ratio=0.0)
 _Keys = npt.NDArray[np.void]
 #: Eight whole numbers as one that can be sorted.
 _KEY = np.dtype((np.void, 64))
@@ -45,10 +40,13 @@ _KEY = np.dtype((np.void, 64))
 class LagrangeMesh(HexMesh):
     """Hexahedra of one degree; `elements` names their corners."""
 
-    degree: int
-    """Of the polynomials, at least two."""
     members: IntArray
     """Nodes of each hexahedron, last natural direction fastest, (n_elements, (degree + 1)³)."""
+
+    @property
+    def degree(self) -> int:
+        """Of the polynomials, at least two."""
+        return round(self.members.shape[1] ** (1.0 / 3.0)) - 1
 
     @property
     def connectivity(self) -> IntArray:
@@ -138,12 +136,12 @@ def lagrange_mesh(block: Block, degree: int) -> LagrangeMesh:
     nodes = np.empty((first + own.size, 3))
     nodes[members.ravel()] = places if curve is None else curve.shape(places)
     nodes[: mesh.n_nodes] = mesh.nodes
-    return LagrangeMesh(nodes, mesh.elements, degree, members)
+    return LagrangeMesh(nodes, mesh.elements, members)
 
 
 def with_degree(block: Block, degree: int) -> Block:
     """Block with hexahedra of a degree; one that has them is returned as it is."""
-    if degree == 1 or isinstance(block.mesh, LagrangeMesh):
+    if degree in (1, block.mesh.degree):
         return block
     return replace(block, mesh=lagrange_mesh(block, degree))
 
@@ -160,71 +158,6 @@ def in_pieces(block: Block) -> Block:
         for name, quads in block.faces.items()
     }
     return replace(block, mesh=HexMesh(mesh.nodes, cells), faces=faces, curve=None)
-
-
-def lagrange_stiffness(mesh: LagrangeMesh, material: Material, some: IntArray) -> FloatArray:
-    """Stiffness matrices of some elements, (m, 3 n, 3 n) [N/mm].
-
-    Raises
-    ------
-    MeshError
-        An element that folds.
-    """
-    element = LagrangeElement(mesh.degree, material)
-    return element.stiffness(mesh.nodes[mesh.members[some]])
-
-
-def block_stiffness(mesh: LagrangeMesh, material: Material) -> bsr_array:
-    """Assemble the stiffness of one block, (3 n_nodes, 3 n_nodes) [N/mm].
-
-    Raises
-    ------
-    MeshError
-        An element that folds.
-    """
-    element = LagrangeElement(mesh.degree, material)
-    return assemble_nodal_operator(mesh, element.stiffness, rows=3)
-
-
-def block_internal_force(
-    mesh: LagrangeMesh, material: Material, displacement: FloatArray
-) -> FloatArray:
-    """K u of copies of one block, (n_copies, n_nodes, 3) [mm] to the same [N]; without K.
-
-    Raises
-    ------
-    MeshError
-        An element that folds.
-    """
-    element, result = LagrangeElement(mesh.degree, material), np.zeros_like(displacement)
-    for members in _some(mesh):
-        forces = element.internal_force(mesh.nodes[members], displacement[:, members])
-        # Sums of rows, which `numpy.add.at` takes ten times as long for.
-        shape = (mesh.n_nodes, members.size)
-        to = csr_array((np.ones(members.size), (members.ravel(), np.arange(members.size))), shape)
-        for total, force in zip(result, forces, strict=True):
-            total[:] += to @ force.reshape(-1, 3)
-    return result
-
-
-def _some(mesh: LagrangeMesh) -> list[IntArray]:
-    """Nodes of some elements after the other, few enough for their matrices."""
-    return np.array_split(mesh.members, max(1, mesh.members.size // 4000))
-
-
-def block_lumped_mass(mesh: LagrangeMesh, density: float) -> FloatArray:
-    """ρ ∫ N_a dV of every node, (n_nodes,) [t]: consistent shares of the weight."""
-    element = LagrangeElement(mesh.degree, _NO_MATTER)
-    mass = np.zeros(mesh.n_nodes)
-    for members in _some(mesh):
-        volumes = element.volumes(mesh.nodes[members], element.quadrature)
-        np.add.at(mass, members, density * volumes @ element.quadrature.values)
-    if not (mass > 0.0).all():
-        raise MeshError(
-            f"elements of degree {mesh.degree}: node {int(mass.argmin())} would have no mass; "
-            "expected elements that are less distorted"
-        )
-    return mass
 
 
 # ---------------------------------------------------------------------------------------------

@@ -13,20 +13,18 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
 from fem.element.lagrange import (
-    LagrangeElement,
+    Lagrange,
     TensorPoints,
     adjugates,
-    gauss_line,
     line_basis,
-    lobatto_points,
-    slopes_of,
     tensor_points,
 )
-from fem.element.stress import invariants, principal_stress, stress_of_gradient
+from fem.element.material import Material
+from fem.element.stress import largest_tension, principal_stress, stress_of_gradient
 from geometry.measures import first_largest
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.work import Operation, count
@@ -71,87 +69,14 @@ class PointValue:
 class MovedBodies:
     """Congruent bodies of curved elements, each in its own frame."""
 
-    element: LagrangeElement
-    """Degree and material."""
+    element: Lagrange
+    material: Material
     positions: FloatArray
     """Nodes, (n_nodes, 3) [mm]."""
     elements: IntArray
     """Nodes of each element, (n_elements, (degree + 1)³)."""
     displacements: FloatArray
     """Of the nodes of every body, (n_bodies, n_nodes, 3) [mm]."""
-
-
-@dataclass(frozen=True)
-class SampledStress:
-    """Stresses at points inside some elements of each body."""
-
-    positions: FloatArray
-    """(n_elements, n_points, 3) [mm]"""
-    volumes: FloatArray
-    """(n_elements, n_points) [mm³]"""
-    stress: FloatArray
-    """(n_bodies, n_elements, n_points, 6) [MPa]"""
-
-    def extreme(self, component: int) -> PointValue:
-        """Largest first (0) or least third (2) principal stress."""
-        sign = 1.0 if component == 0 else -1.0
-        return self._at(_largest_tension(sign * self.stress), sign)
-
-    def largest_mises(self) -> PointValue:
-        """Largest von Mises stress."""
-        return self._at(np.sqrt(3.0 * invariants(self.stress)[1]), 1.0)
-
-    def _at(self, values: FloatArray, sign: float) -> PointValue:
-        layer, element, point = np.unravel_index(first_largest(values), values.shape)
-        value = sign * float(values.max())
-        return PointValue(value, int(layer) + 1, self.positions[element, point], None)
-
-
-def sampled_stress(bodies: MovedBodies, elements: IntArray, at: TensorPoints) -> SampledStress:
-    """Stresses of some elements at points of each."""
-    element, members = bodies.element, bodies.elements[elements]
-    nodes = bodies.positions[members]
-    adjugate, determinant = adjugates(slopes_of(nodes, at))
-    inverse = adjugate / determinant[:, None, None]
-    stress = np.empty((len(bodies.displacements), *determinant.shape, 6))
-    count(Operation.ELEMENT, 9.0 * stress.size * at.values.shape[1] / 6.0)
-    for body, moved in enumerate(bodies.displacements):  # all at once are too many for a cache
-        gradient = np.einsum("eikp,ekjp->eijp", slopes_of(moved[members], at), inverse)
-        stress[body] = stress_of_gradient(np.moveaxis(gradient, 3, 1), element.material)
-    return SampledStress(
-        np.einsum("pa,eai->epi", at.values, nodes, optimize=True),
-        determinant * at.weights,
-        stress,
-    )
-
-
-def everywhere(bodies: MovedBodies) -> SampledStress:
-    """Stresses of all elements at two Gauss points more than the degree in each direction.
-
-    Nearer to the corners of an element a polynomial of a high degree overshoots.
-    """
-    degree = bodies.element.degree
-    at = tensor_points(degree, *gauss_line(degree + 2))
-    return sampled_stress(bodies, np.arange(len(bodies.elements)), at)
-
-
-def nodal_stress_of(bodies: MovedBodies) -> FloatArray:
-    """Stresses at the nodes, means over the elements that meet there weighted by volume.
-
-    Returns
-    -------
-    FloatArray
-        (n_bodies, n_nodes, 6) [MPa]: for pictures, for a mean hides the jumps between elements.
-    """
-    degree, elements = bodies.element.degree, bodies.elements
-    every = np.arange(len(elements))
-    result = sampled_stress(bodies, every, tensor_points(degree, lobatto_points(degree)))
-    inside = sampled_stress(bodies, every, bodies.element.quadrature)
-    share = np.repeat(inside.volumes.sum(axis=1), elements.shape[1])
-    shape = (len(bodies.positions), elements.size)
-    mean = csr_array((share, (elements.ravel(), np.arange(elements.size))), shape)
-    total: FloatArray = np.asarray(mean.sum(axis=1)).ravel()[:, None]
-    return np.stack([mean @ body.reshape(-1, 6) / total for body in result.stress])
 
 
 def averaged_tension(bodies: MovedBodies, radius: float) -> tuple[PointValue, PointValue]:
@@ -211,21 +136,7 @@ def averaged_tension(bodies: MovedBodies, radius: float) -> tuple[PointValue, Po
     best = _largest(better, extrapolated(better), _BEST)
     places = between(best, _CENTRES[1], _CENTRES[2])
     result = extrapolated(places)
-    return _largest_at(result, places), _largest_at(_largest_tension(fine.stress), fine.positions)
-
-
-def _largest_tension(stress: FloatArray) -> FloatArray:
-    """σ₁ of stresses (..., 6) where it may be the largest of all, -∞ elsewhere, (...,) [MPa].
-
-    It is larger than the mean by once to twice √(J₂/3).
-    """
-    mean, second = invariants(stress)
-    least = np.sqrt(second / 3.0)
-    most = float((mean + least).max())
-    may = mean + 2.0 * least >= most - 1e-6 * abs(most)
-    result = np.full(mean.shape, -np.inf)
-    result[may] = principal_stress(stress[may])[..., 0]
-    return result
+    return _largest_at(result, places), _largest_at(largest_tension(fine.stress), fine.positions)
 
 
 def _largest_at(values: FloatArray, positions: FloatArray) -> PointValue:
@@ -410,7 +321,7 @@ def _on_grid(
     return _Cells(
         _contracted(bodies, lines, nodes).reshape(-1, 3),
         determinant * volume,
-        stress_of_gradient(gradient, bodies.element.material),
+        stress_of_gradient(gradient, bodies.material),
     )
 
 
@@ -477,9 +388,9 @@ def cells_of(bodies: MovedBodies) -> LagrangeCells:
     """Evaluate every element at equidistant nodes: what was computed, jumps included."""
     degree = bodies.element.degree
     at = equidistant(degree)
-    result = sampled_stress(bodies, np.arange(len(bodies.elements)), at)
-    moved = at.values @ bodies.displacements[:, bodies.elements]
-    return LagrangeCells(degree, result.positions, moved, result.stress)
+    nodes, moved = bodies.positions[bodies.elements], bodies.displacements[:, bodies.elements]
+    stress = bodies.element.stress_at(nodes, bodies.material, moved, at)
+    return LagrangeCells(degree, at.values @ nodes, at.values @ moved, stress)
 
 
 def equidistant(degree: int) -> TensorPoints:

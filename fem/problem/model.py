@@ -13,16 +13,16 @@ from typing import Protocol
 import numpy as np
 from scipy.sparse import bsr_array
 
-from fem.element import lagrange_mesh
-from fem.element.hexahedron import (
-    ELEMENTS,
-    ElementType,
+from fem.element.kinds import (
+    Element,
     block_hourglass_stiffness,
+    block_internal_force,
     block_lumped_mass,
     block_stiffness,
-    element_stiffness,
+    element_of,
+    nodal_stress,
+    point_stress,
 )
-from fem.element.lagrange_mesh import LagrangeMesh
 from fem.element.material import Material
 from fem.problem.effects import Effects
 from fem.problem.springs import Springs
@@ -44,27 +44,20 @@ class ReferenceBlock:
     mesh: HexMesh
     """[mm]."""
     material: Material
-    element: ElementType
+    element: Element
     springs: Springs | None = None
     """Between its surface and the ground; None: none."""
 
     def of_elements(self, some: IntArray) -> FloatArray:
         """Stiffness matrices of some elements, springs included, (m, 3 n, 3 n) [N/mm]."""
-        if isinstance(self.mesh, LagrangeMesh):
-            result = lagrange_mesh.lagrange_stiffness(self.mesh, self.material, some)
-        else:
-            result = element_stiffness(
-                self.mesh.nodes[self.mesh.elements[some]], self.material, self.element
-            )
+        coordinates = self.mesh.nodes[self.mesh.connectivity[some]]
+        result = self.element.stiffness(coordinates, self.material)
         return result if self.springs is None else self.springs.added(some, result)
 
     @cached_property
     def stiffness(self) -> bsr_array:
         """Springs included, (3 n_nodes, 3 n_nodes) [N/mm]."""
-        if isinstance(self.mesh, LagrangeMesh):
-            result = lagrange_mesh.block_stiffness(self.mesh, self.material)
-        else:
-            result = block_stiffness(self.mesh, self.material, self.element)
+        result = block_stiffness(self.mesh, self.material, self.element)
         if self.springs is None:
             return result
         return bsr_array((result + self.springs.stiffness).tocsr(), blocksize=(3, 3))
@@ -72,9 +65,9 @@ class ReferenceBlock:
     def internal_force(self, displacement: FloatArray) -> FloatArray:
         """K u of copies, springs included, (n_copies, n_nodes, 3) [mm] to the same [N]."""
         flat = displacement.reshape(len(displacement), -1).T
-        if not isinstance(self.mesh, LagrangeMesh):
+        if self.element.degree == 1:
             return np.asarray((self.stiffness @ flat).T.reshape(displacement.shape))
-        force = lagrange_mesh.block_internal_force(self.mesh, self.material, displacement)
+        force = block_internal_force(self.mesh, self.material, displacement)
         if self.springs is not None:
             force += (self.springs.stiffness @ flat).T.reshape(displacement.shape)
         return force
@@ -82,9 +75,7 @@ class ReferenceBlock:
     @cached_property
     def hourglass_stiffness(self) -> bsr_array | None:
         """The part of `stiffness` that controls hourglass modes; None where there are none."""
-        if self.element is not ElementType.REDUCED or isinstance(self.mesh, LagrangeMesh):
-            return None
-        return block_hourglass_stiffness(self.mesh, self.material)
+        return block_hourglass_stiffness(self.mesh, self.material, self.element)
 
 
 @dataclass(frozen=True)
@@ -97,8 +88,7 @@ class BlockGroup(ReadOnlyArrays):
     """Reference block [mm]."""
     material: Material
     """Elastic constants and density."""
-    element: ElementType
-    """Hexahedron; that of a `LagrangeMesh` is its own."""
+    element: Element
     rotations: FloatArray
     """Rigid placement of each copy, (n_copies, 3, 3)."""
     translations: FloatArray
@@ -139,6 +129,17 @@ class BlockGroup(ReadOnlyArrays):
         """Nodes of one copy."""
         return self.mesh.n_nodes
 
+    def point_stress(self, local: FloatArray) -> FloatArray:
+        """Stress at the points of the elements, (n_copies, n_points, 6) [MPa].
+
+        From displacements in the axes of the reference block, (n_copies, n_nodes, 3) [mm].
+        """
+        return point_stress(self.mesh, self.material, self.element, local)
+
+    def nodal_stress(self, local: FloatArray) -> FloatArray:
+        """The same at the nodes, (n_copies, n_nodes, 6) [MPa]."""
+        return nodal_stress(self.mesh, self.material, self.element, local)
+
     def reference_positions(self) -> FloatArray:
         """Undeformed nodes of all copies in world axes, (n_copies, n_nodes, 3) [mm]."""
         turned = np.einsum("cij,nj->cni", self.rotations, self.mesh.nodes)
@@ -149,7 +150,7 @@ def block_group(
     mesh: HexMesh,
     material: Material,
     *,
-    element: ElementType = ElementType.INCOMPATIBLE,
+    element: Element | None = None,
     rotations: FloatArray | None = None,
     translations: FloatArray | None = None,
     springs: Springs | None = None,
@@ -157,7 +158,8 @@ def block_group(
 ) -> BlockGroup:
     """Assemble the reference block and place its copies.
 
-    By rotations (n_copies, 3, 3) and translations (n_copies, 3) [mm]; by default one copy in its
+    ``element`` is that of the mesh; None: `fem.element.kinds.element_of`. Copies are placed by
+    rotations (n_copies, 3, 3) and translations (n_copies, 3) [mm]; by default one copy is in its
     reference position.
 
     Raises
@@ -170,30 +172,17 @@ def block_group(
         rotations = np.tile(np.eye(3), (count, 1, 1))
     if translations is None:
         translations = np.zeros((len(rotations), 3))
+    chosen = element_of(mesh) if element is None else element
     return BlockGroup(
         name=name,
         mesh=mesh,
         material=material,
-        element=element,
+        element=chosen,
         rotations=rotations,
         translations=translations,
-        reference=ReferenceBlock(mesh, material, element, springs),
-        lumped_mass=lumped_mass(mesh, material.density),
+        reference=ReferenceBlock(mesh, material, chosen, springs),
+        lumped_mass=block_lumped_mass(mesh, material.density),
     )
-
-
-def element_words(group: BlockGroup) -> str:
-    """Name of the hexahedra of a group."""
-    if isinstance(group.mesh, LagrangeMesh):
-        return f"isoparametric hexahedra of degree {group.mesh.degree}"
-    return ELEMENTS[group.element].words
-
-
-def lumped_mass(mesh: HexMesh, density: float) -> FloatArray:
-    """Mass of the nodes of one block, whatever its elements, (n_nodes,) [t]."""
-    if isinstance(mesh, LagrangeMesh):
-        return lagrange_mesh.block_lumped_mass(mesh, density)
-    return block_lumped_mass(mesh, density)
 
 
 @dataclass(frozen=True)
@@ -390,7 +379,7 @@ def _check_group(group: BlockGroup) -> None:
         bad = int(np.flatnonzero(~(group.lumped_mass > 0.0))[0])
         raise ModelError(
             f"{group.name}: node {bad} has mass {group.lumped_mass[bad]} t; expected positive "
-            "masses (every node must belong to an element)"
+            "masses (every node belongs to an element, and elements are less distorted)"
         )
 
 

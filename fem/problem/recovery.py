@@ -1,7 +1,6 @@
 """Stresses of a finished run at nodes and integration points, in world axes.
 
-Nodal stresses are recovered as `fem.element.stress.nodal_stress_operator` states: extrapolated
-from the integration points, averaged by volume over the elements of the same block. Under finite
+Nodal stresses are recovered as `fem.element.kinds.nodal_stress` states. Under finite
 rotation the displacement is taken in each block's best-fitting rigid frame, as in the solver.
 """
 
@@ -13,21 +12,11 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fem.element.lagrange import LagrangeElement
-from fem.element.lagrange_mesh import LagrangeMesh
-from fem.element.lagrange_stress import MovedBodies, everywhere, nodal_stress_of
-from fem.element.stress import (
-    integration_point_stress,
-    nodal_stress,
-    nodal_stress_operator,
-    principal_stress,
-    rotate_stress,
-)
+from fem.element.lagrange import Lagrange
+from fem.element.lagrange_stress import MovedBodies
+from fem.element.stress import principal_stress, rotate_stress
 from fem.problem.model import BlockGroup
 from geometry.mesh import FloatArray, ReadOnlyArrays, cross_matrix
-
-#: Copies with elements of a higher degree whose stresses at all points are in memory at once.
-_AT_ONCE = 8
 
 
 @dataclass(frozen=True)
@@ -45,7 +34,7 @@ class Recovered(ReadOnlyArrays):
     @cached_property
     def point_principal(self) -> FloatArray:
         """At integration points, (n_copies, n_points, 3) [MPa]."""
-        return principal_stress(_stress_at_points(self.group, self.local))
+        return principal_stress(self.group.point_stress(self.local))
 
 
 def best_turns(group: BlockGroup, displacement: FloatArray) -> FloatArray:
@@ -130,14 +119,12 @@ def block_displacements(
 
 
 def moved_bodies(group: BlockGroup, local: FloatArray) -> MovedBodies:
-    """Copies of a group with elements of a higher degree, whose mesh is a `LagrangeMesh`.
+    """Copies of a group with elements of a degree above 1.
 
     Displacements are those in block frames, (n_copies, n_nodes, 3) [mm].
     """
-    mesh = group.mesh
-    assert isinstance(mesh, LagrangeMesh)
-    element = LagrangeElement(mesh.degree, group.material)
-    return MovedBodies(element, mesh.nodes, mesh.members, local)
+    mesh, element = group.mesh, Lagrange(group.mesh.degree)
+    return MovedBodies(element, group.material, mesh.nodes, mesh.connectivity, local)
 
 
 def recover(
@@ -149,35 +136,10 @@ def recover(
     rotation of each block is removed first.
     """
     local, frames = block_displacements(group, displacement, finite_rotation=finite_rotation)
-    at_nodes = stress_at_nodes(group, local)
+    at_nodes = group.nodal_stress(local)
     return Recovered(
         stress=rotate_stress(at_nodes, frames),
         principal=principal_stress(at_nodes),
         group=group,
         local=local,
     )
-
-
-def stress_at_nodes(group: BlockGroup, local: FloatArray) -> FloatArray:
-    """Stresses at nodes in block frames, (n_copies, n_nodes, 6) [MPa].
-
-    From displacements there, (n_copies, n_nodes, 3) [mm].
-    """
-    if isinstance(group.mesh, LagrangeMesh):
-        some = (moved_bodies(group, local[k : k + _AT_ONCE]) for k in _starts(local))
-        return np.concatenate([nodal_stress_of(bodies) for bodies in some])
-    operator = nodal_stress_operator(group.mesh, group.material, group.element)
-    return nodal_stress(operator, local)
-
-
-def _stress_at_points(group: BlockGroup, local: FloatArray) -> FloatArray:
-    """Stresses at integration points in block frames, (n_copies, n_points, 6) [MPa]."""
-    if isinstance(group.mesh, LagrangeMesh):
-        some = (moved_bodies(group, local[k : k + _AT_ONCE]) for k in _starts(local))
-        result = [everywhere(bodies).stress for bodies in some]
-        return np.concatenate(result).reshape(len(local), -1, 6)
-    return integration_point_stress(group.mesh, group.material, group.element, local)
-
-
-def _starts(local: FloatArray) -> range:
-    return range(0, len(local), _AT_ONCE)

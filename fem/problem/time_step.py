@@ -22,14 +22,12 @@ from scipy.sparse import bsr_array, csr_array, diags_array
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from fem.element.hexahedron import (
-    ElementType,
     chunks,
-    element_lumped_mass,
-    element_stiffness,
     gauss_gradients,
     mean_gradients,
     point_volumes,
 )
+from fem.element.kinds import Element
 from fem.element.material import Material
 from fem.problem.effects import Effects
 from fem.problem.model import BlockGroup, Model, ModelError
@@ -68,15 +66,13 @@ def characteristic_time_step(
     return float(length) / material.dilatational_wave_speed * damped_factor(linear_bulk_viscosity)
 
 
-def element_frequencies(mesh: HexMesh, material: Material, element: ElementType) -> FloatArray:
+def element_frequencies(mesh: HexMesh, material: Material, element: Element) -> FloatArray:
     """Highest frequency of each free element with its lumped mass, (n_elements,) [rad/s]."""
     squares = np.empty(mesh.n_elements)
     for part in chunks(mesh.n_elements):
         coordinates = mesh.nodes[mesh.elements[part]]
-        stiffness = element_stiffness(coordinates, material, element)
-        scale = np.repeat(
-            1.0 / np.sqrt(element_lumped_mass(coordinates, material.density)), 3, axis=1
-        )
+        stiffness = element.stiffness(coordinates, material)
+        scale = np.repeat(1.0 / np.sqrt(element.mass(coordinates, material.density)), 3, axis=1)
         scaled = stiffness * scale[:, :, None] * scale[:, None, :]
         squares[part] = np.linalg.eigvalsh(scaled)[:, -1]
     return np.sqrt(squares)
@@ -252,7 +248,7 @@ def _scaled_group(group: BlockGroup, factors: FloatArray) -> BlockGroup:
     added = np.zeros(mesh.n_nodes)
     for part in chunks(mesh.n_elements):
         nodes = mesh.elements[part]
-        mass = element_lumped_mass(mesh.nodes[nodes], group.material.density)
+        mass = group.element.mass(mesh.nodes[nodes], group.material.density)
         more = (factors[part] - 1.0)[:, None] * mass
         added += np.bincount(nodes.ravel(), more.ravel(), minlength=mesh.n_nodes)
     return replace(

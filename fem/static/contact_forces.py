@@ -696,6 +696,6 @@ class _Iteration:
 def _stiffness_of_block(points: _Points) -> float:
     """Young's modulus over the size of a block, the softest one [MPa/mm]."""
     return min(
-        grid.element.material.young_modulus / float(np.ptp(grid.nodes, axis=0).max())
+        grid.material.young_modulus / float(np.ptp(grid.nodes, axis=0).max())
         for grid in points.grids
     )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fem import ElementType, Material
-from fem.element.hexahedron import block_lumped_mass, block_stiffness
+from fem.element.kinds import block_lumped_mass, block_stiffness
 from fem.problem.time_step import (
     characteristic_length,
     characteristic_time_step,

@@ -14,17 +14,17 @@ from skfem.models.elasticity import linear_elasticity
 from fem import ElementType, Material
 from fem.element.hexahedron import (
     ELEMENTS,
-    block_hourglass_stiffness,
-    block_lumped_mass,
-    block_stiffness,
-    element_lumped_mass,
-    element_stiffness,
     gauss_gradients,
     hourglass_stiffness,
     incompatible_gradients,
     mean_gradients,
 )
-from fem.element.stress import integration_point_stress
+from fem.element.kinds import (
+    block_hourglass_stiffness,
+    block_lumped_mass,
+    block_stiffness,
+    point_stress,
+)
 from geometry.block import box_block
 from geometry.mesh import (
     CORNERS,
@@ -101,7 +101,7 @@ def test_stiffness_is_the_work_of_the_recovered_strain(element: ElementType) -> 
         operator,
         optimize=True,
     )
-    ours = element_stiffness(coordinates, CONCRETE, element)
+    ours = element.stiffness(coordinates, CONCRETE)
     assert abs(ours - work).max() < 1e-13 * abs(work).max()
 
 
@@ -109,7 +109,7 @@ def test_stiffness_is_the_work_of_the_recovered_strain(element: ElementType) -> 
 def test_six_rigid_body_modes_and_no_more(element: ElementType) -> None:
     """An element of any shape resists all but six motions; hourglass control holds the 12."""
     mesh = distorted_box()
-    stiffness = element_stiffness(mesh.nodes[mesh.elements], CONCRETE, element)
+    stiffness = element.stiffness(mesh.nodes[mesh.elements], CONCRETE)
     assert (stiffness == np.swapaxes(stiffness, 1, 2)).all()
     values = np.linalg.eigvalsh(stiffness)
     highest = values[:, -1]
@@ -120,7 +120,7 @@ def test_six_rigid_body_modes_and_no_more(element: ElementType) -> None:
 def test_uniform_strain_alone_leaves_twelve_hourglass_modes_that_control_removes() -> None:
     coordinates = distorted_box().nodes[distorted_box().elements]
     control = hourglass_stiffness(coordinates, CONCRETE)
-    bare = element_stiffness(coordinates, CONCRETE, ElementType.REDUCED) - control
+    bare = ElementType.REDUCED.stiffness(coordinates, CONCRETE) - control
     assert [np.linalg.matrix_rank(k, tol=1e-10 * abs(k).max()) for k in bare] == [6] * len(bare)
     assert [np.linalg.matrix_rank(k, tol=1e-10 * abs(k).max()) for k in control] == [12] * len(bare)
 
@@ -137,7 +137,7 @@ def test_energy_of_a_constant_strain_is_exact(element: ElementType) -> None:
     u = (mesh.nodes @ gradient.T).ravel()
     energy = 0.5 * u @ (block_stiffness(mesh, CONCRETE, element) @ u)
     assert energy == pytest.approx(exact, rel=1e-13)
-    hourglass = 0.5 * u @ (block_hourglass_stiffness(mesh, CONCRETE) @ u)
+    hourglass = 0.5 * u @ (block_hourglass_stiffness(mesh, CONCRETE, ElementType.REDUCED) @ u)
     assert abs(hourglass) < 1e-13 * exact
 
 
@@ -162,7 +162,7 @@ def test_patch_test_on_a_distorted_mesh(element: ElementType) -> None:
         CONCRETE.lame_modulus * np.trace(strain) * np.eye(3) + 2.0 * CONCRETE.shear_modulus * strain
     )
     voigt = sigma[[0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
-    stress = integration_point_stress(mesh, CONCRETE, element, u)
+    (stress,) = point_stress(mesh, CONCRETE, element, u[None])
     # Rigid motion of 0.4 mm against strains of 1e-3 over 1 mm: three digits are cancelled.
     assert abs(stress - voigt).max() < 1e-11 * abs(voigt).max()
 
@@ -207,11 +207,11 @@ def test_stiffness_turns_moves_and_scales_with_its_mesh(
     turn = Rotation.random(random_state=seed).as_matrix()
     moved = size * (corners @ turn.T + rng.uniform(-10.0, 10.0, 3))
     turn24 = np.kron(np.eye(8), turn)
-    expected = size * turn24 @ element_stiffness(corners, CONCRETE, element)[0] @ turn24.T
-    ours = element_stiffness(moved, CONCRETE, element)[0]
+    expected = size * turn24 @ element.stiffness(corners, CONCRETE)[0] @ turn24.T
+    ours = element.stiffness(moved, CONCRETE)[0]
     assert abs(ours - expected).max() < 1e-12 * abs(expected).max()
-    mass = element_lumped_mass(moved, 1.0)
-    assert mass == pytest.approx(size**3 * element_lumped_mass(corners, 1.0), rel=1e-12)
+    mass = ElementType.FULL.mass(moved, 1.0)
+    assert mass == pytest.approx(size**3 * ElementType.FULL.mass(corners, 1.0), rel=1e-12)
 
 
 @pytest.mark.parametrize("n", [4, 6, 12])
@@ -476,7 +476,7 @@ def test_inverted_and_broken_meshes_are_refused() -> None:
     with pytest.raises(MeshError, match="first element 4"):
         block_stiffness(HexMesh(mesh.nodes, twisted), CONCRETE, ElementType.FULL)
     with pytest.raises(MeshError, match="element 4"):
-        element_stiffness(mesh.nodes[twisted], CONCRETE, ElementType.REDUCED)
+        ElementType.REDUCED.stiffness(mesh.nodes[twisted], CONCRETE)
     nodes = mesh.nodes.copy()
     nodes[3, 1] = np.nan
     with pytest.raises(MeshError, match="node 3"):

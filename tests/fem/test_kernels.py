@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fem import ElementType, Material
-from fem.element.hexahedron import block_stiffness
+from fem.element.kinds import block_stiffness
 from fem.explicit import kernels
 from fem.explicit.body import element_viscosity
 from fem.explicit.kernels import PARALLEL, SERIAL, widths

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from fem.accuracy.transfer import interpolation
 from fem.element import lagrange_stress
-from fem.element.lagrange import LagrangeElement
+from fem.element.lagrange import Lagrange
 from fem.element.lagrange_mesh import LagrangeMesh, with_degree
 from fem.element.lagrange_stress import (
     MovedBodies,
@@ -20,8 +20,8 @@ from fem.element.lagrange_stress import (
     averaged_tension,
     cells_of,
     grid_places,
-    nodal_stress_of,
 )
+from fem.problem.model import block_group
 from fem.static.linear_step.grid_block import windows
 from fem.static.solve import StaticOptions
 from geometry.files.mesh_io import write_lagrange_cells
@@ -42,7 +42,7 @@ def affine(degree: int) -> MovedBodies:
     if isinstance(mesh, LagrangeMesh):
         members = mesh.members
     moved = (mesh.nodes @ GRADIENT.T)[None]
-    return MovedBodies(LagrangeElement(degree, CONCRETE), mesh.nodes, members, moved)
+    return MovedBodies(Lagrange(degree), CONCRETE, mesh.nodes, members, moved)
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
@@ -66,7 +66,7 @@ def test_affine_fields_are_exact_at_any_place(degree: int) -> None:
         np.broadcast_to(expected, cells.principal.shape), abs=1e-9
     )
     assert cells.displacement[0] == pytest.approx(cells.positions @ GRADIENT.T, abs=1e-14)
-    nodal = nodal_stress_of(state)
+    nodal = block_group(shape.mesh, CONCRETE).nodal_stress(state.displacements)
     voigt = stress[[0, 1, 2, 0, 1, 2], [0, 1, 2, 1, 2, 0]]
     assert nodal == pytest.approx(np.broadcast_to(voigt, nodal.shape), abs=1e-9)
 
@@ -78,7 +78,7 @@ def box(counts: tuple[int, ...], size: float) -> MovedBodies:
     numbers = np.arange(positions[..., 0].size).reshape(positions.shape[:3])
     flat = positions.reshape(-1, 3)
     elements = windows(numbers, counts, 2)
-    return MovedBodies(LagrangeElement(2, CONCRETE), flat, elements, np.zeros((1, *flat.shape)))
+    return MovedBodies(Lagrange(2), CONCRETE, flat, elements, np.zeros((1, *flat.shape)))
 
 
 @pytest.mark.parametrize("counts", [(1, 1, 1), (3, 4, 2)])
@@ -111,7 +111,7 @@ def renumbered(bodies: MovedBodies, seed: int) -> MovedBodies:
         quarters = np.rot90(element, rng.integers(4), tuple(around[:2]))
         turned.append(np.rot90(quarters, rng.integers(4), tuple(other[:2])).ravel())
     nodes, moved = bodies.positions[order], bodies.displacements[:, order]
-    return MovedBodies(bodies.element, nodes, np.array(turned), moved)
+    return MovedBodies(bodies.element, CONCRETE, nodes, np.array(turned), moved)
 
 
 @pytest.mark.parametrize("seed", range(4))

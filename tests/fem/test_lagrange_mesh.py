@@ -30,9 +30,10 @@ from fem.decks.keywords import DeckError
 from fem.decks.problem import problem_deck
 from fem.decks.statement import Flavour
 from fem.decks.write import write_deck
+from fem.element.kinds import block_lumped_mass
 from fem.element.lagrange_mesh import LagrangeMesh, in_pieces, with_degree
 from fem.problem.loads import pressure_forces
-from fem.problem.model import block_group, lumped_mass
+from fem.problem.model import block_group
 from fem.static.solve import StaticMethod, StaticOptions
 from geometry.block import Block
 from geometry.families.boxes import ColumnBox, box_column
@@ -92,7 +93,7 @@ def test_volumes_are_those_of_the_exact_shape() -> None:
     outer = block.inner_radius + block.thickness
     exact = 0.5 * block.block_angle * (outer**2 - block.inner_radius**2) * block.height
     errors = [
-        abs(lumped_mass(with_degree(sine(), degree).mesh, 1.0).sum() / exact - 1.0)
+        abs(block_lumped_mass(with_degree(sine(), degree).mesh, 1.0).sum() / exact - 1.0)
         for degree in (1, 2, 3, 4)
     ]
     # A chord of an angle α loses α² / 6 of its sector; each degree gains a factor of that order.
@@ -100,7 +101,9 @@ def test_volumes_are_those_of_the_exact_shape() -> None:
     assert errors[0] == pytest.approx(angle**2 / 6.0, rel=0.05)
     assert all(b < angle**2 * a for a, b in itertools.pairwise(errors))
     hexagons = [
-        lumped_mass(with_degree(hexagon_block(HEXAGON, HexagonBlockDivisions(m, 1)), 4).mesh, 1.0)
+        block_lumped_mass(
+            with_degree(hexagon_block(HEXAGON, HexagonBlockDivisions(m, 1)), 4).mesh, 1.0
+        )
         for m in (2, 6)
     ]
     assert hexagons[0].sum() == pytest.approx(hexagons[1].sum(), rel=1e-6)
@@ -140,7 +143,7 @@ def test_displacements_converge_with_one_order_more_than_the_degree(degree: int)
         held = degrees_of_freedom(np.unique(mesh.facet_nodes(boundary_quads(mesh))))
         stiffness = block_group(mesh, CONCRETE).stiffness
         u = static_displacement(stiffness, np.zeros(exact.size), held, exact.ravel()[held])
-        mass = lumped_mass(mesh, 1.0)
+        mass = block_lumped_mass(mesh, 1.0)
         error = ((u.reshape(-1, 3) - exact) ** 2).sum(axis=1)
         errors.append(float(np.sqrt(mass @ error)))
     assert np.log2(errors[0] / errors[1]) > degree + 0.75

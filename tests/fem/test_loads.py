@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fem.element.hexahedron import block_lumped_mass, gauss_gradients, mean_gradients
+from fem.element.hexahedron import gauss_gradients, mean_gradients
+from fem.element.kinds import block_lumped_mass
 from fem.problem.loads import (
     LoadError,
     SmoothStepAmplitude,

@@ -12,7 +12,8 @@ import pytest
 from scipy.sparse import csr_array
 
 from fem import Material, Problem, Static, solve_static
-from fem.element.lagrange_mesh import LagrangeMesh, block_lumped_mass, with_degree
+from fem.element.kinds import block_lumped_mass
+from fem.element.lagrange_mesh import LagrangeMesh, with_degree
 from fem.problem.model import block_group
 from geometry import Block, LoadCase, read_blocks
 from geometry.files.hexahedral_solids import file_blocks

@@ -8,7 +8,7 @@ import pytest
 from fem.assembly.peaks import ball_averages, joint_forces, largest_pressure, stress_peaks
 from fem.contact.surfaces import ContactNormals, corner_overclosures, point_kinematics
 from fem.element.facet import FACET_VALUES
-from fem.element.stress import integration_points
+from fem.element.kinds import integration_points
 from geometry import Answer, Measure
 from tests.support.answers import on_its_mesh
 from tests.support.own_blocks import column

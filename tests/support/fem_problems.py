@@ -11,7 +11,7 @@ from fem import ElementType, Material, Problem
 from fem.assembly.contact_state import corner_displacements
 from fem.assembly.deformable import DeformableAssembly
 from fem.contact.surfaces import corner_forces
-from fem.element.hexahedron import block_hourglass_stiffness, block_stiffness
+from fem.element.kinds import block_hourglass_stiffness, block_stiffness
 from fem.static.result import StaticResult
 from geometry.block import Block, box_block
 from geometry.mesh import FloatArray, HexMesh, boundary_quads
@@ -73,7 +73,9 @@ def tip_deflection(
     load[:, 2] = force * weight
     stiffness = block_stiffness(mesh, material, element)
     if hourglass != 1.0:
-        stiffness = stiffness - (1.0 - hourglass) * block_hourglass_stiffness(mesh, material)
+        stiffness = stiffness - (1.0 - hourglass) * block_hourglass_stiffness(
+            mesh, material, ElementType.REDUCED
+        )
     clamped = degrees_of_freedom(np.unique(block.faces["x-"]))
     displacement = static_displacement(stiffness, load.ravel(), clamped)
     return float(weight @ displacement.reshape(-1, 3)[:, 2])

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from fem.element.hexahedron import ElementType, element_stiffness
+from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.explicit.kernels import widths
 from fem.explicit.output.checkpoint import state_arrays
@@ -207,7 +207,7 @@ def peers(group: BlockGroup) -> dict[str, float]:
     u = np.random.default_rng(0).standard_normal((3 * mesh.n_nodes, copies))
     matrix = csr_array(group.stiffness)
     one = np.ascontiguousarray(u[:, 0])
-    element = element_stiffness(mesh.nodes[mesh.elements], CONCRETE, ElementType.INCOMPATIBLE)
+    element = ElementType.INCOMPATIBLE.stiffness(mesh.nodes[mesh.elements], CONCRETE)
     dofs = (3 * mesh.elements[:, :, None] + np.arange(3)).reshape(-1, 24)
 
     def numpy_loop() -> np.ndarray[Any, Any]:

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.element.hexahedron import ElementType, block_stiffness
+from fem.element.hexahedron import ElementType
+from fem.element.kinds import block_stiffness
 from fem.element.material import Material
 from fem.problem.model import Support, fixed_nodes, nodal_load
 from fem.static.linear import solve_apart

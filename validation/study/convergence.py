@@ -16,7 +16,8 @@ import scipy.sparse as sp
 from rich.console import Console
 from scipy.sparse.linalg import eigsh
 
-from fem.element.hexahedron import ElementType, block_lumped_mass, block_stiffness
+from fem.element.hexahedron import ElementType
+from fem.element.kinds import block_lumped_mass, block_stiffness
 from fem.element.material import Material
 from fem.explicit.solve import solve
 from fem.problem.model import Model, block_group, fixed_nodes

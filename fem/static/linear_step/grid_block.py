@@ -12,12 +12,12 @@ All congruent blocks share F and b, and nothing else of a block appears in the c
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
-from fem.element.lagrange import LagrangeElement, TensorPoints, gauss_line, tensor_points
+from fem.element.lagrange import Lagrange, TensorPoints, gauss_line, tensor_points
 from fem.element.lagrange_mesh import LagrangeMesh
 from fem.element.material import Material
 from fem.problem.model import rigid_motions
@@ -52,8 +52,8 @@ class GridBlock:
     """Number in the mesh of each node of the grid, (n_1, n_2, n_3); right-handed."""
     nodes: FloatArray
     """Positions of the mesh's nodes, (n_nodes, 3) [mm]."""
-    element: LagrangeElement
-    """Degree and material."""
+    element: Lagrange
+    material: Material
 
     @property
     def counts(self) -> tuple[int, int, int]:
@@ -106,7 +106,7 @@ class GridBlock:
         return ColumnBlock(
             self.nodes[self.numbers],
             self.element.degree,
-            self.element.stiffness,
+            partial(self.element.stiffness, material=self.material),
             self.outward,
             self.element.degree + 2,
         )
@@ -168,9 +168,7 @@ def grid_block(mesh: HexMesh, material: Material, contact_quads: IntArray) -> Gr
     turned = numbers.transpose(order)
     if np.linalg.det(np.eye(3)[list(order)]) < 0.0:
         turned = turned[::-1]
-    return GridBlock(
-        np.ascontiguousarray(turned), mesh.nodes, LagrangeElement(mesh.degree, material)
-    )
+    return GridBlock(np.ascontiguousarray(turned), mesh.nodes, Lagrange(mesh.degree), material)
 
 
 def _node_grid(mesh: LagrangeMesh, counts: tuple[int, int, int]) -> IntArray:

@@ -15,7 +15,6 @@ from rich.table import Table
 from fem.accuracy.parts import MeshFacets, StaticReference
 from fem.assembly.contact_state import CapAction
 from fem.measures import contact_on
-from fem.problem.model import element_words
 from fem.problem.time_step import added_mass_share
 from geometry.answer import PAPER, Answer, Measure, measure_rows
 from geometry.measures import SectionForces
@@ -216,7 +215,7 @@ def print_run(answer: Answer, console: Console) -> None:
     model = deformable.model
     table.add_section()
     add_dimensions(table, answer.report["dimensions"], answer.case.scene.limits)
-    table.add_row("method, element", f"{answer.method}, {element_words(model.groups[0])}")
+    table.add_row("method, element", f"{answer.method}, {model.groups[0].element.words}")
     table.add_row(
         "blocks, elements, nodes",
         f"{len(deformable.deformable_blocks)} deformable, {model.n_elements}, {model.n_nodes}",
