@@ -75,7 +75,7 @@ _SHARE = 0.8
 
 
 #: What may stop a run within.
-Stop: TypeAlias = Literal["work", "clock"]
+Stop: TypeAlias = Literal["work", "clock", "memory"]
 #: Limits in words.
 LIMITS: Mapping[str, str] = {
     "work": "the limit of work",
@@ -261,6 +261,20 @@ def memory_limit() -> float:
     return min([_SHARE * machine_memory(), *limits])
 
 
+def require_memory(what: str, need: float, remedy: str) -> None:
+    """Reject what needs so many bytes, where that is beyond the limit.
+
+    Raises
+    ------
+    LimitError
+        As `beyond_memory`.
+    """
+    words = beyond_memory(what, need, remedy)
+    if words is not None:
+        stop("memory")
+        raise LimitError("memory", words)
+
+
 def beyond_memory(what: str, need: float, remedy: str) -> str | None:
     """One line on what needs so many bytes, where that is beyond the limit; else None."""
     limit = memory_limit()
@@ -270,7 +284,5 @@ def beyond_memory(what: str, need: float, remedy: str) -> str | None:
     has = f"the limit is {limit / 2**30:.3g} GB (fem.max_memory)"
     if limit >= _SHARE * there:
         has = f"this machine has {there / 2**30:.0f} GB"
-    return (
-        f"{what} need at least {f'{size:.0f}' if size < 1e6 else f'{size:.2g}'} GB of memory, and "
-        f"{has}; take {remedy}"
-    )
+    least = f"{size:.0f}" if 10.0 <= size < 1e6 else f"{size:.2g}"
+    return f"{what} need about {least} GB of memory, and {has}; take {remedy}"

@@ -28,7 +28,6 @@ from fem.accuracy.transfer import transferred
 from fem.assembly.statement import Problem
 from fem.measures import load_step_change, measures_of
 from fem.solution import Solution
-from fem.static.linear_step.condensed import StaticMemoryError
 from fem.static.load_steps import Known
 from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.solve import StaticOptions
@@ -246,12 +245,10 @@ def converge(
             stopped = limit.by if isinstance(limit, LimitError) else "interrupt"
             ended = f"{stop(stopped)}: mesh {number} was not finished"
             break
-        except StaticError as error:
+        except StaticError:
             if last is None:
                 raise
-            large = isinstance(error, StaticMemoryError)
-            stopped = "memory" if large else None
-            ended = stop("memory") if large else "the next mesh, which did not converge"
+            ended = "the next mesh, which did not converge"
             break
         meshes.append(_row(last))
         values.append(told := last.measures)
@@ -525,8 +522,11 @@ def _beyond(
 
 
 def _first_mesh(limit: BaseException, stated: Problem) -> BaseException:
-    """What is raised where a limit stops the first mesh: an interrupt goes on as it is."""
-    if not isinstance(limit, LimitError):
+    """What is raised where a limit stops the first mesh: an interrupt goes on as it is.
+
+    A limit of memory has its own words.
+    """
+    if not isinstance(limit, LimitError) or limit.by == "memory":
         return limit
     return LimitError(
         limit.by,

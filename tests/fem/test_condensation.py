@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array, eye_array, kron
+from scipy.sparse.linalg import splu
 
 from fem import ElementType, Material, Problem, Static, solve_static
 from fem.problem.model import block_group
@@ -17,14 +18,14 @@ from fem.static.linear_step.block_tridiagonal import (
     factor_chain,
 )
 from fem.static.linear_step.condensation import condense
-from fem.static.linear_step.condensed import StaticMemoryError
 from fem.static.linear_step.flexibility import block_motions
-from fem.static.linear_step.linearisation import SparseSolver, SparseSolverError, factorize
+from fem.static.linear_step.linearisation import SparseSolver, SparseSolverError, factorize, fill_in
 from geometry import Assembly
 from geometry.block import box_block
 from geometry.files.hexahedral_solids import hexahedral_block
 from geometry.loads import LoadCase
 from geometry.mesh import HexMesh
+from geometry.work import LimitError, Operation, budget
 
 pytestmark = pytest.mark.quick
 
@@ -205,6 +206,38 @@ def test_sparse_solvers_solve(solver):
     assert solution == pytest.approx(np.linalg.solve(matrix, right), rel=1e-12, abs=1e-13)
 
 
+def of_a_chain(n: int, width: int) -> csr_array:
+    """Matrix of a chain of groups of so many unknowns; its elimination fills nothing in."""
+    each = diags_array([-1.0, 4.0 * width, -1.0], offsets=[-1, 0, 1], shape=(n, n))
+    return csr_array(kron(each, np.ones((width, width))) + 9.0 * eye_array(n * width))
+
+
+def test_fill_is_known_before_a_matrix_is_factored():
+    """Of a chain to the last entry; of a solid by another order of elimination, never far below."""
+    n, width = 20, 3
+    entries = n * width * (width + 1) + 2 * (n - 1) * width**2
+    assert fill_in(of_a_chain(n, width)) == pytest.approx(entries, rel=1e-12)
+    solid = kron(kron(of_a_chain(8, 1), of_a_chain(8, 1)), of_a_chain(8, 3)).tocsc()
+    factor = splu(solid, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+    assert 0.9 * factor.nnz < fill_in(csr_array(solid)) < 2.0 * factor.nnz
+
+
+def test_a_factor_beyond_the_limit_of_memory_is_not_begun():
+    matrix = of_a_chain(200, 3)
+    need = 16.0 * fill_in(matrix) / 2**30
+    with budget(memory=1.001 * need) as enough:
+        factorize(matrix, SparseSolver.SUPERLU)
+    assert enough.done[Operation.SPARSE] > 0.0
+    assert enough.stopped_by is None
+    with (
+        budget(memory=0.999 * need) as less,
+        pytest.raises(LimitError, match="factors of 600 unknowns need"),
+    ):
+        factorize(matrix, SparseSolver.SUPERLU)
+    assert not less.done
+    assert less.stopped_by == "memory"
+
+
 def test_a_missing_library_says_so(monkeypatch):
     def missing(name):
         raise ImportError(f"No module named {name!r}")
@@ -245,5 +278,5 @@ def test_nodes_where_facets_match_are_retained_and_memory_is_counted():
     stone = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
     problem = Problem(assembly, load, stone, gravity=(0.0, 0.0, -9810.0))
     assert solve_static(problem, Static(mesh="scene"))["max_displacement"].value > 0.0
-    with pytest.raises(StaticMemoryError, match="16 contact points, and blocks with up to 9 nodes"):
+    with pytest.raises(LimitError, match="16 contact points, and blocks with up to 9 nodes"):
         solve_static(problem, Static(mesh="scene", max_memory=1e-6))

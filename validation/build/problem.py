@@ -18,7 +18,7 @@ from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase
 from geometry.measures import Planes, planes
 from geometry.parts.chosen import chosen_blocks
-from geometry.work import budget
+from geometry.work import LimitError, budget
 from validation.build.cell import build_cell
 from validation.build.materials import build_materials, friction_of_pairs, laws_of_pairs
 from validation.build.polyhedra import build_live_load, build_polyhedra
@@ -53,7 +53,7 @@ def fem_section(scene: DeformableScene, name: str) -> FemSection:
     with budget(memory=method.max_memory if isinstance(method, Static) else None):
         large = too_large_to_deform(scene, static=static)
     if large is not None:
-        raise InputError(f"{name}: {large}")
+        raise LimitError("memory", f"{name}: {large}")
     return scene.fem
 
 

@@ -53,9 +53,8 @@ from fem.static.linear_step.flexibility import (
 from fem.static.linear_step.linearisation import Linearisation, UnheldBlocksError
 from fem.static.linear_step.pairs import NodePairs
 from fem.static.linear_step.row_laws import Bound, PairLaw, PointLaw, point_law
-from fem.static.result import StaticError
 from geometry.mesh import FloatArray, IntArray
-from geometry.work import Operation, beyond_memory, count, hold
+from geometry.work import Operation, count, hold, require_memory
 
 #: Points count as open when their stiffness is below this share of that at first touch: their
 #: pressure is far below rounding of any other, while their flexibility would drown the rest.
@@ -64,10 +63,6 @@ _LEAST_STIFFNESS = 1e-12
 #: Matrices of the rows of each level, and of the nodes of each kind of block, that are in
 #: memory at once; and of the kind that is made. Measured: 4.4 with friction, 2 and 4.
 _FORCE_COPIES, _KEPT_COPIES, _NODE_COPIES = 4.5, 2.0, 4.0
-
-
-class StaticMemoryError(StaticError):
-    """A static problem that this machine cannot hold."""
 
 
 class CondensedStep:
@@ -122,13 +117,7 @@ class CondensedStep:
         return [kind_of[slot] for slot in range(system.n_slots)], kinds
 
     def _check_memory(self, nodes: list[IntArray]) -> None:
-        """Reject a problem whose dense matrices this machine cannot hold, before any is made.
-
-        Raises
-        ------
-        StaticMemoryError
-            Saying how much they take.
-        """
+        """Reject a problem whose dense matrices are beyond the memory, before any is made."""
         surfaces = self._system.surfaces
         level = np.append(self._level_of, np.iinfo(np.int64).max)  # of rigid blocks
         slots = self._system.slot_of[np.stack([surfaces.block_m, surfaces.block_s])]
@@ -139,13 +128,11 @@ class CondensedStep:
         of_nodes = [9.0 * len(of_kind) ** 2 for of_kind in nodes]
         kept = _KEPT_COPIES * sum(of_nodes) + _NODE_COPIES * max(of_nodes, default=0.0)
         most = max(map(len, nodes), default=0)
-        words = beyond_memory(
+        require_memory(
             f"{points.sum()} contact points, and blocks with up to {most} nodes there,",
             8.0 * (forces + kept),
             "a coarser mesh (mesh), elements of degree 1 or fewer blocks",
         )
-        if words is not None:
-            raise StaticMemoryError(words)
         hold(8.0 * (forces + kept))
 
     def _held_rows(self, slot: int) -> npt.NDArray[np.bool_]:

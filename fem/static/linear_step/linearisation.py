@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import bsr_array, csc_array, csr_array, csr_matrix, diags_array, triu
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from fem.assembly.local_system import (
     LocalSystem,
@@ -26,13 +26,15 @@ from fem.assembly.local_system import (
 )
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
-from geometry.work import Operation, count, hold
+from geometry.work import Operation, count, hold, memory_limit, require_memory
 
 Solve = Callable[[FloatArray], FloatArray]
 
 
 #: Bytes of an entry of a sparse factor: its value and its row, and room that is left.
 _ENTRY_BYTES = 16.0
+#: Entries of the factor of a solid, both triangles, over n^(4/3), at most: 16 to 50 measured.
+_MOST_FILL = 60.0
 
 
 class SparseSolver(StrEnum):
@@ -68,11 +70,44 @@ def factorize(matrix: csr_array, solver: SparseSolver | None = None) -> Solve:
     return _pardiso(matrix) if solver is SparseSolver.PARDISO else _superlu(matrix)
 
 
+def fill_in(matrix: csr_array) -> float:
+    """Entries of both triangular factors of a matrix of symmetric structure, before it is factored.
+
+    Unknowns of one node, or of the inside of one element, have the same neighbours. The matrix of
+    such groups is factored, in a tenth of the time. Measured: 1 to 1.5 times the entries.
+    """
+    pattern = csr_array((np.ones(matrix.nnz), matrix.indices, matrix.indptr), shape=matrix.shape)
+    pattern.sort_indices()
+    neighbours = pattern @ np.random.default_rng(0).random(matrix.shape[0])
+    _, first, group, size = np.unique(
+        neighbours, return_index=True, return_inverse=True, return_counts=True
+    )
+    joined = csr_array((np.ones(len(group)), (np.arange(len(group)), group)))
+    small = csr_array(pattern[first] @ joined)
+    small.data[:] = -1.0
+    factor = _splu(small + diags_array(np.bincount(small.nonzero()[0]) + 1.0))
+    lower, sizes = factor.L, np.empty(len(size))
+    lower.data[:] = 1.0
+    sizes[factor.perm_c] = size
+    return float(2.0 * sizes @ (lower @ sizes) - sizes @ (sizes - 1.0))
+
+
+def _splu(matrix: csr_array) -> SuperLU:
+    return splu(csc_array(matrix), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+
+
+def _check_memory(matrix: csr_array) -> None:
+    """Reject a matrix whose factor is beyond the limit of memory, before any of it is made."""
+    n = float(matrix.shape[0])
+    if _ENTRY_BYTES * min(_MOST_FILL * n ** (4.0 / 3.0), n**2) > memory_limit():
+        need = _ENTRY_BYTES * fill_in(matrix)
+        require_memory(f"factors of {n:.0f} unknowns", need, "a coarser mesh or fewer blocks")
+
+
 def _superlu(matrix: csr_array) -> Solve:
+    _check_memory(matrix)
     try:
-        factor = splu(
-            csc_array(matrix), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
-        )
+        factor = _splu(matrix)
     except RuntimeError as error:
         raise SparseSolverError(f"stiffness matrix: {error}; expected every block held") from None
     hold(_ENTRY_BYTES * factor.nnz)
