@@ -31,8 +31,10 @@ from geometry.work import Operation, count, hold, memory_limit, require_memory
 Solve = Callable[[FloatArray], FloatArray]
 
 
-#: Bytes of an entry of a sparse factor: its value and its row, and room that is left.
+#: Bytes of an entry of a sparse matrix: its value and its row, and room that is left.
 _ENTRY_BYTES = 16.0
+#: Matrices that are in memory beside their factor: with and without supports, by rows and columns.
+_COPIES = 4.0
 #: Entries of the factor of a solid, both triangles, over n^(4/3), at most: 16 to 50 measured.
 _MOST_FILL = 60.0
 
@@ -99,9 +101,14 @@ def _splu(matrix: csr_array) -> SuperLU:
 def _check_memory(matrix: csr_array) -> None:
     """Reject a matrix whose factor is beyond the limit of memory, before any of it is made."""
     n = float(matrix.shape[0])
-    if _ENTRY_BYTES * min(_MOST_FILL * n ** (4.0 / 3.0), n**2) > memory_limit():
-        need = _ENTRY_BYTES * fill_in(matrix)
+    if _bytes(matrix, min(_MOST_FILL * n ** (4.0 / 3.0), n**2)) > memory_limit():
+        need = _bytes(matrix, fill_in(matrix))
         require_memory(f"factors of {n:.0f} unknowns", need, "a coarser mesh or fewer blocks")
+
+
+def _bytes(matrix: csr_array, fill: float) -> float:
+    """Memory of a matrix and its factor of so many entries [bytes]."""
+    return _ENTRY_BYTES * (fill + _COPIES * matrix.nnz)
 
 
 def _superlu(matrix: csr_array) -> Solve:
@@ -110,7 +117,7 @@ def _superlu(matrix: csr_array) -> Solve:
         factor = _splu(matrix)
     except RuntimeError as error:
         raise SparseSolverError(f"stiffness matrix: {error}; expected every block held") from None
-    hold(_ENTRY_BYTES * factor.nnz)
+    hold(_bytes(matrix, factor.nnz))
     # Of both triangles: half of them squared over the order is what a factorisation multiplies.
     count(Operation.SPARSE, 0.25 * float(factor.nnz) ** 2 / max(matrix.shape[0], 1))
 
