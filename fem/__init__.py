@@ -23,7 +23,6 @@ What most need::
 | `Explicit` | damping, times, time step and threads of a run |
 | `write_deck` | the problem as an input deck for Abaqus or CalculiX |
 | `read_deck` | an input deck of Abaqus or CalculiX, and its problem |
-| `solve` | explicit dynamics of any `fem.problem.model.Model` |
 
 Both solvers return a `geometry.Answer`.
 """
@@ -46,7 +45,6 @@ if TYPE_CHECKING:
     from fem.dynamics import solve_explicit
     from fem.element.hexahedron import ElementType
     from fem.element.material import Material, concrete
-    from fem.explicit.solve import solve
     from fem.method import Explicit, Static
 
 __all__ = [
@@ -63,7 +61,6 @@ __all__ = [
     "TabularLaw",
     "concrete",
     "read_deck",
-    "solve",
     "solve_explicit",
     "solve_static",
     "write_deck",
@@ -84,7 +81,6 @@ _PLACES = {
     "Static": ("fem.method", "Static"),
     "read_deck": ("fem.decks.read.deck", "read_deck"),
     "concrete": ("fem.element.material", "concrete"),
-    "solve": ("fem.explicit.solve", "solve"),
     "solve_explicit": ("fem.dynamics", "solve_explicit"),
     "solve_static": ("fem.accuracy.statics", "solve_static"),
     "write_deck": ("fem.decks.problem", "write_deck"),

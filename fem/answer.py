@@ -255,8 +255,8 @@ def _explicit_report(solution: Solution) -> dict[str, Any]:
         | {"viscous_dissipation": energies.viscous_dissipation, "total": energies.total},
         "energy_balance": result.energy_balance,
         "element_updates_per_cpu_second": result.element_updates_per_cpu_second,
-        "added_mass": added_mass_share(stated.assembly.model),
-        "bytes_per_node": n_bytes / stated.assembly.model.n_nodes,
+        "added_mass": added_mass_share(stated.model),
+        "bytes_per_node": n_bytes / stated.model.n_nodes,
         "cpu_seconds": {"loop": result.cpu_seconds},
     }
     return data | _quasi_static_report(solution)

@@ -21,7 +21,6 @@ from fem.answer import answer_of
 from fem.assembly.statement import Problem, ProblemError, require_problem
 from fem.assembly.symmetry import searched_in_all_sectors
 from fem.explicit.output.checkpoint import OtherProblemError
-from fem.explicit.setup.assembly import COUNTED_PRESSURE, ExplicitAssembly
 from fem.explicit.setup.statement import ExplicitStatement, explicit_statement
 from fem.explicit.solve import (
     CUT_SHORT,
@@ -296,9 +295,7 @@ def _uninterrupted(problem: Problem, method: Explicit) -> Solution:
     return solution
 
 
-def stated_run(
-    problem: Problem, method: Explicit, *, counted_pressure: float = COUNTED_PRESSURE
-) -> ExplicitStatement:
+def stated_run(problem: Problem, method: Explicit) -> ExplicitStatement:
     """State the explicit problem and the times of its run: `explicit_statement`."""
     moves, turning = problem.motion is not None, problem.finite_rotation
     return explicit_statement(
@@ -308,7 +305,6 @@ def stated_run(
         ramp_time=method.ramp_time,
         end_time=method.end_time,
         mass_scaling=method.mass_scaling,
-        counted_pressure=counted_pressure,
         motion=problem.motion,
     )
 
@@ -347,10 +343,9 @@ def explicit_solution(
     elif output is not None:
         output = replace(output, on_frame=None)
     while True:
-        whole = stated.assembly
         try:
             result = solve(
-                whole.model,
+                stated.model,
                 end_time=stated.end_time,
                 time_step=method.time_step,
                 safety_factor=method.safety_factor,
@@ -360,31 +355,31 @@ def explicit_solution(
                 velocities=stated.velocities,
                 stop=replace(stop, not_before=stated.settled_after) if watched else None,
                 max_seconds=ends - time.process_time(),
-                output=None if output is None else _of_all_blocks(output, whole, restarts),
+                output=None if output is None else _of_all_blocks(output, stated, restarts),
                 resume=resume,
             )
             break
         except (UnstableRun, OtherProblemError) as error:
             # A checkpoint may be that of a run that had started again.
-            counted = None if method.time_step is not None else stated.more_counted()
-            if counted is None:
+            shorter = None if method.time_step is not None else stated.counting_more()
+            if shorter is None:
                 raise
             if isinstance(error, UnstableRun):
                 resume, restarts = None, restarts + 1
-            stated = stated_run(problem, method, counted_pressure=counted)
+            stated = shorter
     return Solution(
-        deformable=whole.deformable,
-        group_displacements=whole.expand(result.displacements),
-        contact_state=whole.contact_state(result.displacements, result.searched, result.slips),
-        finite_rotation=whole.model.effects.finite_rotation,
-        solver=_of_all_copies(result, whole),
+        deformable=stated.deformable,
+        group_displacements=stated.expand(result.displacements),
+        contact_state=stated.contact_state(result.displacements, result.searched, result.slips),
+        finite_rotation=stated.model.effects.finite_rotation,
+        solver=_of_all_copies(result, stated),
         statement=stated,
         restarts=restarts,
         static_below=method.residual,
     )
 
 
-def _of_all_blocks(output: Output, whole: ExplicitAssembly, restarts: int) -> Output:
+def _of_all_blocks(output: Output, whole: ExplicitStatement, restarts: int) -> Output:
     """Callbacks that are told of all blocks where one of so many sectors is computed."""
     on_frame, progress = output.on_frame, output.progress
 
@@ -405,7 +400,7 @@ def _of_all_blocks(output: Output, whole: ExplicitAssembly, restarts: int) -> Ou
     )
 
 
-def _of_all_copies(result: ExplicitResult, whole: ExplicitAssembly) -> ExplicitResult:
+def _of_all_copies(result: ExplicitResult, whole: ExplicitStatement) -> ExplicitResult:
     """Result with the energies and forces of the whole where one of some sectors was computed."""
     energies, copies = result.energies, whole.orbits.order
     held, searched = result.support_forces, result.searched

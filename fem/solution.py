@@ -342,7 +342,7 @@ class Solution(ReadOnlyArrays):
     def push_curves(self) -> tuple[PushCurve, ...]:
         """Force against displacement of each support that moves step by step."""
         if self.explicit is not None:
-            sector = self.statement is not None and self.statement.assembly.orbits.order > 1
+            sector = self.statement is not None and self.statement.orbits.order > 1
             return () if sector else self.explicit.pushed
         assert self.static is not None
         if not self.static.pushed:

@@ -17,8 +17,7 @@ import numpy as np
 
 from fem import CoulombFriction, Problem, concrete
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.symmetry import cyclic_orbits
-from fem.explicit.setup.assembly import explicit_assembly
+from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import State
 from fem.explicit.step import System, step
@@ -74,9 +73,10 @@ def pressing(
     deformable: DeformableAssembly, symmetry: int, effects: Effects, steps: int
 ) -> tuple[System, State]:
     """A damped run after some steps: blocks press by then."""
-    model = explicit_assembly(
+    model = explicit_statement(
         deformable,
-        orbits=cyclic_orbits(deformable, symmetry),
+        symmetry="none" if symmetry == 1 else "sector",
+        ramp_time=0.0,
         counted_pressure=4.0,  # above what presses here: no run has to start again
         effects=replace(effects, adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
     ).model

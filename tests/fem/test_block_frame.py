@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fem import solve
 from fem.explicit import kernels
 from fem.explicit.kernels import SERIAL
-from fem.explicit.solve import initial_state, prepare
+from fem.explicit.solve import initial_state, prepare, solve
 from fem.explicit.step import placed_internal_force
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
 from fem.problem.loads import SmoothStepAmplitude

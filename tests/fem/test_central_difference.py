@@ -8,11 +8,11 @@ import pytest
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from fem import ElementType, Material, solve
+from fem import ElementType, Material
 from fem.explicit.kernels import SERIAL
 from fem.explicit.kernels.layout import aligned_zeros, to_lanes
 from fem.explicit.output.energy import History, energies
-from fem.explicit.solve import Frame, Output, UnstableRun, initial_state, prepare, watch
+from fem.explicit.solve import Frame, Output, UnstableRun, initial_state, prepare, solve, watch
 from fem.explicit.state import State
 from fem.explicit.step import System, step
 from fem.problem.effects import BulkViscosity, Effects, RayleighDamping

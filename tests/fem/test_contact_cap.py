@@ -70,7 +70,7 @@ def test_a_run_that_outgrows_its_time_step_starts_again(tmp_path: Path) -> None:
     pressure = 8.0
     case = column(pressure).with_method("explicit")
     stated = stated_run(case.problem, case.method)
-    longest = critical_time_step(stated.assembly.model).critical_time_step
+    longest = critical_time_step(stated.model).critical_time_step
     frames: list[Frame] = []
     moving = changed(pressure, fem={"method": "explicit", "frames": 5})
     run = on_its_mesh(moving, on_frame=frames.append)

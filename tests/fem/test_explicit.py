@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem import ElementType, solve
+from fem import ElementType
 from fem.explicit import solve as explicit
 from fem.explicit.output.checkpoint import CheckpointError, content_digest
-from fem.explicit.solve import Output, Status, StopCriterion, UnstableRun
+from fem.explicit.solve import Output, Status, StopCriterion, UnstableRun, solve
 from fem.explicit.state import StateError
 from fem.problem.effects import (
     AdaptiveMassDamping,

@@ -3,19 +3,17 @@
 import numpy as np
 import pytest
 
-from fem import CoulombFriction, Frames, Material, solve
+from fem import CoulombFriction, Frames, Material
 from fem.assembly.contact_state import corner_displacements, matched_pressures
-from fem.assembly.symmetry import cyclic_orbits, no_symmetry
 from fem.contact.friction import Coulomb
 from fem.contact.surfaces import ContactNormals, corner_forces, point_kinematics
 from fem.element.facet import FACET_SLOPES, FACET_VALUES
 from fem.explicit.damping import applied_forces
-from fem.explicit.setup.assembly import explicit_assembly
-from fem.explicit.setup.quasi_static import quasi_static_report, recommended_times
-from fem.explicit.solve import Output, StopCriterion, initial_state, prepare
+from fem.explicit.setup.quasi_static import quasi_static_report
+from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, solve
 from fem.explicit.state import world_vectors
 from fem.problem.effects import AdaptiveMassDamping, Effects
-from fem.problem.loads import SmoothStepAmplitude
 from fem.static.solve import solve_static
 from geometry.assembly import moved
 from geometry.families.sine_block import SineBlockDivisions
@@ -104,7 +102,7 @@ def test_kernel_agrees_with_the_plain_reference(normals, frames):
     deformable = tube(3, normals=normals, frames=frames, clearance=0.002)
     displacements = random_displacements(deformable, 5e-3)
     expected, energy = plain_forces(deformable, displacements)
-    found, stored = kernel_forces(explicit_assembly(deformable), displacements)
+    found, stored = kernel_forces(explicit_statement(deformable), displacements)
     for a, b in zip(found, expected, strict=True):
         assert np.abs(b).max() > 1.0
         assert np.abs(a - b).max() < 1e-10 * np.abs(b).max()
@@ -118,7 +116,7 @@ def test_kernel_agrees_on_open_and_pressed_tubes(clearance):
         deformable = tube(**{kind: clearance})
         displacements = random_displacements(deformable, 0.02)
         expected, _ = plain_forces(deformable, displacements)
-        found, _ = kernel_forces(explicit_assembly(deformable), displacements)
+        found, _ = kernel_forces(explicit_statement(deformable), displacements)
         assert np.abs(expected[0]).max() > 1.0
         assert np.abs(found[0] - expected[0]).max() < 1e-10 * np.abs(expected[0]).max()
 
@@ -128,7 +126,7 @@ def test_single_precision_bodies_feel_the_same_contact():
     deformable = tube()
     displacements = random_displacements(deformable, 5e-3)
     expected, _ = plain_forces(deformable, displacements)
-    found, _ = kernel_forces(explicit_assembly(deformable), displacements, precision="float32")
+    found, _ = kernel_forces(explicit_statement(deformable), displacements, precision="float32")
     assert np.abs(found[0] - expected[0]).max() < 5e-6 * np.abs(expected[0]).max()
 
 
@@ -182,7 +180,7 @@ def test_friction_agrees_with_the_plain_law():
         mine = deformable.group_of[blocks] == 0
         copies = deformable.copy_of[blocks[mine]]
         np.add.at(expected[0], (copies[:, None], quads[mine]), corners[mine, half : half + 4])
-    statement = explicit_assembly(in_contact(deformable, friction=friction))
+    statement = explicit_statement(in_contact(deformable, friction=friction))
     found, _ = kernel_forces(statement, before, then=after)
     size = np.abs(force).max()
     assert np.abs(found[0] - expected[0]).max() < 1e-3 * size
@@ -195,7 +193,7 @@ def test_action_is_reaction_and_moments_balance():
     """
     deformable = tube(frames=Frames.DEFORMABLE)
     displacements = random_displacements(deformable, 5e-3)
-    forces, _ = kernel_forces(explicit_assembly(deformable), displacements)
+    forces, _ = kernel_forces(explicit_statement(deformable), displacements)
     total, moment, size = np.zeros(3), np.zeros(3), 0.0
     for g, f, u in zip(deformable.model.groups, forces, displacements, strict=True):
         total += f.sum(axis=(0, 1))
@@ -208,28 +206,26 @@ def test_action_is_reaction_and_moments_balance():
 def test_two_threads_give_the_same_bits():
     deformable = tube(3)
     displacements = random_displacements(deformable, 5e-3)
-    statement = explicit_assembly(deformable)
+    statement = explicit_statement(deformable)
     one, _ = kernel_forces(statement, displacements, threads=1)
     two, _ = kernel_forces(statement, displacements, threads=2)
     assert np.array_equal(one[0], two[0])
 
 
-def run_to_static(deformable, orbits=None, **options):
-    times = recommended_times(explicit_assembly(deformable).model, damped=True)
-    statement = explicit_assembly(
+def run_to_static(deformable, symmetry="none", **options):
+    statement = explicit_statement(
         deformable,
         counted_pressure=10.0,  # above what presses here: runs do not have to start again
-        orbits=orbits,
+        symmetry=symmetry,
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
-        amplitude=SmoothStepAmplitude(times.ramp_time),
     )
     result = solve(
         statement.model,
-        end_time=times.end_time,
-        stop=StopCriterion(1e-5, times.ramp_time),
+        end_time=statement.end_time,
+        stop=StopCriterion(1e-5, statement.ramp_time),
         **options,
     )
-    return statement, times, result
+    return statement, result
 
 
 @pytest.fixture(scope="module")
@@ -244,7 +240,7 @@ def rms(array):
 
 def test_explicit_end_state_is_the_static_one(coarse_run):
     """Stopped at residual 1e-5 and settling 1e-3: displacement and pressure within 1e-3."""
-    deformable, statement, times, result = coarse_run
+    deformable, statement, result = coarse_run
     static = solve_static(deformable)
     displacements = statement.expand(result.displacements)
     pressures, _ = matched_pressures(deformable, displacements)
@@ -253,7 +249,10 @@ def test_explicit_end_state_is_the_static_one(coarse_run):
     assert pressures.max() == pytest.approx(static.pressures.max(), rel=1e-3)
     assert result.energy_balance < 1e-4
     report = quasi_static_report(
-        result, ramp_time=times.ramp_time, frequency=times.frequency, largest_residual=1e-5
+        result,
+        ramp_time=statement.ramp_time,
+        frequency=statement.recommended.frequency,
+        largest_residual=1e-5,
     )
     assert report.is_static, report.verdict
     assert report.kinetic_over_internal_energy < 1e-4
@@ -265,7 +264,7 @@ def test_pipe_has_four_fold_symmetry(coarse_run):
     They differ by rounding alone, amplified by the contact (stiffness 118 MPa/mm on
     displacements of 1e-2 mm) over the run; 1e-9 of the displacement is a million roundings.
     """
-    deformable, statement, _, result = coarse_run
+    deformable, statement, result = coarse_run
     world = statement.expand(result.displacements)[0]
     rotations = deformable.model.groups[0].rotations
     local = np.einsum("cij,cni->cnj", rotations, world)
@@ -273,9 +272,9 @@ def test_pipe_has_four_fold_symmetry(coarse_run):
 
 
 def test_sector_gives_the_digits_of_the_whole(coarse_run):
-    deformable, statement, _, result = coarse_run
+    deformable, statement, result = coarse_run
     whole = statement.expand(result.displacements)[0]
-    sector, _, found = run_to_static(deformable, cyclic_orbits(deformable, 4))
+    sector, found = run_to_static(deformable, "sector")
     assert sector.model.n_nodes * 4 == statement.model.n_nodes
     assert found.n_steps == result.n_steps
     part = sector.expand(found.displacements)[0]
@@ -284,11 +283,11 @@ def test_sector_gives_the_digits_of_the_whole(coarse_run):
 
 def test_rotated_and_moved_tube_gives_the_same_result(coarse_run):
     """Forces of the loads are turned, everything else is in block frames (rounding as above)."""
-    deformable, statement, _, result = coarse_run
+    deformable, statement, result = coarse_run
     turn = random_rotation(5)
     there = moved(deformable.assembly, turn, np.array([300.0, -200.0, 500.0]))
     case = deformable_assembly(there, named_case(there, "pipe", 0.01), CONCRETE)
-    other, _, found = run_to_static(case)
+    other, found = run_to_static(case)
     expected = statement.expand(result.displacements)[0] @ turn.T
     assert (
         np.abs(other.expand(found.displacements)[0] - expected).max()
@@ -297,7 +296,7 @@ def test_rotated_and_moved_tube_gives_the_same_result(coarse_run):
 
 
 def test_a_resumed_run_gives_the_same_bits(tmp_path, coarse_run):
-    _, statement, times, result = coarse_run
+    _, statement, result = coarse_run
     path = tmp_path / "checkpoint.npz"
     seen = []
 
@@ -306,7 +305,8 @@ def test_a_resumed_run_gives_the_same_bits(tmp_path, coarse_run):
         if len(seen) == 4:
             raise KeyboardInterrupt
 
-    options = {"end_time": times.end_time, "stop": StopCriterion(1e-5, times.ramp_time)}
+    stop = StopCriterion(1e-5, statement.ramp_time)
+    options = {"end_time": statement.end_time, "stop": stop}
     with pytest.raises(KeyboardInterrupt):
         solve(
             statement.model,
@@ -320,7 +320,7 @@ def test_a_resumed_run_gives_the_same_bits(tmp_path, coarse_run):
 
 def test_no_symmetry_keeps_every_block():
     deformable = tube(2)
-    statement = explicit_assembly(deformable, orbits=no_symmetry(deformable))
+    statement = explicit_statement(deformable)
     assert statement.model.groups[0].n_copies == 8
     displacements = random_displacements(deformable, 1.0)
     back = statement.expand(in_model_order(statement, displacements))

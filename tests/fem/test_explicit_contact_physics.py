@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from fem import CoulombFriction, ExponentialLaw, LinearPenalty, solve
+from fem import CoulombFriction, ExponentialLaw, LinearPenalty
 from fem.assembly.contact_state import matched_pressures
 from fem.contact.friction import FrictionError
 from fem.contact.surfaces import ContactNormals
 from fem.explicit.damping import applied_forces
-from fem.explicit.setup.assembly import explicit_assembly
-from fem.explicit.solve import Output, UnstableRun, displacements_of, initial_state, prepare
+from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.solve import Output, UnstableRun, displacements_of, initial_state, prepare, solve
 from fem.explicit.state import world_vectors
 from fem.explicit.step import step
 from fem.problem.effects import AdaptiveMassDamping, Effects, RayleighDamping
@@ -29,7 +29,7 @@ def falling(deformable, speed):
 
 def bounce(time_step):
     deformable = block_on_floor(lift=0.02)
-    statement = explicit_assembly(deformable)
+    statement = explicit_statement(deformable)
     return solve(
         statement.model,
         end_time=6e-3,
@@ -70,7 +70,7 @@ def on_incline(ratio, *, coefficient=0.3, time=4e-3, floor_first=True, effects=N
         size, law=LinearPenalty(penalty), lift=-sink, gravity=gravity, floor_first=floor_first
     )
     friction = CoulombFriction(coefficient)
-    statement = explicit_assembly(in_contact(deformable, friction=friction), effects=effects)
+    statement = explicit_statement(in_contact(deformable, friction=friction), effects=effects)
     result = solve(statement.model, end_time=time)
     mass = statement.model.groups[0].lumped_mass
     return float(mass @ result.displacements[0][0, :, 0] / mass.sum()), result
@@ -129,7 +129,7 @@ def test_no_friction_is_vanishing_friction_to_the_bit():
     deformable = block_on_floor(lift=0.001)
     runs = [
         solve(
-            explicit_assembly(in_contact(deformable, friction=friction)).model,
+            explicit_statement(in_contact(deformable, friction=friction)).model,
             end_time=3e-4,
             velocities=falling(deformable, 10.0),
         )
@@ -141,7 +141,7 @@ def test_no_friction_is_vanishing_friction_to_the_bit():
 def test_friction_history_is_in_the_checkpoint(tmp_path):
     """A run with friction continued from a checkpoint ends in the same bits."""
     deformable = block_on_floor(lift=-1e-4, gravity=np.array([4000.0, 0.0, -9000.0]))
-    model = explicit_assembly(in_contact(deformable, friction=CoulombFriction(0.3))).model
+    model = explicit_statement(in_contact(deformable, friction=CoulombFriction(0.3))).model
     path = tmp_path / "checkpoint.npz"
     seen = []
 
@@ -169,9 +169,9 @@ def test_friction_is_refused_where_it_cannot_act():
         CoulombFriction(0.1, stick_stiffness=0.0)
     deformable = block_on_floor(normals=ContactNormals.REFERENCE)
     with pytest.raises(FrictionError, match="current normals"):
-        explicit_assembly(in_contact(deformable, friction=CoulombFriction(0.1)))
+        explicit_statement(in_contact(deformable, friction=CoulombFriction(0.1)))
     with pytest.raises(FrictionError, match="critical time step"):
-        explicit_assembly(
+        explicit_statement(
             in_contact(block_on_floor(), friction=CoulombFriction(0.1, stick_stiffness=1e5))
         )
 
@@ -182,7 +182,7 @@ def test_a_law_without_cap_is_watched():
     deformable = block_on_floor(lift=0.002, law=law)
     with pytest.raises(UnstableRun, match=r"blocks 0 and 1 reached .* MPa.*safety_factor"):
         solve(
-            explicit_assembly(deformable).model,
+            explicit_statement(deformable).model,
             end_time=2e-3,
             velocities=falling(deformable, 2e4),
             safety_factor=1.0,
@@ -199,7 +199,7 @@ def test_time_step_counts_contact():
     sink = CONCRETE.density * GRAVITY * 20.0 / 1e5
     gravity = np.array([0.0, 0.0, -GRAVITY])
     deformable = block_on_floor(law=LinearPenalty(1e5), lift=-sink, gravity=gravity)
-    model = explicit_assembly(deformable).model
+    model = explicit_statement(deformable).model
     with_contact = critical_time_step(model).critical_time_step
     without = critical_time_step(deformable.model).critical_time_step
     assert with_contact < 0.5 * without
@@ -225,7 +225,9 @@ def test_column_under_its_weight_sinks_by_the_inverse_of_the_law():
     law = ExponentialLaw()
     deformable = block_on_floor(law=law, gravity=np.array([0.0, 0.0, -1e3 * GRAVITY]))
     effects = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
-    result = solve(explicit_assembly(deformable, effects=effects).model, end_time=4e-3)
+    result = solve(
+        explicit_statement(deformable, effects=effects, ramp_time=0.0).model, end_time=4e-3
+    )
     pressure = CONCRETE.density * 1e3 * GRAVITY * 20.0
     found, overclosure = matched_pressures(deformable, result.displacements)
     assert float((deformable.surfaces.weights * found).sum()) / 1200.0 == pytest.approx(
@@ -257,7 +259,7 @@ def test_friction_forgets_when_blocks_lift_off():
     Pressed and moved along without lifting, it rubs with μ times the pressing force.
     """
     deformable = block_on_floor(lift=0.05)
-    model = explicit_assembly(in_contact(deformable, friction=CoulombFriction(0.3))).model
+    model = explicit_statement(in_contact(deformable, friction=CoulombFriction(0.3))).model
     pressed, along = np.array([0.0, 0.0, -0.052]), np.array([0.05, 0.0, 0.0])
     lifted = np.array([0.0, 0.0, 0.1])
     fresh = floor_forces(model, [pressed + along])
@@ -271,7 +273,7 @@ def test_friction_forgets_when_blocks_lift_off():
 def test_friction_forgets_the_block_that_lifts_off_beside_one_that_stays():
     """They are lanes of one loop: what the facets of one forget, those of the other keep."""
     deformable = block_on_floor(lift=0.05, blocks=2)
-    model = explicit_assembly(in_contact(deformable, friction=CoulombFriction(0.3))).model
+    model = explicit_statement(in_contact(deformable, friction=CoulombFriction(0.3))).model
     pressed, along = np.array([0.0, 0.0, -0.052]), np.array([0.05, 0.0, 0.0])
     lifted = np.array([0.0, 0.0, 0.1])
     path = [[pressed, pressed], [pressed, lifted], [pressed, lifted + along]]

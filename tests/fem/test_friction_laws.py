@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem import CoulombFriction, LinearPenalty, solve
+from fem import CoulombFriction, LinearPenalty
 from fem.dynamics import stated_run
-from fem.explicit.setup.assembly import explicit_assembly
+from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.solve import solve
 from fem.problem.effects import PAPER_RAYLEIGH, Effects
 from fem.problem.loads import SmoothStepAmplitude, TabularAmplitude
 from fem.problem.model import Model, fixed_nodes
@@ -27,7 +28,7 @@ ELASTIC = FRICTION.coefficient * PENALTY * SINK / FRICTION.stick_stiffness
 def pushed(amplitude, cycles):
     """All nodes moved along x by 0, +A, -A, +A …, back to +A after so many cycles."""
     deformable = block_on_floor(law=LinearPenalty(PENALTY), lift=-SINK)
-    model = explicit_assembly(in_contact(deformable, friction=FRICTION)).model
+    model = explicit_statement(in_contact(deformable, friction=FRICTION)).model
     turns = np.array([0.0, 1.0, *([-1.0, 1.0] * cycles)])
     times = np.cumsum([0.0, 1.0, *([2.0] * 2 * cycles)]) * 2.5e-4
     moved = fixed_nodes(
@@ -74,7 +75,7 @@ def test_what_sticks_loses_nothing():
 def test_gravity_that_grows_does_the_work_that_it_does():
     """A free block: speed g T/2 after a smooth step of T, which is odd about its middle; work is
     kinetic energy to rounding, as by central differences."""
-    group = explicit_assembly(block_on_floor()).model.groups[0]
+    group = explicit_statement(block_on_floor()).model.groups[0]
     duration, down = 2e-4, np.array([0.0, 0.0, -GRAVITY])
     effects = Effects(gravity=down, gravity_amplitude=SmoothStepAmplitude(duration))
     result = solve(Model(groups=(group,), effects=effects), end_time=2 * duration)
@@ -111,7 +112,7 @@ def test_gravity_grows_only_on_the_way_to_a_static_state():
     for damping, ramped in (("static", True), ("paper", False)):
         case = plate("explicit", damping)
         stated = stated_run(case.problem, case.method)
-        effects = stated.assembly.model.effects
+        effects = stated.model.effects
         assert (effects.gravity_amplitude is not None) is ramped
         if not ramped:
             assert effects.rayleigh == PAPER_RAYLEIGH

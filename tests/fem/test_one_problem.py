@@ -8,16 +8,14 @@ import numpy as np
 import pytest
 
 from fem import ExponentialLaw, Frames, Material, read_deck
-from fem import solve as solve_model
 from fem.assembly.deformable import DeformableAssembly
 from fem.decks.laws import law_table
 from fem.decks.problem import problem_deck
 from fem.decks.statement import Flavour
-from fem.explicit.setup.assembly import explicit_assembly
-from fem.explicit.setup.quasi_static import recommended_times
+from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import StopCriterion
+from fem.explicit.solve import solve as solve_model
 from fem.problem.effects import AdaptiveMassDamping, EffectError, Effects
-from fem.problem.loads import SmoothStepAmplitude
 from fem.static.solve import solve_static
 from geometry import ColumnBox, RefusedError, box_column
 from geometry.loads import face_pressure
@@ -109,11 +107,9 @@ def test_gravity_of_the_assembly_reaches_an_explicit_run() -> None:
     """
     column = weighing_column()
     effects = Effects(adaptive_mass_damping=AdaptiveMassDamping())
-    times = recommended_times(explicit_assembly(column, effects=effects).model, damped=True)
-    ramp = SmoothStepAmplitude(times.ramp_time)
-    stated = explicit_assembly(column, effects=effects, amplitude=ramp)
-    stop = StopCriterion(residual=1e-6, not_before=times.ramp_time)
-    explicit = solve_model(stated.model, end_time=4 * times.end_time, stop=stop)
+    stated = explicit_statement(column, effects=effects)
+    stop = StopCriterion(residual=1e-6, not_before=stated.ramp_time)
+    explicit = solve_model(stated.model, end_time=4 * stated.end_time, stop=stop)
     dynamic = stated.contact_state(explicit.displacements)
     static = solve_static(column).contact_state
     bears = 40.0**2 * (1e-4 + CONCRETE.density * 9810.0 * 60.0)
@@ -123,11 +119,11 @@ def test_gravity_of_the_assembly_reaches_an_explicit_run() -> None:
 
 def test_gravity_is_stated_once() -> None:
     column = weighing_column()
-    assert np.array_equal(explicit_assembly(column).model.effects.gravity, GRAVITY)
-    same = explicit_assembly(column, effects=Effects(gravity=GRAVITY.copy()))
+    assert np.array_equal(explicit_statement(column).model.effects.gravity, GRAVITY)
+    same = explicit_statement(column, effects=Effects(gravity=GRAVITY.copy()))
     assert np.array_equal(same.model.effects.gravity, GRAVITY)
     with pytest.raises(EffectError, match="where the assembly has"):
-        explicit_assembly(column, effects=Effects(gravity=2.0 * GRAVITY))
+        explicit_statement(column, effects=Effects(gravity=2.0 * GRAVITY))
 
 
 def test_rigid_blocks_carry_the_weight_that_the_scene_states() -> None:

@@ -18,11 +18,11 @@ from fem import (
     solve_static,
     write_deck,
 )
-from fem import solve as solve_explicit
 from fem.assembly.symmetry import largest_cyclic_orbits
 from fem.contact.friction import FrictionError
 from fem.decks.keywords import DeckError
 from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.solve import solve as solve_explicit
 from fem.problem.effects import Effects
 from fem.static.solve import solve_static as solve_blocks
 from geometry import SineBlock, shaft, tube
@@ -85,7 +85,7 @@ def test_each_block_of_an_explicit_run_slides_at_its_own_limit(sliding: bool) ->
     stated = explicit_statement(
         problem.deformable, effects=Effects(), ramp_time=0.0, end_time=duration
     )
-    run = solve_explicit(stated.assembly.model, end_time=duration)
+    run = solve_explicit(stated.model, end_time=duration)
     moved = run.displacements[0][:, :, 0].mean(axis=1)
     expected = 0.5 * 9810.0 * (lean - np.array([ROUGH, SMOOTH])) * run.time**2
     assert moved == pytest.approx(expected, rel=0.02)

@@ -19,11 +19,11 @@ from fem import (
     solve_static,
     write_deck,
 )
-from fem import solve as solve_explicit
 from fem.assembly.symmetry import largest_cyclic_orbits
 from fem.contact.law import ContactLaw
 from fem.decks.keywords import DeckError
 from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.solve import solve as solve_explicit
 from fem.problem.effects import AdaptiveMassDamping, Effects
 from fem.static.solve import solve_static as solve_blocks
 from geometry.parts.pairs import PairError
@@ -65,7 +65,7 @@ def test_each_joint_of_an_explicit_run_closes_by_its_own_law(sliding: bool) -> N
         pressed(LAWS, sliding=sliding).deformable,
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping()),
     )
-    run = solve_explicit(stated.assembly.model, end_time=stated.end_time)
+    run = solve_explicit(stated.model, end_time=stated.end_time)
     expected = PRESSURE / np.array([500.0, 50.0]) + SHORTENED
     assert sunk(run.displacements) == pytest.approx(expected, rel=2e-3)
 

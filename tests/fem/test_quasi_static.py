@@ -5,20 +5,16 @@ import math
 import numpy as np
 import pytest
 
-from fem import ExponentialLaw, Frames, LinearPenalty, Material, solve
-from fem.assembly.symmetry import cyclic_orbits
+from fem import ExponentialLaw, Frames, LinearPenalty, Material
 from fem.explicit.output.energy import COLUMNS
-from fem.explicit.setup.assembly import explicit_assembly
 from fem.explicit.setup.quasi_static import (
     block_frequencies,
     motions_about_centroid,
     quasi_static_report,
-    recommended_times,
 )
 from fem.explicit.setup.statement import explicit_statement
-from fem.explicit.solve import Status, StopCriterion
+from fem.explicit.solve import Status, StopCriterion, solve
 from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
-from fem.problem.loads import SmoothStepAmplitude
 from fem.static.solve import solve_static
 from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import SineBlockDivisions
@@ -66,7 +62,7 @@ def test_frequency_of_a_brick_between_two_springs():
     stiff = Material(
         density=2.4e-9, young_modulus=1e16, poisson_ratio=0.2
     )  # next to which the springs' compliance is all, to 1e-13
-    found = block_frequencies(explicit_assembly(column(law, material=stiff)).model, 0.01)
+    found = block_frequencies(explicit_statement(column(law, material=stiff)).model, 0.01)
     heave = 2.0 * stiffness * 6000.0 / mass
     # The lumped mass of the mesh turns with its own inertia, not the brick's.
     nodes = column(law).model.groups[0].mesh.nodes
@@ -87,8 +83,8 @@ def test_stiff_contact_promises_no_frequency_that_no_elastic_block_has(stiffness
     """Between rigid ends a brick of height h swings no faster than a clamped bar, c / 2h; as rigid
     blocks it was 470 times that for a law of 1e9 MPa/mm, and the run ended before a wave had
     crossed it. Half of a brick that yields as a whole gives the lower bound, c / 8h."""
-    model = explicit_assembly(column(LinearPenalty(stiffness))).model
-    times = recommended_times(model, damped=True)
+    effects = Effects(adaptive_mass_damping=AdaptiveMassDamping())
+    times = explicit_statement(column(LinearPenalty(stiffness)), effects=effects).recommended
     clamped = math.sqrt(CONCRETE.young_modulus / CONCRETE.density) / (2.0 * 50.0)
     assert clamped / 4.0 < times.frequency < clamped
     assert times.end_time > 50.0 / clamped
@@ -98,10 +94,10 @@ def test_stiff_contact_promises_no_frequency_that_no_elastic_block_has(stiffness
 def test_a_verdict_does_not_advise_what_is_on(damped):
     deformable = tube()
     damping = AdaptiveMassDamping() if damped else None
-    stated = explicit_assembly(
+    stated = explicit_statement(
         deformable,
         effects=Effects(adaptive_mass_damping=damping),
-        amplitude=SmoothStepAmplitude(1e-4),
+        ramp_time=1e-4,
     )
     result = solve(stated.model, end_time=2e-4, stop=StopCriterion(1e-12), sample_interval=10)
     report = quasi_static_report(result, ramp_time=1e-4, frequency=1e3)
@@ -113,23 +109,22 @@ def test_single_precision_stops_where_its_round_off_stands():
     """ε √Σ (k u)² over the load is the residual that float32 leaves, within a factor of four either
     way; a run that asks for a tenth of it ends there, is not called static, and says what to do."""
     deformable = tube()
-    times = recommended_times(explicit_assembly(deformable).model, damped=True)
-    stated = explicit_assembly(
+    stated = explicit_statement(
         deformable,
         counted_pressure=10.0,
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping()),
-        amplitude=SmoothStepAmplitude(times.ramp_time),
     )
     result = solve(
         stated.model,
-        end_time=20 * times.end_time,
+        end_time=20 * stated.end_time,
         precision="float32",
         sample_interval=10,
-        stop=StopCriterion(1e-6, times.ramp_time),
+        stop=StopCriterion(1e-6, stated.ramp_time),
     )
     assert result.status is Status.STALLED
     assert 0.25 < result.history.column("residual").min() / result.round_off < 4.0
-    report = quasi_static_report(result, ramp_time=times.ramp_time, frequency=times.frequency)
+    frequency = stated.recommended.frequency
+    report = quasi_static_report(result, ramp_time=stated.ramp_time, frequency=frequency)
     assert not report.is_static
     assert 'fem.precision = "float64"' in report.verdict
 
@@ -145,9 +140,7 @@ def test_a_law_that_presses_before_the_load_starts_with_a_blow():
     assert statement.counted_pressure >= 1.5
     balance = []
     for factor in (0.2, 0.1, 0.05):
-        run = solve(
-            statement.assembly.model, end_time=1e-4, safety_factor=factor, sample_interval=1
-        )
+        run = solve(statement.model, end_time=1e-4, safety_factor=factor, sample_interval=1)
         column = run.history.column
         assert column("contact_energy")[0] > 10.0 * np.abs(column("external_work")).max()
         balance.append(run.energy_balance)
@@ -158,16 +151,15 @@ def test_a_law_that_presses_before_the_load_starts_with_a_blow():
 
 def test_frequencies_are_those_of_the_sector():
     deformable = tube()
-    whole = block_frequencies(explicit_assembly(deformable).model, 0.01)
-    orbits = cyclic_orbits(deformable, 4)
-    sector = block_frequencies(explicit_assembly(deformable, orbits=orbits).model, 0.01)
+    whole = block_frequencies(explicit_statement(deformable).model, 0.01)
+    sector = block_frequencies(explicit_statement(deformable, symmetry="sector").model, 0.01)
     assert sector.excited == pytest.approx(whole.excited, rel=1e-9)
     assert sector.lowest >= whole.lowest * (1.0 - 1e-9)
 
 
 def test_nothing_resists_is_said():
     apart = column(LinearPenalty(50.0))
-    model = explicit_assembly(apart).model
+    model = explicit_statement(apart).model
     with pytest.raises(ValueError, match="resists"):
         block_frequencies(type(model)(model.groups), 0.01)
 
@@ -177,15 +169,15 @@ def test_little_kinetic_energy_is_not_static():
     kinetic energy below 1 % of the internal energy (it swings through zero) and a force residual
     above 1 %. The report says that the end is not static."""
     deformable = tube()
-    times = recommended_times(explicit_assembly(deformable).model, damped=False)
+    times = explicit_statement(deformable).recommended
     assert times.ramp_time == pytest.approx(10.0 / times.frequency)
     paper = Effects(rayleigh=RayleighDamping(2.0, 1e-8), bulk_viscosity=BulkViscosity())
     ramp = 2.0 / times.frequency
-    statement = explicit_assembly(
+    statement = explicit_statement(
         deformable,
         counted_pressure=10.0,  # above what presses here
         effects=paper,
-        amplitude=SmoothStepAmplitude(ramp),
+        ramp_time=ramp,
     )
     result = solve(
         statement.model, end_time=3.0 * ramp, stop=StopCriterion(1e-12), sample_interval=10
@@ -206,16 +198,13 @@ def test_little_kinetic_energy_is_not_static():
 def test_elastic_frames_reach_the_static_state():
     """Frames that deform, held at their outer faces: explicit and static agree within 1e-3."""
     deformable = tube(frames=Frames.DEFORMABLE)
-    times = recommended_times(explicit_assembly(deformable).model, damped=True)
-    statement = explicit_assembly(
+    statement = explicit_statement(
         deformable,
         counted_pressure=10.0,
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
-        amplitude=SmoothStepAmplitude(times.ramp_time),
     )
-    result = solve(
-        statement.model, end_time=times.end_time, stop=StopCriterion(1e-5, times.ramp_time)
-    )
+    stop = StopCriterion(1e-5, statement.ramp_time)
+    result = solve(statement.model, end_time=statement.end_time, stop=stop)
     static = solve_static(deformable)
     for a, b in zip(statement.expand(result.displacements), static.displacements, strict=True):
         assert np.sqrt(np.mean((a - b) ** 2)) < 1e-3 * np.sqrt(np.mean(b**2))

@@ -10,12 +10,11 @@ import meshio
 import numpy as np
 import pytest
 
-from fem import Explicit, Frames, Material, solve, solve_explicit
-from fem.explicit.setup.assembly import explicit_assembly
+from fem import Explicit, Frames, Material, solve_explicit
 from fem.explicit.setup.quasi_static import block_frequencies
-from fem.explicit.solve import StopCriterion, initial_state, prepare
+from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.solve import StopCriterion, initial_state, prepare, solve
 from fem.problem.effects import AdaptiveMassDamping, Effects
-from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.model import Model
 from geometry import ColumnBox, RefusedError, box_block, box_column
 from geometry.files.mesh_io import write_hex_mesh
@@ -104,8 +103,7 @@ def test_forces_and_moments_of_a_smaller_box_that_crosses_facets() -> None:
 def test_random_motions_of_boxes_that_do_not_match_balance() -> None:
     """Action equals reaction and moments balance on cut facets too (rounding): the forces are the
     gradient of an energy that no rigid motion changes."""
-    stated = explicit_assembly(column(*CROSSING).problem.deformable)
-    assert stated.sliding is not None
+    stated = explicit_statement(column(*CROSSING).problem.deformable)
     rng = np.random.default_rng(5)
     moved = tuple(5e-3 * rng.standard_normal((1, g.n_nodes, 3)) for g in stated.model.groups)
     found = stated.contact_state(moved)
@@ -200,14 +198,14 @@ def test_frequencies_are_those_of_the_facets_that_face_each_other() -> None:
     for case, rel in ((alike, 1e-9), (tube, 1e-3)):
         deformable = case.problem.deformable
         matched, searched = (
-            block_frequencies(explicit_assembly(stated).model, 0.01)
+            block_frequencies(explicit_statement(stated).model, 0.01)
             for stated in (deformable, in_contact(deformable, finite_sliding=True))
         )
         assert searched.excited == pytest.approx(matched.excited, rel=rel)
         assert searched.lowest == pytest.approx(matched.lowest, rel=rel)
     # Vertical motion of rigid blocks is uniform on a joint: its frequency depends on area alone.
     found, expected = (
-        block_frequencies(rigid(explicit_assembly(case.problem.deformable).model), 0.01)
+        block_frequencies(rigid(explicit_statement(case.problem.deformable).model), 0.01)
         for case in (column(*CROSSING), alike)
     )
     assert found.excited == pytest.approx(expected.excited, rel=1e-9)
@@ -292,10 +290,10 @@ def settled_box(built: float, slid: float) -> tuple[np.ndarray, np.ndarray]:
         frames=Frames.DEFORMABLE,
         finite_sliding=True,
     )
-    stated = explicit_assembly(
+    stated = explicit_statement(
         deformable,
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
-        amplitude=SmoothStepAmplitude(1e-3),
+        ramp_time=1e-3,
     )
     start = tuple(np.zeros((1, group.n_nodes, 3)) for group in stated.model.groups)
     start[1][:, :, 0] = slid

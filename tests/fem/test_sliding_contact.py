@@ -6,17 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem import CoulombFriction, ExponentialLaw, Frames, LinearPenalty, Material, solve
+from fem import CoulombFriction, ExponentialLaw, Frames, LinearPenalty, Material
 from fem.assembly.contact_state import matched_pressures, searched_state
 from fem.assembly.deformable import Contact
-from fem.assembly.symmetry import cyclic_orbits
 from fem.contact.search import BlockSurface, closest_points
 from fem.contact.surfaces import ContactError, ContactNormals
 from fem.element.facet import bilinear
 from fem.explicit.contact.sliding import SlidingContact
 from fem.explicit.damping import applied_forces
-from fem.explicit.setup.assembly import counted_stiffness, explicit_assembly
-from fem.explicit.solve import Output, StopCriterion, initial_state, prepare
+from fem.explicit.setup.statement import counted_stiffness, explicit_statement
+from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, solve
 from fem.explicit.state import world_vectors
 from fem.explicit.step import step
 from fem.problem.effects import AdaptiveMassDamping, Effects
@@ -296,7 +295,7 @@ def test_forces_and_moments_balance():
     """Random displacements of a tube whose frames deform as well: closest points make the
     forces the gradient of an energy that no rigid motion changes (rounding as for faces)."""
     deformable = tube(frames=Frames.DEFORMABLE)
-    statement = explicit_assembly(in_contact(deformable, finite_sliding=True))
+    statement = explicit_statement(in_contact(deformable, finite_sliding=True))
     system = prepare(statement.model, time_step=1e-9)
     rng = np.random.default_rng(2)
     groups = statement.model.groups
@@ -324,10 +323,10 @@ def test_agrees_with_matched_facets_where_nothing_slides():
     deformable = tube()
     pressures = []
     for finite_sliding in (False, True):
-        statement = explicit_assembly(
+        statement = explicit_statement(
             in_contact(deformable, finite_sliding=finite_sliding),
             effects=DAMPED,
-            amplitude=ramp(1e-3),
+            ramp_time=1e-3,
         )
         result = solve(statement.model, end_time=2e-2, stop=StopCriterion(1e-6, 1e-3))
         pressures.append(matched_pressures(deformable, statement.expand(result.displacements))[0])
@@ -363,7 +362,7 @@ def test_explicit_runs_that_search_refuse_reference_normals():
     deformable = tube()
     stated = replace(deformable.contact, normals=ContactNormals.REFERENCE)
     with pytest.raises(ContactError, match="current ones"):
-        explicit_assembly(in_contact(replace(deformable, contact=stated), finite_sliding=True))
+        explicit_statement(in_contact(replace(deformable, contact=stated), finite_sliding=True))
 
 
 def test_a_sector_slides_as_the_whole_ring():
@@ -372,9 +371,8 @@ def test_a_sector_slides_as_the_whole_ring():
     which follows the other round the axis: the last joint of each layer differs, and is left out
     with the blocks that share it."""
     deformable = tube()
-    orbits = cyclic_orbits(deformable, 4)
-    sector = explicit_assembly(in_contact(deformable, finite_sliding=True), orbits=orbits)
-    whole = explicit_assembly(in_contact(deformable, finite_sliding=True))
+    sector = explicit_statement(in_contact(deformable, finite_sliding=True), symmetry="sector")
+    whole = explicit_statement(in_contact(deformable, finite_sliding=True))
     rng = np.random.default_rng(7)
     moved = tuple(
         3e-3 * rng.standard_normal((g.n_copies, g.n_nodes, 3)) for g in sector.model.groups
@@ -414,7 +412,7 @@ def test_a_column_of_boxes_of_different_mesh_carries_its_weight():
     gravity = np.array([0.0, 0.0, -9810.0])
     deformable = deformable_assembly(assembly, load, CONCRETE, finite_sliding=True, gravity=gravity)
     effects = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
-    statement = explicit_assembly(deformable, effects=effects)
+    statement = explicit_statement(deformable, effects=effects, ramp_time=0.0)
     result = solve(statement.model, end_time=0.05, stop=StopCriterion(1e-6))
     found = statement.contact_state(result.displacements, result.searched)
     force = [found.areas[found.block_m == k] @ found.pressures[found.block_m == k] for k in (0, 1)]

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fem import CoulombFriction, Frames, LinearPenalty, Material, solve
-from fem.explicit.setup.assembly import explicit_assembly
-from fem.explicit.setup.quasi_static import recommended_times
-from fem.explicit.solve import StopCriterion
+from fem import CoulombFriction, Frames, LinearPenalty, Material
+from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.solve import StopCriterion, solve
 from fem.problem.effects import AdaptiveMassDamping, Effects
-from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.recovery import block_displacements, turned_rigidly
 from fem.static import rotation
 from fem.static.result import StaticError
@@ -54,19 +52,15 @@ def test_explicit_dynamics_ends_in_the_same_state(turned):
     """The explicit run stops 1e-6 of the load away: its softest motion amplifies that by 1e2."""
     deformable = turned.deformable
     effects = Effects(finite_rotation=True, adaptive_mass_damping=AdaptiveMassDamping())
-    times = recommended_times(
-        explicit_assembly(deformable, effects=effects, amplitude=None).model, damped=True
-    )
-    stated = explicit_assembly(
+    stated = explicit_statement(
         deformable,
         counted_pressure=10.0,  # above what presses here
         effects=effects,
-        amplitude=SmoothStepAmplitude(times.ramp_time),
     )
     run = solve(
         stated.model,
-        end_time=10 * times.end_time,
-        stop=StopCriterion(residual=1e-6, not_before=times.ramp_time),
+        end_time=10 * stated.end_time,
+        stop=StopCriterion(residual=1e-6, not_before=stated.ramp_time),
     )
     found = stated.expand(run.displacements)
     for moving, still in zip(found, turned.displacements, strict=True):

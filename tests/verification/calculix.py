@@ -16,11 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fem import ElementType, ExponentialLaw, concrete, solve
+from fem import ElementType, ExponentialLaw, concrete
 from fem.decks.model import deck_assembly, deck_model
 from fem.decks.placement import canonical
 from fem.decks.statement import Deck, DeckStep, Flavour, Hold, Joint, Procedure, loads_of_case
 from fem.decks.write import write_deck
+from fem.explicit.solve import solve
 from fem.static.result import StaticResult
 from fem.static.solve import solve_static
 from geometry import Assembly, Block, PressureLoad, box_block

@@ -10,8 +10,8 @@ from fem.assembly.contact_state import matched_pressures
 from fem.assembly.deformable import DeformableAssembly
 from fem.contact.law import ExponentialLaw, LinearPenalty
 from fem.explicit.output.energy import History, energies
-from fem.explicit.setup.assembly import explicit_assembly
 from fem.explicit.setup.quasi_static import quasi_static_report
+from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import (
     LARGEST_IMBALANCE,
     ExplicitResult,
@@ -24,7 +24,6 @@ from fem.explicit.solve import (
 from fem.explicit.solve import watch as watch_energy
 from fem.explicit.step import step as central_difference_step
 from fem.problem.effects import AdaptiveMassDamping, Effects
-from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.model import Model, block_group, fixed_nodes
 from fem.problem.time_step import TimeStepError, critical_time_step
 from geometry.block import box_block
@@ -64,10 +63,10 @@ def settled(
     stated: DeformableAssembly, *, ramp: float, end: float, residual: float = 1e-5
 ) -> tuple[ExplicitResult, FloatArray]:
     """Run a pressed column to its static state; the run and its contact pressures [MPa]."""
-    whole = explicit_assembly(
+    whole = explicit_statement(
         stated,
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping()),
-        amplitude=SmoothStepAmplitude(ramp),
+        ramp_time=ramp,
     )
     result = solve(
         whole.model,
@@ -137,7 +136,7 @@ def _impact() -> Finding:
     # Without a cap the blow would press with gigapascals, which no step of this length resolves.
     law = ExponentialLaw(maximum_stiffness=IMPACT_STIFFNESS)
     stated = deformable(assembly, load, material=CONCRETE, clearance=0.1, law=law)
-    model = replace(explicit_assembly(stated).model, loads=())
+    model = replace(explicit_statement(stated).model, loads=())
     group = model.groups[0]
     velocity = np.zeros((1, group.n_nodes, 3))
     velocity[:, :, 2] = -IMPACT_SPEED
@@ -235,7 +234,7 @@ def _single() -> Finding:
 def _rest() -> Finding:
     assembly = stack(2, top_fixed=True)
     stated = deformable(assembly, pressed(stack(2), 0.0), law=LinearPenalty(100.0))
-    model = replace(explicit_assembly(stated).model, loads=())
+    model = replace(explicit_statement(stated).model, loads=())
     critical = critical_time_step(model).critical_time_step
     result = solve(model, end_time=200 * critical)
     largest = max(float(np.abs(u).max()) for u in result.displacements)

@@ -6,33 +6,70 @@ no static state is expected: nothing is recommended, and the ramp takes half of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from fem.assembly.deformable import ALL_THE_WAY, DeformableAssembly
-from fem.assembly.statement import Motion
-from fem.assembly.symmetry import Orbits, largest_cyclic_orbits, require_sector
-from fem.contact.surfaces import refuse_overlap
-from fem.explicit.setup.assembly import (
-    COUNTED_PRESSURE,
-    ExplicitAssembly,
-    counted_stiffness,
-    explicit_assembly,
+from fem.assembly.contact_state import (
+    ContactState,
+    block_surfaces,
+    corner_displacements,
+    facing_points,
+    matched_pressures,
+    matched_state,
+    searched_state,
 )
+from fem.assembly.deformable import ALL_THE_WAY, DeformableAssembly
+from fem.assembly.local_system import FreeMotions, LocalSystem, free_motions, local_system
+from fem.assembly.statement import Motion
+from fem.assembly.symmetry import (
+    Orbits,
+    largest_cyclic_orbits,
+    no_symmetry,
+    require_sector,
+    searched_in_all_sectors,
+    vectors_in_all_sectors,
+)
+from fem.contact.law import ContactLaw
+from fem.contact.search import SearchedSurfaces, searched_surfaces
+from fem.contact.surfaces import ContactError, ContactNormals, refuse_overlap
+from fem.explicit.contact.alike_pairs import alike_pairs
+from fem.explicit.contact.paired import FaceContact, paired_frictions
+from fem.explicit.contact.sliding import SlidingContact
+from fem.explicit.setup.cell_hold import cell_hold
 from fem.explicit.setup.quasi_static import (
     FRACTION_WHILE_LOADING,
     RecommendedTimes,
     recommended_times,
 )
-from fem.problem.effects import Effects
+from fem.problem.effects import EffectError, Effects
 from fem.problem.loads import SmoothStepAmplitude, TabularAmplitude
+from fem.problem.model import (
+    Amplitude,
+    BlockGroup,
+    InteractionModel,
+    Model,
+    NodalLoad,
+    Support,
+)
 from fem.problem.time_step import TimeStepError, scale_masses
-from geometry.mesh import FloatArray
+from geometry.mesh import FloatArray, IntArray
+
+_Entries = TypeVar("_Entries", Support, NodalLoad)
+
+#: Pressure whose stiffness the critical time step counts in where the law has no cap [MPa].
+COUNTED_PRESSURE = 1.0
 
 #: Contact pressures that the critical time step counts in, one after the other [MPa].
 _COUNTED_PRESSURES = tuple(COUNTED_PRESSURE * 4.0**k for k in range(6))
+
+#: How often the stiffness of a linear law counts, which begins and ends at once when a joint closes
+#: and opens. Central differences keep ½ v₋ v₊ + ½ ω² x² while a point touches. It touches and
+#: leaves within a step, so that one touch multiplies its kinetic energy by up to
+#: 1 / (1 - (ω Δt)²/4): without bound at the critical step, by 4/3 at half of it.
+TOUCHES = 4.0
 
 #: Gaps beyond this part of the size of a block are no rounding of single precision.
 _APART = 1e-6
@@ -40,10 +77,16 @@ _APART = 1e-6
 
 @dataclass(frozen=True)
 class ExplicitStatement:
-    """The explicit problem of an assembly and the times of its run."""
+    """The explicit problem of an assembly, one copy for each representative, and its times."""
 
-    assembly: ExplicitAssembly
-    """Representative blocks with loads, effects and contact."""
+    deformable: DeformableAssembly
+    """The whole assembly."""
+    orbits: Orbits
+    """Which blocks are represented by which."""
+    copy_of: IntArray
+    """Copy of the model that stands for each block, -1 for rigid ones, (n_blocks,)."""
+    model: Model
+    """Representative blocks with contact, loads and supports in time."""
     recommended: RecommendedTimes | None
     """Times recommended by the lowest excited frequency; None for single bodies."""
     ramp_time: float
@@ -53,28 +96,115 @@ class ExplicitStatement:
     counted_pressure: float
     """Pressure whose contact stiffness the critical time step counts in where no cap is
     below it [MPa]."""
-
     velocities: tuple[FloatArray, ...] | None = None
     """Of the model's groups at time 0, (n_copies, n_nodes, 3) [mm/s]; None: at rest."""
     settled_after: float = 0.0
     """When loads and supports have arrived: a static state may be found from then on [s]."""
 
-    def more_counted(self) -> float | None:
-        """Next contact pressure to count in [MPa]; None where more of it counts no more stiffness.
+    def counting_more(self) -> ExplicitStatement | None:
+        """The same with a larger contact pressure counted; None where that counts no stiffness.
 
         A run whose contact outgrows its time step starts again with it.
         """
-        law = self.assembly.deformable.contact.law
+        law = self.deformable.contact.law
         now = counted_stiffness(law, self.counted_pressure)
-        more = (p for p in _COUNTED_PRESSURES if p > self.counted_pressure)
-        return next((p for p in more if counted_stiffness(law, p) > now), None)
+        for pressure in _COUNTED_PRESSURES:
+            counted = counted_stiffness(law, pressure)
+            if pressure > self.counted_pressure and counted > now:
+                contact = replace(self.contact, counted_stiffness=counted)
+                interactions = (contact, *self.model.interactions[1:])
+                model = replace(self.model, interactions=interactions)
+                return replace(self, model=model, counted_pressure=pressure)
+        return None
+
+    @property
+    def contact(self) -> FaceContact | SlidingContact:
+        """Contact of the model, of blocks that meet."""
+        contact = self.model.interactions[0]
+        assert isinstance(contact, FaceContact | SlidingContact)
+        return contact
+
+    def contact_state(
+        self,
+        displacements: tuple[FloatArray, ...],
+        searched: SearchedSurfaces | None = None,
+        slips: FloatArray | None = None,
+    ) -> ContactState:
+        """Contact of the whole assembly at displacements of the model's groups, world axes.
+
+        Parameters
+        ----------
+        displacements
+            (n_copies, n_nodes, 3) [mm] of each group.
+        searched, slips
+            Points and elastic slips of the run there (`fem.explicit.step.Interaction.contact`).
+            None: points are searched, and no friction acts.
+        """
+        whole, full = self.deformable, self.expand(displacements)
+        friction = whole.contact.friction
+        traction = None
+        if whole.contact.finite_sliding and whole.meets:
+            if searched is None:
+                clearance = whole.surfaces.clearance
+                surfaces = searched_surfaces(facing_points(whole, full), clearance)
+            else:
+                surfaces = searched_in_all_sectors(whole, self.orbits, searched)
+            if friction is not None and slips is not None:
+                traction = -friction.stick_stiffness * slips[:, None]
+                traction = vectors_in_all_sectors(whole, self.orbits, traction, surfaces)[:, 0]
+            moved = corner_displacements(whole, full, surfaces)
+            return searched_state(surfaces, moved, whole.contact, traction)
+        if friction is not None and slips is not None:
+            contact = self.contact
+            assert isinstance(contact, FaceContact)
+            traction = paired_frictions(whole, self.orbits, contact.pairs, full, slips)
+            traction = vectors_in_all_sectors(whole, self.orbits, traction, None)
+        return matched_state(whole, full, *matched_pressures(whole, full), traction)
+
+    def expand(self, displacements: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
+        """World displacements of every block from those of the representatives.
+
+        Parameters
+        ----------
+        displacements
+            Of the model's groups, (n_copies, n_nodes, 3) [mm].
+
+        Returns
+        -------
+        tuple[FloatArray, ...]
+            Of the groups of `deformable`, all copies; of a periodic cell without its motion as
+            a whole, as `fem.static.solve` gives them.
+        """
+        whole = self.deformable
+        turns = whole.assembly.rotations
+        result = [np.zeros((g.n_copies, g.n_nodes, 3)) for g in whole.model.groups]
+        for block in whole.deformable_blocks:
+            source = int(self.orbits.representative[block])
+            group = int(whole.group_of[block])
+            turn = turns[block] @ turns[source].T
+            moved = displacements[group][self.copy_of[block]]
+            result[group][whole.copy_of[block]] = moved if source == block else moved @ turn.T
+        if self._free is None:
+            return tuple(result)
+        system, free = self._free
+        return tuple(system.expand(free.without(system.localised(tuple(result)))))
+
+    @cached_property
+    def _free(self) -> tuple[LocalSystem, FreeMotions] | None:
+        """Motions of a periodic cell as a whole; None for what is held."""
+        if self.deformable.assembly.image_of is None:
+            return None
+        system = local_system(self.deformable, no_symmetry(self.deformable))
+        free = free_motions(system, np.ones(system.n_nodes, dtype=np.bool_))
+        assert free is not None
+        return system, free
 
 
 def explicit_statement(
     deformable: DeformableAssembly,
     *,
-    effects: Effects,
-    symmetry: Literal["auto", "none", "sector"] = "auto",
+    effects: Effects | None = None,
+    symmetry: Literal["auto", "none", "sector"] = "none",
     ramp_time: float | None = None,
     end_time: float | None = None,
     mass_scaling: float | None = None,
@@ -88,7 +218,8 @@ def explicit_statement(
     deformable
         Blocks, loads, supports, contact.
     effects
-        Damping and rotation.
+        Damping and the like; by default none. Gravity is that of the assembly: on the way to a
+        static state it grows with the loads, else it acts at once, as in Abaqus' steps.
     symmetry
         ``none``: every block is computed; ``sector``: it must be possible that one block of each
         layer stands for all; else that is done where it is exact.
@@ -97,7 +228,8 @@ def explicit_statement(
     mass_scaling
         Step that every element is to allow, over the shortest; None: absent.
     counted_pressure
-        Pressure whose contact stiffness the critical time step counts in [MPa].
+        Pressure whose contact stiffness the critical time step counts in, see `counted_stiffness`
+        [MPa].
     motion
         Of every block at time 0; None: at rest.
 
@@ -112,29 +244,33 @@ def explicit_statement(
     """
     if mass_scaling is not None:
         deformable = replace(deformable, model=scale_masses(deformable.model, mass_scaling))
-    whole = symmetry == "none" or not deformable.meets
-    orbits = None if whole else largest_cyclic_orbits(deformable)
+    orbits = no_symmetry(deformable)
+    if symmetry != "none" and deformable.meets:
+        orbits = largest_cyclic_orbits(deformable)
     if symmetry == "sector":
         require_sector(deformable)
-    times, ramp, end = _times(deformable, orbits, effects, ramp_time, end_time)
-    moved = _end_of_motion(deformable, ramp)
-    if end_time is None:
-        end += max(moved - ramp, 0.0)
-    effects = _loading_slowly(effects, deformable, ramp)
     # What presses before any load acts is counted too.
     before = -deformable.surfaces.clearance
     at_start = max(float(law.pressure(before)) for law in deformable.contact.law.members)
     counted_pressure = max(counted_pressure, 2.0 * at_start)
-    stated = explicit_assembly(
-        deformable,
-        orbits=orbits,
-        effects=effects,
-        amplitude=SmoothStepAmplitude(ramp) if ramp > 0 else None,
-        counted_pressure=counted_pressure,
-    )
-    velocities = None if motion is None else motion.velocities(stated.model)
+    effects = _with_gravity(effects, deformable.gravity)
+    model, copy_of = _representative_model(deformable, orbits, effects, counted_pressure)
+    times, ramp, end = _times(deformable, model, ramp_time, end_time)
+    moved = _end_of_motion(deformable, ramp)
+    if end_time is None:
+        end += max(moved - ramp, 0.0)
+    model = _in_time(model, ramp, rubs=deformable.contact.friction is not None)
     return ExplicitStatement(
-        stated, times, ramp, end, counted_pressure, velocities, settled_after=max(ramp, moved)
+        deformable=deformable,
+        orbits=orbits,
+        copy_of=copy_of,
+        model=model,
+        recommended=times,
+        ramp_time=ramp,
+        end_time=end,
+        counted_pressure=counted_pressure,
+        velocities=None if motion is None else motion.velocities(model),
+        settled_after=max(ramp, moved),
     )
 
 
@@ -150,21 +286,8 @@ def _end_of_motion(deformable: DeformableAssembly, ramp: float) -> float:
     return max(ends, default=0.0)
 
 
-def _loading_slowly(effects: Effects, deformable: DeformableAssembly, ramp: float) -> Effects:
-    """Less adaptive damping while the load grows, where friction remembers what drags."""
-    adaptive = effects.adaptive_mass_damping
-    if adaptive is None or deformable.contact.friction is None:
-        return effects
-    slow = replace(adaptive, loading_time=ramp, fraction_while_loading=FRACTION_WHILE_LOADING)
-    return replace(effects, adaptive_mass_damping=slow)
-
-
 def _times(
-    deformable: DeformableAssembly,
-    orbits: Orbits | None,
-    effects: Effects,
-    ramp_time: float | None,
-    end_time: float | None,
+    deformable: DeformableAssembly, model: Model, ramp_time: float | None, end_time: float | None
 ) -> tuple[RecommendedTimes | None, float, float]:
     """Times that are recommended, where any are; ramp and end of the run [s]."""
     if not deformable.meets:
@@ -173,35 +296,177 @@ def _times(
                 "fem.end_time is missing: an explicit run of single bodies needs its end in seconds"
             )
         return None, 0.5 * end_time if ramp_time is None else ramp_time, end_time
-    plain = explicit_assembly(deformable, orbits=orbits, effects=effects)
-    if plain.sliding is not None:
-        start = plain.sliding.at_start
+    contact = model.interactions[0]
+    if isinstance(contact, SlidingContact):
+        start = contact.at_start
         reach = deformable.contact.law.allowed_overclosure(deformable.surfaces.clearance)
         refuse_overlap(start.block_m, start.block_s, start.deepest, reach)
-    closing = _apart(deformable, plain)
-    damped = effects.adaptive_mass_damping is not None
-    times = recommended_times(plain.model, damped=damped, closing=closing)
+    closing = _apart(deformable, contact)
+    damped = model.effects.adaptive_mass_damping is not None
+    times = recommended_times(model, damped=damped, closing=closing)
     ramp = times.ramp_time if ramp_time is None else ramp_time
     return times, ramp, ramp + times.end_time - times.ramp_time if end_time is None else end_time
 
 
-def _apart(deformable: DeformableAssembly, plain: ExplicitAssembly) -> bool:
+def _apart(deformable: DeformableAssembly, contact: InteractionModel) -> bool:
     """Whether two blocks that face each other are apart before any load acts.
 
     A clearance, a spacing or the placement of the blocks makes the gap. With a search, a free block
     that faces nothing is apart as well.
     """
-    if plain.sliding is None:
-        state = deformable.surfaces
-        block_m, block_s, gaps = state.block_m, state.block_s, state.initial_gaps.min(axis=1)
-    else:
-        start = plain.sliding.at_start
+    if isinstance(contact, SlidingContact):
+        start = contact.at_start
         block_m, block_s, gaps = start.block_m, start.block_s, -start.deepest
-        moving = [s.block for s in plain.sliding.surfaces if s.group >= 0]
+        moving = [s.block for s in contact.surfaces if s.group >= 0]
         if not np.isin(moving, np.concatenate([block_m, block_s])).all():
             return True
+    else:
+        state = deformable.surfaces
+        block_m, block_s, gaps = state.block_m, state.block_s, state.initial_gaps.min(axis=1)
     pairs = np.column_stack([np.minimum(block_m, block_s), np.maximum(block_m, block_s)])
     _, joint = np.unique(pairs, axis=0, return_inverse=True)
     smallest = np.full(joint.max(initial=-1) + 1, np.inf)
     np.minimum.at(smallest, joint.ravel(), gaps)
     return bool((smallest > _APART * deformable.assembly.characteristic_length).any())
+
+
+def _with_gravity(effects: Effects | None, gravity: FloatArray | None) -> Effects:
+    """Effects with the gravity of the assembly, which is stated there and nowhere else."""
+    if effects is None:
+        return Effects(gravity=gravity)
+    if effects.gravity is not None and (gravity is None or (effects.gravity != gravity).any()):
+        stated = "none" if gravity is None else gravity.tolist()
+        raise EffectError(
+            f"effects.gravity: got {effects.gravity.tolist()} where the assembly has {stated}; "
+            "expected it in `Problem` alone, for static and explicit runs alike"
+        )
+    return replace(effects, gravity=gravity)
+
+
+def _representative_model(
+    deformable: DeformableAssembly, orbits: Orbits, effects: Effects, counted_pressure: float
+) -> tuple[Model, IntArray]:
+    """Model of representative blocks, without times; and the copy that stands for each block."""
+    chosen = _representatives(deformable, orbits)
+    copy = np.full(deformable.assembly.n_blocks, -1, dtype=np.int64)
+    for blocks in chosen:
+        copy[blocks] = np.arange(len(blocks))
+    copy_of = copy[orbits.representative]
+    whole = deformable.model
+    copies = [deformable.copy_of[blocks] for blocks in chosen]
+    counted = counted_stiffness(deformable.contact.law, counted_pressure)
+    contact = _contact(deformable, orbits, copy_of, counted) if deformable.meets else None
+    hold = cell_hold(deformable, orbits, chosen)
+    model = Model(
+        groups=tuple(_some_copies(g, k) for g, k in zip(whole.groups, copies, strict=True)),
+        supports=tuple(_some(s, copies[s.group]) for s in whole.supports),
+        loads=tuple(_some(f, copies[f.group]) for f in whole.loads),
+        effects=effects,
+        interactions=tuple(i for i in (contact, hold) if i is not None),
+    )
+    return model, copy_of
+
+
+def _in_time(model: Model, ramp: float, *, rubs: bool) -> Model:
+    """Model whose loads grow in a smooth step [s], and supports where no table says when.
+
+    On the way to a static state gravity grows too. With friction, which remembers what drags,
+    adaptive damping is less while the load grows.
+    """
+    amplitude: Amplitude | None = SmoothStepAmplitude(ramp) if ramp > 0 else None
+    effects, supports = model.effects, model.supports
+    adaptive = effects.adaptive_mass_damping
+    if adaptive is not None and rubs:
+        adaptive = replace(
+            adaptive, loading_time=ramp, fraction_while_loading=FRACTION_WHILE_LOADING
+        )
+        effects = replace(effects, adaptive_mass_damping=adaptive)
+    if adaptive is not None and effects.gravity is not None:
+        effects = replace(effects, gravity_amplitude=amplitude)
+    if amplitude is not None:
+        supports = tuple(
+            replace(s, amplitude=amplitude) if s.amplitude is ALL_THE_WAY else s for s in supports
+        )
+    loads = tuple(replace(load, amplitude=amplitude) for load in model.loads)
+    return replace(model, supports=supports, loads=loads, effects=effects)
+
+
+def _contact(
+    deformable: DeformableAssembly, orbits: Orbits, copy_of: IntArray, counted: float
+) -> FaceContact | SlidingContact:
+    """Contact of the representatives: on matched facets, or where a search finds them."""
+    contact = deformable.contact
+    sliding = contact.finite_sliding
+    if sliding and contact.normals is ContactNormals.REFERENCE:
+        raise ContactError(
+            "normals: got reference normals with finite sliding, which an explicit run measures "
+            "along current ones; expected ContactNormals.CURRENT, or a static run"
+        )
+    common: dict[str, Any] = {
+        "n_nodes": tuple(group.n_nodes for group in deformable.model.groups),
+        "law": contact.law,
+        "clearance": deformable.surfaces.clearance,
+        "counted_stiffness": counted,
+        "friction": contact.friction,
+    }
+    if sliding:
+        surfaces = block_surfaces(deformable, orbits, copy_of)
+        return SlidingContact(surfaces=surfaces, symmetry=orbits.order, **common)
+    pairs = alike_pairs(deformable, orbits, copy_of)
+    return FaceContact(pairs=pairs, normals=contact.normals, **common)
+
+
+def counted_stiffness(law: ContactLaw, pressure: float = COUNTED_PRESSURE) -> float:
+    """Stiffness of a law that the critical time step counts in [MPa/mm]; of several, the largest.
+
+    The stiffness at ``pressure`` [MPa], which a run then watches; where the law is linear there,
+    nothing exceeds it, and it counts `TOUCHES` times.
+    """
+    return max(_counted(one, pressure) for one in law.members)
+
+
+def _counted(law: ContactLaw, pressure: float) -> float:
+    largest = law.constants.linear_stiffness
+    there = float(law.stiffness(law.overclosure(pressure)))
+    return there if there < largest else TOUCHES * largest
+
+
+def _representatives(deformable: DeformableAssembly, orbits: Orbits) -> list[IntArray]:
+    """Representative blocks of each group in the order of their copies.
+
+    Blocks at the same place in every second layer follow each other: then so do the blocks
+    they touch, and contact finds both in neighbouring lanes.
+    """
+    assembly = deformable.assembly
+    n = assembly.n_blocks
+    by_layer = np.lexsort((np.arange(n), assembly.layer))
+    place = np.empty(n, dtype=np.int64)
+    place[by_layer] = np.arange(n) - np.searchsorted(
+        assembly.layer[by_layer], assembly.layer[by_layer]
+    )
+    order = np.lexsort((assembly.layer, place, assembly.layer % 2))
+    stands = order[orbits.representative[order] == order]
+    groups = deformable.group_of[stands]
+    return [stands[groups == g] for g in range(len(deformable.model.groups))]
+
+
+def _some_copies(group: BlockGroup, copies: IntArray) -> BlockGroup:
+    return replace(
+        group, rotations=group.rotations[copies], translations=group.translations[copies]
+    )
+
+
+def _new_numbers(copies: IntArray, kept: IntArray) -> tuple[IntArray, IntArray]:
+    """Entries whose copy is kept, and the new number of that copy."""
+    number = np.full(int(max(copies.max(initial=0), kept.max())) + 1, -1, dtype=np.int64)
+    number[kept] = np.arange(len(kept))
+    mine = np.flatnonzero(number[copies] >= 0)
+    return mine, number[copies[mine]]
+
+
+def _some(entries: _Entries, kept: IntArray) -> _Entries:
+    """Entries of kept copies: the arrays of a support or a load have a row for each."""
+    mine, copies = _new_numbers(entries.copies, kept)
+    given = {f.name: getattr(entries, f.name) for f in fields(entries)}
+    rows: dict[str, Any] = {name: a[mine] for name, a in given.items() if isinstance(a, np.ndarray)}
+    return replace(entries, **(rows | {"copies": copies}))

@@ -274,7 +274,7 @@ def _add_explicit(table: Table, answer: Answer, result: ExplicitResult) -> None:
             " the run restarted with a shorter one; set contact.maximum_stiffness or fem.time_step",
         )
     if answer.case.scene.fem.mass_scaling is not None:
-        share = 100 * added_mass_share(stated.assembly.model)
+        share = 100 * added_mass_share(stated.model)
         table.add_row(
             "mass scaling", f"{share:.3g} % more mass; the static state does not depend on it"
         )

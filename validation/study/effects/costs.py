@@ -118,7 +118,7 @@ def _stated(scene: DeformableScene, name: str) -> ExplicitStatement:
 def ready(scene: DeformableScene, name: str) -> tuple[System, State]:
     """Model of a scene at its first step."""
     statement = _stated(scene, name)
-    model = statement.assembly.model
+    model = statement.model
     system = prepare(model, time_step=0.5 * critical_time_step(model).critical_time_step)
     return system, initial_state(system)
 

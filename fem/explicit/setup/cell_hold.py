@@ -1,0 +1,138 @@
+"""Periodic cells in explicit runs: what keeps the cell as a whole where it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.local_system import free_motions, local_system
+from fem.assembly.symmetry import Orbits
+from fem.contact.search import SearchedSurfaces
+from fem.explicit.body import Body
+from fem.explicit.kernels.layout import LaneArray, to_lanes
+from fem.explicit.state import State
+from fem.explicit.step import Interaction, System, placed_internal_force
+from geometry.mesh import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class CellHold:
+    """Motions of a periodic cell as a whole, and the forces that prevent them.
+
+    Nothing resists a shift of the cell or a turn about its axis, and forces of second order in the
+    displacements push along them for ever (`fem.assembly.local_system`). Here the same constraint
+    as in the static solver is one more term of the step: forces at the nodes of the contacts, the
+    motions themselves, so large that loads, contact and internal forces leave the cell as a whole
+    at rest.
+    """
+
+    motions: tuple[FloatArray, ...]
+    """Of each group in block frames, (n_motions, n_copies, n_nodes, 3)."""
+    forces: tuple[FloatArray, ...]
+    """The same motions, zero where no contact acts."""
+
+    def touched_nodes(self, group: int) -> IntArray:
+        """Mesh nodes of the group on which the forces act, (n,)."""
+        return np.flatnonzero(self.forces[group].any(axis=(0, 1, 3)))
+
+    def nodal_stiffness(self, group: int) -> FloatArray | None:  # noqa: ARG002 - as of all
+        """No stiffness: a constraint only removes motions."""
+        return None
+
+    def bind(self, bodies: tuple[Body, ...]) -> Interaction:
+        """Prepare the force for the loop."""
+        return _BoundHold(self, bodies)
+
+
+class _BoundHold:
+    """Arrays of one run, in lanes."""
+
+    def __init__(self, statement: CellHold, bodies: tuple[Body, ...]) -> None:
+        self._all = [_lanes(m, body) for m, body in zip(statement.motions, bodies, strict=True)]
+        forces = [_lanes(f, body) for f, body in zip(statement.forces, bodies, strict=True)]
+        work = sum(np.einsum("knil,mnil->km", m, f) for m, f in zip(self._all, forces, strict=True))
+        self._inverse = np.linalg.inv(work)
+        # Rows of the applied force are numbered in the order of the body's rows.
+        touched = [np.flatnonzero(_applied_row(body) >= 0) for body in bodies]
+        n = len(work)
+        applied = [m[:, rows] for m, rows in zip(self._all, touched, strict=True)]
+        self._applied = [m.reshape(n, -1) for m in applied]
+        self._forces = [f[:, rows].reshape(n, -1) for f, rows in zip(forces, touched, strict=True)]
+        self._all = [m.reshape(n, -1) for m in self._all]
+
+    def add_force(self, system: System, state: State) -> None:
+        """Take from the applied forces what moves the cell as a whole."""
+        share = np.zeros(len(self._inverse))
+        for k, now in enumerate(state.bodies):
+            assert now.applied_force is not None
+            share += self._applied[k] @ now.applied_force.ravel()
+            # Without block frames K u balances about the reference positions to round-off.
+            if now.frame is not None:
+                share -= self._all[k] @ placed_internal_force(system.bodies[k], now).ravel()
+        size = self._inverse @ share
+        for forces, now in zip(self._forces, state.bodies, strict=True):
+            assert now.applied_force is not None
+            now.applied_force -= (size @ forces).reshape(now.applied_force.shape)
+
+    def energy(self) -> float:
+        """Nothing is stored."""
+        return 0.0
+
+    def dissipation(self) -> float:
+        """Nothing is lost."""
+        return 0.0
+
+    def contact(self) -> tuple[SearchedSurfaces | None, FloatArray | None]:
+        """No contact."""
+        return None, None
+
+    def fault(self, system: System) -> str | None:  # noqa: ARG002 - as of all
+        """Never makes a run unstable."""
+        return None
+
+    def arrays(self) -> dict[str, LaneArray]:
+        """Nothing evolves."""
+        return {}
+
+
+def _lanes(motions: FloatArray, body: Body) -> FloatArray:
+    lanes = [to_lanes(motion, body.rows.order, body.dtype) for motion in motions]
+    return np.stack(lanes).astype(np.float64)
+
+
+def _applied_row(body: Body) -> IntArray:
+    assert body.applied_row is not None
+    return body.applied_row.astype(np.int64)
+
+
+def cell_hold(
+    deformable: DeformableAssembly, orbits: Orbits, blocks: list[IntArray]
+) -> CellHold | None:
+    """Hold of a periodic cell; None for what its supports hold.
+
+    Parameters
+    ----------
+    deformable, orbits
+        The cell and its symmetry.
+    blocks
+        Representatives of each group in the order of their copies.
+    """
+    if deformable.assembly.image_of is None:
+        return None
+    system = local_system(deformable, orbits)
+    everywhere = free_motions(system, np.ones(system.n_nodes, dtype=np.bool_))
+    contact = np.isin(np.arange(system.n_nodes), system.corner_nodes)
+    at_contacts = free_motions(system, contact)
+    assert everywhere is not None
+    assert at_contacts is not None
+
+    def by_group(motions: FloatArray) -> tuple[FloatArray, ...]:
+        slots = [system.slot_of[mine] for mine in blocks]
+        return tuple(
+            np.stack([motions[:, system.nodes_of(int(slot))] for slot in group], axis=1)
+            for group in slots
+        )
+
+    return CellHold(by_group(everywhere.motions), by_group(at_contacts.motions))
