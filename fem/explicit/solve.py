@@ -40,7 +40,6 @@ from fem.explicit.output.support_forces import support_forces
 from fem.explicit.state import BodyState, State, initial_body_state, world_vectors
 from fem.explicit.step import (
     System,
-    bound,
     damped_internal_force,
     gravity_at,
     placed_internal_force,
@@ -229,7 +228,7 @@ def prepare(
         for k in range(len(model.groups))
     )
     kernels = SERIAL if threads == 1 else PARALLEL
-    interactions = tuple(bound(i, bodies) for i in model.interactions)
+    interactions = tuple(i.bind(bodies) for i in model.interactions)
     return System(model, bodies, time_step, kernels, interactions)
 
 

@@ -9,8 +9,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
@@ -29,51 +30,39 @@ from fem.explicit.kernels import (
 )
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.state import BodyState, State
-from fem.problem.model import InteractionModel, Model, ModelError
+from fem.problem.model import Model
 from geometry.mesh import FloatArray
 
 
-class Interaction(Protocol):
-    """Forces between blocks (contact), one more term of the step.
+class Interaction(ABC):
+    """Forces between blocks (contact), one more term of the step; may hold work arrays of its own.
 
-    Made by `ExplicitInteraction.bind`; may hold work arrays of its own.
+    Made by `fem.problem.model.InteractionModel.bind`.
     """
 
+    @abstractmethod
     def add_force(self, system: System, state: State) -> None:
         """Add forces of the current positions to the applied forces of the bodies."""
 
     def energy(self) -> float:
         """Energy stored at the last force evaluation [N mm]."""
+        return 0.0
 
     def dissipation(self) -> float:
         """Energy dissipated up to the last force evaluation [N mm]."""
+        return 0.0
 
     def contact(self) -> tuple[SearchedSurfaces | None, FloatArray | None]:
         """Points that a search found, and elastic slips, of the last force evaluation; or None."""
+        return None, None
 
-    def fault(self, system: System) -> str | None:
+    def fault(self, system: System) -> str | None:  # noqa: ARG002 - most have none
         """What makes the run unstable and what to do, where the time step is too large; or None."""
+        return None
 
     def arrays(self) -> dict[str, LaneArray]:
         """Arrays that evolve and must be in a checkpoint, by name; written in place."""
-
-
-@runtime_checkable
-class ExplicitInteraction(InteractionModel, Protocol):
-    """Statement of forces between blocks that the loop can compute."""
-
-    def bind(self, bodies: tuple[Body, ...]) -> Interaction:
-        """Prepare the force for the loop."""
-
-
-def bound(model: InteractionModel, bodies: tuple[Body, ...]) -> Interaction:
-    """Force of an interaction, prepared for the loop."""
-    if not isinstance(model, ExplicitInteraction):
-        raise ModelError(
-            f"interaction {type(model).__name__}: the explicit method cannot compute it; expected "
-            "contact of `fem.explicit.contact`"
-        )
-    return model.bind(bodies)
+        return {}
 
 
 @dataclass(frozen=True)

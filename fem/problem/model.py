@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import bsr_array
@@ -294,16 +294,16 @@ def nodal_load(
 
 
 class InteractionModel(Protocol):
-    """Statement of forces between blocks, such as contact; frozen.
-
-    What a method needs besides, it says itself: `fem.explicit.step.ExplicitInteraction`.
-    """
+    """Statement of forces between blocks, such as contact; frozen."""
 
     def touched_nodes(self, group: int) -> IntArray:
         """Nodes of the group's mesh on which forces may act, (n,)."""
 
     def nodal_stiffness(self, group: int) -> FloatArray | None:
         """Stiffness to count on each node for the critical time step, (n_nodes,) [N/mm]."""
+
+    def bind(self, bodies: Any) -> Any:
+        """Prepare the force for the loop: a `fem.explicit.step.Interaction` of its bodies."""
 
 
 @dataclass(frozen=True)

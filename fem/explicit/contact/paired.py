@@ -6,8 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numba
 import numpy as np
@@ -15,14 +14,13 @@ from scipy.spatial import cKDTree
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import Orbits
-from fem.contact.friction import CoulombFriction, FrictionError
-from fem.contact.law import ContactLaw
+from fem.contact.friction import FrictionError
 from fem.contact.search import SearchedSurfaces
 from fem.contact.surfaces import ContactNormals
 from fem.element.facet import FACET_SLOPES, FACET_VALUES
 from fem.explicit.body import Body
 from fem.explicit.contact.alike_pairs import WIDEST, AlikePairs, unit_widths
-from fem.explicit.contact.compiled_law import compiled_law
+from fem.explicit.contact.contact import BoundContact, ExplicitContact
 from fem.explicit.contact.paired_kernel import (
     NEVER,
     UnitArrays,
@@ -33,38 +31,25 @@ from fem.explicit.contact.paired_kernel import (
 from fem.explicit.kernels import PARALLEL
 from fem.explicit.kernels.layout import LaneArray, aligned_zeros, equal_work
 from fem.explicit.state import State
-from fem.explicit.step import Interaction, System
-from fem.problem.time_step import critical_time_step
+from fem.explicit.step import System
 from geometry.mesh import FloatArray, IntArray
 
 
-@dataclass(frozen=True)
-class FaceContact:
+@dataclass(frozen=True, kw_only=True)
+class FaceContact(ExplicitContact):
     """Contact on the conforming interfaces of an assembly."""
 
     pairs: tuple[AlikePairs, ...]
     """Interfaces, alike ones together."""
-    n_nodes: tuple[int, ...]
-    """Nodes of one block of each group."""
-    law: ContactLaw
-    """Pressure as a function of overclosure."""
     normals: ContactNormals
     """Which normals measure the gap."""
-    clearance: float
-    """Added to every gap [mm]."""
-    counted_stiffness: float
-    """Stiffness of the law that the critical time step counts in [MPa/mm]."""
-    friction: CoulombFriction | None = None
-    """Needs current normals; None: absent."""
 
     def __post_init__(self) -> None:
-        if self.friction is None:
-            return
-        if self.normals is ContactNormals.REFERENCE:
+        super().__post_init__()
+        if self.friction is not None and self.normals is ContactNormals.REFERENCE:
             raise FrictionError(
                 "effects.friction: got contact with reference normals, expected current normals"
             )
-        check_stick(self.friction, self.counted_stiffness)
 
     def touched_nodes(self, group: int) -> IntArray:
         """Mesh nodes of the group on which contact may act, (n,)."""
@@ -72,16 +57,6 @@ class FaceContact:
             p.nodes[:, side] for p in self.pairs for side in (0, 1) if p.groups[side] == group
         ]
         return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *touched]))
-
-    def nodal_stiffness(self, group: int) -> FloatArray | None:
-        """Stiffness to count on each node for the critical time step, (n_nodes,) [N/mm].
-
-        Contact springs of stiffness w k between points of two blocks have
-        K_ab = w k c_a c_b n nᵀ with |c_a| = N_a and Σ N = 1 on each side: row sums bound them
-        by the diagonal w k N_a times the number of sides that move.
-        """
-        areas = self.nodal_areas(group)
-        return None if areas is None else self.counted_stiffness * areas
 
     def nodal_areas(self, group: int) -> FloatArray | None:
         """`nodal_stiffness` for a law of stiffness one, largest of all copies; (n_nodes,) [mm²]."""
@@ -102,58 +77,25 @@ class FaceContact:
             return None
         return np.array(list(by_copy.values())).max(axis=0)
 
-    def bind(self, bodies: tuple[Body, ...]) -> Interaction:
+    def bind(self, bodies: tuple[Body, ...]) -> BoundContact:
         """Prepare the force for the loop."""
-        return _BoundContact(self, bodies)
+        return _BoundFaces(self, bodies)
 
 
-def check_stick(friction: CoulombFriction, counted_stiffness: float) -> None:
-    """Reject a stick that is stiffer than what the critical time step counts in [MPa/mm]."""
-    if friction.stick_stiffness > counted_stiffness:
-        raise FrictionError(
-            f"effects.friction: got a stick stiffness of {friction.stick_stiffness} "
-            f"MPa/mm, expected at most {counted_stiffness:.4g}, the contact stiffness "
-            "included in the critical time step"
-        )
-
-
-def largest_stiffness(system: System, nodal_areas: Callable[[int], FloatArray | None]) -> float:
-    """Stiffness of a law that is stable: (ω_bulk² + ω_contact²)/4 = 1/Δt² [MPa/mm].
-
-    Parameters
-    ----------
-    system
-        Its time step and bodies.
-    nodal_areas
-        Contact area of the nodes of a group, as `FaceContact.nodal_areas`.
-    """
-    bulk = critical_time_step(replace(system.model, interactions=()))
-    square = 4.0 / system.time_step**2 - 4.0 / bulk.critical_time_step**2
-    return square / max(
-        float((areas / group.lumped_mass).max())
-        for k, group in enumerate(system.model.groups)
-        if (areas := nodal_areas(k)) is not None
-    )
-
-
-class _BoundContact:
+class _BoundFaces(BoundContact):
     """Arrays of one run."""
 
     def __init__(self, statement: FaceContact, bodies: tuple[Body, ...]) -> None:
-        self._statement = statement
-        self._allowed: float | None = None
+        super().__init__(statement)
         self._blocks = [
             pairs.blocks[start : start + width]
             for pairs in statement.pairs
             for start, width in _unit_slices(pairs.n_pairs)
         ]
-        self._clearance = statement.clearance
         self._data = _unit_arrays(statement.pairs, bodies)
         # Alike pairs have one law.
         first = np.array([pairs.blocks[0] for pairs in statement.pairs])[self._data.units[:, 0]]
-        self._law = statement.law.on(first[:, 0], first[:, 1])
-        self._laws = statement.law.members
-        self._constants = compiled_law(self._law, statement.clearance)
+        self._set_constants(first[:, 0], first[:, 1])
         self._work = _unit_work(self._data)
         self._widths = _compiled_widths(self._data)
         self._normals = (
@@ -161,13 +103,11 @@ class _BoundContact:
             if statement.normals is ContactNormals.REFERENCE
             else None
         )
-        self._friction = statement.friction
         self._slip: FloatArray | None = None
         self._sliding: tuple[FloatArray, FloatArray] | None = None
-        if statement.friction is not None:
-            friction = _constants(statement, self._data)
+        if self._rubs is not None:
             self._slip = _no_slip(self._data, self._work)
-            self._sliding = friction, aligned_zeros((8 * len(self._data.units),), np.float64)
+            self._sliding = self._rubs, aligned_zeros((8 * len(self._data.units),), np.float64)
         self._collections = _collections(self._data, len(self._work.force) // 2, bodies)
 
     def add_force(self, system: System, state: State) -> None:
@@ -212,7 +152,7 @@ class _BoundContact:
         first, last = self._data.alike[kind, 1], self._data.alike[kind + 1, 1]
         n = last - first
         gap = self._work.gap[point : point + 4 * n * width].reshape(n, 4, width)[:, :, :real]
-        return gap + self._clearance, self._data.weights[first:last, :, None]
+        return gap + self._statement.clearance, self._data.weights[first:last, :, None]
 
     def contact(self) -> tuple[SearchedSurfaces | None, FloatArray | None]:
         """Elastic slips at the last force evaluation: of all pairs, facets and points, (n, 2) [mm].
@@ -228,35 +168,11 @@ class _BoundContact:
             slips.append(slip[:, :, :2, :real].transpose(3, 0, 1, 2).reshape(-1, 2))
         return None, np.concatenate(slips)
 
-    def fault(self, system: System) -> str | None:
-        """Where the stiffness of the law exceeds what the time step allows, and the remedy."""
-        counted = self._statement.counted_stiffness
-        if all(law.constants.linear_stiffness <= counted for law in self._laws):
-            return None
-        unit, lane, gap = self._deepest()
-        law = self._law.one(unit)
-        pressure, stiffness = float(law.pressure(-gap)), float(law.stiffness(-gap))
-        if stiffness <= counted or stiffness <= self._largest_stiffness(system):
-            return None
-        m, s = self._blocks[unit][lane]
-        return (
-            f"contact pressure between blocks {m} and {s} reached {pressure:.3g} MPa, a stiffness "
-            f"of {stiffness:.3g} MPa/mm; the time step {system.time_step:.4g} s allows "
-            f"{self._largest_stiffness(system):.3g}; take a smaller fem.safety_factor or set "
-            "contact.maximum_stiffness"
-        )
-
-    def _deepest(self) -> tuple[int, int, float]:
-        """Unit, lane and gap of the point at which the contact is stiffest."""
+    def _deepest(self) -> tuple[int, float, int, int]:
         gaps = [self.unit_gaps(unit)[0].min(axis=(0, 1)) for unit in range(len(self._data.units))]
         unit = self._law.stiffest(np.array([-gap.min() for gap in gaps]))
-        return unit, int(gaps[unit].argmin()), float(gaps[unit].min())
-
-    def _largest_stiffness(self, system: System) -> float:
-        """Stiffness of the law that is stable at the time step [MPa/mm]."""
-        if self._allowed is None:
-            self._allowed = largest_stiffness(system, self._statement.nodal_areas)
-        return self._allowed
+        m, s = self._blocks[unit][gaps[unit].argmin()].tolist()
+        return unit, float(gaps[unit].min()), m, s
 
     def dissipation(self) -> float:
         """Energy dissipated by friction up to the last force evaluation [N mm]."""
@@ -275,7 +191,8 @@ class _BoundContact:
 
     def _stick_energy(self, unit: int) -> float:
         """Energy of the elastic slip of one unit [N mm]."""
-        if self._slip is None or self._friction is None:
+        friction = self._statement.friction
+        if self._slip is None or friction is None:
             return 0.0
         kind, width, real, _, _, point, *_ = self._data.units[unit]
         first, last = self._data.alike[kind, 1], self._data.alike[kind + 1, 1]
@@ -283,7 +200,7 @@ class _BoundContact:
         slip = self._slip[4 * point : 4 * (point + 4 * n * width)].reshape(n, 4, 4, width)
         square = (slip[:, :, :2, :real] ** 2).sum(axis=(2, 3))
         weights = self._data.weights[first:last]
-        return 0.5 * self._friction.stick_stiffness * float((weights * square).sum())
+        return 0.5 * friction.stick_stiffness * float((weights * square).sum())
 
 
 def paired_frictions(
@@ -352,17 +269,6 @@ def _middles(
             mine = of == block
             result[mine] += 0.5 * place[quads[mine, side]]
     return result
-
-
-def _constants(statement: FaceContact, data: UnitArrays) -> FloatArray:
-    """Friction coefficient and stick stiffness, (2,); (n_units, 2) where pairs have others."""
-    friction = statement.friction
-    assert friction is not None
-    if not friction.of_pairs:
-        return np.array([friction.coefficient, friction.stick_stiffness])
-    first = np.array([pairs.blocks[0] for pairs in statement.pairs])
-    result = np.broadcast_to(friction.on(first[:, 0], first[:, 1]), len(first))[data.units[:, 0]]
-    return np.column_stack([result, np.full(len(result), friction.stick_stiffness)])
 
 
 def _no_slip(data: UnitArrays, work: UnitWork) -> FloatArray:

@@ -15,8 +15,6 @@ from functools import cached_property
 import numpy as np
 
 from fem.assembly.contact_state import ContactState, searched_state
-from fem.contact.friction import CoulombFriction
-from fem.contact.law import ContactLaw, LawConstants
 from fem.contact.search import (
     BlockSurface,
     FacingPoints,
@@ -25,8 +23,7 @@ from fem.contact.search import (
     searched_surfaces,
 )
 from fem.explicit.body import Body
-from fem.explicit.contact.compiled_law import compiled_law
-from fem.explicit.contact.paired import check_stick, largest_stiffness
+from fem.explicit.contact.contact import BoundContact, ExplicitContact
 from fem.explicit.contact.sliding_kernel import (
     add_travel,
     apply_surface,
@@ -35,7 +32,7 @@ from fem.explicit.contact.sliding_kernel import (
 )
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.state import State
-from fem.explicit.step import Interaction, System
+from fem.explicit.step import System
 from geometry.mesh import FloatArray, IntArray
 
 #: Motion of two blocks together after which cuts follow it, over the skin of the search.
@@ -51,38 +48,19 @@ _LOOK = 1024
 _AT_REST = 1e-6
 
 
-@dataclass(frozen=True)
-class SlidingContact:
+@dataclass(frozen=True, kw_only=True)
+class SlidingContact(ExplicitContact):
     """Contact between any facets of different blocks."""
 
     surfaces: tuple[BlockSurface, ...]
     """One for each block."""
-    n_nodes: tuple[int, ...]
-    """Nodes of one block of each group."""
-    law: ContactLaw
-    """Pressure as a function of overclosure."""
-    clearance: float
-    """Added to every gap [mm]."""
-    counted_stiffness: float
-    """Stiffness of the law that the critical time step counts in [MPa/mm]."""
-    friction: CoulombFriction | None = None
-    """None: absent."""
     symmetry: int = 1
     """Order of the sector; 1: every block is computed."""
-
-    def __post_init__(self) -> None:
-        if self.friction is not None:
-            check_stick(self.friction, self.counted_stiffness)
 
     def touched_nodes(self, group: int) -> IntArray:
         """Mesh nodes of the group on which contact may act, (n,)."""
         members = [s.nodes for s in self.surfaces if s.group == group]
         return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *members]))
-
-    def nodal_stiffness(self, group: int) -> FloatArray | None:
-        """Stiffness to count on each node, as `fem.explicit.contact.paired.FaceContact` does."""
-        areas = self.nodal_areas(group)
-        return None if areas is None else self.counted_stiffness * areas
 
     def nodal_areas(self, group: int) -> FloatArray | None:
         """`nodal_stiffness` for a law of stiffness one, largest of all copies; (n_nodes,) [mm²]."""
@@ -104,7 +82,7 @@ class SlidingContact:
         points = searched_surfaces(_points(self), self.clearance)
         return searched_state(points, np.zeros_like(points.corners), None)
 
-    def bind(self, bodies: tuple[Body, ...]) -> Interaction:
+    def bind(self, bodies: tuple[Body, ...]) -> BoundContact:
         """Prepare the force for the loop."""
         return BoundSlidingContact(self, bodies)
 
@@ -123,16 +101,11 @@ class _Group:
     surface_rows: IntArray
 
 
-class BoundSlidingContact:
+class BoundSlidingContact(BoundContact):
     """Arrays of one run."""
 
     def __init__(self, statement: SlidingContact, bodies: tuple[Body, ...]) -> None:
-        self._statement = statement
-        # Of all points, or of each, and when it was found, where pairs of blocks have others.
-        self._law: ContactLaw = statement.law
-        self._constants: LawConstants | FloatArray | None = None
-        self._law_at = -1
-        self._allowed: float | None = None
+        super().__init__(statement)
         self.points = _points(statement)
         points = self.points
         self._force = np.zeros_like(points.position)
@@ -143,22 +116,19 @@ class BoundSlidingContact:
         self._counts = np.zeros(2, dtype=np.int64)
         self._known = 0
         self._searched, self._cut = points.position.copy(), points.position.copy()
-        self._friction: FloatArray | None = None
-        # Of each point, and when it was found, where pairs of blocks have others.
-        self._of_points: FloatArray | None = None
-        self._rubs_at = -1
-        self._dissipated: FloatArray | None = None
-        if statement.friction is not None:
-            friction = statement.friction
-            self._friction = np.array([friction.coefficient, friction.stick_stiffness])
-            self._dissipated = np.zeros(1)
+        self._dissipated = None if statement.friction is None else np.zeros(1)
+        self._set_constants_of_points()
         self._take_room()
+
+    def _set_constants_of_points(self) -> None:
+        block, now = self.points.facet_block, self.points.now
+        self._set_constants(block[now.facet], block[now.slave])
 
     def _take_room(self) -> None:
         """Gaps and elastic slips of as many points as there is room for."""
         room = len(self.points.room.slave)
         self._gap = np.full(room, np.inf)
-        self._slip = None if self._friction is None else np.zeros((room, 3))
+        self._slip = None if self._rubs is None else np.zeros((room, 3))
 
     def add_force(self, system: System, state: State) -> None:
         """Add contact forces at the current positions to the applied forces."""
@@ -191,8 +161,8 @@ class BoundSlidingContact:
             points.now.weights,
             points.now.facet,
             points.now.xi,
-            self._compiled_law(),
-            self._rubs(),
+            self._constants,
+            self._rubs,
             None if self._slip is None else self._slip[:n],
             self._dissipated,
             self._gap[:n],
@@ -210,30 +180,6 @@ class BoundSlidingContact:
                 group.turn_of,
                 now.applied_force.ravel(),
             )
-
-    def _compiled_law(self) -> LawConstants | FloatArray:
-        """Constants of the law of all points, or of that of each, (n, 7)."""
-        several = len(self._statement.law.members) > 1
-        if self._constants is None or (several and self._law_at != self._known):
-            block, now = self.points.facet_block, self.points.now
-            self._law = self._statement.law.on(block[now.facet], block[now.slave])
-            self._constants = compiled_law(self._law, self._statement.clearance)
-            self._law_at = self._known
-        return self._constants
-
-    def _rubs(self) -> FloatArray | None:
-        """Friction of all points, (2,), or of each, (n, 2), where pairs of blocks have others."""
-        friction = self._statement.friction
-        if friction is None or not friction.of_pairs:
-            return self._friction
-        if self._rubs_at != self._known or self._of_points is None:
-            block, now = self.points.facet_block, self.points.now
-            result = friction.on(block[now.facet], block[now.slave])
-            self._of_points = np.column_stack(
-                [result, np.full(len(now.facet), friction.stick_stiffness)]
-            )
-            self._rubs_at = self._known
-        return self._of_points
 
     def _follow(self, state: State) -> None:
         """Search or cut at the last positions, if two blocks together have moved since by a skin.
@@ -270,6 +216,7 @@ class BoundSlidingContact:
         before = points.now.slave.copy(), points.now.shapes.copy()
         kept = None if slip is None else slip[: points.count].copy()
         make()
+        self._set_constants_of_points()
         if len(points.room.slave) > len(self._gap):
             self._take_room()
         if self._slip is not None and kept is not None:
@@ -287,6 +234,7 @@ class BoundSlidingContact:
         points.search()
         points.position[:] = self._cut
         points.cut()
+        self._set_constants_of_points()
         points.position[:], points.room.xi[:] = position, xi
         self._known = int(self._counts.sum())
 
@@ -303,9 +251,10 @@ class BoundSlidingContact:
         """Energy stored at the last force evaluation [N mm]."""
         weights = self.points.now.weights
         stored = float(weights @ self._law.stored_energy(-self._gaps()))
-        if self._slip is not None and self._friction is not None:
+        friction = self._statement.friction
+        if self._slip is not None and friction is not None:
             slip = self._slip[: self.points.count]
-            stored += 0.5 * self._friction[1] * float(weights @ (slip**2).sum(axis=1))
+            stored += 0.5 * friction.stick_stiffness * float(weights @ (slip**2).sum(axis=1))
         return stored
 
     def dissipation(self) -> float:
@@ -317,30 +266,13 @@ class BoundSlidingContact:
         surfaces = searched_surfaces(self.points, self._statement.clearance)
         return surfaces, None if self._slip is None else self._slip[surfaces.order]
 
-    def fault(self, system: System) -> str | None:
-        """Where the stiffness of the law exceeds what the time step allows, and the remedy."""
-        counted = self._statement.counted_stiffness
-        stiffest = max(law.constants.linear_stiffness for law in self._statement.law.members)
-        if stiffest <= counted or not self.points.count:
+    def _deepest(self) -> tuple[int, float, int, int] | None:
+        if not self.points.count:
             return None
-        deepest = self._law.stiffest(-self._gaps())
-        overclosure, law = -self._gaps()[deepest], self._law.one(deepest)
-        stiffness, pressure = float(law.stiffness(overclosure)), float(law.pressure(overclosure))
-        if stiffness <= counted or stiffness <= self._largest_stiffness(system):
-            return None
-        block = int(self.points.facet_block[self.points.now.slave[deepest]])
-        return (
-            f"contact pressure at block {block} reached {pressure:.3g} MPa "
-            f"and a stiffness of {stiffness:.3g} MPa/mm; the time step {system.time_step:.4g} s "
-            f"allows {self._largest_stiffness(system):.3g}; take a smaller fem.safety_factor or "
-            "set contact.maximum_stiffness"
-        )
-
-    def _largest_stiffness(self, system: System) -> float:
-        """Stiffness of the law that is stable at the time step [MPa/mm]."""
-        if self._allowed is None:
-            self._allowed = largest_stiffness(system, self._statement.nodal_areas)
-        return self._allowed
+        gaps, now, block = self._gaps(), self.points.now, self.points.facet_block
+        which = self._law.stiffest(-gaps)
+        m, s = block[[now.facet[which], now.slave[which]]].tolist()
+        return which, float(gaps[which]), m, s
 
     def arrays(self) -> dict[str, LaneArray]:
         """Arrays that evolve, by name."""

@@ -9,9 +9,8 @@ import numpy as np
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.local_system import free_motions, local_system
 from fem.assembly.symmetry import Orbits
-from fem.contact.search import SearchedSurfaces
 from fem.explicit.body import Body
-from fem.explicit.kernels.layout import LaneArray, to_lanes
+from fem.explicit.kernels.layout import to_lanes
 from fem.explicit.state import State
 from fem.explicit.step import Interaction, System, placed_internal_force
 from geometry.mesh import FloatArray, IntArray
@@ -46,7 +45,7 @@ class CellHold:
         return _BoundHold(self, bodies)
 
 
-class _BoundHold:
+class _BoundHold(Interaction):
     """Arrays of one run, in lanes."""
 
     def __init__(self, statement: CellHold, bodies: tuple[Body, ...]) -> None:
@@ -75,26 +74,6 @@ class _BoundHold:
         for forces, now in zip(self._forces, state.bodies, strict=True):
             assert now.applied_force is not None
             now.applied_force -= (size @ forces).reshape(now.applied_force.shape)
-
-    def energy(self) -> float:
-        """Nothing is stored."""
-        return 0.0
-
-    def dissipation(self) -> float:
-        """Nothing is lost."""
-        return 0.0
-
-    def contact(self) -> tuple[SearchedSurfaces | None, FloatArray | None]:
-        """No contact."""
-        return None, None
-
-    def fault(self, system: System) -> str | None:  # noqa: ARG002 - as of all
-        """Never makes a run unstable."""
-        return None
-
-    def arrays(self) -> dict[str, LaneArray]:
-        """Nothing evolves."""
-        return {}
 
 
 def _lanes(motions: FloatArray, body: Body) -> FloatArray:

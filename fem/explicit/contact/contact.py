@@ -1,0 +1,123 @@
+"""What contact on paired and on searched facets has in common in an explicit run."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fem.contact.friction import CoulombFriction, FrictionError
+from fem.contact.law import ContactLaw
+from fem.explicit.body import Body
+from fem.explicit.contact.compiled_law import compiled_law
+from fem.explicit.step import Interaction, System
+from fem.problem.time_step import critical_time_step
+from geometry.mesh import FloatArray, IntArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExplicitContact(ABC):
+    """Contact of the blocks that are computed."""
+
+    n_nodes: tuple[int, ...]
+    """Nodes of one block of each group."""
+    law: ContactLaw
+    """Pressure as a function of overclosure."""
+    clearance: float
+    """Added to every gap [mm]."""
+    counted_stiffness: float
+    """Stiffness of the law that the critical time step counts in [MPa/mm]."""
+    friction: CoulombFriction | None = None
+    """Needs current normals; None: absent."""
+
+    def __post_init__(self) -> None:
+        if self.friction is not None and self.friction.stick_stiffness > self.counted_stiffness:
+            raise FrictionError(
+                f"effects.friction: got a stick stiffness of {self.friction.stick_stiffness} "
+                f"MPa/mm, expected at most {self.counted_stiffness:.4g}, the contact stiffness "
+                "included in the critical time step"
+            )
+
+    @abstractmethod
+    def touched_nodes(self, group: int) -> IntArray:
+        """Mesh nodes of the group on which contact may act, (n,)."""
+
+    @abstractmethod
+    def nodal_areas(self, group: int) -> FloatArray | None:
+        """`nodal_stiffness` for a law of stiffness one, largest of all copies; (n_nodes,) [mm²]."""
+
+    def nodal_stiffness(self, group: int) -> FloatArray | None:
+        """Stiffness to count on each node for the critical time step, (n_nodes,) [N/mm].
+
+        Contact springs of stiffness w k between points of two blocks have
+        K_ab = w k c_a c_b n nᵀ with |c_a| = N_a and Σ N = 1 on each side: row sums bound them
+        by the diagonal w k N_a times the number of sides that move.
+        """
+        areas = self.nodal_areas(group)
+        return None if areas is None else self.counted_stiffness * areas
+
+    @abstractmethod
+    def bind(self, bodies: tuple[Body, ...]) -> BoundContact:
+        """Prepare the force for the loop."""
+
+
+class BoundContact(Interaction):
+    """Arrays of one run."""
+
+    def __init__(self, statement: ExplicitContact) -> None:
+        self._statement = statement
+        self._allowed: float | None = None
+
+    def _set_constants(self, block_m: IntArray, block_s: IntArray) -> None:
+        """Law and friction between blocks m and s of each unit or point, (n,) each.
+
+        For kernels: constants of all, or a row for each; friction is coefficient and stick
+        stiffness, (2,) or (n, 2).
+        """
+        law, friction = self._statement.law, self._statement.friction
+        self._law = law.on(block_m, block_s)
+        self._constants = compiled_law(self._law, self._statement.clearance)
+        self._rubs: FloatArray | None = None
+        if friction is not None and not friction.of_pairs:
+            self._rubs = np.array([friction.coefficient, friction.stick_stiffness])
+        elif friction is not None:
+            result = np.broadcast_to(friction.on(block_m, block_s), len(block_m))
+            self._rubs = np.column_stack([result, np.full(len(result), friction.stick_stiffness)])
+
+    @abstractmethod
+    def _deepest(self) -> tuple[int, float, int, int] | None:
+        """Where contact is stiffest: unit or point, gap [mm] and the two blocks; None: nowhere."""
+
+    def fault(self, system: System) -> str | None:
+        """Where the stiffness of the law exceeds what the time step allows, and the remedy."""
+        counted = self._statement.counted_stiffness
+        laws = self._statement.law.members
+        if all(law.constants.linear_stiffness <= counted for law in laws):
+            return None
+        deepest = self._deepest()
+        if deepest is None:
+            return None
+        which, gap, m, s = deepest
+        law = self._law.one(which)
+        pressure, stiffness = float(law.pressure(-gap)), float(law.stiffness(-gap))
+        if stiffness <= counted or stiffness <= self._largest_stiffness(system):
+            return None
+        return (
+            f"contact pressure between blocks {m} and {s} reached {pressure:.3g} MPa, a stiffness "
+            f"of {stiffness:.3g} MPa/mm; the time step {system.time_step:.4g} s allows "
+            f"{self._largest_stiffness(system):.3g}; take a smaller fem.safety_factor or set "
+            "contact.maximum_stiffness"
+        )
+
+    def _largest_stiffness(self, system: System) -> float:
+        """Stiffness of a law that is stable: (ω_bulk² + ω_contact²)/4 = 1/Δt² [MPa/mm]."""
+        if self._allowed is None:
+            bulk = critical_time_step(replace(system.model, interactions=()))
+            square = 4.0 / system.time_step**2 - 4.0 / bulk.critical_time_step**2
+            self._allowed = square / max(
+                float((areas / group.lumped_mass).max())
+                for k, group in enumerate(system.model.groups)
+                if (areas := self._statement.nodal_areas(k)) is not None
+            )
+        return self._allowed
