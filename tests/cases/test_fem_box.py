@@ -114,6 +114,7 @@ def test_files_of_a_run(tubelock) -> None:
         "fem.frames=3",
         "-o",
         "run",
+        "--fields",
     )
     assert status == 0
     found = {p.name for p in Path("run").iterdir()}
@@ -157,7 +158,8 @@ def test_copies_move_as_one_block_does() -> None:
 @pytest.mark.usefixtures("undrawn")
 def test_interrupted_and_continued_run_ends_in_the_same_bits(tubelock, monkeypatch) -> None:
     """Ctrl-C in the loop: status 130, a checkpoint, the remedy; then the same bits."""
-    arguments = ["fem", "cantilever", "--set", "mesh.divisions=[8,2,2]", "--set", "fem.frames=0"]
+    arguments = ["fem", "cantilever", "--set", "mesh.divisions=[8,2,2]", "--fields"]
+    arguments += ["--set", "fem.frames=0"]
     arguments += ["--set", "fem.end_time=2e-3"]
     assert tubelock(*arguments, "-o", "whole")[0] == 0
 
@@ -183,7 +185,8 @@ def test_interrupted_and_continued_run_ends_in_the_same_bits(tubelock, monkeypat
 @pytest.mark.usefixtures("undrawn")
 def test_a_run_at_its_limit_of_time_is_continued_to_the_same_bits(tubelock) -> None:
     """A limit that the first sample exceeds: status 3, the answer so far and a checkpoint."""
-    arguments = ["fem", "cantilever", "--set", "mesh.divisions=[8,2,2]", "--set", "fem.frames=0"]
+    arguments = ["fem", "cantilever", "--set", "mesh.divisions=[8,2,2]", "--fields"]
+    arguments += ["--set", "fem.frames=0"]
     arguments += ["--set", "fem.end_time=1e-3"]
     assert tubelock(*arguments, "-o", "whole")[0] == 0
     status, said, _ = tubelock(*arguments, "--max-seconds", "1e-9", "-o", "cut")

@@ -30,7 +30,7 @@ RUNS = {
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("words", RUNS.values(), ids=RUNS)
 def test_a_reader_of_others_opens_every_field_that_is_written(tmp_path, words):
-    status, _, printed = command(*words, "-o", str(tmp_path))
+    status, _, printed = command(*words, "--fields", "-o", str(tmp_path))
     assert status == 0, printed
     meshes = [path for path in tmp_path.iterdir() if path.suffix in (".vtu", ".pvd")]
     assert meshes
@@ -72,6 +72,20 @@ def test_a_run_removes_what_it_would_have_replaced_and_nothing_else(tmp_path):
     assert not [name for name in left if name.startswith("frame") and name != "frame_of_mine.vtu"]
     assert rigid <= left  # what a run of another method may not write stays
     assert all(path.read_text("utf-8") == "mine" for path in others)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_arrays_and_fields_are_written_on_request_alone(tmp_path):
+    run = ("mbd", "tsb1-pipe", *COARSE[:-2], "-o", str(tmp_path))
+    small = {"answer.json", "joints.csv", "contact_pressures.png"}
+    for more, large in (("--fields",), True), ((), False):
+        assert command(*run, *more)[0] == 0
+        written = {path.name for path in tmp_path.iterdir()}
+        assert small <= written
+        assert bool(written - small) is large
+    status, _, printed = command("mbd", "tsb1-pipe", "--fields", "--json", str(tmp_path / "a"))
+    assert (status, printed.count("\n")) == (2, 1)
+    assert "--fields: got no folder" in printed
 
 
 def test_an_answer_that_is_written_again_leaves_no_file_of_the_other(tmp_path):

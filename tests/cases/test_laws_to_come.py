@@ -67,7 +67,7 @@ def test_joints_between_two_fixed_blocks_are_no_contact_area(built):
 @later
 @pytest.mark.usefixtures("undrawn")
 def test_pressures_on_facets_that_are_written_have_the_largest_of_the_table(tmp_path):
-    status, _, error = command("fem", "tsb1-pipe", *sets(COARSE), "-o", str(tmp_path))
+    status, _, error = command("fem", "tsb1-pipe", *sets(COARSE), "--fields", "-o", str(tmp_path))
     assert status == 0, error
     facets = pyvista.read(tmp_path / "contact_pressures.vtu")
     largest = read_answer(tmp_path).measures["p_max_facet"].value

@@ -113,7 +113,7 @@ def test_friction_can_be_asked_of_a_tube() -> None:
 
 def test_command_writes_contacts_and_pictures(tmp_path: Path) -> None:
     scene = _layer_scene(tmp_path)
-    status, out, err = command("mbd", str(scene), "-o", str(tmp_path / "out"))
+    status, out, err = command("mbd", str(scene), "--fields", "-o", str(tmp_path / "out"))
     assert status == 0, err
     assert "interlocked" in out
     assert "tetrahedra, each split" in out

@@ -90,7 +90,7 @@ def test_a_picture_of_pressures_counts_the_facets_that_press(tmp_path):
     """Its words follow from the pressures and areas that are written beside it."""
     small = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=4")
     sets = [part for one in (*small, "pictures.format=svg") for part in ("--set", one)]
-    status, printed, error = command("mbd", "tsb1-pipe", *sets, "-o", str(tmp_path))
+    status, printed, error = command("mbd", "tsb1-pipe", *sets, "--fields", "-o", str(tmp_path))
     assert status == 0, error
     text = (tmp_path / "contact_pressures.svg").read_text("utf-8")
     contacts = read_answer(tmp_path).contacts

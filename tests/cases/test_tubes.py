@@ -76,7 +76,9 @@ def test_every_load_case_has_a_static_answer(case: str) -> None:
 @pytest.mark.usefixtures("undrawn")
 def test_json_and_files_of_a_static_tube(tubelock) -> None:
     on_mesh = (*SETTINGS, "--set", "fem.mesh=scene")
-    status, _, _ = tubelock("fem", "tsb1-pipe", *on_mesh, "-o", "run", "--json", "run.json")
+    status, _, _ = tubelock(
+        "fem", "tsb1-pipe", *on_mesh, "-o", "run", "--fields", "--json", "run.json"
+    )
     assert status == 0
     data = json.loads(Path("run.json").read_text())
     assert {
@@ -103,7 +105,7 @@ def test_json_and_files_of_a_static_tube(tubelock) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_interrupted_tube_continues_to_the_same_bits(tubelock, monkeypatch) -> None:
-    arguments = ["fem", "tsb1-pipe", *SETTINGS, "--set", "fem.method=explicit"]
+    arguments = ["fem", "tsb1-pipe", *SETTINGS, "--fields", "--set", "fem.method=explicit"]
     arguments += ["--set", "fem.sample_interval=20", "--no-static-reference"]
     assert tubelock(*arguments, "-o", "whole")[0] == 0
 

@@ -52,7 +52,7 @@ def test_json_of_mbd_has_the_promised_keys_in_full_precision(tubelock) -> None:
 def test_mbd_writes_pressures_and_picture(tubelock) -> None:
     import meshio
 
-    status, out, _ = tubelock("mbd", "tsb2-tunnel", *SMALL, "-o", "here")
+    status, out, _ = tubelock("mbd", "tsb2-tunnel", *SMALL, "-o", "here", "--fields")
     assert status == 0
     assert "locked" in out
     mesh = meshio.read("here/contact_pressures.vtu")
@@ -70,7 +70,7 @@ def test_mbd_writes_pressures_and_picture(tubelock) -> None:
 
 
 def test_infeasible_scene_shows_its_mechanism(tubelock) -> None:
-    status, _, _ = tubelock("mbd", "brick-stack", "-o", "wall", "--json", "wall.json")
+    status, _, _ = tubelock("mbd", "brick-stack", "-o", "wall", "--fields", "--json", "wall.json")
     assert status == 0
     data = json.loads(Path("wall.json").read_text())
     assert data["mechanism"] == "activated"

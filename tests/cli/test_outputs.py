@@ -119,7 +119,7 @@ def test_names_with_markup_are_only_names(tubelock, name) -> None:
     )
     assert (status, err) == (0, "")
     assert out.splitlines()[0].startswith(f"{name}, rigid blocks: ")
-    assert "pressures [/x]/contact_pressures.vtu" in out
+    assert "picture   [/x]/contact_pressures.png" in out
     status, out, err = tubelock("mbd", name)
     assert status == 2
     assert name in err

@@ -41,7 +41,8 @@ def settings() -> list[str]:
 @pytest.fixture(scope="module")
 def answer(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     folder = tmp_path_factory.mktemp("answer")
-    tubelock("mbd", "tsb1-pipe", *settings(), "-o", "out", "--json", "answer.json", folder=folder)
+    files = ("-o", "out", "--fields", "--json", "answer.json")
+    tubelock("mbd", "tsb1-pipe", *settings(), *files, folder=folder)
     return folder, json.loads((folder / "answer.json").read_text("utf-8"))
 
 
@@ -128,8 +129,8 @@ def test_field_files_of_a_deformable_tube_say_whose_each_row_is(tubelock) -> Non
     # contact facets press with balances the load p on the inner face of each free block.
     pressure = 0.01
     on_scene = ("--set", 'fem.mesh="scene"')
-    assert tubelock("fem", "tsb1-pipe", *settings(), *on_scene)[0] == 0
-    out = Path("out", "tsb1-pipe-fem")
+    assert tubelock("fem", "tsb1-pipe", *settings(), *on_scene, "--fields", "-o", "out")[0] == 0
+    out = Path("out")
     solid, joints = meshio.read(out / "fields.vtu"), meshio.read(out / "contact_pressures.vtu")
     cells = {name: values[0] for name, values in solid.cell_data.items()}
     centroids = solid.points[solid.cells[0].data].mean(axis=1)

@@ -212,7 +212,7 @@ def test_command_writes_fields_pictures_and_joints(tubelock) -> None:  # type: i
     settings = [
         word for key in ("assembly.layers=1", "fem.degree=2", *mesh) for word in ("--set", key)
     ]
-    status, out, _ = tubelock("fem", "tsb1-pipe", *settings, "-o", "curved")
+    status, out, _ = tubelock("fem", "tsb1-pipe", *settings, "-o", "curved", "--fields")
     assert status == 0
     written = {path.name for path in Path("curved").iterdir()}
     assert {"fields.vtu", "stresses.png", "contact_pressures.vtu", "joints.csv"} <= written

@@ -217,7 +217,7 @@ def test_joint_forces_that_leave_friction_out_are_named_so(tmp_path: Path, frict
     weight, push = 2.4e-9 * 400_000.0 * 9810.0, 2.0 if friction else 0.0
     assert joint["normal_force"] == pytest.approx(weight, rel=1e-5)
     assert joint["shear_force"] == pytest.approx(push, abs=1e-5 * weight)
-    printed(case, tmp_path, "-o", str(tmp_path / "out"))
+    printed(case, tmp_path, "--fields", "-o", str(tmp_path / "out"))
     head = (tmp_path / "out" / "joints.csv").read_text("utf-8").splitlines()[0].split(",")
     assert "shear_force_N" in head
     assert "force" in meshio.read(tmp_path / "out" / "joints.vtu").point_data

@@ -127,7 +127,7 @@ def test_random_motions_of_boxes_that_do_not_match_balance() -> None:
 def test_rigid_blocks_meet_where_a_search_finds_facets(tubelock) -> None:
     """Joints that do not match: a uniform pressure on each, to rounding, and the force of the load,
     which the static answer passes to its residual of 1e-8."""
-    assert tubelock("mbd", "column-nonmatching", "-o", "rigid")[0] == 0
+    assert tubelock("mbd", "column-nonmatching", "--fields", "-o", "rigid")[0] == 0
     surface = meshio.read("rigid/contact_pressures.vtu")
     pressure, area = (surface.cell_data[key][0] for key in ("contact_pressure", "area"))
     layers = np.minimum(*(surface.cell_data[f"layer_{side}"][0] for side in "ms"))
@@ -154,7 +154,7 @@ def test_decks_of_joints_that_do_not_match(tubelock) -> None:
 
 @pytest.mark.usefixtures("undrawn")
 def test_the_built_in_column_from_the_command_line(tubelock) -> None:
-    files = ("-o", "run", "--json", "run.json")
+    files = ("-o", "run", "--fields", "--json", "run.json")
     status, out, _ = tubelock("fem", "column-nonmatching", "--no-static-reference", *files)
     assert status == 0
     assert "finite sliding (non-matching meshes)" in out

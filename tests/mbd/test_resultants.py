@@ -123,7 +123,7 @@ def test_only_a_row_of_blocks_has_a_line() -> None:
 
 def written_contacts(folder: Path, friction: float) -> meshio.Mesh:
     settings = [w for s in (*ARCH, f"effects.friction={friction}") for w in ("--set", s)]
-    status, _, said = command("mbd", "arch", *settings, "-o", str(folder))
+    status, _, said = command("mbd", "arch", *settings, "--fields", "-o", str(folder))
     assert status == 0, said
     return meshio.read(folder / "contacts.vtu")
 

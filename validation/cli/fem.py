@@ -11,6 +11,7 @@ import typer
 from validation.cli.options import (
     AccuracyOption,
     AutoOption,
+    FieldsOption,
     JsonOption,
     KeepOption,
     MaxMemoryOption,
@@ -41,8 +42,9 @@ def fem(
     settings: SetOption = None,
     json: JsonOption = None,
     output: Annotated[
-        Path | None, folder_option("fields, history, pictures", "out/SCENE-fem")
+        Path | None, folder_option("pictures, JSON, history", "out/SCENE-fem")
     ] = None,
+    fields: FieldsOption = False,
     resume: Annotated[
         Path | None,
         typer.Option("--resume", metavar="CHECKPOINT", help="Continue an interrupted run."),
@@ -79,7 +81,7 @@ def fem(
             f"--resume {resume}: a static run keeps no checkpoint; leave --resume out, or set "
             'fem.method = "explicit" as in the run that was interrupted'
         )
-    written = scene_outputs(case, json, output, (*FILES, CHECKPOINT), ending="-fem")
+    written = scene_outputs(case, json, output, (*FILES, CHECKPOINT), ending="-fem", fields=fields)
     if resume is not None and not _goes_on(resume, written):
         written.reads = (resume,)
     with written as outputs:

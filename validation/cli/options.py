@@ -147,6 +147,8 @@ def folder_outputs(
     from validation.output.outputs import Outputs
 
     folder = Path("out") / default if output is None and json is None else output
+    if more.get("fields") and folder is None:
+        raise InputError("--fields: got no folder for them; name one with -o DIR")
     return Outputs(json, folder, names, **more)
 
 
@@ -166,6 +168,13 @@ def print_builtin(kind: str, name: str | None) -> None:
     for known in names:
         print(f"{known:{width}} {builtin_about(known, kind)}")
 
+
+FieldsOption = Annotated[
+    bool,
+    typer.Option(
+        "--fields", help="Also write fields for ParaView (.vtu) and arrays (answer.npz) into DIR."
+    ),
+]
 
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from validation.cli.options import (
+    FieldsOption,
     JsonOption,
     MaxSecondsOption,
     MaxWorkOption,
@@ -26,9 +27,10 @@ def mbd(
     settings: SetOption = None,
     json: JsonOption = None,
     output: Annotated[
-        Path | None, folder_option("pressures (.vtu) and picture", "out/SCENE")
+        Path | None, folder_option("pictures, JSON and joint forces", "out/SCENE")
     ] = None,
     *,
+    fields: FieldsOption = False,
     unlock: Annotated[
         bool,
         typer.Option(
@@ -66,7 +68,7 @@ def mbd(
         require_tube(file)
     if refine:
         require_mesh(file)
-    with scene_outputs(file, json, output, FILES) as outputs:
+    with scene_outputs(file, json, output, FILES, fields=fields) as outputs:
         with following(file.name) as show:
             answer = solve(file, show)
         print_rigid(answer, outputs.console)

@@ -20,6 +20,8 @@ from validation.output.files import prepare_folder, write_json
 
 #: Files of an answer.
 FILES = ("answer.json", "answer.npz", "fields.vtu", "contact_pressures.vtu")
+#: Endings of files that commands write only if asked to: arrays, and fields for ParaView.
+LARGE = (".npz", ".vtu")
 _ARRAYS = ("points", "cells", "block_of_point", "layer_of_point")
 
 
@@ -125,7 +127,10 @@ def read_answer(folder: Path) -> Answer:
     for name in FILES[:2]:
         why = unreadable(folder / name)
         if why is not None:
-            raise InputError(f"{folder / name}: {why}; expected a folder that `write` wrote")
+            raise InputError(
+                f"{folder / name}: {why}; expected a folder that `write` or a command with "
+                "`--fields` wrote"
+            )
     try:
         data = json.loads((folder / FILES[0]).read_text("utf-8"))
         measures = {name: _measure(result) for name, result in data.pop("measures").items()}

@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from validation.errors import InputError
-from validation.output.answer_files import answer_files, remove_others
+from validation.output.answer_files import LARGE, answer_files, remove_others
 from validation.output.console import process_words, text_console
 from validation.output.files import PAGES, PICTURES, output_folder, prepare_file, write_json
 from validation.output.pictures.look import Look, looking
@@ -50,6 +50,8 @@ class Outputs:
     """Files that the call reads, beside those of its scene."""
     scene: Case | None = None
     """Scene that the call is about; what is written names it."""
+    fields: bool = False
+    """Whether fields for ParaView and arrays, which are large, are written too."""
     exit_line: bool = True
     """Whether CPU time and memory are printed at the end; not where the text is a file by itself.
     """
@@ -171,8 +173,11 @@ class Outputs:
         self.console.print(f"{words:9} {path}")
 
     def write(self, words: str, name: str, write: Callable[[Path], object]) -> None:
-        """Let ``write`` make a file of the folder and say so; nothing without a folder."""
-        if self.folder is not None:
+        """Let ``write`` make a file of the folder and say so; nothing without a folder.
+
+        Nor of fields and arrays that are not asked for.
+        """
+        if self.folder is not None and (self.fields or Path(name).suffix not in LARGE):
             path = self.path(self._as_drawn(name))
             write(path)
             if path.suffix == ".vtu":

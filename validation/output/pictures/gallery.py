@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter
 
-#: Inches: round all panels, between columns, of the line at the foot, of a legend.
-_MARGIN, _PAD, _FOOT, _LEGEND = 0.2, 0.2, 0.2, 0.36
+#: Inches: round all panels, between columns, of the line at the foot, of a legend, of its handles.
+_MARGIN, _PAD, _FOOT, _LEGEND, _HANDLE = 0.2, 0.2, 0.2, 0.36, 0.75
 #: The same: lines of the title, of titles of panels and of small print.
 _TITLE_LINE, _LINE, _SMALL_LINE = 0.21, 0.19, 0.16
 #: The same: thickness of bars, shortest and longest, and room of numbers beside and below one.
@@ -122,7 +122,7 @@ class Panel:
     @property
     def above(self) -> float:
         """Room of the title [in]."""
-        return 0.12 + _LINE * len(self.title.split("\n"))
+        return 0.2 + _LINE * len(self.title.split("\n"))
 
     @property
     def below_drawing(self) -> float:
@@ -181,7 +181,8 @@ def gallery(
     side = _PAD + _BAR + _BESIDE_BAR + _SMALL_LINE * lines if bars else 0.0
     with rc_context(settings()):
         layout = _Layout(columns, height, widest - 2 * _MARGIN - side)
-        width = max(sum(layout.widths) + 2 * _MARGIN + side, _LEAST_PAGE)
+        named = sum(_width(one.get_label(), "medium") + _HANDLE for one in legend)
+        width = max(sum(layout.widths) + 2 * _MARGIN + side, _LEAST_PAGE, named)
         words = _wrapped(title, (width - 2 * _MARGIN) * _TITLE_LETTERS)
         top = layout.height + _FOOT + (_LEGEND if legend else 0.0)
         page = _Page((width, top + 0.2 + _TITLE_LINE * len(words)), _dots(path))
