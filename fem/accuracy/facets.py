@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from fem.accuracy.transfer import degree_of, interpolation_on_faces, unique_rows
+from fem.accuracy.transfer import interpolation_on_faces, unique_rows
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import representatives
 from fem.contact.surfaces import ContactSurfaces, facet_pressures, point_overclosures
@@ -61,7 +61,7 @@ def pressures_on_facets(
     # The same facets of all blocks stand together: those at a time share their interpolation.
     kinds = *quads, alike[result.block_m], alike[result.block_s]
     chosen, which = unique_rows(np.stack(kinds, axis=1))
-    degree = max(degree_of(shape.mesh) for shape in solved.assembly.shapes)
+    degree = max(shape.mesh.degree for shape in solved.assembly.shapes)
     at = _nodes_of_parts(_parts(facets, solved.assembly), degree)
     state = solved, displacements, alike
     groups = np.array_split(chosen, math.ceil(len(chosen) * len(at) / _AT_ONCE) or 1)

@@ -23,7 +23,6 @@ from fem.contact.surfaces import (
     point_normals,
 )
 from fem.element.facet import facet_areas, facet_functions
-from fem.element.lagrange_mesh import LagrangeMesh
 from geometry.assembly import Assembly
 from geometry.measures import BlockMeasures, block_measures, measures
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays, structured_quads
@@ -66,7 +65,7 @@ def block_surface(assembly: Assembly, block: int, offset: FloatArray) -> BlockSu
     """Facets of one block that can touch others, moved by an offset (3,) [mm]; it moves alone."""
     mesh, quads = assembly.shape(block).mesh, assembly.shape(block).contact_quads
     facets = None
-    if isinstance(mesh, LagrangeMesh):
+    if mesh.degree > 1:
         facets = mesh.facet_nodes(quads)
         quads = facets[:, structured_quads(mesh.degree)].reshape(-1, 4)
     nodes, origin = np.unique(quads), assembly.centroids.mean(axis=0)

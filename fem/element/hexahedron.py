@@ -19,6 +19,7 @@ from fem.element.material import Material
 from geometry.mesh import (
     CORNERS,
     FloatArray,
+    IntArray,
     MeshError,
     gauss_points,
     shape_gradients,
@@ -306,6 +307,15 @@ class ElementType(Enum):
     def words(self) -> str:
         """Name in tables."""
         return ELEMENTS[self].words
+
+    @property
+    def nodes(self) -> FloatArray:
+        """Natural coordinates of the corners, (8, 3)."""
+        return CORNERS
+
+    def face_nodes(self, corners: IntArray) -> IntArray:
+        """Nodes of faces by their corners, (n, 4): these."""
+        return corners
 
     @property
     def hourglass(self) -> Callable[[FloatArray, Material], FloatArray] | None:

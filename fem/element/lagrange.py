@@ -19,7 +19,7 @@ from scipy.special import roots_jacobi
 from fem.element.hexahedron import chunks, gradient_tensor, isotropic_stiffness
 from fem.element.material import Material
 from fem.element.stress import stress_of_gradient
-from geometry.mesh import FloatArray, MeshError, grid_points
+from geometry.mesh import CORNERS, FloatArray, IntArray, MeshError, grid_points
 from geometry.work import Operation, count
 
 #: Pairs of functions whose stiffness is computed at a time: what a cache holds.
@@ -55,6 +55,13 @@ def _to_nodal(degree: int) -> tuple[FloatArray, FloatArray]:
     powers = legendre.legvander(lobatto_points(degree), degree)
     to_nodal = np.linalg.inv(powers).astype(np.float64)
     return to_nodal, legendre.legder(to_nodal).astype(np.float64)
+
+
+def tensor_values(first: FloatArray, *others: FloatArray) -> FloatArray:
+    """Products of functions of each direction at n points, (n, all), the last one fastest."""
+    for other in others:
+        first = (first[:, :, None] * other[:, None, :]).reshape(len(first), -1)
+    return first
 
 
 @dataclass(frozen=True)
@@ -140,15 +147,30 @@ class Lagrange:
         return f"isoparametric hexahedra of degree {self.degree}"
 
     @property
+    def nodes(self) -> FloatArray:
+        """Natural coordinates of the nodes, Gauss-Lobatto points, (n, 3)."""
+        return grid_points(*[lobatto_points(self.degree)] * 3)
+
+    def face_nodes(self, corners: IntArray) -> IntArray:
+        """Nodes of faces by their corners as `geometry.mesh.CORNERS`, (n, 4) to (n, m).
+
+        The first direction, slow, runs from corner 0 to 1, the second from corner 0 to 3.
+        """
+        xi = grid_points(*[lobatto_points(self.degree)] * 2)
+        begin, *ends = np.moveaxis(CORNERS[corners[:, [0, 1, 3]]], 1, 0)
+        along = np.stack(ends, axis=1) - begin[:, None]
+        places = begin[:, None] + 0.5 * (1.0 + xi) @ along
+        away = np.abs(places[:, :, None] - self.nodes).sum(axis=3)
+        return np.asarray(away.argmin(axis=2), dtype=np.int64)
+
+    @property
     def hourglass(self) -> None:
         """No part of the stiffness controls hourglass modes."""
         return None
 
     def values(self, natural: FloatArray) -> FloatArray:
         """Functions at natural coordinates, (n_points, 3) to (n_points, n)."""
-        first, second, third = (line_basis(self.degree, x)[0] for x in natural.T)
-        plane = (first[:, :, None] * second[:, None, :]).reshape(len(natural), -1)
-        return (plane[:, :, None] * third[:, None, :]).reshape(len(natural), -1)
+        return tensor_values(*(line_basis(self.degree, x)[0] for x in natural.T))
 
     @cached_property
     def quadrature(self) -> TensorPoints:
