@@ -103,7 +103,7 @@ def _measures(
 
 
 def _rungs(problem: Problem) -> Iterator[tuple[Problem, str]]:
-    for rung in ladder_for((), problem).rungs[:2]:
+    for rung in ladder_for({}, problem).rungs[:2]:
         yield on_rung(problem, rung), f" of degree {rung.degree}"
 
 
