@@ -26,7 +26,7 @@ from fem.assembly.peaks import StressPeaks, joint_forces, moved_blocks, stress_p
 from fem.assembly.reactions import PushCurve, push_curves, reactions
 from fem.assembly.section_forces import SolvedState, section_forces
 from fem.assembly.symmetry import local_forces
-from fem.contact.search import searched_surfaces
+from fem.contact.search import points_of_search
 from fem.element.stress import principal_stress
 from fem.problem.recovery import Recovered, recover
 from fem.static.result import StaticResult, loose_blocks
@@ -323,7 +323,8 @@ class Solution(ReadOnlyArrays):
         if searched is None:
             return None
         whole, moved = self.deformable, self.group_displacements
-        fresh = searched_surfaces(facing_points(whole, moved), whole.surfaces.clearance)
+        clearance, normals = whole.surfaces.clearance, whole.contact.normals
+        fresh = points_of_search(facing_points(whole, moved), clearance, normals)
         corners = corner_displacements(whole, moved, fresh)
         forces: dict[tuple[int, int], float] = {}
         largest = 0.0
@@ -394,12 +395,11 @@ class Solution(ReadOnlyArrays):
         if self.quasi_static is None or not judged:
             return np.zeros(0, dtype=np.int64)
         corners = corner_displacements(model, self.group_displacements, model.surfaces)
-        there = model.surfaces.kinematics(corners, model.contact.normals)
         law = model.contact.law.on(model.surfaces.block_m, model.surfaces.block_s)
         return loose_blocks(
             model,
             self.group_displacements,
-            law.pressure(there.overclosure),
+            law.pressure(model.surfaces.overclosures(corners)),
             model.surfaces,
             np.arange(model.assembly.n_blocks),
         )

@@ -13,14 +13,12 @@ import numpy as np
 from fem.assembly.deformable import Contact, DeformableAssembly
 from fem.assembly.symmetry import Orbits
 from fem.contact.law import ContactLaw, ExponentialLaw
-from fem.contact.search import BlockSurface, FacingPoints, SearchedSurfaces
+from fem.contact.search import BlockSurface, FacingPoints, SearchedPoints
 from fem.contact.surfaces import (
     ContactNormals,
-    ContactSurfaces,
+    ContactPoints,
     corner_overclosures,
     facet_corners,
-    point_kinematics,
-    point_normals,
 )
 from fem.element.facet import facet_areas, facet_functions
 from geometry.assembly import Assembly
@@ -248,7 +246,7 @@ class ContactState(ReadOnlyArrays):
 def corner_displacements(
     deformable: DeformableAssembly,
     displacements: tuple[FloatArray, ...],
-    surfaces: ContactSurfaces | SearchedSurfaces | None = None,
+    surfaces: ContactPoints | None = None,
 ) -> FloatArray:
     """World displacements of the nodes of every facet pair, m's first.
 
@@ -293,9 +291,9 @@ def matched_pressures(
         Overclosures, alike [mm].
     """
     corners = corner_displacements(deformable, displacements)
-    result = point_kinematics(deformable.surfaces, corners, deformable.contact.normals)
+    overclosure = deformable.surfaces.overclosures(corners)
     law = deformable.contact.law.on(deformable.surfaces.block_m, deformable.surfaces.block_s)
-    return law.pressure(result.overclosure), result.overclosure
+    return law.pressure(overclosure), overclosure
 
 
 def matched_state(
@@ -321,7 +319,8 @@ def matched_state(
     surfaces, basis = deformable.surfaces, deformable.surfaces.basis
     moved = corner_displacements(deformable, displacements)
     on_m, on_s = np.split(moved, 2, axis=1)
-    apart = surfaces.offsets + basis.difference @ moved
+    frame = surfaces.frame(moved)
+    apart, normals = frame.d, frame.normal
     sides = (
         (surfaces.block_m, surfaces.quads_m, on_m),
         (surfaces.block_s, surfaces.quads_s, on_s),
@@ -333,7 +332,6 @@ def matched_state(
         for block, quads, displacement in sides
     )
     middle = np.einsum("pa,fai->fpi", basis.values, 0.5 * (nodes + opposite))
-    normals = point_normals(surfaces, moved, deformable.contact.normals)
     each, measured = surfaces.weights[..., None], deformable.contact.normals
     moments = _moments(each, apart, pressures[..., None], normals, frictions, measured)
     far = float(np.abs(apart).max(initial=0.0)) > _SLID * deformable.assembly.characteristic_length
@@ -355,7 +353,7 @@ def matched_state(
         point_slips=_along(basis.difference @ moved, normals).reshape(-1, 3),
         point_frictions=None if frictions is None else frictions.reshape(-1, 3),
         point_moments=None if moments is None else moments.reshape(-1, 2, 3),
-        corner_overclosures=corner_overclosures(surfaces, moved, deformable.contact.normals),
+        corner_overclosures=corner_overclosures(surfaces, moved),
     )
 
 
@@ -396,7 +394,7 @@ def _turning_moments(
 
 
 def searched_state(
-    surfaces: SearchedSurfaces,
+    surfaces: SearchedPoints,
     moved: FloatArray,
     contact: Contact | None,
     frictions: FloatArray | None = None,
@@ -420,12 +418,12 @@ def searched_state(
         Friction on block s, (n_points, 3) [MPa]; None: without.
     """
     normals = ContactNormals.CURRENT if contact is None else contact.normals
-    there = surfaces.kinematics(moved, normals)
-    overclosure, weights = there.overclosure[:, 0], surfaces.weights[:, 0]
+    frame, weights = surfaces.frame(moved), surfaces.weights[:, 0]
+    overclosure = -frame.gap[:, 0] - surfaces.clearance
     pressure = np.zeros_like(overclosure)
     if contact is not None:
         law = contact.law.on(surfaces.block_m, surfaces.block_s)
-        pressure = law.pressure(there.overclosure)[:, 0]
+        pressure = law.pressure(overclosure[:, None])[:, 0]
     key = np.column_stack([surfaces.block_m, surfaces.block_s, surfaces.position_s])
     _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)
     which = which.ravel()
@@ -434,12 +432,12 @@ def searched_state(
     presses = np.bincount(which, pressure > 0.0) > 0.0
     whole = area > _SLIVER * surfaces.facet_areas[first]
     near = (((mean <= surfaces.farthest) & whole) | presses)[which]
-    n_nodes, kept = surfaces.shapes.shape[1], surfaces.subset(np.flatnonzero(near))
+    kept = surfaces.subset(np.flatnonzero(near))
+    n_nodes, apart = kept.quads_s.shape[1], frame.d[near, 0]
     nodes = (kept.corners + moved[near])[:, n_nodes:]
-    apart = np.einsum("na,nai->ni", kept.difference[:, 0], kept.corners + moved[near])
-    positions = np.einsum("na,nai->ni", kept.shapes, nodes) - 0.5 * apart
+    positions = np.einsum("na,nai->ni", kept.functions[:, 0, n_nodes:], nodes) - 0.5 * apart
     nodes, positions = nodes + kept.origin, positions + kept.origin
-    direction = -there.gradient[near, 0, n_nodes:].sum(axis=1)
+    direction = frame.normal[near, 0]
     frictions = None if frictions is None else frictions[near]
     acting = pressure[near, None], direction, frictions
     key, part = _with_slivers(key[near], positions, whole[which][near])
@@ -486,17 +484,14 @@ def _along(vectors: FloatArray, normals: FloatArray) -> FloatArray:
     return vectors - np.einsum("...i,...i->...", vectors, normals)[..., None] * normals
 
 
-def _searched_slips(surfaces: SearchedSurfaces) -> FloatArray:
+def _searched_slips(surfaces: SearchedPoints) -> FloatArray:
     """How far the points that face each other now were apart along the facet, (n_points, 3) [mm].
 
     Positions before any displacement: a motion that two blocks share is no slip, however large.
     """
-    n_nodes = surfaces.shapes.shape[1]
-    apart = -np.einsum("na,nai->ni", surfaces.difference[:, 0], surfaces.corners)
-    slopes = facet_functions(surfaces.xi, n_nodes)[1]
-    tangents = np.einsum("nak,nai->nki", slopes, surfaces.corners[:, :n_nodes])
-    normal = np.cross(tangents[:, 0], tangents[:, 1])
-    return _along(apart, normal / np.linalg.norm(normal, axis=1, keepdims=True))
+    normal = np.cross(surfaces.tangents[:, 0, 0], surfaces.tangents[:, 0, 1])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return _along(-surfaces.offsets[:, 0], normal)
 
 
 def _faced_parts(nodes: FloatArray, which: IntArray, cells: FloatArray) -> FloatArray:

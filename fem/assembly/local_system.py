@@ -17,8 +17,7 @@ from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import Orbits, local_forces
 from fem.contact.friction import Coulomb, coulomb
 from fem.contact.law import ContactLaw
-from fem.contact.search import SearchedSurfaces
-from fem.contact.surfaces import ContactNormals, ContactSurfaces
+from fem.contact.surfaces import ContactPoints
 from fem.problem.model import Amplitude, BlockGroup, ModelError
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.work import Operation, count
@@ -65,7 +64,7 @@ class Gaps:
     """Overclosures of all contact points, with friction also their slips, and their derivatives."""
 
     x: FloatArray
-    """Overclosure, then slips along `ContactSurfaces.sides`, (n_facets, n_points, 1 or 3) [mm]."""
+    """Overclosure, then slips along `ContactPoints.sides`, (n_facets, n_points, 1 or 3) [mm]."""
     gradient: FloatArray
     """∂x/∂u in block frames, (n_facets, n_points, 1 or 3, nodes of both facets, 3)."""
 
@@ -89,7 +88,7 @@ class LocalSystem:
     """Slot of the representative of every block, -1 for rigid ones, (n_blocks,)."""
     node_start: IntArray
     """First node of each slot, and the total; (n_slots + 1,)."""
-    surfaces: ContactSurfaces | SearchedSurfaces
+    surfaces: ContactPoints
     """Facets to integrate, one of each orbit, or points that a search found."""
     corner_nodes: IntArray
     """Nodes of both facets, m's first, `n_nodes` for rigid blocks, (n_facets, 2 m)."""
@@ -153,9 +152,14 @@ class LocalSystem:
         local *= self.moves[:, None, :, None]
         return local
 
-    def gaps(self, displacement: FloatArray, normals: ContactNormals) -> Gaps:
+    @property
+    def with_reference_normals(self) -> LocalSystem:
+        """The same with normals that do not turn."""
+        return replace(self, surfaces=self.surfaces.with_reference_normals)
+
+    def gaps(self, displacement: FloatArray) -> Gaps:
         """Overclosures at a displacement, and slips where there is friction."""
-        world = self.surfaces.kinematics(self.corner_displacements(displacement), normals)
+        world = self.surfaces.kinematics(self.corner_displacements(displacement))
         count(Operation.POINT, world.gradient.size / 3.0)
         x, gradient = world.overclosure[..., None], self.local_gradient(world.gradient)[:, :, None]
         if self.deformable.contact.friction is None:
@@ -168,7 +172,7 @@ class LocalSystem:
     @cached_property
     def _by_slips(self) -> FloatArray:
         """∂(slip)/∂u, (n_facets, n_points, 2, nodes of both facets, 3)."""
-        world = np.einsum("fpa,fpki->fpkai", self.surfaces.difference, self.surfaces.sides)
+        world = np.einsum("fpa,fpki->fpkai", self.surfaces.functions, self.surfaces.sides)
         n, p, _, a, _ = world.shape
         return self.local_gradient(world.reshape(n, 2 * p, a, 3)).reshape(world.shape)
 
@@ -267,7 +271,7 @@ class LocalSystem:
 
 
 def local_system(
-    deformable: DeformableAssembly, orbits: Orbits, searched: SearchedSurfaces | None = None
+    deformable: DeformableAssembly, orbits: Orbits, searched: ContactPoints | None = None
 ) -> LocalSystem:
     """Number the unknowns of a static problem, on matched facets or on points of a search.
 

@@ -28,8 +28,8 @@ from scipy.sparse.csgraph import connected_components
 
 from fem.assembly.contact_state import corner_displacements
 from fem.assembly.deformable import DeformableAssembly
-from fem.contact.search import SearchedSurfaces
-from fem.contact.surfaces import ContactSurfaces, corner_forces
+from fem.contact.search import SearchedPoints
+from fem.contact.surfaces import ContactPoints, corner_forces
 from fem.problem.recovery import block_displacements
 from geometry.assembly import Assembly
 from geometry.measures import Planes, SectionError, SectionForces, nothing_cut, section_rows
@@ -48,7 +48,7 @@ class SolvedState(ReadOnlyArrays):
     deformable: DeformableAssembly
     displacements: tuple[FloatArray, ...]
     """Of each group, world axes, (n_copies, n_nodes, 3) [mm]."""
-    surfaces: ContactSurfaces | SearchedSurfaces
+    surfaces: ContactPoints
     """Facets on which blocks touch."""
     finite_rotation: bool
     """Whether the rigid rotation of each block is no strain."""
@@ -115,7 +115,7 @@ class SolvedState(ReadOnlyArrays):
         """Normal contact forces on `ends`, world axes, (n, nodes of both, 3) [N]."""
         contact, some = self.deformable.contact, self.surfaces.subset(rows)
         moved = corner_displacements(self.deformable, self.displacements, some)
-        there = some.kinematics(moved, contact.normals)
+        there = some.kinematics(moved)
         law = contact.law.on(some.block_m, some.block_s)
         return corner_forces(there, some.weights * law.pressure(there.overclosure))
 
@@ -164,7 +164,7 @@ class SolvedState(ReadOnlyArrays):
         pressing = np.abs(self.contact_forces(every)).max(axis=(1, 2)) > 0.0
         ends = self.ends(every[pressing])
         half = ends.shape[1] // 2
-        if isinstance(self.surfaces, SearchedSurfaces):
+        if isinstance(self.surfaces, SearchedPoints):
             first, second = np.repeat(ends[:, :1], 2 * half, axis=1), ends
         else:
             first, second = ends[:, :half], ends[:, half:]

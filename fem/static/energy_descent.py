@@ -23,11 +23,7 @@ import numpy as np
 
 from fem.assembly.local_system import Gaps, LocalSystem, NodalInverse
 from fem.contact.law import ContactLaw
-from fem.contact.surfaces import (
-    ContactNormals,
-    ContactSurfaces,
-    curvature_tangent,
-)
+from fem.contact.surfaces import curvature_tangent
 from fem.static.linear_step.linearisation import (
     Linearisation,
     LinearStep,
@@ -102,7 +98,7 @@ class _Energy:
 
     def __call__(self, displacement: FloatArray) -> _State:
         internal = self.step.internal_force(displacement)
-        result = self.system.gaps(displacement, ContactNormals.CURRENT)
+        result = self.system.gaps(displacement)
         stored = float(np.vdot(self.weights, self.law.stored_energy(result.x)))
         strain = 0.5 * float(np.vdot(internal, displacement))
         work = float(np.vdot(self.load, displacement))
@@ -139,7 +135,6 @@ class _Energy:
     def _curvature(self, state: _State) -> FloatArray:
         """Σ w p ∂²x/∂u² of each facet, world axes, (n_facets, m, m) [N/mm]."""
         surfaces = self.system.surfaces
-        assert isinstance(surfaces, ContactSurfaces)  # points of a search have no such tangent
         corners = self.system.corner_displacements(state.displacement)
         forces = (self.weights * self.law.pressure(state.gaps.x))[..., 0]
         size = 3 * corners.shape[1]

@@ -13,7 +13,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from fem.contact.search import FacingPoints, SearchedSurfaces
+from fem.contact.search import FacingPoints, SearchedPoints
 from fem.problem.loads import TabularAmplitude
 from fem.static.linear_step.linearisation import SparseSolver
 from fem.static.newton import (
@@ -368,9 +368,9 @@ def _n_joints(problem: StaticProblem) -> int:
     return len(problem.system.surfaces.pair_start) - 1
 
 
-def _searched(problem: StaticProblem) -> SearchedSurfaces:
+def _searched(problem: StaticProblem) -> SearchedPoints:
     surfaces = problem.system.surfaces
-    assert isinstance(surfaces, SearchedSurfaces)
+    assert isinstance(surfaces, SearchedPoints)
     return surfaces
 
 
@@ -401,7 +401,7 @@ def _advance_friction(problem: StaticProblem, state: StaticState, begin: FloatAr
     lost = problem.system.surfaces.weights * ((moved - anchor) * resisting).sum(axis=2)
     orbits = problem.system.orbits
     times: IntArray | int = orbits.order
-    if not isinstance(problem.system.surfaces, SearchedSurfaces):
+    if not isinstance(problem.system.surfaces, SearchedPoints):
         times = np.bincount(orbits.point_of[:, 0] // lost.shape[1], minlength=len(lost))
     lost = times * lost.sum(axis=1)
     return replace(state, anchor=moved, dissipation=state.dissipation + float(lost.sum()))

@@ -96,7 +96,6 @@ class StaticProblem:
     """Norm of the residual over that of the loads at which the iteration stops [-]."""
     max_iterations: int
     law: Coulomb
-    normals: ContactNormals
     free: FreeMotions | None
 
     @property
@@ -106,7 +105,7 @@ class StaticProblem:
 
     def gaps(self, displacement: FloatArray) -> Gaps:
         """Overclosures, slips and gradients at a displacement."""
-        return self.system.gaps(displacement, self.normals)
+        return self.system.gaps(displacement)
 
 
 @dataclass(frozen=True)
@@ -144,7 +143,7 @@ class StaticState:
 
 def start_state(system: LocalSystem, start: StaticResult | None) -> StaticState:
     """Every point linearised at the mean pressure that the loads suggest, or at a given state."""
-    contact, surfaces = system.deformable.contact, system.surfaces
+    friction, surfaces = system.deformable.contact.friction, system.surfaces
     displacement = np.zeros((system.n_nodes, 3))
     area = float(surfaces.areas.sum())
     load = float(np.linalg.norm(system.external_force, axis=1).sum())
@@ -154,7 +153,7 @@ def start_state(system: LocalSystem, start: StaticResult | None) -> StaticState:
     if start is not None:
         displacement = localised(system, start)
         holding *= _RESCUE_HOLDING
-    gaps = system.gaps(displacement, contact.normals)
+    gaps = system.gaps(displacement)
     at = gaps.x.copy()
     if start is None:
         at[..., 0].T[:] = rest  # one number, or one for each facet
@@ -166,7 +165,7 @@ def start_state(system: LocalSystem, start: StaticResult | None) -> StaticState:
         first_holding=holding,
         holding=holding,
         # Without friction blocks that only friction holds would move far away.
-        coarse_iterations=_COARSE_ITERATIONS if start is None and contact.friction is None else 0,
+        coarse_iterations=_COARSE_ITERATIONS if start is None and friction is None else 0,
     )
 
 
@@ -273,12 +272,14 @@ def _iterated(problem: StaticProblem, state: StaticState, patience: int = _PATIE
 
 def has_potential(problem: StaticProblem) -> bool:
     """Whether the energy can be followed: what the plain iteration leaves out then decides."""
-    return not problem.has_friction and problem.normals is ContactNormals.CURRENT
+    normals = problem.system.deformable.contact.normals
+    return not problem.has_friction and normals is ContactNormals.CURRENT
 
 
 def descend(problem: StaticProblem, state: StaticState) -> StaticState:
     """Follow the energy from the equilibrium with reference normals."""
-    start = converge(replace(problem, normals=ContactNormals.REFERENCE), state)
+    straight = problem.system.with_reference_normals
+    start = converge(replace(problem, system=straight), state)
     try:
         descent = minimise_energy(
             problem.system,

@@ -24,8 +24,8 @@ from fem.assembly.contact_state import (
 )
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.reactions import PushCurve
-from fem.contact.search import SearchedSurfaces
-from fem.contact.surfaces import ContactSurfaces, facet_pressures
+from fem.contact.search import SearchedPoints
+from fem.contact.surfaces import ContactPoints, facet_pressures
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 
@@ -92,7 +92,7 @@ class StaticResult(ReadOnlyArrays):
     held."""
     pushed: tuple[tuple[float, tuple[FloatArray, ...]], ...] = ()
     """Time [s] and the same after each step in which supports moved."""
-    searched: SearchedSurfaces | None = None
+    searched: SearchedPoints | None = None
     """Points of the last residual, where a search found them; None: matched facets."""
     frictions: FloatArray | None = None
     """Friction on block s in the last residual at every contact point, world axes,
@@ -106,7 +106,7 @@ class StaticResult(ReadOnlyArrays):
     """Whether the unknowns were the forces of contact points (`fem.static.contact_forces`)."""
 
     @property
-    def surfaces(self) -> ContactSurfaces | SearchedSurfaces:
+    def surfaces(self) -> ContactPoints:
         """Facets of `pressures`."""
         return self.searched or self.deformable.surfaces
 
@@ -143,7 +143,7 @@ def loose_blocks(
     deformable: DeformableAssembly,
     displacements: tuple[FloatArray, ...],
     point_pressures: FloatArray,
-    surfaces: ContactSurfaces | SearchedSurfaces,
+    surfaces: ContactPoints,
     representative: IntArray,
 ) -> IntArray:
     """Blocks that could move while all contacts that press keep pressing, (n,).
@@ -178,7 +178,7 @@ def loose_blocks(
             mine = np.flatnonzero(assembly.originals[blocks] == block)
             facets = surfaces.subset(mine)
             corners = corner_displacements(deformable, displacements, facets)
-            gradient = facets.kinematics(corners, deformable.contact.normals).gradient
+            gradient = facets.kinematics(corners).gradient
             force = np.split(gradient, 2, axis=2)[side]
             quads = (facets.quads_m, facets.quads_s)[side]
             moment = np.cross(arms[quads][:, None], force).sum(axis=2)

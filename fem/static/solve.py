@@ -31,7 +31,7 @@ from fem.assembly.symmetry import (
     vectors_in_all_sectors,
     with_half_turn,
 )
-from fem.contact.search import FacingPoints, SearchedSurfaces, searched_surfaces
+from fem.contact.search import FacingPoints, SearchedPoints, points_of_search
 from fem.problem.model import Model
 from fem.static.contact_forces import grid_blocks, solve_in_contact_forces
 from fem.static.linear import solve_apart
@@ -280,7 +280,8 @@ def _problem(
     """Unknowns, linear step and friction on matched facets or on the points of a search."""
     searched = None
     if points is not None:
-        searched = searched_surfaces(points, deformable.surfaces.clearance)
+        contact = deformable.contact
+        searched = points_of_search(points, deformable.surfaces.clearance, contact.normals)
     system = local_system(deformable, orbits, searched)
     friction = deformable.contact.friction is not None
     step: LinearStep
@@ -293,7 +294,7 @@ def _problem(
         kept = np.isin(np.arange(system.n_nodes), system.corner_nodes)
     free = free_motions(system, kept)
     bounds = options.tolerance, options.max_iterations
-    return StaticProblem(system, step, *bounds, system.coulomb, deformable.contact.normals, free)
+    return StaticProblem(system, step, *bounds, system.coulomb, free)
 
 
 def _most_held(system: LocalSystem) -> int:
@@ -353,13 +354,12 @@ def _result(system: LocalSystem, options: StaticOptions, outcome: _Outcome) -> S
     deformable, orbits = system.deformable, system.orbits
     displacements = tuple(system.expand(displacement))
     searched, friction = None, outcome.frictions
-    if isinstance(system.surfaces, SearchedSurfaces):
+    if isinstance(system.surfaces, SearchedPoints):
         searched = searched_in_all_sectors(deformable, orbits, system.surfaces)
         corners = corner_displacements(deformable, displacements, searched)
-        overclosure = searched.kinematics(corners, deformable.contact.normals).overclosure
+        overclosure = searched.overclosures(corners)
     else:
-        result = system.gaps(displacement, deformable.contact.normals)
-        overclosure = result.overclosure.ravel()[orbits.point_of]
+        overclosure = system.gaps(displacement).overclosure.ravel()[orbits.point_of]
     if friction is not None:
         friction = vectors_in_all_sectors(deformable, orbits, friction, searched)
     surfaces = searched or deformable.surfaces

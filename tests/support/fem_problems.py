@@ -110,5 +110,5 @@ def contact_corner_forces(result: StaticResult) -> FloatArray:
     """
     deformable, surfaces = result.deformable, result.surfaces
     displacement = corner_displacements(deformable, result.displacements, surfaces)
-    kinematics = surfaces.kinematics(displacement, deformable.contact.normals)
+    kinematics = surfaces.kinematics(displacement)
     return corner_forces(kinematics, surfaces.weights * result.pressures)

@@ -33,7 +33,7 @@ from fem.assembly.symmetry import (
     vectors_in_all_sectors,
 )
 from fem.contact.law import ContactLaw
-from fem.contact.search import SearchedSurfaces, searched_surfaces
+from fem.contact.search import SearchedPoints, points_of_search
 from fem.contact.surfaces import ContactError, ContactNormals, refuse_overlap
 from fem.explicit.contact.alike_pairs import alike_pairs
 from fem.explicit.contact.paired import FaceContact, paired_frictions
@@ -127,7 +127,7 @@ class ExplicitStatement:
     def contact_state(
         self,
         displacements: tuple[FloatArray, ...],
-        searched: SearchedSurfaces | None = None,
+        searched: SearchedPoints | None = None,
         slips: FloatArray | None = None,
     ) -> ContactState:
         """Contact of the whole assembly at displacements of the model's groups, world axes.
@@ -146,7 +146,7 @@ class ExplicitStatement:
         if whole.contact.finite_sliding and whole.meets:
             if searched is None:
                 clearance = whole.surfaces.clearance
-                surfaces = searched_surfaces(facing_points(whole, full), clearance)
+                surfaces = points_of_search(facing_points(whole, full), clearance)
             else:
                 surfaces = searched_in_all_sectors(whole, self.orbits, searched)
             if friction is not None and slips is not None:

@@ -36,7 +36,7 @@ from fem.assembly.local_system import (
     constraint_transform,
     prescribed_values,
 )
-from fem.contact.search import SearchedSurfaces
+from fem.contact.search import SearchedPoints
 from fem.static.linear_step.block_tridiagonal import (
     ChainFactor,
     Level,
@@ -146,7 +146,7 @@ class CondensedStep:
         Facets that match press on each other alone; where they are searched, on any that may come.
         """
         system = self._system
-        if isinstance(system.surfaces, SearchedSurfaces):
+        if isinstance(system.surfaces, SearchedPoints):
             shape = system.deformable.assembly.shape(int(system.blocks[slots[0]]))
             met = [system.group(slots[0]).mesh.facet_nodes(shape.contact_quads).ravel()]
         else:
