@@ -17,9 +17,9 @@ from fem.assembly.contact_state import (
     ContactState,
     cap_action,
     contact_measures,
+    contact_state,
     corner_displacements,
     facing_points,
-    searched_state,
 )
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.peaks import StressPeaks, joint_forces, moved_blocks, stress_peaks
@@ -325,12 +325,11 @@ class Solution(ReadOnlyArrays):
         whole, moved = self.deformable, self.group_displacements
         clearance, normals = whole.surfaces.clearance, whole.contact.normals
         fresh = points_of_search(facing_points(whole, moved), clearance, normals)
-        corners = corner_displacements(whole, moved, fresh)
         forces: dict[tuple[int, int], float] = {}
         largest = 0.0
         for state, sign in (
             (replace(self.contact_state, point_frictions=None), 1.0),
-            (searched_state(fresh, corners, whole.contact), -1.0),
+            (contact_state(whole, moved, fresh), -1.0),
         ):
             joints = joint_forces(state)
             largest = max(largest, float(joints.normal_force.max(initial=0.0)))

@@ -18,9 +18,8 @@ import numpy as np
 
 from fem.assembly.contact_state import (
     ContactState,
+    contact_state,
     corner_displacements,
-    matched_state,
-    searched_state,
 )
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.reactions import PushCurve
@@ -125,13 +124,7 @@ class StaticResult(ReadOnlyArrays):
     @cached_property
     def contact_state(self) -> ContactState:
         """Contact facet by facet."""
-        of, frictions = self.deformable, self.frictions
-        if self.searched is not None:
-            moved = corner_displacements(of, self.displacements, self.searched)
-            of_points = None if frictions is None else frictions[:, 0]
-            return searched_state(self.searched, moved, of.contact, of_points)
-        point_values = self.pressures, self.overclosures, frictions
-        return matched_state(of, self.displacements, *point_values)
+        return contact_state(self.deformable, self.displacements, self.surfaces, self.frictions)
 
     @property
     def max_displacement(self) -> float:
