@@ -152,7 +152,8 @@ def _along(
         if near is not None:
             few = _SOON_HELD * guess.first_holding
             guess = replace(guess, holding=min(guess.holding, few), pressed=None)
-            guess = _led_on(problem, guess, problem.system.localised(near) - state.displacement)
+            expected = problem.step.kept(problem.system.localised(near))
+            guess = _led_on(problem, guess, expected - state.displacement)
         elif rate is not None and leads:
             guess = _led_on(problem, guess, length * rate)
         try:
@@ -254,7 +255,7 @@ def _load_path(problem: StaticProblem, options: StaticOptions, parts: int) -> li
 def _recorded(problem: StaticProblem, state: StaticState, options: StaticOptions) -> StaticState:
     """Keep what was asked for of a step, and the forces of supports that move."""
     if options.keep_steps:
-        state = replace(state, path=(*state.path, _kept_step(problem, state)))
+        state = replace(state, path=(*state.path, (state.load_factor, completed(problem, state))))
     if state.time is None or not state.converged:
         return state
     forces = support_forces(problem, state)
@@ -374,13 +375,13 @@ def _searched(problem: StaticProblem) -> SearchedPoints:
     return surfaces
 
 
-def _kept_step(problem: StaticProblem, state: StaticState) -> tuple[float, FloatArray]:
-    """Load factor and displacements of a load step.
+def completed(problem: StaticProblem, state: StaticState) -> FloatArray:
+    """Displacements of all nodes of a state, (n_nodes, 3) [mm].
 
     Inner nodes follow contact nodes and load linearly, and the step knows the whole load.
     """
     share = state.load_factor
-    return share, share * problem.step.complete(state.displacement / share)
+    return share * problem.step.complete(state.displacement / share)
 
 
 def _advance_friction(problem: StaticProblem, state: StaticState, begin: FloatArray) -> StaticState:

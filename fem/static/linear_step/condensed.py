@@ -441,6 +441,14 @@ class CondensedStep:
             result[dofs] = self._transform[dofs][:, dofs] @ load
         return result.reshape(-1, 3)
 
+    def kept(self, displacement: FloatArray) -> FloatArray:
+        """Displacements of the contact nodes, zero at the others; (n_nodes, 3) [mm]."""
+        result, flat = np.zeros(displacement.size), displacement.ravel()
+        for slot in range(self._system.n_slots):
+            dofs = self._retained(slot)
+            result[dofs] = flat[dofs]
+        return result.reshape(-1, 3)
+
     def complete(self, displacement: FloatArray) -> FloatArray:
         """Displacements of all nodes from those of the contact nodes, (n_nodes, 3) [mm]."""
         result = np.empty_like(displacement)
