@@ -111,7 +111,7 @@ class _Energy:
             gaps=result,
             energy=strain + stored - work,
             rounding=_ENERGY_ROUNDING * (abs(strain) + abs(stored) + abs(work)),
-            force=self.system.free_part(force),
+            force=force - self.system.held.part(force),
         )
 
     def hessian(self, state: _State) -> Callable[[FloatArray], FloatArray]:
@@ -128,7 +128,7 @@ class _Energy:
             corners = system.corner_displacements(change)
             bent = bending @ corners.reshape(len(corners), -1, 1)
             force += system.scatter_corners(bent.reshape(corners.shape))
-            return system.free_part(force)
+            return force - system.held.part(force)
 
         return apply
 
@@ -234,7 +234,7 @@ def _random_force(energy: _Energy, state: _State) -> FloatArray:
     """Forces of random contact pressures: no motion that contacts feel is orthogonal to them."""
     random = np.random.default_rng(0).standard_normal(energy.weights.shape)
     scattered = energy.system.scatter(state.gaps.gradient, energy.weights * random)
-    return energy.system.free_part(scattered)
+    return scattered - energy.system.held.part(scattered)
 
 
 @dataclass(frozen=True)

@@ -200,7 +200,7 @@ def _led_on(problem: StaticProblem, state: StaticState, way: FloatArray) -> Stat
     Contact is linearised where it then is.
     """
     displacement = state.displacement + way
-    if not problem.system.has_prescribed(displacement, state.time):
+    if not problem.system.held.met(displacement, state.time):
         return state
     gaps = problem.gaps(displacement)
     at = bounded(problem, state, gaps.x)

@@ -475,7 +475,7 @@ def _step_share(problem: StaticProblem, state: StaticState, trial: FloatArray) -
     prescribed.
     """
     system, step = problem.system, problem.step
-    if not system.has_prescribed(state.displacement, state.time):
+    if not system.held.met(state.displacement, state.time):
         return 1.0
     way = trial - state.displacement
     force = step.internal_force(state.displacement) - state.load_factor * step.external_force
@@ -516,9 +516,10 @@ def _residual(problem: StaticProblem, state: StaticState) -> float:
     unbalanced, forces = unbalanced_forces(problem, state)
     given = None
     if system.held.moving:
-        supports = float(np.linalg.norm(system.held_part(unbalanced)))
+        supports = float(np.linalg.norm(system.held.part(unbalanced)))
         given = max(supports, _least_force(problem, float(np.abs(state.displacement).max())))
-    return _relative(problem, system.free_part(unbalanced), forces, given)
+    free = unbalanced - system.held.part(unbalanced)
+    return _relative(problem, free, forces, given)
 
 
 def _least_force(problem: StaticProblem, farthest: float) -> float:
@@ -562,14 +563,14 @@ def support_forces(problem: StaticProblem, state: StaticState) -> FloatArray:
     Those along the way of supports that move are zero where their sum is none but round-off.
     """
     held = problem.system.held
-    forces = -problem.system.held_part(unbalanced_forces(problem, state)[0])
+    forces = -held.part(unbalanced_forces(problem, state)[0])
     least = _NOTHING * _least_force(problem, float(np.abs(state.displacement).max()))
     least += problem.tolerance * float(np.linalg.norm(forces))
     for _, way in held.moving:
-        along = np.einsum("nij,ni->nj", held.axes, forces[held.nodes])
-        if abs(float((along * np.sign(way)).sum())) <= least:
-            along[way != 0.0] = 0.0
-            forces[held.nodes] = np.einsum("nij,nj->ni", held.axes, along)
+        unit = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-300)
+        along = (forces[held.nodes] * unit).sum(axis=1, keepdims=True)
+        if abs(float(along.sum())) <= least:
+            forces[held.nodes] -= along * unit
     return forces
 
 

@@ -18,12 +18,7 @@ import numpy as np
 from scipy.sparse import bsr_array, csc_array, csr_array, csr_matrix, diags_array, triu
 from scipy.sparse.linalg import SuperLU, splu
 
-from fem.assembly.local_system import (
-    LocalSystem,
-    NodalInverse,
-    constraint_transform,
-    prescribed_values,
-)
+from fem.assembly.local_system import LocalSystem, NodalInverse
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 from geometry.work import Operation, count, hold, memory_limit, require_memory
@@ -279,7 +274,7 @@ class SparseStep:
     def __init__(self, system: LocalSystem, solver: SparseSolver | None = None) -> None:
         self._system = system
         self._solver = solver
-        self._transform, self._free, self._value = constraint_transform(system.held, system.n_nodes)
+        self._transform, self._free = system.held.transform(system.n_nodes)
         self._stiffness, self._springs = (
             csr_array(self._transform.T @ of @ self._transform) if len(system.held.nodes) else of
             for of in self._assembled()
@@ -301,9 +296,7 @@ class SparseStep:
         right -= rows.T @ forces.reshape(-1, forces.shape[2])[points].ravel()
         if holding:
             right += holding * (self._springs @ (self._transform.T @ before.ravel()))
-        value = self._value
-        if linear.time is not None:
-            value = prescribed_values(self._system.held, self._system.n_nodes, linear.time)
+        value = self._system.held.variables(self._system.n_nodes, linear.time)
         right -= matrix @ value
         solution = value.copy()
         solve = self._factor(matrix, symmetric=linear.symmetric)
@@ -322,7 +315,7 @@ class SparseStep:
         solve = self._factor(matrix, symmetric=linear.symmetric)
 
         def apply(force: FloatArray) -> FloatArray:
-            solution = np.zeros_like(self._value)
+            solution = np.zeros(3 * self._system.n_nodes)
             solution[self._free] = solve((self._transform.T @ force.ravel())[self._free])
             return (self._transform @ solution).reshape(-1, 3)
 
