@@ -16,7 +16,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy.special import roots_jacobi
 
-from fem.element.hexahedron import chunks, gradient_tensor, isotropic_stiffness
+from fem.element.hexahedron import chunks, symmetric
 from fem.element.material import Material
 from fem.element.stress import stress_of_gradient
 from geometry.mesh import CORNERS, FloatArray, IntArray, MeshError, grid_points
@@ -132,6 +132,27 @@ def adjugates(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
             result[:, p, i] = matrices[:, j, q] * matrices[:, k, r]
             result[:, p, i] -= matrices[:, j, r] * matrices[:, k, q]
     return result, np.asarray((matrices[:, 0] * result[:, :, 0]).sum(axis=1))
+
+
+def gradient_tensor(gradients: FloatArray, volume: FloatArray) -> FloatArray:
+    """T[ai, bj] = Σ_p dv g[a, i] g[b, j] of gradients g at points, (n_elements, 3 n, 3 n) [mm]."""
+    n_elements, n_points = volume.shape
+    flat = gradients.reshape(n_elements, n_points, -1)
+    return symmetric(np.swapaxes(flat * volume[:, :, None], 1, 2) @ flat)
+
+
+def isotropic_stiffness(tensor: FloatArray, lame: float, shear: float) -> FloatArray:
+    """Isotropic stiffness, symmetric to the bit as the tensor T is.
+
+    K[ai, bj] = λ T[ai, bj] + μ (T[aj, bi] + δ_ij Σ_k T[ak, bk]).
+    """
+    n = tensor.shape[1] // 3
+    t = tensor.reshape(-1, n, 3, n, 3)
+    stiffness = lame * t + shear * t.transpose(0, 1, 4, 3, 2)
+    laplacian = shear * np.einsum("eakbk->eab", t)
+    for i in range(3):
+        stiffness[:, :, i, :, i] += laplacian
+    return stiffness.reshape(-1, 3 * n, 3 * n)
 
 
 @dataclass(frozen=True)
