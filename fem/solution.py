@@ -408,8 +408,7 @@ class Solution(ReadOnlyArrays):
     @cached_property
     def _state(self) -> SolvedState:
         whole, moved = self.deformable, self.group_displacements
-        surfaces = self.solver.searched or whole.surfaces
-        return SolvedState(whole, moved, surfaces, self.finite_rotation)
+        return SolvedState(whole, moved, self.contact_state, self.finite_rotation)
 
     def sections(self, cut: Planes) -> SectionForces:
         """Sum what elements and contacts transmit through planes.

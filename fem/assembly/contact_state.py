@@ -157,6 +157,10 @@ class ContactState(ReadOnlyArrays):
     point_slips: FloatArray
     """Displacement of block s along the facet, relative to block m, world axes, (n_points, 3) [mm]:
     of points that coincided as built, or in a search of the points that face each other now."""
+    surfaces: ContactPoints
+    """All points, those of facets that are left out too."""
+    frictions: FloatArray | None
+    """Friction on block s at these, world axes, (n, n_points, 3) [MPa]; None without friction."""
     point_moments: FloatArray
     """Moment of the nodal forces on blocks m and s about `positions`, (n_points, 2, 3) [N mm]: they
     act on both sides of a gap, and turn normals."""
@@ -335,6 +339,8 @@ def contact_state(
         facet=np.repeat(np.arange(points.n_facets), points.basis.n_points),
         point_slips=_along(points.functions @ moved, frame.normal).reshape(-1, 3),
         corner_overclosures=corner_overclosures(points, moved),
+        surfaces=points,
+        frictions=frictions,
         **_at_points(points, frame, nodes, law, frictions),
     )
 
@@ -430,6 +436,8 @@ def searched_state(
         facet=which.ravel(),
         point_slips=_searched_slips(points)[near],
         position_s=entries[:, 2],
+        surfaces=points,
+        frictions=frictions,
         **at_points,
     )
 

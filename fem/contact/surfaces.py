@@ -111,6 +111,27 @@ class ContactPoints(ReadOnlyArrays):
             gradient += turning
         return PointKinematics(-frame.gap - self.clearance, gradient)
 
+    def nodal_forces(
+        self, moved: FloatArray, pressures: FloatArray, frictions: FloatArray | None = None
+    ) -> FloatArray:
+        """Forces on the nodes of both facets, world axes, (n, nodes of both, 3) [N].
+
+        Parameters
+        ----------
+        moved
+            Displacements of the nodes, (n, nodes of both, 3) [mm].
+        pressures
+            Of the points, (n, n_points) [MPa].
+        frictions
+            On block s there, (n, n_points, 3) [MPa]; None: without.
+        """
+        gradient = self.kinematics(moved).gradient
+        forces = -np.einsum("fp,fpai->fai", self.weights * pressures, gradient)
+        if frictions is not None:
+            acting = self.weights[..., None] * frictions
+            forces += np.einsum("fpa,fpi->fai", self.functions, acting)
+        return forces
+
     def overclosures(self, moved: FloatArray) -> FloatArray:
         """Overclosures alone of `kinematics`, (n, n_points) [mm]."""
         return -self.frame(moved).gap - self.clearance
@@ -434,14 +455,6 @@ def _transposed(matrix: FloatArray) -> FloatArray:
 
 # ---------------------------------------------------------------------------------------------
 # Forces
-
-
-def corner_forces(kinematics: PointKinematics, point_forces: FloatArray) -> FloatArray:
-    """Forces on the nodes of both facets, world axes: (n, nodes of both, 3) [N].
-
-    From w p of each point, (n, n_points) [N].
-    """
-    return -np.einsum("fp,fpai->fai", point_forces, kinematics.gradient)
 
 
 def curvature_tangent(

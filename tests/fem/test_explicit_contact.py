@@ -6,7 +6,7 @@ import pytest
 from fem import CoulombFriction, Frames, Material
 from fem.assembly.contact_state import corner_displacements, matched_pressures
 from fem.contact.friction import Coulomb
-from fem.contact.surfaces import ContactNormals, corner_forces
+from fem.contact.surfaces import ContactNormals
 from fem.element.facet import FACET_SLOPES, FACET_VALUES
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.quasi_static import quasi_static_report
@@ -78,7 +78,7 @@ def plain_forces(deformable, displacements):
     surfaces, law = deformable.surfaces, deformable.contact.law
     corners = corner_displacements(deformable, displacements)
     found = surfaces.kinematics(corners)
-    forces = corner_forces(found, surfaces.weights * law.pressure(found.overclosure))
+    forces = surfaces.nodal_forces(corners, law.pressure(found.overclosure))
     result = [np.zeros_like(u) for u in displacements]
     for half, blocks, quads in (
         (0, surfaces.block_m, surfaces.quads_m),
