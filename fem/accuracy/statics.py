@@ -42,7 +42,7 @@ from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 from geometry.system import one_thread_of_blas
-from geometry.work import LIMITS, LimitError, budget, clock
+from geometry.work import LIMITS, LimitError, budget, clock, unlimited
 
 if TYPE_CHECKING:
     from fem.explicit.solve import Frame
@@ -201,16 +201,17 @@ def _converged(
         )
     if factors:
         watch.lap("load factors")
-    return answer_of(
-        result.solution,
-        result.errors,
-        facets=result.facets,
-        remarks=result.remarks,
-        factors=factors,
-        problem=problem,
-        parts=parts,
-        beside={"degree": result.meshes.meshes[-1]["degree"], "cpu_seconds": watch.seconds()},
-    )
+    with unlimited():
+        return answer_of(
+            result.solution,
+            result.errors,
+            facets=result.facets,
+            remarks=result.remarks,
+            factors=factors,
+            problem=problem,
+            parts=parts,
+            beside={"degree": result.meshes.meshes[-1]["degree"], "cpu_seconds": watch.seconds()},
+        )
 
 
 def _on_one_mesh(
@@ -257,9 +258,10 @@ def _on_one_mesh(
     if factors:
         watch.lap("load factors")
     seconds = {"cpu_seconds": watch.seconds()}
-    return answer_of(
-        solution, errors, factors=factors, problem=problem, parts=parts, beside=seconds
-    )
+    with unlimited():
+        return answer_of(
+            solution, errors, factors=factors, problem=problem, parts=parts, beside=seconds
+        )
 
 
 def _solution(
