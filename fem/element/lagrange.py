@@ -60,7 +60,8 @@ def _to_nodal(degree: int) -> tuple[FloatArray, FloatArray]:
 def tensor_values(first: FloatArray, *others: FloatArray) -> FloatArray:
     """Products of functions of each direction at n points, (n, all), the last one fastest."""
     for other in others:
-        first = (first[:, :, None] * other[:, None, :]).reshape(len(first), -1)
+        both = first[:, :, None] * other[:, None, :]
+        first = both.reshape(len(both), both.shape[1] * both.shape[2])
     return first
 
 

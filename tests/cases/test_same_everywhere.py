@@ -65,8 +65,16 @@ def test_a_limit_of_work_ends_a_refinement_and_says_so() -> None:
     assert few["work"]["stopped_by"] == few["accuracy"]["stopped_by"] == "work"
     assert few["work"]["limit"] == limit
     assert few["accuracy"]["ended_by"].startswith("the limit of work")
-    least = solve(case.changed({"fem.max_work": 1.000001 * first})).as_dict()
-    assert without_times(least["measures"]) == without_times(few["measures"])
+
+
+def test_a_limit_that_allows_a_mesh_allows_its_answer() -> None:
+    """Whatever an answer still needs then: forces of searched contact, of which a mesh has none."""
+    case = load_case("versatile", {"fem.max_work": 0.5}, method="static")
+    more = solve(case).as_dict()
+    (mesh,) = more["meshes"]
+    least = solve(case.changed({"fem.max_work": 1.000001 * mesh["work"]})).as_dict()
+    assert without_times(least["measures"]) == without_times(more["measures"])
+    assert least["work"]["done"] > least["work"]["limit"]
 
 
 def test_a_limit_that_leaves_out_error_bars_stands_in_the_answer() -> None:
