@@ -8,7 +8,7 @@ import pytest
 from tests.support.answers import on_its_mesh
 from tests.support.own_blocks import column
 from validation.output.pictures.sections import section
-from validation.output.pictures.tubes import run_facets, section_heights
+from validation.output.pictures.tubes import STRESSES, extreme, run_facets, section_heights
 
 PRESSURE = 0.5
 
@@ -38,3 +38,21 @@ def test_sections_lie_in_the_layer_that_they_name() -> None:
     # One height above and below the middle each, by the symmetry of the hexagon.
     assert heights[0] + heights[-1] == pytest.approx(along.min() + along.max(), abs=1e-3)
     assert all(len(section(run.details, z).triangles) for z in heights)
+
+
+def test_rings_of_stresses_lie_in_the_block_and_the_section_that_the_table_names() -> None:
+    small = ["mesh.around=12", "mesh.radial=1", "mesh.axial=4", "assembly.layers=1"]
+    run = on_its_mesh("tsb1-pipe", small, method="static")
+    blocks = run.details.deformable
+    for stress in STRESSES:
+        place = run[stress.measure].place
+        assert place is not None
+        mark = extreme(run, stress)
+        (block,) = place["blocks"]
+        assert f"block {block}" in mark.words
+        node = np.linalg.norm(blocks.positions(block) - mark.point, axis=1).argmin()
+        values = stress.sign * stress.of(run.details.principal(block))
+        assert values[node] == values.max()
+        cut = section(run.details, round(place["position"][2], 1))
+        near = np.linalg.norm(cut.points - place["position"][:2], axis=1).min()
+        assert near < 0.5 * blocks.drawn.characteristic_length

@@ -25,12 +25,18 @@ from validation import InputError, compare, load_case, solve
 from validation.output.files import PICTURES, require_picture
 from validation.output.pictures import assemblies, tubes
 from validation.output.pictures import gallery as gallery_pictures
-from validation.output.pictures.bodies import block_edges, labelled, sharp_edges
+from validation.output.pictures.bodies import EYE, block_edges, eye, labelled, sharp_edges
 from validation.output.pictures.canvas import Lines, Surface, View
 from validation.output.pictures.gallery import Mark, Numbers, Panel, gallery, round_length
 from validation.output.pictures.look import Look, looking
-from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
-from validation.output.pictures.scales import Scale, drawing_scale, scale_from_zero, symmetric_scale
+from validation.output.pictures.polyhedra import draw_polyhedra
+from validation.output.pictures.scales import (
+    Scale,
+    drawing_scale,
+    pressure_scale,
+    scale_from_zero,
+    symmetric_scale,
+)
 from validation.output.pictures.sections import section
 
 if TYPE_CHECKING:
@@ -169,6 +175,36 @@ def test_colours_about_zero_are_the_same_on_both_sides_however_far_each_goes(low
     assert (scale.gradient(2) == both.of(np.array([-low, high]))).all()
 
 
+def test_pressures_far_below_the_largest_have_colours_of_their_own() -> None:
+    """Two of three joints carry a fiftieth: equal ratios are equal lengths of a bar."""
+    joints = np.array([0, 1, 2, 3])
+    scale = pressure_scale("p [MPa]", np.array([1.0, 0.02, 0.01, 0.0]), joints)
+    assert (scale.low, scale.high) == pytest.approx((1e-3, 1.0))
+    np.testing.assert_allclose(
+        scale.position(np.array([1e-3, 1e-2, 0.1, 1.0])), [0, 1 / 3, 2 / 3, 1]
+    )
+    assert scale.ticks(6) == pytest.approx([1e-3, 1e-2, 0.1, 1.0])
+    linear = replace(scale, low=0.0, decades=0.0)
+    shades = [one.of(np.array([0.02, 0.01])).astype(int) for one in (scale, linear)]
+    apart = [np.abs(np.diff(shade, axis=0)).max() for shade in shades]
+    assert apart[0] > 2 * apart[1]
+    assert (scale.of(np.zeros(1)) == 0xE4).all()
+    assert scale.words == "p [MPa], logarithmic"
+    even = pressure_scale("p [MPa]", np.array([1.0, 0.5, 0.01]), np.array([0, 1, 2]))
+    assert not even.decades
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.0, 2.0, 4.0])
+def test_a_tube_is_seen_from_the_side_of_a_point(small_tube: Assembly, turn: float) -> None:
+    arm = np.array([np.cos(turn), np.sin(turn), 0.3])
+    x, y, z = eye(small_tube, small_tube.origin + arm)
+    assert z == EYE[2]
+    assert (x, y) @ arm[:2] / np.hypot(x, y) > np.cos(np.pi / 4) - 1e-9
+    view = View([square()], (x, y, z)).axes
+    seen = np.sort(np.abs(view[0, :2]))
+    assert seen == pytest.approx(np.sort(np.abs(View([square()], EYE).axes[0, :2])))
+
+
 @given(st.floats(1e-6, 1e6))
 def test_scale_bars_are_round(most: float) -> None:
     length = round_length(most)
@@ -294,7 +330,7 @@ def polyhedral_pictures(path: Path) -> None:
     assert "mechanism" not in run.fields  # it stands
     sliding = load_case("arch", ("effects.friction=0.1",))
     run = solve(sliding.with_method("rigid"))  # type: ignore[arg-type]
-    draw_polyhedral_mechanism(run, path)
+    assemblies.draw_mechanism(run, path)
     file = load_case("wall")
     draw_polyhedra(solve(file.with_method("rigid")), path)  # type: ignore[arg-type]
 

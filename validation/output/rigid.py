@@ -30,7 +30,7 @@ from validation.output.forces import (
 )
 from validation.output.outputs import Outputs
 from validation.output.pictures.assemblies import draw_mechanism, draw_pressures
-from validation.output.pictures.polyhedra import draw_polyhedra, draw_polyhedral_mechanism
+from validation.output.pictures.polyhedra import draw_polyhedra
 from validation.scene.polyhedra import MeshScene
 
 if TYPE_CHECKING:
@@ -89,8 +89,7 @@ def rigid_pictures(answer: Answer) -> dict[str, Callable[[Path], None]]:
     elif answer.details.shown:
         result["contact_pressures.png"] = partial(draw_pressures, answer)
     if "mechanism" in answer.fields:
-        draw = draw_mechanism if meshed else draw_polyhedral_mechanism
-        result["mechanism.png"] = partial(draw, answer)
+        result["mechanism.png"] = partial(draw_mechanism, answer)
     return result
 
 

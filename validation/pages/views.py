@@ -11,18 +11,18 @@ import numpy as np
 from fem.solution import Solution
 from geometry.answer import Answer
 from validation.output.pictures.bodies import (
+    FROM_THE_SIDE,
     PressedFacets,
-    block_surfaces,
-    coloured_blocks,
     colours_of_blocks,
     eye,
     interface_facets,
     middle_layer,
     outlines,
+    surfaces,
     turns,
 )
 from validation.output.pictures.canvas import Part, View
-from validation.output.pictures.polyhedra import FROM_THE_SIDE, contact_parts, polyhedra_parts
+from validation.output.pictures.polyhedra import contact_parts, polyhedra_parts
 from validation.output.pictures.scales import Scale, drawing_scale
 from validation.output.pictures.tubes import all_faces, stress_scale
 from validation.output.pictures.view_3d import View3d, make_view
@@ -70,7 +70,7 @@ def rigid_view(run: Answer, layers: Sequence[int] | None = None) -> tuple[View, 
         return view, scale, words
     some = _in_layers(blocks.layer, layers)
     colours = colours_of_blocks(run.details.load.fixed, turns(blocks))
-    drawn: list[Part] = [block_surfaces(blocks, some, colours), outlines(blocks, some)]
+    drawn: list[Part] = [surfaces(blocks, some, colours.__getitem__), outlines(blocks, some)]
     return View(drawn, eye(blocks)), None, "blocks; fixed ones grey"
 
 
@@ -90,13 +90,13 @@ def stressed(answer: Answer, layers: Sequence[int] | None = None) -> tuple[View,
     shown = np.intersect1d(
         deformable.deformable_blocks, _in_layers(deformable.assembly.layer, layers)
     )
-    surface = coloured_blocks(
+    surface = surfaces(
         deformable.drawn,
         shown.tolist(),
-        lambda block: solution.principal(block)[:, 0],
-        scale,
+        lambda block: scale.of(solution.principal(block)[:, 0]),
         nodes=lambda block: deformable.positions(block) + factor * solution.displacement(block),
         faces=all_faces(solution),
+        lit=False,
     )
     return View([surface], eye(deformable.drawn)), scale
 

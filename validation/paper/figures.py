@@ -16,7 +16,7 @@ from geometry.measures import between_layers
 from geometry.mesh import IntArray
 from validation.output.console import listing
 from validation.output.files import write_csv
-from validation.output.pictures.bodies import EYE, FROM_ABOVE, far_side, interface_facets
+from validation.output.pictures.bodies import EYE, far_side, interface_facets, steep
 from validation.output.pictures.canvas import Direction, View
 from validation.output.pictures.gallery import Panel, gallery, save_figure, subplots
 from validation.output.pictures.scales import PRESSURE_MAP, Scale, scale_from_zero
@@ -153,7 +153,7 @@ def draw_pressure_comparison(left: Answer, right: Answer, path: Path, *, title: 
 
     def inside(run: Answer) -> list[Panel]:
         return [
-            Panel(f"{run.case.name}: {title}", _view(run, rows, scale, FROM_ABOVE))
+            Panel(f"{run.case.name}: {title}", _view(run, rows, scale, steep(EYE, 1.0)))
             for title, rows in rings(run).items()
         ]
 
@@ -360,8 +360,14 @@ def _cost_figure(evidence: Evidence) -> Iterator[_Drawn]:
     yield "cost", caption, partial(draw_cost, evidence)
 
 
+def _draw_paper_sections(run: Answer, path: Path) -> None:
+    """Draw the paper's four sections through the middle layer."""
+    from validation.output.pictures.tubes import draw_sections, section_heights
+
+    draw_sections(run, path, section_heights(run.details))
+
+
 def _deformable_figures(evidence: Evidence) -> Iterator[_Drawn]:
-    from validation.output.pictures.tubes import draw_sections
     from validation.paper.figures_fem import (
         draw_displacements,
         draw_layer_comparison,
@@ -382,6 +388,6 @@ def _deformable_figures(evidence: Evidence) -> Iterator[_Drawn]:
             "layer 7."
         )
         run = evidence.fem(block, "pipe")
-        yield f"sections-{block.lower()}", caption, partial(draw_sections, run)
+        yield f"sections-{block.lower()}", caption, partial(_draw_paper_sections, run)
     caption = "Displacements of the five load cases, exaggerated."
     yield "displacements", caption, partial(draw_displacements, evidence)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,25 +14,22 @@ from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from validation.output.pictures.bodies import (
     EYE,
-    FROM_ABOVE,
-    FROM_BELOW,
     PressedFacets,
     above_and_below,
     block_legend,
-    block_surfaces,
-    coloured_blocks,
     colours_of_blocks,
     eye,
     far_side,
     interface_facets,
     is_tube,
     load_arrows,
-    middle_layer,
     outlines,
+    steep,
+    surfaces,
     turns,
     with_labels,
 )
-from validation.output.pictures.canvas import Lines, Part, Pixels, Surface, View
+from validation.output.pictures.canvas import Direction, Lines, Part, Pixels, Surface, View
 from validation.output.pictures.gallery import Numbers, Panel, gallery
 from validation.output.pictures.scales import ORANGE, PRESSURE_MAP, VERMILION, Scale
 
@@ -63,16 +59,15 @@ def draw_assembly(
     colours = [ORANGE if released[b] else colour for b, colour in enumerate(colours)]
     tube = is_tube(assembly)
 
-    def outside(block: int) -> Sequence[str]:
-        """Of blocks between others, a tube shows the outer face alone."""
-        shape = assembly.shape(block)
-        return ("outer",) if tube and not assembly.fixed[block] else tuple(shape.faces)
-
     def panel(title: str, blocks: IntArray, direction: tuple[float, float, float]) -> Panel:
         shown = blocks.tolist()
-        seen = outside if len(shown) == assembly.n_blocks else None
+        # Of blocks between others, a whole tube shows the outer face alone.
+        inner = tube and len(shown) == assembly.n_blocks
+        ends = [b for b in shown if assembly.fixed[b] or not inner]
+        between = [b for b in shown if b not in ends]
         parts: list[Part] = [
-            block_surfaces(assembly, shown, colours, seen=seen),
+            surfaces(assembly, ends, colours.__getitem__),
+            surfaces(assembly, between, colours.__getitem__, faces=("outer",)),
             outlines(assembly, shown),
             load_arrows(assembly, load, shown),
         ]
@@ -98,9 +93,14 @@ def draw_assembly(
 # Contact pressures
 
 
+def rigid_title(run: Answer) -> str:
+    """Scene, load and class of a rigid result."""
+    return f"{run.case.name}, rigid blocks: {run.case.scene.load_words}; {run.details.words}"
+
+
 def pressure_title(run: Answer) -> str:
-    """Scene, load and class of a rigid result, its largest pressure and how many facets press."""
-    text = f"{run.case.name}: {run.case.scene.load_words}; {run.details.words}"
+    """The same, the largest pressure and how many facets press."""
+    text = rigid_title(run)
     peak = run.measures.get("p_max_facet")
     if peak is not None:
         force = np.maximum(run.details.normal_forces, 0.0)
@@ -137,8 +137,11 @@ def draw_pressed_facets(
     """
     assembly, scale = facets.assembly, facets.scale
     tube = is_tube(assembly)
-    shown = far_side(assembly, facets.corners.mean(axis=1))
-    behind = np.flatnonzero(far_side(assembly, assembly.centroids)).tolist()
+    place, layer = facets.governing
+    # The near half is removed: the place of the largest pressure is in the other one.
+    towards = eye(assembly, 2.0 * assembly.origin - place)
+    shown = far_side(assembly, facets.corners.mean(axis=1), towards)
+    behind = np.flatnonzero(far_side(assembly, assembly.centroids, towards)).tolist()
     parts: list[Part] = [facets.surface(np.flatnonzero(shown), scale), facets.outlines(behind)]
     if not tube:
         nodes = np.concatenate([facets.nodes(b) for b in range(assembly.n_blocks)])
@@ -148,30 +151,35 @@ def draw_pressed_facets(
         panels = above_and_below(parts, eye(assembly), title="all joints")
         gallery([[p] for p in panels], title, path, height=6.0, scale=scale)
         return
-    layer = middle_layer(assembly)
     joints = {"top": layer, "bottom": layer - 1}
     unrolled = [unrolled_panel(facets, lower, side, scale) for side, lower in joints.items()]
     if len(facets.within(layer)):
         unrolled.append(side_joints_panel(facets, layer, scale))
     columns = [
-        [Panel("tube, near half removed", View(parts, EYE, weight=weight))],
-        [ring_panel(facets, lower, side, scale, layer) for side, lower in joints.items()],
+        [Panel("tube, near half removed", View(parts, towards, weight=weight))],
+        [ring_panel(facets, lower, scale, layer, towards) for lower in joints.values()],
         unrolled,
     ]
     gallery(columns, title, path, height=9.5, scale=scale)
 
 
-def ring_panel(facets: PressedFacets, lower: int, side: str, scale: Scale, layer: int) -> Panel:
-    """One joint of a layer as the eye sees it: top faces from above, bottom faces from below."""
+def ring_panel(
+    facets: PressedFacets,
+    lower: int,
+    scale: Scale,
+    layer: int,
+    towards: Direction = EYE,
+) -> Panel:
+    """One joint of a layer as an eye sees it: top faces from above, bottom faces from below."""
     blocks = np.flatnonzero(facets.assembly.layer == layer).tolist()
     parts: list[Part] = [
         facets.surface(facets.between(lower), scale),
         facets.outlines(blocks),
     ]
-    top = side == "top"
-    where = "" if layer != middle_layer(facets.assembly) else " (mid-height)"
-    words = f"layer {layer}{where}:\n{side} faces from {'above' if top else 'below'}"
-    return Panel(words, View(parts, FROM_ABOVE if top else FROM_BELOW))
+    top = lower == layer
+    where = f"layer {layer} of {facets.assembly.n_layers}"
+    words = f"{where}:\n{'top faces from above' if top else 'bottom faces from below'}"
+    return Panel(words, View(parts, steep(towards, 1.0 if top else -1.0)))
 
 
 def unrolled_panel(
@@ -329,37 +337,23 @@ def _joint_edges(flat: FloatArray, pair: IntArray) -> FloatArray:
 def draw_mechanism(run: Answer, path: Path) -> None:
     """Draw the certified mechanism: blocks moved along it, coloured by how far they move."""
     assembly = run.details.blocks
-    displacement = run.fields.get("mechanism")
-    if displacement is None:
-        raise ValueError("a locked assembly has no mechanism to draw")
     length = 0.3 * assembly.characteristic_length
-    counts = [assembly.shape(block).mesh.n_nodes for block in range(assembly.n_blocks)]
-    moves = np.split(displacement, np.cumsum(counts)[:-1])
+    last = np.flatnonzero(np.diff(run.block_of_point)) + 1
+    moves = np.split(run.fields["mechanism"], last)
+    places = np.split(run.points + length * run.fields["mechanism"], last)
     scale = Scale("displacement / largest displacement [–]", PRESSURE_MAP, 0.0, 1.0, (0.0, 1.0))
 
-    def moved(block: int) -> FloatArray:
-        return assembly.nodes(block) + length * moves[block]
+    def shade(block: int) -> Pixels:
+        return scale.of(np.linalg.norm(moves[block], axis=1))
 
-    def size(block: int) -> FloatArray:
-        return np.asarray(np.linalg.norm(moves[block], axis=1))
-
-    blocks = range(assembly.n_blocks)
-    faces = tuple(dict.fromkeys(face for shape in assembly.shapes for face in shape.faces))
+    blocks, nodes = range(assembly.n_blocks), places.__getitem__
     parts: list[Part] = [
-        coloured_blocks(assembly, blocks, size, scale, nodes=moved, faces=faces, lit=True),
-        outlines(assembly, blocks, nodes=moved),
+        surfaces(assembly, blocks, shade, nodes=nodes),
+        outlines(assembly, blocks, nodes=nodes),
     ]
-    draw_motion(run, View(parts, EYE, weight=run.case.scene.weight), length, path, scale=scale)
-
-
-def draw_motion(run: Answer, view: View, length: float, path: Path, **options: Any) -> None:
-    """Draw a certified mechanism whose largest motion is as long [mm]; options of `gallery`."""
+    view = View(parts, eye(assembly), weight=run.case.scene.weight)
     driven = run.details.driven is not None
     words = "the load activates it" if driven else "the load does not activate it"
-    gallery(
-        [[Panel(f"first-order motion, largest displacement drawn {length:.3g} mm", view)]],
-        f"{run.case.name}: {run.case.scene.load_words}; {run.details.words}; "
-        f"a mechanism exists, {words}",
-        path,
-        **{"height": 7.0, **options},
-    )
+    panel = Panel(f"first-order motion, largest displacement drawn {length:.3g} mm", view)
+    title = f"{rigid_title(run)}; a mechanism exists, {words}"
+    gallery([[panel]], title, path, height=7.0, scale=scale)

@@ -11,12 +11,13 @@ from geometry.assembly import Assembly
 from geometry.families.sine_block import SineBlockParameters
 from geometry.mesh import FloatArray
 from validation.output.pictures.bodies import (
-    block_surfaces,
     colours_of_blocks,
     outlines,
+    surfaces,
+    turned,
     turns,
 )
-from validation.output.pictures.canvas import Part, View
+from validation.output.pictures.canvas import View
 from validation.output.pictures.gallery import Panel, gallery
 from validation.output.pictures.scales import GREY, VERMILION
 
@@ -35,8 +36,8 @@ def draw_block(assembly: Assembly, block: SineBlockParameters, path: Path, *, ti
     first = int(np.flatnonzero(~assembly.fixed)[0])
     colours = colours_of_blocks(assembly.fixed, turns(assembly))
     middle = np.arctan2(*assembly.centroids[first, 1::-1])
-    parts: list[Part] = [block_surfaces(assembly, [first], colours), outlines(assembly, [first])]
-    view = View(parts, _turned(_EYE, float(middle)))
+    body = surfaces(assembly, [first], colours.__getitem__)
+    view = View([body, outlines(assembly, [first])], turned(_EYE, float(middle)))
     gallery(
         [
             [Panel("the block", view)],
@@ -54,13 +55,6 @@ def draw_block(assembly: Assembly, block: SineBlockParameters, path: Path, *, ti
         path,
         height=7.5,
     )
-
-
-def _turned(direction: tuple[float, float, float], angle: float) -> tuple[float, float, float]:
-    """Turn a direction about the axis of the tube."""
-    cosine, sine = np.cos(angle), np.sin(angle)
-    x, y, z = direction
-    return (float(cosine * x - sine * y), float(sine * x + cosine * y), z)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -13,13 +13,14 @@ from geometry.assembly import AnyBlocks, Assembly
 from geometry.block import Block
 from geometry.files.mesh_io import interface_surface
 from geometry.loads import LoadCase
-from geometry.measures import facets_between
+from geometry.measures import facets_between, first_largest
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from validation.output.pictures.canvas import (
     Direction,
     Lines,
     Part,
+    Pixels,
     Surface,
     View,
     merged,
@@ -30,17 +31,16 @@ from validation.output.pictures.look import look
 from validation.output.pictures.scales import (
     BLUE,
     GREY,
-    PRESSURE_MAP,
     SKY,
     VERMILION,
     Scale,
-    scale_from_zero,
+    pressure_scale,
 )
 
 #: The eye is outside, a little above the horizontal.
 EYE: Direction = (2.4, -1.6, 0.9)
-FROM_ABOVE: Direction = (1.2, -0.8, 1.6)
-FROM_BELOW: Direction = (1.2, -0.8, -1.6)
+#: Triangulated blocks are seen from the side, a little above.
+FROM_THE_SIDE: Direction = (1.0, -1.9, 1.5)
 
 #: A value by less above those that are drawn is not said: three digits are.
 _SHOWN = 1.005
@@ -58,18 +58,38 @@ def is_tube(assembly: Assembly) -> bool:
     return not assembly.unmatched_allowed
 
 
-def far_side(assembly: Assembly, points: FloatArray) -> npt.NDArray[np.bool_]:
-    """Whether points lie on the far side of the tube's axis, seen from `EYE`; all do in a wall."""
+def far_side(
+    assembly: Assembly, points: FloatArray, towards: Direction = EYE
+) -> npt.NDArray[np.bool_]:
+    """Whether points lie on the side of the tube's axis away from an eye; all do in a wall."""
     if not is_tube(assembly):
         return np.ones(len(points), dtype=bool)
     arm = (points - assembly.origin)[:, :2]
-    return np.asarray(arm @ np.array(EYE[:2]) < 1e-6 * assembly.characteristic_length)
+    return np.asarray(arm @ np.array(towards[:2]) < 1e-6 * assembly.characteristic_length)
 
 
-def eye(assembly: Assembly) -> Direction:
-    """Direction from which all blocks are seen: against the assembly's smallest extent."""
+def turned(direction: Direction, angle: float) -> Direction:
+    """Turn a direction about the z axis by an angle [rad]."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    x, y, z = direction
+    return (float(cosine * x - sine * y), float(sine * x + cosine * y), z)
+
+
+def quarter(direction: Direction, arm: FloatArray) -> Direction:
+    """Turn a direction by quarters about the z axis until it is nearest to that of an arm (3,)."""
+    angle = np.arctan2(arm[1], arm[0]) - np.arctan2(direction[1], direction[0])
+    return turned(direction, 0.5 * np.pi * float(np.round(angle / (0.5 * np.pi))))
+
+
+def eye(assembly: AnyBlocks, before: FloatArray | None = None) -> Direction:
+    """Direction from which all blocks are seen: against the assembly's smallest extent.
+
+    Of a tube, `EYE` or, turned by quarters, the one that has a point (3,) [mm] most in front.
+    """
+    if not isinstance(assembly, Assembly):
+        return FROM_THE_SIDE
     if is_tube(assembly):
-        return EYE
+        return EYE if before is None else quarter(EYE, before - assembly.origin)
     points = np.concatenate([assembly.nodes(b) for b in range(assembly.n_blocks)])
     extent = np.ptp(points, axis=0)
     if extent[1] < 0.5 * min(extent[0], extent[2]):
@@ -77,6 +97,11 @@ def eye(assembly: Assembly) -> Direction:
     if extent[2] < 0.5 * min(extent[0], extent[1]):
         return (0.9, -1.2, 2.4)
     return EYE
+
+
+def steep(direction: Direction, sign: float) -> Direction:
+    """The same side seen from far above, or from far below where the sign is negative."""
+    return (direction[0], direction[1], sign * 1.1 * float(np.hypot(*direction[:2])))
 
 
 def above_and_below(
@@ -171,13 +196,15 @@ def block_legend(fixed: str = "fixed blocks", free: str = "free blocks") -> list
 
 def with_labels(panel: Panel, assembly: AnyBlocks, blocks: Sequence[int]) -> Panel:
     """Panel with the number or name of some blocks, where the scene asks for one on them."""
-    named, grey = look().labels, [GREY] * assembly.n_blocks
+    named = look().labels
     if named == "none":
         return panel
-    names = assembly.names or [shape.name for shape in map(assembly.shape, range(len(grey)))]
-    surfaces = [block_surfaces(assembly, [b], grey) for b in blocks]
+    names = assembly.names or [
+        shape.name for shape in map(assembly.shape, range(assembly.n_blocks))
+    ]
+    bodies = [surfaces(assembly, [b], lambda _: GREY) for b in blocks]
     words = [str(b) if named == "numbers" else names[b] for b in blocks]
-    return labelled(panel, words, [(s.points, s.polygons) for s in surfaces])
+    return labelled(panel, words, [(s.points, s.polygons) for s in bodies])
 
 
 def labelled(
@@ -222,34 +249,44 @@ def reference(shape: Any) -> tuple[FloatArray, dict[str, IntArray]]:
     return shape.points, {"surface": shape.triangles}
 
 
-def block_surfaces(
+def surfaces(
     assembly: AnyBlocks,
     blocks: Sequence[int],
-    colours: Sequence[str],
+    shade: Callable[[int], str | Pixels],
     *,
-    seen: Callable[[int], Sequence[str]] | None = None,
+    faces: Sequence[str] | None = None,
     nodes: Places | None = None,
-    opacity: float = 1.0,
+    **options: Any,
 ) -> Surface:
-    """Surfaces of some blocks as one part, in the colours of all blocks.
+    """Surfaces of some blocks as one part; ``options`` are those of `Surface`.
 
-    ``seen`` names the faces of a block that anything is seen of; by default all. ``nodes`` are
-    where its points are drawn [mm]; by default where it stands.
+    Parameters
+    ----------
+    shade
+        Colour of a block, or of each of its nodes, (n_nodes, 3).
+    faces
+        Names; those that a shape does not have are left out. By default all.
+    nodes
+        Where the nodes of a block are drawn, (n_nodes, 3) [mm]; by default where it stands.
     """
     bodies, shades = [], [np.zeros((0, 3), dtype=np.uint8)]
-    known: dict[tuple[int, tuple[str, ...]], tuple[IntArray, IntArray]] = {}
+    known: dict[int, tuple[FloatArray, IntArray, IntArray] | None] = {}
     for block in blocks:
-        points, faces = reference(assembly.shape(block))
-        names = tuple(faces if seen is None else (n for n in seen(block) if n in faces))
-        key = (int(assembly.shape_of[block]), names)
-        if key not in known:
-            known[key] = _used(faces[name] for name in names)
-        used, corners = known[key]
+        shape = int(assembly.shape_of[block])
+        if shape not in known:
+            points, named = reference(assembly.shape(block))
+            shown = [named[name] for name in (faces or named) if name in named]
+            known[shape] = (points, *_used(shown)) if shown else None
+        if (what := known[shape]) is None:
+            continue
+        points, used, corners = what
         placed = assembly.place(block, points[used]) if nodes is None else nodes(block)[used]
         bodies.append((placed, corners))
-        shades.append(np.tile(rgb(colours[block]), (len(corners), 1)))
+        colour = shade(block)
+        one = np.tile(rgb(colour), (len(used), 1)) if isinstance(colour, str) else colour[used]
+        shades.append(one)
     n_corners = bodies[0][1].shape[1] if bodies else 4
-    return Surface(*merged(bodies, n_corners), np.concatenate(shades), opacity=opacity)
+    return Surface(*merged(bodies, n_corners), np.concatenate(shades), **options)
 
 
 def outlines(
@@ -291,40 +328,6 @@ def _outlines_of_triangles(
     return Lines(np.concatenate(places)[used], ends, width=width, opacity=opacity)
 
 
-def coloured_blocks(
-    assembly: Assembly,
-    blocks: Sequence[int],
-    values: Callable[[int], FloatArray],
-    scale: Scale,
-    *,
-    nodes: Places,
-    faces: Sequence[str],
-    lit: bool = False,
-    two_sided: bool = True,
-) -> Surface:
-    """Named faces of some blocks, coloured by nodal values, as one part.
-
-    Parameters
-    ----------
-    values
-        Nodal values of a block, (n_nodes,).
-    nodes
-        Where the nodes of a block are drawn, (n_nodes, 3) [mm].
-    faces
-        Names; those that a shape does not have are left out.
-    """
-    bodies, shades = [], [np.zeros((0, 3), dtype=np.uint8)]
-    for block in blocks:
-        shape = assembly.shape(block)
-        shown = [shape.faces[face] for face in faces if face in shape.faces]
-        if not shown:
-            continue
-        used, corners = _used(shown)
-        bodies.append((nodes(block)[used], corners))
-        shades.append(scale.of(values(block)[used]))
-    return Surface(*merged(bodies, 4), np.concatenate(shades), lit, two_sided=two_sided)
-
-
 # ---------------------------------------------------------------------------------------------
 # Contact
 
@@ -351,11 +354,21 @@ class PressedFacets:
     @property
     def scale(self) -> Scale:
         """Colours of the pressures, with what they reach at a point."""
-        label = "contact pressure [MPa]"
-        scale = scale_from_zero(label, PRESSURE_MAP, [self.pressures], nothing="open joint")
+        every = np.arange(len(self.pressures))
+        scale = pressure_scale("contact pressure [MPa]", self.pressures, self.pair(every))
         if self.largest is None or self.largest <= scale.high * _SHOWN:
             return scale
         return replace(scale, note=f"at a point max. {self.largest:.3g}")
+
+    @property
+    def governing(self) -> tuple[FloatArray, int]:
+        """Middle of the facet with the largest pressure, (3,) [mm], and a free layer it is at."""
+        if not len(self.pressures):
+            return self.assembly.origin + np.array(EYE), middle_layer(self.assembly)
+        worst = first_largest(self.pressures)
+        layers = self.assembly.layer[[self.block_m[worst], self.block_s[worst]]]
+        layer = int(np.clip(layers.min(), 1, self.assembly.n_layers))
+        return self.corners[worst].mean(axis=0), layer
 
     def between(self, lower: int) -> IntArray:
         """Facets between a layer and the next one, (n,)."""

@@ -56,7 +56,7 @@ class Lines:
     """Both ends of each, (n, 2)."""
     colour: str = INK
     width: float = 2.0
-    """[px], of which two are one in the picture."""
+    """[px], of which one and a half are one in the picture."""
     opacity: float = 1.0
 
 
@@ -68,7 +68,7 @@ class Dots:
     """(n, 3) [mm]."""
     colour: str
     size: float = 16.0
-    """[px], of which two are one in the picture."""
+    """[px], of which one and a half are one in the picture."""
 
 
 Part = Surface | Lines | Dots

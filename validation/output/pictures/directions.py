@@ -20,9 +20,9 @@ from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 from validation.output.pictures.bodies import (
     above_and_below,
     arrows,
-    block_surfaces,
     eye,
     outlines,
+    surfaces,
 )
 from validation.output.pictures.canvas import Part
 from validation.output.pictures.gallery import gallery
@@ -147,9 +147,9 @@ def draw_directions(answer: Answer, path: Path) -> None:
     solution, tube = answer.details, isinstance(answer.case.scene, RoundScene)
     assembly = solution.deformable.drawn
     result, blocks = crosses(solution, ("outer",) if tube else None), solution.deformable
-    body = block_surfaces(assembly, list(range(assembly.n_blocks)), [_BODY] * assembly.n_blocks)
+    body = surfaces(assembly, range(assembly.n_blocks), lambda _: _BODY, lit=False)
     edges = outlines(assembly, blocks.deformable_blocks.tolist(), opacity=0.4)
-    parts = [replace(body, lit=False), edges, *arrow_parts(result)]
+    parts = [body, edges, *arrow_parts(result)]
     panels = above_and_below(parts, eye(assembly), title="surface")
     if tube:
         panels = [replace(panels[0], title="outer surface")]

@@ -11,6 +11,7 @@ import datetime
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,8 +33,8 @@ if TYPE_CHECKING:
 _MARGIN, _PAD, _FOOT, _LEGEND, _HANDLE = 0.2, 0.2, 0.2, 0.36, 0.75
 #: The same: lines of the title, of titles of panels and of small print.
 _TITLE_LINE, _LINE, _SMALL_LINE = 0.21, 0.19, 0.16
-#: The same: thickness of bars, shortest and longest, and room of numbers beside and below one.
-_BAR, _LEAST_BAR, _LONGEST_BAR, _BESIDE_BAR, _BELOW_BAR = 0.15, 1.9, 4.5, 0.55, 0.3
+#: The same: thickness of bars, shortest and longest, and room of numbers below one.
+_BAR, _LEAST_BAR, _LONGEST_BAR, _BELOW_BAR = 0.15, 1.9, 4.5, 0.3
 #: The same: least height of a panel, least width of a view, and of a figure.
 _LEAST_PANEL, _LEAST_VIEW, _LEAST_PAGE = 0.5, 1.5, 5.5
 #: The same: room below a view, and, from its lower left corner, its scale bar and its axes.
@@ -41,9 +42,11 @@ _BELOW_VIEW, _AT_BAR, _AT_AXES = 0.62, (0.58, -0.3), (0.22, -0.32)
 #: The same: room of the numbers of axes at the left, at the right and below; length of a tick.
 _NUMBERS, _TICK = (0.68, 0.15, 0.5), 0.05
 #: The same: length of arrows. Those that look shorter than that part of it are left out.
-_ARROW, _SEEN_ALONG = 0.17, 0.08
+_ARROW, _SEEN_ALONG = 0.17, 0.15
 #: Letters of the title in an inch.
 _TITLE_LETTERS = 10.5
+#: Pixels of a view, along each side, over those that are shown: twice as many cost twice as much.
+_FINER = 1.5
 #: Pixels of a file per inch: on a screen, and in what is printed.
 _SCREEN, _PRINT = 130, 300
 
@@ -54,8 +57,10 @@ class Mark:
 
     point: FloatArray
     """(3,) [mm]"""
-    words: str
+    words: str = ""
     """What is there, below the bar of the panel."""
+    title: str = ""
+    """The same at the end of its title, where the place is seen."""
 
     def line(self, seen: bool) -> str:
         """The words behind the ring, or without one where a body hides the place."""
@@ -99,7 +104,7 @@ class Panel:
     numbers: Numbers | None = None
     """Numbers round a flat view, in place of its axes and its scale bar."""
 
-    @property
+    @cached_property
     def aspect(self) -> float:
         """Width over height of what is drawn."""
         if self.view is None:
@@ -110,8 +115,17 @@ class Panel:
     @property
     def lines(self) -> list[str]:
         """All that is written below its bar, at its longest."""
-        marked = [] if self.mark is None else self.mark.line(False).split("\n")
-        return [*(self.scale.lines if self.scale else ()), *marked]
+        return [*(self.scale.lines if self.scale else ()), *self.marked(False)]
+
+    def marked(self, seen: bool) -> list[str]:
+        """Words of its mark, which may be seen."""
+        words = "" if self.mark is None else self.mark.words
+        return self.mark.line(seen).split("\n") if self.mark and words else []
+
+    def titled(self, seen: bool) -> str:
+        """Title, with that of its mark where this is seen."""
+        more = f"; ○ {self.mark.title}" if self.mark and self.mark.title and seen else ""
+        return self.title + more
 
     @property
     def beside(self) -> tuple[float, float]:
@@ -137,10 +151,10 @@ class Panel:
         bar = _BAR + _BELOW_BAR + _SMALL_LINE * len(self.lines) if self.scale else 0.0
         return self.below_drawing + bar
 
-    @property
+    @cached_property
     def least_width(self) -> float:
         """Width that its words need, and a view at least [in]."""
-        widths = [_width(line, "medium") for line in self.title.split("\n")]
+        widths = [_width(line, "medium") for line in self.titled(True).split("\n")]
         if self.scale:
             widths += [_LEAST_BAR, *(_width(line, "small") for line in self.lines)]
         return self.beside[0] + max(_LEAST_VIEW if self.view else 0.0, *widths)
@@ -177,9 +191,9 @@ def gallery(
     from matplotlib import rc_context
 
     bars = [] if scale is None else [scale] if isinstance(scale, Scale) else list(scale)
-    lines = max((len(bar.lines) for bar in bars), default=0)
-    side = _PAD + _BAR + _BESIDE_BAR + _SMALL_LINE * lines if bars else 0.0
     with rc_context(settings()):
+        beside = max((_beside(bar) + _SMALL_LINE * len(bar.lines) for bar in bars), default=0.0)
+        side = _PAD + _BAR + beside if bars else 0.0
         layout = _Layout(columns, height, widest - 2 * _MARGIN - side)
         named = sum(_width(one.get_label(), "medium") + _HANDLE for one in legend)
         width = max(sum(layout.widths) + 2 * _MARGIN + side, _LEAST_PAGE, named)
@@ -189,10 +203,12 @@ def gallery(
         page.write((_MARGIN, page.size[1] - 0.12), "\n".join(words), fontsize="large", va="top")
         boxes = layout.boxes(0.5 * (width - side - sum(layout.widths)), top)
         for column, places in zip(columns, boxes, strict=True):
-            for panel, box in zip(column, places, strict=True):
-                page.draw(panel, box)
-        for shared, beside in _sides(bars, boxes).items():
-            low, high = min(box[1] for box in beside), max(box[1] + box[3] for box in beside)
+            drawn = list(zip(column, places, strict=True))
+            marks = [page.draw(panel, box) for panel, box in drawn]
+            for panel, box in drawn:
+                page.draw_bar(panel, box, any(marks))
+        for shared, spans in _sides(bars, boxes).items():
+            low, high = min(box[1] for box in spans), max(box[1] + box[3] for box in spans)
             long = min((0.6 if len(bars) == 1 else 0.9) * (high - low), _LONGEST_BAR)
             start = (width - _MARGIN - side + _PAD, 0.5 * (low + high - long))
             page.bar(shared, shared.lines, start, long, upright=True)
@@ -314,25 +330,27 @@ class _Page:
     # -----------------------------------------------------------------------------------------
     # Panels
 
-    def draw(self, panel: Panel, box: _Box) -> None:
-        """Draw a panel, its title above and its bar below."""
-        x, y, wide, high = box
-        self.write((x, y + high + 0.08), panel.title, fontsize="medium", va="bottom")
-        seen = True
-        if panel.plot is not None:
-            axes = self.figure.add_axes(tuple((np.array(box).reshape(2, 2) / self.size).ravel()))
-            panel.plot(axes)
-            # Limits that a plot has set may widen, without a warning.
-            axes.set_adjustable("datalim")
-            axes.set_autoscale_on(True)
-        elif panel.view is not None:
-            seen = self._draw_view(panel, panel.view, box)
+    def draw(self, panel: Panel, box: _Box) -> bool:
+        """Draw a panel and its title above; whether it has a mark that is seen."""
+        x, y, _, high = box
+        seen = panel.view is not None and self._draw_view(panel, panel.view, box)
+        self.write((x, y + high + 0.08), panel.titled(seen), fontsize="medium", va="bottom")
+        if panel.view is not None:
+            return seen
+        assert panel.plot is not None
+        axes = self.figure.add_axes(tuple((np.array(box).reshape(2, 2) / self.size).ravel()))
+        panel.plot(axes)
+        # Limits that a plot has set may widen, without a warning.
+        axes.set_adjustable("datalim")
+        axes.set_autoscale_on(True)
+        return False
+
+    def draw_bar(self, panel: Panel, box: _Box, seen: bool) -> None:
+        """Draw the bar of a panel that has one; ``seen`` says whether its column shows its mark."""
         if panel.scale is not None:
-            lines = panel.scale.lines
-            if panel.mark is not None:
-                lines = [*lines, *panel.mark.line(seen).split("\n")]
-            start = (x, y - panel.below_drawing - _BAR)
-            self.bar(panel.scale, lines, start, max(wide, _LEAST_BAR))
+            lines = [*panel.scale.lines, *panel.marked(seen)]
+            start = (box[0], box[1] - panel.below_drawing - _BAR)
+            self.bar(panel.scale, lines, start, max(box[2], _LEAST_BAR))
 
     def _draw_view(self, panel: Panel, view: View, box: _Box) -> bool:
         """Show a rendered view with its axes or numbers, and its mark; whether that is seen."""
@@ -353,7 +371,7 @@ class _Page:
             back = {"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.75}
             at = np.array([x, y]) + place / per_inch
             self.write(at, words, fontsize="x-small", ha="center", va="center", bbox=back)
-        return seen
+        return point is not None and seen
 
     def _draw_scale_bar(self, x: float, y: float, width: float, per_inch: float) -> None:
         """Draw a bar of a round length."""
@@ -444,7 +462,7 @@ class _Page:
                 self.write(place, words, ha=side, va="top")
         words = "\n".join(lines)
         if upright:
-            place = at(0.5 * length, _BAR + _BESIDE_BAR)
+            place = at(0.5 * length, _BAR + _beside(scale))
             self.write(place, words, rotation=90, ha="left", va="center", ma="center")
         else:
             self.write(at(0.0, _BAR + _BELOW_BAR), words, va="top")
@@ -464,22 +482,26 @@ def _width(words: str, size: str) -> float:
     return float(wide) / 72.0
 
 
+def _beside(scale: Scale) -> float:
+    """Room of the numbers beside an upright bar [in]."""
+    return 0.17 + max(_width(scale.number(value), "small") for value in scale.ticks(6))
+
+
 def _wrapped(words: str, letters: float) -> list[str]:
     count = max(int(letters), 12)
     return [line for part in words.split("\n") for line in textwrap.wrap(part, count) or [""]]
 
 
 def _pixels(view: View, width: float, height: float, point: FloatArray | None) -> Any:
-    """Exactly so many pixels of a view, from twice as many each way, so that lines are smooth.
+    """Exactly so many pixels of a view, from more of them, so that lines are smooth.
 
     Where one window has not as many, from as many as it has. Beside them, whether a point is seen.
     """
     from PIL import Image
 
     size = max(round(width), 1), max(round(height), 1)
-    more = min(2.0, LARGEST / max(size))
-    large = tuple(round(more * side) for side in size)
-    seen = True
+    more = min(_FINER, LARGEST / max(size))
+    large, seen = [round(more * side) for side in size], True
     if point is None:
         pixels = view.render(*large)
     else:

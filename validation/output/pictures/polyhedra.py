@@ -14,17 +14,16 @@ from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.box_tree import overlapping_boxes
 from geometry.polyhedra.overlap import SignedDistance
-from validation.output.pictures.assemblies import draw_motion
 from validation.output.pictures.bodies import (
     EYE,
+    FROM_THE_SIDE,
     block_legend,
-    block_surfaces,
     colours_of_blocks,
     outlines,
+    surfaces,
     with_labels,
 )
 from validation.output.pictures.canvas import (
-    Direction,
     Dots,
     Lines,
     Part,
@@ -32,15 +31,13 @@ from validation.output.pictures.canvas import (
     View,
 )
 from validation.output.pictures.gallery import Panel, gallery
-from validation.output.pictures.scales import PRESSURE_MAP, VERMILION, Scale, scale_from_zero
+from validation.output.pictures.scales import VERMILION, Scale, pressure_scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from validation.run.rigid.explosion import Explosion
 
-#: From the side, a little above.
-FROM_THE_SIDE: Direction = (1.0, -1.9, 1.5)
 _PALE = "#9ECAE1"
 #: Panels of an explosion, in wall thicknesses.
 PANELS = (0.0, 0.25, 0.5, 1.0)
@@ -55,8 +52,10 @@ def polyhedra_parts(
     """
     every, nodes = range(assembly.n_blocks), None if places is None else places.__getitem__
     colours = colours_of_blocks(assembly.fixed, np.arange(assembly.n_blocks))
-    surfaces = block_surfaces(assembly, every, colours, nodes=nodes, opacity=opacity)
-    return [surfaces, outlines(assembly, every, nodes=nodes)]
+    return [
+        surfaces(assembly, every, colours.__getitem__, nodes=nodes, opacity=opacity),
+        outlines(assembly, every, nodes=nodes),
+    ]
 
 
 def draw_blocks(
@@ -78,8 +77,8 @@ def contact_parts(run: Answer) -> tuple[list[Part], Scale]:
     """Contact interfaces in the colours of their pressures, within the edges of the blocks."""
     interfaces = run.details.blocks.interfaces
     pressures = run.details.patch_pressures if run.details.shown else np.zeros(0)
-    label = "mean contact pressure [MPa]"
-    scale = scale_from_zero(label, PRESSURE_MAP, [pressures], nothing="open joint")
+    joints = np.arange(len(pressures))
+    scale = pressure_scale("mean contact pressure [MPa]", pressures, joints)
     triangles, owner = interfaces.polygons.triangles
     colour: Any = _PALE
     if scale.reached[1] > 0.0:
@@ -129,7 +128,7 @@ def draw_polyhedra(run: Answer, path: Path) -> None:
             [with_labels(blocks, assembly, every)],
             [Panel("contact interfaces", View(contacts, FROM_THE_SIDE, weight=weight))],
         ],
-        f"{run.case.name}: {run.case.scene.load_words}; {answer}\n"
+        f"{run.case.name}, rigid blocks: {run.case.scene.load_words}; {answer}\n"
         f"{', '.join(_count(*count) for count in counts)}",
         path,
         height=6.0,
@@ -138,22 +137,12 @@ def draw_polyhedra(run: Answer, path: Path) -> None:
     )
 
 
-def draw_polyhedral_mechanism(run: Answer, path: Path) -> None:
-    """Draw the blocks moved along their mechanism."""
-    assembly, answer = run.details.blocks, run
-    scale = 0.25 * assembly.characteristic_length
-    moved = answer.points + scale * answer.fields["mechanism"]
-    places = np.split(moved, np.flatnonzero(np.diff(answer.block_of_point)) + 1)
-    view = View(polyhedra_parts(assembly, places), FROM_THE_SIDE, weight=run.case.scene.weight)
-    draw_motion(run, view, scale, path, height=6.5, legend=block_legend())
-
-
 # ---------------------------------------------------------------------------------------------
 # Explosions
 
 
 def _inside_corners(
-    surfaces: PolyhedralAssembly,
+    assembly: PolyhedralAssembly,
     points: list[FloatArray],
     translations: FloatArray,
     tolerance: float,
@@ -163,14 +152,14 @@ def _inside_corners(
     high = np.array([p.max(axis=0) for p in points])
     pairs = overlapping_boxes(low, high, low, high)
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-    distance = [SignedDistance(shape) for shape in surfaces.shapes]
+    distance = [SignedDistance(shape) for shape in assembly.shapes]
     parts = []
     for a, b in pairs.tolist():
-        local = (points[a] - translations[b]) @ surfaces.rotations[b]
+        local = (points[a] - translations[b]) @ assembly.rotations[b]
         near = ((points[a] > low[b]) & (points[a] < high[b])).all(axis=1)
         deep = np.zeros(len(local), dtype=bool)
-        deep[near] = distance[int(surfaces.shape_of[b])](local[near]) < -tolerance
-        triangles = surfaces.shape(a).triangles
+        deep[near] = distance[int(assembly.shape_of[b])](local[near]) < -tolerance
+        triangles = assembly.shape(a).triangles
         inside = triangles[deep[triangles].all(axis=1)]
         if len(inside):
             parts.append(points[a][inside])
@@ -179,16 +168,16 @@ def _inside_corners(
 
 def _exploded(run: Explosion, distance: float) -> View:
     """Blocks moved outward, seen through where some are in each other."""
-    surfaces = run.surfaces
-    translations = surfaces.translations + distance * run.directions
+    assembly = run.surfaces
+    translations = assembly.translations + distance * run.directions
     places = [
-        surfaces.shape(b).points @ surfaces.rotations[b].T + translations[b]
-        for b in range(surfaces.n_blocks)
+        assembly.shape(b).points @ assembly.rotations[b].T + translations[b]
+        for b in range(assembly.n_blocks)
     ]
     inside = []
     if distance > 0:
-        inside = _inside_corners(surfaces, places, translations, run.finite.tolerance)
-    parts = polyhedra_parts(surfaces, places, opacity=0.35 if inside else 1.0)
+        inside = _inside_corners(assembly, places, translations, run.finite.tolerance)
+    parts = polyhedra_parts(assembly, places, opacity=0.35 if inside else 1.0)
     if inside:
         corners = np.concatenate(inside).reshape(-1, 3)
         triangles = np.arange(len(corners)).reshape(-1, 3)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from geometry.mesh import FloatArray
+from geometry.mesh import FloatArray, IntArray
 from validation.output.pictures.canvas import Pixels, rgb
 
 if TYPE_CHECKING:
@@ -33,6 +33,9 @@ PRESSURE_MAP = "YlGnBu"
 STRESS_MAP = "RdBu_r"
 #: Part of the largest value below which there is none.
 _ZERO = 1e-9
+#: Part of the largest pressure below which colours of linear scales look alike; powers of ten of
+#: logarithmic ones.
+_FAINT, _DECADES = 0.1, 3.0
 #: Displacements.
 MOTION_MAP = "viridis"
 
@@ -120,6 +123,8 @@ class Scale:
             "max": f"max. {most:.3g}",
             "both": f"min. {least:.3g}, max. {most:.3g}",
         }[self.beyond]
+        if self.decades:
+            beyond = "logarithmic"
         return ", ".join(part for part in (self._label, beyond.replace("-", "−")) if part)
 
     @property
@@ -152,6 +157,22 @@ def scale_from_zero(
     most = max((float(v.max(initial=0.0)) for v in values), default=0.0)
     least = min((float(v.min(initial=0.0)) for v in values), default=0.0)
     return Scale(label, colours, 0.0, most or 1e-300, (least, most), nothing=nothing)
+
+
+def pressure_scale(label: str, pressures: FloatArray, joints: IntArray) -> Scale:
+    """Colours of pressures from zero to the largest; grey is an open joint.
+
+    Logarithmic where half of the closed joints carry less than a tenth of it at most. ``joints``
+    has the number of the joint of each pressure, (n,).
+    """
+    scale = scale_from_zero(label, PRESSURE_MAP, [pressures], nothing="open joint")
+    names, joint = np.unique(joints, return_inverse=True)
+    largest = np.zeros(len(names))
+    np.maximum.at(largest, joint, pressures)
+    closed = largest[largest > _ZERO * scale.high]
+    if not len(closed) or np.median(closed) > _FAINT * scale.high:
+        return scale
+    return replace(scale, low=10.0**-_DECADES * scale.high, decades=_DECADES)
 
 
 def symmetric_scale(label: str, colours: str, values: Sequence[FloatArray]) -> Scale:

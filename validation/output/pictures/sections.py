@@ -9,6 +9,7 @@ import numpy as np
 
 from geometry.files.vtu import as_grid
 from geometry.mesh import FloatArray, IntArray
+from validation.output.pictures.canvas import merged
 
 if TYPE_CHECKING:
     from fem.solution import Solution
@@ -36,44 +37,42 @@ class Section:
 
 def section(solution: Solution, z: float) -> Section:
     """Cut all blocks by the plane at height z [mm]."""
-    cuts = [_cut_block(solution, b, z) for b in range(solution.deformable.drawn.n_blocks)]
-    result = [cut for cut in cuts if cut is not None]
-    counts = np.cumsum([0, *(len(cut.points) for cut in result)])
-    shifted = [
-        (cut.triangles + n, cut.rigid + n) for cut, n in zip(result, counts[:-1], strict=True)
-    ]
-    nothing = np.zeros((0, 3), np.int64)
-    return Section(
-        np.concatenate([np.zeros((0, 2)), *(cut.points for cut in result)]),
-        np.concatenate([nothing, *(solid for solid, _ in shifted)]),
-        np.concatenate([np.zeros((0, 3)), *(cut.values for cut in result)]),
-        np.concatenate([np.zeros((0, 2, 2)), *(cut.borders for cut in result)]),
-        np.concatenate([nothing, *(rigid for _, rigid in shifted)]),
-    )
-
-
-def _cut_block(solution: Solution, block: int, z: float) -> Section | None:
-    """Cut one block; None where the plane does not meet it."""
-    nodes, shape = (
-        solution.deformable.positions(block),
-        solution.deformable.drawn.shape(block),
-    )
-    if not nodes[:, 2].min() < z < nodes[:, 2].max():
-        return None
-    stressed = solution.deformable.group_of[block] >= 0
-    principal = solution.principal(block) if stressed else np.zeros((len(nodes), 3))
-    grid = as_grid(nodes, _HEXAHEDRON, shape.mesh.elements, {"principal": principal}, {})
-    cut = _cut(grid, z)
-    if cut.GetPoints() is None or not cut.GetNumberOfPolys():
-        return None
+    deformable = solution.deformable
+    bodies, skins, principal, stressed = [], [], [], []
+    for block in range(deformable.drawn.n_blocks):
+        nodes, shape = deformable.positions(block), deformable.drawn.shape(block)
+        if not nodes[:, 2].min() < z < nodes[:, 2].max():
+            continue
+        solved = deformable.group_of[block] >= 0
+        bodies.append((nodes, shape.mesh.elements))
+        skins.append((nodes, np.concatenate(list(shape.faces.values()))))
+        principal.append(solution.principal(block) if solved else np.zeros((len(nodes), 3)))
+        stressed.append(np.full(len(shape.mesh.elements), float(solved)))
+    if not bodies:
+        nothing = np.zeros((0, 3), np.int64)
+        return Section(np.zeros((0, 2)), nothing, np.zeros((0, 3)), np.zeros((0, 2, 2)), nothing)
+    fields = {"principal": np.concatenate(principal)}
+    owners = {"stressed": np.concatenate(stressed)}
+    cut = _cut(as_grid(*_cells(bodies, 8, _HEXAHEDRON), fields, owners), z)
     triangles = _numbers(cut.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    solid = _numbers(cut.GetCellData().GetArray("stressed")) > 0.0
+    edge = _cut(as_grid(*_cells(skins, 4, _QUAD), {}, {}), z)
+    ends = _numbers(edge.GetPoints().GetData())[:, :2]
     return Section(
-        _numbers(cut.GetPoints().GetData())[:, :2],
-        triangles if stressed else triangles[:0],
-        _numbers(cut.GetPointData().GetArray("principal")),
-        _border(nodes, np.concatenate(list(shape.faces.values())), z),
-        triangles[:0] if stressed else triangles,
+        points=_numbers(cut.GetPoints().GetData())[:, :2],
+        triangles=triangles[solid],
+        values=_numbers(cut.GetPointData().GetArray("principal")),
+        borders=ends[_numbers(edge.GetLines().GetConnectivityArray()).reshape(-1, 2)],
+        rigid=triangles[~solid],
     )
+
+
+def _cells(
+    bodies: list[tuple[FloatArray, IntArray]], n_corners: int, kind: int
+) -> tuple[FloatArray, int, IntArray]:
+    """Points of several bodies, the kind of their cells, and these."""
+    points, cells = merged(bodies, n_corners)
+    return points, kind, cells
 
 
 def _numbers(array: Any) -> Any:
@@ -95,12 +94,3 @@ def _cut(data: Any, z: float) -> Any:
     cutter.GenerateTrianglesOn()
     cutter.Update()
     return cutter.GetOutput()
-
-
-def _border(nodes: FloatArray, quads: IntArray, z: float) -> FloatArray:
-    """Both ends of each piece in which a plane cuts a surface, (n, 2, 2) [mm]."""
-    cut = _cut(as_grid(nodes, _QUAD, quads, {}, {}), z)
-    if not cut.GetNumberOfLines():
-        return np.zeros((0, 2, 2))
-    corners = _numbers(cut.GetPoints().GetData())[:, :2]
-    return corners[_numbers(cut.GetLines().GetConnectivityArray()).reshape(-1, 2)]

@@ -17,13 +17,14 @@ from geometry.families.hexagon_block import EDGE_NAMES
 from geometry.mesh import FloatArray, structured_quads
 from validation.output.pictures.assemblies import draw_pressed_facets
 from validation.output.pictures.bodies import (
-    FROM_ABOVE,
     PressedFacets,
     above_and_below,
-    coloured_blocks,
     eye,
     middle_layer,
     outlines,
+    quarter,
+    steep,
+    surfaces,
 )
 from validation.output.pictures.canvas import Direction, Lines, Part, Surface, View
 from validation.output.pictures.gallery import Mark, Panel, gallery
@@ -99,7 +100,14 @@ def blocks_view(
         return solution.deformable.positions(block) + factor * solution.displacement(block)
 
     parts: list[Part] = [
-        coloured_blocks(assembly, deformable, values, scale, nodes=nodes, faces=faces)
+        surfaces(
+            assembly,
+            deformable,
+            lambda block: scale.of(values(block)),
+            nodes=nodes,
+            faces=faces,
+            lit=False,
+        )
     ]
     rigid = np.flatnonzero(solution.deformable.group_of < 0).tolist()
     # Single bodies show their edges, and where they were.
@@ -141,28 +149,18 @@ def _scale(stress: Stress, values: Sequence[FloatArray]) -> Scale:
 
 
 def extreme(answer: Answer, stress: Stress) -> Mark:
-    """Where a stress is extreme at a node, and words for it and for what the tables give."""
-    best, place, words = -np.inf, np.zeros(3), ""
-    for block in answer.details.deformable.deformable_blocks.tolist():
-        values = stress.sign * _stress(answer.details, stress, block)
-        node = int(values.argmax())
-        if values[node] > best:
-            best = float(values[node])
-            place = answer.details.deformable.positions(block)[node]
-            joint = _joint(answer.details, block, node)
-            words = f"node: {stress.sign * best:.3g}, block {block}{joint}"
-    inside = answer[stress.measure].value
-    return Mark(place, f"{words}\nintegration point: {inside:.3g}".replace("-", "−"))
-
-
-def _joint(solution: Solution, block: int, node: int) -> str:
-    """Say that a node lies in a joint, and whether no look from outside shows it."""
-    shape = solution.deformable.drawn.shape(block)
-    if not np.isin(node, shape.contact_quads):
-        return ""
-    free = [quads for face, quads in shape.faces.items() if face not in shape.contact_faces]
-    seen = any(np.isin(node, quads) for quads in free)
-    return ", at the edge of a joint" if seen else ", hidden in a joint"
+    """The node at which a stress is extreme in the block that the tables name for it."""
+    table = answer[stress.measure]
+    assert table.place is not None
+    (block,) = table.place["blocks"]
+    values = stress.sign * _stress(answer.details, stress, block)
+    node = int(values.argmax())
+    meets = np.isin(node, answer.details.deformable.drawn.shape(block).contact_quads)
+    words = (
+        f"node: {stress.sign * values[node]:.3g}, block {block}{', in a joint' if meets else ''}\n"
+        f"integration point: {table.value:.3g}"
+    )
+    return Mark(answer.details.deformable.positions(block)[node], words.replace("-", "−"))
 
 
 def _is_tube(answer: Answer) -> bool:
@@ -176,7 +174,7 @@ def draw_stresses(answer: Answer, path: Path) -> None:
     Of a tube the outer surface, and the joints of the middle layer; of other blocks all surfaces.
     """
     solution, tube = answer.details, _is_tube(answer)
-    direction = eye(solution.deformable.drawn)
+    direction = eye(solution.deformable.drawn, extreme(answer, STRESSES[0]).point)
     faces = ("outer",) if tube else all_faces(solution)
     columns = []
     for stress in stresses_of(answer):
@@ -186,7 +184,7 @@ def draw_stresses(answer: Answer, path: Path) -> None:
         columns.append([Panel(words, view, scale=scale, mark=mark)])
     moved = _SHELL if tube else all_faces(solution)
     columns.append([moved_panel(solution, moved, direction)])
-    joints = _joint_panels(answer) if solution.deformable.meets else []
+    joints = _joint_panels(answer, direction) if solution.deformable.meets else []
     columns += [joints] if tube else [[panel] for panel in joints]
     widest = 16.0 + 4.0 * (len(columns) - (4 if tube else 5))
     gallery(columns, answer.title, path, height=7.5 if tube else 5.5, widest=max(16.0, widest))
@@ -200,41 +198,67 @@ def moved_panel(solution: Solution, faces: Sequence[str], direction: Direction) 
     return Panel(f"deformed shape,\nscale factor {factor:g}", view, scale=scale)
 
 
-def _joint_panels(answer: Answer) -> list[Panel]:
-    """Draw the first stress on the faces that meet other blocks, from above and from below."""
+def _joint_panels(answer: Answer, direction: Direction) -> list[Panel]:
+    """Draw the first stress on the faces that meet other blocks, from above and from below.
+
+    Of a tube those of the layer in which it is extreme.
+    """
     assembly, stress = answer.details.deformable.drawn, STRESSES[0]
     scale = stress_scale(answer.details, stress)
+    mark = Mark(extreme(answer, stress).point, title=stress.extreme)
+    place: Any = answer[stress.measure].place
     blocks, where = answer.details.deformable.deformable_blocks, "in the joints"
     if _is_tube(answer):
-        layer = middle_layer(assembly)
+        layer = place["layer"]
         blocks, where = blocks[assembly.layer[blocks] == layer], f"in the joints of layer {layer}"
+        direction = steep(direction, 1.0)
     names = tuple(dict.fromkeys(f for s in assembly.shapes for f in s.contact_faces))
     values, shown = partial(_stress, answer.details, stress), blocks.tolist()
+    nodes = answer.details.deformable.positions
     # Two faces lie on each other in a joint: the eye sees the one that looks at it.
     parts: list[Part] = [
-        coloured_blocks(
+        surfaces(
             assembly,
             shown,
-            values,
-            scale,
-            nodes=answer.details.deformable.positions,
+            lambda block: scale.of(values(block)),
+            nodes=nodes,
             faces=names,
+            lit=False,
             two_sided=False,
         ),
-        outlines(assembly, shown, nodes=answer.details.deformable.positions, opacity=0.5),
+        outlines(assembly, shown, nodes=nodes, opacity=0.5),
     ]
-    direction = FROM_ABOVE if _is_tube(answer) else eye(assembly)
     top, bottom = above_and_below(parts, direction, title=f"{stress.symbol} {where}", scale=scale)
-    if _is_tube(answer):
-        return [replace(top, scale=None), bottom]
-    return [top, replace(bottom, mark=extreme(answer, stress))]
+    # One of them looks at the face that the node is on.
+    if mark.point[2] > assembly.centroids[place["blocks"][0], 2]:
+        top = replace(top, mark=mark)
+    else:
+        bottom = replace(bottom, mark=mark)
+    return [replace(top, scale=None), bottom] if _is_tube(answer) else [top, bottom]
 
 
 def draw_displacement(answer: Answer, path: Path) -> None:
-    """Draw the displacement of a tube, seen along the x axis."""
-    panel = moved_panel(answer.details, (*_SHELL, "top", "bottom"), (1.0, 0.0, 0.0))
-    title = f"{answer.title}\ndisplacement magnitude, view along x"
-    gallery([[replace(panel, scale=None)]], title, path, height=8.5, scale=panel.scale)
+    """Draw the displacement of a tube and its radial part, from the side where it is largest."""
+    solution, faces = answer.details, (*_SHELL, "top", "bottom")
+    assembly = solution.deformable.drawn
+    place: Any = answer["max_displacement"].place
+    along = quarter((1.0, 0.0, 0.0), np.array(place["position"]) - assembly.origin)
+
+    def outward(block: int) -> FloatArray:
+        arms = solution.deformable.positions(block) - assembly.origin
+        arms -= (arms @ assembly.axis)[:, None] * assembly.axis
+        sizes = np.maximum(np.linalg.norm(arms, axis=1), 1e-300)
+        return np.einsum("ij,ij->i", solution.displacement(block), arms) / sizes
+
+    every = [outward(block) for block in solution.deformable.deformable_blocks.tolist()]
+    scale = symmetric_scale("outward [mm]", STRESS_MAP, every)
+    factor = drawing_scale(solution)
+    view = blocks_view(solution, outward, scale, faces, along, factor=factor)
+    columns = [
+        [moved_panel(solution, faces, along)],
+        [Panel(f"radial displacement,\nscale factor {factor:g}", view, scale=scale)],
+    ]
+    gallery(columns, f"{answer.title}: displacement", path, height=8.5)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -265,26 +289,43 @@ def _pitch(assembly: Any) -> float:
     return float(np.ptp(along[inner]))
 
 
-def draw_sections(answer: Answer, path: Path) -> None:
-    """Draw stresses in four sections through the middle layer, as the paper's figures."""
-    cuts = {z: section(answer.details, z) for z in section_heights(answer.details)}
+def draw_sections(answer: Answer, path: Path, heights: Sequence[float] | None = None) -> None:
+    """Draw stresses in sections at some heights [mm].
+
+    By default where they are extreme, and near the ends of the middle layer.
+    """
     stresses = stresses_of(answer)
+    places = {one: np.array(answer[one.measure].place["position"]) for one in stresses}  # type: ignore[index]
+    if heights is None:
+        near = section_heights(answer.details)[1:3]
+        heights = [*near, *(place[2] for place in places.values())]
+    cuts = {z: section(answer.details, z) for z in sorted({round(z, 1) for z in heights})}
     scales = [_scale(one, [one.of(cut.values) for cut in cuts.values()]) for one in stresses]
     columns = [
         [
-            Panel(
-                f"{stress.symbol}, z = {z:.4g} mm",
-                _section_view(cut, stress.of(cut.values), scale),
-            )
+            _section_panel(stress, z, cut, scale, places[stress])
             for stress, scale in zip(stresses, scales, strict=True)
         ]
         for z, cut in cuts.items()
     ]
-    layer = middle_layer(answer.details.deformable.drawn)
-    title = f"{answer.title}: sections through layer {layer} (mid-height)"
+    title = f"{answer.title}: sections"
     if any(len(cut.rigid) for cut in cuts.values()):
         title += "; grey: fixed blocks"
     gallery(columns, title, path, height=7.5, widest=18.0, scale=scales)
+
+
+def _section_panel(
+    stress: Stress, z: float, cut: Section, scale: Scale, place: FloatArray
+) -> Panel:
+    """A section in the colours of a stress, with a ring where that is extreme."""
+    view, words = (
+        _section_view(cut, stress.of(cut.values), scale),
+        f"{stress.symbol}, z = {z:.4g} mm",
+    )
+    if round(place[2], 1) != z:
+        return Panel(words, view)
+    mark = Mark(np.array([place[0], place[1], 0.0]), title=stress.extreme)
+    return Panel(words, view, mark=mark)
 
 
 def _section_view(cut: Section, values: FloatArray, scale: Scale) -> View:

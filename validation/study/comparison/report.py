@@ -193,7 +193,7 @@ def _tube_columns(
     shown = np.concatenate([found.faces[side] for side in joints])
     label = "contact pressure [MPa]"
     scale = scale_from_zero(label, PRESSURE_MAP, [pressures[shown]], nothing="open joint")
-    panels = [ring_panel(facets, k, side, scale, found.layer) for side, k in joints.items()]
+    panels = [ring_panel(facets, k, scale, found.layer) for k in joints.values()]
     columns, scales = [panels], [scale]
     for number, (side, lower) in enumerate(joints.items()):
         flat = unrolled_panel(facets, lower, side, scale, title=f"{side} faces: {name}")
