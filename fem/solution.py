@@ -17,16 +17,16 @@ from fem.assembly.contact_state import (
     ContactState,
     cap_action,
     contact_measures,
+    contact_state,
     corner_displacements,
     facing_points,
-    searched_state,
 )
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.peaks import StressPeaks, joint_forces, moved_blocks, stress_peaks
 from fem.assembly.reactions import PushCurve, push_curves, reactions
 from fem.assembly.section_forces import SolvedState, section_forces
 from fem.assembly.symmetry import local_forces
-from fem.contact.search import searched_surfaces
+from fem.contact.search import points_of_search
 from fem.element.stress import principal_stress
 from fem.problem.recovery import Recovered, recover
 from fem.static.result import StaticResult, loose_blocks
@@ -323,13 +323,13 @@ class Solution(ReadOnlyArrays):
         if searched is None:
             return None
         whole, moved = self.deformable, self.group_displacements
-        fresh = searched_surfaces(facing_points(whole, moved), whole.surfaces.clearance)
-        corners = corner_displacements(whole, moved, fresh)
+        clearance, normals = whole.surfaces.clearance, whole.contact.normals
+        fresh = points_of_search(facing_points(whole, moved), clearance, normals)
         forces: dict[tuple[int, int], float] = {}
         largest = 0.0
         for state, sign in (
             (replace(self.contact_state, point_frictions=None), 1.0),
-            (searched_state(fresh, corners, whole.contact), -1.0),
+            (contact_state(whole, moved, fresh), -1.0),
         ):
             joints = joint_forces(state)
             largest = max(largest, float(joints.normal_force.max(initial=0.0)))
@@ -394,12 +394,11 @@ class Solution(ReadOnlyArrays):
         if self.quasi_static is None or not judged:
             return np.zeros(0, dtype=np.int64)
         corners = corner_displacements(model, self.group_displacements, model.surfaces)
-        there = model.surfaces.kinematics(corners, model.contact.normals)
         law = model.contact.law.on(model.surfaces.block_m, model.surfaces.block_s)
         return loose_blocks(
             model,
             self.group_displacements,
-            law.pressure(there.overclosure),
+            law.pressure(model.surfaces.overclosures(corners)),
             model.surfaces,
             np.arange(model.assembly.n_blocks),
         )
@@ -409,8 +408,7 @@ class Solution(ReadOnlyArrays):
     @cached_property
     def _state(self) -> SolvedState:
         whole, moved = self.deformable, self.group_displacements
-        surfaces = self.solver.searched or whole.surfaces
-        return SolvedState(whole, moved, surfaces, self.finite_rotation)
+        return SolvedState(whole, moved, self.contact_state, self.finite_rotation)
 
     def sections(self, cut: Planes) -> SectionForces:
         """Sum what elements and contacts transmit through planes.

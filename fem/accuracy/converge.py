@@ -22,7 +22,7 @@ from fem.accuracy.ladder import (
     on_rung,
 )
 from fem.accuracy.one_mesh import static_solution
-from fem.accuracy.parts import Accuracy, Meshes, MeshFacets, unmet
+from fem.accuracy.parts import Accuracy, Meshes, MeshFacets, relative, unmet
 from fem.accuracy.strength import scaled_loads
 from fem.accuracy.transfer import transferred
 from fem.assembly.statement import Problem
@@ -75,6 +75,9 @@ _FOR_BARS = 2
 #: A value at an edge that changes by more than the first share of its value, and by more than the
 #: second one of the change before, grows.
 _GROWTH, _SLOWING = 0.05, 0.7
+#: Without a request no mesh is solved after the fourth one where some bar would stay this many
+#: times as wide as sought.
+_OUT_OF_REACH, _FOURTH = 3.0, 4
 
 
 class AccuracyError(RefusedError):
@@ -230,7 +233,11 @@ def converge(
     for number, rung in enumerate(ladder.rungs, 1):
         stated = on_rung(problem, rung)
         left = ends - time.process_time() if ends < math.inf else ends
-        beyond = None if last is None else _beyond(stated, last, number, left)
+        beyond = (
+            None
+            if last is None
+            else _beyond(stated, last, number, left, _widest(told, {} if requested else targets))
+        )
         if beyond is not None:
             stopped, ended = beyond
             break
@@ -499,15 +506,19 @@ def general_work(blocks: Assembly, degree: int, *, friction: bool) -> float:
 
 
 def _beyond(
-    stated: Problem, last: Solved, number: int, left: float
+    stated: Problem, last: Solved, number: int, left: float, widest: float
 ) -> tuple[str | None, str] | None:
     """Which limit keeps a mesh from being solved, in a word and in words; None where none does.
 
     The work of the mesh before grows with the unknowns; CPU time is ``left`` [s]. Error bars need
-    two meshes: the second is begun as long as any CPU time is left.
+    two meshes: the second is begun as long as any CPU time is left. The ``widest`` bar over that
+    sought falls as the fineness grows.
     """
     if last.solution.large_motion is not None:
         return None, "the large motion, which no mesh of small motions describes"
+    bound = _OUT_OF_REACH * fineness(stated) / fineness(last.problem)
+    if number > _FOURTH and widest > bound:
+        return None, "an error bar that the next mesh leaves much too wide as well"
     ratio = _growth(stated, last)
     if last.spent.grown(ratio) > allowance().work:
         return "work", stop("work")
@@ -519,6 +530,13 @@ def _beyond(
     remain = f"{left:.2g} s remain" if left > 0.0 else "none is left"
     words = f"{stop('clock')}: the next mesh needs about {need:.2g} s, and {remain}"
     return "clock", words
+
+
+def _widest(told: Mapping[str, Measure], targets: Mapping[str, float]) -> float:
+    """Largest error bar over that sought; 0 where there is none."""
+    sought = _among(targets, told)
+    shares = (relative(told[name]) / sought[name] for name in unmet(told, sought))
+    return max((share for share in shares if share < math.inf), default=0.0)
 
 
 def _first_mesh(limit: BaseException, stated: Problem) -> BaseException:

@@ -12,10 +12,10 @@ import math
 
 import numpy as np
 
-from fem.accuracy.transfer import degree_of, interpolation_on_faces, unique_rows
+from fem.accuracy.transfer import interpolation_on_faces, unique_rows
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import representatives
-from fem.contact.surfaces import ContactSurfaces, facet_pressures, point_overclosures
+from fem.contact.surfaces import ContactNormals, MatchedFacets, facet_pressures, matched_facets
 from fem.element.facet import (
     BILINEAR,
     FACET_CORNERS,
@@ -61,7 +61,7 @@ def pressures_on_facets(
     # The same facets of all blocks stand together: those at a time share their interpolation.
     kinds = *quads, alike[result.block_m], alike[result.block_s]
     chosen, which = unique_rows(np.stack(kinds, axis=1))
-    degree = max(degree_of(shape.mesh) for shape in solved.assembly.shapes)
+    degree = max(shape.mesh.degree for shape in solved.assembly.shapes)
     at = _nodes_of_parts(_parts(facets, solved.assembly), degree)
     state = solved, displacements, alike
     groups = np.array_split(chosen, math.ceil(len(chosen) * len(at) / _AT_ONCE) or 1)
@@ -89,7 +89,7 @@ def _pressures(
     of_parts = np.repeat(blocks[0], n_parts), np.repeat(blocks[1], n_parts)
     surfaces = _surfaces(solved, basis, of_parts, (nodes_m, nodes_s))
     moved = np.concatenate([u_m, u_s], axis=1)
-    overclosures = point_overclosures(surfaces, moved, solved.contact.normals)
+    overclosures = surfaces.overclosures(moved)
     law = solved.contact.law.on(surfaces.block_m, surfaces.block_s)
     of_part = facet_pressures(surfaces, law.pressure(overclosures))
     areas = surfaces.areas.reshape(-1, n_parts)
@@ -175,20 +175,13 @@ def _surfaces(
     basis: FacetBasis,
     blocks: tuple[IntArray, IntArray],
     nodes: tuple[FloatArray, FloatArray],
-) -> ContactSurfaces:
+) -> MatchedFacets:
     """Facets between nodes of two blocks that coincide."""
-    (block_m, block_s), (nodes_m, nodes_s) = blocks, nodes
-    numbers = np.zeros(nodes_m.shape[:2], dtype=np.int64)
-    offsets = basis.values @ (nodes_s - nodes_m)
-    offsets += (solved.offsets[block_s] - solved.offsets[block_m])[:, None]
-    return ContactSurfaces(
-        block_m=block_m,
-        block_s=block_s,
-        quads_m=numbers,
-        quads_s=numbers,
-        facet=np.arange(len(block_m)),
-        tangents=basis.tangents(0.5 * (nodes_m + nodes_s)),
-        offsets=offsets,
-        clearance=solved.surfaces.clearance,
-        basis=basis,
+    block_m, block_s = blocks
+    numbers = np.zeros(nodes[0].shape[:2], dtype=np.int64)
+    apart = solved.offsets[block_s] - solved.offsets[block_m]
+    facets = matched_facets(
+        blocks, (numbers, numbers), nodes, basis, apart=apart, clearance=solved.surfaces.clearance
     )
+    current = solved.contact.normals is ContactNormals.CURRENT
+    return facets if current else facets.with_reference_normals

@@ -23,12 +23,13 @@ from fem.measures import load_step_change, measures_of
 from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
-from geometry.answer import Measure
 from geometry.errors import RefusedError
 from geometry.work import LIMITS, LimitError, allowance, budget
 
 #: Load factors of the path past the load and back.
 PAST_AND_BACK = (0.09, 0.38, 0.84, 1.5, 1.25, 1.0)
+#: Of finer and finer meshes those on which the width is sought, where the first is too coarse.
+RUNGS = 2
 #: Share of the work that is left which this may take.
 _SHARE = 0.5
 #: Elements along an edge of the meshes on which the width is sought, over those of the answer.
@@ -41,8 +42,19 @@ def is_a_set(problem: Problem) -> bool:
     return problem.coulomb is not None and problem.deformable.meets and not moves
 
 
+def mesh_of(problem: Problem) -> str:
+    """Number and degree of the elements of all shapes, by which meshes of one problem differ."""
+    elements = sum(shape.mesh.n_elements for shape in problem.blocks.shapes)
+    return f"{elements} of degree {problem.degree}"
+
+
 def friction_set(
-    problem: Problem, solution: Solution, options: StaticOptions, *, refined: bool
+    problem: Problem,
+    solution: Solution,
+    options: StaticOptions,
+    *,
+    refined: bool,
+    known: Mapping[str, Mapping[str, float]] | None = None,
 ) -> FrictionSet:
     """State which member of the set a solution is, and how wide the set is.
 
@@ -57,22 +69,29 @@ def friction_set(
     refined
         Whether the solution is of the last of finer and finer meshes: the width is sought on the
         first of these, else on coarser ones than that of the problem.
+    known
+        Values of measures under the whole load on meshes that are solved, by `mesh_of`.
     """
     member, change = _member(solution), load_step_change(solution)
     with budget(_SHARE * allowance().work):
-        width, words = _width(problem, options, refined=refined)
+        width, words = _width(problem, options, known or {}, refined=refined)
     return FrictionSet(member, change, width, words)
 
 
 def _width(
-    problem: Problem, options: StaticOptions, *, refined: bool
+    problem: Problem,
+    options: StaticOptions,
+    known: Mapping[str, Mapping[str, float]],
+    *,
+    refined: bool,
 ) -> tuple[dict[str, float], str]:
     """Relative change of each measure from one end to the other, and where or why not."""
     reason = ""
     for stated, words in _rungs(problem) if refined else _coarser(problem):
         solve = partial(_measures, stated, FlexibilityStore())
         try:
-            direct = solve(options)
+            mesh = mesh_of(stated)
+            direct = known[mesh] if mesh in known else solve(options)
         except LimitError as error:
             return {}, f"not sought: {LIMITS[error.by]}"
         except RefusedError as error:
@@ -87,7 +106,7 @@ def _width(
             if refined:
                 continue
             break
-        width = {n: m.value / direct[n].value - 1.0 for n, m in back.items() if direct[n].value}
+        width = {n: value / direct[n] - 1.0 for n, value in back.items() if direct[n]}
         elements = stated.deformable.model.n_elements
         return width, f"on {elements} elements{words}"
     return {}, reason
@@ -95,15 +114,20 @@ def _width(
 
 def _measures(
     stated: Problem, store: FlexibilityStore, options: StaticOptions
-) -> Mapping[str, Measure]:
+) -> Mapping[str, float]:
     turning = stated.finite_rotation
-    return measures_of(
+    return values_of(
         static_solution(stated.deformable, options, finite_rotation=turning, store=store)
     )
 
 
+def values_of(solution: Solution) -> dict[str, float]:
+    """Values of all measures of a state, each in its unit."""
+    return {name: measure.value for name, measure in measures_of(solution).items()}
+
+
 def _rungs(problem: Problem) -> Iterator[tuple[Problem, str]]:
-    for rung in ladder_for((), problem).rungs[:2]:
+    for rung in ladder_for({}, problem).rungs[:RUNGS]:
         yield on_rung(problem, rung), f" of degree {rung.degree}"
 
 

@@ -21,7 +21,8 @@ from fem.accuracy.converge import (
     usual_work,
     why_not_refined,
 )
-from fem.accuracy.friction_range import friction_set, is_a_set
+from fem.accuracy.friction_range import RUNGS, friction_set, is_a_set, mesh_of, values_of
+from fem.accuracy.ladder import on_rung
 from fem.accuracy.one_mesh import static_errors, static_solution
 from fem.accuracy.strength import scaled_loads, strength_factors
 from fem.answer import answer_of
@@ -36,12 +37,12 @@ from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.solve import StaticOptions
 from fem.static.solve import solve_static as solve_blocks
-from geometry.answer import Answer, Measure, Notes, Part
+from geometry.answer import Answer, Lazy, Measure, Notes, Part
 from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 from geometry.system import one_thread_of_blas
-from geometry.work import LIMITS, LimitError, budget, clock
+from geometry.work import LIMITS, LimitError, budget, clock, unlimited
 
 if TYPE_CHECKING:
     from fem.explicit.solve import Frame
@@ -180,7 +181,15 @@ def _converged(
     with budget(ends=ends):
         if is_a_set(problem):
             follower.tell("how wide the set of answers with friction is")
-            parts["friction"] = friction_set(problem, result.solution, options, refined=True)
+            known = {
+                mesh_of(on_rung(problem, rung)): mesh["measures"]
+                for rung, mesh in zip(
+                    result.ladder.rungs[:RUNGS], result.meshes.meshes, strict=False
+                )
+            }
+            parts["friction"] = friction_set(
+                problem, result.solution, options, refined=True, known=known
+            )
             watch.lap("range of friction")
         follower.tell("measures and load factors")
         rungs = result.ladder.rungs[: len(result.meshes.meshes)]
@@ -192,16 +201,17 @@ def _converged(
         )
     if factors:
         watch.lap("load factors")
-    return answer_of(
-        result.solution,
-        result.errors,
-        facets=result.facets,
-        remarks=result.remarks,
-        factors=factors,
-        problem=problem,
-        parts=parts,
-        beside={"degree": result.meshes.meshes[-1]["degree"], "cpu_seconds": watch.seconds()},
-    )
+    with unlimited():
+        return answer_of(
+            result.solution,
+            result.errors,
+            facets=result.facets,
+            remarks=result.remarks,
+            factors=factors,
+            problem=problem,
+            parts=parts,
+            beside={"degree": result.meshes.meshes[-1]["degree"], "cpu_seconds": watch.seconds()},
+        )
 
 
 def _on_one_mesh(
@@ -220,16 +230,25 @@ def _on_one_mesh(
     _write_frames(method.frames, solution, options, follower)
     parts, errors, factors = dict[str, Part](), dict[str, float](), dict[str, Measure]()
     most = MOST_SECONDS if method.max_work is None else None
+    solved = {mesh_of(problem): solution}
+
+    def solve(other: Problem) -> Solution:
+        solved[mesh_of(other)] = _solution(other, options)
+        return solved[mesh_of(other)]
+
     with budget(most, clock(method.max_seconds)) as beside:
         if method.error_estimate and problem.after is None:
             tell("coarser meshes, for the errors")
-            errors = static_errors(problem, solution, lambda other: _solution(other, options))
+            errors = static_errors(problem, solution, solve)
             if beside.stopped_by and not errors:
                 parts["notes"] = Notes([("error bars", f"none: {LIMITS[beside.stopped_by]}")])
             watch.lap("error bars")
             if is_a_set(problem):
                 tell("how wide the set of answers with friction is")
-                parts["friction"] = friction_set(problem, solution, options, refined=False)
+                known = Lazy({m: partial(values_of, state) for m, state in solved.items()})
+                parts["friction"] = friction_set(
+                    problem, solution, options, refined=False, known=known
+                )
                 watch.lap("range of friction")
         if problem.after is None:
             measures = measures_of(solution, errors)
@@ -239,9 +258,10 @@ def _on_one_mesh(
     if factors:
         watch.lap("load factors")
     seconds = {"cpu_seconds": watch.seconds()}
-    return answer_of(
-        solution, errors, factors=factors, problem=problem, parts=parts, beside=seconds
-    )
+    with unlimited():
+        return answer_of(
+            solution, errors, factors=factors, problem=problem, parts=parts, beside=seconds
+        )
 
 
 def _solution(

@@ -10,38 +10,22 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from fem.assembly.deformable import DeformableAssembly
-from fem.element.lagrange import line_basis, lobatto_points
-from fem.element.lagrange_mesh import LagrangeMesh
+from fem.element.facet import facet_values
+from fem.element.kinds import element_of
 from geometry.block import Block
-from geometry.mesh import (
-    CORNERS,
-    FloatArray,
-    HexMesh,
-    IntArray,
-    grid_points,
-    row_keys,
-    shape_values,
-)
+from geometry.mesh import CORNERS, HEX_FACES, FloatArray, HexMesh, IntArray, row_keys
 from geometry.meshing.charts import Places, located, places_in
 from geometry.meshing.refinement import charts_of
-
-
-def degree_of(mesh: HexMesh) -> int:
-    """Degree of the functions of a mesh."""
-    return mesh.degree if isinstance(mesh, LagrangeMesh) else 1
 
 
 def node_places(block: Block) -> Places:
     """Places of all nodes of a block; of several elements that have a node, one counts."""
     mesh = block.mesh
-    members, natural = mesh.elements, CORNERS
-    if isinstance(mesh, LagrangeMesh):
-        members, natural = mesh.members, grid_points(*[lobatto_points(mesh.degree)] * 3)
-    known, first = np.unique(members.ravel(), return_index=True)
-    element, local = np.divmod(first, members.shape[1])
+    known, first = np.unique(mesh.connectivity.ravel(), return_index=True)
+    element, local = np.divmod(first, mesh.connectivity.shape[1])
     at = np.zeros((mesh.n_nodes, 3))
     of = np.zeros(mesh.n_nodes, dtype=np.int64)
-    at[known], of[known] = natural[local], element
+    at[known], of[known] = element_of(mesh).nodes[local], element
     return places_in(charts_of(block), of, at)
 
 
@@ -49,36 +33,27 @@ def interpolation(block: Block, places: Places) -> csr_array:
     """Values at places from those at the nodes of a block, (n, n_nodes)."""
     mesh = block.mesh
     element, natural = located(charts_of(block), places)
-    if isinstance(mesh, LagrangeMesh):
-        first, second, third = (line_basis(mesh.degree, natural[:, k])[0] for k in range(3))
-        plane = (first[:, :, None] * second[:, None, :]).reshape(len(element), -1)
-        values = (plane[:, :, None] * third[:, None, :]).reshape(len(element), -1)
-        members = mesh.members[element]
-    else:
-        values, members = shape_values(natural), mesh.elements[element]
-    pointer = values.shape[1] * np.arange(len(values) + 1)
-    result = csr_array((values.ravel(), members.ravel(), pointer), (len(values), mesh.n_nodes))
+    result = _sums(mesh, element_of(mesh).values(natural), mesh.connectivity[element])
     result.eliminate_zeros()  # on a face all but its own nodes
     return result
 
 
 def interpolation_on_faces(block: Block, places: Places) -> csr_array:
     """`interpolation` at places on faces of elements, where only the nodes of the face count."""
-    mesh = block.mesh
-    if not isinstance(mesh, LagrangeMesh):
-        return interpolation(block, places)
+    mesh, kind = block.mesh, element_of(block.mesh)
     element, natural = located(charts_of(block), places)
-    line, every = mesh.degree + 1, np.arange(len(element))
-    normal = np.abs(natural).argmax(axis=1)
-    side = (natural[every, normal] > 0.0).astype(np.int64)
-    along = np.array([[1, 2], [0, 2], [0, 1]])[normal]
-    first, second = (line_basis(mesh.degree, natural[every, along[:, k]])[0] for k in range(2))
-    values = first[:, :, None] * second[:, None, :]
-    grid = np.arange(line**3).reshape(line, line, line)
-    of_sides = np.stack([np.moveaxis(grid, k, 0)[[0, -1]].reshape(2, -1) for k in range(3)])
-    members = mesh.members[element[:, None], of_sides[normal, side]]
-    pointer = line**2 * np.arange(len(element) + 1)
-    return csr_array((values.ravel(), members.ravel(), pointer), (len(element), mesh.n_nodes))
+    corners = CORNERS[HEX_FACES]
+    face = (natural @ corners.mean(axis=1).T).argmax(axis=1)
+    along = 0.5 * (corners[:, [1, 3]] - corners[:, :1])
+    xi = (along[face] @ natural[:, :, None])[:, :, 0]
+    members = mesh.connectivity[element[:, None], kind.face_nodes(HEX_FACES)[face]]
+    return _sums(mesh, facet_values(xi, members.shape[1]), members)
+
+
+def _sums(mesh: HexMesh, values: FloatArray, members: IntArray) -> csr_array:
+    """Sums of functions (n, m) times values at their nodes (n, m), (n, n_nodes)."""
+    pointer = values.shape[1] * np.arange(len(values) + 1)
+    return csr_array((values.ravel(), members.ravel(), pointer), (len(values), mesh.n_nodes))
 
 
 def transferred(

@@ -7,23 +7,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from fem.assembly.deformable import Contact, DeformableAssembly
+from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import Orbits
 from fem.contact.law import ContactLaw, ExponentialLaw
-from fem.contact.search import BlockSurface, FacingPoints, SearchedSurfaces
+from fem.contact.search import BlockSurface, FacingPoints, SearchedPoints
 from fem.contact.surfaces import (
-    ContactNormals,
-    ContactSurfaces,
+    ContactPoints,
+    CurrentFrame,
+    MatchedFacets,
     corner_overclosures,
     facet_corners,
-    point_kinematics,
-    point_normals,
 )
 from fem.element.facet import facet_areas, facet_functions
-from fem.element.lagrange_mesh import LagrangeMesh
 from geometry.assembly import Assembly
 from geometry.measures import BlockMeasures, block_measures, measures
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays, structured_quads
@@ -66,7 +65,7 @@ def block_surface(assembly: Assembly, block: int, offset: FloatArray) -> BlockSu
     """Facets of one block that can touch others, moved by an offset (3,) [mm]; it moves alone."""
     mesh, quads = assembly.shape(block).mesh, assembly.shape(block).contact_quads
     facets = None
-    if isinstance(mesh, LagrangeMesh):
+    if mesh.degree > 1:
         facets = mesh.facet_nodes(quads)
         quads = facets[:, structured_quads(mesh.degree)].reshape(-1, 4)
     nodes, origin = np.unique(quads), assembly.centroids.mean(axis=0)
@@ -128,10 +127,6 @@ def facing_points(
 _SLIVER = 1e-3
 
 
-#: Slip of matched facets, in blocks, from which moments of second order are counted: 1e-8 before.
-_SLID = 1e-4
-
-
 @dataclass(frozen=True)
 class ContactState(ReadOnlyArrays):
     """Contact of an assembly at given displacements, whether facets match or a search found them.
@@ -162,12 +157,15 @@ class ContactState(ReadOnlyArrays):
     point_slips: FloatArray
     """Displacement of block s along the facet, relative to block m, world axes, (n_points, 3) [mm]:
     of points that coincided as built, or in a search of the points that face each other now."""
+    surfaces: ContactPoints
+    """All points, those of facets that are left out too."""
+    frictions: FloatArray | None
+    """Friction on block s at these, world axes, (n, n_points, 3) [MPa]; None without friction."""
+    point_moments: FloatArray
+    """Moment of the nodal forces on blocks m and s about `positions`, (n_points, 2, 3) [N mm]: they
+    act on both sides of a gap, and turn normals."""
     point_frictions: FloatArray | None = None
     """Friction on block s, world axes, (n_points, 3) [MPa]; None without friction."""
-    point_moments: FloatArray | None = None
-    """Moment on blocks m and s about `positions` beside that of `point_forces`, (n_points, 2, 3)
-    [N mm]: forces act on both sides of a gap. None where it is none, without friction and with
-    current normals, until facets have slid far."""
     corner_overclosures: FloatArray | None = None
     """Where matched facets are looked at for peaks, at corners of bilinear ones, (n_facets, n)
     [mm]; None where a search found them."""
@@ -249,7 +247,7 @@ class ContactState(ReadOnlyArrays):
 def corner_displacements(
     deformable: DeformableAssembly,
     displacements: tuple[FloatArray, ...],
-    surfaces: ContactSurfaces | SearchedSurfaces | None = None,
+    surfaces: ContactPoints | None = None,
 ) -> FloatArray:
     """World displacements of the nodes of every facet pair, m's first.
 
@@ -294,112 +292,104 @@ def matched_pressures(
         Overclosures, alike [mm].
     """
     corners = corner_displacements(deformable, displacements)
-    result = point_kinematics(deformable.surfaces, corners, deformable.contact.normals)
+    overclosure = deformable.surfaces.overclosures(corners)
     law = deformable.contact.law.on(deformable.surfaces.block_m, deformable.surfaces.block_s)
-    return law.pressure(result.overclosure), result.overclosure
+    return law.pressure(overclosure), overclosure
 
 
-def matched_state(
+def contact_state(
     deformable: DeformableAssembly,
     displacements: tuple[FloatArray, ...],
-    pressures: FloatArray,
-    overclosures: FloatArray,
+    points: ContactPoints | None = None,
     frictions: FloatArray | None = None,
 ) -> ContactState:
-    """Contact of matched facets.
+    """Contact of an assembly at some points.
 
     Parameters
     ----------
     deformable
-        Blocks and surfaces.
+        Blocks and law.
     displacements
         Of each group, world axes, (n_copies, n_nodes, 3) [mm].
-    pressures, overclosures
-        At the points of its surfaces, (n_facets, n_points) [MPa] and [mm].
+    points
+        None: those of its matched facets.
     frictions
-        Friction on block s there, (n_facets, n_points, 3) [MPa]; None: without.
+        Friction on block s there, world axes, (n_facets, n_points, 3) [MPa]; None: without.
     """
-    surfaces, basis = deformable.surfaces, deformable.surfaces.basis
-    moved = corner_displacements(deformable, displacements)
-    on_m, on_s = np.split(moved, 2, axis=1)
-    apart = surfaces.offsets + basis.difference @ moved
-    sides = (
-        (surfaces.block_m, surfaces.quads_m, on_m),
-        (surfaces.block_s, surfaces.quads_s, on_s),
+    points = deformable.surfaces if points is None else points
+    moved = corner_displacements(deformable, displacements, points)
+    law = deformable.contact.law.on(points.block_m, points.block_s)
+    if isinstance(points, SearchedPoints):
+        return searched_state(points, moved, law, frictions)
+    assert isinstance(points, MatchedFacets)
+    sides = ((points.block_m, points.quads_m), (points.block_s, points.quads_s))
+    nodes = moved + np.concatenate(
+        [
+            facet_corners(deformable.assembly, block, quads) + deformable.offsets[block][:, None]
+            for block, quads in sides
+        ],
+        axis=1,
     )
-    nodes, opposite = (
-        facet_corners(deformable.assembly, block, quads)
-        + deformable.offsets[block][:, None]
-        + displacement
-        for block, quads, displacement in sides
-    )
-    middle = np.einsum("pa,fai->fpi", basis.values, 0.5 * (nodes + opposite))
-    normals = point_normals(surfaces, moved, deformable.contact.normals)
-    each, measured = surfaces.weights[..., None], deformable.contact.normals
-    moments = _moments(each, apart, pressures[..., None], normals, frictions, measured)
-    far = float(np.abs(apart).max(initial=0.0)) > _SLID * deformable.assembly.characteristic_length
-    if far and measured is ContactNormals.CURRENT:
-        on_m, on_s = (basis.tangents(x) for x in (nodes, opposite))
-        turning = _turning_moments(surfaces.weights * pressures, _along(apart, normals), on_m, on_s)
-        moments = turning if moments is None else moments + turning
+    frame = points.frame(moved)
     return ContactState(
-        block_m=surfaces.block_m,
-        block_s=surfaces.block_s,
-        interface=surfaces.facet,
-        corners=nodes[:, basis.corners],
-        facet=np.repeat(np.arange(surfaces.n_facets), basis.n_points),
-        positions=middle.reshape(-1, 3),
-        normals=normals.reshape(-1, 3),
-        point_areas=surfaces.weights.ravel(),
-        point_pressures=pressures.ravel(),
-        point_overclosures=overclosures.ravel(),
-        point_slips=_along(basis.difference @ moved, normals).reshape(-1, 3),
-        point_frictions=None if frictions is None else frictions.reshape(-1, 3),
-        point_moments=None if moments is None else moments.reshape(-1, 2, 3),
-        corner_overclosures=corner_overclosures(surfaces, moved, deformable.contact.normals),
+        block_m=points.block_m,
+        block_s=points.block_s,
+        interface=points.facet,
+        corners=nodes[:, points.basis.corners],
+        facet=np.repeat(np.arange(points.n_facets), points.basis.n_points),
+        point_slips=_along(points.functions @ moved, frame.normal).reshape(-1, 3),
+        corner_overclosures=corner_overclosures(points, moved),
+        surfaces=points,
+        frictions=frictions,
+        **_at_points(points, frame, nodes, law, frictions),
     )
 
 
-def _moments(  # noqa: PLR0917
-    weights: FloatArray,
-    apart: FloatArray,
-    pressures: FloatArray,
-    normals: FloatArray,
+def _at_points(
+    points: ContactPoints,
+    frame: CurrentFrame,
+    nodes: FloatArray,
+    law: ContactLaw | None,
     frictions: FloatArray | None,
-    measured: ContactNormals,
-) -> FloatArray | None:
-    """Moments of forces on both sides of a gap about its middle, x_s - x_m apart, (..., 2, 3).
+) -> dict[str, Any]:
+    """What `ContactState` has of each point, from where both facets are now (n, 2 m, 3) [mm].
 
-    Pressures along current normals act along the gap, or half way across it: only friction counts.
+    Nodal forces are f_a = w (φ_a (p n + friction) - p Σ s_a,k b_k) with φ the functions of d, s the
+    slopes and b what turns the normal (`ContactPoints.kinematics`).
     """
-    acting = frictions
-    if measured is ContactNormals.REFERENCE:
-        acting = pressures * normals + (0.0 if frictions is None else frictions)
-    if acting is None:
-        return None
-    return np.repeat(0.5 * np.cross(apart, weights * acting)[..., None, :], 2, axis=-2)
-
-
-def _turning_moments(
-    forces: FloatArray, slips: FloatArray, on_m: FloatArray, on_s: FloatArray
-) -> FloatArray:
-    """Moments of what turns the mean normal of matched facets, (n_facets, n_points, 2, 3) [N mm].
-
-    The force of a point p on the tangents of both sides is -p/2 ∂x/∂t_k, with t_k their mean. The
-    moments of both sides are opposite, and of second order: by the slip and the tilt between them.
-    From w p (n, p) [N], slips (n, p, 3) [mm] and tangents of both sides, (n, p, 2, 3) [mm].
-    """
-    first, second = np.moveaxis(0.5 * (on_m + on_s), 2, 0)
-    lean = slips / np.linalg.norm(np.cross(first, second), axis=2, keepdims=True)
-    by = np.stack([np.cross(lean, second), np.cross(first, lean)], axis=2)
-    half = -0.25 * forces[..., None] * np.cross(on_s - on_m, by).sum(axis=2)
-    return np.stack([-half, half], axis=2)
+    overclosures = -frame.gap - points.clearance
+    pressures = np.zeros_like(overclosures) if law is None else law.pressure(overclosures)
+    n_nodes = nodes.shape[1] // 2
+    of_s = points.functions[..., n_nodes:] @ nodes[:, n_nodes:]
+    positions = of_s - 0.5 * frame.d
+    acting = pressures[..., None] * frame.normal
+    if frictions is not None:
+        acting += frictions
+    first, second = np.moveaxis(frame.tangents, 2, 0)
+    turning = np.stack([np.cross(frame.slip, second), np.cross(first, frame.slip)], axis=2)
+    moments = []
+    for side in (slice(None, n_nodes), slice(n_nodes, None)):
+        slopes = points.slopes[..., side]
+        n, n_points = slopes.shape[:2]
+        tangents = slopes.reshape(n, 2 * n_points, n_nodes) @ nodes[:, side]
+        turned = np.cross(tangents.reshape(turning.shape), turning).sum(axis=2)
+        moments.append(0.5 * np.cross(frame.d, acting) - pressures[..., None] * turned)
+    weighted = points.weights[..., None, None] * np.stack(moments, axis=2)
+    return {
+        "positions": positions.reshape(-1, 3),
+        "normals": frame.normal.reshape(-1, 3),
+        "point_areas": points.weights.ravel(),
+        "point_pressures": pressures.ravel(),
+        "point_overclosures": overclosures.ravel(),
+        "point_frictions": None if frictions is None else frictions.reshape(-1, 3),
+        "point_moments": weighted.reshape(-1, 2, 3),
+    }
 
 
 def searched_state(
-    surfaces: SearchedSurfaces,
+    points: SearchedPoints,
     moved: FloatArray,
-    contact: Contact | None,
+    law: ContactLaw | None,
     frictions: FloatArray | None = None,
 ) -> ContactState:
     """Contact of the points of a search.
@@ -411,57 +401,44 @@ def searched_state(
 
     Parameters
     ----------
-    surfaces
-        The points.
+    points
+        As the search found them.
     moved
         Displacements of the nodes of both facets, (n_points, nodes of both, 3) [mm], world axes.
-    contact
-        Law and normals; None: nothing presses.
+    law
+        Of the points; None: nothing presses.
     frictions
-        Friction on block s, (n_points, 3) [MPa]; None: without.
+        Friction on block s, (n_points, 1, 3) [MPa]; None: without.
     """
-    normals = ContactNormals.CURRENT if contact is None else contact.normals
-    there = surfaces.kinematics(moved, normals)
-    overclosure, weights = there.overclosure[:, 0], surfaces.weights[:, 0]
-    pressure = np.zeros_like(overclosure)
-    if contact is not None:
-        law = contact.law.on(surfaces.block_m, surfaces.block_s)
-        pressure = law.pressure(there.overclosure)[:, 0]
-    key = np.column_stack([surfaces.block_m, surfaces.block_s, surfaces.position_s])
+    frame, weights = points.frame(moved), points.weights[:, 0]
+    nodes = points.corners + moved + points.origin
+    at_points = _at_points(points, frame, nodes, law, frictions)
+    overclosure, pressure = at_points["point_overclosures"], at_points["point_pressures"]
+    key = np.column_stack([points.block_m, points.block_s, points.position_s])
     _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)
     which = which.ravel()
     area = np.bincount(which, weights)
-    mean = -np.bincount(which, weights * overclosure) / area - surfaces.clearance
+    mean = -np.bincount(which, weights * overclosure) / area - points.clearance
     presses = np.bincount(which, pressure > 0.0) > 0.0
-    whole = area > _SLIVER * surfaces.facet_areas[first]
-    near = (((mean <= surfaces.farthest) & whole) | presses)[which]
-    n_nodes, kept = surfaces.shapes.shape[1], surfaces.subset(np.flatnonzero(near))
-    nodes = (kept.corners + moved[near])[:, n_nodes:]
-    apart = np.einsum("na,nai->ni", kept.difference[:, 0], kept.corners + moved[near])
-    positions = np.einsum("na,nai->ni", kept.shapes, nodes) - 0.5 * apart
-    nodes, positions = nodes + kept.origin, positions + kept.origin
-    direction = -there.gradient[near, 0, n_nodes:].sum(axis=1)
-    frictions = None if frictions is None else frictions[near]
-    acting = pressure[near, None], direction, frictions
-    key, part = _with_slivers(key[near], positions, whole[which][near])
+    whole = area > _SLIVER * points.facet_areas[first]
+    near = (((mean <= points.farthest) & whole) | presses)[which]
+    at_points = {name: None if v is None else v[near] for name, v in at_points.items()}
+    key, part = _with_slivers(key[near], at_points["positions"], whole[which][near])
     entries, which = np.unique(key, axis=0, return_inverse=True)
     own = np.flatnonzero(part)
     first = own[np.unique(which.ravel()[own], return_index=True)[1]]
+    slave = nodes[near, points.quads_m.shape[1] :]
     return ContactState(
         block_m=entries[:, 0],
         block_s=entries[:, 1],
         interface=None,
-        corners=_faced_parts(nodes[first], which.ravel()[own], kept.cells[own]),
+        corners=_faced_parts(slave[first], which.ravel()[own], points.cells[near][own]),
         facet=which.ravel(),
-        positions=positions,
-        normals=direction,
-        point_areas=weights[near],
-        point_pressures=pressure[near],
-        point_overclosures=overclosure[near],
-        point_slips=_searched_slips(kept),
-        point_frictions=frictions,
-        point_moments=_moments(weights[near, None], apart, *acting, normals),
+        point_slips=_searched_slips(points)[near],
         position_s=entries[:, 2],
+        surfaces=points,
+        frictions=frictions,
+        **at_points,
     )
 
 
@@ -487,17 +464,14 @@ def _along(vectors: FloatArray, normals: FloatArray) -> FloatArray:
     return vectors - np.einsum("...i,...i->...", vectors, normals)[..., None] * normals
 
 
-def _searched_slips(surfaces: SearchedSurfaces) -> FloatArray:
+def _searched_slips(points: SearchedPoints) -> FloatArray:
     """How far the points that face each other now were apart along the facet, (n_points, 3) [mm].
 
     Positions before any displacement: a motion that two blocks share is no slip, however large.
     """
-    n_nodes = surfaces.shapes.shape[1]
-    apart = -np.einsum("na,nai->ni", surfaces.difference[:, 0], surfaces.corners)
-    slopes = facet_functions(surfaces.xi, n_nodes)[1]
-    tangents = np.einsum("nak,nai->nki", slopes, surfaces.corners[:, :n_nodes])
-    normal = np.cross(tangents[:, 0], tangents[:, 1])
-    return _along(apart, normal / np.linalg.norm(normal, axis=1, keepdims=True))
+    normal = np.cross(points.tangents[:, 0, 0], points.tangents[:, 0, 1])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    return _along(-points.offsets[:, 0], normal)
 
 
 def _faced_parts(nodes: FloatArray, which: IntArray, cells: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw
 from fem.contact.surfaces import (
     ContactNormals,
-    ContactSurfaces,
+    MatchedFacets,
     check_initial_overlap,
     contact_surfaces,
 )
@@ -104,7 +104,7 @@ class DeformableAssembly:
     offsets: FloatArray
     """Translation of each block from its conforming place, (n_blocks, 3) [mm]: zero, or what
     moves the blocks apart (`geometry.assembly`)."""
-    surfaces: ContactSurfaces
+    surfaces: MatchedFacets
     """Facet pairs of which at least one block deforms."""
     contact: Contact
     """Law and normals."""
@@ -160,7 +160,7 @@ def touching_surfaces(
     offsets: FloatArray,
     clearance: float,
     law: ContactLaw,
-) -> ContactSurfaces:
+) -> MatchedFacets:
     """Matched facets of which at least one block deforms, rejected where they overlap too deeply.
 
     Raises

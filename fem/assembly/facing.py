@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from fem.assembly.contact_state import ContactState, block_surface, facets_that_fit, searched_state
-from fem.contact.search import FacingPoints, searched_surfaces
+from fem.contact.search import FacingPoints, points_of_search
 from geometry.assembly import Assembly
 from geometry.interface import Interfaces
 from geometry.mesh import FloatArray, IntArray
@@ -35,7 +35,7 @@ class FacingBlocks(Assembly):
             for block in range(self.n_blocks)
             if len(self.shape(block).contact_quads)
         )
-        found = searched_surfaces(FacingPoints(surfaces, reach=0.0), 0.0)
+        found = points_of_search(FacingPoints(surfaces, reach=0.0), 0.0)
         return searched_state(found, np.zeros_like(found.corners), None)
 
     @cached_property

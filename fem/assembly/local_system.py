@@ -11,53 +11,17 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import block_diag, bsr_array, csr_array, eye_array
+from scipy.sparse import block_diag, csr_array
 
 from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.held import Held, held_of
 from fem.assembly.symmetry import Orbits, local_forces
 from fem.contact.friction import Coulomb, coulomb
 from fem.contact.law import ContactLaw
-from fem.contact.search import SearchedSurfaces
-from fem.contact.surfaces import ContactNormals, ContactSurfaces
-from fem.problem.model import Amplitude, BlockGroup, ModelError
+from fem.contact.surfaces import ContactPoints
+from fem.problem.model import BlockGroup
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.work import Operation, count
-
-#: Prescribed displacements are met to this share of the largest displacement.
-_ROUNDING = 1e-12
-
-
-@dataclass(frozen=True)
-class HeldNodes:
-    """Prescribed displacement components, each node in axes of its own.
-
-    With u = axes @ v, component k of v is prescribed where ``held[:, k]``.
-    """
-
-    nodes: IntArray
-    """Nodes with at least one prescribed component, (n,)."""
-    axes: FloatArray
-    """Orthonormal axes in the block frame as columns, prescribed ones first; (n, 3, 3)."""
-    held: FloatArray
-    """One where component k of v is prescribed, else zero; (n, 3)."""
-    values: FloatArray
-    """Prescribed components of v where every support has moved all its way, (n, 3) [mm]."""
-    moving: tuple[tuple[Amplitude, FloatArray], ...] = ()
-    """Share of their way as a function of time [s] of supports that move, and its values."""
-
-    def at(self, time: float | None) -> FloatArray:
-        """Prescribed components of v at a time [s], (n, 3) [mm]; None: all the way."""
-        values = self.values
-        if time is None:
-            return values
-        left = [(1.0 - share(time)) * way for share, way in self.moving]
-        return values - sum(left) if left else values
-
-
-#: No support at all.
-NOTHING_HELD = HeldNodes(
-    np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 3))
-)
 
 
 @dataclass(frozen=True)
@@ -65,7 +29,7 @@ class Gaps:
     """Overclosures of all contact points, with friction also their slips, and their derivatives."""
 
     x: FloatArray
-    """Overclosure, then slips along `ContactSurfaces.sides`, (n_facets, n_points, 1 or 3) [mm]."""
+    """Overclosure, then slips along `ContactPoints.sides`, (n_facets, n_points, 1 or 3) [mm]."""
     gradient: FloatArray
     """∂x/∂u in block frames, (n_facets, n_points, 1 or 3, nodes of both facets, 3)."""
 
@@ -89,13 +53,13 @@ class LocalSystem:
     """Slot of the representative of every block, -1 for rigid ones, (n_blocks,)."""
     node_start: IntArray
     """First node of each slot, and the total; (n_slots + 1,)."""
-    surfaces: ContactSurfaces | SearchedSurfaces
+    surfaces: ContactPoints
     """Facets to integrate, one of each orbit, or points that a search found."""
     corner_nodes: IntArray
     """Nodes of both facets, m's first, `n_nodes` for rigid blocks, (n_facets, 2 m)."""
     external_force: FloatArray
     """Loads in block frames, (n_nodes, 3) [N]."""
-    held: HeldNodes
+    held: Held
     """Supports."""
 
     @cached_property
@@ -153,9 +117,14 @@ class LocalSystem:
         local *= self.moves[:, None, :, None]
         return local
 
-    def gaps(self, displacement: FloatArray, normals: ContactNormals) -> Gaps:
+    @property
+    def with_reference_normals(self) -> LocalSystem:
+        """The same with normals that do not turn."""
+        return replace(self, surfaces=self.surfaces.with_reference_normals)
+
+    def gaps(self, displacement: FloatArray) -> Gaps:
         """Overclosures at a displacement, and slips where there is friction."""
-        world = self.surfaces.kinematics(self.corner_displacements(displacement), normals)
+        world = self.surfaces.kinematics(self.corner_displacements(displacement))
         count(Operation.POINT, world.gradient.size / 3.0)
         x, gradient = world.overclosure[..., None], self.local_gradient(world.gradient)[:, :, None]
         if self.deformable.contact.friction is None:
@@ -168,7 +137,7 @@ class LocalSystem:
     @cached_property
     def _by_slips(self) -> FloatArray:
         """∂(slip)/∂u, (n_facets, n_points, 2, nodes of both facets, 3)."""
-        world = np.einsum("fpa,fpki->fpkai", self.surfaces.difference, self.surfaces.sides)
+        world = np.einsum("fpa,fpki->fpkai", self.surfaces.functions, self.surfaces.sides)
         n, p, _, a, _ = world.shape
         return self.local_gradient(world.reshape(n, 2 * p, a, 3)).reshape(world.shape)
 
@@ -216,28 +185,6 @@ class LocalSystem:
             force[nodes] = product.reshape(-1, 3)
         return force
 
-    def free_part(self, force: FloatArray) -> FloatArray:
-        """Force without its components along prescribed directions, (n_nodes, 3) [N]."""
-        free = force.copy()
-        held = self.held
-        if len(held.nodes):
-            along = np.einsum("nij,ni->nj", held.axes, free[held.nodes]) * (1.0 - held.held)
-            free[held.nodes] = np.einsum("nij,nj->ni", held.axes, along)
-        return free
-
-    def held_part(self, force: FloatArray) -> FloatArray:
-        """Components of a force along prescribed directions, (n_nodes, 3) [N]."""
-        return force - self.free_part(force)
-
-    def has_prescribed(self, displacement: FloatArray, time: float | None = None) -> bool:
-        """Whether supports are where they are prescribed at a time [s], to rounding."""
-        held = self.held
-        values = held.at(time)
-        along = np.einsum("nij,ni->nj", held.axes, displacement[held.nodes])
-        away = np.abs((along - values) * held.held).max(initial=0.0)
-        size = max(np.abs(a).max(initial=0.0) for a in (values, displacement))
-        return bool(away <= _ROUNDING * size)
-
     def localised(self, displacements: tuple[FloatArray, ...]) -> FloatArray:
         """Displacements of the representatives in block frames, (n_nodes, 3) [mm].
 
@@ -267,7 +214,7 @@ class LocalSystem:
 
 
 def local_system(
-    deformable: DeformableAssembly, orbits: Orbits, searched: SearchedSurfaces | None = None
+    deformable: DeformableAssembly, orbits: Orbits, searched: ContactPoints | None = None
 ) -> LocalSystem:
     """Number the unknowns of a static problem, on matched facets or on points of a search.
 
@@ -302,7 +249,7 @@ def local_system(
         surfaces=surfaces,
         corner_nodes=np.concatenate(corner, axis=1),
         external_force=np.concatenate(external),
-        held=_held_nodes(deformable, blocks, node_start),
+        held=held_of(deformable, blocks, node_start),
     )
 
 
@@ -310,100 +257,6 @@ def _slot_nodes(quads: IntArray, slots: IntArray, node_start: IntArray) -> IntAr
     """Numbers of nodes of facets; the total number of nodes for rigid blocks."""
     first = node_start[np.maximum(slots, 0)][:, None]
     return np.where(slots[:, None] >= 0, quads + first, node_start[-1])
-
-
-def _held_nodes(
-    deformable: DeformableAssembly, blocks: IntArray, node_start: IntArray
-) -> HeldNodes:
-    """Collect the supports of the representatives, node by node."""
-    nodes, directions, values = [], [], []
-    supports = deformable.model.supports
-    shares = list(dict.fromkeys(s.amplitude for s in supports if s.displacement.any()))
-    for support in supports:
-        rotations = deformable.model.groups[support.group].rotations[support.copies]
-        local = np.einsum("nij,ni->nj", rotations, support.directions)
-        for slot, block in enumerate(blocks):
-            if int(deformable.group_of[block]) != support.group:
-                continue
-            mine = support.copies == deformable.copy_of[block]
-            nodes.append(support.nodes[mine] + node_start[slot])
-            directions.append(local[mine])
-            part = np.zeros((int(mine.sum()), max(len(shares), 1)))
-            if support.displacement.any():
-                part[:, shares.index(support.amplitude)] = support.displacement[mine]
-            values.append(part)
-    if not nodes:
-        return NOTHING_HELD
-    result = by_node(np.concatenate(nodes), np.concatenate(directions), np.concatenate(values))
-    ways = zip(shares, np.moveaxis(result[1], 2, 0), strict=False)
-    return replace(result[0], moving=tuple((a, way) for a, way in ways if a is not None))
-
-
-def by_node(
-    nodes: IntArray, directions: FloatArray, values: FloatArray
-) -> tuple[HeldNodes, FloatArray]:
-    """Supports node by node, and the parts of their values, (n, 3, n_parts)."""
-    order = np.argsort(nodes, kind="stable")
-    unique, first, count = np.unique(nodes[order], return_index=True, return_counts=True)
-    axes = np.zeros((len(unique), 3, 3))
-    held = np.zeros((len(unique), 3))
-    prescribed = np.zeros((len(unique), 3, values.shape[1]))
-    for n in np.unique(count).tolist():
-        mine = np.flatnonzero(count == n)
-        rows = order[first[mine, None] + np.arange(n)]
-        given = directions[rows]
-        product = given @ given.transpose(0, 2, 1)
-        wrong = np.abs(product - np.eye(n)).max(axis=(1, 2)) > 1e-9
-        if n > 3 or wrong.any():
-            node = mine[0] if n > 3 else mine[wrong][0]
-            raise ModelError(
-                f"supports: node {int(unique[node])} is fixed in {n} directions that are not "
-                "orthonormal; expected each component to be prescribed once"
-            )
-        held[mine, :n] = 1.0
-        if n == 3:
-            # All components are prescribed: along the axes of the block, to the bit.
-            axes[mine] = np.eye(3)
-            prescribed[mine] = given.transpose(0, 2, 1) @ values[rows]
-            continue
-        basis = np.linalg.qr(given.transpose(0, 2, 1), mode="complete")[0]
-        basis[:, :, :n] *= np.sign(np.einsum("mij,mji->mi", given, basis[:, :, :n]))[:, None]
-        axes[mine] = basis
-        prescribed[mine, :n] = values[rows]
-    return HeldNodes(unique, axes, held, prescribed.sum(axis=2)), prescribed
-
-
-def constraint_transform(held: HeldNodes, n_nodes: int) -> tuple[csr_array, IntArray, FloatArray]:
-    """Change of variables u = T v that makes every prescribed component one variable.
-
-    Returns
-    -------
-    tuple[csr_array, IntArray, FloatArray]
-        T (3 n_nodes, 3 n_nodes), the free variables (n_free,) and v with the prescribed values
-        and zeros (3 n_nodes,) [mm].
-    """
-    size = 3 * n_nodes
-    value = prescribed_values(held, n_nodes)
-    if not len(held.nodes):
-        return csr_array(eye_array(size, format="csr")), np.arange(size), value
-    turns = np.tile(np.eye(3), (n_nodes, 1, 1))
-    turns[held.nodes] = held.axes
-    is_held = np.zeros((n_nodes, 3), dtype=np.bool_)
-    is_held[held.nodes] = held.held > 0.0
-    node = np.arange(n_nodes + 1)
-    transform = csr_array(bsr_array((turns, node[:-1], node), (size, size)))
-    transform.eliminate_zeros()
-    return transform, np.flatnonzero(~is_held.ravel()), value
-
-
-def prescribed_values(held: HeldNodes, n_nodes: int, time: float | None = None) -> FloatArray:
-    """Prescribed variables v at a time [s], zero at the others, (3 n_nodes,) [mm].
-
-    Without a time where every support has moved all its way.
-    """
-    value = np.zeros((n_nodes, 3))
-    value[held.nodes] = held.at(time)
-    return value.ravel()
 
 
 #: Displacements that nodal forces cause: (n_nodes, 3) [N] to (n_nodes, 3) [mm].

@@ -449,13 +449,14 @@ def joint_forces(state: ContactState) -> JointResultants:
         np.maximum.at(most, joint, values)
         return most
 
-    if state.point_moments is not None:
-        on_m, on_s = np.moveaxis(state.point_moments, 1, 0)
-        both = np.hstack([0.5 * onwards * (on_s - on_m), 0.5 * (on_m + on_s)])
-        sums = np.stack([np.bincount(joint, v) for v in both.T], axis=1)
-        result = replace(result, moments=result.moments + sums[:, :3], couples=sums[:, 3:])
+    on_m, on_s = np.moveaxis(state.point_moments, 1, 0)
+    both = np.hstack([0.5 * onwards * (on_s - on_m), 0.5 * (on_m + on_s)])
+    count = len(result.block_m)
+    sums = np.stack([np.bincount(joint, v, minlength=count) for v in both.T], axis=1)
     return replace(
         result,
+        moments=result.moments + sums[:, :3],
+        couples=sums[:, 3:],
         smallest_gap=-largest(state.point_overclosures),
         largest_gap=largest(-state.point_overclosures),
         largest_slip=largest(np.linalg.norm(state.point_slips, axis=1)),

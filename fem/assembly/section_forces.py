@@ -10,10 +10,7 @@ Only elements and contacts with nodes on both sides contribute, and in equilibri
 minus those of loads and reactions behind the plane, to the residual. Loads count where their nodal
 shares act, so a distributed load is cut between nodes.
 
-Contact forces are those of the law. Friction depends on the history, and a solution does not keep
-it: what it does to each node is what equilibrium with the elements, the loads and the pressures
-leaves. It balances in every set of nodes that facets connect; a force across the plane is known
-where the nodes of such a set that are held or rigid, on which reactions act too, lie on one side.
+Contact forces are those of the points that were solved, friction included.
 """
 
 from __future__ import annotations
@@ -23,13 +20,9 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from fem.assembly.contact_state import corner_displacements
+from fem.assembly.contact_state import ContactState, corner_displacements
 from fem.assembly.deformable import DeformableAssembly
-from fem.contact.search import SearchedSurfaces
-from fem.contact.surfaces import ContactSurfaces, corner_forces
 from fem.problem.recovery import block_displacements
 from geometry.assembly import Assembly
 from geometry.measures import Planes, SectionError, SectionForces, nothing_cut, section_rows
@@ -48,8 +41,8 @@ class SolvedState(ReadOnlyArrays):
     deformable: DeformableAssembly
     displacements: tuple[FloatArray, ...]
     """Of each group, world axes, (n_copies, n_nodes, 3) [mm]."""
-    surfaces: ContactSurfaces | SearchedSurfaces
-    """Facets on which blocks touch."""
+    contact: ContactState
+    """Where blocks touch."""
     finite_rotation: bool
     """Whether the rigid rotation of each block is no strain."""
 
@@ -104,75 +97,21 @@ class SolvedState(ReadOnlyArrays):
         result = np.einsum("eij,ej->ei", stiffness, moved.reshape(len(some), -1))
         return result.reshape(moved.shape) @ frames[copy].T
 
-    def ends(self, rows: IntArray) -> IntArray:
-        """Nodes of both facets of some pairs, m's first, (n, nodes of both)."""
-        result = self.surfaces
-        m = self.starts[result.block_m[rows], None] + result.quads_m[rows]
-        s = self.starts[result.block_s[rows], None] + result.quads_s[rows]
+    @cached_property
+    def ends(self) -> IntArray:
+        """Nodes of both facets of all pairs, m's first, (n, nodes of both)."""
+        result = self.contact.surfaces
+        m = self.starts[result.block_m, None] + result.quads_m
+        s = self.starts[result.block_s, None] + result.quads_s
         return np.concatenate([m, s], axis=1)
 
     def contact_forces(self, rows: IntArray) -> FloatArray:
-        """Normal contact forces on `ends`, world axes, (n, nodes of both, 3) [N]."""
-        contact, some = self.deformable.contact, self.surfaces.subset(rows)
+        """Contact forces on some `ends`, world axes, (n, nodes of both, 3) [N]."""
+        some, frictions = self.contact.surfaces.subset(rows), self.contact.frictions
         moved = corner_displacements(self.deformable, self.displacements, some)
-        there = some.kinematics(moved, contact.normals)
-        law = contact.law.on(some.block_m, some.block_s)
-        return corner_forces(there, some.weights * law.pressure(there.overclosure))
-
-    @cached_property
-    def unbalanced(self) -> FloatArray:
-        """K u, springs included, less loads and normal contact forces; zero of rigid blocks.
-
-        (n_nodes, 3) [N]
-        """
-        result = np.zeros_like(self.positions)
-        for block in self.deformable.deformable_blocks.tolist():
-            group, copy = self._of(block)
-            local, frames = self.local[group]
-            model = self.deformable.model.groups[group]
-            force = (model.stiffness @ local[copy].ravel()).reshape(-1, 3) @ frames[copy].T
-            if self.deformable.gravity is not None:
-                force -= model.lumped_mass[:, None] * self.deformable.gravity
-            for load in self.deformable.model.loads:
-                mine = load.copies == copy if load.group == group else []
-                acting = load.forces[mine]
-                if load.follows_block:
-                    acting = acting @ model.rotations[copy] @ frames[copy].T
-                np.subtract.at(force, load.nodes[mine], acting)
-            result[self.nodes(block)] = force
-        every = np.arange(self.surfaces.n_facets)
-        np.subtract.at(result, self.ends(every), self.contact_forces(every))
-        return result
-
-    @cached_property
-    def held(self) -> BoolArray:
-        """Nodes on which reactions act, those of rigid blocks among them, (n_nodes,)."""
-        whole, held = self.deformable, np.zeros(len(self.positions), dtype=np.bool_)
-        for block in range(whole.assembly.n_blocks):
-            group, copy = self._of(block)
-            nodes = held[self.nodes(block)]
-            nodes[:] = group < 0
-            for support in whole.model.supports:
-                if support.group == group:
-                    nodes[support.nodes[support.copies == copy]] = True
-        return held
-
-    @cached_property
-    def connected(self) -> tuple[IntArray, IntArray]:
-        """Nodes of facets that press, each once (n,), and the set of each that they connect."""
-        every = np.arange(self.surfaces.n_facets)
-        pressing = np.abs(self.contact_forces(every)).max(axis=(1, 2)) > 0.0
-        ends = self.ends(every[pressing])
-        half = ends.shape[1] // 2
-        if isinstance(self.surfaces, SearchedSurfaces):
-            first, second = np.repeat(ends[:, :1], 2 * half, axis=1), ends
-        else:
-            first, second = ends[:, :half], ends[:, half:]
-        used, which = np.unique([first.ravel(), second.ravel()], return_inverse=True)
-        pairs = which.reshape(2, -1)
-        graph = coo_array((np.ones(pairs.shape[1]), (pairs[0], pairs[1])), (len(used), len(used)))
-        _, number = connected_components(graph, directed=False)
-        return used, np.asarray(number, dtype=np.int64)
+        law = self.deformable.contact.law.on(some.block_m, some.block_s)
+        pressures = law.pressure(some.overclosures(moved))
+        return some.nodal_forces(moved, pressures, None if frictions is None else frictions[rows])
 
 
 def section_forces(state: SolvedState, cut: Planes) -> SectionForces:
@@ -181,7 +120,7 @@ def section_forces(state: SolvedState, cut: Planes) -> SectionForces:
     Raises
     ------
     SectionError
-        A plane that cuts nothing, a periodic cell, or friction that equilibrium does not determine.
+        A plane that cuts nothing, or a periodic cell.
     """
     check_planes(state.deformable.assembly, cut, state.deformable.group_of < 0)
     return section_rows(cut, [_Section(state, cut, k).row() for k in range(len(cut.points))])
@@ -235,20 +174,16 @@ class _Section:
         """Area, centroid, force and moment about it."""
         for block in self.blocks.tolist():
             self._add_elements(block)
-        surfaces = self.state.surfaces
+        surfaces, ends = self.state.contact.surfaces, self.state.ends
         ours = np.isin(surfaces.block_m, self.blocks) & np.isin(surfaces.block_s, self.blocks)
-        if ours.any():
-            ends = self.state.ends(np.flatnonzero(ours))
-            crossing = np.ptp(self.behind[ends], axis=1) > 0.0
-            rows = np.flatnonzero(ours)[crossing]
-            self._add(ends[crossing], self.state.contact_forces(rows))
-            if len(rows) and self.state.deformable.contact.friction is not None:
-                self._add_friction()
+        rows = np.flatnonzero(ours & (np.ptp(self.behind[ends], axis=1) > 0.0))
+        if len(rows):
+            self._add(ends[rows], self.state.contact_forces(rows))
         return self.area, self.centroid, self.force, self.moment
 
-    def _add(self, nodes: IntArray, forces: FloatArray, less: FloatArray | float = 0.0) -> None:
+    def _add(self, nodes: IntArray, forces: FloatArray) -> None:
         """Count forces on nodes, (..., 3) [N], by how far these lie behind the plane."""
-        counted = (self.behind[nodes] - less)[..., None] * forces
+        counted = self.behind[nodes][..., None] * forces
         arms = self.state.places[nodes] - self.centroid
         self.force += counted.reshape(-1, 3).sum(axis=0)
         self.moment += np.cross(arms, counted).reshape(-1, 3).sum(axis=0)
@@ -262,31 +197,6 @@ class _Section:
         some = np.flatnonzero(np.ptp(self.behind[nodes][members], axis=1) > 0.0)
         if len(some):
             self._add(members[some] + nodes.start, -self.state.element_forces(block, some))
-
-    def _add_friction(self) -> None:
-        """Count friction, set by set of nodes that facets connect."""
-        nodes, number = self.state.connected
-        behind, held = self.behind[nodes], self.state.held[nodes]
-        size = int(number.max()) + 1
-        low, high, base = np.full(size, np.inf), np.full(size, -np.inf), np.zeros(size)
-        np.minimum.at(low, number[held], behind[held])
-        np.maximum.at(high, number[held], behind[held])
-        least, most = np.full(size, np.inf), np.full(size, -np.inf)
-        np.minimum.at(least, number, behind)
-        np.maximum.at(most, number, behind)
-        owner = np.searchsorted(self.state.starts, nodes, side="right") - 1
-        crossing, ours = least < most, np.isin(owner, self.blocks)
-        foreign = np.bincount(number, ~ours, minlength=size) > 0
-        if (crossing & ((low < high) | foreign)).any():
-            raise SectionError(
-                f"section {self.name}: friction acts between blocks that are held on both sides of "
-                "the plane, or that are not all among the blocks; expected a plane where all nodes "
-                "of one side are free, through all blocks"
-            )
-        base[np.isfinite(low)] = low[np.isfinite(low)]
-        known = ~held & crossing[number]
-        forces = self.state.unbalanced[nodes[known]]
-        self._add(nodes[known], forces, base[number[known]])
 
     def _cut_block(self, block: int) -> tuple[float, FloatArray]:
         """Area of a block in the plane [mm²] and its first moment (3,) [mm³]; weights on it."""

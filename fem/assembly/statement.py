@@ -33,7 +33,7 @@ from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw, ExponentialLaw
 from fem.contact.own_law import PressureLaw, as_law
 from fem.contact.pair_laws import PairLaws
-from fem.contact.surfaces import ContactNormals, ContactSurfaces
+from fem.contact.surfaces import ContactNormals, MatchedFacets
 from fem.element.hexahedron import ElementType
 from fem.element.material import (
     FASTEST_SOUND,
@@ -346,10 +346,12 @@ class Problem:
             )
         return deforms
 
-    def _surfaces(self, assembly: Assembly, deforms: BoolArray) -> ContactSurfaces:
+    def _surfaces(self, assembly: Assembly, deforms: BoolArray) -> MatchedFacets:
         """Facets that touch, with the gaps before the load acts."""
         offsets = spacing_offsets(assembly, self.spacing)
-        return touching_surfaces(assembly, deforms, offsets, self.clearance, self.contact_law)
+        facets = touching_surfaces(assembly, deforms, offsets, self.clearance, self.contact_law)
+        current = self.normals is ContactNormals.CURRENT
+        return facets if current else facets.with_reference_normals
 
     def _check_units_of(self, material: Material) -> None:
         """Reject constants and loads that no solid in mm, N, MPa and t has."""

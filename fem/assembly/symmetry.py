@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.contact.pair_laws import PairLaws
-from fem.contact.search import SearchedSurfaces
+from fem.contact.search import SearchedPoints
 from fem.contact.surfaces import facet_corners
 from geometry.block import Block
 from geometry.errors import RefusedError
@@ -169,8 +169,8 @@ def require_sector(deformable: DeformableAssembly) -> None:
 
 
 def searched_in_all_sectors(
-    deformable: DeformableAssembly, orbits: Orbits, surfaces: SearchedSurfaces
-) -> SearchedSurfaces:
+    deformable: DeformableAssembly, orbits: Orbits, surfaces: SearchedPoints
+) -> SearchedPoints:
     """Points of the whole assembly from those of one sector; their `order` is sector by sector."""
     if orbits.order == 1:
         return replace(surfaces, order=np.arange(surfaces.n_facets))
@@ -186,7 +186,7 @@ def vectors_in_all_sectors(
     deformable: DeformableAssembly,
     orbits: Orbits,
     vectors: FloatArray,
-    searched: SearchedSurfaces | None,
+    searched: SearchedPoints | None,
 ) -> FloatArray:
     """Vectors at the points of the whole assembly, such as friction on block s.
 

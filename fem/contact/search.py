@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -18,10 +17,10 @@ from scipy.spatial import cKDTree
 
 from fem.contact.cuts import OPPOSITE, carry_over, closest_on_facets, cut_facets
 from fem.contact.edge_points import ending_edges, matching_facets
-from fem.contact.surfaces import ContactNormals, PointKinematics
+from fem.contact.surfaces import ContactNormals, ContactPoints
 from fem.element.facet import FACET_CORNERS, bilinear, facet_areas, facet_functions
 from fem.element.lagrange import lobatto_points
-from geometry.mesh import BoolArray, FloatArray, IntArray, run_starts
+from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.work import Operation, count
 
 #: Skin of the search over the shortest mean edge of a facet.
@@ -409,35 +408,16 @@ def _seen(nodes: FloatArray, points: FloatArray, xi: FloatArray) -> tuple[FloatA
 
 
 @dataclass(frozen=True)
-class SearchedSurfaces:
-    """Points that face a facet, sorted by block pair: to the static solver facets with one point.
+class SearchedPoints(ContactPoints):
+    """Points x_s = Σ N_a x_a of a slave facet that face a master facet: facets with one point.
 
-    The same quantities as `fem.contact.surfaces`, for points x_s = Σ N_a x_a of a slave facet that
-    face a master facet, whatever the meshes: gap = n · (x_s - x_m(ξ)), n normal to the master
-    facet. With *current* normals ξ is the closest point of the displaced facet, whose way does not
-    change the gap (d stands on the facet); with *reference* normals n and ξ stay as the search
-    found them.
+    d and the normal are those at the natural coordinates of the closest point that the search
+    found; while points slide from there, d leans.
     """
 
-    block_m: IntArray
-    """Master block, (n,)."""
-    block_s: IntArray
-    """Block that the point lies on, (n,)."""
-    quads_m: IntArray
-    """Nodes of the faced facet in block m's mesh, (n, n_nodes of a facet)."""
-    quads_s: IntArray
-    """Nodes of the point's facet in block s's mesh, alike."""
     corners: FloatArray
     """Of both facets before any displacement, m's first, relative to `origin`, world axes,
     (n, 2 n_nodes, 3) [mm]."""
-    shapes: FloatArray
-    """Shape functions of the point's facet there, (n, n_nodes)."""
-    xi: FloatArray
-    """Natural coordinates of the closest point as the search found it, (n, 2)."""
-    normals: FloatArray
-    """From m to s as the search found them, (n, 1 point, 3)."""
-    weights: FloatArray
-    """Area that the point stands for, (n, 1 point) [mm²]."""
     order: IntArray
     """Position of each point in the search, (n,)."""
     position_s: IntArray
@@ -448,73 +428,10 @@ class SearchedSurfaces:
     """Area of its whole facet, (n,) [mm²]."""
     farthest: float
     """Largest gap at which the search counts a point as facing a facet [mm]."""
-    clearance: float
-    """Added to every gap [mm]."""
     origin: FloatArray
     """World axes, (3,) [mm] (`BlockSurface.origin`)."""
 
-    @property
-    def n_facets(self) -> int:
-        """Number of points."""
-        return len(self.block_m)
-
-    @property
-    def areas(self) -> FloatArray:
-        """Area of each point, (n,) [mm²]."""
-        return self.weights[:, 0]
-
-    @cached_property
-    def pair_start(self) -> IntArray:
-        """First point of each block pair, and the total; (n_pairs + 1,)."""
-        return run_starts(self.block_m, self.block_s)
-
-    @cached_property
-    def difference(self) -> FloatArray:
-        """Weights of the nodes in d = x_s - x_m, (n, 1 point, 2 n_nodes)."""
-        return self._difference(self.xi)[:, None]
-
-    def _difference(self, xi: FloatArray) -> FloatArray:
-        faced = facet_functions(xi, self.shapes.shape[1])[0]
-        return np.concatenate([-faced, self.shapes], axis=1)
-
-    @cached_property
-    def sides(self) -> FloatArray:
-        """Orthonormal tangents of the normals, (n, 1 point, 2, 3)."""
-        n_nodes = self.shapes.shape[1]
-        slopes = facet_functions(self.xi, n_nodes)[1]
-        first: FloatArray = np.einsum("na,nai->ni", slopes[:, :, 0], self.corners[:, :n_nodes])
-        normal = self.normals[:, 0]
-        first -= np.einsum("ni,ni->n", first, normal)[:, None] * normal
-        first /= np.linalg.norm(first, axis=1, keepdims=True)
-        return np.stack([first, np.cross(normal, first)], axis=1)[:, None]
-
-    def kinematics(
-        self, corner_displacements: FloatArray, normals: ContactNormals
-    ) -> PointKinematics:
-        """Overclosures and gradients at displaced nodes (n, 2 n_nodes, 3) [mm], world axes."""
-        corners: FloatArray = self.corners + corner_displacements
-        if normals is ContactNormals.REFERENCE:
-            d = np.einsum("npa,nai->npi", self.difference, corners)
-            gap = np.einsum("npi,npi->np", self.normals, d)
-            gradient = -np.einsum("npa,npi->npai", self.difference, self.normals)
-            return PointKinematics(-gap - self.clearance, gradient)
-        faced, own = np.split(corners, 2, axis=1)
-        points = np.einsum("na,nai->ni", self.shapes, own)
-        xi, result, normal = closest_points(faced, points, self.xi)
-        by_corner = -np.einsum("na,ni->nai", self._difference(xi), normal)
-        return PointKinematics((-result - self.clearance)[:, None], by_corner[:, None])
-
-    def subset(self, points: IntArray) -> SearchedSurfaces:
-        """Keep some points, in the order given."""
-        return replace(self, **{name: values[points] for name, values in self._each.items()})
-
-    @property
-    def _each(self) -> dict[str, Any]:
-        """What every point has, by name."""
-        of_all = ("clearance", "farthest", "origin")
-        return {f.name: getattr(self, f.name) for f in fields(self) if f.name not in of_all}
-
-    def turned(self, turn: FloatArray, place: FloatArray, image: IntArray) -> SearchedSurfaces:
+    def turned(self, turn: FloatArray, place: FloatArray, image: IntArray) -> SearchedPoints:
         """The same points after a rotation (3, 3) about a place (3,) that maps blocks (n,)."""
         about = place - self.origin
         return replace(
@@ -522,10 +439,12 @@ class SearchedSurfaces:
             block_m=image[self.block_m],
             block_s=image[self.block_s],
             corners=(self.corners - about) @ turn.T + about,
-            normals=self.normals @ turn.T,
+            offsets=self.offsets @ turn.T,
+            tangents=self.tangents @ turn.T,
+            sides=self.sides @ turn.T,
         )
 
-    def joined(self, others: list[SearchedSurfaces]) -> SearchedSurfaces:
+    def joined(self, others: list[SearchedPoints]) -> SearchedPoints:
         """These points and others, sorted by block pair; `order` is that of the list."""
         every = [one._each for one in (self, *others)]
         each: dict[str, Any] = {
@@ -536,8 +455,10 @@ class SearchedSurfaces:
         return replace(self, **{name: values[sort] for name, values in each.items()})
 
 
-def searched_surfaces(points: FacingPoints, clearance: float) -> SearchedSurfaces:
-    """Points of a search at its present positions, as the static solver takes them."""
+def points_of_search(
+    points: FacingPoints, clearance: float, normals: ContactNormals = ContactNormals.CURRENT
+) -> SearchedPoints:
+    """Points of a search at its present positions, with a rule of the normal."""
     result = points.on_facets()
     sizes = [len(s.quads) // points.pieces for s in points.surfaces]
     nodes = np.concatenate([s.nodes for s in points.surfaces])
@@ -548,22 +469,34 @@ def searched_surfaces(points: FacingPoints, clearance: float) -> SearchedSurface
     quads_m, quads_s = points.whole[master], points.whole[slave]
     position = np.einsum("na,nai->ni", shapes, points.position[quads_s])
     xi, _, normal = closest_points(points.position[quads_m], position, result.xi[order])
+    values, by_nodes = facet_functions(xi, shapes.shape[1])
+    slopes = np.concatenate([by_nodes, np.zeros_like(by_nodes)], axis=1).swapaxes(1, 2)[:, None]
+    functions = np.concatenate([-values, shapes], axis=1)[:, None]
+    corners = np.concatenate([reference[quads_m], reference[quads_s]], axis=1)
+    tangents = (slopes[:, 0] @ corners)[:, None]
+    first = tangents[:, 0, 0] - np.einsum("ni,ni->n", tangents[:, 0, 0], normal)[:, None] * normal
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    if normals is ContactNormals.REFERENCE:
+        now = np.concatenate([points.position[quads_m], points.position[quads_s]], axis=1)
+        slopes, tangents = np.zeros_like(slopes), (slopes[:, 0] @ now)[:, None]
     areas = points.facet_area.reshape(-1, points.pieces).sum(axis=1)
-    return SearchedSurfaces(
+    return SearchedPoints(
         block_m=blocks[master],
         block_s=blocks[slave],
         quads_m=nodes[quads_m],
         quads_s=nodes[quads_s],
-        corners=np.concatenate([reference[quads_m], reference[quads_s]], axis=1),
-        shapes=shapes,
-        xi=xi,
-        normals=normal[:, None],
+        functions=functions,
+        slopes=slopes,
+        offsets=functions @ corners,
+        tangents=tangents,
+        sides=np.stack([first, np.cross(normal, first)], axis=1)[:, None],
         weights=result.weights[order][:, None],
+        clearance=clearance,
+        corners=corners,
         order=order,
         position_s=points.facet_position[points.pieces * slave] // points.pieces,
         cells=result.cells[order],
         facet_areas=areas[slave],
         farthest=points.farthest,
-        clearance=clearance,
         origin=points.surfaces[0].origin,
     )

@@ -1,20 +1,22 @@
-"""Face-to-face contact on conforming interfaces: gaps, pressures, nodal forces, tangent.
+"""Contact points: gaps, nodal forces, tangents, whether facets match or a search found them.
 
-Opposing facets are matched corner on corner. On each pair lie Gauss points, 2 × 2 on bilinear
-facets (`fem.element.facet.FacetBasis`); at a point
+At a point of the opposing surface that faces one of the master surface
 
-    d = x_s - x_m                    from the master point to the opposing one
-    n = a / |a|, a = t_1 × t_2       t the mean of the two facets' tangents: neither is favoured
+    d = x_s - x_m = offset + Σ functions u
+    n = a / |a|, a = t_1 × t_2, t = tangent + Σ slopes u
     overclosure = -n · d - clearance minus the gap
 
 and the energy is the sum of w W(overclosure) with w the reference area of the point. Forces
-are its derivatives: on the nodes -w p ∂(overclosure)/∂u. The first half of the nodes of a pair are
-those of the master facet, the second the coinciding ones of the opposing facet. Bilinear facets
-have their four corners for nodes.
+are its derivatives: on the nodes -w p ∂(overclosure)/∂u. The first half of the nodes of a point are
+those of the master facet, the second those of the opposing one.
 
-With *reference* normals n does not change: the overclosure is linear in the displacement. With
-*current* normals n follows both surfaces; its variation is part of the force, so forces and
-moments about the current positions balance to round-off.
+The rule of the normal lies in tangents and slopes. Where facets *match*, corner on corner, Gauss
+points lie on each pair, 2 × 2 on bilinear facets (`fem.element.facet.FacetBasis`), and t is the
+mean of the tangents of both: neither is favoured. Where a *search* found what a point faces
+(`fem.contact.search`), t is that of the master facet at the closest point. These *current* normals
+are those of the deformed surfaces: their variation is part of the force, so forces and moments
+about the current positions balance to round-off. With *reference* normals slopes are zero: the
+overclosure is linear in the displacement.
 """
 
 from __future__ import annotations
@@ -22,11 +24,12 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
 from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
 
 from fem.contact.law import ContactLaw
-from fem.element.facet import BILINEAR, FacetBasis, basis_of
+from fem.element.facet import FacetBasis, basis_of
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, cross_matrix, run_starts
@@ -46,10 +49,10 @@ class ContactNormals(StrEnum):
 
 
 @dataclass(frozen=True)
-class ContactSurfaces(ReadOnlyArrays):
-    """Matched facets of an assembly with their Gauss points, world axes.
+class ContactPoints(ReadOnlyArrays):
+    """Points of contact on pairs of facets, world axes; a search finds one for each pair.
 
-    Sorted by block pair; both the static and the explicit solver read it.
+    Sorted by block pair.
     """
 
     block_m: IntArray
@@ -59,17 +62,21 @@ class ContactSurfaces(ReadOnlyArrays):
     quads_m: IntArray
     """Nodes in block m's mesh, (n, n_nodes of a facet)."""
     quads_s: IntArray
-    """Coinciding nodes of block s, one by one."""
-    facet: IntArray
-    """Position in the assembly's interfaces, (n,)."""
-    tangents: FloatArray
-    """Mean reference tangents dx/dr, dx/ds of the two facets, (n, n_points, 2, 3) [mm]."""
+    """Nodes of block s alike; of matched facets those that coincide, one by one."""
+    functions: FloatArray
+    """Weights of the nodes in d, (n, n_points, nodes of both), or (1, …) for all facets."""
+    slopes: FloatArray
+    """Weights of the nodes in the tangents, (n, n_points, 2, nodes of both), or (1, …)."""
     offsets: FloatArray
     """x_s - x_m in the reference position, spacing included, (n, n_points, 3) [mm]."""
-    clearance: float = 0.0
+    tangents: FloatArray
+    """Tangents dx/dr, dx/ds whose normal counts, there, (n, n_points, 2, 3) [mm]."""
+    sides: FloatArray
+    """Orthonormal directions along which slips are measured, (n, n_points, 2, 3)."""
+    weights: FloatArray
+    """Reference area of each point, (n, n_points) [mm²]."""
+    clearance: float
     """Added to every gap, as if the surfaces lay half of it inside their blocks [mm]."""
-    basis: FacetBasis = BILINEAR
-    """Functions of the nodes of a facet at its points."""
 
     @property
     def n_facets(self) -> int:
@@ -82,31 +89,92 @@ class ContactSurfaces(ReadOnlyArrays):
         return run_starts(self.block_m, self.block_s)
 
     @cached_property
-    def area_vectors(self) -> FloatArray:
-        """t_1 × t_2 of the reference position, (n, n_points, 3) [mm²]."""
-        return np.cross(self.tangents[:, :, 0], self.tangents[:, :, 1])
+    def areas(self) -> FloatArray:
+        """Reference area of each facet, (n,) [mm²]."""
+        return self.weights.sum(axis=1)
 
-    @cached_property
-    def weights(self) -> FloatArray:
-        """Reference area of each point, (n, n_points) [mm²]."""
-        return np.linalg.norm(self.area_vectors, axis=2) * self.basis.weights
+    @property
+    def with_reference_normals(self) -> Self:
+        """The same with normals that do not turn."""
+        return replace(self, slopes=np.zeros((1, *self.slopes.shape[1:])))
+
+    def kinematics(self, moved: FloatArray) -> PointKinematics:
+        """Overclosures and gradients at displacements of the nodes, (n, nodes of both, 3) [mm]."""
+        frame, slopes = self.frame(moved), self.slopes
+        gradient = -np.einsum("fpa,fpi->fpai", self.functions, frame.normal)
+        if slopes.any():
+            # ∂(overclosure)/∂a = -e; a = t_1 × t_2 turns it into t_2 × (-e) and (-e) × t_1.
+            by_first = np.cross(frame.slip, frame.tangents[:, :, 1])
+            by_second = np.cross(frame.tangents[:, :, 0], frame.slip)
+            turning = np.einsum("fpa,fpi->fpai", slopes[:, :, 0], by_first)
+            turning += np.einsum("fpa,fpi->fpai", slopes[:, :, 1], by_second)
+            gradient += turning
+        return PointKinematics(-frame.gap - self.clearance, gradient)
+
+    def nodal_forces(
+        self, moved: FloatArray, pressures: FloatArray, frictions: FloatArray | None = None
+    ) -> FloatArray:
+        """Forces on the nodes of both facets, world axes, (n, nodes of both, 3) [N].
+
+        Parameters
+        ----------
+        moved
+            Displacements of the nodes, (n, nodes of both, 3) [mm].
+        pressures
+            Of the points, (n, n_points) [MPa].
+        frictions
+            On block s there, (n, n_points, 3) [MPa]; None: without.
+        """
+        gradient = self.kinematics(moved).gradient
+        forces = -np.einsum("fp,fpai->fai", self.weights * pressures, gradient)
+        if frictions is not None:
+            acting = self.weights[..., None] * frictions
+            forces += np.einsum("fpa,fpi->fai", self.functions, acting)
+        return forces
+
+    def overclosures(self, moved: FloatArray) -> FloatArray:
+        """Overclosures alone of `kinematics`, (n, n_points) [mm]."""
+        return -self.frame(moved).gap - self.clearance
+
+    def frame(self, moved: FloatArray) -> CurrentFrame:
+        """Tangents, normals and gaps at displacements of the nodes, (n, nodes of both, 3) [mm]."""
+        d = self.offsets + self.functions @ moved
+        n, n_points, _, n_nodes = self.slopes.shape
+        turned = self.slopes.reshape(n, 2 * n_points, n_nodes) @ moved
+        tangents = self.tangents + turned.reshape(self.tangents.shape)
+        vector = np.cross(tangents[:, :, 0], tangents[:, :, 1])
+        area = np.linalg.norm(vector, axis=2)
+        normal = vector / area[:, :, None]
+        gap = np.einsum("fpi,fpi->fp", normal, d)
+        slip = (d - gap[:, :, None] * normal) / area[:, :, None]
+        return CurrentFrame(d, tangents, normal, area, gap, slip)
+
+    def subset(self, some: IntArray) -> Self:
+        """Keep some facets, in the order requested; block pairs are found anew."""
+        return replace(self, **{name: values[some] for name, values in self._each.items()})
+
+    @property
+    def _each(self) -> dict[str, Any]:
+        """What every facet has, by name."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        n = self.n_facets
+        return {k: v for k, v in values.items() if np.ndim(v) and len(v) == n and k != "origin"}
+
+
+@dataclass(frozen=True)
+class MatchedFacets(ContactPoints):
+    """Points of facets that match corner on corner."""
+
+    facet: IntArray
+    """Position in the assembly's interfaces, (n,)."""
+    basis: FacetBasis
+    """Functions of the nodes of a facet at its points."""
 
     @cached_property
     def normals(self) -> FloatArray:
         """Reference normals from m to s, (n, n_points, 3)."""
-        return self.area_vectors / np.linalg.norm(self.area_vectors, axis=2, keepdims=True)
-
-    @cached_property
-    def sides(self) -> FloatArray:
-        """Orthonormal reference tangents, along which slips are measured, (n, n_points, 2, 3)."""
-        first = self.tangents[:, :, 0]
-        first = first / np.linalg.norm(first, axis=2, keepdims=True)
-        return np.stack([first, np.cross(self.normals, first)], axis=2)
-
-    @cached_property
-    def areas(self) -> FloatArray:
-        """Reference area of each facet, (n,) [mm²]."""
-        return self.weights.sum(axis=1)
+        area_vectors: FloatArray = np.cross(self.tangents[:, :, 0], self.tangents[:, :, 1])
+        return area_vectors / np.linalg.norm(area_vectors, axis=2, keepdims=True)
 
     @property
     def initial_gaps(self) -> FloatArray:
@@ -114,27 +182,59 @@ class ContactSurfaces(ReadOnlyArrays):
         along = np.einsum("fpi,fpi->fp", self.normals, self.offsets)
         return along + self.clearance
 
-    @property
-    def difference(self) -> FloatArray:
-        """Weights of the nodes in d = x_s - x_m, (n, n_points, nodes of both)."""
-        difference = self.basis.difference
-        return np.broadcast_to(difference, (self.n_facets, *difference.shape))
 
-    def kinematics(
-        self, corner_displacements: FloatArray, normals: ContactNormals
-    ) -> PointKinematics:
-        """Overclosures and gradients at displaced nodes (n, nodes of both, 3) [mm], world axes."""
-        return point_kinematics(self, corner_displacements, normals)
+def matched_facets(
+    blocks: tuple[IntArray, IntArray],
+    quads: tuple[IntArray, IntArray],
+    nodes: tuple[FloatArray, FloatArray],
+    basis: FacetBasis,
+    *,
+    apart: FloatArray | None = None,
+    clearance: float = 0.0,
+) -> MatchedFacets:
+    """Points on pairs of facets, with current normals.
 
-    def subset(self, facets: IntArray) -> ContactSurfaces:
-        """Keep some facets, in the order given; block pairs are found anew."""
-        names = (f.name for f in fields(self) if f.name not in ("clearance", "basis"))
-        return replace(self, **{name: getattr(self, name)[facets] for name in names})
+    Parameters
+    ----------
+    blocks, quads
+        Of both sides, master first, (n,) and (n, n_nodes of a facet).
+    nodes
+        Where they are, (n, n_nodes, 3) [mm].
+    basis
+        Functions of their nodes.
+    apart
+        What block s is moved by against m, (n, 3) [mm]; None: nothing.
+    clearance
+        Added to every gap [mm].
+    """
+    offsets = basis.values @ (nodes[1] - nodes[0])
+    if apart is not None:
+        offsets += apart[:, None]
+    tangents = basis.tangents(0.5 * (nodes[0] + nodes[1]))
+    area_vectors = np.cross(tangents[:, :, 0], tangents[:, :, 1])
+    areas = np.linalg.norm(area_vectors, axis=2)
+    first = tangents[:, :, 0] / np.linalg.norm(tangents[:, :, 0], axis=2, keepdims=True)
+    second = np.cross(area_vectors / areas[:, :, None], first)
+    return MatchedFacets(
+        block_m=blocks[0],
+        block_s=blocks[1],
+        quads_m=quads[0],
+        quads_s=quads[1],
+        functions=basis.difference[None],
+        slopes=np.ascontiguousarray(basis.mean_slopes.transpose(0, 2, 1))[None],
+        offsets=offsets,
+        tangents=tangents,
+        sides=np.stack([first, second], axis=2),
+        weights=areas * basis.weights,
+        clearance=clearance,
+        facet=np.arange(len(blocks[0])),
+        basis=basis,
+    )
 
 
 def contact_surfaces(
     assembly: Assembly, moved: FloatArray | None = None, *, clearance: float = 0.0
-) -> ContactSurfaces:
+) -> MatchedFacets:
     """Gather the matched facets of an assembly that a deformation can load.
 
     Facets between two fixed blocks are kept: a frame may be deformable.
@@ -161,20 +261,15 @@ def contact_surfaces(
     origin = assembly.centroids.mean(axis=0)
     nodes_m = facet_corners(assembly, interfaces.block_m, quads_m, origin)
     nodes_s = facet_corners(assembly, interfaces.block_s, quads_s, origin)
-    basis = basis_of(quads_m)
-    offsets: FloatArray = basis.values @ (nodes_s - nodes_m)
-    if moved is not None:
-        offsets += (moved[interfaces.block_s] - moved[interfaces.block_m])[:, None]
-    return ContactSurfaces(
-        block_m=interfaces.block_m,
-        block_s=interfaces.block_s,
-        quads_m=quads_m,
-        quads_s=quads_s,
-        facet=np.arange(interfaces.n_contacts),
-        tangents=basis.tangents(0.5 * (nodes_m + nodes_s)),
-        offsets=offsets,
+    m, s = interfaces.block_m, interfaces.block_s
+    apart = None if moved is None else moved[s] - moved[m]
+    return matched_facets(
+        (m, s),
+        (quads_m, quads_s),
+        (nodes_m, nodes_s),
+        basis_of(quads_m),
+        apart=apart,
         clearance=clearance,
-        basis=basis,
     )
 
 
@@ -204,9 +299,7 @@ def facet_corners(
     return corners
 
 
-def check_initial_overlap(
-    surfaces: ContactSurfaces, law: ContactLaw, clearance: float = 0.0
-) -> None:
+def check_initial_overlap(surfaces: MatchedFacets, law: ContactLaw, clearance: float = 0.0) -> None:
     """Reject surfaces that lie deeper in each other than the law's curve reaches.
 
     A negative clearance [mm] is an interference that is stated.
@@ -250,133 +343,63 @@ class PointKinematics:
     """∂(overclosure)/∂(corner displacement) in world axes, (n, n_points, nodes of both, 3)."""
 
 
-def reference_gradient(surfaces: ContactSurfaces) -> FloatArray:
-    """Gradient of the overclosure with reference normals, (n, n_points, nodes of both, 3)."""
-    return -np.einsum("pa,fpi->fpai", surfaces.basis.difference, surfaces.normals)
-
-
-def point_kinematics(
-    surfaces: ContactSurfaces,
-    corner_displacements: FloatArray,
-    normals: ContactNormals = ContactNormals.CURRENT,
-) -> PointKinematics:
-    """Overclosures and their gradients at displacements of corners, (n, nodes of both, 3) [mm]."""
-    d = surfaces.offsets + surfaces.basis.difference @ corner_displacements
-    if normals is ContactNormals.REFERENCE:
-        return PointKinematics(
-            -np.einsum("fpi,fpi->fp", surfaces.normals, d) - surfaces.clearance,
-            reference_gradient(surfaces),
-        )
-    frame = _current_frame(surfaces, corner_displacements, d)
-    basis = surfaces.basis
-    by_normal = -np.einsum("pa,fpi->fpai", basis.difference, frame.normal)
-    # ∂(overclosure)/∂a = -e; a = t_1 × t_2 turns it into t_2 × (-e) and (-e) × t_1.
-    by_first = np.cross(frame.slip, frame.tangents[:, :, 1])
-    by_second = np.cross(frame.tangents[:, :, 0], frame.slip)
-    turning = np.einsum("pa,fpi->fpai", basis.mean_slopes[:, :, 0], by_first)
-    turning += np.einsum("pa,fpi->fpai", basis.mean_slopes[:, :, 1], by_second)
-    return PointKinematics(-frame.gap - surfaces.clearance, by_normal + turning)
-
-
 @dataclass(frozen=True)
-class _CurrentFrame:
-    """Tangents, normal, gap and e = (d - n (n · d)) / |a| of the displaced points."""
+class CurrentFrame:
+    """Where points have moved."""
 
+    d: FloatArray
+    """x_s - x_m, (n, n_points, 3) [mm]."""
     tangents: FloatArray
+    """Whose normal counts, (n, n_points, 2, 3) [mm]."""
     normal: FloatArray
+    """From m to s, (n, n_points, 3)."""
     area: FloatArray
+    """|a|, (n, n_points) [mm²]."""
     gap: FloatArray
+    """n · d, (n, n_points) [mm]."""
     slip: FloatArray
+    """e = (d - n (n · d)) / |a|, (n, n_points, 3) [1/mm]."""
 
 
-def _current_frame(
-    surfaces: ContactSurfaces, corner_displacements: FloatArray, d: FloatArray
-) -> _CurrentFrame:
-    slopes = surfaces.basis.mean_slopes
-    by_each = slopes.transpose(0, 2, 1).reshape(-1, slopes.shape[1]) @ corner_displacements
-    tangents = surfaces.tangents + by_each.reshape(surfaces.tangents.shape)
-    vector = np.cross(tangents[:, :, 0], tangents[:, :, 1])
-    area = np.linalg.norm(vector, axis=2)
-    normal = vector / area[:, :, None]
-    gap = np.einsum("fpi,fpi->fp", normal, d)
-    slip = (d - gap[:, :, None] * normal) / area[:, :, None]
-    return _CurrentFrame(tangents, normal, area, gap, slip)
-
-
-def point_overclosures(
-    surfaces: ContactSurfaces,
-    corner_displacements: FloatArray,
-    normals: ContactNormals = ContactNormals.CURRENT,
-) -> FloatArray:
-    """Overclosures alone of `point_kinematics`, (n, n_points) [mm]."""
-    d = surfaces.offsets + surfaces.basis.difference @ corner_displacements
-    if normals is ContactNormals.REFERENCE:
-        return -np.einsum("fpi,fpi->fp", surfaces.normals, d) - surfaces.clearance
-    return -_current_frame(surfaces, corner_displacements, d).gap - surfaces.clearance
-
-
-def point_normals(
-    surfaces: ContactSurfaces,
-    corner_displacements: FloatArray,
-    normals: ContactNormals = ContactNormals.CURRENT,
-) -> FloatArray:
-    """Normals from m to s that measure the gaps at displaced corners, (n, n_points, 3)."""
-    if normals is ContactNormals.REFERENCE:
-        return surfaces.normals
-    d = surfaces.offsets + surfaces.basis.difference @ corner_displacements
-    return _current_frame(surfaces, corner_displacements, d).normal
-
-
-def corner_overclosures(
-    surfaces: ContactSurfaces,
-    corner_displacements: FloatArray,
-    normals: ContactNormals = ContactNormals.CURRENT,
-) -> FloatArray:
+def corner_overclosures(surfaces: MatchedFacets, moved: FloatArray) -> FloatArray:
     """Overclosures where facets are looked at for peaks, (n, n_looks) [mm].
 
     Of bilinear facets these are the corners: between them a gap is bilinear but for the turning of
     the normal, and its extremes are here. Tangents and d are polynomials, so their values at the
     Gauss points say those everywhere.
     """
-    basis = surfaces.basis
-    d = surfaces.offsets + surfaces.basis.difference @ corner_displacements
-    tangents: FloatArray = surfaces.tangents
-    if normals is ContactNormals.CURRENT:
-        turned: FloatArray = np.einsum("pak,fai->fpki", basis.mean_slopes, corner_displacements)
-        tangents = tangents + turned
-    there = basis.to_looks @ tangents.reshape(*tangents.shape[:2], 6)
+    frame, to_looks = surfaces.frame(moved), surfaces.basis.to_looks
+    there = to_looks @ frame.tangents.reshape(*frame.tangents.shape[:2], 6)
     vector: FloatArray = np.cross(there[..., :3], there[..., 3:])
     normal: FloatArray = vector / np.linalg.norm(vector, axis=2, keepdims=True)
-    distance = basis.to_looks @ d
-    return -np.einsum("fci,fci->fc", normal, distance) - surfaces.clearance
+    return -np.einsum("fci,fci->fc", normal, to_looks @ frame.d) - surfaces.clearance
 
 
-def curvature(surfaces: ContactSurfaces, corner_displacements: FloatArray) -> FloatArray:
-    """Second derivative of the overclosure with current normals.
+def curvature(surfaces: ContactPoints, moved: FloatArray) -> FloatArray:
+    """Second derivative of the overclosure.
 
     Returns
     -------
     FloatArray
         (n, n_points, m, m) [1/mm], degrees of freedom 3 · node + component.
     """
-    d = surfaces.offsets + surfaces.basis.difference @ corner_displacements
-    hessian = _second_derivatives(_current_frame(surfaces, corner_displacements, d))
-    spread = np.einsum("pka,ij->pkiaj", _frame_factors(surfaces), np.eye(3))
-    spread = spread.reshape(*spread.shape[:1], 9, -1)
+    hessian = _second_derivatives(surfaces.frame(moved))
+    spread = np.einsum("fpka,ij->fpkiaj", _frame_factors(surfaces), np.eye(3))
+    spread = spread.reshape(*spread.shape[:2], 9, -1)
     return _transposed(spread) @ hessian @ spread
 
 
 def motion_derivatives(
-    surfaces: ContactSurfaces, corner_displacements: FloatArray, motions: FloatArray
+    surfaces: ContactPoints, moved: FloatArray, motions: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """First and second derivative of the overclosure by motions, with current normals.
+    """First and second derivative of the overclosure by motions.
 
     Parameters
     ----------
     surfaces
         Facets in contact.
-    corner_displacements
-        Where they are, (n, nodes of both, 3) [mm].
+    moved
+        Where their nodes are, (n, nodes of both, 3) [mm].
     motions
         Displacements of the nodes of both facets by unit motions, (n, nodes of both, 3, n_motions).
 
@@ -385,25 +408,22 @@ def motion_derivatives(
     tuple[FloatArray, FloatArray]
         (n, n_points, n_motions) and (n, n_points, n_motions, n_motions).
     """
-    d = surfaces.offsets + surfaces.basis.difference @ corner_displacements
-    frame = _current_frame(surfaces, corner_displacements, d)
+    frame = surfaces.frame(moved)
     by_first = np.cross(frame.slip, frame.tangents[:, :, 1])
     by_second = np.cross(frame.tangents[:, :, 0], frame.slip)
     first = np.concatenate([-frame.normal, by_first, by_second], axis=2)
-    way = np.einsum("pka,faim->fpkim", _frame_factors(surfaces), motions, optimize=True)
+    way = np.einsum("fpka,faim->fpkim", _frame_factors(surfaces), motions, optimize=True)
     way = way.reshape(*first.shape, -1)
     gradient = (first[:, :, None] @ way)[:, :, 0]
     return gradient, _transposed(way) @ _second_derivatives(frame) @ way
 
 
-def _frame_factors(surfaces: ContactSurfaces) -> FloatArray:
-    """Weights of the nodes of both facets in d, t_1 and t_2, (n_points, 3, nodes of both)."""
-    basis = surfaces.basis
-    slopes = (basis.mean_slopes[:, :, 0], basis.mean_slopes[:, :, 1])
-    return np.stack([basis.difference, *slopes], axis=1)
+def _frame_factors(surfaces: ContactPoints) -> FloatArray:
+    """Weights of the nodes of both facets in d, t_1 and t_2, (…, n_points, 3, nodes of both)."""
+    return np.concatenate([surfaces.functions[:, :, None], surfaces.slopes], axis=2)
 
 
-def _second_derivatives(frame: _CurrentFrame) -> FloatArray:
+def _second_derivatives(frame: CurrentFrame) -> FloatArray:
     """Second derivative of the overclosure by (d, t_1, t_2), (n, n_points, 9, 9).
 
     With e the tangential part of d over |a| and P = 1 - n nᵀ: ∂²/∂a∂d = -P / |a|,
@@ -437,16 +457,8 @@ def _transposed(matrix: FloatArray) -> FloatArray:
 # Forces
 
 
-def corner_forces(kinematics: PointKinematics, point_forces: FloatArray) -> FloatArray:
-    """Forces on the nodes of both facets, world axes: (n, nodes of both, 3) [N].
-
-    From w p of each point, (n, n_points) [N].
-    """
-    return -np.einsum("fp,fpai->fai", point_forces, kinematics.gradient)
-
-
 def curvature_tangent(
-    surfaces: ContactSurfaces, corner_displacements: FloatArray, point_forces: FloatArray
+    surfaces: ContactPoints, moved: FloatArray, point_forces: FloatArray
 ) -> FloatArray:
     """Part of the derivative of minus the corner forces that comes from turning normals.
 
@@ -455,9 +467,9 @@ def curvature_tangent(
     FloatArray
         (n, m, m) [N/mm].
     """
-    return np.einsum("fp,fpij->fij", point_forces, curvature(surfaces, corner_displacements))
+    return np.einsum("fp,fpij->fij", point_forces, curvature(surfaces, moved))
 
 
-def facet_pressures(surfaces: ContactSurfaces, point_pressures: FloatArray) -> FloatArray:
+def facet_pressures(surfaces: ContactPoints, point_pressures: FloatArray) -> FloatArray:
     """Mean pressure of each facet, its force over its area; (n,) [MPa]."""
     return (surfaces.weights * point_pressures).sum(axis=1) / surfaces.areas

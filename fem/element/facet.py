@@ -12,7 +12,7 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.polynomial import legendre
 
-from fem.element.lagrange import gauss_line, line_basis, tensor_points
+from fem.element.lagrange import gauss_line, line_basis, tensor_points, tensor_values
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, grid_points
 
 #: Natural coordinates of the four corners of a facet, (4, 2).
@@ -29,21 +29,23 @@ def bilinear(xi: FloatArray) -> tuple[FloatArray, FloatArray]:
     return 0.25 * factor.prod(axis=-1), slopes
 
 
-def facet_functions(xi: FloatArray, n_nodes: int) -> tuple[FloatArray, FloatArray]:
-    """Functions (n, n_nodes) and slopes (n, n_nodes, 2) of facets at coordinates (n, 2).
+def facet_values(xi: FloatArray, n_nodes: int) -> FloatArray:
+    """Functions of facets at coordinates (n, 2), (n, n_nodes).
 
     Four nodes are corners, in their order; more have the second direction fastest.
     """
     if n_nodes == 4:
+        return bilinear(xi)[0]
+    return tensor_values(*(line_basis(math.isqrt(n_nodes) - 1, x)[0] for x in xi.T))
+
+
+def facet_functions(xi: FloatArray, n_nodes: int) -> tuple[FloatArray, FloatArray]:
+    """`facet_values` and slopes (n, n_nodes, 2)."""
+    if n_nodes == 4:
         return bilinear(xi)
-    degree = math.isqrt(n_nodes) - 1
-    (first, first_slope), (second, second_slope) = (line_basis(degree, x) for x in xi.T)
-
-    def product(a: FloatArray, b: FloatArray) -> FloatArray:
-        return (a[:, :, None] * b[:, None, :]).reshape(len(xi), n_nodes)
-
-    slopes = np.stack([product(first_slope, second), product(first, second_slope)], axis=2)
-    return product(first, second), slopes
+    (first, by_first), (second, by_second) = (line_basis(math.isqrt(n_nodes) - 1, x) for x in xi.T)
+    slopes = tensor_values(by_first, second), tensor_values(first, by_second)
+    return tensor_values(first, second), np.stack(slopes, axis=2)
 
 
 #: Bilinear shape functions at the Gauss points, (4 points, 4 corners), and their derivatives,

@@ -1,10 +1,7 @@
-"""Eight-node hexahedra of linear elasticity: stiffness, lumped mass and their assembly.
+"""Eight-node hexahedra of linear elasticity.
 
-Degrees of freedom are numbered ``3 * node + component`` within an element and in a block.
-With g the gradients of the shape functions at a Gauss point and dv its volume, every element
-here is a combination of one tensor, T[ai, bj] = sum_p dv g[a, i] g[b, j]:
-
-    K[ai, bj] = lambda T[ai, bj] + mu (T[aj, bi] + delta_ij sum_k T[ak, bk])
+Degrees of freedom are numbered ``3 * corner + component``. A hexahedron is its strain operator B at
+points of volume dv: K = Σ dv Bᵀ D B, the stress is D B u, and hourglass control comes in addition.
 """
 
 from __future__ import annotations
@@ -19,6 +16,7 @@ from fem.element.material import Material
 from geometry.mesh import (
     CORNERS,
     FloatArray,
+    IntArray,
     MeshError,
     gauss_points,
     shape_gradients,
@@ -47,6 +45,10 @@ HOURGLASS_VECTORS: FloatArray = np.column_stack(
 #: Rows and columns of the six components xx, yy, zz, xy, yz, xz.
 VOIGT = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 
+
+#: Engineering strain at points of elements from displacements of their corners,
+#: (n_elements, n_points, 6, 24) [1/mm], and volumes of the points, (n_elements, n_points) [mm³].
+StrainAtPoints = tuple[FloatArray, FloatArray]
 
 #: Elements treated at once: bounds the temporary memory of an assembly to some 40 MB.
 _CHUNK = 2048
@@ -138,64 +140,9 @@ def strain_operator(gradients: FloatArray) -> FloatArray:
     return operator.reshape(*gradients.shape[:-2], 6, 3 * n)
 
 
-def gradient_tensor(gradients: FloatArray, volume: FloatArray) -> FloatArray:
-    """T[ai, bj] = sum_p dv g[a, i] g[b, j]: (n_elements, 3 n, 3 n) [mm]."""
-    n_elements, n_points = volume.shape
-    flat = gradients.reshape(n_elements, n_points, -1)
-    return _symmetric(np.swapaxes(flat * volume[:, :, None], 1, 2) @ flat)
-
-
-def _symmetric(matrices: FloatArray) -> FloatArray:
+def symmetric(matrices: FloatArray) -> FloatArray:
     """Remove the round-off of a product that is symmetric: (n, m, m)."""
     return 0.5 * (matrices + np.swapaxes(matrices, 1, 2))
-
-
-def isotropic_stiffness(tensor: FloatArray, lame: float, shear: float) -> FloatArray:
-    """Isotropic stiffness of the tensor T (module docstring), symmetric to the bit as T is."""
-    n = tensor.shape[1] // 3
-    t = tensor.reshape(-1, n, 3, n, 3)
-    stiffness = lame * t + shear * t.transpose(0, 1, 4, 3, 2)
-    laplacian = shear * np.einsum("eakbk->eab", t)
-    for i in range(3):
-        stiffness[:, :, i, :, i] += laplacian
-    return stiffness.reshape(-1, 3 * n, 3 * n)
-
-
-def extended_stiffness(
-    coordinates: FloatArray, material: Material
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Stiffness of the incompatible element before its internal modes are condensed.
-
-    Returns
-    -------
-    tuple[FloatArray, FloatArray, FloatArray]
-        K_uu (n_elements, 24, 24), K_au (n_elements, 9, 24), K_aa (n_elements, 9, 9) [N/mm];
-        the internal displacements follow from K_au u + K_aa a = 0.
-    """
-    gradients, volume = gauss_gradients(coordinates)
-    modes = incompatible_gradients(coordinates, volume)
-    tensor = gradient_tensor(np.concatenate([gradients, modes], axis=2), volume)
-    stiffness = isotropic_stiffness(tensor, material.lame_modulus, material.shear_modulus)
-    return stiffness[:, :24, :24], stiffness[:, 24:, :24], stiffness[:, 24:, 24:]
-
-
-def _full(coordinates: FloatArray, material: Material) -> FloatArray:
-    tensor = gradient_tensor(*gauss_gradients(coordinates))
-    return isotropic_stiffness(tensor, material.lame_modulus, material.shear_modulus)
-
-
-def _b_bar(coordinates: FloatArray, material: Material) -> FloatArray:
-    """Deviatoric part at the Gauss points, dilatation averaged over the element."""
-    gradients, volume = gauss_gradients(coordinates)
-    mean, total = mean_gradients(gradients, volume)
-    shear = material.shear_modulus
-    deviatoric = isotropic_stiffness(gradient_tensor(gradients, volume), -2.0 / 3.0 * shear, shear)
-    return deviatoric + material.bulk_modulus * gradient_tensor(mean[:, None], total[:, None])
-
-
-def _incompatible(coordinates: FloatArray, material: Material) -> FloatArray:
-    k_uu, k_au, k_aa = extended_stiffness(coordinates, material)
-    return _symmetric(k_uu - np.swapaxes(k_au, 1, 2) @ np.linalg.solve(k_aa, k_au))
 
 
 def hourglass_shape(coordinates: FloatArray, mean: FloatArray) -> FloatArray:
@@ -217,39 +164,42 @@ def hourglass_stiffness(coordinates: FloatArray, material: Material) -> FloatArr
     shape = hourglass_shape(coordinates, mean)
     coefficient = HOURGLASS_SCALE * material.shear_modulus * volume
     coefficient *= np.einsum("eai,eai->e", mean, mean)
-    scalar = _symmetric(coefficient[:, None, None] * (shape @ np.swapaxes(shape, 1, 2)))
+    scalar = symmetric(coefficient[:, None, None] * (shape @ np.swapaxes(shape, 1, 2)))
     return np.einsum("eab,ij->eaibj", scalar, np.eye(3)).reshape(-1, 24, 24)
 
 
-def _reduced(coordinates: FloatArray, material: Material) -> FloatArray:
-    mean, total = mean_gradients(*gauss_gradients(coordinates))
-    tensor = gradient_tensor(mean[:, None], total[:, None])
-    uniform = isotropic_stiffness(tensor, material.lame_modulus, material.shear_modulus)
-    return uniform + hourglass_stiffness(coordinates, material)
+def _full(coordinates: FloatArray, _: Material) -> StrainAtPoints:
+    gradients, volume = gauss_gradients(coordinates)
+    return strain_operator(gradients), volume
 
 
-def _strain(coordinates: FloatArray, _: Material) -> FloatArray:
-    return strain_operator(gauss_gradients(coordinates)[0])
-
-
-def _b_bar_strain(coordinates: FloatArray, _: Material) -> FloatArray:
+def _b_bar(coordinates: FloatArray, _: Material) -> StrainAtPoints:
     gradients, volume = gauss_gradients(coordinates)
     operator, mean = strain_operator(gradients), mean_gradients(gradients, volume)[0]
     shift = (mean[:, None] - gradients).reshape(*volume.shape, 24) / 3.0
     operator[:, :, :3] += shift[:, :, None, :]
-    return operator
+    return operator, volume
 
 
-def _incompatible_strain(coordinates: FloatArray, material: Material) -> FloatArray:
-    """Amplitudes of the modes follow from the corners by condensation, a = -K_aa⁻¹ K_au u."""
+def _incompatible(coordinates: FloatArray, material: Material) -> StrainAtPoints:
+    """Amplitudes a of the modes follow from the corners by condensation: K_au u + K_aa a = 0."""
     gradients, volume = gauss_gradients(coordinates)
-    _, k_au, k_aa = extended_stiffness(coordinates, material)
+    operator = strain_operator(gradients)
     modes = strain_operator(incompatible_gradients(coordinates, volume))
-    return strain_operator(gradients) - modes @ np.linalg.solve(k_aa, k_au)[:, None]
+    stress = _flat(volume[:, :, None, None] * (material.elasticity_matrix() @ modes))
+    forces = np.swapaxes(stress, 1, 2)
+    amplitudes = np.linalg.solve(forces @ _flat(modes), forces @ _flat(operator))
+    return operator - modes @ amplitudes[:, None], volume
 
 
-def _uniform_strain(coordinates: FloatArray, _: Material) -> FloatArray:
-    return strain_operator(mean_gradients(*gauss_gradients(coordinates))[0])[:, None]
+def _uniform(coordinates: FloatArray, _: Material) -> StrainAtPoints:
+    mean, total = mean_gradients(*gauss_gradients(coordinates))
+    return strain_operator(mean)[:, None], total[:, None]
+
+
+def _flat(operator: FloatArray) -> FloatArray:
+    """Rows of all points after each other, (m, p, 6, n) to (m, 6 p, n)."""
+    return operator.reshape(len(operator), -1, operator.shape[3])
 
 
 def at_corners(values: FloatArray) -> FloatArray:
@@ -270,14 +220,12 @@ class Formulation:
 
     words: str
     """Its name in tables."""
-    stiffness: Callable[[FloatArray, Material], FloatArray]
-    """Of corners (n_elements, 8, 3) [mm] and material, (n_elements, 24, 24)."""
-    strain: Callable[[FloatArray, Material], FloatArray]
-    """Strain at the integration points from corner displacements, (n_elements, points, 6, 24)."""
+    strain: Callable[[FloatArray, Material], StrainAtPoints]
+    """From corners (n_elements, 8, 3) [mm]; the stiffness follows from it."""
     order: int = 2
     """Integration points in each direction."""
     hourglass: Callable[[FloatArray, Material], FloatArray] | None = None
-    """The part of the stiffness that controls hourglass modes; None: there is none."""
+    """Stiffness that controls hourglass modes, (n_elements, 24, 24) [N/mm]; None: there is none."""
     abaqus: str | None = None
     """Its name in Abaqus, whose C3D8 averages the dilatation; None: it has none there."""
     calculix: str | None = None
@@ -308,6 +256,15 @@ class ElementType(Enum):
         return ELEMENTS[self].words
 
     @property
+    def nodes(self) -> FloatArray:
+        """Natural coordinates of the corners, (8, 3)."""
+        return CORNERS
+
+    def face_nodes(self, corners: IntArray) -> IntArray:
+        """Nodes of faces by their corners, (n, 4): these."""
+        return corners
+
+    @property
     def hourglass(self) -> Callable[[FloatArray, Material], FloatArray] | None:
         """The part of `stiffness` that controls hourglass modes; None: there is none."""
         return ELEMENTS[self].hourglass
@@ -336,10 +293,16 @@ class ElementType(Enum):
         """
         count(Operation.ELEMENT, 9.0 * 8.0**3 * len(coordinates))
         parts = [coordinates[part] for part in chunks(len(coordinates))]
-        return np.concatenate([ELEMENTS[self].stiffness(part, material) for part in parts])
+        return np.concatenate([self._stiffness(part, material) for part in parts])
 
-    def strain(self, coordinates: FloatArray, material: Material) -> FloatArray:
-        """Strain at `points` from corner displacements, (n_elements, n_points, 6, 24) [1/mm]."""
+    def _stiffness(self, coordinates: FloatArray, material: Material) -> FloatArray:
+        strain, volume = self.strain(coordinates, material)
+        stress = volume[:, :, None, None] * (material.elasticity_matrix() @ strain)
+        result = symmetric(np.swapaxes(_flat(stress), 1, 2) @ _flat(strain))
+        return result if self.hourglass is None else result + self.hourglass(coordinates, material)
+
+    def strain(self, coordinates: FloatArray, material: Material) -> StrainAtPoints:
+        """Strain at `points` from corner displacements, and volumes."""
         return ELEMENTS[self].strain(coordinates, material)
 
     def stress(
@@ -349,7 +312,7 @@ class ElementType(Enum):
 
         Corners are (n_elements, 8, 3) [mm], displacements (n_bodies, n_elements, 8, 3) [mm].
         """
-        operator = material.elasticity_matrix() @ self.strain(coordinates, material)
+        operator = material.elasticity_matrix() @ self.strain(coordinates, material)[0]
         n_bodies, n_elements, n_points = len(displacement), *operator.shape[:2]
         moved = displacement.reshape(n_bodies, n_elements, 24).transpose(1, 2, 0)
         stress = operator.reshape(n_elements, -1, 24) @ moved
@@ -373,22 +336,18 @@ class ElementType(Enum):
 
 ELEMENTS = {
     ElementType.FULL: Formulation(
-        words="fully integrated hexahedra", stiffness=_full, strain=_strain, calculix="C3D8"
+        words="fully integrated hexahedra", strain=_full, calculix="C3D8"
     ),
-    ElementType.B_BAR: Formulation(
-        words="C3D8 (B-bar hexahedra)", stiffness=_b_bar, strain=_b_bar_strain, abaqus="C3D8"
-    ),
+    ElementType.B_BAR: Formulation(words="C3D8 (B-bar hexahedra)", strain=_b_bar, abaqus="C3D8"),
     ElementType.INCOMPATIBLE: Formulation(
         words="C3D8I (incompatible-mode hexahedra)",
-        stiffness=_incompatible,
-        strain=_incompatible_strain,
+        strain=_incompatible,
         abaqus="C3D8I",
         calculix="C3D8I",
     ),
     ElementType.REDUCED: Formulation(
         words="C3D8R (reduced integration, hourglass control)",
-        stiffness=_reduced,
-        strain=_uniform_strain,
+        strain=_uniform,
         order=1,
         hourglass=hourglass_stiffness,
         abaqus="C3D8R",

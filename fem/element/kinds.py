@@ -37,6 +37,16 @@ class Element(Protocol):
         """Name in tables."""
 
     @property
+    def nodes(self) -> FloatArray:
+        """Natural coordinates of the nodes, (n, 3)."""
+
+    def face_nodes(self, corners: IntArray) -> IntArray:
+        """Nodes of faces by their corners as `geometry.mesh.CORNERS`, (n_faces, 4) to (n_faces, m).
+
+        In the order of facets (`fem.element.facet.facet_values`).
+        """
+
+    @property
     def hourglass(self) -> Callable[[FloatArray, Material], FloatArray] | None:
         """The part of `stiffness` that controls hourglass modes; None: there is none."""
 

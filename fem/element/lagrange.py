@@ -16,10 +16,10 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy.special import roots_jacobi
 
-from fem.element.hexahedron import chunks, gradient_tensor, isotropic_stiffness
+from fem.element.hexahedron import chunks, symmetric
 from fem.element.material import Material
 from fem.element.stress import stress_of_gradient
-from geometry.mesh import FloatArray, MeshError, grid_points
+from geometry.mesh import CORNERS, FloatArray, IntArray, MeshError, grid_points
 from geometry.work import Operation, count
 
 #: Pairs of functions whose stiffness is computed at a time: what a cache holds.
@@ -55,6 +55,14 @@ def _to_nodal(degree: int) -> tuple[FloatArray, FloatArray]:
     powers = legendre.legvander(lobatto_points(degree), degree)
     to_nodal = np.linalg.inv(powers).astype(np.float64)
     return to_nodal, legendre.legder(to_nodal).astype(np.float64)
+
+
+def tensor_values(first: FloatArray, *others: FloatArray) -> FloatArray:
+    """Products of functions of each direction at n points, (n, all), the last one fastest."""
+    for other in others:
+        both = first[:, :, None] * other[:, None, :]
+        first = both.reshape(len(both), both.shape[1] * both.shape[2])
+    return first
 
 
 @dataclass(frozen=True)
@@ -127,6 +135,27 @@ def adjugates(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:
     return result, np.asarray((matrices[:, 0] * result[:, :, 0]).sum(axis=1))
 
 
+def gradient_tensor(gradients: FloatArray, volume: FloatArray) -> FloatArray:
+    """T[ai, bj] = Σ_p dv g[a, i] g[b, j] of gradients g at points, (n_elements, 3 n, 3 n) [mm]."""
+    n_elements, n_points = volume.shape
+    flat = gradients.reshape(n_elements, n_points, -1)
+    return symmetric(np.swapaxes(flat * volume[:, :, None], 1, 2) @ flat)
+
+
+def isotropic_stiffness(tensor: FloatArray, lame: float, shear: float) -> FloatArray:
+    """Isotropic stiffness, symmetric to the bit as the tensor T is.
+
+    K[ai, bj] = λ T[ai, bj] + μ (T[aj, bi] + δ_ij Σ_k T[ak, bk]).
+    """
+    n = tensor.shape[1] // 3
+    t = tensor.reshape(-1, n, 3, n, 3)
+    stiffness = lame * t + shear * t.transpose(0, 1, 4, 3, 2)
+    laplacian = shear * np.einsum("eakbk->eab", t)
+    for i in range(3):
+        stiffness[:, :, i, :, i] += laplacian
+    return stiffness.reshape(-1, 3 * n, 3 * n)
+
+
 @dataclass(frozen=True)
 class Lagrange:
     """Hexahedra of one degree; n functions, the last natural direction fastest."""
@@ -140,15 +169,30 @@ class Lagrange:
         return f"isoparametric hexahedra of degree {self.degree}"
 
     @property
+    def nodes(self) -> FloatArray:
+        """Natural coordinates of the nodes, Gauss-Lobatto points, (n, 3)."""
+        return grid_points(*[lobatto_points(self.degree)] * 3)
+
+    def face_nodes(self, corners: IntArray) -> IntArray:
+        """Nodes of faces by their corners as `geometry.mesh.CORNERS`, (n, 4) to (n, m).
+
+        The first direction, slow, runs from corner 0 to 1, the second from corner 0 to 3.
+        """
+        xi = grid_points(*[lobatto_points(self.degree)] * 2)
+        begin, *ends = np.moveaxis(CORNERS[corners[:, [0, 1, 3]]], 1, 0)
+        along = np.stack(ends, axis=1) - begin[:, None]
+        places = begin[:, None] + 0.5 * (1.0 + xi) @ along
+        away = np.abs(places[:, :, None] - self.nodes).sum(axis=3)
+        return np.asarray(away.argmin(axis=2), dtype=np.int64)
+
+    @property
     def hourglass(self) -> None:
         """No part of the stiffness controls hourglass modes."""
         return None
 
     def values(self, natural: FloatArray) -> FloatArray:
         """Functions at natural coordinates, (n_points, 3) to (n_points, n)."""
-        first, second, third = (line_basis(self.degree, x)[0] for x in natural.T)
-        plane = (first[:, :, None] * second[:, None, :]).reshape(len(natural), -1)
-        return (plane[:, :, None] * third[:, None, :]).reshape(len(natural), -1)
+        return tensor_values(*(line_basis(self.degree, x)[0] for x in natural.T))
 
     @cached_property
     def quadrature(self) -> TensorPoints:

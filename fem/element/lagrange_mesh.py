@@ -13,9 +13,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from fem.element.facet import bilinear
 from fem.element.kinds import block_lumped_mass
-from fem.element.lagrange import lobatto_points
+from fem.element.lagrange import Lagrange
 from geometry.block import Block
 from geometry.mesh import (
     CORNERS,
@@ -23,7 +22,6 @@ from geometry.mesh import (
     FloatArray,
     HexMesh,
     IntArray,
-    grid_points,
     shape_values,
     structured_hexahedra,
     structured_quads,
@@ -31,7 +29,6 @@ from geometry.mesh import (
 
 #: Shares of corners in a node are told apart to this, far above rounding.
 _SHARE = 1e-6
-_Keys = npt.NDArray[np.void]
 #: Eight whole numbers as one that can be sorted.
 _KEY = np.dtype((np.void, 64))
 
@@ -63,46 +60,18 @@ class LagrangeMesh(HexMesh):
 
         The first direction, slow, runs from corner 0 to 1, the second from corner 0 to 3.
         """
-        shares = bilinear(grid_points(*[lobatto_points(self.degree)] * 2))[0]
-        known, numbers = self._known
-        result = np.empty((len(quads), len(shares)), dtype=np.int64)
-        for node, share in enumerate(shares):
-            keys, corners = _keys(quads, share)
-            if len(corners) == 1:
-                result[:, node] = quads[:, corners[0]]
-            else:
-                result[:, node] = numbers[np.searchsorted(known, keys)]
-        return result
-
-    @cached_property
-    def _known(self) -> tuple[_Keys, IntArray]:
-        """Keys of the nodes on edges and faces, sorted, and their numbers."""
-        shares = shape_values(grid_points(*[lobatto_points(self.degree)] * 3))
-        keys, numbers = [], []
-        for node, share in enumerate(shares):
-            if 1 < np.count_nonzero(share > _SHARE) < 8:
-                keys.append(_keys(self.elements, share)[0])
-                numbers.append(self.members[:, node])
-        unique, first = np.unique(np.concatenate(keys), return_index=True)
-        return unique, np.concatenate(numbers)[first]
+        element = self.face_elements(quads)
+        corners = (self.elements[element][:, None] == quads[:, :, None]).argmax(axis=2)
+        ways, way = np.unique(corners, axis=0, return_inverse=True)
+        nodes = Lagrange(self.degree).face_nodes(ways)
+        return self.members[element[:, None], nodes[way.ravel()]]
 
 
-def _keys(corners: IntArray, share: FloatArray) -> tuple[_Keys, IntArray]:
-    """What names a node of an edge or a face whatever element it is seen from.
+def _keys(corners: IntArray, share: FloatArray) -> npt.NDArray[np.void]:
+    """What names a node of an edge or a face whatever element it is seen from, (n,).
 
-    Its corners in ascending order with the share that each has in its place.
-
-    Parameters
-    ----------
-    corners
-        Of elements or facets, (n, m).
-    share
-        Of each corner in the place of the node, (m,).
-
-    Returns
-    -------
-    tuple[_Keys, IntArray]
-        A key for each element, (n,), and which corners have a share.
+    Its corners in ascending order with the share that each has in its place: from the corners of
+    elements (n, 8) and the share of each corner in the node, (8,).
     """
     which = np.flatnonzero(share > _SHARE)
     names = corners[:, which]
@@ -110,7 +79,7 @@ def _keys(corners: IntArray, share: FloatArray) -> tuple[_Keys, IntArray]:
     rows = np.full((len(corners), 8), -1, dtype=np.int64)
     rows[:, : len(which)] = np.take_along_axis(names, order, axis=1)
     rows[:, 4 : 4 + len(which)] = np.rint(share[which] / _SHARE).astype(np.int64)[order]
-    return rows.view(_KEY).ravel(), which
+    return rows.view(_KEY).ravel()
 
 
 def lagrange_mesh(block: Block, degree: int) -> LagrangeMesh:
@@ -119,13 +88,13 @@ def lagrange_mesh(block: Block, degree: int) -> LagrangeMesh:
     On the exact shape where the block has one.
     """
     mesh, curve = block.mesh, block.curve
-    shares = shape_values(grid_points(*[lobatto_points(degree)] * 3))
+    shares = shape_values(Lagrange(degree).nodes)
     of = (shares > _SHARE).sum(axis=1)
     members = np.empty((mesh.n_elements, len(shares)), dtype=np.int64)
     between = np.flatnonzero((of > 1) & (of < 8))
     for node in np.flatnonzero(of == 1):
         members[:, node] = mesh.elements[:, shares[node].argmax()]
-    keys = np.concatenate([_keys(mesh.elements, shares[node])[0] for node in between])
+    keys = np.concatenate([_keys(mesh.elements, shares[node]) for node in between])
     unique, number = np.unique(keys, return_inverse=True)
     members[:, between] = mesh.n_nodes + number.reshape(len(between), -1).T
     inside, first = np.flatnonzero(of == 8), mesh.n_nodes + len(unique)
@@ -149,10 +118,10 @@ def with_degree(block: Block, degree: int) -> Block:
 def in_pieces(block: Block) -> Block:
     """Block of eight-node hexahedra between the nodes of its elements: what pictures show."""
     mesh = block.mesh
-    if not isinstance(mesh, LagrangeMesh):
+    if mesh.degree == 1:
         return block
     k = mesh.degree
-    cells = mesh.members[:, structured_hexahedra(k, k, k)].reshape(-1, 8)
+    cells = mesh.connectivity[:, structured_hexahedra(k, k, k)].reshape(-1, 8)
     faces = {
         name: mesh.facet_nodes(quads)[:, structured_quads(k)].reshape(-1, 4)
         for name, quads in block.faces.items()
@@ -200,7 +169,7 @@ def serendipity_block(block: Block) -> Block:
     """Block with hexahedra of 20 nodes on its exact shape, where it has one."""
     mesh = lagrange_mesh(block, 2)
     natural = np.concatenate([CORNERS, CORNERS[HEX_EDGES].mean(axis=1)])
-    grid = grid_points(*[lobatto_points(2)] * 3)
+    grid = Lagrange(2).nodes
     columns = [int(np.abs(grid - place).sum(axis=1).argmin()) for place in natural]
     # Middles of edges come before those of faces or after: numbers are given anew.
     kept, members = np.unique(mesh.members[:, columns], return_inverse=True)

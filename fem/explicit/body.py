@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from fem.assembly.local_system import by_node
+from fem.assembly.held import Held
 from fem.element.hexahedron import gauss_gradients, mean_gradients
 from fem.explicit.kernels.layout import (
     BlockRows,
@@ -31,6 +31,7 @@ from fem.problem.model import (
     Amplitude,
     BlockGroup,
     Model,
+    ModelError,
     NodalLoad,
     Support,
 )
@@ -331,7 +332,11 @@ def _body_supports(
     world = np.concatenate([s.directions for s in supports])
     value = np.concatenate([s.displacement for s in supports])
     which = np.repeat(np.arange(len(supports)), [len(s.copies) for s in supports])
-    by_node(copies * group.n_nodes + nodes, world, value[:, None])  # each component once
+    if not Held(copies * group.n_nodes + nodes, world, value, which * 0 - 1).once:
+        raise ModelError(
+            f"supports: nodes of {group.name} are held in directions that are not orthonormal; "
+            "expected each component to be prescribed once"
+        )
     local = np.einsum("nij,ni->nj", group.rotations[copies], world)
     local, order = _axes_of_held_nodes(copies, nodes, local, value)
     base = rows.row[nodes] * (3 * lanes) + copies

@@ -14,7 +14,7 @@ import numba
 import numpy as np
 
 from fem.assembly.reactions import MovingSupport, PushCurve, moving_supports
-from fem.contact.search import SearchedSurfaces
+from fem.contact.search import SearchedPoints
 from fem.explicit.body import Body, make_body
 from fem.explicit.damping import (
     adapt,
@@ -188,7 +188,7 @@ class ExplicitResult:
     contact_forces: tuple[FloatArray, ...] = ()
     """What contact has to do to the nodes at `time`, alike [N]: inertia, damping and internal
     forces, less loads, weight and supports."""
-    searched: SearchedSurfaces | None = None
+    searched: SearchedPoints | None = None
     """Points of contact at `time`, of the blocks that are computed; None: matched facets."""
     slips: FloatArray | None = None
     """Their elastic slips (`fem.explicit.step.Interaction.contact`); None without friction."""

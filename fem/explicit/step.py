@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from fem.contact.search import SearchedSurfaces
+from fem.contact.search import SearchedPoints
 from fem.explicit import block_frame
 from fem.explicit.body import Body, BodyLoad
 from fem.explicit.kernels import (
@@ -52,7 +52,7 @@ class Interaction(ABC):
         """Energy dissipated up to the last force evaluation [N mm]."""
         return 0.0
 
-    def contact(self) -> tuple[SearchedSurfaces | None, FloatArray | None]:
+    def contact(self) -> tuple[SearchedPoints | None, FloatArray | None]:
         """Points that a search found, and elastic slips, of the last force evaluation; or None."""
         return None, None
 

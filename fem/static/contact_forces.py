@@ -30,7 +30,7 @@ from scipy.spatial import cKDTree
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.local_system import LocalSystem
-from fem.contact.surfaces import ContactNormals, ContactSurfaces
+from fem.contact.surfaces import ContactNormals, MatchedFacets
 from fem.static.linear_step.block_tridiagonal import Level, UnresistedMotionError, factor_chain
 from fem.static.linear_step.condensed import levels_of
 from fem.static.linear_step.grid_block import GridBlock, PointFlexibility, grid_block
@@ -128,7 +128,7 @@ class _Points:
     def __init__(self, system: LocalSystem, grids: tuple[GridBlock, ...]) -> None:
         self.system = system
         surfaces = system.surfaces
-        assert isinstance(surfaces, ContactSurfaces)
+        assert isinstance(surfaces, MatchedFacets)
         self.surfaces = surfaces
         share = system.orbits.share
         weights = surfaces.weights if share is None else share[:, None] * surfaces.weights
@@ -500,7 +500,7 @@ def solve_in_contact_forces(
     points = _Points(system, grids)
     if start is not None:
         law = system.deformable.contact.law
-        at = system.gaps(start, system.deformable.contact.normals).x.ravel()
+        at = system.gaps(start).x.ravel()
         soft = points.soft(law.stiffness(at), _SOFT * _stiffness_of_block(points))
         try:
             return _Iteration(points, ~soft, load_factor, tolerance, start).run()
@@ -558,8 +558,11 @@ class _Iteration:
         nothing, free = np.zeros((self.system.n_nodes, 3)), np.zeros(points.n)
         self.state = _State(nothing, np.zeros((n_blocks, 6)), nothing, free)
         self.cuts = start is None
+        current = self.contact.normals is ContactNormals.CURRENT
+        self.seen = self.system
         if start is None:
-            self.normals = ContactNormals.REFERENCE
+            # Normals turn later, if they do.
+            self.seen = self.system.with_reference_normals if current else self.system
             self._look()
             self.at = np.full(points.n, rest)
             self.holding, self.bound, self.most = first, 0.0, _MOST_ITERATIONS
@@ -567,7 +570,6 @@ class _Iteration:
             self.state = replace(
                 self.state, displacement=start, motions=self.problem.motions_in(start)
             )
-            self.normals = self.contact.normals
             self._look()
             self.at = self.overclosure
             self._turn(weights * law.pressure(self.at))
@@ -588,12 +590,17 @@ class _Iteration:
 
     def _look(self) -> None:
         """Find the overclosures, (n,) [mm], and their gradients at the displacement."""
-        self.gaps = self.system.gaps(self.state.displacement, self.normals)
+        self.gaps = self.seen.gaps(self.state.displacement)
         self.overclosure = self.gaps.x.ravel()
+
+    @property
+    def _turns(self) -> bool:
+        """Whether normals turn now."""
+        return self.seen is self.system and self.contact.normals is ContactNormals.CURRENT
 
     def _turn(self, forces: FloatArray) -> None:
         """Let normals turn with the displacement, under forces of the points (n,) [N]."""
-        if self.normals is ContactNormals.CURRENT:
+        if self._turns:
             straight = self.points.approach(self.state.displacement) - self.points.gaps
             at = self.state.displacement, self.gaps
             self.turned = self.turning.turned(*at, straight, forces)
@@ -631,8 +638,8 @@ class _Iteration:
             state = self.state
             return ForceState(state.displacement, state.internal, tuple(self.residuals))
         forces = self.state.forces
-        if self.normals is not self.contact.normals and self.residuals[-1] < _SETTLED:
-            self.normals = self.contact.normals
+        if self.seen is not self.system and self.residuals[-1] < _SETTLED:
+            self.seen = self.system
             self._look()
         self._turn(forces)
         self.at = self.overclosure if cut else self._linearised(stiff, forces)
@@ -651,7 +658,7 @@ class _Iteration:
         )
         self.state = solution
         self._look()
-        if not self.cuts or self.normals is ContactNormals.CURRENT:
+        if not self.cuts or self._turns:
             return False
         way, change = solution.displacement - start.displacement, self.overclosure - before
         first = float(np.vdot(start.internal - self.problem.load, way))
@@ -679,7 +686,7 @@ class _Iteration:
         size = max(float(np.linalg.norm(state.forces)), 1e-300)
         wrong = float(np.linalg.norm(pressing - state.forces)) / size
         self.residuals.append(max(residual, wrong))
-        free = self.holding <= self.least and self.normals is self.contact.normals
+        free = self.holding <= self.least and self.seen is self.system
         return free and self.residuals[-1] <= self.tolerance
 
     def _linearised(self, stiff: IntArray, forces: FloatArray) -> FloatArray:

@@ -23,11 +23,7 @@ import numpy as np
 
 from fem.assembly.local_system import Gaps, LocalSystem, NodalInverse
 from fem.contact.law import ContactLaw
-from fem.contact.surfaces import (
-    ContactNormals,
-    ContactSurfaces,
-    curvature_tangent,
-)
+from fem.contact.surfaces import curvature_tangent
 from fem.static.linear_step.linearisation import (
     Linearisation,
     LinearStep,
@@ -102,7 +98,7 @@ class _Energy:
 
     def __call__(self, displacement: FloatArray) -> _State:
         internal = self.step.internal_force(displacement)
-        result = self.system.gaps(displacement, ContactNormals.CURRENT)
+        result = self.system.gaps(displacement)
         stored = float(np.vdot(self.weights, self.law.stored_energy(result.x)))
         strain = 0.5 * float(np.vdot(internal, displacement))
         work = float(np.vdot(self.load, displacement))
@@ -115,7 +111,7 @@ class _Energy:
             gaps=result,
             energy=strain + stored - work,
             rounding=_ENERGY_ROUNDING * (abs(strain) + abs(stored) + abs(work)),
-            force=self.system.free_part(force),
+            force=force - self.system.held.part(force),
         )
 
     def hessian(self, state: _State) -> Callable[[FloatArray], FloatArray]:
@@ -132,14 +128,13 @@ class _Energy:
             corners = system.corner_displacements(change)
             bent = bending @ corners.reshape(len(corners), -1, 1)
             force += system.scatter_corners(bent.reshape(corners.shape))
-            return system.free_part(force)
+            return force - system.held.part(force)
 
         return apply
 
     def _curvature(self, state: _State) -> FloatArray:
         """Σ w p ∂²x/∂u² of each facet, world axes, (n_facets, m, m) [N/mm]."""
         surfaces = self.system.surfaces
-        assert isinstance(surfaces, ContactSurfaces)  # points of a search have no such tangent
         corners = self.system.corner_displacements(state.displacement)
         forces = (self.weights * self.law.pressure(state.gaps.x))[..., 0]
         size = 3 * corners.shape[1]
@@ -239,7 +234,7 @@ def _random_force(energy: _Energy, state: _State) -> FloatArray:
     """Forces of random contact pressures: no motion that contacts feel is orthogonal to them."""
     random = np.random.default_rng(0).standard_normal(energy.weights.shape)
     scattered = energy.system.scatter(state.gaps.gradient, energy.weights * random)
-    return energy.system.free_part(scattered)
+    return scattered - energy.system.held.part(scattered)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.local_system import LocalSystem, constraint_transform, local_system
+from fem.assembly.local_system import LocalSystem, local_system
 from fem.assembly.symmetry import no_symmetry
 from fem.problem.model import ModelError, rigid_motions
 from fem.static.linear_step.linearisation import factorize
@@ -38,7 +38,8 @@ def solve_apart(
     system = local_system(deformable, no_symmetry(deformable))
     for slot in range(system.n_slots):
         _check_held(system, slot)
-    transform, free, given = constraint_transform(system.held, system.n_nodes)
+    transform, free = system.held.transform(system.n_nodes)
+    given = system.held.variables(system.n_nodes)
     force, stiffness = system.external_force.ravel(), system.stiffness
     rows = sp.csr_array(transform.T @ stiffness @ transform)[free]
     right = (transform.T @ force)[free] - rows @ given

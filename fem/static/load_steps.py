@@ -13,7 +13,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from fem.contact.search import FacingPoints, SearchedSurfaces
+from fem.contact.search import FacingPoints, SearchedPoints
 from fem.problem.loads import TabularAmplitude
 from fem.static.linear_step.linearisation import SparseSolver
 from fem.static.newton import (
@@ -152,7 +152,8 @@ def _along(
         if near is not None:
             few = _SOON_HELD * guess.first_holding
             guess = replace(guess, holding=min(guess.holding, few), pressed=None)
-            guess = _led_on(problem, guess, problem.system.localised(near) - state.displacement)
+            expected = problem.step.kept(problem.system.localised(near))
+            guess = _led_on(problem, guess, expected - state.displacement)
         elif rate is not None and leads:
             guess = _led_on(problem, guess, length * rate)
         try:
@@ -199,7 +200,7 @@ def _led_on(problem: StaticProblem, state: StaticState, way: FloatArray) -> Stat
     Contact is linearised where it then is.
     """
     displacement = state.displacement + way
-    if not problem.system.has_prescribed(displacement, state.time):
+    if not problem.system.held.met(displacement, state.time):
         return state
     gaps = problem.gaps(displacement)
     at = bounded(problem, state, gaps.x)
@@ -254,7 +255,7 @@ def _load_path(problem: StaticProblem, options: StaticOptions, parts: int) -> li
 def _recorded(problem: StaticProblem, state: StaticState, options: StaticOptions) -> StaticState:
     """Keep what was asked for of a step, and the forces of supports that move."""
     if options.keep_steps:
-        state = replace(state, path=(*state.path, _kept_step(problem, state)))
+        state = replace(state, path=(*state.path, (state.load_factor, completed(problem, state))))
     if state.time is None or not state.converged:
         return state
     forces = support_forces(problem, state)
@@ -368,19 +369,19 @@ def _n_joints(problem: StaticProblem) -> int:
     return len(problem.system.surfaces.pair_start) - 1
 
 
-def _searched(problem: StaticProblem) -> SearchedSurfaces:
+def _searched(problem: StaticProblem) -> SearchedPoints:
     surfaces = problem.system.surfaces
-    assert isinstance(surfaces, SearchedSurfaces)
+    assert isinstance(surfaces, SearchedPoints)
     return surfaces
 
 
-def _kept_step(problem: StaticProblem, state: StaticState) -> tuple[float, FloatArray]:
-    """Load factor and displacements of a load step.
+def completed(problem: StaticProblem, state: StaticState) -> FloatArray:
+    """Displacements of all nodes of a state, (n_nodes, 3) [mm].
 
     Inner nodes follow contact nodes and load linearly, and the step knows the whole load.
     """
     share = state.load_factor
-    return share, share * problem.step.complete(state.displacement / share)
+    return share * problem.step.complete(state.displacement / share)
 
 
 def _advance_friction(problem: StaticProblem, state: StaticState, begin: FloatArray) -> StaticState:
@@ -401,7 +402,7 @@ def _advance_friction(problem: StaticProblem, state: StaticState, begin: FloatAr
     lost = problem.system.surfaces.weights * ((moved - anchor) * resisting).sum(axis=2)
     orbits = problem.system.orbits
     times: IntArray | int = orbits.order
-    if not isinstance(problem.system.surfaces, SearchedSurfaces):
+    if not isinstance(problem.system.surfaces, SearchedPoints):
         times = np.bincount(orbits.point_of[:, 0] // lost.shape[1], minlength=len(lost))
     lost = times * lost.sum(axis=1)
     return replace(state, anchor=moved, dissipation=state.dissipation + float(lost.sum()))

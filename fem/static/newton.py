@@ -96,7 +96,6 @@ class StaticProblem:
     """Norm of the residual over that of the loads at which the iteration stops [-]."""
     max_iterations: int
     law: Coulomb
-    normals: ContactNormals
     free: FreeMotions | None
 
     @property
@@ -106,7 +105,7 @@ class StaticProblem:
 
     def gaps(self, displacement: FloatArray) -> Gaps:
         """Overclosures, slips and gradients at a displacement."""
-        return self.system.gaps(displacement, self.normals)
+        return self.system.gaps(displacement)
 
 
 @dataclass(frozen=True)
@@ -144,7 +143,7 @@ class StaticState:
 
 def start_state(system: LocalSystem, start: StaticResult | None) -> StaticState:
     """Every point linearised at the mean pressure that the loads suggest, or at a given state."""
-    contact, surfaces = system.deformable.contact, system.surfaces
+    friction, surfaces = system.deformable.contact.friction, system.surfaces
     displacement = np.zeros((system.n_nodes, 3))
     area = float(surfaces.areas.sum())
     load = float(np.linalg.norm(system.external_force, axis=1).sum())
@@ -154,7 +153,7 @@ def start_state(system: LocalSystem, start: StaticResult | None) -> StaticState:
     if start is not None:
         displacement = localised(system, start)
         holding *= _RESCUE_HOLDING
-    gaps = system.gaps(displacement, contact.normals)
+    gaps = system.gaps(displacement)
     at = gaps.x.copy()
     if start is None:
         at[..., 0].T[:] = rest  # one number, or one for each facet
@@ -166,7 +165,7 @@ def start_state(system: LocalSystem, start: StaticResult | None) -> StaticState:
         first_holding=holding,
         holding=holding,
         # Without friction blocks that only friction holds would move far away.
-        coarse_iterations=_COARSE_ITERATIONS if start is None and contact.friction is None else 0,
+        coarse_iterations=_COARSE_ITERATIONS if start is None and friction is None else 0,
     )
 
 
@@ -273,12 +272,14 @@ def _iterated(problem: StaticProblem, state: StaticState, patience: int = _PATIE
 
 def has_potential(problem: StaticProblem) -> bool:
     """Whether the energy can be followed: what the plain iteration leaves out then decides."""
-    return not problem.has_friction and problem.normals is ContactNormals.CURRENT
+    normals = problem.system.deformable.contact.normals
+    return not problem.has_friction and normals is ContactNormals.CURRENT
 
 
 def descend(problem: StaticProblem, state: StaticState) -> StaticState:
     """Follow the energy from the equilibrium with reference normals."""
-    start = converge(replace(problem, normals=ContactNormals.REFERENCE), state)
+    straight = problem.system.with_reference_normals
+    start = converge(replace(problem, system=straight), state)
     try:
         descent = minimise_energy(
             problem.system,
@@ -474,7 +475,7 @@ def _step_share(problem: StaticProblem, state: StaticState, trial: FloatArray) -
     prescribed.
     """
     system, step = problem.system, problem.step
-    if not system.has_prescribed(state.displacement, state.time):
+    if not system.held.met(state.displacement, state.time):
         return 1.0
     way = trial - state.displacement
     force = step.internal_force(state.displacement) - state.load_factor * step.external_force
@@ -515,9 +516,10 @@ def _residual(problem: StaticProblem, state: StaticState) -> float:
     unbalanced, forces = unbalanced_forces(problem, state)
     given = None
     if system.held.moving:
-        supports = float(np.linalg.norm(system.held_part(unbalanced)))
+        supports = float(np.linalg.norm(system.held.part(unbalanced)))
         given = max(supports, _least_force(problem, float(np.abs(state.displacement).max())))
-    return _relative(problem, system.free_part(unbalanced), forces, given)
+    free = unbalanced - system.held.part(unbalanced)
+    return _relative(problem, free, forces, given)
 
 
 def _least_force(problem: StaticProblem, farthest: float) -> float:
@@ -561,14 +563,14 @@ def support_forces(problem: StaticProblem, state: StaticState) -> FloatArray:
     Those along the way of supports that move are zero where their sum is none but round-off.
     """
     held = problem.system.held
-    forces = -problem.system.held_part(unbalanced_forces(problem, state)[0])
+    forces = -held.part(unbalanced_forces(problem, state)[0])
     least = _NOTHING * _least_force(problem, float(np.abs(state.displacement).max()))
     least += problem.tolerance * float(np.linalg.norm(forces))
     for _, way in held.moving:
-        along = np.einsum("nij,ni->nj", held.axes, forces[held.nodes])
-        if abs(float((along * np.sign(way)).sum())) <= least:
-            along[way != 0.0] = 0.0
-            forces[held.nodes] = np.einsum("nij,nj->ni", held.axes, along)
+        unit = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-300)
+        along = (forces[held.nodes] * unit).sum(axis=1, keepdims=True)
+        if abs(float(along.sum())) <= least:
+            forces[held.nodes] -= along * unit
     return forces
 
 

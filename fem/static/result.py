@@ -18,14 +18,13 @@ import numpy as np
 
 from fem.assembly.contact_state import (
     ContactState,
+    contact_state,
     corner_displacements,
-    matched_state,
-    searched_state,
 )
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.reactions import PushCurve
-from fem.contact.search import SearchedSurfaces
-from fem.contact.surfaces import ContactSurfaces, facet_pressures
+from fem.contact.search import SearchedPoints
+from fem.contact.surfaces import ContactPoints, facet_pressures
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 
@@ -92,7 +91,7 @@ class StaticResult(ReadOnlyArrays):
     held."""
     pushed: tuple[tuple[float, tuple[FloatArray, ...]], ...] = ()
     """Time [s] and the same after each step in which supports moved."""
-    searched: SearchedSurfaces | None = None
+    searched: SearchedPoints | None = None
     """Points of the last residual, where a search found them; None: matched facets."""
     frictions: FloatArray | None = None
     """Friction on block s in the last residual at every contact point, world axes,
@@ -106,7 +105,7 @@ class StaticResult(ReadOnlyArrays):
     """Whether the unknowns were the forces of contact points (`fem.static.contact_forces`)."""
 
     @property
-    def surfaces(self) -> ContactSurfaces | SearchedSurfaces:
+    def surfaces(self) -> ContactPoints:
         """Facets of `pressures`."""
         return self.searched or self.deformable.surfaces
 
@@ -125,13 +124,7 @@ class StaticResult(ReadOnlyArrays):
     @cached_property
     def contact_state(self) -> ContactState:
         """Contact facet by facet."""
-        of, frictions = self.deformable, self.frictions
-        if self.searched is not None:
-            moved = corner_displacements(of, self.displacements, self.searched)
-            of_points = None if frictions is None else frictions[:, 0]
-            return searched_state(self.searched, moved, of.contact, of_points)
-        point_values = self.pressures, self.overclosures, frictions
-        return matched_state(of, self.displacements, *point_values)
+        return contact_state(self.deformable, self.displacements, self.surfaces, self.frictions)
 
     @property
     def max_displacement(self) -> float:
@@ -143,7 +136,7 @@ def loose_blocks(
     deformable: DeformableAssembly,
     displacements: tuple[FloatArray, ...],
     point_pressures: FloatArray,
-    surfaces: ContactSurfaces | SearchedSurfaces,
+    surfaces: ContactPoints,
     representative: IntArray,
 ) -> IntArray:
     """Blocks that could move while all contacts that press keep pressing, (n,).
@@ -178,7 +171,7 @@ def loose_blocks(
             mine = np.flatnonzero(assembly.originals[blocks] == block)
             facets = surfaces.subset(mine)
             corners = corner_displacements(deformable, displacements, facets)
-            gradient = facets.kinematics(corners, deformable.contact.normals).gradient
+            gradient = facets.kinematics(corners).gradient
             force = np.split(gradient, 2, axis=2)[side]
             quads = (facets.quads_m, facets.quads_s)[side]
             moment = np.cross(arms[quads][:, None], force).sum(axis=2)

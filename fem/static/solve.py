@@ -31,7 +31,7 @@ from fem.assembly.symmetry import (
     vectors_in_all_sectors,
     with_half_turn,
 )
-from fem.contact.search import FacingPoints, SearchedSurfaces, searched_surfaces
+from fem.contact.search import FacingPoints, SearchedPoints, points_of_search
 from fem.problem.model import Model
 from fem.static.contact_forces import grid_blocks, solve_in_contact_forces
 from fem.static.linear import solve_apart
@@ -39,11 +39,13 @@ from fem.static.linear_step.condensed import CondensedStep
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.linear_step.grid_block import GridBlock
 from fem.static.linear_step.linearisation import LinearStep, SparseStep
+from fem.static.linear_step.reduced import ReducedStep
 from fem.static.load_steps import (
     ElasticSlips,
     Known,
     StaticMethod,
     StaticOptions,
+    completed,
     follow_up,
     load_up,
 )
@@ -66,6 +68,8 @@ _FALLBACK_LOAD_STEPS = 4
 #: Supported nodes of a block beyond which one sparse matrix takes the place of dense flexibilities,
 #: which keep them: plane strain holds every node of a slice, and 3 400 took 12 GB.
 _MOST_HELD = 1500
+#: Share of the nodes that points touch up to which blocks are condensed there.
+_FEW = 0.5
 
 
 def solve_static(
@@ -280,20 +284,27 @@ def _problem(
     """Unknowns, linear step and friction on matched facets or on the points of a search."""
     searched = None
     if points is not None:
-        searched = searched_surfaces(points, deformable.surfaces.clearance)
+        contact = deformable.contact
+        searched = points_of_search(points, deformable.surfaces.clearance, contact.normals)
     system = local_system(deformable, orbits, searched)
     friction = deformable.contact.friction is not None
     step: LinearStep
-    # On searched points limits of friction follow the pressures, in displacements alone.
-    in_displacements = (searched is not None and friction) or _most_held(system) > _MOST_HELD
-    if options.method is StaticMethod.SPARSE or in_displacements:
+    kept = np.isin(np.arange(system.n_nodes), system.corner_nodes)
+    if options.method is StaticMethod.SPARSE or _most_held(system) > _MOST_HELD:
         step, kept = SparseStep(system, options.sparse_solver), np.ones(system.n_nodes, np.bool_)
+    elif searched is not None and friction:
+        # On searched points limits of friction follow the pressures, in displacements alone.
+        few = np.count_nonzero(kept) <= _FEW * system.n_nodes
+        step = (
+            ReducedStep(system, store, options.sparse_solver)
+            if few
+            else SparseStep(system, options.sparse_solver)
+        )
     else:
         step = CondensedStep(system, store, friction=friction)
-        kept = np.isin(np.arange(system.n_nodes), system.corner_nodes)
     free = free_motions(system, kept)
     bounds = options.tolerance, options.max_iterations
-    return StaticProblem(system, step, *bounds, system.coulomb, deformable.contact.normals, free)
+    return StaticProblem(system, step, *bounds, system.coulomb, free)
 
 
 def _most_held(system: LocalSystem) -> int:
@@ -318,11 +329,13 @@ def _searched_anew(
 ) -> tuple[StaticProblem, StaticState]:
     """The problem on the points of the place that a state has, and the state linearised there."""
     system = problem.system
-    points.displace(tuple(system.expand(problem.step.complete(state.displacement))))
+    everywhere = completed(problem, state)
+    points.displace(tuple(system.expand(everywhere)))
     points.search()
     there = _problem(system.deformable, system.orbits, options, store, points)
-    gaps = there.gaps(state.displacement)
-    return there, replace(state, gaps=gaps, at=gaps.x)
+    displacement = there.step.kept(everywhere)
+    gaps = there.gaps(displacement)
+    return there, replace(state, displacement=displacement, gaps=gaps, at=gaps.x)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -353,13 +366,12 @@ def _result(system: LocalSystem, options: StaticOptions, outcome: _Outcome) -> S
     deformable, orbits = system.deformable, system.orbits
     displacements = tuple(system.expand(displacement))
     searched, friction = None, outcome.frictions
-    if isinstance(system.surfaces, SearchedSurfaces):
+    if isinstance(system.surfaces, SearchedPoints):
         searched = searched_in_all_sectors(deformable, orbits, system.surfaces)
         corners = corner_displacements(deformable, displacements, searched)
-        overclosure = searched.kinematics(corners, deformable.contact.normals).overclosure
+        overclosure = searched.overclosures(corners)
     else:
-        result = system.gaps(displacement, deformable.contact.normals)
-        overclosure = result.overclosure.ravel()[orbits.point_of]
+        overclosure = system.gaps(displacement).overclosure.ravel()[orbits.point_of]
     if friction is not None:
         friction = vectors_in_all_sectors(deformable, orbits, friction, searched)
     surfaces = searched or deformable.surfaces

@@ -18,12 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from fem.assembly.local_system import Gaps, LocalSystem
-from fem.contact.surfaces import (
-    ContactNormals,
-    ContactSurfaces,
-    motion_derivatives,
-    reference_gradient,
-)
+from fem.contact.surfaces import motion_derivatives
 from geometry.mesh import FloatArray
 
 
@@ -51,7 +46,6 @@ class TurningNormals:
 
     def __init__(self, system: LocalSystem, motions: FloatArray) -> None:
         """Take displacements of all nodes by unit motions of their blocks, (6, n_nodes, 3)."""
-        assert isinstance(system.surfaces, ContactSurfaces)
         self._system, self._surfaces = system, system.surfaces
         self._n = self._surfaces.weights.size
         each = np.stack([system.corner_displacements(moved) for moved in motions], axis=3)
@@ -65,14 +59,14 @@ class TurningNormals:
     def _reference(self) -> FloatArray:
         """Gradients in block frames."""
         at_rest = np.zeros((self._system.n_nodes, 3))
-        return self._system.gaps(at_rest, ContactNormals.REFERENCE).gradient
+        return self._system.with_reference_normals.gaps(at_rest).gradient
 
     @cached_property
     def _straight(self) -> FloatArray:
         """∂x_ref/∂α, (n_facets, n_points, 12)."""
-        gradient = reference_gradient(self._surfaces)
-        straight: FloatArray = np.einsum("fpai,faim->fpm", gradient, self._corners, optimize=True)
-        return straight
+        straight = self._surfaces.with_reference_normals
+        gradient = straight.kinematics(np.zeros(self._corners.shape[:3])).gradient
+        return np.einsum("fpai,faim->fpm", gradient, self._corners, optimize=True)
 
     @property
     def none(self) -> Turned:

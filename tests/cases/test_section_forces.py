@@ -249,6 +249,30 @@ def test_a_box_between_two_rigid_ones_hangs_by_friction() -> None:
     assert abs(across.normal_force[0]) < 0.2 * squeeze
 
 
+def test_friction_between_boxes_held_on_both_sides_of_a_plane() -> None:
+    """Along a squeezed column, all boxes deform: supports and weights behind the plane are what the
+    part ahead balances, friction across the joints included."""
+    found = box_column([ColumnBox((100.0, 80.0, h), (2, 2, 2)) for h in (40.0, 60.0, 40.0)])
+    load = LoadCase(found, "held", (), np.array([True, False, True]))
+    material = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
+    law, frames = LinearPenalty(200.0), Frames.DEFORMABLE
+    squeezed = Problem(
+        found, load, material, law=law, clearance=-1e-3, friction=0.5, frames=frames,
+        gravity=(0.0, -9810.0, 0.0),
+    )  # fmt: skip
+    answer = solve_static(squeezed, Static(mesh="scene", error_estimate=False))
+    cut, details = section(answer, [20.0, 0.0, 70.0], [1.0, 0.0, 0.0]), answer.details
+    total, size = np.zeros(3), 0.0
+    for group, held in zip(
+        details.deformable.model.groups, details.static.support_forces, strict=True
+    ):
+        force = held + group.lumped_mass[:, None] * np.array([0.0, -9810.0, 0.0])
+        behind = group.reference_positions()[..., 0] < 20.0
+        total, size = total + force[behind].sum(axis=0), size + np.abs(force).sum()
+    assert np.abs(total).max() > 1e-3 * size
+    np.testing.assert_allclose(cut.forces[0], -total, atol=NEAR * size)
+
+
 def test_springs_to_the_ground_are_reactions(tmp_path, tubelock) -> None:
     """A bar on springs at one end, pulled at the other: a plane through the elements on springs
     carries the pull and no part of what the springs do."""

@@ -19,6 +19,7 @@ from fem.accuracy.errors import SAFETY, error_bar
 from fem.accuracy.ladder import (
     DEGREES,
     LADDER,
+    PEAKS,
     PRESSURES,
     Ladder,
     Rung,
@@ -115,6 +116,7 @@ def test_error_bars_cover_nine_of_ten_errors() -> None:
         known = references()[f"{name}, assembly.layers = 2"]
         last = 4 if name == "tsb1-pipe" else 3
         climbs = ((LADDER, LEAST_MESHES, last), (PRESSURES, LEAST_MESHES, 3), (DEGREES, 4, 4))
+        climbs += ((PEAKS, LEAST_MESHES, last),)
         rungs = dict.fromkeys(rung for ladder, _, n in climbs for rung in ladder.rungs[:n])
         by_rung = dict(zip(rungs, climbed(tube, rungs), strict=True))
         for ladder, first, n in climbs:
@@ -134,6 +136,17 @@ def test_error_bars_cover_nine_of_ten_errors() -> None:
                         missed.append((name, k, key))
     assert judged >= 45  # of 67: stresses at edges, and what one mesh alone resolves, have no bar
     assert len(missed) <= judged // 10, missed
+
+
+def test_only_a_request_is_pursued_where_bars_stay_far_too_wide() -> None:
+    """After four meshes; their bars compare meshes fine enough to foretell that of the next one."""
+    tube = stated("tsb1-pipe", "assembly.layers=1", *("mesh.around=12", "mesh.axial=4"))
+    ladder = Ladder(tuple(Rung(1, 12, 1, n, 1.0, 1.0) for n in (4, 5, 6, 7, 8)))
+    sought = {"p_max_point": 1e-5}
+    by_itself = converge(tube, otherwise=sought, ladder=ladder)
+    assert "much too wide" in by_itself.accuracy.ended_by
+    assert len(by_itself.meshes.meshes) == 4
+    assert len(converge(tube, sought, ladder=ladder).meshes.meshes) == 5
 
 
 def test_time_that_is_not_enough_ends_with_what_is_reached() -> None:

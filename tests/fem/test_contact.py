@@ -11,12 +11,10 @@ from fem.contact.surfaces import (
     ContactError,
     ContactNormals,
     contact_surfaces,
-    corner_forces,
     corner_overclosures,
     curvature,
     facet_pressures,
     motion_derivatives,
-    point_kinematics,
 )
 from geometry import SineBlock as SineBlockParameters
 from geometry.assembly import moved, spacing_offsets
@@ -50,6 +48,10 @@ def surfaces():
     return contact_surfaces(tube, spacing_offsets(tube, 0.05))
 
 
+def with_rule(surfaces, normals):
+    return surfaces if normals is ContactNormals.CURRENT else surfaces.with_reference_normals
+
+
 def random_corners(surfaces, size, seed=1):
     return size * np.random.default_rng(seed).standard_normal((surfaces.n_facets, 8, 3))
 
@@ -65,9 +67,9 @@ def test_gradient_is_the_slope_of_the_overclosure(surfaces, normals):
     corners = random_corners(surfaces, 0.1)
     direction = random_corners(surfaces, 1.0, seed=2)
     d = 1e-4
-    plus = point_kinematics(surfaces, corners + d * direction, normals).overclosure
-    minus = point_kinematics(surfaces, corners - d * direction, normals).overclosure
-    gradient = point_kinematics(surfaces, corners, normals).gradient
+    plus = with_rule(surfaces, normals).kinematics(corners + d * direction).overclosure
+    minus = with_rule(surfaces, normals).kinematics(corners - d * direction).overclosure
+    gradient = with_rule(surfaces, normals).kinematics(corners).gradient
     slope = np.einsum("fpai,fai->fp", gradient, direction)
     assert np.abs((plus - minus) / (2 * d) - slope).max() < 1e-9
 
@@ -77,8 +79,8 @@ def test_curvature_is_the_slope_of_the_gradient(surfaces):
     corners = random_corners(surfaces, 0.1)
     direction = random_corners(surfaces, 1.0, seed=2)
     d = 1e-4
-    plus = point_kinematics(surfaces, corners + d * direction).gradient
-    minus = point_kinematics(surfaces, corners - d * direction).gradient
+    plus = surfaces.kinematics(corners + d * direction).gradient
+    minus = surfaces.kinematics(corners - d * direction).gradient
     hessian = curvature(surfaces, corners)
     assert np.abs(hessian - np.swapaxes(hessian, 2, 3)).max() < 1e-15
     slope = np.einsum("fpij,fj->fpi", hessian, direction.reshape(-1, 24))
@@ -91,7 +93,7 @@ def test_derivatives_by_motions_are_those_by_the_corners(surfaces):
     corners = random_corners(surfaces, 0.1)
     motions = np.stack([random_corners(surfaces, 1.0, seed=k) for k in range(3, 8)], axis=3)
     first, second = motion_derivatives(surfaces, corners, motions)
-    gradient = point_kinematics(surfaces, corners).gradient
+    gradient = surfaces.kinematics(corners).gradient
     assert np.abs(first - np.einsum("fpai,faim->fpm", gradient, motions)).max() < 1e-12
     flat = motions.reshape(-1, 24, 5)
     by_corners = np.einsum("fim,fpij,fjn->fpmn", flat, curvature(surfaces, corners), flat)
@@ -102,9 +104,8 @@ def test_action_equals_reaction_and_moments_balance(surfaces):
     """With current normals the energy does not change in a rigid motion of both bodies, so
     forces and moments about the current positions vanish facet by facet, to round-off."""
     corners = random_corners(surfaces, 0.1)
-    kinematics = point_kinematics(surfaces, corners)
     law = ExponentialLaw()
-    forces = corner_forces(kinematics, surfaces.weights * law.pressure(kinematics.overclosure))
+    forces = surfaces.nodal_forces(corners, law.pressure(surfaces.overclosures(corners)))
     size = np.abs(forces).sum(axis=(1, 2))
     assert size.max() > 1.0
     assert (np.abs(forces.sum(axis=1)).max(axis=1) <= 1e-14 * size).all()
@@ -137,8 +138,8 @@ def test_a_rigid_motion_of_everything_changes_no_gap(surfaces):
         m, s = int(surfaces.block_m[i]), int(surfaces.block_s[i])
         corners[i, :4] = (tube.nodes(m) + spacing[m])[surfaces.quads_m[i]]
         corners[i, 4:] = (tube.nodes(s) + spacing[s])[surfaces.quads_s[i]]
-    still = point_kinematics(surfaces, np.zeros_like(corners))
-    turned = point_kinematics(surfaces, corners @ turn.T - corners)
+    still = surfaces.kinematics(np.zeros_like(corners))
+    turned = surfaces.kinematics(corners @ turn.T - corners)
     # Coordinates of up to 400 mm: a few roundings of 5e-14 mm each.
     assert np.abs(turned.overclosure - still.overclosure).max() < 1e-12
 
@@ -249,8 +250,8 @@ def test_moving_the_tube_moves_the_surfaces():
 def test_a_clearance_opens_every_gap_by_itself(surfaces, normals):
     """Whatever the normals and displacements: overclosures are less by it, gradients the same."""
     corners = random_corners(surfaces, 1e-2)
-    plain = point_kinematics(surfaces, corners, normals)
-    opened = point_kinematics(replace(surfaces, clearance=0.03), corners, normals)
+    plain = with_rule(surfaces, normals).kinematics(corners)
+    opened = with_rule(replace(surfaces, clearance=0.03), normals).kinematics(corners)
     np.testing.assert_allclose(opened.overclosure, plain.overclosure - 0.03, atol=1e-15)
     np.testing.assert_array_equal(opened.gradient, plain.gradient)
 
@@ -263,13 +264,13 @@ def test_overclosures_at_corners_are_those_between_points_carried_on(surfaces, n
     found = replace(surfaces, clearance=0.03)
     normal = found.normals[:, :1]
     flat = np.abs(found.normals - normal).max(axis=(1, 2)) < 1e-12
-    at_corners = corner_overclosures(found, still, normals)
-    at_points = point_kinematics(found, still, normals).overclosure
+    at_corners = corner_overclosures(with_rule(found, normals), still)
+    at_points = with_rule(found, normals).kinematics(still).overclosure
     near, far = 0.5 * (1.0 + 3.0**-0.5), 0.5 * (1.0 - 3.0**-0.5)
     a, b, c = near * near, near * far, far * far
     shapes = np.array([[a, b, c, b], [b, a, b, c], [c, b, a, b], [b, c, b, a]])
     assert flat.any()
     np.testing.assert_allclose((at_corners @ shapes.T)[flat], at_points[flat], atol=1e-13)
     assert surfaces.clearance == 0.0
-    bare = corner_overclosures(surfaces, still, normals)
+    bare = corner_overclosures(with_rule(surfaces, normals), still)
     np.testing.assert_allclose(at_corners, bare - 0.03, atol=1e-15)

@@ -6,7 +6,7 @@ import pytest
 from fem import CoulombFriction, Frames, Material
 from fem.assembly.contact_state import corner_displacements, matched_pressures
 from fem.contact.friction import Coulomb
-from fem.contact.surfaces import ContactNormals, corner_forces, point_kinematics
+from fem.contact.surfaces import ContactNormals
 from fem.element.facet import FACET_SLOPES, FACET_VALUES
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.quasi_static import quasi_static_report
@@ -77,8 +77,8 @@ def plain_forces(deformable, displacements):
     """The same with the plain functions of fem.contact."""
     surfaces, law = deformable.surfaces, deformable.contact.law
     corners = corner_displacements(deformable, displacements)
-    found = point_kinematics(surfaces, corners, deformable.contact.normals)
-    forces = corner_forces(found, surfaces.weights * law.pressure(found.overclosure))
+    found = surfaces.kinematics(corners)
+    forces = surfaces.nodal_forces(corners, law.pressure(found.overclosure))
     result = [np.zeros_like(u) for u in displacements]
     for half, blocks, quads in (
         (0, surfaces.block_m, surfaces.quads_m),

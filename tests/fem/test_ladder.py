@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fem import LinearPenalty, Problem, concrete
-from fem.accuracy.converge import TARGETS, work
+from fem.accuracy.converge import TARGETS
 from fem.accuracy.ladder import (
     DEGREES,
     LADDER,
+    PEAKS,
     PRESSURES,
     Rung,
     coarser,
     ladder_for,
     on_rung,
 )
-from geometry import HexagonBlock as HexagonBlockParameters
 from geometry import pipe
-from geometry import tube as tube_of
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.families.planar_wall import OsteomorphicWall
 from geometry.loads import face_pressure
@@ -32,7 +30,7 @@ from tests.support.stated import stated
 pytestmark = pytest.mark.quick
 
 PAGE = Path(__file__).parents[2] / "docs" / "trust" / "cost.md"
-RUNGS = [*LADDER.rungs, *DEGREES.rungs]
+RUNGS = [*LADDER.rungs, *DEGREES.rungs, *PEAKS.rungs]
 
 
 def tube() -> Problem:
@@ -54,12 +52,13 @@ def words(rung: Rung) -> str:
 
 def test_the_page_states_the_meshes_of_all_ladders() -> None:
     page = PAGE.read_text("utf-8")
-    for ladder, name in ((PRESSURES, "default"), (LADDER, "stresses"), (DEGREES, "integrals")):
+    ladders = {"default": PRESSURES, "stresses": LADDER, "integrals": DEGREES, "peaks": PEAKS}
+    for name, ladder in ladders.items():
         for number, rung in enumerate(ladder.rungs, start=1):
             assert f"| {name}, {number} {words(rung)}" in page
 
 
-@pytest.mark.parametrize("ladder", [PRESSURES, LADDER, DEGREES])
+@pytest.mark.parametrize("ladder", [PRESSURES, LADDER, DEGREES, PEAKS])
 def test_every_mesh_has_more_unknowns_than_the_one_before(ladder) -> None:  # type: ignore[no-untyped-def]
     sizes = [r.along * r.across * r.upward * r.degree**3 for r in ladder.rungs]
     assert sizes == sorted(set(sizes))
@@ -108,9 +107,11 @@ def test_a_coarser_mesh_has_every_second_line() -> None:
 
 def test_requests_choose_the_ladder() -> None:
     """Stresses at a point need elements towards edges; integrals and facet means the degree."""
-    assert ladder_for(["max_displacement", "p_eff", "p_max"]) is DEGREES
+    assert ladder_for(dict.fromkeys(["max_displacement", "p_eff", "p_max"], 0.01)) is DEGREES
     assert ladder_for(TARGETS) is PRESSURES
-    assert ladder_for(["p_max_point", "sigma_1_max"]) is LADDER
+    assert ladder_for({"p_max_point": 0.03}) is PRESSURES
+    assert ladder_for({"p_max_point": 0.01, "p_eff": 0.01}) is PEAKS
+    assert ladder_for({"p_max_point": 0.01, "sigma_1_max": 0.05}) is LADDER
 
 
 def test_osteomorphic_blocks_are_refined_across_their_waves() -> None:
@@ -127,17 +128,3 @@ def test_osteomorphic_blocks_are_refined_across_their_waves() -> None:
     coarse = coarser(problem, 0.5)
     assert coarse is not None
     np.testing.assert_allclose(volumes(coarse), volumes(problem), rtol=0.1)
-
-
-def test_work_of_a_hexagon_block_is_that_of_a_block_without_a_grid() -> None:
-    """Both are condensed as a whole; a default took 155 CPU s, of 20, while six grids counted.
-
-    A shape without charts has the same nodes; only what it costs is counted by its elements.
-    """
-    block = HexagonBlockParameters(blocks_per_layer=6, inner_radius=130.0, thickness=45.0)
-    blocks = tube_of(block, layers=1, mesh=(2, 1))
-    problem = on_rung(Problem(blocks, pipe(0.01), concrete), PRESSURES.rungs[0])
-    shapes = tuple(replace(shape, charts=None) for shape in problem.blocks.shapes)
-    without = replace(problem, blocks=replace(problem.blocks, shapes=shapes), load=pipe(0.01))
-    assert work(problem, 6) == work(without, 6)
-    assert work(problem, 6) > 600.0 * (3.0 * shapes[0].mesh.n_elements) ** 2

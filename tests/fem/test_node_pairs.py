@@ -27,7 +27,7 @@ def test_one_linear_problem_is_that_of_one_sparse_matrix(normals: ContactNormals
     system = local_system(deformable, largest_cyclic_orbits(deformable))
     random = np.random.default_rng(1)
     before = 1e-4 * random.standard_normal((system.n_nodes, 3))
-    gaps = system.gaps(before, normals)
+    gaps = system.gaps(before)
     at = gaps.x.copy()
     at[..., 0] = 2e-3 * random.standard_normal(gaps.overclosure.shape)
     anchor = at[..., 1:] + 1e-3 * random.standard_normal(at[..., 1:].shape)

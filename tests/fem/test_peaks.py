@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from fem.assembly.contact_state import contact_state
 from fem.assembly.peaks import ball_averages, joint_forces, largest_pressure, stress_peaks
-from fem.contact.surfaces import ContactNormals, corner_overclosures, point_kinematics
+from fem.contact.surfaces import ContactNormals, corner_overclosures
 from fem.element.facet import FACET_VALUES
 from fem.element.kinds import integration_points
 from geometry import Answer, Measure
@@ -29,15 +32,15 @@ def test_overclosures_at_corners_are_those_of_the_surfaces(normals: ContactNorma
     Corners are moved along the normal alone, alike on both sides of a facet but for a gap that
     differs from corner to corner by less than 1e-9 of a side.
     """
-    surfaces = column(PRESSURE).problem.deformable.surfaces
+    surfaces = replace(column(PRESSURE).problem, normals=normals).deformable.surfaces
     rng = np.random.default_rng(1)
     gap = 1e-8 * rng.standard_normal((surfaces.n_facets, 4))
     moved = np.zeros((surfaces.n_facets, 8, 3))
     moved[:, 4:] = gap[:, :, None] * surfaces.normals[:, :1]
-    found = corner_overclosures(surfaces, moved, normals)
+    found = corner_overclosures(surfaces, moved)
     # Slopes of 1e-9 turn the normal by as much: relative changes of 1e-18, beside round-off.
     assert np.abs(found + gap).max() < 1e-13
-    at_points = point_kinematics(surfaces, moved, normals).overclosure
+    at_points = surfaces.overclosures(moved)
     assert np.abs(found @ FACET_VALUES.T - at_points).max() < 1e-13
 
 
@@ -130,17 +133,14 @@ def test_pressure_peaks_at_the_corner_that_is_pressed_most() -> None:
         x = deformable.assembly.nodes(block)
         group, copy = deformable.group_of[block], deformable.copy_of[block]
         displacements[group][copy][:, 2] = -turn * x[:, 0]
-    from fem.assembly.contact_state import matched_pressures, matched_state
-
-    pressures, overclosures = matched_pressures(deformable, displacements)
-    state = matched_state(deformable, displacements, pressures, overclosures)
+    state = contact_state(deformable, displacements)
     law = deformable.contact.law
     peak = largest_pressure(deformable, law, state)
     assert peak is not None
     # Normals turned by 1e-4 change the gap by 1e-8 of itself; the law multiplies by 1 + X = 7.
     reach = float(deformable.assembly.nodes(1)[:, 0].max())
     assert peak.value == pytest.approx(float(law.pressure(reach * turn)), rel=1e-7)
-    assert peak.value > 1.2 * pressures.max()
+    assert peak.value > 1.2 * state.point_pressures.max()
     assert peak.position[0] == pytest.approx(reach)
     assert peak.blocks == (0, 1)
 

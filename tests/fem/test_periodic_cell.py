@@ -12,7 +12,6 @@ import pytest
 from fem.accuracy import statics
 from fem.assembly.contact_state import corner_displacements
 from fem.assembly.symmetry import local_forces
-from fem.contact.surfaces import corner_forces, point_kinematics
 from fem.explicit.solve import Status
 from fem.static.result import StaticError
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
@@ -48,8 +47,8 @@ def unbalanced_forces(run_of: Case, tiles: dict[int, np.ndarray]) -> dict[int, f
         tile = tiles[int(assembly.layer[block]) % 2]
         u[deformable.copy_of[block]] = tile[place[block]]
     surfaces, contact = deformable.surfaces, deformable.contact
-    found = point_kinematics(surfaces, corner_displacements(deformable, (u,)), contact.normals)
-    corners = corner_forces(found, surfaces.weights * contact.law.pressure(found.overclosure))
+    moved = corner_displacements(deformable, (u,))
+    corners = surfaces.nodal_forces(moved, contact.law.pressure(surfaces.overclosures(moved)))
     total = np.zeros_like(u)
     for half, blocks, quads in (
         (slice(0, 4), surfaces.block_m, surfaces.quads_m),

@@ -8,7 +8,6 @@ import pytest
 
 from fem import CoulombFriction, ExponentialLaw, Frames, LinearPenalty, Material
 from fem.assembly.contact_state import matched_pressures, searched_state
-from fem.assembly.deformable import Contact
 from fem.contact.search import BlockSurface, closest_points
 from fem.contact.surfaces import ContactError, ContactNormals
 from fem.element.facet import bilinear
@@ -109,8 +108,7 @@ def contact_at_end(statement, result):
 
     sides = zip(points.block_m, points.quads_m, points.block_s, points.quads_s, strict=True)
     corners = [np.concatenate([moved(m, a), moved(s, b)]) for m, a, s, b in sides]
-    contact = Contact(statement.law, ContactNormals.CURRENT)
-    return searched_state(points, np.array(corners), contact)
+    return searched_state(points, np.array(corners), statement.law)
 
 
 def test_patch_test_across_nested_meshes():

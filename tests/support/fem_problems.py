@@ -10,7 +10,6 @@ from scipy.sparse.linalg import spsolve
 from fem import ElementType, Material, Problem
 from fem.assembly.contact_state import corner_displacements
 from fem.assembly.deformable import DeformableAssembly
-from fem.contact.surfaces import corner_forces
 from fem.element.kinds import block_hourglass_stiffness, block_stiffness
 from fem.static.result import StaticResult
 from geometry.block import Block, box_block
@@ -110,5 +109,4 @@ def contact_corner_forces(result: StaticResult) -> FloatArray:
     """
     deformable, surfaces = result.deformable, result.surfaces
     displacement = corner_displacements(deformable, result.displacements, surfaces)
-    kinematics = surfaces.kinematics(displacement, deformable.contact.normals)
-    return corner_forces(kinematics, surfaces.weights * result.pressures)
+    return surfaces.nodal_forces(displacement, result.pressures)

@@ -18,6 +18,7 @@ from validation.output.answer_files import LARGE, answer_files, remove_others
 from validation.output.console import process_words, text_console
 from validation.output.files import PAGES, PICTURES, output_folder, prepare_file, write_json
 from validation.output.pictures.look import Look, looking
+from validation.output.progress import following
 from validation.output.provenance import Provenance, stamp_vtu, stamped
 from validation.scene.keys.idle import default_words, idle_keys, ignored_words
 
@@ -179,7 +180,8 @@ class Outputs:
         """
         if self.folder is not None and (self.fields or Path(name).suffix not in LARGE):
             path = self.path(self._as_drawn(name))
-            write(path)
+            with following(f"{words} {name}"):
+                write(path)
             if path.suffix == ".vtu":
                 stamp_vtu(path, self.origin)
             self.say(words, path)

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 from fem.accuracy.statics import solve_static
 from fem.assembly.statement import Problem
 from fem.element.hexahedron import ElementType
-from fem.element.lagrange_mesh import LagrangeMesh
 from fem.method import Explicit, Static
 from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
@@ -188,7 +187,7 @@ def _title(name: str, scene: DeformableScene, solution: Solution) -> str:
     """Scene, load, method and mesh, for pictures."""
     d, each = solution.deformable, ""
     solved = d.model.groups[0].mesh
-    degree = f" of degree {solved.degree}" if isinstance(solved, LagrangeMesh) else ""
+    degree = f" of degree {solved.degree}" if solved.degree > 1 else ""
     if isinstance(scene, RoundScene):
         count, what = d.assembly.n_layers, "layer"
         elements, each = d.model.groups[0].mesh.n_elements, " per block"
@@ -218,7 +217,7 @@ def _remarks(scene: DeformableScene, solution: Solution) -> dict[str, str]:
                 f"{assembly.named(bare[0][1])}{more} touch along an edge or at a point alone"
             )
     groups = solution.deformable.model.groups
-    bounded = not isinstance(groups[0].mesh, LagrangeMesh) and groups[0].element in _MEAN_STRESS
+    bounded = groups[0].element in _MEAN_STRESS
     ratio = max(group.material.poisson_ratio for group in groups)
     if ratio >= NEARLY_INCOMPRESSIBLE and not bounded:
         notes["nearly incompressible"] = (

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import Orbits
 from fem.contact.friction import FrictionError
-from fem.contact.search import SearchedSurfaces
+from fem.contact.search import SearchedPoints
 from fem.contact.surfaces import ContactNormals
 from fem.element.facet import FACET_SLOPES, FACET_VALUES
 from fem.explicit.body import Body
@@ -154,7 +154,7 @@ class _BoundFaces(BoundContact):
         gap = self._work.gap[point : point + 4 * n * width].reshape(n, 4, width)[:, :, :real]
         return gap + self._statement.clearance, self._data.weights[first:last, :, None]
 
-    def contact(self) -> tuple[SearchedSurfaces | None, FloatArray | None]:
+    def contact(self) -> tuple[SearchedPoints | None, FloatArray | None]:
         """Elastic slips at the last force evaluation: of all pairs, facets and points, (n, 2) [mm].
 
         Along the first edge of the facet, and across it: `paired_frictions`.

@@ -18,9 +18,9 @@ from fem.assembly.contact_state import ContactState, searched_state
 from fem.contact.search import (
     BlockSurface,
     FacingPoints,
-    SearchedSurfaces,
+    SearchedPoints,
     facet_area_vectors,
-    searched_surfaces,
+    points_of_search,
 )
 from fem.explicit.body import Body
 from fem.explicit.contact.contact import BoundContact, ExplicitContact
@@ -79,7 +79,7 @@ class SlidingContact(ExplicitContact):
     @cached_property
     def at_start(self) -> ContactState:
         """What faces what before any displacement, in the sector that is computed; no pressures."""
-        points = searched_surfaces(_points(self), self.clearance)
+        points = points_of_search(_points(self), self.clearance)
         return searched_state(points, np.zeros_like(points.corners), None)
 
     def bind(self, bodies: tuple[Body, ...]) -> BoundContact:
@@ -261,9 +261,9 @@ class BoundSlidingContact(BoundContact):
         """Energy dissipated by friction up to the last force evaluation [N mm]."""
         return 0.0 if self._dissipated is None else float(self._dissipated[0])
 
-    def contact(self) -> tuple[SearchedSurfaces | None, FloatArray | None]:
+    def contact(self) -> tuple[SearchedPoints | None, FloatArray | None]:
         """Points at the last force evaluation, and their elastic slips (n, 3) [mm], world axes."""
-        surfaces = searched_surfaces(self.points, self._statement.clearance)
+        surfaces = points_of_search(self.points, self._statement.clearance)
         return surfaces, None if self._slip is None else self._slip[surfaces.order]
 
     def _deepest(self) -> tuple[int, float, int, int] | None:

@@ -15,11 +15,8 @@ import numpy as np
 from fem.assembly.contact_state import (
     ContactState,
     block_surfaces,
-    corner_displacements,
+    contact_state,
     facing_points,
-    matched_pressures,
-    matched_state,
-    searched_state,
 )
 from fem.assembly.deformable import ALL_THE_WAY, DeformableAssembly
 from fem.assembly.local_system import FreeMotions, LocalSystem, free_motions, local_system
@@ -33,8 +30,8 @@ from fem.assembly.symmetry import (
     vectors_in_all_sectors,
 )
 from fem.contact.law import ContactLaw
-from fem.contact.search import SearchedSurfaces, searched_surfaces
-from fem.contact.surfaces import ContactError, ContactNormals, refuse_overlap
+from fem.contact.search import SearchedPoints, points_of_search
+from fem.contact.surfaces import ContactError, ContactNormals, ContactPoints, refuse_overlap
 from fem.explicit.contact.alike_pairs import alike_pairs
 from fem.explicit.contact.paired import FaceContact, paired_frictions
 from fem.explicit.contact.sliding import SlidingContact
@@ -127,7 +124,7 @@ class ExplicitStatement:
     def contact_state(
         self,
         displacements: tuple[FloatArray, ...],
-        searched: SearchedSurfaces | None = None,
+        searched: SearchedPoints | None = None,
         slips: FloatArray | None = None,
     ) -> ContactState:
         """Contact of the whole assembly at displacements of the model's groups, world axes.
@@ -142,24 +139,23 @@ class ExplicitStatement:
         """
         whole, full = self.deformable, self.expand(displacements)
         friction = whole.contact.friction
+        surfaces: ContactPoints = whole.surfaces
         traction = None
         if whole.contact.finite_sliding and whole.meets:
             if searched is None:
                 clearance = whole.surfaces.clearance
-                surfaces = searched_surfaces(facing_points(whole, full), clearance)
+                surfaces = points_of_search(facing_points(whole, full), clearance)
             else:
                 surfaces = searched_in_all_sectors(whole, self.orbits, searched)
             if friction is not None and slips is not None:
                 traction = -friction.stick_stiffness * slips[:, None]
-                traction = vectors_in_all_sectors(whole, self.orbits, traction, surfaces)[:, 0]
-            moved = corner_displacements(whole, full, surfaces)
-            return searched_state(surfaces, moved, whole.contact, traction)
-        if friction is not None and slips is not None:
+                traction = vectors_in_all_sectors(whole, self.orbits, traction, surfaces)
+        elif friction is not None and slips is not None:
             contact = self.contact
             assert isinstance(contact, FaceContact)
             traction = paired_frictions(whole, self.orbits, contact.pairs, full, slips)
             traction = vectors_in_all_sectors(whole, self.orbits, traction, None)
-        return matched_state(whole, full, *matched_pressures(whole, full), traction)
+        return contact_state(whole, full, surfaces, traction)
 
     def expand(self, displacements: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
         """World displacements of every block from those of the representatives.

@@ -30,13 +30,8 @@ import numpy.typing as npt
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from fem.assembly.local_system import (
-    LocalSystem,
-    NodalInverse,
-    constraint_transform,
-    prescribed_values,
-)
-from fem.contact.search import SearchedSurfaces
+from fem.assembly.local_system import LocalSystem, NodalInverse
+from fem.contact.search import SearchedPoints
 from fem.static.linear_step.block_tridiagonal import (
     ChainFactor,
     Level,
@@ -75,7 +70,7 @@ class CondensedStep:
         self._level_of = levels_of(system)
         self._pairs = NodePairs(system) if friction else None
         self._store = FlexibilityStore() if store is None else store
-        self._transform, free, self._value = constraint_transform(system.held, system.n_nodes)
+        self._transform, free = system.held.transform(system.n_nodes)
         self._is_free = np.zeros(3 * system.n_nodes, dtype=np.bool_)
         self._is_free[free] = True
         self._kind_of, self._kinds = self._make_kinds()
@@ -97,7 +92,7 @@ class CondensedStep:
             key = contents.setdefault(id(group), content_of(group))
             for array in (
                 system.held.nodes[mine] - system.node_start[slot],
-                np.round(system.held.axes[mine], 9),
+                system.held.axes[mine],
                 system.held.held[mine],
             ):
                 key += hashlib.sha256(np.ascontiguousarray(array).tobytes()).digest()
@@ -146,7 +141,7 @@ class CondensedStep:
         Facets that match press on each other alone; where they are searched, on any that may come.
         """
         system = self._system
-        if isinstance(system.surfaces, SearchedSurfaces):
+        if isinstance(system.surfaces, SearchedPoints):
             shape = system.deformable.assembly.shape(int(system.blocks[slots[0]]))
             met = [system.group(slots[0]).mesh.facet_nodes(shape.contact_quads).ravel()]
         else:
@@ -226,9 +221,7 @@ class CondensedStep:
     ) -> FloatArray:
         """Displacements of the contact nodes, zero at the others; (n_nodes, 3) [mm]."""
         factored, turned = self._factor(linear, before, holding)
-        value = self._value
-        if linear.time is not None:
-            value = prescribed_values(self._system.held, self._system.n_nodes, linear.time)
+        value = self._system.held.variables(self._system.n_nodes, linear.time)
         loads = self._free_forces(linear.load_factor, value, turned)
         responses = [self._kind(s).inverse @ f for s, f in enumerate(loads)]
         felt = self._felt(factored, responses, value)
@@ -246,7 +239,7 @@ class CondensedStep:
         UnheldBlocksError
             Blocks on which too few points press, when nothing else holds them.
         """
-        nothing = np.zeros_like(self._value)
+        nothing = np.zeros(3 * self._system.n_nodes)
         factored, _ = self._factor(linear, nothing.reshape(-1, 3), holding)
 
         def apply(force: FloatArray) -> FloatArray:
@@ -439,6 +432,14 @@ class CondensedStep:
         for slot, load in enumerate(self._loads):
             dofs = self._retained(slot)
             result[dofs] = self._transform[dofs][:, dofs] @ load
+        return result.reshape(-1, 3)
+
+    def kept(self, displacement: FloatArray) -> FloatArray:
+        """Displacements of the contact nodes, zero at the others; (n_nodes, 3) [mm]."""
+        result, flat = np.zeros(displacement.size), displacement.ravel()
+        for slot in range(self._system.n_slots):
+            dofs = self._retained(slot)
+            result[dofs] = flat[dofs]
         return result.reshape(-1, 3)
 
     def complete(self, displacement: FloatArray) -> FloatArray:

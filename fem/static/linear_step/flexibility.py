@@ -11,7 +11,7 @@ import scipy.linalg
 from scipy.sparse import csr_array
 
 from fem.problem.model import BlockGroup, rigid_motions
-from fem.static.linear_step.condensation import CondensedBlock
+from fem.static.linear_step.condensation import CondensedBlock, condense
 from fem.static.linear_step.linearisation import UnheldBlocksError
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.work import Operation, count
@@ -108,6 +108,7 @@ class FlexibilityStore:
 
     def __init__(self) -> None:
         self._kept: dict[bytes, Flexibility] = {}
+        self._condensed: dict[bytes, CondensedBlock] = {}
 
     def keep(self, keys: set[bytes]) -> None:
         """Let go of all others."""
@@ -118,6 +119,15 @@ class FlexibilityStore:
         if key not in self._kept:
             self._kept[key] = make()
         return self._kept[key]
+
+    def condensed(self, group: BlockGroup, nodes: IntArray) -> CondensedBlock:
+        """Return a block condensed on nodes (n,), sorted, and on those it was before."""
+        key = content_of(group)
+        before = self._condensed.get(key)
+        if before is None or not np.isin(nodes, before.retained).all():
+            more = nodes if before is None else np.union1d(before.retained, nodes)
+            self._condensed[key] = condense(group, more)
+        return self._condensed[key]
 
 
 def content_of(group: BlockGroup) -> bytes:

@@ -18,7 +18,6 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from fem.element.lagrange import Lagrange, TensorPoints, gauss_line, tensor_points
-from fem.element.lagrange_mesh import LagrangeMesh
 from fem.element.material import Material
 from fem.problem.model import rigid_motions
 from fem.static.linear_step.columns import ColumnBlock, flexible_block
@@ -148,8 +147,8 @@ def windows(numbers: IntArray, counts: tuple[int, ...], degree: int) -> IntArray
 
 def grid_block(mesh: HexMesh, material: Material, contact_quads: IntArray) -> GridBlock | None:
     """Structured block whose facets in contact (n, 4) leave two opposite sides free; else None."""
-    counts = grid_counts(mesh) if isinstance(mesh, LagrangeMesh) else None
-    if counts is None or not isinstance(mesh, LagrangeMesh):
+    counts = grid_counts(mesh) if mesh.degree > 1 else None
+    if counts is None:
         return None
     numbers = _node_grid(mesh, counts)
     ends = np.moveaxis(np.indices(numbers.shape), 0, -1)
@@ -171,12 +170,12 @@ def grid_block(mesh: HexMesh, material: Material, contact_quads: IntArray) -> Gr
     return GridBlock(np.ascontiguousarray(turned), mesh.nodes, Lagrange(mesh.degree), material)
 
 
-def _node_grid(mesh: LagrangeMesh, counts: tuple[int, int, int]) -> IntArray:
+def _node_grid(mesh: HexMesh, counts: tuple[int, int, int]) -> IntArray:
     """Numbers of the nodes of a structured mesh as a grid."""
     p = mesh.degree
     n_u, n_v, n_w = counts
     grid = np.empty((n_u * p + 1, n_v * p + 1, n_w * p + 1), dtype=np.int64)
-    members = mesh.members.reshape(n_u, n_v, n_w, p + 1, p + 1, p + 1)
+    members = mesh.connectivity.reshape(n_u, n_v, n_w, p + 1, p + 1, p + 1)
     for i in range(p + 1):
         for j in range(p + 1):
             for k in range(p + 1):

@@ -18,12 +18,7 @@ import numpy as np
 from scipy.sparse import bsr_array, csc_array, csr_array, csr_matrix, diags_array, triu
 from scipy.sparse.linalg import SuperLU, splu
 
-from fem.assembly.local_system import (
-    LocalSystem,
-    NodalInverse,
-    constraint_transform,
-    prescribed_values,
-)
+from fem.assembly.local_system import LocalSystem, NodalInverse
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 from geometry.work import Operation, count, hold, memory_limit, require_memory
@@ -244,6 +239,9 @@ class LinearStep(Protocol):
     def external_force(self) -> FloatArray:
         """Loads, condensed where inner nodes are left out, (n_nodes, 3) [N]."""
 
+    def kept(self, displacement: FloatArray) -> FloatArray:
+        """Displacements, zero where inner nodes are left out, (n_nodes, 3) [mm]."""
+
     def complete(self, displacement: FloatArray) -> FloatArray:
         """Displacements of all nodes, (n_nodes, 3) [mm]."""
 
@@ -276,24 +274,29 @@ class SparseStep:
     def __init__(self, system: LocalSystem, solver: SparseSolver | None = None) -> None:
         self._system = system
         self._solver = solver
-        self._transform, self._free, self._value = constraint_transform(system.held, system.n_nodes)
-        self._stiffness = csr_array(self._transform.T @ system.stiffness @ self._transform)
+        self._transform, self._free = system.held.transform(system.n_nodes)
+        self._stiffness, self._springs = (
+            csr_array(self._transform.T @ of @ self._transform) if len(system.held.nodes) else of
+            for of in self._assembled()
+        )
+
+    def _assembled(self) -> tuple[csr_array, csr_array]:
+        """Stiffness of all blocks [N/mm], and springs of one [N/mm] that hold each to its place."""
+        sizes = np.diff(self._system.node_start)
+        return self._system.stiffness, csr_array(diags_array(np.repeat(1.0 / sizes, 3 * sizes)))
 
     def __call__(
         self, linear: Linearisation, before: FloatArray, holding: float = 0.0
     ) -> FloatArray:
         """Displacements (n_nodes, 3) [mm]."""
-        system = self._system
-        rows = gradient_matrix(system, linear.gradient) @ self._transform
-        matrix = self._matrix(linear, rows, holding)
+        points, rows = self._pressing(linear)
+        matrix = self._matrix(linear, points, rows, holding)
         forces = linear.weights[..., None] * linear.tractions(linear.constant)
-        right = linear.load_factor * (self._transform.T @ system.external_force.ravel())
-        right -= rows.T @ forces.ravel()
+        right = linear.load_factor * (self._transform.T @ self.external_force.ravel())
+        right -= rows.T @ forces.reshape(-1, forces.shape[2])[points].ravel()
         if holding:
-            right += holding * self._shares() * (self._transform.T @ before.ravel())
-        value = self._value
-        if linear.time is not None:
-            value = prescribed_values(system.held, system.n_nodes, linear.time)
+            right += holding * (self._springs @ (self._transform.T @ before.ravel()))
+        value = self._system.held.variables(self._system.n_nodes, linear.time)
         right -= matrix @ value
         solution = value.copy()
         solve = self._factor(matrix, symmetric=linear.symmetric)
@@ -308,23 +311,33 @@ class SparseStep:
         UnheldBlocksError
             A singular matrix.
         """
-        rows = gradient_matrix(self._system, linear.gradient) @ self._transform
-        solve = self._factor(self._matrix(linear, rows, holding), symmetric=linear.symmetric)
+        matrix = self._matrix(linear, *self._pressing(linear), holding)
+        solve = self._factor(matrix, symmetric=linear.symmetric)
 
         def apply(force: FloatArray) -> FloatArray:
-            solution = np.zeros_like(self._value)
+            solution = np.zeros(3 * self._system.n_nodes)
             solution[self._free] = solve((self._transform.T @ force.ravel())[self._free])
             return (self._transform @ solution).reshape(-1, 3)
 
         return apply
 
-    def _matrix(self, linear: Linearisation, rows: csr_array, holding: float) -> csr_array:
+    def _pressing(self, linear: Linearisation) -> tuple[IntArray, csr_array]:
+        """Points that press or resist, and their gradients: others fill the matrix with zeros."""
+        acts = linear.slope.any(axis=(2, 3)) | linear.traction.any(axis=2)
+        points, size = np.flatnonzero(acts), linear.slope.shape[-1]
+        rows = (size * points[:, None] + np.arange(size)).ravel()
+        return points, gradient_matrix(self._system, linear.gradient, rows) @ self._transform
+
+    def _matrix(
+        self, linear: Linearisation, points: IntArray, rows: csr_array, holding: float
+    ) -> csr_array:
         weighted = linear.weights[..., None, None] * linear.slope
         size = weighted.shape[-1]
-        each = np.arange(weighted.size // size**2 + 1)
-        stiff = bsr_array((weighted.reshape(-1, size, size), each[:-1], each)).tocsr()
+        each, shape = np.arange(len(points) + 1), (size * len(points), size * len(points))
+        pressed = weighted.reshape(-1, size, size)[points]
+        stiff = bsr_array((pressed, each[:-1], each), shape).tocsr()
         matrix = csr_array(self._stiffness + rows.T @ csr_array(stiff @ rows))
-        return csr_array(matrix + diags_array(holding * self._shares()) if holding else matrix)
+        return csr_array(matrix + holding * self._springs if holding else matrix)
 
     def _factor(
         self, matrix: csr_array, *, symmetric: bool = True
@@ -335,11 +348,6 @@ class SparseStep:
         except SparseSolverError as error:
             raise UnheldBlocksError(str(error), ()) from None
 
-    def _shares(self) -> FloatArray:
-        """One over the number of nodes of its block, for every variable."""
-        sizes = np.diff(self._system.node_start)
-        return np.repeat(1.0 / sizes, 3 * sizes)
-
     def internal_force(self, displacement: FloatArray) -> FloatArray:
         """K u, (n_nodes, 3) [N]."""
         return self._system.internal_force(displacement)
@@ -348,6 +356,10 @@ class SparseStep:
     def external_force(self) -> FloatArray:
         """Loads, (n_nodes, 3) [N]."""
         return self._system.external_force
+
+    def kept(self, displacement: FloatArray) -> FloatArray:
+        """Displacements of all nodes."""
+        return displacement
 
     def complete(self, displacement: FloatArray) -> FloatArray:
         """Displacements of all nodes: they are there already."""

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
-from fem.element.lagrange_mesh import LagrangeMesh
 from fem.element.lagrange_stress import cells_of, equidistant, grid_places
 from fem.element.stress import von_mises
 from fem.problem.model import BlockGroup
@@ -94,7 +93,7 @@ def write_fields(
     each block is removed before stresses. Where these are known (``recovered``), those at
     integration points are written, too. ``owners`` are those of `element_owners`.
     """
-    if isinstance(groups[0].mesh, LagrangeMesh):
+    if groups[0].element.degree > 1:
         given = {} if owners is None else owners
         write_curved(path, groups, displacements, given, finite_rotation=finite_rotation)
         return

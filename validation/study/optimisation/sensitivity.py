@@ -308,7 +308,8 @@ def _deformable(file: Case, meshes: int) -> Iterator[Values]:
         why = why_not_refined(problem)
     if why is not None:
         raise InputError(f"{file.name}: sensitivity: got {why}, whose mesh is not refined")
-    ladder = ladder_for(("p_max", "p_eff", "sigma_1_averaged", "max_displacement"), problem)
+    names = ("p_max", "p_eff", "sigma_1_averaged", "max_displacement")
+    ladder = ladder_for(dict.fromkeys(names, 0.05), problem)
     method = file.method if isinstance(file.method, Static) else Static()
     options = static_options(problem, method)
     if method.max_seconds is not None:

@@ -1,0 +1,168 @@
+"""Supports of a static problem: rows of prescribed displacements, and the basis they leave.
+
+A row prescribes direction · u at a node. Directions of one node may have any angles between them,
+and may repeat each other: eigenvectors of Σ d dᵀ are axes of which those with an eigenvalue are
+prescribed, and u = axes v makes every prescribed component one variable.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import bsr_array, csr_array
+
+from fem.assembly.deformable import DeformableAssembly
+from fem.problem.model import Amplitude, ModelError
+from geometry.mesh import BoolArray, FloatArray, IntArray
+
+#: Prescribed displacements are met to this share of the largest displacement.
+_ROUNDING = 1e-12
+#: Directions and displacements that differ by this share are the same.
+_SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class Held:
+    """Prescribed displacements: direction · u = value · share of its way that a row has gone.
+
+    Raises
+    ------
+    ModelError
+        Rows of one node that contradict each other.
+    """
+
+    row: IntArray
+    """Node of each, (n,)."""
+    direction: FloatArray
+    """In the block frame, (n, 3)."""
+    value: FloatArray
+    """Where it has gone all its way, (n,) [mm]."""
+    table: IntArray
+    """Which of the tables moves it, (n,); -1: it is there always."""
+    tables: tuple[Amplitude, ...] = ()
+    """Share of their way as functions of time [s]."""
+
+    def __post_init__(self) -> None:
+        there = np.einsum("rti,ri->rt", self._ways[self._number], self.direction)
+        there[np.arange(len(self.row)), self.table] -= self.value
+        wrong = np.abs(there).max(axis=1, initial=0.0)
+        if wrong.max(initial=0.0) > _SAME * np.abs(self.value).max(initial=0.0):
+            raise ModelError(
+                f"supports: node {int(self.row[wrong.argmax()])} is moved in two ways along one "
+                "direction; expected one of them"
+            )
+
+    @cached_property
+    def nodes(self) -> IntArray:
+        """Nodes with at least one prescribed component, (n_held,)."""
+        return np.unique(self.row)
+
+    @cached_property
+    def _number(self) -> IntArray:
+        """Position of the node of each row in `nodes`, (n,)."""
+        return np.searchsorted(self.nodes, self.row)
+
+    @cached_property
+    def _eigen(self) -> tuple[FloatArray, FloatArray]:
+        """Eigenvalues (n_held, 3), largest first, and axes of each node, (n_held, 3, 3)."""
+        product = np.zeros((len(self.nodes), 3, 3))
+        np.add.at(product, self._number, self.direction[:, :, None] * self.direction[:, None])
+        # The same axes for congruent blocks, whose directions differ by rounding.
+        size, axes = np.linalg.eigh(np.round(product, 12))
+        return size[:, ::-1], axes[:, :, ::-1]
+
+    @cached_property
+    def held(self) -> BoolArray:
+        """Which components of v are prescribed, (n_held, 3)."""
+        return self._eigen[0] > _SAME
+
+    @property
+    def once(self) -> bool:
+        """Whether directions of a node are orthonormal: each component is prescribed once."""
+        return bool((np.abs(self._eigen[0] - self.held) < _SAME).all())
+
+    @cached_property
+    def axes(self) -> FloatArray:
+        """Orthonormal axes of each node in the block frame as columns, (n_held, 3, 3).
+
+        Where all components are prescribed those of the block, to the bit.
+        """
+        fixed = self.held.all(axis=1)[:, None, None]
+        return np.where(fixed, np.eye(3), self._eigen[1])
+
+    @cached_property
+    def _ways(self) -> FloatArray:
+        """Displacements by each table, then of what none moves, (n_held, n_tables + 1, 3) [mm]."""
+        pulled = np.zeros((len(self.nodes), len(self.tables) + 1, 3))
+        np.add.at(pulled, (self._number, self.table), self.value[:, None] * self.direction)
+        size, axes = self._eigen
+        softness = np.divide(1.0, size, out=np.zeros_like(size), where=self.held)
+        return ((pulled @ axes) * softness[:, None]) @ axes.transpose(0, 2, 1)
+
+    @property
+    def moving(self) -> tuple[tuple[Amplitude, FloatArray], ...]:
+        """Tables and the ways that they move the nodes, block frames, (n_held, 3) [mm]."""
+        return tuple(zip(self.tables, np.moveaxis(self._ways, 1, 0), strict=False))
+
+    def at(self, time: float | None) -> FloatArray:
+        """Prescribed displacements at a time [s], block frames, (n_held, 3) [mm].
+
+        None: every support has moved all its way.
+        """
+        shares = [1.0 if time is None else table(time) for table in self.tables]
+        return np.einsum("t,nti->ni", [*shares, 1.0], self._ways)
+
+    def transform(self, n_nodes: int) -> tuple[csr_array, IntArray]:
+        """T of u = T v with every prescribed component one variable, and the free variables.
+
+        (3 n_nodes, 3 n_nodes) and (n_free,).
+        """
+        axes, is_held = np.tile(np.eye(3), (n_nodes, 1, 1)), np.zeros((n_nodes, 3), dtype=np.bool_)
+        axes[self.nodes], is_held[self.nodes] = self.axes, self.held
+        node = np.arange(n_nodes + 1)
+        transform = csr_array(bsr_array((axes, node[:-1], node), (3 * n_nodes, 3 * n_nodes)))
+        transform.eliminate_zeros()
+        return transform, np.flatnonzero(~is_held.ravel())
+
+    def variables(self, n_nodes: int, time: float | None = None) -> FloatArray:
+        """Prescribed variables v at a time [s], zero at the others, (3 n_nodes,) [mm]."""
+        value = np.zeros((n_nodes, 3))
+        value[self.nodes] = np.einsum("nij,ni->nj", self.axes, self.at(time)) * self.held
+        return value.ravel()
+
+    def part(self, force: FloatArray) -> FloatArray:
+        """Components of a force along prescribed directions, (n_nodes, 3) [N]."""
+        result = np.zeros_like(force)
+        along = np.einsum("nij,ni->nj", self.axes, force[self.nodes]) * self.held
+        result[self.nodes] = np.einsum("nij,nj->ni", self.axes, along)
+        return result
+
+    def met(self, displacement: FloatArray, time: float | None = None) -> bool:
+        """Whether displacements (n_nodes, 3) [mm] are those prescribed at a time, to rounding."""
+        values = self.at(time)
+        away = np.einsum("nij,ni->nj", self.axes, displacement[self.nodes] - values) * self.held
+        size = max(np.abs(a).max(initial=0.0) for a in (values, displacement))
+        return bool(np.abs(away).max(initial=0.0) <= _ROUNDING * size)
+
+
+def held_of(deformable: DeformableAssembly, blocks: IntArray, node_start: IntArray) -> Held:
+    """Supports of some blocks (n,) whose first nodes are ``node_start``."""
+    supports = deformable.model.supports
+    tables = tuple(
+        dict.fromkeys(s.amplitude for s in supports if s.displacement.any() and s.amplitude)
+    )
+    parts = []
+    for support in supports:
+        turns = deformable.model.groups[support.group].rotations[support.copies]
+        local = np.einsum("nij,ni->nj", turns, support.directions)
+        moves = support.displacement.any() and support.amplitude is not None
+        table = np.full(len(local), tables.index(support.amplitude) if moves else -1)
+        for slot in np.flatnonzero(deformable.group_of[blocks] == support.group):
+            mine = support.copies == deformable.copy_of[blocks[slot]]
+            columns = support.nodes + node_start[slot], local, support.displacement, table
+            parts.append([values[mine] for values in columns])
+    none = np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64)
+    row, direction, value, table = (np.concatenate(of) for of in zip(none, *parts, strict=True))
+    return Held(row, direction, value, table, tables)

@@ -1,0 +1,108 @@
+"""The sparse linear problem on the nodes that contact or supports act on, blocks condensed there.
+
+Which nodes these are is known from search to search; a node that comes new is retained from then
+on, so blocks are condensed anew a few times only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+
+from fem.assembly.local_system import LocalSystem
+from fem.static.linear_step.condensation import CondensedBlock
+from fem.static.linear_step.flexibility import FlexibilityStore
+from fem.static.linear_step.linearisation import SparseSolver, SparseStep
+from geometry.mesh import FloatArray, IntArray
+from geometry.work import Operation, count
+
+
+class ReducedStep(SparseStep):
+    """Assembles condensed blocks into one sparse matrix."""
+
+    def __init__(
+        self, system: LocalSystem, store: FlexibilityStore, solver: SparseSolver | None = None
+    ) -> None:
+        self._blocks = _condensed(system, store)
+        starts = 3 * system.node_start
+        self._dofs = [
+            block.degrees_of_freedom + start
+            for block, start in zip(self._blocks, starts, strict=False)
+        ]
+        super().__init__(system, solver)
+        self._retained = np.concatenate(self._dofs)
+        self._free = np.intersect1d(self._free, self._retained)
+        self._external = np.zeros(3 * system.n_nodes)
+        self._inner = []
+        for slot, (block, dofs) in enumerate(zip(self._blocks, self._dofs, strict=True)):
+            loads, inner = block.condense_forces(system.external_force[system.nodes_of(slot)][None])
+            self._external[dofs] = loads[0]
+            self._inner.append(inner)
+
+    def _assembled(self) -> tuple[csr_array, csr_array]:
+        size = 3 * self._system.n_nodes
+        rows = np.concatenate([np.repeat(dofs, len(dofs)) for dofs in self._dofs])
+        columns = np.concatenate([np.tile(dofs, len(dofs)) for dofs in self._dofs])
+        groups = {id(self._system.group(k)): block for k, block in enumerate(self._blocks)}
+        held = {key: _springs(block) for key, block in groups.items()}
+        springs = [held[id(self._system.group(k))] for k in range(self._system.n_slots)]
+
+        def joined(matrices: list[FloatArray]) -> csr_array:
+            values = np.concatenate([matrix.ravel() for matrix in matrices])
+            return csr_array(coo_array((values, (rows, columns)), (size, size)))
+
+        return joined([block.stiffness for block in self._blocks]), joined(springs)
+
+    def internal_force(self, displacement: FloatArray) -> FloatArray:
+        """S u of the retained nodes, zero at inner nodes; (n_nodes, 3) [N]."""
+        result, moved = np.zeros(displacement.size), displacement.ravel()
+        for block, dofs in zip(self._blocks, self._dofs, strict=True):
+            result[dofs] = block.stiffness @ moved[dofs]
+            count(Operation.ENTRY, block.stiffness.size)
+        return result.reshape(-1, 3)
+
+    @property
+    def external_force(self) -> FloatArray:
+        """Loads condensed on the retained nodes, zero at inner nodes; (n_nodes, 3) [N]."""
+        return self._external.reshape(-1, 3)
+
+    def kept(self, displacement: FloatArray) -> FloatArray:
+        """Displacements, zero at inner nodes, (n_nodes, 3) [mm]."""
+        result = np.zeros_like(displacement)
+        result.ravel()[self._retained] = displacement.ravel()[self._retained]
+        return result
+
+    def complete(self, displacement: FloatArray) -> FloatArray:
+        """Displacements of all nodes from those of the retained ones, (n_nodes, 3) [mm]."""
+        parts = [
+            block.recover(displacement.ravel()[dofs][None], inner)[0]
+            for block, dofs, inner in zip(self._blocks, self._dofs, self._inner, strict=True)
+        ]
+        return np.concatenate(parts)
+
+
+def _springs(block: CondensedBlock) -> FloatArray:
+    """Springs of one on all nodes of a block, the inner ones of which follow."""
+    size = len(block.degrees_of_freedom)
+    nothing = np.zeros((3 * block.n_nodes, size))
+    shapes = block.recover(np.eye(size), nothing).reshape(size, -1)
+    count(Operation.DENSE, float(size) ** 2 * 3.0 * block.n_nodes)
+    springs: FloatArray = shapes @ shapes.T / block.n_nodes
+    return springs
+
+
+def _condensed(system: LocalSystem, store: FlexibilityStore) -> list[CondensedBlock]:
+    """Blocks of all slots on the nodes of points and supports of any congruent one."""
+    touched = np.unique(np.append(system.corner_nodes, system.held.nodes))
+    ends = np.searchsorted(touched, system.node_start)
+    nodes: dict[int, list[IntArray]] = {}
+    for slot in range(system.n_slots):
+        own = touched[ends[slot] : ends[slot + 1]] - system.node_start[slot]
+        nodes.setdefault(id(system.group(slot)), []).append(own)
+    done: dict[int, CondensedBlock] = {}
+    for slot in range(system.n_slots):
+        group = system.group(slot)
+        if id(group) not in done:
+            retained = np.unique(np.concatenate(nodes[id(group)])).astype(np.int64)
+            done[id(group)] = store.condensed(group, retained)
+    return [done[id(system.group(slot))] for slot in range(system.n_slots)]

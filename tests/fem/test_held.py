@@ -1,0 +1,76 @@
+"""Rows of supports: any directions, stated once or again, as long as they do not contradict."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fem.assembly.held import Held
+from fem.problem.model import ModelError, Support
+from fem.static.solve import StaticOptions, solve_static
+from geometry.mesh import FloatArray
+from validation import load_case
+
+SLANTED = np.array([np.cos(0.6), np.sin(0.6), 0.0])
+
+
+def rows(directions: Any, values: Any) -> Held:
+    """Rows of node 2 that nothing moves."""
+    n = len(values)
+    direction = np.array(directions, dtype=np.float64).reshape(n, 3)
+    return Held(np.full(n, 2), direction, np.array(values), np.full(n, -1))
+
+
+def test_variables_are_the_prescribed_displacement_whatever_the_directions() -> None:
+    """Random directions of one, two and three dimensions, stated again in other directions."""
+    random = np.random.default_rng(3)
+    for rank in (1, 2, 3):
+        basis = np.linalg.qr(random.standard_normal((3, 3)))[0][:rank]
+        directions = random.standard_normal((5, rank)) @ basis
+        moved = random.standard_normal(3)
+        held = rows(directions, directions @ moved)
+        transform, free = held.transform(4)
+        assert len(free) == 12 - rank
+        u = (transform @ held.variables(4)).reshape(4, 3)
+        assert not u[[0, 1, 3]].any()
+        # Sums of five products of numbers of order one, twice.
+        np.testing.assert_allclose(directions @ u[2], directions @ moved, atol=1e-13)
+        force = random.standard_normal((4, 3))
+        part = held.part(force)
+        np.testing.assert_allclose(part[2], basis.T @ (basis @ force[2]), atol=1e-14)
+        assert held.met(u)
+        assert not held.met(u + 1e-6 * directions[0])
+
+
+@pytest.mark.parametrize("values", [(0.1, 0.2, 0.1), (0.0, 0.0, 0.1)])
+def test_rows_that_contradict_each_other_are_refused(values: tuple[float, ...]) -> None:
+    y = [0.0, 1.0, 0.0]
+    with pytest.raises(ModelError, match="node 2 is moved in two ways"):
+        rows([y, SLANTED, y], (*values[:2], values[2] + 1e-3))
+
+
+def repeated(support: Support) -> Support:
+    """The same rows again, and one that leans."""
+    directions: FloatArray = np.where(
+        (support.directions == [1.0, 0.0, 0.0]).all(axis=1)[:, None], SLANTED, support.directions
+    )
+    return replace(support, directions=directions, displacement=directions @ [0.03, 0.0, 0.0])
+
+
+def test_supports_that_are_stated_again_change_nothing() -> None:
+    deformable = load_case("shifted-boxes").problem.deformable
+    moving = [s for s in deformable.model.supports if s.displacement.any()]
+    still = [s for s in deformable.model.supports if not s.displacement.any()]
+    assert moving
+    assert still
+    assert moving[0].displacement.max() == pytest.approx(0.03)
+    supports = (*deformable.model.supports, *still, *map(repeated, moving))
+    again = replace(deformable, model=replace(deformable.model, supports=supports))
+    options = StaticOptions(tolerance=1e-10, motion_steps=2)
+    once, twice = (solve_static(one, options) for one in (deformable, again))
+    for a, b in zip(once.displacements, twice.displacements, strict=True):
+        assert np.abs(a).max() > 0.01
+        np.testing.assert_allclose(b, a, rtol=0.0, atol=1e-10)
