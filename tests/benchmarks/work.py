@@ -17,7 +17,9 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -25,10 +27,12 @@ from scipy.optimize import nnls
 
 from geometry.system import peak_memory_mb, write_whole
 from geometry.work import SECONDS, Operation, budget
-from validation import load_case, solve
+from validation import Case, load_case, solve
 
 LAST = Path(__file__).with_name("work.json")
 
+#: What `own_panel` makes, in place of a scene.
+OWN_PANEL = "panel of an OBJ"
 #: Scene, method and settings of each line.
 RUNS: Mapping[str, tuple[str, str, Mapping[str, Any]]] = {
     "p_max_point = 1 %": (
@@ -67,6 +71,8 @@ RUNS: Mapping[str, tuple[str, str, Mapping[str, Any]]] = {
         "static",
         {"block.thickness": 150.0, "assembly.voussoirs": 11, "effects.friction": 0.7},
     ),
+    "panel of 3 x 3, friction 0.6": (OWN_PANEL, "static", {"effects.friction": 0.6}),
+    "wall, friction 0.6": ("wall", "static", {}),
     "hertz-ball": ("hertz-ball", "static", {}),
     "rigid tube with friction": (
         "tsb1-pipe",
@@ -81,10 +87,52 @@ RUNS: Mapping[str, tuple[str, str, Mapping[str, Any]]] = {
 }
 
 
+def own_panel(folder: Path, n: int = 3) -> Path:
+    """Write a scene of n x n truncated tetrahedra in a fixed ring, blocks of an OBJ [mm]."""
+    edge, half, lean = 100.0, 30.0, 0.3
+    lines, fixed = list[str](), list[str]()
+    for i, j in product(range(-1, n + 1), repeat=2):
+        if {i, j} <= {-1, n}:
+            continue
+        outside = not {i, j}.isdisjoint({-1, n})
+        side, name = (1 if (i + j) % 2 == 0 else -1), f"{'F' if outside else 'B'}_{i}_{j}"
+        fixed += [name] * outside
+        lines.append(f"o {name}")
+        for z in (-half, half):
+            x, y = edge / 2.0 + side * lean * z, edge / 2.0 - side * lean * z
+            for a, b in ((-x, -y), (x, -y), (x, y), (-x, y)):
+                lines.append(f"v {i * edge + a:.9g} {j * edge + b:.9g} {z:.9g}")
+        # The last eight points.
+        faces = ("-8 -5 -6 -7", "-4 -3 -2 -1", "-8 -7 -3 -4", "-7 -6 -2 -3", "-6 -5 -1 -2")
+        lines += [f"f {face}" for face in (*faces, "-5 -8 -4 -1")]
+    (folder / "panel.obj").write_text("\n".join(lines) + "\n", "utf-8")
+    scene = folder / "panel.toml"
+    scene.write_text(
+        f"""[block]
+type = "mesh"
+units = "mm"
+[[parts]]
+file = "panel.obj"
+[assembly]
+fixed = {json.dumps(fixed)}
+[effects]
+gravity = [0.0, 0.0, -9810.0]
+""",
+        "utf-8",
+    )
+    return scene
+
+
 def measured(name: str) -> dict[str, Any]:
     """CPU time [s], peak memory [MB] and operations of one run in this process."""
     scene, method, settings = RUNS[name]
-    case = load_case(scene, settings, method=method)
+    with TemporaryDirectory() as folder:
+        source = own_panel(Path(folder)) if scene == OWN_PANEL else scene
+        case = load_case(source, settings, method=method)
+        return _measured(case)
+
+
+def _measured(case: Case) -> dict[str, Any]:
     with budget() as spent:
         answer = solve(case)
         _ = answer.report
