@@ -39,7 +39,7 @@ from fem.static.linear_step.condensed import CondensedStep
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.linear_step.grid_block import GridBlock
 from fem.static.linear_step.linearisation import LinearStep, SparseStep
-from fem.static.linear_step.reduced import ReducedStep
+from fem.static.linear_step.reduced import ReducedStep, is_smaller
 from fem.static.load_steps import (
     ElasticSlips,
     Known,
@@ -68,8 +68,6 @@ _FALLBACK_LOAD_STEPS = 4
 #: Supported nodes of a block beyond which one sparse matrix takes the place of dense flexibilities,
 #: which keep them: plane strain holds every node of a slice, and 3 400 took 12 GB.
 _MOST_HELD = 1500
-#: Share of the nodes that points touch up to which blocks are condensed there.
-_FEW = 0.5
 
 
 def solve_static(
@@ -289,19 +287,18 @@ def _problem(
     system = local_system(deformable, orbits, searched)
     friction = deformable.contact.friction is not None
     step: LinearStep
-    kept = np.isin(np.arange(system.n_nodes), system.corner_nodes)
-    if options.method is StaticMethod.SPARSE or _most_held(system) > _MOST_HELD:
+    # On searched points limits of friction follow the pressures, in displacements alone.
+    in_displacements = searched is not None and friction
+    whole = options.method is StaticMethod.SPARSE or _most_held(system) > _MOST_HELD
+    if whole or (in_displacements and not is_smaller(system)):
         step, kept = SparseStep(system, options.sparse_solver), np.ones(system.n_nodes, np.bool_)
-    elif searched is not None and friction:
-        # On searched points limits of friction follow the pressures, in displacements alone.
-        few = np.count_nonzero(kept) <= _FEW * system.n_nodes
+    else:
         step = (
             ReducedStep(system, store, options.sparse_solver)
-            if few
-            else SparseStep(system, options.sparse_solver)
+            if in_displacements
+            else CondensedStep(system, store, friction=friction)
         )
-    else:
-        step = CondensedStep(system, store, friction=friction)
+        kept = np.isin(np.arange(system.n_nodes), system.corner_nodes)
     free = free_motions(system, kept)
     bounds = options.tolerance, options.max_iterations
     return StaticProblem(system, step, *bounds, system.coulomb, free)

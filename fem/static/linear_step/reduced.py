@@ -10,6 +10,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from fem.assembly.local_system import LocalSystem
+from fem.problem.model import BlockGroup
 from fem.static.linear_step.condensation import CondensedBlock
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.linear_step.linearisation import SparseSolver, SparseStep
@@ -91,18 +92,31 @@ def _springs(block: CondensedBlock) -> FloatArray:
     return springs
 
 
-def _condensed(system: LocalSystem, store: FlexibilityStore) -> list[CondensedBlock]:
-    """Blocks of all slots on the nodes of points and supports of any congruent one."""
+def is_smaller(system: LocalSystem) -> bool:
+    """Whether blocks condensed on what is touched have fewer entries than those of all nodes."""
+    entries = sum(
+        slots * ((3.0 * len(nodes)) ** 2 - group.stiffness.nnz)
+        for group, nodes, slots in _touched(system)
+    )
+    return entries < 0.0
+
+
+def _touched(system: LocalSystem) -> list[tuple[BlockGroup, IntArray, int]]:
+    """Groups, nodes of points and supports of any of their blocks, and number of these."""
     touched = np.unique(np.append(system.corner_nodes, system.held.nodes))
     ends = np.searchsorted(touched, system.node_start)
-    nodes: dict[int, list[IntArray]] = {}
+    groups = {id(group): group for group in map(system.group, range(system.n_slots))}
+    nodes: dict[int, list[IntArray]] = {key: [] for key in groups}
     for slot in range(system.n_slots):
         own = touched[ends[slot] : ends[slot + 1]] - system.node_start[slot]
-        nodes.setdefault(id(system.group(slot)), []).append(own)
-    done: dict[int, CondensedBlock] = {}
-    for slot in range(system.n_slots):
-        group = system.group(slot)
-        if id(group) not in done:
-            retained = np.unique(np.concatenate(nodes[id(group)])).astype(np.int64)
-            done[id(group)] = store.condensed(group, retained)
+        nodes[id(system.group(slot))].append(own)
+    return [
+        (group, np.unique(np.concatenate(nodes[key])).astype(np.int64), len(nodes[key]))
+        for key, group in groups.items()
+    ]
+
+
+def _condensed(system: LocalSystem, store: FlexibilityStore) -> list[CondensedBlock]:
+    """Blocks of all slots on the nodes of points and supports of any congruent one."""
+    done = {id(group): store.condensed(group, nodes) for group, nodes, _ in _touched(system)}
     return [done[id(system.group(slot))] for slot in range(system.n_slots)]
