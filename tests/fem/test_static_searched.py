@@ -9,6 +9,7 @@ from fem import CoulombFriction, Frames, LinearPenalty
 from fem.contact.surfaces import ContactNormals
 from fem.problem.loads import SmoothStepAmplitude
 from fem.problem.model import fixed_nodes
+from fem.static import solve as static_solve
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import face_pressure
@@ -133,6 +134,21 @@ def shear(coefficient, push):
     gravity = np.array([push / (2.4e-9 * 4e5), 0.0, 0.0])
     friction = CoulombFriction(coefficient)
     return stack((4, 4, 2), (3, 3, 2), friction=friction, gravity=gravity)
+
+
+def test_blocks_condensed_on_what_points_touch_move_as_one_sparse_matrix(monkeypatch):
+    """Inner nodes carry no contact: without them the state is the same, to the residual of 1e-10,
+    in stiff blocks pushed close to sliding; and inner nodes follow."""
+    gravity = np.array([0.8 * 0.3 * 0.5 * 8000.0 / (2.4e-9 * 4e5), 0.0, 0.0])
+    model = stack((5, 5, 5), (4, 4, 6), friction=CoulombFriction(0.3), gravity=gravity)
+    options = StaticOptions(load_steps=2, tolerance=1e-10)
+    sparse = solve_static(model, replace(options, method=StaticMethod.SPARSE))
+    monkeypatch.setattr(static_solve, "SparseStep", None)  # another step is taken
+    found = solve_static(model, options)
+    size = sparse.max_displacement
+    for one, other in zip(found.displacements, sparse.displacements, strict=True):
+        assert np.abs(one - other).max() < 1e-7 * size
+    assert found.pressures.max() == pytest.approx(sparse.pressures.max(), rel=1e-6)
 
 
 def test_friction_holds_what_it_can_and_carries_the_push():
