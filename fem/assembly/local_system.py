@@ -15,7 +15,7 @@ from scipy.sparse import block_diag, csr_array
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.held import Held, held_of
-from fem.assembly.symmetry import Orbits, local_forces
+from fem.assembly.symmetry import NodeMap, Orbits, local_forces
 from fem.contact.friction import Coulomb, coulomb
 from fem.contact.law import ContactLaw
 from fem.contact.surfaces import ContactPoints
@@ -53,10 +53,11 @@ class LocalSystem:
     """Slot of the representative of every block, -1 for rigid ones, (n_blocks,)."""
     node_start: IntArray
     """First node of each slot, and the total; (n_slots + 1,)."""
+    rows: NodeMap
+    """Row of the state of each node of all blocks, `n_nodes` for rigid ones: a sector, a half turn
+    or a periodic image is a map of rows."""
     surfaces: ContactPoints
     """Facets to integrate, one of each orbit, or points that a search found."""
-    corner_nodes: IntArray
-    """Nodes of both facets, m's first, `n_nodes` for rigid blocks, (n_facets, 2 m)."""
     external_force: FloatArray
     """Loads in block frames, (n_nodes, 3) [N]."""
     held: Held
@@ -90,6 +91,11 @@ class LocalSystem:
     def nodes_of(self, slot: int) -> slice:
         """Nodes of a slot."""
         return slice(int(self.node_start[slot]), int(self.node_start[slot + 1]))
+
+    @cached_property
+    def corner_nodes(self) -> IntArray:
+        """Rows of the nodes of both facets, m's first, (n_facets, 2 m)."""
+        return self.rows.of_points(self.surfaces)
 
     @cached_property
     def rotations(self) -> FloatArray:
@@ -206,9 +212,7 @@ class LocalSystem:
         result = [np.zeros((g.n_copies, g.n_nodes, 3)) for g in deformable.model.groups]
         for block in deformable.deformable_blocks:
             group, copy = int(deformable.group_of[block]), int(deformable.copy_of[block])
-            local = displacement[self.nodes_of(int(self.slot_of[block]))]
-            nodes = self.orbits.nodes(deformable, int(block))
-            local = local if nodes is None else local[nodes]
+            local = displacement[self.rows.of_block(int(block))]
             result[group][copy] = local @ rotations[block].T
         return result
 
@@ -230,14 +234,14 @@ def local_system(
     slot_of = slot[orbits.representative]
     sizes = [deformable.group(int(b)).n_nodes for b in blocks]
     node_start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    surfaces = searched or deformable.surfaces.subset(orbits.facets)
-    corner = [
-        _slot_nodes(orbits.on_representatives(deformable, of, quads), slot_of[of], node_start)
-        for of, quads in (
-            (surfaces.block_m, surfaces.quads_m),
-            (surfaces.block_s, surfaces.quads_s),
-        )
-    ]
+    nodes = orbits.nodes(deformable)
+    # A slot of -1 is that beyond the last.
+    number = nodes.number + np.repeat(node_start[slot_of], np.diff(nodes.first))
+    rows = replace(nodes, number=np.minimum(number, node_start[-1]))
+    surfaces = searched
+    if surfaces is None:
+        surfaces = deformable.surfaces.subset(orbits.facets)
+        surfaces = replace(surfaces, weights=orbits.share * surfaces.weights)
     forces = local_forces(deformable)
     external = [forces[deformable.group_of[b]][deformable.copy_of[b]] for b in blocks]
     return LocalSystem(
@@ -246,17 +250,11 @@ def local_system(
         blocks=blocks,
         slot_of=slot_of,
         node_start=node_start,
+        rows=rows,
         surfaces=surfaces,
-        corner_nodes=np.concatenate(corner, axis=1),
         external_force=np.concatenate(external),
         held=held_of(deformable, blocks, node_start),
     )
-
-
-def _slot_nodes(quads: IntArray, slots: IntArray, node_start: IntArray) -> IntArray:
-    """Numbers of nodes of facets; the total number of nodes for rigid blocks."""
-    first = node_start[np.maximum(slots, 0)][:, None]
-    return np.where(slots[:, None] >= 0, quads + first, node_start[-1])
 
 
 #: Displacements that nodal forces cause: (n_nodes, 3) [N] to (n_nodes, 3) [mm].

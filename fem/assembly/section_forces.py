@@ -23,6 +23,7 @@ import numpy as np
 
 from fem.assembly.contact_state import ContactState, corner_displacements
 from fem.assembly.deformable import DeformableAssembly
+from fem.assembly.symmetry import NodeMap
 from fem.problem.recovery import block_displacements
 from geometry.assembly import Assembly
 from geometry.measures import Planes, SectionError, SectionForces, nothing_cut, section_rows
@@ -100,10 +101,8 @@ class SolvedState(ReadOnlyArrays):
     @cached_property
     def ends(self) -> IntArray:
         """Nodes of both facets of all pairs, m's first, (n, nodes of both)."""
-        result = self.contact.surfaces
-        m = self.starts[result.block_m, None] + result.quads_m
-        s = self.starts[result.block_s, None] + result.quads_s
-        return np.concatenate([m, s], axis=1)
+        every = NodeMap(self.starts, np.arange(self.starts[-1]))
+        return every.of_points(self.contact.surfaces)
 
     def contact_forces(self, rows: IntArray) -> FloatArray:
         """Contact forces on some `ends`, world axes, (n, nodes of both, 3) [N]."""

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from fem.assembly.deformable import DeformableAssembly
 from fem.contact.pair_laws import PairLaws
 from fem.contact.search import SearchedPoints
-from fem.contact.surfaces import facet_corners
+from fem.contact.surfaces import ContactPoints, facet_corners
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.mesh import BoolArray, FloatArray, IntArray, cross_matrix
@@ -62,9 +62,9 @@ class Orbits:
     surfaces, (n_facets, n_points)."""
     over: TurnedOver | None = None
     """Blocks that are turned over against their representatives; None: none."""
-    share: FloatArray | None = None
-    """Part of each facet that counts, (n,): a half of those that a half turn takes onto themselves;
-    None: all of each."""
+    share: FloatArray | float = 1.0
+    """Part of each facet that counts, (n, 1): a half of those that a half turn takes onto
+    themselves."""
 
     def rotations(self, deformable: DeformableAssembly) -> FloatArray:
         """From the frame of each block's representative to the world, (n_blocks, 3, 3)."""
@@ -74,23 +74,38 @@ class Orbits:
         turns = np.stack(over.rotations)[assembly.shape_of]
         return np.where(over.blocks[:, None, None], assembly.rotations @ turns, assembly.rotations)
 
-    def nodes(self, deformable: DeformableAssembly, block: int) -> IntArray | None:
-        """Node of its representative for each node of a block; None: the same."""
-        if self.over is None or not self.over.blocks[block]:
-            return None
-        return self.over.nodes[int(deformable.assembly.shape_of[block])]
+    def nodes(self, deformable: DeformableAssembly) -> NodeMap:
+        """Node of its representative for each node of all blocks."""
+        assembly, over = deformable.assembly, self.over
+        same = [np.arange(shape.mesh.n_nodes) for shape in assembly.shapes]
+        onto = [
+            (same if over is None or not over.blocks[block] else over.nodes)[shape]
+            for block, shape in enumerate(assembly.shape_of)
+        ]
+        return NodeMap(np.cumsum([0, *map(len, onto)]), np.concatenate(onto))
 
-    def on_representatives(
-        self, deformable: DeformableAssembly, blocks: IntArray, quads: IntArray
-    ) -> IntArray:
-        """Nodes of facets (n, n_nodes) of blocks as those of their representatives."""
-        if self.over is None:
-            return quads
-        result, shapes = quads.copy(), deformable.assembly.shape_of[blocks]
-        for shape, nodes in enumerate(self.over.nodes):
-            mine = self.over.blocks[blocks] & (shapes == shape)
-            result[mine] = nodes[quads[mine]]
-        return result
+
+@dataclass(frozen=True)
+class NodeMap:
+    """A number for each node of all blocks."""
+
+    first: IntArray
+    """First node of each block, and the total; (n_blocks + 1,)."""
+    number: IntArray
+    """(n_nodes of all blocks,)"""
+
+    def of_block(self, block: int) -> IntArray:
+        """Numbers of the nodes of a block, (n_nodes,)."""
+        return self.number[self.first[block] : self.first[block + 1]]
+
+    def of_facets(self, blocks: IntArray, quads: IntArray) -> IntArray:
+        """Numbers of nodes (n, m) of facets of blocks (n,)."""
+        return self.number[self.first[blocks][:, None] + quads]
+
+    def of_points(self, points: ContactPoints) -> IntArray:
+        """Numbers of the nodes of both facets of contact points, m's first, (n, nodes of both)."""
+        sides = (points.block_m, points.quads_m), (points.block_s, points.quads_s)
+        return np.concatenate([self.of_facets(*side) for side in sides], axis=1)
 
 
 def no_symmetry(deformable: DeformableAssembly) -> Orbits:
@@ -457,9 +472,9 @@ def _with_facets(deformable: DeformableAssembly, orbits: Orbits) -> Orbits:
     position = np.searchsorted(facets, first)[which.ravel()]
     # Points go with corners. Where master and opposing block have changed places, the image's
     # corners are those of the representative's opposing facet, in another order.
+    nodes = orbits.nodes(deformable)
     quads_m, quads_s = (
-        orbits.on_representatives(deformable, blocks, quads[:, basis.corners])
-        for blocks, _, quads in sides
+        nodes.of_facets(blocks, quads[:, basis.corners]) for blocks, _, quads in sides
     )
     rigid = end_m < 0
     end, one = np.where(rigid, end_s, end_m), np.where(rigid[:, None], quads_s, quads_m)
@@ -472,7 +487,7 @@ def _with_facets(deformable: DeformableAssembly, orbits: Orbits) -> Orbits:
         raise SymmetryError("symmetry: facets of one orbit have different corners")
     point_of: IntArray = basis.n_points * position[:, None]
     point_of = point_of + basis.points_after(match.argmax(axis=2))
-    share = None if orbits.over is None else np.where(end_m == end_s, 0.5, 1.0)[facets]
+    share = 1.0 if orbits.over is None else np.where(end_m == end_s, 0.5, 1.0)[facets, None]
     return replace(orbits, facets=facets, point_of=point_of, share=share)
 
 

@@ -130,9 +130,7 @@ class _Points:
         surfaces = system.surfaces
         assert isinstance(surfaces, MatchedFacets)
         self.surfaces = surfaces
-        share = system.orbits.share
-        weights = surfaces.weights if share is None else share[:, None] * surfaces.weights
-        self.weights: FloatArray = weights.ravel()
+        self.weights: FloatArray = surfaces.weights.ravel()
         self.n = len(self.weights)
         self.grids = [grids[int(system.deformable.group_of[block])] for block in system.blocks]
         self.slot_level = levels_of(system)

@@ -127,7 +127,7 @@ def test_blocks_that_a_half_turn_maps_onto_others_are_not_computed(name: str, sh
     half = with_half_turn(deformable, orbits)
     one, all_layers = (len(np.unique(o.representative[moving])) for o in (half, orbits))
     assert one == share * all_layers
-    facets = len(half.facets) if half.share is None else half.share.sum()
+    facets = float(np.broadcast_to(half.share, (len(half.facets), 1)).sum())
     assert facets == share * len(orbits.facets)
 
 
