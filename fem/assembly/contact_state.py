@@ -279,24 +279,6 @@ def corner_displacements(
     return moved
 
 
-def matched_pressures(
-    deformable: DeformableAssembly, displacements: tuple[FloatArray, ...]
-) -> tuple[FloatArray, FloatArray]:
-    """Contact pressures and overclosures of a displacement on matched facets.
-
-    Returns
-    -------
-    FloatArray
-        Pressures at the points of `DeformableAssembly.surfaces`, (n_facets, n_points) [MPa].
-    FloatArray
-        Overclosures, alike [mm].
-    """
-    corners = corner_displacements(deformable, displacements)
-    overclosure = deformable.surfaces.overclosures(corners)
-    law = deformable.contact.law.on(deformable.surfaces.block_m, deformable.surfaces.block_s)
-    return law.pressure(overclosure), overclosure
-
-
 def contact_state(
     deformable: DeformableAssembly,
     displacements: tuple[FloatArray, ...],

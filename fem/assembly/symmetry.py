@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from fem.assembly.deformable import DeformableAssembly
 from fem.contact.pair_laws import PairLaws
 from fem.contact.search import SearchedPoints
-from fem.contact.surfaces import ContactPoints, facet_corners
+from fem.contact.surfaces import ContactPoints
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.mesh import BoolArray, FloatArray, IntArray, cross_matrix
@@ -60,6 +60,8 @@ class Orbits:
     point_of: IntArray
     """Which point of those facets (n_points · position + point) stands for each point of the
     surfaces, (n_facets, n_points)."""
+    swapped: BoolArray | bool = False
+    """Whether master and opposing block have changed places against those, (n_facets,)."""
     over: TurnedOver | None = None
     """Blocks that are turned over against their representatives; None: none."""
     share: FloatArray | float = 1.0
@@ -214,25 +216,17 @@ def vectors_in_all_sectors(
     searched
         Points of the whole (`searched_in_all_sectors`); None: matched facets.
     """
-    turns = np.stack(_turns(deformable, orbits))
     if searched is not None:
-        return np.concatenate([vectors @ turn.T for turn in turns])[searched.order]
-    values = vectors.reshape(-1, 3)[orbits.point_of]
-    if len(turns) == 1:
-        return values
-    assembly, surfaces = deformable.assembly, deformable.surfaces
+        turned = [vectors @ turn.T for turn in _turns(deformable, orbits)]
+        return np.concatenate(turned)[searched.order]
+    values, surfaces = vectors.reshape(-1, 3)[orbits.point_of], deformable.surfaces
     stands = orbits.facets[orbits.point_of[:, 0] // surfaces.basis.n_points]
-    middle = facet_corners(assembly, surfaces.block_m, surfaces.quads_m).mean(axis=1)
-    middle += deformable.offsets[surfaces.block_m] - assembly.origin
-    across = np.cross(assembly.axis, middle[stands])
-    away = middle[stands] - np.outer(middle[stands] @ assembly.axis, assembly.axis)
-    angle = np.arctan2((across * middle).sum(axis=1), (away * middle).sum(axis=1))
-    number = np.rint(angle * len(turns) / (2.0 * np.pi)).astype(np.int64) % len(turns)
-    turn, normals = turns[number], surfaces.normals[:, 0]
-    # Master and opposing block may have changed places: the vector acts on the other one then.
-    sign = np.sign(np.einsum("fij,fj,fi->f", turn, normals[stands], normals))
-    result: FloatArray = sign[:, None, None] * (values @ turn.transpose(0, 2, 1))
-    return result
+    frames, swapped = orbits.rotations(deformable), orbits.swapped
+    # Alike in the frames of their blocks; where these have changed places it acts on the other one.
+    to = frames[np.where(swapped, surfaces.block_m, surfaces.block_s)]
+    turn = to @ frames[surfaces.block_s[stands]].swapaxes(1, 2)
+    sign = np.where(swapped, -1.0, 1.0)
+    return np.asarray(np.reshape(sign, (-1, 1, 1)) * (values @ turn.swapaxes(1, 2)))
 
 
 def _turns(deformable: DeformableAssembly, orbits: Orbits) -> list[FloatArray]:
@@ -488,7 +482,7 @@ def _with_facets(deformable: DeformableAssembly, orbits: Orbits) -> Orbits:
     point_of: IntArray = basis.n_points * position[:, None]
     point_of = point_of + basis.points_after(match.argmax(axis=2))
     share = 1.0 if orbits.over is None else np.where(end_m == end_s, 0.5, 1.0)[facets, None]
-    return replace(orbits, facets=facets, point_of=point_of, share=share)
+    return replace(orbits, facets=facets, point_of=point_of, swapped=~same, share=share)
 
 
 def _ends(

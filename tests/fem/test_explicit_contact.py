@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fem import CoulombFriction, Frames, Material
-from fem.assembly.contact_state import corner_displacements, matched_pressures
+from fem.assembly.contact_state import corner_displacements
 from fem.contact.friction import Coulomb
 from fem.contact.surfaces import ContactNormals
 from fem.element.facet import FACET_SLOPES, FACET_VALUES
@@ -20,7 +20,7 @@ from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
 from geometry.loads import named_case
 from tests.support.blocks import random_rotation, tsb
-from tests.support.fem_problems import deformable_assembly, in_contact
+from tests.support.fem_problems import deformable_assembly, in_contact, matched_pressures
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from fem import CoulombFriction, ExponentialLaw, LinearPenalty
-from fem.assembly.contact_state import matched_pressures
 from fem.contact.friction import FrictionError
 from fem.contact.surfaces import ContactNormals
 from fem.explicit.damping import applied_forces
@@ -16,7 +15,7 @@ from fem.explicit.state import world_vectors
 from fem.explicit.step import step
 from fem.problem.effects import AdaptiveMassDamping, Effects, RayleighDamping
 from fem.problem.time_step import critical_time_step
-from tests.support.fem_problems import in_contact
+from tests.support.fem_problems import in_contact, matched_pressures
 from tests.support.floor import CONCRETE, GRAVITY, block_on_floor
 
 

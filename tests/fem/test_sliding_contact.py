@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fem import CoulombFriction, ExponentialLaw, Frames, LinearPenalty, Material
-from fem.assembly.contact_state import matched_pressures, searched_state
+from fem.assembly.contact_state import searched_state
 from fem.contact.search import BlockSurface, closest_points
 from fem.contact.surfaces import ContactError, ContactNormals
 from fem.element.facet import bilinear
@@ -26,7 +26,7 @@ from geometry.block import box_block
 from geometry.families.boxes import brick
 from geometry.loads import LoadCase
 from geometry.mesh import HexMesh
-from tests.support.fem_problems import deformable_assembly, in_contact
+from tests.support.fem_problems import deformable_assembly, in_contact, matched_pressures
 from tests.support.sliding_tube import CONCRETE, tube
 
 DAMPED = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse.linalg import spsolve
 
 from fem import ElementType, Material, Problem
-from fem.assembly.contact_state import corner_displacements
+from fem.assembly.contact_state import contact_state, corner_displacements
 from fem.assembly.deformable import DeformableAssembly
 from fem.element.kinds import block_hourglass_stiffness, block_stiffness
 from fem.static.result import StaticResult
@@ -110,3 +110,11 @@ def contact_corner_forces(result: StaticResult) -> FloatArray:
     deformable, surfaces = result.deformable, result.surfaces
     displacement = corner_displacements(deformable, result.displacements, surfaces)
     return surfaces.nodal_forces(displacement, result.pressures)
+
+
+def matched_pressures(
+    deformable: DeformableAssembly, displacements: tuple[FloatArray, ...]
+) -> tuple[FloatArray, FloatArray]:
+    """Pressures [MPa] and overclosures [mm] of matched facets, (n_facets, n_points) each."""
+    state, shape = contact_state(deformable, displacements), deformable.surfaces.weights.shape
+    return state.point_pressures.reshape(shape), state.point_overclosures.reshape(shape)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.assembly.contact_state import matched_pressures
+from fem.assembly.contact_state import contact_state
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.statement import Problem, ProblemError
 from fem.contact.law import ExponentialLaw
@@ -144,8 +144,8 @@ def _incompressible() -> Finding:
 
 def _energy(stated: DeformableAssembly, displacements: tuple[FloatArray, ...]) -> float:
     """Strain and contact energy minus the work of the loads, all blocks [N mm]."""
-    _, overclosure = matched_pressures(stated, displacements)
-    surfaces = stated.surfaces
+    state, surfaces = contact_state(stated, displacements), stated.surfaces
+    overclosure = state.point_overclosures.reshape(surfaces.weights.shape)
     law, weights = stated.contact.law.on(surfaces.block_m, surfaces.block_s), surfaces.weights
     energy = float(np.vdot(weights, law.stored_energy(overclosure)))
     for group, world in zip(stated.model.groups, displacements, strict=True):
