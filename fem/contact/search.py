@@ -19,7 +19,7 @@ from fem.contact.cuts import OPPOSITE, carry_over, cut_facets
 from fem.contact.edge_points import ending_edges, matching_facets
 from fem.contact.surfaces import ContactNormals, ContactPoints
 from fem.element.facet import FACET_CORNERS, bilinear, facet_areas, facet_functions
-from fem.element.lagrange import lobatto_points
+from fem.element.functions import lobatto_points
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.work import Operation, count
 

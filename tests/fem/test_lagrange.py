@@ -8,15 +8,9 @@ import pytest
 from fem import ElementType, Problem, Static, solve_static
 from fem.assembly.symmetry import local_forces
 from fem.element.facet import lagrange_basis
+from fem.element.functions import gauss_functions, line_basis, lobatto_points
 from fem.element.kinds import block_internal_force, block_stiffness
-from fem.element.lagrange import (
-    Lagrange,
-    adjugates,
-    gauss_line,
-    line_basis,
-    lobatto_points,
-    tensor_points,
-)
+from fem.element.lagrange import Lagrange, adjugates
 from fem.element.lagrange_mesh import LagrangeMesh, with_degree
 from fem.problem.model import block_group
 from fem.static.linear_step.columns import alike_lengths, flexible_block
@@ -84,7 +78,7 @@ def test_affine_states_are_exact(degree: int) -> None:
     strain = 0.5 * (gradient + gradient.T)
     voigt = np.array([*np.diag(strain), *(2 * strain[[0, 1, 0], [1, 2, 2]])])
     expected = CONCRETE.elasticity_matrix() @ voigt
-    at = tensor_points(degree, *gauss_line(degree))
+    at = gauss_functions(degree, degree)
     stress = element.stress_at(mesh.nodes[mesh.members], CONCRETE, u[None, mesh.members], at)
     # Differences of coordinates of 200 mm: 1e-14 of them over an element of 20 mm.
     np.testing.assert_allclose(
@@ -115,7 +109,7 @@ def test_faces_are_closed_and_look_outwards() -> None:
     area = basis.weights[:, None] * np.cross(tangents[:, :, 0], tangents[:, :, 1])
     positions = np.einsum("pa,fai->fpi", basis.values, corners)
     flux, total = float(np.einsum("fpi,fpi->", area, positions)), area.sum(axis=(0, 1))
-    fine = tensor_points(3, *gauss_line(5))
+    fine = gauss_functions(3, 5)
     volume = float(element.gradients(mesh.nodes[mesh.members], fine)[1].sum())
     # Polynomials of degree 3 × 3 - 1 in each direction: five points integrate them exactly.
     assert flux == pytest.approx(3.0 * volume, rel=1e-12)
