@@ -117,7 +117,7 @@ _LOOKS = 9
 
 @cache
 def bilinear_basis() -> FacetBasis:
-    """Facets of eight-node hexahedra: 2 × 2 Gauss points in the order of the corners, peaks there."""
+    """Facets of eight-node hexahedra: 2 × 2 Gauss points in the order of corners, peaks there."""
     at, order = gauss_functions(1, 2, 2), [0, 2, 3, 1]
     values = at.values[np.ix_(order, order)]
     return FacetBasis(

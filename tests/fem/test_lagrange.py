@@ -8,7 +8,13 @@ import pytest
 from fem import ElementType, Problem, Static, solve_static
 from fem.assembly.symmetry import local_forces
 from fem.element.facet import lagrange_basis
-from fem.element.functions import gauss_functions, line_basis, lobatto_points
+from fem.element.functions import (
+    functions_at,
+    gauss_functions,
+    gauss_line,
+    line_basis,
+    lobatto_points,
+)
 from fem.element.kinds import block_internal_force, block_stiffness
 from fem.element.lagrange import Lagrange, adjugates
 from fem.element.lagrange_mesh import LagrangeMesh, with_degree
@@ -16,7 +22,7 @@ from fem.problem.model import block_group
 from fem.static.linear_step.columns import alike_lengths, flexible_block
 from fem.static.linear_step.grid_block import GridBlock, grid_block
 from geometry import SineBlock, pipe, tube
-from geometry.mesh import FloatArray, MeshError, boundary_quads
+from geometry.mesh import FloatArray, MeshError, boundary_quads, grid_points
 from tests.support.answers import on_its_mesh
 from tests.support.curved_blocks import CONCRETE, block, curved
 
@@ -57,6 +63,20 @@ def test_polynomials_up_to_the_degree_are_exact(degree: int) -> None:
         assert np.abs(values @ nodes**power - x**power).max() < 1e-13
         expected = power * x ** max(power - 1, 0)
         assert np.abs(slopes @ nodes**power - expected).max() < 1e-12
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_functions_of_scikit_fem_are_the_tensor_products(degree: int, dimension: int) -> None:
+    """The same nodes, points and weights in the same order; 1e-14: round-off of numbers up to 4."""
+    at = gauss_functions(degree, degree + 1, dimension)
+    line, weights = gauss_line(degree + 1)
+    natural = grid_points(*[line] * dimension)
+    values, slopes = functions_at(degree, natural)
+    np.testing.assert_allclose(at.values, values, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(at.slopes, slopes, rtol=0, atol=1e-14)
+    expected = grid_points(*[weights] * dimension).prod(axis=1)
+    np.testing.assert_allclose(at.weights, expected, rtol=1e-14)
 
 
 def test_degree_one_is_the_trilinear_element() -> None:
