@@ -349,7 +349,6 @@ def explicit_solution(
                 end_time=stated.end_time,
                 time_step=method.time_step,
                 safety_factor=method.safety_factor,
-                precision=method.precision,
                 threads=method.threads,
                 sample_interval=method.sample_interval,
                 velocities=stated.velocities,

@@ -95,8 +95,6 @@ class Explicit:
     mass_scaling: Annotated[float, Ge(1)] | None = None
     """Time step that every element must allow, relative to the shortest one [-]; inactive by
     default."""
-    precision: Literal["float64", "float32"] = "float64"
-    """Of the loops."""
     threads: Annotated[int, Ge(1)] = 1
     """Of the loops; the bits of the answer do not depend on it."""
     symmetry: Literal["auto", "none", "sector"] = "auto"

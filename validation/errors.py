@@ -117,6 +117,7 @@ _REMOVED = {
     "material.expansion": _NO_HEAT,
     "fem.formulation": "the rate form of C3D8R was removed, every explicit run has the shared "
     "stiffness of a block; remove the key",
+    "fem.precision": "explicit runs are in float64; remove the key",
 }
 
 

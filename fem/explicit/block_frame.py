@@ -63,13 +63,13 @@ def block_frame(body: Body, *, keep_increment: bool) -> BlockFrame:
     quaternion[:, 0] = 1.0
     return BlockFrame(
         quaternion=quaternion,
-        placing=aligned_zeros((4, 3, lanes), body.dtype),
-        mean=aligned_zeros((3, lanes), body.dtype),
+        placing=aligned_zeros((4, 3, lanes)),
+        mean=aligned_zeros((3, lanes)),
         compliance=np.zeros((3, 3, lanes)),
-        local=aligned_zeros(shape, body.dtype),
-        increment=aligned_zeros(shape, body.dtype) if keep_increment else None,
-        torque=aligned_zeros((n_chunks, 3, lanes), body.dtype),
-        moment=aligned_zeros((n_chunks, 12, lanes), body.dtype),
+        local=aligned_zeros(shape),
+        increment=aligned_zeros(shape) if keep_increment else None,
+        torque=aligned_zeros((n_chunks, 3, lanes)),
+        moment=aligned_zeros((n_chunks, 12, lanes)),
     )
 
 
@@ -125,9 +125,7 @@ def start_frames(frame: BlockFrame, displacement: LaneArray, body: Body) -> None
     A singular value decomposition finds the best proper rotation from nowhere; the fit of
     every step starts from the frame before.
     """
-    mass = body.mass.astype(np.float64)
-    reference = body.reference.astype(np.float64)
-    moment = np.einsum("n,nik,nj->kij", mass, displacement.astype(np.float64), reference)
+    moment = np.einsum("n,nik,nj->kij", body.mass, displacement, body.reference)
     left, _, right = np.linalg.svd(moment + body.second_moment)
     sign = np.ones((len(left), 3))
     sign[:, 2] = np.linalg.det(left @ right)

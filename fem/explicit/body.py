@@ -74,7 +74,7 @@ class ElementViscosity:
 
 
 def element_viscosity(
-    group: BlockGroup, row: IntArray, coefficients: BulkViscosity, dtype: npt.DTypeLike
+    group: BlockGroup, row: IntArray, coefficients: BulkViscosity
 ) -> ElementViscosity:
     """Gather gradients and coefficients of a reference block; ``row`` is that of each mesh node."""
     mesh, material = group.mesh, group.material
@@ -87,9 +87,9 @@ def element_viscosity(
     pointer = np.searchsorted(element_rows.ravel()[corner], np.arange(mesh.n_nodes + 1))
     return ElementViscosity(
         element_rows=element_rows,
-        gradient=mean.astype(dtype),
-        linear=(volume * b1 * rho * c * length).astype(dtype),
-        quadratic=(volume * rho * (b2 * length) ** 2).astype(dtype),
+        gradient=mean,
+        linear=volume * b1 * rho * c * length,
+        quadratic=volume * rho * (b2 * length) ** 2,
         element_chunks=equal_work(np.arange(mesh.n_elements + 1)),
         pointer=pointer.astype(np.int64),
         corner=corner,
@@ -193,7 +193,7 @@ class Body:
     @cached_property
     def total_mass(self) -> float:
         """Mass of one copy [t]."""
-        return float(self.mass.astype(np.float64).sum())
+        return float(self.mass.sum())
 
     @cached_property
     def supported(self) -> IntArray:
@@ -207,9 +207,7 @@ class Body:
     @cached_property
     def second_moment(self) -> FloatArray:
         """Σ m X Xᵀ about the mass centroid, (3, 3) [t mm²]."""
-        reference = self.reference.astype(np.float64)
-        weighted = self.mass.astype(np.float64)[:, None] * reference
-        return weighted.T @ reference
+        return (self.mass[:, None] * self.reference).T @ self.reference
 
     @property
     def n_copies(self) -> int:
@@ -233,22 +231,15 @@ class Body:
         """Nodes of one copy."""
         return self.rows.n_nodes
 
-    @property
-    def dtype(self) -> np.dtype[np.floating]:
-        """Precision of the loop."""
-        return self.mass.dtype
 
-
-def make_body(
-    model: Model, number: int, *, dtype: npt.DTypeLike, touched_nodes: Sequence[IntArray] = ()
-) -> Body:
-    """Prepare group ``number`` of a model in float64 or float32.
+def make_body(model: Model, number: int, *, touched_nodes: Sequence[IntArray] = ()) -> Body:
+    """Prepare group ``number`` of a model.
 
     ``touched_nodes`` are further nodes on which forces will be applied (contact).
     """
     group = model.groups[number]
-    lanes = padded_lanes(group.n_copies, dtype)
-    rows = block_rows(group.stiffness, dtype, lanes=lanes)
+    lanes = padded_lanes(group.n_copies)
+    rows = block_rows(group.stiffness, lanes=lanes)
     loads = [load for load in model.loads if load.group == number]
     supports = [s for s in model.supports if s.group == number]
     touched = np.unique(
@@ -262,19 +253,17 @@ def make_body(
     return Body(
         group=group,
         rows=rows,
-        hourglass=None if hourglass is None else block_rows(hourglass, dtype, lanes=lanes),
+        hourglass=None if hourglass is None else block_rows(hourglass, lanes=lanes),
         lanes=lanes,
-        mass=group.lumped_mass[rows.order].astype(dtype),
-        reference=(group.mesh.nodes[rows.order] - centroid).astype(dtype),
+        mass=group.lumped_mass[rows.order],
+        reference=group.mesh.nodes[rows.order] - centroid,
         applied_row=applied if len(touched) else None,
         n_applied=len(touched),
         loads=tuple(_body_load(group, rows, applied, lanes, load) for load in loads),
         held=held,
         support=support,
-        acceleration=_lane_gravity(group, model.effects.gravity, lanes, dtype),
-        viscosity=None
-        if viscosity is None
-        else element_viscosity(group, rows.row, viscosity, dtype),
+        acceleration=_lane_gravity(group, model.effects.gravity, lanes),
+        viscosity=None if viscosity is None else element_viscosity(group, rows.row, viscosity),
     )
 
 
@@ -311,12 +300,10 @@ def _body_load(
     )
 
 
-def _lane_gravity(
-    group: BlockGroup, gravity: FloatArray | None, lanes: int, dtype: npt.DTypeLike
-) -> LaneArray | None:
+def _lane_gravity(group: BlockGroup, gravity: FloatArray | None, lanes: int) -> LaneArray | None:
     if gravity is None:
         return None
-    local = np.zeros((3, lanes), dtype=dtype)
+    local = np.zeros((3, lanes))
     local[:, : group.n_copies] = np.einsum("cij,i->jc", group.rotations, gravity)
     return local
 

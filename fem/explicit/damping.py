@@ -69,7 +69,7 @@ def gravity_forces(system: System, body: Body, time: float) -> FloatArray | floa
     falling = None if body.acceleration is None else gravity_at(system, body, time)
     if falling is None:
         return 0.0
-    return body.mass.astype(np.float64)[:, None, None] * falling
+    return body.mass[:, None, None] * falling
 
 
 def free_part(body: Body, force: FloatArray) -> FloatArray:
@@ -108,7 +108,7 @@ def residual(system: System, state: State) -> Residual:
 
 
 def round_off(system: System, state: State) -> float:
-    """Estimate the force residual that the precision of the loops leaves, relative to the loads.
+    """Estimate the force residual that round-off leaves, relative to the loads.
 
     Every product k_ij u_j of the internal force is off by the last digit of u_j, independently
     of the others: ε √Σ (k_ij u_j)², which is much where blocks have moved far against their
@@ -122,7 +122,7 @@ def round_off(system: System, state: State) -> float:
             "cni,cij->cnj", world_vectors(body, now.displacement), body.group.rotations
         )
         products = squares @ (local.reshape(len(local), -1) ** 2).T
-        square += float(np.finfo(body.dtype).eps) ** 2 * float(products.sum())
+        square += float(np.finfo(np.float64).eps) ** 2 * float(products.sum())
     return Residual(math.sqrt(square), residual(system, state).reference).relative
 
 

@@ -62,13 +62,11 @@ LARGEST_IMBALANCE = 0.02
 #: Round-off of positions in units of their last digit, after sums over nodes and turned frames.
 _ROUND_OFF = 100.0
 
-PRECISIONS = {"float64": np.float64, "float32": np.float32}
-
 #: Samples without a smaller residual after which it is compared with round-off.
 _STILL_SAMPLES = 40
 
 #: A residual that stands below so many times the estimate of round-off is round-off: resting runs
-#: of tubes in float32 had 0.2 to 3 times the estimate.
+#: have 0.2 to 3 times the estimate.
 _ROUND_OFF_FACTOR = 4.0
 
 
@@ -131,7 +129,7 @@ class Status(StrEnum):
     CONVERGED = "converged"
     """Stopped early: the force residual fell below its bound."""
     STALLED = "stalled at round-off"
-    """Stopped early: the force residual stands at what the precision of the loops leaves."""
+    """Stopped early: the force residual stands at what round-off leaves."""
     INTERRUPTED = "interrupted"
     """Stopped on request; continue from the checkpoint."""
     STOPPED = "stopped"
@@ -207,24 +205,18 @@ def prepare(
     model: Model,
     *,
     time_step: float,
-    precision: str = "float64",
     threads: int = 1,
 ) -> System:
     """Make a model ready for the loop with a time step [s].
 
-    In ``float64`` or ``float32``; with one thread in the serial loops, with more in shared rows.
+    With one thread in the serial loops, with more in shared rows.
     """
-    if precision not in PRECISIONS:
-        raise TimeStepError(f"fem.precision: got {precision!r}, expected float64 or float32")
     if threads < 1:
         raise TimeStepError(f"fem.threads: got {threads}, expected at least 1")
     if threads > 1:
         numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
-    dtype = PRECISIONS[precision]
     bodies = tuple(
-        make_body(
-            model, k, dtype=dtype, touched_nodes=[i.touched_nodes(k) for i in model.interactions]
-        )
+        make_body(model, k, touched_nodes=[i.touched_nodes(k) for i in model.interactions])
         for k in range(len(model.groups))
     )
     kernels = SERIAL if threads == 1 else PARALLEL
@@ -291,7 +283,7 @@ def acceleration(
 ) -> FloatArray:
     """Accelerations of the forces that the state holds, placement frame, (n_rows, 3, lanes)."""
     inner = placed_internal_force(body, now)
-    force = applied_forces(body, now) - inner.astype(np.float64)
+    force = applied_forces(body, now) - inner
     result: FloatArray = force / body.mass[:, None, None]
     if falling is not None:
         result += falling
@@ -369,7 +361,6 @@ def solve(
     end_time: float,
     time_step: float | None = None,
     safety_factor: float = SAFETY_FACTOR,
-    precision: str = "float64",
     threads: int = 1,
     sample_interval: int = 50,
     displacements: Sequence[FloatArray] | None = None,
@@ -394,8 +385,6 @@ def solve(
         [s]; None: ``safety_factor`` times the critical time step.
     safety_factor
         In (0, 1].
-    precision
-        ``float64`` or ``float32``.
     threads
         Threads of the loops; the bits of the result do not depend on it.
     sample_interval
@@ -425,7 +414,7 @@ def solve(
         raise TimeStepError(f"fem.sample_interval: got {sample_interval}, expected at least 1")
     critical = critical_time_step(model)
     dt = choose_time_step(critical, time_step, safety_factor)
-    system = prepare(model, time_step=dt, precision=precision, threads=threads)
+    system = prepare(model, time_step=dt, threads=threads)
     state = initial_state(system, displacements=displacements, velocities=velocities)
     history = History() if resume is None else read_checkpoint(resume, system, state)
     run = _Run(
@@ -655,7 +644,7 @@ def _forces_at_end(system: System, state: State) -> dict[str, Any]:
     for body, now, velocity in zip(system.bodies, state.bodies, before, strict=True):
         change, mean = now.velocity - velocity, 0.5 * (now.velocity + velocity)
         inertia = change / system.time_step + (state.mass_damping or 0.0) * mean
-        inner = body.mass.astype(np.float64)[:, None, None] * inertia
+        inner = body.mass[:, None, None] * inertia
         inner += damped_internal_force(system, body, now)
         inner -= gravity_forces(system, body, time)
         unbalanced = inner - applied_forces(body, now)

@@ -164,14 +164,14 @@ def initial_body_state(
     state = BodyState(
         displacement=_placement_lanes(body, displacement, "displacement"),
         velocity=_placement_lanes(body, velocity, "velocity"),
-        internal_force=aligned_zeros(shape, body.dtype),
+        internal_force=aligned_zeros(shape),
         applied_force=None
         if body.applied_row is None
-        else aligned_zeros((body.n_applied, 3, body.lanes), body.dtype),
+        else aligned_zeros((body.n_applied, 3, body.lanes)),
         loads=LoadState(*np.full((2, len(body.loads)), np.nan)) if body.loads else None,
         momentum=None
         if body.acceleration is None or effects.gravity_amplitude is None
-        else np.full(3 * body.lanes, np.nan, body.dtype),
+        else np.full(3 * body.lanes, np.nan),
         kinetic=np.zeros((n_chunks, body.lanes)),
         strain_energy=np.zeros(body.lanes),
         frame=block_frame(body, keep_increment=damped) if effects.finite_rotation else None,
@@ -191,14 +191,14 @@ def initial_body_state(
 def _placement_lanes(body: Body, world: FloatArray | None, name: str) -> LaneArray:
     shape = (body.n_copies, body.group.n_nodes, 3)
     if world is None:
-        return aligned_zeros((body.n_rows, 3, body.lanes), body.dtype)
+        return aligned_zeros((body.n_rows, 3, body.lanes))
     if world.shape != shape or not np.isfinite(world).all():
         raise StateError(
             f"initial {name} of {body.group.name}: got shape {world.shape}, expected {shape} "
             "finite numbers (n_copies, n_nodes, 3)"
         )
     local = np.einsum("cij,cni->cnj", body.group.rotations, world)
-    return to_lanes(local, body.rows.order, body.dtype)
+    return to_lanes(local, body.rows.order)
 
 
 def _viscous_state(body: Body) -> ViscousState | None:
@@ -207,8 +207,8 @@ def _viscous_state(body: Body) -> ViscousState | None:
     n_chunks = len(body.viscosity.element_chunks) - 1
     elements = (body.group.mesh.n_elements, body.lanes)
     return ViscousState(
-        strain=aligned_zeros(elements, body.dtype),
-        stress=aligned_zeros(elements, body.dtype),
+        strain=aligned_zeros(elements),
+        stress=aligned_zeros(elements),
         dissipated=np.zeros((n_chunks, body.lanes)),
     )
 
@@ -216,7 +216,7 @@ def _viscous_state(body: Body) -> ViscousState | None:
 def _elastic_force_before(body: Body) -> ElasticForceBefore:
     n_chunks = len(body.rows.chunks) - 1
     return ElasticForceBefore(
-        force=aligned_zeros((body.n_rows, 3, body.lanes), body.dtype),
+        force=aligned_zeros((body.n_rows, 3, body.lanes)),
         work=np.zeros((n_chunks, 2, body.lanes)),
         support_loss=Work(),
     )
@@ -225,8 +225,8 @@ def _elastic_force_before(body: Body) -> ElasticForceBefore:
 def _stiffness_damping_state(body: Body) -> StiffnessDampingState:
     shape = (body.n_rows, 3, body.lanes)
     return StiffnessDampingState(
-        elastic=aligned_zeros(shape, body.dtype),
-        viscous=aligned_zeros(shape, body.dtype),
+        elastic=aligned_zeros(shape),
+        viscous=aligned_zeros(shape),
         dissipated=np.zeros((len(body.rows.chunks) - 1, body.lanes)),
     )
 

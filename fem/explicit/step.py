@@ -169,7 +169,7 @@ def add_stiffness_damping(system: System, body: Body, now: BodyState) -> None:
     system.kernels.add_stiffness_damping(
         body.lanes,
         body.rows.chunks,
-        body.dtype.type(coefficient / system.time_step),
+        coefficient / system.time_step,
         now.local_displacement.ravel(),
         moving.ravel(),
         damping.elastic.ravel(),
@@ -181,12 +181,12 @@ def add_stiffness_damping(system: System, body: Body, now: BodyState) -> None:
 
 
 def damping_ratio(system: System, now: BodyState) -> Any:
-    """β/Δt in the precision of the arrays, where `update` makes the damping force; or None."""
+    """β/Δt where `update` makes the damping force; or None."""
     if now.elastic_before is None:
         return None
     coefficient = system.model.effects.stiffness_damping
     assert coefficient is not None
-    return now.internal_force.dtype.type(coefficient / system.time_step)
+    return coefficient / system.time_step
 
 
 def placed_internal_force(body: Body, now: BodyState) -> LaneArray:
@@ -219,7 +219,7 @@ def add_bulk_viscosity(
         gradient,
         data.linear,
         data.quadratic,
-        body.dtype.type(1.0 / system.time_step),
+        1.0 / system.time_step,
         u,
         viscous.strain.ravel(),
         stress,
@@ -291,7 +291,7 @@ def gravity_at(system: System, body: Body, time: float) -> LaneArray | None:
     amplitude = system.model.effects.gravity_amplitude
     if body.acceleration is None or amplitude is None:
         return body.acceleration
-    return body.dtype.type(amplitude(time)) * body.acceleration
+    return amplitude(time) * body.acceleration
 
 
 def ramped_gravity_power(
@@ -318,7 +318,6 @@ def advance(
     sample: bool,
 ) -> None:
     """v_{n+½} = v_{n-½} + Δt a_n and u_{n+1} = u_n + Δt v_{n+½}."""
-    real = body.dtype.type
     half = 0.0 if mass_damping is None else 0.5 * mass_damping * system.time_step
     before, frame = now.elastic_before, now.frame
     damped = mass_damping is not None
@@ -329,9 +328,9 @@ def advance(
         _flat(now.kinetic if sample else None),
         _flat(None if before is None else before.work),
         _flat(now.mass_damping_work if damped else None),
-        real(system.time_step),
-        real(system.time_step / (1.0 + half)),
-        real((1.0 - half) / (1.0 + half)) if damped else None,
+        system.time_step,
+        system.time_step / (1.0 + half),
+        (1.0 - half) / (1.0 + half) if damped else None,
         body.mass,
         now.internal_force.ravel(),
         _flat(None if frame is None else frame.placing),

@@ -35,7 +35,15 @@ PACKAGES = ("geometry", "mbd", "fem", "validation")
 #: of forces that are compared.
 _LEFT_OUT = {
     *("cpu_seconds", "compile_seconds", "peak_memory_mb", "work", "json_version", "memory"),
-    *("residual", "settling", "imbalance", "energy_balance", "search_change", "round_off", "eccentricity"),
+    *(
+        "residual",
+        "settling",
+        "imbalance",
+        "energy_balance",
+        "search_change",
+        "round_off",
+        "eccentricity",
+    ),
     *("element_updates_per_cpu_second", "bytes_per_block", "state_mb", "remarks"),
 }
 #: With more threads linear algebra sums in an order that changes from run to run.

@@ -128,10 +128,10 @@ def falls(before: Entry, now: Entry) -> list[str]:
 # What is measured
 
 
-def _works(group: BlockGroup, precision: str) -> tuple[Work, Work]:
+def _works(group: BlockGroup) -> tuple[Work, Work]:
     """Internal force and whole step of a group."""
-    force = internal_force_work(group, precision)
-    return force, force + update_work(group, precision)
+    force = internal_force_work(group)
+    return force, force + update_work(group)
 
 
 def explicit_rates(machine: Roofline) -> list[Rate]:
@@ -140,15 +140,15 @@ def explicit_rates(machine: Roofline) -> list[Rate]:
     unit = "M element updates/s"
     group = explicit.benchmark_group(explicit.SMALL, 1)
     time_step = 0.9 * critical_time_step(Model((group,))).critical_time_step
-    for copies, precision in ((52, "float64"), (52, "float32"), (12, "float64"), (1, "float64")):
+    for copies in (52, 12, 1):
         group = explicit.benchmark_group(explicit.SMALL, copies)
-        row = explicit.row(group, time_step, precision, 1)
-        force, whole = (w.limit(machine, precision) for w in _works(group, precision))
-        name = f"{copies} {'copy' if copies == 1 else 'copies'}, {precision}"
+        row = explicit.row(group, time_step, 1)
+        force, whole = (w.limit(machine) for w in _works(group))
+        name = f"{copies} {'copy' if copies == 1 else 'copies'}, float64"
         rates.append(Rate(f"internal force, {name}", row.internal_force, unit, force))
         rates.append(Rate(f"step with loads, {name}", row.whole_step, unit, whole))
     group = explicit.benchmark_group(explicit.SMALL, 52)
-    limit = _works(group, "float64")[1].limit(machine, "float64")
+    limit = _works(group)[1].limit(machine)
     for name, effects in explicit.EFFECTS.items():
         case = explicit.ready(Model((group,), effects=effects), time_step)
         seconds = explicit.seconds_of_step(*case, threads=1, repeats=3)
@@ -161,7 +161,7 @@ def contact_rates(machine: Roofline) -> list[Rate]:
     """Whole step of one layer in contact."""
     case = contact.pressing(contact.tube(1, 960), 1, Effects(), steps=500)
     (group,) = case[0].model.groups
-    limit = _works(group, "float64")[1].limit(machine, "float64")
+    limit = _works(group)[1].limit(machine)
     seconds = explicit.seconds_of_step(*case, threads=1, repeats=20)
     value = case[0].model.n_elements / seconds / 1e6
     return [Rate("step with contact, 960 elements a block", value, "M element updates/s", limit)]
@@ -197,8 +197,7 @@ def table(entry: Entry) -> str:
         f"{entry.date}, {entry.program}, {entry.processor}",
         f"One core: triad {machine.triad_memory_gb_per_s:.1f} GB/s from memory, "
         f"{machine.triad_cache_gb_per_s:.1f} GB/s from cache; multiply-adds "
-        f"{machine.peak_float64_gflops:.1f} GF/s float64, {machine.peak_float32_gflops:.1f} GF/s "
-        "float32",
+        f"{machine.peak_float64_gflops:.1f} GF/s",
         "",
         f"{'':45s} {'rate':>8s} {'limit':>8s} {'share':>6s}",
     ]

@@ -231,7 +231,6 @@ def test_reported_rates_and_memory():
         ({"safety_factor": 1.2}, "safety_factor"),
         ({"time_step": 1.0}, "critical time step"),
         ({"time_step": 0.0}, "fem.time_step"),
-        ({"precision": "half"}, "float64 or float32"),
         ({"threads": 0}, "threads"),
         ({"sample_interval": 0}, "sample_interval"),
     ],

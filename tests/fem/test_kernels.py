@@ -23,7 +23,7 @@ from tests.support.fem_problems import CONCRETE, distorted_box
 
 pytestmark = pytest.mark.quick
 
-EPS = {np.float64: 2.0**-53, np.float32: 2.0**-24}
+EPS = 2.0**-53
 
 
 @pytest.fixture(scope="module")
@@ -31,13 +31,13 @@ def stiffness():
     return block_stiffness(distorted_box((4, 3, 5)), CONCRETE, ElementType.INCOMPATIBLE)
 
 
-def random_lanes(rows: BlockRows, n_copies: int, dtype, seed: int = 0) -> np.ndarray:
+def random_lanes(rows: BlockRows, n_copies: int, seed: int = 0) -> np.ndarray:
     values = np.random.default_rng(seed).standard_normal((n_copies, rows.n_nodes, 3))
-    return to_lanes(values, rows.order, dtype)
+    return to_lanes(values, rows.order)
 
 
 def product(rows: BlockRows, u: np.ndarray, *, torque=None, kernel=SERIAL.stiffness_product):
-    force = aligned_zeros(u.shape, u.dtype)
+    force = aligned_zeros(u.shape)
     flat_torque = None if torque is None else torque.ravel()
     kernel(
         *rows.packed,
@@ -53,29 +53,28 @@ def product_bound(rows: BlockRows, u: np.ndarray) -> np.ndarray:
     """|fl(K u) - K u| <= n eps |K| |u| with n = 81 terms; twice, for kernel and reference."""
     absolute = reference.sparse_stiffness(rows)
     absolute.data = np.abs(absolute.data)
-    size = np.abs(u).reshape(3 * rows.n_nodes, -1).astype(np.float64)
-    return 2 * 81 * EPS[u.dtype.type] * (absolute.astype(np.float64) @ size).reshape(u.shape)
+    size = np.abs(u).reshape(3 * rows.n_nodes, -1)
+    return 2 * 81 * EPS * (absolute @ size).reshape(u.shape)
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("n_copies", [1, 2, 3, 4, 7, 12, 24, 52, 61])
 @pytest.mark.parametrize("half", [False, True])
-def test_stiffness_product_is_the_sparse_product(stiffness, n_copies, half, dtype):
-    rows = block_rows(stiffness, dtype, lanes=padded_lanes(n_copies, dtype), half=half)
-    u = random_lanes(rows, n_copies, dtype)
-    torque = aligned_zeros((len(rows.chunks) - 1, 3, u.shape[2]), dtype)
+def test_stiffness_product_is_the_sparse_product(stiffness, n_copies, half):
+    rows = block_rows(stiffness, lanes=padded_lanes(n_copies), half=half)
+    u = random_lanes(rows, n_copies)
+    torque = aligned_zeros((len(rows.chunks) - 1, 3, u.shape[2]))
     force = product(rows, u, torque=torque)
     bound = product_bound(rows, u)
     assert (np.abs(force - reference.stiffness_product(rows, u)) <= bound).all()
     # Sums of 2 n products of u and f by each side: 4 n eps of the sum of their magnitudes.
-    size = 4 * rows.n_nodes * EPS[dtype] * reference.torque_magnitude(u, force)
+    size = 4 * rows.n_nodes * EPS * reference.torque_magnitude(u, force)
     assert (np.abs(torque.sum(axis=0) - reference.torque(u, force)) <= size).all()
 
 
 @pytest.mark.parametrize("half", [False, True])
 @pytest.mark.parametrize("lanes", [1, 2])
 def test_packed_stiffness_is_the_assembled_one_in_another_order(stiffness, half, lanes):
-    rows = block_rows(stiffness, np.float64, lanes=lanes, half=half)
+    rows = block_rows(stiffness, lanes=lanes, half=half)
     dof = (3 * rows.order[:, None] + np.arange(3)).ravel()
     packed = reference.sparse_stiffness(rows).toarray()
     np.testing.assert_array_equal(packed, stiffness.toarray()[np.ix_(dof, dof)])
@@ -84,18 +83,18 @@ def test_packed_stiffness_is_the_assembled_one_in_another_order(stiffness, half,
 def test_copies_do_not_know_how_many_they_are(stiffness):
     # A lane of a vector of any width does the same operations in the same order: same bits.
     # Half rows and whole ones sum over the neighbours in the same order.
-    rows = block_rows(stiffness, np.float64, lanes=1)
+    rows = block_rows(stiffness, lanes=1)
     values = np.random.default_rng(1).standard_normal((52, rows.n_nodes, 3))
     alone = {}
     for n in (2, 3, 8, 12, 20, 52):
         for half in (False, True):
-            rows = block_rows(stiffness, np.float64, lanes=2, half=half)
-            force = product(rows, to_lanes(values[:n], rows.order, np.float64))
+            rows = block_rows(stiffness, lanes=2, half=half)
+            force = product(rows, to_lanes(values[:n], rows.order))
             alone[n] = from_lanes(force, rows.row, n)
             np.testing.assert_array_equal(alone[n][:2], alone[2][:2])
     # One copy sums by columns of the blocks: same terms, another order, 81 of them.
-    rows = block_rows(stiffness, np.float64, lanes=1)
-    u = to_lanes(values[:1], rows.order, np.float64)
+    rows = block_rows(stiffness, lanes=1)
+    u = to_lanes(values[:1], rows.order)
     single = from_lanes(product(rows, u), rows.row, 1)
     bound = from_lanes(product_bound(rows, u), rows.row, 1)
     assert (np.abs(single - alone[2][:1]) <= bound).all()
@@ -104,9 +103,9 @@ def test_copies_do_not_know_how_many_they_are(stiffness):
 @pytest.mark.parametrize("half", [False, True])
 @pytest.mark.parametrize("n_copies", [1, 12])
 def test_threads_do_not_change_a_bit(stiffness, n_copies, half):
-    lanes = padded_lanes(n_copies, np.float64)
-    rows = block_rows(stiffness, np.float64, lanes=lanes, half=half)
-    u = random_lanes(rows, n_copies, np.float64)
+    lanes = padded_lanes(n_copies)
+    rows = block_rows(stiffness, lanes=lanes, half=half)
+    u = random_lanes(rows, n_copies)
     parallel = product(rows, u, kernel=PARALLEL.stiffness_product)
     np.testing.assert_array_equal(product(rows, u), parallel)
 
@@ -116,32 +115,30 @@ def test_lanes_round_trip_and_padding():
     order = rng.permutation(10)
     row = np.argsort(order)
     values = rng.standard_normal((5, 10, 3))
-    lanes = to_lanes(values, order, np.float64)
+    lanes = to_lanes(values, order)
     assert lanes.shape == (10, 3, 8)
     assert lanes.ctypes.data % 64 == 0
     np.testing.assert_array_equal(from_lanes(lanes, row, 5), values)
-    assert [padded_lanes(n, np.float64) for n in (1, 2, 3, 8, 9, 52)] == [1, 2, 4, 8, 12, 52]
-    assert [padded_lanes(n, np.float32) for n in (1, 9, 16, 17, 52)] == [1, 16, 16, 24, 56]
+    assert [padded_lanes(n) for n in (1, 2, 3, 8, 9, 52)] == [1, 2, 4, 8, 12, 52]
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
-def test_update_is_one_central_difference_step(dtype):
+def test_update_is_one_central_difference_step():
     rng = np.random.default_rng(2)
     n, lanes = 30, 8
-    mass = rng.uniform(1.0, 2.0, n).astype(dtype)
-    internal, old, u, v = (rng.standard_normal((n, 3, lanes)).astype(dtype) for _ in range(4))
+    mass = rng.uniform(1.0, 2.0, n)
+    internal, old, u, v = (rng.standard_normal((n, 3, lanes)) for _ in range(4))
     applied_row = np.full(n, -1, dtype=np.int32)
     applied_row[5:12] = np.arange(7)
-    applied = rng.standard_normal((7, 3, lanes)).astype(dtype)
-    gravity = rng.standard_normal((3, lanes)).astype(dtype)
-    dt, damping, ratio = 0.01, 30.0, dtype(0.3)
-    viscous = ratio * (internal.astype(np.float64) - old)
-    force = -internal.astype(np.float64) - viscous
+    applied = rng.standard_normal((7, 3, lanes))
+    gravity = rng.standard_normal((3, lanes))
+    dt, damping, ratio = 0.01, 30.0, 0.3
+    viscous = ratio * (internal - old)
+    force = -internal - viscous
     force[5:12] += applied
     expected = reference.update(
         time_step=dt,
         mass_damping=damping,
-        mass=mass.astype(np.float64),
+        mass=mass,
         force=force,
         acceleration=gravity,
         displacement=u,
@@ -158,9 +155,9 @@ def test_update_is_one_central_difference_step(dtype):
         kinetic.ravel(),
         work.ravel(),
         dissipated.ravel(),
-        dtype(dt),
-        dtype(dt / (1 + half)),
-        dtype((1 - half) / (1 + half)),
+        dt,
+        dt / (1 + half),
+        (1 - half) / (1 + half),
         mass,
         internal.ravel(),
         None,
@@ -175,13 +172,13 @@ def test_update_is_one_central_difference_step(dtype):
         half,
     )
     # A handful of roundings of numbers below 10.
-    tolerance = 20 * 10 * EPS[dtype]
+    tolerance = 20 * 10 * EPS
     np.testing.assert_allclose(new_u, expected[0], rtol=0, atol=tolerance)
     np.testing.assert_allclose(new_v, expected[1], rtol=0, atol=tolerance)
-    m = mass.astype(np.float64)[:, None, None]
+    m = mass[:, None, None]
     sums = (m * v * new_v).sum(axis=(0, 1))
     np.testing.assert_allclose(kinetic.sum(axis=0), 0.5 * sums, rtol=0, atol=90 * tolerance)
-    mean = 0.5 * (v + new_v.astype(np.float64))
+    mean = 0.5 * (v + new_v)
     loss = dt * damping * (m * mean**2).sum(axis=(0, 1))
     np.testing.assert_allclose(dissipated[:, 0].sum(axis=0), 3 + loss, atol=90 * tolerance)
     after = 0.5 * dt * damping * (m * mean * new_v).sum(axis=(0, 1))
@@ -208,11 +205,10 @@ def test_runs_hold_every_position_once_and_in_order():
     assert len(none.start) == len(order) == len(none.index) == 0
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
-def test_scatter_adds_repeated_indices(dtype):
+def test_scatter_adds_repeated_indices():
     rng = np.random.default_rng(3)
     index = scattered(rng)
-    target = rng.standard_normal(60).astype(dtype)
+    target = rng.standard_normal(60)
     values = rng.standard_normal(len(index))
     found, order = runs(index)
     result = target.copy()
@@ -222,7 +218,7 @@ def test_scatter_adds_repeated_indices(dtype):
     total = kernels.dot_at(target, found.start, found.pointer, values[order])
     size = np.abs(target[index] * values).sum()
     # A sum of n products in any order: n roundings of at most the sum of the sizes.
-    assert abs(total - target[index].astype(np.float64) @ values) <= 2 * len(index) * 2**-53 * size
+    assert abs(total - target[index] @ values) <= 2 * len(index) * 2**-53 * size
 
 
 def test_held_components_are_put_back_and_their_damping_is_given():
@@ -241,23 +237,20 @@ def test_held_components_are_put_back_and_their_damping_is_given():
     np.testing.assert_array_equal((u[others], v[others]), free)
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("n_copies", [1, 2, 3, 20])
-def test_effects_are_their_plain_statements(dtype, n_copies):
+def test_effects_are_their_plain_statements(n_copies):
     # Sums of at most a few hundred products of numbers below 10, each rounded once or twice.
-    tolerance = 300 * 100 * EPS[dtype]
+    tolerance = 300 * 100 * EPS
     group = block_group(
         distorted_box((4, 3, 2)), Material(density=1.0, young_modulus=1.0, poisson_ratio=0.3)
     )
-    rows = block_rows(group.stiffness, dtype, lanes=padded_lanes(n_copies, dtype))
-    data = element_viscosity(group, rows.row, BulkViscosity(0.5, 0.7), dtype)
+    rows = block_rows(group.stiffness, lanes=padded_lanes(n_copies))
+    data = element_viscosity(group, rows.row, BulkViscosity(0.5, 0.7))
     chunks, n = rows.chunks, len(rows.chunks) - 1
-    u, f, old, lag, step = (random_lanes(rows, n_copies, dtype, seed) for seed in range(5))
+    u, f, old, lag, step = (random_lanes(rows, n_copies, seed) for seed in range(5))
     lanes, rng = u.shape[2], np.random.default_rng(9)
 
-    strain, stress = (
-        rng.standard_normal((group.mesh.n_elements, lanes)).astype(dtype) for _ in range(2)
-    )
+    strain, stress = (rng.standard_normal((group.mesh.n_elements, lanes)) for _ in range(2))
     expected = reference.viscous_pressure(
         data, per_step=2.0, displacement=u, strain=strain, stress=stress
     )
@@ -269,7 +262,7 @@ def test_effects_are_their_plain_statements(dtype, n_copies):
         data.gradient.ravel(),
         data.linear,
         data.quadratic,
-        dtype(2.0),
+        2.0,
         u.ravel(),
         strain.ravel(),
         stress.ravel(),
@@ -278,7 +271,7 @@ def test_effects_are_their_plain_statements(dtype, n_copies):
     for found, value in zip((strain, stress, lost.sum(axis=0)), expected, strict=True):
         np.testing.assert_allclose(found, value, rtol=0, atol=tolerance)
 
-    force, torque = f.copy(), aligned_zeros((n, 3, lanes), dtype)
+    force, torque = f.copy(), aligned_zeros((n, 3, lanes))
     added = reference.viscous_force(data, stress, rows.n_nodes)
     viscous = data.pointer, data.corner, data.gradient.ravel(), stress.ravel()
     SERIAL.add_viscous_force(lanes, chunks, u.ravel(), force.ravel(), torque.ravel(), *viscous)
@@ -293,7 +286,7 @@ def test_effects_are_their_plain_statements(dtype, n_copies):
     SERIAL.add_stiffness_damping(
         lanes,
         chunks,
-        dtype(0.3),
+        0.3,
         u.ravel(),
         step.ravel(),
         elastic.ravel(),
@@ -310,22 +303,21 @@ def test_effects_are_their_plain_statements(dtype, n_copies):
     np.testing.assert_allclose(torque.sum(axis=0), moment, rtol=0, atol=tolerance)
 
 
-@pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("n_copies", [1, 2, 3, 20])
-def test_block_frames_are_their_plain_statements(dtype, n_copies):
-    tolerance = 300 * 100 * EPS[dtype]
+def test_block_frames_are_their_plain_statements(n_copies):
+    tolerance = 300 * 100 * EPS
     mesh = distorted_box((4, 3, 2))
     group = block_group(mesh, CONCRETE)
-    rows = block_rows(group.stiffness, dtype, lanes=padded_lanes(n_copies, dtype))
-    u, f, before = (random_lanes(rows, n_copies, dtype, seed) for seed in range(3))
+    rows = block_rows(group.stiffness, lanes=padded_lanes(n_copies))
+    u, f, before = (random_lanes(rows, n_copies, seed) for seed in range(3))
     lanes, rng = u.shape[2], np.random.default_rng(9)
-    mass = rng.uniform(0.5, 1.5, rows.n_nodes).astype(dtype)
-    x = mesh.nodes[rows.order].astype(dtype)
+    mass = rng.uniform(0.5, 1.5, rows.n_nodes)
+    x = mesh.nodes[rows.order]
     rotation = Rotation.random(lanes, rng=rng).as_matrix().transpose(1, 2, 0)
-    turn = np.ascontiguousarray(rotation - np.eye(3)[:, :, None]).astype(dtype)
-    mean, spin = (rng.standard_normal((3, lanes)).astype(dtype) for _ in range(2))
+    turn = np.ascontiguousarray(rotation - np.eye(3)[:, :, None])
+    mean, spin = (rng.standard_normal((3, lanes)) for _ in range(2))
 
-    moment = aligned_zeros((len(rows.chunks) - 1, 12, lanes), dtype)
+    moment = aligned_zeros((len(rows.chunks) - 1, 12, lanes))
     SERIAL.displacement_moments(rows.chunks, mass, x, u.ravel(), moment.ravel(), lanes)
     expected = reference.displacement_moments(mass, x, u)
     np.testing.assert_allclose(moment.sum(axis=0), expected, rtol=0, atol=tolerance)
@@ -361,8 +353,8 @@ def test_block_frames_are_their_plain_statements(dtype, n_copies):
                 None,
                 None,
                 None,
-                dtype(1.0),
-                dtype(1.0),
+                1.0,
+                1.0,
                 None,
                 mass,
             ),

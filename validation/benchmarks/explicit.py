@@ -59,8 +59,6 @@ class Row:
     """Of one block."""
     copies: int
     """Congruent blocks."""
-    precision: str
-    """``float64`` or ``float32``."""
     threads: int
     """Threads."""
     internal_force: float
@@ -118,9 +116,9 @@ def seconds_of_step(system: System, state: State, threads: int, repeats: int) ->
     return best(lambda: step(system, state), repeats=repeats if threads == 1 else 1)
 
 
-def row(group: BlockGroup, time_step: float, precision: str, threads: int) -> Row:
+def row(group: BlockGroup, time_step: float, threads: int) -> Row:
     """Measure one case."""
-    system, state = ready(loaded_model(group), time_step, precision=precision, threads=threads)
+    system, state = ready(loaded_model(group), time_step, threads=threads)
     updates = group.mesh.n_elements * group.n_copies
     repeats = max(1, 400_000 // updates)
     force = seconds_of_force(system, state, threads, repeats)
@@ -130,7 +128,6 @@ def row(group: BlockGroup, time_step: float, precision: str, threads: int) -> Ro
     return Row(
         elements=group.mesh.n_elements,
         copies=group.n_copies,
-        precision=precision,
         threads=threads,
         internal_force=updates / force / 1e6,
         whole_step=updates / whole / 1e6,
@@ -172,7 +169,7 @@ def added_percent(without: Callable[[], float], with_it: Callable[[], float]) ->
 def bare_seconds(system: System, state: State) -> float:
     """Product and update called directly, nothing around them [s]."""
     body, now = system.bodies[0], state.bodies[0]
-    rows, real = body.rows, body.dtype.type
+    rows = body.rows
 
     def work() -> None:
         system.kernels.stiffness_product(
@@ -187,8 +184,8 @@ def bare_seconds(system: System, state: State) -> float:
             *widths(body.lanes),
             rows.chunks,
             *(None, None, None),
-            real(system.time_step),
-            real(system.time_step),
+            system.time_step,
+            system.time_step,
             None,
             body.mass,
             now.internal_force.ravel(),
@@ -233,13 +230,12 @@ def benchmark() -> dict[str, Any]:
     rows: list[Row] = []
     small = benchmark_group(SMALL, 52)
     time_step = 0.9 * critical_time_step(Model((small,))).critical_time_step
-    for precision in ("float64", "float32"):
-        for threads in (1, 2):
-            rows.append(row(small, time_step, precision, threads))
+    for threads in (1, 2):
+        rows.append(row(small, time_step, threads))
     for copies, divisions in ((12, SMALL), (1, SMALL), (LARGE_COPIES, LARGE), (1, LARGE)):
         group = benchmark_group(divisions, copies)
         counts = [1, 2] if divisions == LARGE else [1]
-        rows.extend(row(group, time_step, "float64", threads) for threads in counts)
+        rows.extend(row(group, time_step, threads) for threads in counts)
 
     def prepared(effects: Effects) -> tuple[System, State]:
         return ready(Model((small,), effects=effects), time_step)
@@ -273,15 +269,14 @@ def table(result: dict[str, Any]) -> str:
         "One core: "
         f"triad {limits['triad_memory_gb_per_s']:.1f} GB/s from memory, "
         f"{limits['triad_cache_gb_per_s']:.1f} GB/s from cache; "
-        f"multiply-adds {limits['peak_float64_gflops']:.1f} GF/s float64, "
-        f"{limits['peak_float32_gflops']:.1f} GF/s float32",
-        f"Internal force at the peak of float64: {result['internal_force_limit']:.1f} M/s",
+        f"multiply-adds {limits['peak_float64_gflops']:.1f} GF/s ",
+        f"Internal force at that peak: {result['internal_force_limit']:.1f} M/s",
         "",
-        "elements copies precision threads  force M/s  step M/s  GF/s  bytes/node",
+        "elements copies threads  force M/s  step M/s  GF/s  bytes/node",
     ]
     for r in result["rows"]:
         lines.append(
-            f"{r['elements']:8d} {r['copies']:6d} {r['precision']:>9s} {r['threads']:7d} "
+            f"{r['elements']:8d} {r['copies']:6d} {r['threads']:7d} "
             f"{r['internal_force']:10.1f} {r['whole_step']:9.1f} {r['gflops']:5.1f} "
             f"{r['bytes_per_node']:11.0f}"
         )

@@ -47,41 +47,37 @@ class KernelRow:
     """Rate over what the roofline allows [-]."""
 
 
-def node_work(group: BlockGroup, precision: str, flops: float, streams: float) -> Work:
+def node_work(group: BlockGroup, flops: float, streams: float) -> Work:
     """Work on the nodes: operations of a node, and passes of an array (n_nodes, 3)."""
     nodes = group.n_nodes / group.mesh.n_elements
-    return Work(flops * nodes, 3.0 * _size(precision) * streams * nodes)
+    return Work(flops * nodes, 24.0 * streams * nodes)
 
 
-def internal_force_work(group: BlockGroup, precision: str = "float64") -> Work:
+def internal_force_work(group: BlockGroup) -> Work:
     """Product K u: reads u and writes f, whose lines are read first."""
     blocks = len(group.stiffness.indices) / group.mesh.n_elements
-    stiffness = blocks * (9.0 * _size(precision) + 4.0) / group.n_copies
-    return node_work(group, precision, 0.0, 3.0) + Work(18.0 * blocks, stiffness)
+    stiffness = blocks * (9.0 * 8.0 + 4.0) / group.n_copies
+    return node_work(group, 0.0, 3.0) + Work(18.0 * blocks, stiffness)
 
 
-def update_work(group: BlockGroup, precision: str = "float64") -> Work:
+def update_work(group: BlockGroup) -> Work:
     """Central difference: reads f, u and v, writes u and v; a division for each node."""
-    return node_work(group, precision, 15.0, 5.0)
-
-
-def _size(precision: str) -> float:
-    return 4.0 if precision == "float32" else 8.0
+    return node_work(group, 15.0, 5.0)
 
 
 def _viscosity_work(group: BlockGroup) -> Work:
     """Mean gradients on displacements and on stresses; strain and stress of the elements."""
     gradient = Work(2.0 * 3.0 * _CORNERS, 3.0 * _CORNERS * 8.0 / group.n_copies)
     elements = Work(10.0, 5.0 * 8.0)  # strain and stress read and written, stress read again
-    return gradient + gradient + elements + node_work(group, "float64", 3.0, 3.0)
+    return gradient + gradient + elements + node_work(group, 3.0, 3.0)
 
 
 def _frame_work(group: BlockGroup) -> Work:
     """Moments, the view from the frame, the torque of K u, and the way back."""
-    moments = node_work(group, "float64", 24.0, 1.0)
-    view = node_work(group, "float64", 24.0, 3.0)
-    torque = node_work(group, "float64", 12.0, 0.0)
-    return moments + view + torque + node_work(group, "float64", 30.0, 2.0)
+    moments = node_work(group, 24.0, 1.0)
+    view = node_work(group, 24.0, 3.0)
+    torque = node_work(group, 12.0, 0.0)
+    return moments + view + torque + node_work(group, 30.0, 2.0)
 
 
 def kernel_rows(
@@ -89,7 +85,7 @@ def kernel_rows(
     machine: Roofline,
     ready: Callable[[Effects], tuple[System, State]],
 ) -> list[KernelRow]:
-    """Time the kernels of a step, float64 and one thread.
+    """Time the kernels of a step, one thread.
 
     ``ready`` makes a system of the copies and a state after a few steps, for given effects.
     """
@@ -100,7 +96,7 @@ def kernel_rows(
         ("internal force K u", Effects(), _product, product),
         ("central difference", Effects(), _advance, update_work(group)),
         ("bulk viscosity", viscous, _viscosity, _viscosity_work(group)),
-        ("stiffness damping beside it", damped, _damping, node_work(group, "float64", 21.0, 7.0)),
+        ("stiffness damping beside it", damped, _damping, node_work(group, 21.0, 7.0)),
         (
             "internal force in block frames",
             Effects(finite_rotation=True),

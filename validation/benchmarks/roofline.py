@@ -23,8 +23,6 @@ class Roofline:
     """The same on arrays of 1 MB each."""
     peak_float64_gflops: float
     """Independent fused multiply-adds in registers, two operations each."""
-    peak_float32_gflops: float
-    """The same in single precision."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +35,9 @@ class Work:
     def __add__(self, other: Work) -> Work:
         return Work(self.flops + other.flops, self.bytes + other.bytes)
 
-    def limit(self, machine: Roofline, precision: str = "float64") -> float:
+    def limit(self, machine: Roofline) -> float:
         """Million updates per second that the roofline allows."""
-        single = precision == "float32"
-        peak = machine.peak_float32_gflops if single else machine.peak_float64_gflops
+        peak = machine.peak_float64_gflops
         return 1e3 * min(peak / self.flops, machine.triad_cache_gb_per_s / self.bytes)
 
 
@@ -78,8 +75,8 @@ def _triad_rate(n: int) -> float:
     return 24.0 * n / seconds / 1e9
 
 
-def _peak(dtype: type[np.float64] | type[np.float32], width: int) -> float:
-    x = np.full(14 * width, 0.5, dtype=dtype)
+def _peak(width: int) -> float:
+    x = np.full(14 * width, 0.5)
     kernel, n = _multiply_adds(width), 400_000
     seconds = best_cpu_seconds(lambda: kernel(x, width, n))
     return 12.0 * width * 2.0 * n / seconds / 1e9
@@ -91,6 +88,5 @@ def roofline() -> Roofline:
         triad_memory_gb_per_s=_triad_rate(8_000_000),
         triad_cache_gb_per_s=_triad_rate(120_000),
         # As wide as a register: fourteen of them are all that some processors have, nearly.
-        peak_float64_gflops=_peak(np.float64, REGISTER_DOUBLES),
-        peak_float32_gflops=_peak(np.float32, 2 * REGISTER_DOUBLES),
+        peak_float64_gflops=_peak(REGISTER_DOUBLES),
     )

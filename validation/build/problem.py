@@ -59,14 +59,11 @@ def fem_section(scene: DeformableScene, name: str) -> FemSection:
 
 def refuse_linear_keys(fem: FemSection, name: str) -> None:
     """Reject kinds of elements that only those of degree 1 have."""
-    for key in ("element", "precision") if fem.degree > 1 else ():
-        value = getattr(fem, key)
-        shown = getattr(value, "value", value)
-        if value != FemSection.model_fields[key].default:
-            raise InputError(
-                f'{name}: fem.{key}: got "{shown}" with fem.degree = {fem.degree}, whose elements '
-                "have one kind and one precision; remove it, or take fem.degree = 1"
-            )
+    if fem.degree > 1 and fem.element != FemSection.model_fields["element"].default:
+        raise InputError(
+            f'{name}: fem.element: got "{fem.element.value}" with fem.degree = {fem.degree}, whose '
+            "elements have one kind; remove it, or take fem.degree = 1"
+        )
 
 
 def build_friction(

@@ -20,7 +20,13 @@ MOVED = {
     "rigid.friction": "effects.friction",
 }
 #: Keys without a meaning now.
-GONE = ("fem.formulation", "load.temperature", "effects.temperature", "material.expansion")
+GONE = (
+    "fem.formulation",
+    "fem.precision",
+    "load.temperature",
+    "effects.temperature",
+    "material.expansion",
+)
 
 
 @dataclass(frozen=True)

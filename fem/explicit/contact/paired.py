@@ -107,7 +107,7 @@ class _BoundFaces(BoundContact):
         self._sliding: tuple[FloatArray, FloatArray] | None = None
         if self._rubs is not None:
             self._slip = _no_slip(self._data, self._work)
-            self._sliding = self._rubs, aligned_zeros((8 * len(self._data.units),), np.float64)
+            self._sliding = self._rubs, aligned_zeros((8 * len(self._data.units),))
         self._collections = _collections(self._data, len(self._work.force) // 2, bodies)
 
     def add_force(self, system: System, state: State) -> None:
@@ -273,7 +273,7 @@ def _middles(
 
 def _no_slip(data: UnitArrays, work: UnitWork) -> FloatArray:
     """History of points that have not touched yet, flat [facet][point][4][lane]."""
-    slip = aligned_zeros((4 * len(work.gap),), np.float64)
+    slip = aligned_zeros((4 * len(work.gap),))
     kinds, width, point = data.units[:, 0], data.units[:, 1], data.units[:, 5]
     facets = np.diff(data.alike[:, 1])[kinds]
     for n, w, start in zip(facets, width, point, strict=True):
@@ -387,11 +387,9 @@ def _unit_work(data: UnitArrays) -> UnitWork:
     nodes = 3 * width * np.diff(data.alike[:, 0])[kinds]
     points = 4 * width * np.diff(data.alike[:, 1])[kinds]
     return UnitWork(
-        force=aligned_zeros((2 * int(nodes.sum()),), np.float64),
-        gap=aligned_zeros((int(points.sum()),), np.float64),
-        scratch=aligned_zeros(
-            (numba.config.NUMBA_NUM_THREADS, 4, int(nodes.max(initial=0))), np.float64
-        ),
+        force=aligned_zeros((2 * int(nodes.sum()),)),
+        gap=aligned_zeros((int(points.sum()),)),
+        scratch=aligned_zeros((numba.config.NUMBA_NUM_THREADS, 4, int(nodes.max(initial=0)))),
     )
 
 

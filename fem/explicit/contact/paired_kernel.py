@@ -6,7 +6,7 @@ at its node pairs, works facet by facet on them, and leaves forces on difference
 arrays of its own; then each group collects the forces on its rows. Units and rows belong to one
 thread each: nothing is shared, and one and two threads give the same bits.
 
-Everything is float64, whatever the precision of the bodies. The plain twin of the facet loop is
+The plain twin of the facet loop is
 `fem.contact.surfaces.point_kinematics` with `fem.contact.surfaces.corner_forces`; the tests
 compare the two. An argument that is None removes its branch when the kernel is compiled.
 """
@@ -34,7 +34,6 @@ from fem.explicit.kernels.lanes import (
     filled,
     lane_operations,
     larger,
-    load_like,
     multiply_add,
     smaller,
     square_root,
@@ -210,13 +209,13 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
     load_triple = triple_operations(width).load
 
     @njit(**INLINED)
-    def fetch(like, array, base, copies, first, side, lane):
+    def fetch(array, base, copies, first, side, lane):
         """Displacements of the copies in the lanes; ``first`` is the first of a row, or -1."""
         if first >= 0:
-            return load_like(zero(like), array, base + first)
-        value = zero(like)
+            return load(array, base + first)
+        value = zero()
         for k in range(width):
-            value = with_entry(value, k, np.float64(array[base + copies[side, lane + k]]))
+            value = with_entry(value, k, array[base + copies[side, lane + k]])
         return value
 
     @njit(**OPTIONS)
@@ -227,8 +226,7 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
         lanes_s = data.lanes[data.alike[kind, 3]]
         first_m, first_s = data.units[unit, 6], data.units[unit, 7]
         turn = data.rotation[kind]
-        like = difference
-        none = zero(like), zero(like), zero(like)
+        none = zero(), zero(), zero()
         for node in range(first, last):
             m = s = none  # rigid blocks have no displacements
             # Not one function for both: what branches in two nested calls counts references.
@@ -236,17 +234,17 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
             if row >= 0:
                 base = 3 * row * lanes_m
                 m = (
-                    fetch(like, u_m, base, data.copies, first_m, 0, lane),
-                    fetch(like, u_m, base + lanes_m, data.copies, first_m, 0, lane),
-                    fetch(like, u_m, base + 2 * lanes_m, data.copies, first_m, 0, lane),
+                    fetch(u_m, base, data.copies, first_m, 0, lane),
+                    fetch(u_m, base + lanes_m, data.copies, first_m, 0, lane),
+                    fetch(u_m, base + 2 * lanes_m, data.copies, first_m, 0, lane),
                 )
             row = data.rows[node, 1]
             if row >= 0:
                 base = 3 * row * lanes_s
                 local = (
-                    fetch(like, u_s, base, data.copies, first_s, 1, lane),
-                    fetch(like, u_s, base + lanes_s, data.copies, first_s, 1, lane),
-                    fetch(like, u_s, base + 2 * lanes_s, data.copies, first_s, 1, lane),
+                    fetch(u_s, base, data.copies, first_s, 1, lane),
+                    fetch(u_s, base + lanes_s, data.copies, first_s, 1, lane),
+                    fetch(u_s, base + 2 * lanes_s, data.copies, first_s, 1, lane),
                 )
                 s = turned(turn, local)
             at = 3 * (node - first) * width
@@ -315,11 +313,11 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
     @njit(**INLINED)
     def forget(slip, at):
         """Points that do not touch keep no elastic slip and no last position."""
-        far = filled(zero(slip), NEVER)
+        far = filled(zero(), NEVER)
         for point in range(4):
             first = 4 * (at + point * width)
-            store(slip, first, zero(slip))
-            store(slip, first + width, zero(slip))
+            store(slip, first, zero())
+            store(slip, first + width, zero())
             store(slip, first + 2 * width, far)
 
     @njit(**INLINED)
@@ -329,7 +327,7 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
         friction = rubs_of(every, unit)
         stiffness = weight * friction[1]
         first = 4 * (at + point * width)
-        none = zero(slip)
+        none = zero()
         b = times(1.0 / square_root(dot(tangent, tangent)), tangent)
         c = cross(normal, b)
         along, across = dot(d, b), dot(d, c)
@@ -371,7 +369,6 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
         on_difference[:size] = 0.0
         if normals is None:
             on_middle[:size] = 0.0
-        like = difference
         for f in range(first, last):
             corners = (
                 3 * width * data.corners[f, 0],
@@ -393,8 +390,8 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
                 n0, n1 = _unit_normal(areas[0]), _unit_normal(areas[1])
                 n2, n3 = _unit_normal(areas[2]), _unit_normal(areas[3])
             else:
-                n0, n1 = _given(zero(like), normals[f, 0]), _given(zero(like), normals[f, 1])
-                n2, n3 = _given(zero(like), normals[f, 2]), _given(zero(like), normals[f, 3])
+                n0, n1 = _given(zero(), normals[f, 0]), _given(zero(), normals[f, 1])
+                n2, n3 = _given(zero(), normals[f, 2]), _given(zero(), normals[f, 3])
             g0, g1 = dot(d[0], n0[0]), dot(d[1], n1[0])
             g2, g3 = dot(d[2], n2[0]), dot(d[3], n3[0])
             store(work.gap, at, g0)

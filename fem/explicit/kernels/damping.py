@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from numba import prange
 
 from fem.explicit.kernels.forms import over_lanes, serial_and_parallel
@@ -47,7 +46,7 @@ def _damping_lanes(width: int) -> Callable[..., Any]:
         torque,
         dissipated,
     ):
-        lost = zero(force)
+        lost = zero()
         for i in range(chunks[c], chunks[c + 1]):
             x = i * 3 * lanes + first
             y, z = x + lanes, x + 2 * lanes
@@ -58,7 +57,7 @@ def _damping_lanes(width: int) -> Callable[..., Any]:
                 moment = cross(load_triple(displacement, x, lanes), (fx, fy, fz))
                 add_triple(torque, c * 3 * lanes + first, lanes, moment)
         for k in range(width):
-            dissipated[c * lanes + first + k] += 0.5 * np.float64(entry(lost, k))
+            dissipated[c * lanes + first + k] += 0.5 * entry(lost, k)
 
     return run
 
@@ -81,14 +80,14 @@ def add_stiffness_damping(lanes, chunks, *rows):
     rows
         A scalar and flat arrays:
 
-        - ratio: β/Δt, in the precision of the arrays.
+        - ratio: β/Δt.
         - displacement: in the block frame, for the torque; (n_rows, 3, lanes), as all that follow.
         - increment: displacement increment since the last step, or a multiple of it (the velocity).
         - elastic, viscous: elastic and damping force of the last step, updated.
         - force: in: K u of this step; out: with the damping force.
         - torque: None, or (n_chunks, 3, lanes) that grows by u × damping force.
         - dissipated: grows by the product of ``increment`` and the mean of old and new damping
-          force, (n_chunks, lanes), float64.
+          force, (n_chunks, lanes).
     """
     for c in prange(len(chunks) - 1):
         _damping_rows(0, lanes, c, chunks, *rows)

@@ -41,7 +41,7 @@ def _moment_lanes(width: int) -> Callable[..., Any]:
 
     @njit(**OPTIONS)
     def run(first, lanes, c, begin, end, mass, reference, displacement, moment):
-        none = zero(displacement)
+        none = zero()
         for j in range(3):  # one component at a time: more sums than that no processor holds
             sums = (none, none, none, none)
             for i in range(begin, end):
@@ -69,7 +69,7 @@ def displacement_moments(chunks, mass, reference, displacement, moment, lanes):
     chunks
         Row boundaries.
     mass, reference
-        (n_rows,) and X (n_rows, 3), in the precision of the arrays.
+        (n_rows,) and X (n_rows, 3).
     displacement, moment
         Flat (n_rows, 3, lanes) and, out, flat (n_chunks, 12, lanes).
     lanes
@@ -146,12 +146,12 @@ def fit_frames(moment, second, total_mass, n_copies, quaternion, turn, mean, com
         for i in range(3):
             total = 0.0
             for c in range(moment.shape[0]):
-                total += np.float64(moment[c, 4 * i + 3, k])
+                total += moment[c, 4 * i + 3, k]
             mean[i, k] = total / total_mass
             for j in range(3):
                 total = 0.0
                 for c in range(moment.shape[0]):
-                    total += np.float64(moment[c, 4 * i + j, k])
+                    total += moment[c, 4 * i + j, k]
                 a[i, j] = second[i, j] + total
         q = quaternion[k]
         for _ in range(50):
@@ -276,7 +276,7 @@ def set_spins(torque, compliance, spin):
         for j in range(3):
             total[j] = 0.0
             for c in range(torque.shape[0]):
-                total[j] += np.float64(torque[c, j, k])
+                total[j] += torque[c, j, k]
         for i in range(3):
             spin[i, k] = (
                 compliance[i, 0, k] * total[0]

@@ -26,17 +26,19 @@ from numba.extending import intrinsic, models, register_model
 #: by itself.
 REGISTER_DOUBLES = 8 if binding.get_host_cpu_features().get("avx512f", False) else 4
 
+#: Alignment of arrays [bytes]: that of their numbers.
+_ALIGNED = 8
+
 #: Added to a float64 below 2^50, it rounds it to a whole number.
 ROUNDING_SHIFT = 1.5 * 2.0**52
 
 
 class LanesType(types.Type):
-    """Numba type of a vector of ``width`` equal scalars."""
+    """Numba type of a vector of ``width`` numbers of float64."""
 
-    def __init__(self, scalar: Any, width: int) -> None:
-        self.scalar = scalar
+    def __init__(self, width: int) -> None:
         self.width = width
-        super().__init__(name=f"Lanes({scalar}, {width})")
+        super().__init__(name=f"Lanes({width})")
 
 
 @register_model(LanesType)
@@ -44,8 +46,7 @@ class _LanesModel(models.PrimitiveModel):
     """An LLVM vector value."""
 
     def __init__(self, manager: Any, lanes: LanesType) -> None:
-        scalar = ir.DoubleType() if lanes.scalar == types.float64 else ir.FloatType()
-        super().__init__(manager, lanes, ir.VectorType(scalar, lanes.width))
+        super().__init__(manager, lanes, ir.VectorType(ir.DoubleType(), lanes.width))
 
 
 def _pointer(
@@ -56,32 +57,29 @@ def _pointer(
 
 
 def lane_operations(width: int) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return ``load(array, index)`` and ``zero(array)`` for vectors of ``width`` entries.
+    """Return ``load(array, index)`` and ``zero()`` for vectors of ``width`` entries.
 
-    ``index`` counts scalars from the first entry of a C-contiguous array, whatever its shape;
-    ``zero`` takes the array only for its scalar type. Nothing checks bounds.
+    ``index`` counts scalars from the first entry of a C-contiguous array, whatever its shape.
+    Nothing checks bounds.
     """
+    lanes = LanesType(width)
 
     @intrinsic
     def load(typing_context: Any, array: Any, index: Any) -> Any:
-        lanes = LanesType(array.dtype, width)
-
         def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             vector = context.get_value_type(lanes)
             array_type = signature.args[0]
             pointer = _pointer(context, builder, array_type, args[0], args[1], vector)
-            return builder.load(pointer, align=array_type.dtype.bitwidth // 8)
+            return builder.load(pointer, align=_ALIGNED)
 
         return lanes(array, types.intp), code
 
     @intrinsic
-    def zero(typing_context: Any, array: Any) -> Any:
-        lanes = LanesType(array.dtype, width)
-
+    def zero(typing_context: Any) -> Any:
         def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             return ir.Constant(context.get_value_type(lanes), None)
 
-        return lanes(array), code
+        return lanes(), code
 
     return load, zero
 
@@ -101,7 +99,7 @@ def _as_vectors(context: Any, builder: Any, signature: Any, args: Any) -> list[A
     return [
         value
         if isinstance(kind, LanesType)
-        else _splat(builder, context.cast(builder, value, kind, lanes.scalar), vector)
+        else _splat(builder, context.cast(builder, value, kind, types.float64), vector)
         for kind, value in zip(signature.args, args, strict=True)
     ]
 
@@ -138,7 +136,7 @@ def store(typing_context: Any, array: Any, index: Any, value: Any) -> Any:
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         array_type = signature.args[0]
         pointer = _pointer(context, builder, array_type, args[0], args[1], args[2].type)
-        builder.store(args[2], pointer, align=array_type.dtype.bitwidth // 8)
+        builder.store(args[2], pointer, align=_ALIGNED)
         return context.get_dummy_value()
 
     return types.void(array, types.intp, value), code
@@ -151,11 +149,8 @@ def multiply_add(typing_context: Any, factor: Any, value: Any, total: Any) -> An
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         operands = _as_vectors(context, builder, signature, args)
         vector = operands[0].type
-        bits = 64 if isinstance(vector.element, ir.DoubleType) else 32
         function = cgutils.get_or_insert_function(
-            builder.module,
-            ir.FunctionType(vector, [vector] * 3),
-            f"llvm.fma.v{vector.count}f{bits}",
+            builder.module, ir.FunctionType(vector, [vector] * 3), f"llvm.fma.v{vector.count}f64"
         )
         return builder.call(function, operands)
 
@@ -177,7 +172,7 @@ def entry(typing_context: Any, value: Any, index: Any) -> Any:
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.extract_element(args[0], args[1])
 
-    return value.scalar(value, types.intp), code
+    return types.float64(value, types.intp), code
 
 
 @intrinsic
@@ -186,11 +181,8 @@ def square_root(typing_context: Any, value: Any) -> Any:
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         vector = args[0].type
-        bits = 64 if isinstance(vector.element, ir.DoubleType) else 32
         function = cgutils.get_or_insert_function(
-            builder.module,
-            ir.FunctionType(vector, [vector]),
-            f"llvm.sqrt.v{vector.count}f{bits}",
+            builder.module, ir.FunctionType(vector, [vector]), f"llvm.sqrt.v{vector.count}f64"
         )
         return builder.call(function, [args[0]])
 
@@ -250,7 +242,7 @@ larger = _selected(">")
 
 @intrinsic
 def two_to_rounded(typing_context: Any, shifted: Any) -> Any:
-    """Return 2^k for vectors of float64 that hold `ROUNDING_SHIFT` + k, k a whole number.
+    """Return 2^k for vectors that hold `ROUNDING_SHIFT` + k, k a whole number.
 
     The low bits of such a number are k itself: shifted into the exponent, they make 2^k.
     """
@@ -268,41 +260,16 @@ def two_to_rounded(typing_context: Any, shifted: Any) -> Any:
 
 @intrinsic
 def add_to(typing_context: Any, array: Any, index: Any, value: Any) -> Any:
-    """Add a vector to an array, either of either precision: summed in float64, rounded once."""
+    """Add a vector to an array."""
 
     def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        array_type, (array, index, value) = signature.args[0], args
-        wide = ir.VectorType(ir.DoubleType(), value.type.count)
-        scalar = ir.DoubleType() if array_type.dtype == types.float64 else ir.FloatType()
-        vector = ir.VectorType(scalar, value.type.count)
-        align = array_type.dtype.bitwidth // 8
-        pointer = _pointer(context, builder, array_type, array, index, vector)
-        old, new = (
-            number if number.type == wide else builder.fpext(number, wide)
-            for number in (builder.load(pointer, align=align), value)
-        )
-        total = builder.fadd(old, new)
-        builder.store(
-            total if vector == wide else builder.fptrunc(total, vector), pointer, align=align
-        )
+        array, index, value = args
+        pointer = _pointer(context, builder, signature.args[0], array, index, value.type)
+        total = builder.fadd(builder.load(pointer, align=_ALIGNED), value)
+        builder.store(total, pointer, align=_ALIGNED)
         return context.get_dummy_value()
 
     return types.void(array, types.intp, value), code
-
-
-@intrinsic
-def load_like(typing_context: Any, like: Any, array: Any, index: Any) -> Any:
-    """Load a vector of float64, as wide as ``like``, from an array of either precision."""
-
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        array_type = signature.args[1]
-        scalar = ir.DoubleType() if array_type.dtype == types.float64 else ir.FloatType()
-        vector = ir.VectorType(scalar, args[0].type.count)
-        pointer = _pointer(context, builder, array_type, args[1], args[2], vector)
-        value = builder.load(pointer, align=array_type.dtype.bitwidth // 8)
-        return value if vector == args[0].type else builder.fpext(value, args[0].type)
-
-    return like(like, array, types.intp), code
 
 
 @intrinsic

@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from geometry.mesh import FloatArray, IntArray
 
 LaneArray = npt.NDArray[Any]
-"""float64 or float32, (n_rows, components, n_lanes)."""
+"""(n_rows, components, n_lanes)."""
 
 #: Bytes of a cache line.
 _LINE = 64
@@ -31,21 +31,19 @@ HALF_WINDOW = 1 << 17
 N_CHUNKS = 16
 
 
-def padded_lanes(n_copies: int, dtype: npt.DTypeLike) -> int:
-    """Lanes that hold ``n_copies``: 1, 2, 4, … up to half a cache line, then whole halves."""
-    vector = _LINE // np.dtype(dtype).itemsize // 2
-    if n_copies > vector:
-        return -(-n_copies // vector) * vector
+def padded_lanes(n_copies: int) -> int:
+    """Lanes that hold ``n_copies``: 1, 2 or 4 (half a cache line), then multiples of four."""
+    if n_copies > 4:
+        return -(-n_copies // 4) * 4
     return 1 << (n_copies - 1).bit_length()
 
 
-def aligned_zeros(shape: tuple[int, ...], dtype: npt.DTypeLike) -> LaneArray:
+def aligned_zeros(shape: tuple[int, ...]) -> LaneArray:
     """Zeros that start on a cache line and may be read one vector beyond their end."""
-    kind = np.dtype(dtype)
     count = int(np.prod(shape))
-    raw = np.zeros(count * kind.itemsize + 2 * _LINE, dtype=np.uint8)
+    raw = np.zeros(8 * count + 2 * _LINE, dtype=np.uint8)
     start = -raw.ctypes.data % _LINE
-    return raw[start : start + count * kind.itemsize].view(kind).reshape(shape)
+    return raw[start : start + 8 * count].view(np.float64).reshape(shape)
 
 
 @dataclass(frozen=True)
@@ -111,17 +109,13 @@ def _bandwidth(graph: csr_array, order: IntArray | None = None) -> int:
     return int(np.abs(number[row] - number[graph.indices]).max())
 
 
-def block_rows(
-    stiffness: bsr_array, dtype: npt.DTypeLike, *, lanes: int, half: bool | None = None
-) -> BlockRows:
+def block_rows(stiffness: bsr_array, *, lanes: int, half: bool | None = None) -> BlockRows:
     """Pack a stiffness matrix for the kernels.
 
     Parameters
     ----------
     stiffness
         (3 n_nodes, 3 n_nodes) in 3 × 3 blocks, symmetric to the bit [N/mm].
-    dtype
-        float64 or float32.
     lanes
         Padded number of copies.
     half
@@ -137,7 +131,7 @@ def block_rows(
     pointer, column = numbered.indptr.astype(np.int64), numbered.indices.astype(np.int32)
     bandwidth = _bandwidth(numbered)
     if half is None:
-        half = _half_is_faster(bandwidth, lanes, dtype)
+        half = _half_is_faster(bandwidth, lanes)
     # Fewer chunks of half rows: pairs across their boundaries are stored twice.
     few = min(max(2, len(order) // (6 * bandwidth + 1) // 2 * 2), N_CHUNKS)
     chunks = equal_work(pointer, few if half else N_CHUNKS)
@@ -149,15 +143,15 @@ def block_rows(
         kept, pointer, shared = _half_rows(pointer, column, within)
         column = column[kept]
         reach = bandwidth if lanes == 1 else None
-    blocks = aligned_zeros((9 * len(column),), dtype)
+    blocks = aligned_zeros((9 * len(column),))
     entries = stiffness.data[numbered.data[kept]]
     blocks[:] = (entries.transpose(0, 2, 1) if reach is None else entries).ravel()
     return BlockRows(order, row, pointer, shared, reach, column, blocks, chunks)
 
 
-def _half_is_faster(bandwidth: int, lanes: int, dtype: npt.DTypeLike) -> bool:
+def _half_is_faster(bandwidth: int, lanes: int) -> bool:
     """Whether loading the stiffness is what takes time: it is where u and f are small."""
-    window = 6 * bandwidth * lanes * np.dtype(dtype).itemsize
+    window = 48 * bandwidth * lanes
     return lanes == 1 or (lanes < 16 and window <= HALF_WINDOW)
 
 
@@ -229,14 +223,14 @@ def runs(index: IntArray) -> tuple[Runs, IntArray]:
     return Runs(sorted_index[first].astype(np.int64), pointer), order
 
 
-def to_lanes(values: FloatArray, order: IntArray, dtype: npt.DTypeLike) -> LaneArray:
+def to_lanes(values: FloatArray, order: IntArray) -> LaneArray:
     """(n_copies, n_nodes, 3) in mesh numbering to padded (n_rows, 3, n_lanes)."""
     n_copies, n_nodes, n_components = values.shape
-    lanes = aligned_zeros((n_nodes, n_components, padded_lanes(n_copies, dtype)), dtype)
+    lanes = aligned_zeros((n_nodes, n_components, padded_lanes(n_copies)))
     lanes[:, :, :n_copies] = values[:, order].transpose(1, 2, 0)
     return lanes
 
 
 def from_lanes(lanes: LaneArray, row: IntArray, n_copies: int) -> FloatArray:
-    """Inverse of `to_lanes`, in float64."""
-    return np.ascontiguousarray(lanes[row, :, :n_copies].transpose(2, 0, 1), dtype=np.float64)
+    """Inverse of `to_lanes`."""
+    return np.ascontiguousarray(lanes[row, :, :n_copies].transpose(2, 0, 1))

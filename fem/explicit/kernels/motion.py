@@ -11,7 +11,7 @@ from numba import prange
 
 from fem.explicit.kernels.forms import serial_and_parallel
 from fem.explicit.kernels.frame import placed_force
-from fem.explicit.kernels.lanes import add_to, lane_operations, load_like
+from fem.explicit.kernels.lanes import add_to
 from fem.explicit.kernels.options import OPTIONS
 from fem.explicit.kernels.triples import (
     INLINED,
@@ -27,16 +27,8 @@ from geometry.compilation import njit
 
 def _update_lanes(width: int) -> Callable[..., None]:
     """Make the motion of a chunk of rows, ``width`` copies at a time."""
-    _, zero = lane_operations(width)
     load_triple = triple_operations(width).load
     placed = placed_force(width)
-
-    @njit(**INLINED)
-    def doubles(sums, array, at, lanes):
-        """Three components in the precision of the sums."""
-        like = zero(sums)
-        x = load_like(like, array, at)
-        return x, load_like(like, array, at + lanes), load_like(like, array, at + 2 * lanes)
 
     @njit(**INLINED)
     def add_work(sums, at, lanes, half, before, after):
@@ -99,26 +91,26 @@ def _update_lanes(width: int) -> Callable[..., None]:
                 if acceleration is not None:
                     after = plus(after, times(gain, load_triple(acceleration, first, lanes)))
                 if kinetic is not None:
-                    old = doubles(kinetic, velocity, at, lanes)
+                    old = load_triple(velocity, at, lanes)
                 if viscous_work is not None:
-                    earlier = doubles(viscous_work, velocity, at, lanes)
+                    earlier = load_triple(velocity, at, lanes)
                 if dissipated is not None:
-                    slower = doubles(dissipated, velocity, at, lanes)
+                    slower = load_triple(velocity, at, lanes)
                 store_triple(velocity, at, lanes, after)
                 moved = plus(load_triple(displacement, at, lanes), times(time_step, after))
                 store_triple(displacement, at, lanes, moved)
                 here = c * lanes + first
                 if kinetic is not None:
-                    twice = dot(old, doubles(kinetic, velocity, at, lanes))
-                    add_to(kinetic, here, 0.5 * np.float64(mass[i]) * twice)
+                    twice = dot(old, load_triple(velocity, at, lanes))
+                    add_to(kinetic, here, 0.5 * mass[i] * twice)
                 if viscous_work is not None:
-                    elastic = doubles(viscous_work, internal_force, at, lanes)
-                    change = minus(elastic, doubles(viscous_work, elastic_before, at, lanes))
-                    half = times(0.5 * np.float64(ratio), change)
-                    later = doubles(viscous_work, velocity, at, lanes)
+                    elastic = load_triple(internal_force, at, lanes)
+                    change = minus(elastic, load_triple(elastic_before, at, lanes))
+                    half = times(0.5 * ratio, change)
+                    later = load_triple(velocity, at, lanes)
                     add_work(viscous_work, here + c * lanes, lanes, half, earlier, later)
                 if dissipated is not None:
-                    later = doubles(dissipated, velocity, at, lanes)
+                    later = load_triple(velocity, at, lanes)
                     half = times(0.5 * loss * mass[i], plus(slower, later))
                     add_work(dissipated, here + c * lanes, lanes, half, slower, later)
 
@@ -160,20 +152,19 @@ def update(lanes, fours, ones, chunks, *motion):
         - dissipated: None, or (n_chunks, 2, lanes). With the impulse of the mass-proportional
           damping p = α Δt m (v₋ + v₊)/4: [:, 0] grows by p · (v₋ + v₊), the dissipation of the
           step; [:, 1] is overwritten with p · v₊, the half of it after the time of the force.
-        - time_step, gain, keep: of the precision of the arrays; keep may be None.
+        - time_step, gain, keep: scalars; keep may be None.
         - mass: lumped mass of the rows, (n_rows,) [t].
         - internal_force: (n_rows, 3, lanes), in the block frames where there are any.
         - placing, reference: None, or what turns it to the placement axes, and X (n_rows, 3): see
           `fem.explicit.kernels.frame.place_force`.
-        - ratio, elastic_before: None, or β/Δt of the stiffness-proportional damping in the
-          precision of the arrays and the internal force of the step before. With
-          v = (u - u_old)/Δt the damping force is β K v = (β/Δt) (K u - K u_old): no second
-          product, and no pass of its own.
+        - ratio, elastic_before: None, or β/Δt of the stiffness-proportional damping and the
+          internal force of the step before. With v = (u - u_old)/Δt the damping force is
+          β K v = (β/Δt) (K u - K u_old): no second product, and no pass of its own.
         - applied_row, applied_force: None, or the row of ``applied_force`` (n_applied, 3, lanes)
           that acts on each row of the block (n_rows,), -1 where nothing is applied.
         - acceleration: None, or a uniform acceleration (3, lanes).
         - displacement, velocity: (n_rows, 3, lanes).
-        - loss: α Δt / 2 in float64 where there is ``dissipated``.
+        - loss: α Δt / 2 where there is ``dissipated``.
     """
     for c in prange(len(chunks) - 1):
         if fours is not None:
@@ -184,23 +175,23 @@ def update(lanes, fours, ones, chunks, *motion):
 
 @njit(cache=True, **OPTIONS)
 def viscous_power(index, ratio, elastic, elastic_before, velocity):
-    """Power of the damping force of `update` on some entries of flat arrays, in float64."""
+    """Power of the damping force of `update` on some entries of flat arrays."""
     total = 0.0
     for k in range(len(index)):
         at = index[k]
         force = ratio * (elastic[at] - elastic_before[at])
-        total += np.float64(force) * velocity[at]
+        total += force * velocity[at]
     return total
 
 
 @njit(cache=True, **OPTIONS)
 def dot_lanes(a, b, total):
-    """Write a · b of every copy to ``total`` (lanes,), in float64; a, b (n_rows, 3, lanes)."""
+    """Write a · b of every copy to ``total`` (lanes,); a, b (n_rows, 3, lanes)."""
     total[:] = 0.0
     for i in range(a.shape[0]):
         for j in range(a.shape[1]):
             for k in range(a.shape[2]):
-                total[k] += np.float64(a[i, j, k]) * b[i, j, k]
+                total[k] += a[i, j, k] * b[i, j, k]
 
 
 @njit(cache=True, **OPTIONS)

@@ -9,9 +9,7 @@ run is worked with vectors, and memory is read in the order in which it lies.
 
 from __future__ import annotations
 
-import numpy as np
-
-from fem.explicit.kernels.lanes import add_to, entry, lane_operations, load_like, multiply_add
+from fem.explicit.kernels.lanes import add_to, entry, lane_operations, multiply_add
 from fem.explicit.kernels.options import OPTIONS
 from geometry.compilation import njit
 
@@ -49,17 +47,17 @@ def add_at(target, start, pointer, values, factor):
 
 @njit(cache=True, **OPTIONS)
 def dot_at(array, start, pointer, values):
-    """Sum of ``array[start[r] + k] · values[pointer[r] + k]`` over all runs, in float64."""
-    sums = _zero(values)
+    """Sum of ``array[start[r] + k] · values[pointer[r] + k]`` over all runs."""
+    sums = _zero()
     total = 0.0
     for r in range(len(start)):
         at, first, stop = start[r], pointer[r], pointer[r + 1]
         while first + _WIDTH <= stop:
-            sums = multiply_add(load_like(sums, array, at), _load(values, first), sums)
+            sums = multiply_add(_load(array, at), _load(values, first), sums)
             first += _WIDTH
             at += _WIDTH
         for k in range(stop - first):
-            total += np.float64(array[at + k]) * values[first + k]
+            total += array[at + k] * values[first + k]
     for k in range(_WIDTH):
         total += entry(sums, k)
     return total
@@ -92,7 +90,7 @@ def hold(start, pointer, mass, loss, displacement, velocity):
         length = pointer[r + 1] - first
         if loss is not None:
             for k in range(length):
-                lost -= 0.5 * loss * mass[first + k] * np.float64(velocity[at + k]) ** 2
+                lost -= 0.5 * loss * mass[first + k] * velocity[at + k] ** 2
         displacement[at : at + length] = 0.0
         velocity[at : at + length] = 0.0
     return lost

@@ -74,7 +74,7 @@ def _whole_lanes(width: int) -> Callable[..., Any]:
 
     @njit(**OPTIONS)
     def run(first, lanes, row, start, stop, column, blocks, displacement, force):
-        none = zero(displacement)
+        none = zero()
         f = grown_by((none, none, none), first, lanes, start, stop, column, blocks, displacement)
         store_triple(force, row * 3 * lanes + first, lanes, f)
 
@@ -98,7 +98,7 @@ def _half_lanes(width: int) -> Callable[..., Any]:
 
     @njit(**OPTIONS)
     def run(first, lanes, begin, end, pointer, shared, column, blocks, displacement, force):
-        none = zero(displacement)
+        none = zero()
         for row in range(begin, end):
             # Neighbours of earlier chunks come first, from their side alone.
             start, stop = pointer[row], shared[row, 0]
@@ -182,7 +182,7 @@ def _single_half(c, begin, end, pointer, ring, column, blocks, displacement, for
 
     What a row sends to later ones waits in a ring until their row comes, or the chunk has ended.
     """
-    none = _zero_4(displacement)
+    none = _zero_4()
     size = ring.shape[1]
     base = c * size
     for row in range(begin, end):

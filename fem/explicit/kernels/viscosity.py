@@ -46,7 +46,7 @@ def _pressure_lanes(width: int) -> Callable[..., Any]:
         stress,
         dissipated,
     ):
-        none = zero(stress)
+        none = zero()
         # Three sums, one of each component, hide the latency of the additions.
         by_x, by_y, by_z = none, none, none
         for a in range(8):
@@ -86,12 +86,12 @@ def viscous_pressure(lanes, chunks, *elements):
 
         - element_rows, gradient, linear, quadratic: see
           `fem.explicit.body.ElementViscosity`.
-        - per_step: 1/Δt [1/s], in the precision of the arrays.
+        - per_step: 1/Δt [1/s].
         - displacement: in the block frame, (n_rows, 3, lanes).
         - strain, stress: volumetric strain and volume times viscous stress, (n_elements, lanes),
           updated.
         - dissipated: grows by the work of the mean of old and new stress on the strain increment,
-          (n_chunks, lanes), float64 [N mm].
+          (n_chunks, lanes) [N mm].
     """
     for c in prange(len(chunks) - 1):
         for e in range(chunks[c], chunks[c + 1]):
@@ -105,7 +105,7 @@ def _viscous_lanes(width: int) -> Callable[..., Any]:
 
     @njit(**OPTIONS)
     def run(first, lanes, c, i, displacement, force, torque, pointer, corner, gradient, stress):
-        none = zero(stress)
+        none = zero()
         fx, fy, fz = none, none, none
         for n in range(pointer[i], pointer[i + 1]):
             k = np.int64(corner[n])

@@ -36,7 +36,7 @@ class CheckpointError(RefusedError):
 
 
 class OtherProblemError(CheckpointError):
-    """A whole checkpoint, but of another model, time step or precision."""
+    """A whole checkpoint, but of another model or time step."""
 
 
 def write_checkpoint(path: Path, system: System, state: State, history: History) -> None:
@@ -78,7 +78,7 @@ def read_checkpoint(path: Path, system: System, state: State) -> History:
         )
     if str(contents["fingerprint"]) != fingerprint(system):
         raise OtherProblemError(
-            f"checkpoint {path}: belongs to another model, time step or precision; "
+            f"checkpoint {path}: belongs to another model or time step; "
             "run the same scene with the same options or remove the file"
         )
     arrays, numbers = state_arrays(system, state), state_numbers(state)
@@ -174,7 +174,6 @@ def fingerprint(system: System) -> str:
     digest = hashlib.sha256()
     _hash(digest, system.model)
     _hash(digest, system.time_step)
-    _hash(digest, [str(body.dtype) for body in system.bodies])
     return digest.hexdigest()
 
 

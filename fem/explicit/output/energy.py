@@ -123,7 +123,7 @@ def gravity_work(system: System, body: Body, now: BodyState) -> float:
     """
     if body.acceleration is None or system.model.effects.gravity_amplitude is not None:
         return 0.0
-    mass = body.mass.astype(np.float64)
+    mass = body.mass
     moved = np.einsum("n,njk->jk", mass, now.displacement)
     moved -= system.time_step * np.einsum("n,njk->jk", mass, now.velocity)
     return float((moved * body.acceleration).sum())
@@ -140,8 +140,8 @@ def hourglass_energy(system: System, body: Body, now: BodyState) -> float:
         return 0.0
     local = now.local_displacement
     if now.frame is None:
-        local = local - body.dtype.type(system.time_step) * now.velocity
-    force = aligned_zeros(local.shape, body.dtype)
+        local = local - system.time_step * now.velocity
+    force = aligned_zeros(local.shape)
     system.kernels.stiffness_product(
         *rows.packed,
         local.ravel(),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from fem.explicit.damping import applied_forces, gravity_forces
 from fem.explicit.state import State, world_vectors
 from fem.explicit.step import System, damped_internal_force
@@ -18,7 +16,7 @@ def support_forces(system: System, state: State, time: float) -> tuple[FloatArra
     """
     result = []
     for body, now in zip(system.bodies, state.bodies, strict=True):
-        inner = np.asarray(damped_internal_force(system, body, now), dtype=np.float64)
+        inner = damped_internal_force(system, body, now)
         outer = applied_forces(body, now) + gravity_forces(system, body, time)
         result.append(world_vectors(body, inner - outer))
     return tuple(result)

@@ -77,8 +77,8 @@ class _BoundHold(Interaction):
 
 
 def _lanes(motions: FloatArray, body: Body) -> FloatArray:
-    lanes = [to_lanes(motion, body.rows.order, body.dtype) for motion in motions]
-    return np.stack(lanes).astype(np.float64)
+    lanes = [to_lanes(motion, body.rows.order) for motion in motions]
+    return np.stack(lanes)
 
 
 def _applied_row(body: Body) -> IntArray:

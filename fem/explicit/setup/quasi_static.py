@@ -357,7 +357,7 @@ def quasi_static_report(
     if result.round_off is not None:
         faults.append(
             f"the force residual {result.residual:.1e} no longer falls: round-off leaves about "
-            f'{result.round_off:.1e}; use fem.precision = "float64", or a larger fem.residual'
+            f"{result.round_off:.1e}; use a larger fem.residual"
         )
     elif result.residual is not None and not result.residual <= largest_residual:
         faults.append(
