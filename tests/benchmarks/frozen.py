@@ -19,6 +19,7 @@ import json
 import math
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -328,6 +329,8 @@ def main() -> None:
     elif given.old is None:
         parser.error("got no commit; expected OLD, such as HEAD~1")
     else:
+        # A run that is ended leaves no folder behind.
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
         with checked_out(given.old) as old, checked_out(given.new) as new:
             for tree in (old, new):
                 packages = [str(tree / name) for name in PACKAGES]
