@@ -49,13 +49,13 @@ def in_model_order(statement, displacements):
     return tuple(result)
 
 
-def kernel_forces(statement, displacements, *, then=None):
+def kernel_forces(statement, displacements, *, then=None, **options):
     """Contact forces of the loop, world axes, copies as in the deformable assembly; energy.
 
     With ``then`` those at displacements that follow upon the first.
     """
     deformable = statement.deformable
-    system = prepare(statement.model, time_step=1e-9)
+    system = prepare(statement.model, time_step=1e-9, **options)
     state = initial_state(system, displacements=in_model_order(statement, displacements))
     if then is not None:
         displacements = then
