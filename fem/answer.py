@@ -67,10 +67,14 @@ def answer_of(
         method=solution.method,
         measures=measures.beside(factors or {}),
         fields=_fields(solution),
-        points=solution.positions,
-        cells=solution.hexahedra,
-        block_of_point=solution.block_of_node,
-        layer_of_point=layer[solution.block_of_node],
+        arrays=Lazy(
+            {
+                "points": lambda: solution.positions,
+                "cells": lambda: solution.hexahedra,
+                "block_of_point": lambda: solution.block_of_node,
+                "layer_of_point": lambda: layer[solution.block_of_node],
+            }
+        ),
         contacts=contacts_of(solution, facets),
         reported=lambda: (
             report_of(solution, facets)

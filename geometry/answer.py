@@ -370,15 +370,8 @@ class Answer:
     (n, 6) in the order xx, yy, zz, xy, yz, xz, ``principal_stress`` (n, 3) σ₁ ≥ σ₂ ≥ σ₃, tension
     positive, and ``mises`` (n,) [MPa] of deformable blocks; ``mechanism`` (n, 3) of rigid blocks
     that move, largest 1 [-]."""
-    points: FloatArray
-    """Nodes of the blocks before the load acts, block after block, (n_points, 3) [mm]; blocks
-    share none."""
-    cells: IntArray
-    """Points of each hexahedron (n_cells, 8), or triangle (n_cells, 3)."""
-    block_of_point: IntArray
-    """Number of the block of each point, (n_points,)."""
-    layer_of_point: IntArray
-    """Its layer, (n_points,): 0 the lower frame."""
+    arrays: Mapping[str, Array]
+    """`points`, `cells`, `block_of_point` and `layer_of_point` by these names."""
     contacts: Contacts
     """Values of the contact facets by name, each (n_contacts, …), in the order of the assembly's
     `interfaces` for every solver, before the load acts: ``pressure`` [MPa], compression positive,
@@ -403,9 +396,28 @@ class Answer:
     case: Any = None
     """What was asked (`validation.Case`); None in such an answer, and where a solver was called."""
 
-    def __post_init__(self) -> None:
-        for name in ("points", "cells", "block_of_point", "layer_of_point"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+    @property
+    def points(self) -> FloatArray:
+        """Nodes of the blocks before the load acts, block after block, (n_points, 3) [mm].
+
+        Blocks share none.
+        """
+        return self.arrays["points"]
+
+    @property
+    def cells(self) -> IntArray:
+        """Points of each hexahedron (n_cells, 8), or triangle (n_cells, 3)."""
+        return self.arrays["cells"]
+
+    @property
+    def block_of_point(self) -> IntArray:
+        """Number of the block of each point, (n_points,)."""
+        return self.arrays["block_of_point"]
+
+    @property
+    def layer_of_point(self) -> IntArray:
+        """Layer of each point, (n_points,): 0 the lower frame."""
+        return self.arrays["layer_of_point"]
 
     def __getitem__(self, name: str) -> Measure:
         """Return a measure by its name, ``u`` for ``max_displacement``."""
@@ -510,9 +522,10 @@ class Answer:
 
         Of many answers these take the memory.
         """
-        none = {name: np.empty_like(getattr(self, name)[:0]) for name in _OF_POINTS}
         kept = {"title": self.title, "method": self.method, "measures": known(dict(self.measures))}
-        return _restored({**kept, **none, "fields": {}, "contacts": Contacts({})}, self.report)
+        arrays = known(dict.fromkeys(self.arrays, np.zeros(0)))
+        nothing = {"arrays": arrays, "fields": {}, "contacts": Contacts({})}
+        return _restored({**kept, **nothing}, self.report)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle what is plain: everything computed, without the solver's own result."""
@@ -520,8 +533,7 @@ class Answer:
         return _restored, (kept, self.report)
 
 
-_OF_POINTS = ("points", "cells", "block_of_point", "layer_of_point")
-_PLAIN = ("title", "method", "measures", "fields", "contacts", *_OF_POINTS)
+_PLAIN = ("title", "method", "measures", "fields", "contacts", "arrays")
 
 
 def _restored(kept: dict[str, Any], report: dict[str, Any]) -> Answer:

@@ -104,14 +104,14 @@ def analyse(
 def answer_of(stated: RigidStatement, result: RigidResult) -> Answer:
     """Make the answer of a rigid result."""
     assembly, load = result.blocks, result.load
-    points, cells, block = _points(assembly)
-    n_blocks = assembly.n_blocks
-    layer = assembly.layer if isinstance(assembly, Assembly) else np.zeros(n_blocks, np.int64)
+    arrays = Lazy(_arrays(assembly))
     motion = block_motion(result)
     fields: dict[str, Callable[[], Array]] = {}
     if motion is not None:
         moving = motion
-        fields["mechanism"] = lambda: _node_motion(assembly, moving, points, block)
+        fields["mechanism"] = lambda: _node_motion(
+            assembly, moving, arrays["points"], arrays["block_of_point"]
+        )
     verdict = "carries the load" if result.holds else "does not carry the load"
     if result.holds and not result.shown:
         verdict += " only if pressed beforehand"
@@ -125,10 +125,7 @@ def answer_of(stated: RigidStatement, result: RigidResult) -> Answer:
         method="rigid",
         measures=known(measures),
         fields=Lazy(fields),
-        points=points,
-        cells=cells,
-        block_of_point=block,
-        layer_of_point=layer[block],
+        arrays=arrays,
         contacts=found.contacts,
         reported=found.report,
         details=result,
@@ -335,18 +332,27 @@ def _contacts(
     }
 
 
-def _points(assembly: AnyBlocks) -> tuple[FloatArray, IntArray, IntArray]:
-    """Nodes of all blocks, their hexahedra or triangles, and the block of each node."""
-    points, cells, first = [], [], 0
-    for block in range(assembly.n_blocks):
-        shape = assembly.shape(block)
-        hexahedral = isinstance(assembly, Assembly)
-        own = shape.mesh.nodes if hexahedral else shape.points
-        points.append(assembly.place(block, own))
-        cells.append((shape.mesh.elements if hexahedral else shape.triangles) + first)
-        first += len(own)
-    owner = np.repeat(np.arange(assembly.n_blocks), [len(p) for p in points])
-    return np.concatenate(points), np.concatenate(cells), owner
+def _arrays(assembly: AnyBlocks) -> dict[str, Callable[[], Array]]:
+    """Makers of `Answer.arrays`: of nodes of hexahedra or corners of triangles."""
+    shapes = [assembly.shape(block) for block in range(assembly.n_blocks)]
+    layer = np.zeros(assembly.n_blocks, np.int64)
+    if isinstance(assembly, Assembly):
+        bodies = [(shape.mesh.nodes, shape.mesh.elements) for shape in shapes]
+        layer = assembly.layer
+    else:
+        bodies = [(shape.points, shape.triangles) for shape in shapes]
+    counts = [len(nodes) for nodes, _ in bodies]
+    first = np.cumsum(counts) - counts
+    return {
+        "points": lambda: np.concatenate(
+            [assembly.place(block, nodes) for block, (nodes, _) in enumerate(bodies)]
+        ),
+        "cells": lambda: np.concatenate(
+            [own + k for k, (_, own) in zip(first, bodies, strict=True)]
+        ),
+        "block_of_point": lambda: np.repeat(np.arange(assembly.n_blocks), counts),
+        "layer_of_point": lambda: np.repeat(layer, counts),
+    }
 
 
 def block_motion(result: RigidResult) -> FloatArray | None:

@@ -63,7 +63,7 @@ def answer_files(answer: Answer) -> Iterator[tuple[str, str, Callable[[Path], No
 
 
 def _write_arrays(answer: Answer, path: Path) -> None:
-    arrays: dict[str, Any] = {name: getattr(answer, name) for name in _ARRAYS}
+    arrays: dict[str, Any] = dict(answer.arrays)
     arrays |= {f"field {name}": values for name, values in answer.fields.items()}
     arrays |= {f"contact {name}": values for name, values in answer.contacts.arrays.items()}
     with path.open("wb") as file:
@@ -137,7 +137,7 @@ def read_answer(folder: Path) -> Answer:
         title, method = data.pop("title"), data.pop("method")
         with np.load(folder / FILES[1], allow_pickle=False) as result:
             arrays = {name: result[name] for name in result.files}
-        own = {name: arrays[name] for name in _ARRAYS}
+        own = known({name: arrays[name] for name in _ARRAYS})
     except (OSError, ValueError, KeyError, TypeError, EOFError, RecursionError) as error:
         raise InputError(f"{folder}: holds a damaged answer ({error}); write it again") from None
     return Answer(
@@ -147,7 +147,7 @@ def read_answer(folder: Path) -> Answer:
         fields=known(_named(arrays, "field ")),
         contacts=Contacts(known(_named(arrays, "contact "))),
         reported=lambda: data,
-        **own,
+        arrays=own,
     )
 
 
