@@ -17,13 +17,12 @@ from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import representatives
 from fem.contact.surfaces import ContactNormals, MatchedFacets, facet_pressures, matched_facets
 from fem.element.facet import (
-    BILINEAR,
     FACET_CORNERS,
     FacetBasis,
     bilinear,
-    lagrange_basis,
+    facet_basis,
 )
-from fem.element.lagrange import lobatto_points
+from fem.element.functions import lobatto_points
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.mesh import BoolArray, FloatArray, IntArray, grid_points
@@ -77,7 +76,7 @@ def _pressures(
 ) -> FloatArray:
     """Mean pressures of some facets, (n,) [MPa], from the nodes of parts of a degree on each."""
     (solved, _, _), result, (at, degree) = state, facets.interfaces, parts
-    basis = BILINEAR if degree == 1 else lagrange_basis(degree)
+    basis = facet_basis(degree)
     n_parts = len(at) // len(basis.values[0])
     blocks = result.block_m[chosen], result.block_s[chosen]
     sides = zip(blocks, (result.quads_m[chosen], result.quads_s[chosen]), strict=True)

@@ -131,33 +131,6 @@ def closest_point(corners, point, xi, work):
     return gap
 
 
-@njit(cache=True, **_OPTIONS)
-def closest_on_facets(corners, points, xi, gap, normal, start):
-    """Closest points of facets to points.
-
-    Parameters
-    ----------
-    corners
-        One facet for each point, (n, 4, 3) [mm].
-    points
-        (n, 3) [mm].
-    xi
-        Natural coordinates, held within twice the facet, (n, 2); where ``start`` is true the
-        iteration starts from them, else from the centre.
-    gap
-        Out: (point - closest point) · normal, (n,) [mm].
-    normal
-        Out: of the facets there, (n, 3).
-    """
-    work = np.empty((9, 3))
-    for n in range(corners.shape[0]):
-        if not start:
-            xi[n, 0], xi[n, 1] = 0.0, 0.0
-        gap[n] = closest_point(corners[n], points[n], xi[n], work)
-        for i in range(3):
-            normal[n, i] = work[5, i]
-
-
 # ---------------------------------------------------------------------------------------------
 # Cuts
 

@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 from scipy.special import roots_jacobi
 
 from fem.contact.pieces import area_of, in_quadrilateral, moments, three_points
-from fem.element.lagrange import lobatto_points
+from fem.element.functions import lobatto_points
 from geometry.compilation import njit
 from geometry.mesh import BoolArray, FloatArray, IntArray
 

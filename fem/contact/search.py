@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fem.contact.cuts import OPPOSITE, carry_over, closest_on_facets, cut_facets
+from fem.contact.cuts import OPPOSITE, carry_over, cut_facets
 from fem.contact.edge_points import ending_edges, matching_facets
 from fem.contact.surfaces import ContactNormals, ContactPoints
 from fem.element.facet import FACET_CORNERS, bilinear, facet_areas, facet_functions
-from fem.element.lagrange import lobatto_points
+from fem.element.functions import lobatto_points
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.work import Operation, count
 
@@ -32,8 +32,8 @@ _DEEPEST = 3.0
 #: Points a facet that there is room for at first.
 _ROOM = 16
 
-#: Iterations on the closest point of a curved facet, and the step that ends them.
-_CURVED_STEPS, _CLOSE = 30, 1e-12
+#: Iterations on the closest point of a facet, and the step that ends them.
+_STEPS, _CLOSE = 30, 1e-12
 #: Squared sine of the angle between its tangents, below which a facet is folded to a line.
 _FOLDED = 1e-20
 
@@ -345,43 +345,28 @@ class FacingPoints:
 
 
 def closest_points(
-    corners: FloatArray, points: FloatArray, start: FloatArray | None = None
+    nodes: FloatArray, points: FloatArray, xi: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Closest points of facets to points, by Newton.
+    """Closest points of facets to points, by Newton from points that are near.
+
+    Without second derivatives: a step leaves the gap times the curvature of what it found. Cuts
+    start from anywhere on bilinear facets (`fem.contact.cuts.closest_point`).
 
     Parameters
     ----------
-    corners
-        One facet for each point, (n, 4, 3) [mm], or all nodes of one of a higher degree.
+    nodes
+        One facet for each point, (n, n_nodes, 3) [mm].
     points
         (n, 3) [mm].
-    start
-        Natural coordinates to start from, (n, 2); None: the centres.
+    xi
+        Natural coordinates to start from, (n, 2).
 
     Returns
     -------
     tuple[FloatArray, FloatArray, FloatArray]
         Natural coordinates (n, 2), held within twice the facet, gaps (n,) [mm], normals (n, 3).
     """
-    n = len(points)
-    xi = np.zeros((n, 2)) if start is None else start.copy()
-    gap, normal = np.empty(n), np.empty((n, 3))
-    if corners.shape[1] > 4:
-        return _closest_on_curved(corners, points, xi)
-    # One form for all: a view would be compiled for anew.
-    facing, where = np.ascontiguousarray(corners), np.ascontiguousarray(points)
-    closest_on_facets(facing, where, xi, gap, normal, start is not None)
-    return xi, gap, normal
-
-
-def _closest_on_curved(
-    nodes: FloatArray, points: FloatArray, xi: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The same on facets of a higher degree.
-
-    Without second derivatives: a step leaves the gap times the curvature of what it found.
-    """
-    for _ in range(_CURVED_STEPS):
+    for _ in range(_STEPS):
         away, tangents = _seen(nodes, points, xi)
         metric = np.einsum("nki,nli->nkl", tangents, tangents)
         # A facet that a wild step of Newton's method has folded has no direction of its own.

@@ -25,6 +25,7 @@ from fem.decks.keywords import (
     reals,
 )
 from fem.decks.laws import law_heading, law_lines
+from fem.decks.meshes import TetrahedralMesh
 from fem.decks.placement import placement_rows, rounded
 from fem.decks.statement import (
     ALL,
@@ -59,7 +60,6 @@ from fem.decks.supports import (
     transform_lines,
 )
 from fem.element.hexahedron import ElementType
-from fem.element.tetrahedral_mesh import TetrahedralMesh
 from geometry.block import Block
 from geometry.loads import CircumferentialLoad, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, IntArray

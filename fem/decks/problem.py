@@ -16,6 +16,7 @@ from fem.decks.abaqus import check_abaqus
 from fem.decks.calculix import check_calculix
 from fem.decks.keywords import DeckError, safe_names
 from fem.decks.laws import law_notes
+from fem.decks.meshes import serendipity_block
 from fem.decks.model import as_nodal_forces, deck_model
 from fem.decks.placement import canonical
 from fem.decks.statement import (
@@ -30,7 +31,6 @@ from fem.decks.statement import (
 from fem.decks.supports import holds_on, springs_on_ground
 from fem.decks.tetrahedra import has_tetrahedra, with_tetrahedra
 from fem.decks.write import write_deck as write_statement
-from fem.element.lagrange_mesh import serendipity_block
 from fem.element.material import Material
 from fem.problem.effects import PAPER_RAYLEIGH, SAFETY_FACTOR, BulkViscosity, Effects
 from fem.problem.time_step import characteristic_time_step, critical_time_step

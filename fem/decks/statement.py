@@ -20,10 +20,9 @@ from fem.assembly.statement import Motion
 from fem.contact.law import ContactLaw
 from fem.contact.pair_laws import PairLaws
 from fem.decks.keywords import DeckError, safe_names
+from fem.decks.meshes import SerendipityMesh, TetrahedralMesh
 from fem.element.hexahedron import ELEMENTS, ElementType
-from fem.element.lagrange_mesh import SerendipityMesh
 from fem.element.material import Material, each_material
-from fem.element.tetrahedral_mesh import TetrahedralMesh
 from fem.problem.effects import Effects
 from geometry.assembly import Assembly, spacing_offsets
 from geometry.block import Block

@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from fem.decks.keywords import DeckError, entry_lines, keyword, real, reals
+from fem.decks.meshes import SerendipityMesh
 from fem.decks.statement import FRAME, LOADING, Deck, Flavour, GroundSpring, Hold, Procedure
-from fem.element.lagrange_mesh import SerendipityMesh
 from fem.problem.loads import traction_forces
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray, IntArray

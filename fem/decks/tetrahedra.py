@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from fem.decks.keywords import DeckError
+from fem.decks.meshes import TetrahedralMesh, tetrahedral_block
 from fem.decks.model import as_nodal_forces, nodal_forces
 from fem.decks.statement import Deck, DeckLoad, Flavour, Hold, NodalForceLoad
-from fem.element.tetrahedral_mesh import TetrahedralMesh, tetrahedral_block
 from geometry.assembly import Assembly
 from geometry.loads import PressureLoad
 from geometry.mesh import IntArray

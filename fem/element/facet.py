@@ -12,7 +12,14 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.polynomial import legendre
 
-from fem.element.lagrange import gauss_line, line_basis, tensor_points, tensor_values
+from fem.element.functions import (
+    functions_at,
+    gauss_functions,
+    gauss_line,
+    line_basis,
+    tensor_points,
+    tensor_values,
+)
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, grid_points
 
 #: Natural coordinates of the four corners of a facet, (4, 2).
@@ -43,9 +50,7 @@ def facet_functions(xi: FloatArray, n_nodes: int) -> tuple[FloatArray, FloatArra
     """`facet_values` and slopes (n, n_nodes, 2)."""
     if n_nodes == 4:
         return bilinear(xi)
-    (first, by_first), (second, by_second) = (line_basis(math.isqrt(n_nodes) - 1, x) for x in xi.T)
-    slopes = tensor_values(by_first, second), tensor_values(first, by_second)
-    return tensor_values(first, second), np.stack(slopes, axis=2)
+    return functions_at(math.isqrt(n_nodes) - 1, xi)
 
 
 #: Bilinear shape functions at the Gauss points, (4 points, 4 corners), and their derivatives,
@@ -106,19 +111,24 @@ class FacetBasis(ReadOnlyArrays):
         return np.asarray(away.argmin(axis=2), dtype=np.int64)[way.ravel()]
 
 
-#: Facets of eight-node hexahedra: 2 × 2 Gauss points, peaks at corners.
-BILINEAR = FacetBasis(
-    points=FACET_POINTS,
-    values=FACET_VALUES,
-    slopes=FACET_SLOPES,
-    weights=np.ones(4),
-    corners=np.arange(4),
-    looks=np.eye(4),
-    to_looks=np.linalg.inv(FACET_VALUES).astype(np.float64),
-)
-
 #: Points along an edge of a facet of higher degree at which its peak is looked for.
 _LOOKS = 9
+
+
+@cache
+def bilinear_basis() -> FacetBasis:
+    """Facets of eight-node hexahedra: 2 × 2 Gauss points in the order of corners, peaks there."""
+    at, order = gauss_functions(1, 2, 2), [0, 2, 3, 1]
+    values = at.values[np.ix_(order, order)]
+    return FacetBasis(
+        points=FACET_POINTS,
+        values=values,
+        slopes=at.slopes[np.ix_(order, order)],
+        weights=np.ones(4),
+        corners=np.arange(4),
+        looks=np.eye(4),
+        to_looks=np.linalg.inv(values).astype(np.float64),
+    )
 
 
 @cache
@@ -127,8 +137,7 @@ def lagrange_basis(degree: int) -> FacetBasis:
 
     A steep law of a polynomial is no polynomial.
     """
-    line, weights = gauss_line(degree + 2)
-    at = tensor_points(degree, line, weights, dimension=2)
+    line, at = gauss_line(degree + 2)[0], gauss_functions(degree, degree + 2, 2)
     look = np.linspace(-1.0, 1.0, _LOOKS)
     through = legendre.legvander(look, degree + 1) @ np.linalg.inv(
         legendre.legvander(line, degree + 1)
@@ -167,7 +176,12 @@ def basis_of(quads: IntArray) -> FacetBasis:
     """Functions of facets by their number of nodes: 4, 8 or (degree + 1)²."""
     if quads.shape[1] == 8:
         return _serendipity_basis()
-    return BILINEAR if quads.shape[1] == 4 else lagrange_basis(math.isqrt(quads.shape[1]) - 1)
+    return facet_basis(math.isqrt(quads.shape[1]) - 1)
+
+
+def facet_basis(degree: int) -> FacetBasis:
+    """Functions of facets of a degree."""
+    return bilinear_basis() if degree == 1 else lagrange_basis(degree)
 
 
 def facet_area_vectors(nodes: FloatArray, quads: IntArray) -> FloatArray:

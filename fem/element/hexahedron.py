@@ -12,6 +12,7 @@ from enum import Enum
 
 import numpy as np
 
+from fem.element.functions import gauss_functions
 from fem.element.material import Material
 from geometry.mesh import (
     CORNERS,
@@ -41,6 +42,9 @@ HOURGLASS_VECTORS: FloatArray = np.column_stack(
         CORNERS[:, 0] * CORNERS[:, 1] * CORNERS[:, 2],
     ]
 )
+
+#: Corners in VTK order among tensor products.
+_VTK = [0, 4, 6, 2, 1, 5, 7, 3]
 
 #: Rows and columns of the six components xx, yy, zz, xy, yz, xz.
 VOIGT = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
@@ -73,7 +77,7 @@ def gauss_gradients(coordinates: FloatArray) -> tuple[FloatArray, FloatArray]:
     tuple[FloatArray, FloatArray]
         dN_a/dx_i, (n_elements, 8 points, 8 corners, 3) [1/mm]; det J, (n_elements, 8) [mm³].
     """
-    natural = shape_gradients(gauss_points(2)[0])
+    natural = gauss_functions(1, 2).slopes[:, _VTK]
     jacobian = np.swapaxes(coordinates, 1, 2)[:, None] @ natural
     volume = np.linalg.det(jacobian)
     if not (volume > 0.0).all():
@@ -329,9 +333,9 @@ class ElementType(Enum):
 
         The integrand has degree three in each natural coordinate: the 2 × 2 × 2 rule is exact.
         """
-        points, weights = gauss_points(2)
-        jacobian = np.swapaxes(coordinates, 1, 2)[:, None] @ shape_gradients(points)
-        return density * (np.linalg.det(jacobian) * weights) @ shape_values(points)
+        at = gauss_functions(1, 2)
+        jacobian = np.swapaxes(coordinates, 1, 2)[:, None] @ at.slopes[:, _VTK]
+        return density * (np.linalg.det(jacobian) * at.weights) @ at.values[:, _VTK]
 
 
 ELEMENTS = {

@@ -1,21 +1,23 @@
-"""Curved hexahedra of any degree: Lagrange polynomials on Gauss-Lobatto points, tensor products.
+"""Curved hexahedra of any degree: geometry and displacement by the same Lagrange polynomials.
 
-Nodes, points and functions are numbered with the last direction fastest. Geometry and displacement
-use the same functions (isoparametric elements); stiffness is integrated with one Gauss point more
-than the degree in each direction.
-
-Reference: Karniadakis and Sherwin (2005), Spectral/hp Element Methods, chapter 2.
+Stiffness is integrated with one Gauss point more than the degree in each direction.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache
 
 import numpy as np
-from numpy.polynomial import legendre
-from scipy.special import roots_jacobi
 
+from fem.element.functions import (
+    TensorPoints,
+    gauss_functions,
+    gauss_line,
+    line_basis,
+    lobatto_points,
+    tensor_points,
+    tensor_values,
+)
 from fem.element.hexahedron import chunks, symmetric
 from fem.element.material import Material
 from fem.element.stress import stress_of_gradient
@@ -24,90 +26,6 @@ from geometry.work import Operation, count
 
 #: Pairs of functions whose stiffness is computed at a time: what a cache holds.
 _AT_ONCE = 1 << 14
-
-
-def lobatto_points(degree: int) -> FloatArray:
-    """Gauss-Lobatto points on [-1, 1], (degree + 1,)."""
-    # The inner ones are the roots of P'_n, which is a Jacobi polynomial (1, 1) of degree n - 1.
-    inner = roots_jacobi(degree - 1, 1, 1)[0] if degree > 1 else np.empty(0)
-    return np.concatenate([[-1.0], inner, [1.0]])
-
-
-def line_basis(degree: int, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lagrange polynomials on the Gauss-Lobatto points and their slopes, (n, degree + 1) each."""
-    return _line_basis(degree, np.ascontiguousarray(x, dtype=np.float64).tobytes())
-
-
-@lru_cache(maxsize=1024)
-def _line_basis(degree: int, x: bytes) -> tuple[FloatArray, FloatArray]:
-    """The same of few lines, which come again and again: those of cells of alike elements."""
-    to_nodal, derived = _to_nodal(degree)
-    powers = legendre.legvander(np.frombuffer(x), degree)
-    result = powers @ to_nodal, powers[:, :degree] @ derived
-    for values in result:
-        values.flags.writeable = False
-    return result
-
-
-@cache
-def _to_nodal(degree: int) -> tuple[FloatArray, FloatArray]:
-    """Legendre coefficients of the Lagrange polynomials and of their slopes."""
-    powers = legendre.legvander(lobatto_points(degree), degree)
-    to_nodal = np.linalg.inv(powers).astype(np.float64)
-    return to_nodal, legendre.legder(to_nodal).astype(np.float64)
-
-
-def tensor_values(first: FloatArray, *others: FloatArray) -> FloatArray:
-    """Products of functions of each direction at n points, (n, all), the last one fastest."""
-    for other in others:
-        both = first[:, :, None] * other[:, None, :]
-        first = both.reshape(len(both), both.shape[1] * both.shape[2])
-    return first
-
-
-@dataclass(frozen=True)
-class TensorPoints:
-    """Values of the functions of an element, or of its face, at points of a tensor grid."""
-
-    values: FloatArray
-    """(n_points, n_functions)"""
-    slopes: FloatArray
-    """By each natural coordinate, (n_points, n_functions, dimension)."""
-    weights: FloatArray
-    """Of the quadrature, (n_points,); zero where the points are no quadrature."""
-
-
-def tensor_points(
-    degree: int, x: FloatArray, weights: FloatArray | None = None, *, dimension: int = 3
-) -> TensorPoints:
-    """Functions of degree ``degree`` at the tensor grid of the points ``x`` of a line."""
-    line = np.zeros(len(x)) if weights is None else weights
-    return line_points(degree, [x] * dimension, [line] * dimension)
-
-
-def line_points(degree: int, x: list[FloatArray], weights: list[FloatArray]) -> TensorPoints:
-    """Functions at the tensor grid of points of one line, and their weights, for each direction."""
-    dimension = len(x)
-    values, slopes = zip(*(line_basis(degree, line) for line in x), strict=True)
-    factors = [
-        [slopes[k] if k == d else values[k] for k in range(dimension)] for d in range(dimension)
-    ]
-    products = [_product(chosen) for chosen in factors]
-    return TensorPoints(_product(list(values)), np.stack(products, axis=-1), _product(weights))
-
-
-def _product(factors: list[FloatArray]) -> FloatArray:
-    """Tensor product, the last factor fastest."""
-    product = factors[0]
-    for factor in factors[1:]:
-        product = np.asarray(np.kron(product, factor), dtype=np.float64)
-    return product
-
-
-def gauss_line(n: int) -> tuple[FloatArray, FloatArray]:
-    """Gauss points and weights on [-1, 1]."""
-    points, weights = legendre.leggauss(n)
-    return points, weights
 
 
 def slopes_of(values: FloatArray, at: TensorPoints) -> FloatArray:
@@ -194,10 +112,10 @@ class Lagrange:
         """Functions at natural coordinates, (n_points, 3) to (n_points, n)."""
         return tensor_values(*(line_basis(self.degree, x)[0] for x in natural.T))
 
-    @cached_property
+    @property
     def quadrature(self) -> TensorPoints:
         """Points of the stiffness: degree + 1 in each direction."""
-        return tensor_points(self.degree, *gauss_line(self.degree + 1))
+        return gauss_functions(self.degree, self.degree + 1)
 
     def gradients(self, coordinates: FloatArray, at: TensorPoints) -> tuple[FloatArray, FloatArray]:
         """Gradients of the functions and volumes of points of elements.
@@ -254,7 +172,7 @@ class Lagrange:
 
         Nodes are (m, n, 3) [mm], displacements (n_bodies, m, n, 3) [mm].
         """
-        at = tensor_points(self.degree, gauss_line(self.degree + 2)[0])
+        at = gauss_functions(self.degree, self.degree + 2)
         return self.stress_at(coordinates, material, displacement, at)
 
     def nodal_stress(

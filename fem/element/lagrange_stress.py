@@ -16,13 +16,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
-from fem.element.lagrange import (
-    Lagrange,
-    TensorPoints,
-    adjugates,
-    line_basis,
-    tensor_points,
-)
+from fem.element.functions import TensorPoints, line_basis, tensor_points
+from fem.element.lagrange import Lagrange, adjugates
 from fem.element.material import Material
 from fem.element.stress import largest_tension, principal_stress, stress_of_gradient
 from geometry.measures import first_largest

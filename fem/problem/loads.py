@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from fem.element.facet import FACET_CORNERS, basis_of, facet_area_vectors, facet_functions
-from fem.element.lagrange import gauss_line
+from fem.element.functions import gauss_line
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, HexMesh, IntArray
 

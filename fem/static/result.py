@@ -230,11 +230,13 @@ def refined(
     Returns
     -------
     tuple[StaticResult, StaticResult | None]
-        The last state that was reached, and the one before it; None where there is but one.
+        The last state that was reached, and the one before it, in fewer parts; None where there is
+        but one.
     """
     known: StaticResult | None = None
     while True:
         fine = solve(parts)
+        parts = max(parts, fine.load_steps)  # more than asked for where so few had no equilibrium
         enough = known is not None and fine.converged and path_change(known, fine) <= tolerance
         if enough or 2 * parts > MOST_PARTS:
             break

@@ -198,6 +198,7 @@ def _load(
                 problem, again, options=options, points=points, store=store
             )
         problem, state = _closer(once, way(problem, again, _FALLBACK_LOAD_STEPS))
+        options = replace(options, load_steps=_FALLBACK_LOAD_STEPS)
     solved = time.process_time()
     system = problem.system
     displacement = problem.step.complete(state.displacement)

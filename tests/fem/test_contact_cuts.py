@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from fem.contact.cuts import carry_over, closest_on_facets
+from fem.contact.cuts import carry_over
 from fem.contact.pieces import clip, fine_points, moment_points
-from fem.contact.search import BlockSurface, FacingPoints
+from fem.contact.search import BlockSurface, FacingPoints, closest_points
 from fem.element.facet import lagrange_basis
 from geometry.block import box_block
 from geometry.mesh import boundary_quads
@@ -222,6 +222,5 @@ def test_nothing_lies_deeper_than_blocks_have_moved(lean, moved):
     facing = FacingPoints(surfaces, reach=1e-3)
     corners, found = facing.position[facing.quads], facing.now
     points = np.einsum("na,nai->ni", found.shapes, corners[found.slave])
-    gap, normal = np.empty(len(points)), np.empty((len(points), 3))
-    closest_on_facets(corners[found.facet], points, found.xi.copy(), gap, normal, True)
+    _, gap, _ = closest_points(corners[found.facet], points, found.xi)
     assert gap.min() > -2e-3

@@ -8,21 +8,21 @@ import pytest
 from fem import ElementType, Problem, Static, solve_static
 from fem.assembly.symmetry import local_forces
 from fem.element.facet import lagrange_basis
-from fem.element.kinds import block_internal_force, block_stiffness
-from fem.element.lagrange import (
-    Lagrange,
-    adjugates,
+from fem.element.functions import (
+    functions_at,
+    gauss_functions,
     gauss_line,
     line_basis,
     lobatto_points,
-    tensor_points,
 )
+from fem.element.kinds import block_internal_force, block_stiffness
+from fem.element.lagrange import Lagrange, adjugates
 from fem.element.lagrange_mesh import LagrangeMesh, with_degree
 from fem.problem.model import block_group
 from fem.static.linear_step.columns import alike_lengths, flexible_block
 from fem.static.linear_step.grid_block import GridBlock, grid_block
 from geometry import SineBlock, pipe, tube
-from geometry.mesh import FloatArray, MeshError, boundary_quads
+from geometry.mesh import FloatArray, MeshError, boundary_quads, grid_points
 from tests.support.answers import on_its_mesh
 from tests.support.curved_blocks import CONCRETE, block, curved
 
@@ -65,6 +65,20 @@ def test_polynomials_up_to_the_degree_are_exact(degree: int) -> None:
         assert np.abs(slopes @ nodes**power - expected).max() < 1e-12
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_functions_of_scikit_fem_are_the_tensor_products(degree: int, dimension: int) -> None:
+    """The same nodes, points and weights in the same order; 1e-14: round-off of numbers up to 4."""
+    at = gauss_functions(degree, degree + 1, dimension)
+    line, weights = gauss_line(degree + 1)
+    natural = grid_points(*[line] * dimension)
+    values, slopes = functions_at(degree, natural)
+    np.testing.assert_allclose(at.values, values, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(at.slopes, slopes, rtol=0, atol=1e-14)
+    expected = grid_points(*[weights] * dimension).prod(axis=1)
+    np.testing.assert_allclose(at.weights, expected, rtol=1e-14)
+
+
 def test_degree_one_is_the_trilinear_element() -> None:
     """The same functions, Gauss points and order of nodes but for the numbering."""
     nodes = block().mesh.nodes[block().mesh.elements]
@@ -84,7 +98,7 @@ def test_affine_states_are_exact(degree: int) -> None:
     strain = 0.5 * (gradient + gradient.T)
     voigt = np.array([*np.diag(strain), *(2 * strain[[0, 1, 0], [1, 2, 2]])])
     expected = CONCRETE.elasticity_matrix() @ voigt
-    at = tensor_points(degree, *gauss_line(degree))
+    at = gauss_functions(degree, degree)
     stress = element.stress_at(mesh.nodes[mesh.members], CONCRETE, u[None, mesh.members], at)
     # Differences of coordinates of 200 mm: 1e-14 of them over an element of 20 mm.
     np.testing.assert_allclose(
@@ -115,7 +129,7 @@ def test_faces_are_closed_and_look_outwards() -> None:
     area = basis.weights[:, None] * np.cross(tangents[:, :, 0], tangents[:, :, 1])
     positions = np.einsum("pa,fai->fpi", basis.values, corners)
     flux, total = float(np.einsum("fpi,fpi->", area, positions)), area.sum(axis=(0, 1))
-    fine = tensor_points(3, *gauss_line(5))
+    fine = gauss_functions(3, 5)
     volume = float(element.gradients(mesh.nodes[mesh.members], fine)[1].sum())
     # Polynomials of degree 3 × 3 - 1 in each direction: five points integrate them exactly.
     assert flux == pytest.approx(3.0 * volume, rel=1e-12)

@@ -86,6 +86,22 @@ def test_the_finest_parts_that_converge_are_the_answer():
     assert refined(lambda _: bad, 1, 0.1) == (bad, None)
 
 
+def test_a_state_is_not_compared_with_itself():
+    """Where one and two parts find no equilibrium and four do, four of them are no measure of what
+    finer steps change: that are eight."""
+    good = solve_static(sheared_column(0.2, CoulombFriction(0.3)))
+    asked = []
+
+    def solve(parts: int):
+        asked.append(parts)
+        return replace(good, load_steps=max(parts, 4))
+
+    found, coarser = refined(solve, 1, 0.1)
+    assert asked == [1, 8]
+    assert coarser is not None
+    assert (coarser.load_steps, found.load_steps) == (4, 8)
+
+
 def test_much_friction_converges_in_every_load_step():
     """Limits that follow the pressures at once swing for ever with a coefficient of 0.6, at a
     residual of a tenth."""

@@ -13,7 +13,7 @@ import pytest
 from fem import LinearPenalty, Material, Problem, Static, solve_static
 from fem.accuracy.one_mesh import static_solution
 from fem.assembly.contact_state import facing_points
-from fem.contact.cuts import closest_on_facets
+from fem.contact.search import closest_points
 from fem.decks.problem import problem_deck
 from fem.decks.statement import Flavour
 from fem.dynamics import stated_run
@@ -367,8 +367,7 @@ def test_faces_that_slide_on_each_other_press_nowhere(tmp_path: Path) -> None:
     facing = facing_points(deformable, tuple(moved))
     corners, found = facing.position[facing.quads], facing.now
     points = np.einsum("na,nai->ni", found.shapes, corners[found.slave])
-    gap, normal = np.empty(len(points)), np.empty((len(points), 3))
-    closest_on_facets(corners[found.facet], points, found.xi.copy(), gap, normal, True)
+    _, gap, _ = closest_points(corners[found.facet], points, found.xi)
     assert np.abs(gap).max() < 1e-9
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from fem import CoulombFriction, ExponentialLaw, Frames, LinearPenalty, Material
 from fem.assembly.contact_state import searched_state
+from fem.contact.cuts import closest_point
 from fem.contact.search import BlockSurface, closest_points
 from fem.contact.surfaces import ContactError, ContactNormals
 from fem.element.facet import bilinear
@@ -333,6 +334,13 @@ def test_agrees_with_matched_facets_where_nothing_slides():
     assert np.sqrt(np.mean((pressures[1] - pressures[0]) ** 2)) < 1e-3 * scale
 
 
+def closest_from_the_middle(corners, points):
+    """As cuts find it: natural coordinates and gaps."""
+    xi, work = np.zeros((len(points), 2)), np.empty((9, 3))
+    gaps = [closest_point(c, x, at, work) for c, x, at in zip(corners, points, xi, strict=True)]
+    return xi, np.array(gaps)
+
+
 def test_closest_points_of_skewed_facets():
     """Facets of split triangles, angles from 45 to 135 degrees: every point is its own closest."""
     kite = np.array([[-1.3, -1.1, 1.0], [0.45, 0.65, 1.0], [-0.13, 1.23, 1.0], [-1.3, 0.65, 1.0]])
@@ -340,7 +348,7 @@ def test_closest_points_of_skewed_facets():
     shapes, _ = bilinear(stated)
     for corners in (kite, kite[::-1], kite * [3.0, 1.0, 1.0]):
         points = shapes @ corners + [0.0, 0.0, 0.01]
-        xi, gap, _ = closest_points(np.tile(corners, (len(points), 1, 1)), points)
+        xi, gap = closest_from_the_middle(np.tile(corners, (len(points), 1, 1)), points)
         np.testing.assert_allclose(xi, stated, atol=1e-9)
         np.testing.assert_allclose(np.abs(gap), 0.01, rtol=1e-9)
 
@@ -351,8 +359,11 @@ def test_closest_points_of_a_warped_facet():
     flat = np.array([[0.0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])
     corners = flat + 0.1 * rng.standard_normal((60, 4, 3))
     points = np.array([1.0, 1.0, 0.3]) + 0.3 * rng.standard_normal((60, 3))
-    xi, gap, normal = closest_points(corners, points)
+    near, away = closest_from_the_middle(corners, points)
+    xi, gap, normal = closest_points(corners, points, near)
     assert (np.abs(xi) < 1.9).all()
+    np.testing.assert_allclose(xi, near, atol=1e-9)
+    np.testing.assert_allclose(gap, away, atol=1e-12)
     found = np.einsum("na,nai->ni", bilinear(xi)[0], corners)
     assert np.abs(points - found - gap[:, None] * normal).max() < 1e-12
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from fem import solve_static, write_deck
+from fem.decks.meshes import TetrahedralMesh, tetrahedral_block
 from fem.decks.problem import problem_deck
 from fem.decks.statement import Flavour
-from fem.element.tetrahedral_mesh import TetrahedralMesh, tetrahedral_block
 from tests.support.ccx import calculix_available, run_calculix
 from validation import load_case
 

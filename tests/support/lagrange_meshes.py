@@ -7,7 +7,8 @@ import itertools
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fem.element.lagrange_mesh import LagrangeMesh, serendipity_block, with_degree
+from fem.decks.meshes import serendipity_block
+from fem.element.lagrange_mesh import LagrangeMesh, with_degree
 from geometry import HexagonBlock as HexagonBlockParameters
 from geometry.block import Block
 from geometry.families.hexagon_block import (

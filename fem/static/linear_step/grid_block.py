@@ -17,7 +17,8 @@ from functools import cached_property, partial
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
-from fem.element.lagrange import Lagrange, TensorPoints, gauss_line, tensor_points
+from fem.element.functions import TensorPoints, gauss_functions
+from fem.element.lagrange import Lagrange
 from fem.element.material import Material
 from fem.problem.model import rigid_motions
 from fem.static.linear_step.columns import ColumnBlock, flexible_block
@@ -64,7 +65,7 @@ class GridBlock:
     def sides(self) -> tuple[_SidePoints, ...]:
         """Points of integration of the sides that can be in contact."""
         degree = self.element.degree
-        at = tensor_points(degree, *gauss_line(degree + 2), dimension=2)
+        at = gauss_functions(degree, degree + 2, 2)
         return tuple(self._side(direction, end, at) for direction, end in _SIDES)
 
     def _side(self, direction: int, end: int, at: TensorPoints) -> _SidePoints:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from fem.element.lagrange import lobatto_points
+from fem.element.functions import lobatto_points
 from fem.element.stress import von_mises
 from geometry.families.hexagon_block import EDGE_NAMES
 from geometry.mesh import FloatArray, structured_quads

@@ -1,4 +1,4 @@
-"""Tetrahedra of ten nodes, and the hexahedra that each was split into.
+"""Quadratic meshes of decks: tetrahedra of ten nodes and hexahedra of twenty.
 
 Splitting a tetrahedron gives four hexahedra, one at each corner. The middles of its edges are
 nodes of theirs already; the middles of its sides and its own come last and belong to no element.
@@ -12,8 +12,10 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
+from fem.element.lagrange import Lagrange
+from fem.element.lagrange_mesh import lagrange_mesh
 from geometry.block import Block
-from geometry.mesh import FloatArray, HexMesh, IntArray, MeshError
+from geometry.mesh import CORNERS, HEX_EDGES, FloatArray, HexMesh, IntArray, MeshError
 
 #: Ends of the edges whose middles are nodes 5 to 10, and corners of sides S1 to S4, as C3D10.
 _EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
@@ -146,3 +148,47 @@ def _node(parts: IntArray, owners: IntArray, of: IntArray) -> IntArray:
         raise MeshError("hexahedra: got some that are no quarters of tetrahedra, expected such")
     result: IntArray = parts[every, of[:, 0]][mine]
     return result
+
+
+@dataclass(frozen=True)
+class SerendipityMesh(HexMesh):
+    """Hexahedra of 20 nodes, corners and middles of edges: what decks name C3D20."""
+
+    members: IntArray
+    """Nodes of each hexahedron in the order of C3D20, (n_elements, 20)."""
+
+    @property
+    def connectivity(self) -> IntArray:
+        """All nodes of each hexahedron."""
+        return self.members
+
+    def facet_nodes(self, quads: IntArray) -> IntArray:
+        """Nodes of facets from their corners, (n, 4) to (n, 8): middles after corners."""
+        ends = np.stack([quads, np.roll(quads, -1, axis=1)], axis=2).reshape(-1, 2)
+        known, numbers = self._middles
+        result = np.searchsorted(known, _edge_keys(ends, self.n_nodes))
+        return np.concatenate([quads, numbers[result].reshape(-1, 4)], axis=1)
+
+    @cached_property
+    def _middles(self) -> tuple[IntArray, IntArray]:
+        """Keys of the edges, sorted, and the numbers of their middles."""
+        keys = _edge_keys(self.elements[:, HEX_EDGES].reshape(-1, 2), self.n_nodes)
+        unique, first = np.unique(keys, return_index=True)
+        return unique, self.members[:, 8:].ravel()[first]
+
+
+def _edge_keys(ends: IntArray, n: int) -> IntArray:
+    """One number for the two ends of edges in any order, (m, 2) to (m,)."""
+    return ends.min(axis=1) * n + ends.max(axis=1)
+
+
+def serendipity_block(block: Block) -> Block:
+    """Block with hexahedra of 20 nodes on its exact shape, where it has one."""
+    mesh = lagrange_mesh(block, 2)
+    natural = np.concatenate([CORNERS, CORNERS[HEX_EDGES].mean(axis=1)])
+    grid = Lagrange(2).nodes
+    columns = [int(np.abs(grid - place).sum(axis=1).argmin()) for place in natural]
+    # Middles of edges come before those of faces or after: numbers are given anew.
+    kept, members = np.unique(mesh.members[:, columns], return_inverse=True)
+    twenty = members.reshape(-1, 20).astype(np.int64)
+    return replace(block, mesh=SerendipityMesh(mesh.nodes[kept], mesh.elements, twenty))
