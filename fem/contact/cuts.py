@@ -410,7 +410,7 @@ def carry_over(old_slave, old_shapes, old, slave, shapes, new):
     old_shapes, shapes
         Shape functions of its corners at each point, (n, 4) and (m, 4).
     old, new
-        What points have, (n, 3) and, out, (m, 3).
+        What points have, (n, k) and, out, (m, k).
     """
     first = 0
     for p in range(len(slave)):
@@ -425,5 +425,5 @@ def carry_over(old_slave, old_shapes, old, slave, shapes, new):
             if away < least:
                 nearest, least = q, away
             q += 1
-        for i in range(3):
+        for i in range(old.shape[1]):
             new[p, i] = old[nearest, i] if nearest >= 0 else 0.0

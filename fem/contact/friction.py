@@ -7,8 +7,8 @@ the slip at which it would be free of traction, and k the stick stiffness,
     t = mu p (s - a) / |s - a|          else: it slides, and the anchor follows, a = s - t / k
 
 The anchor is the history of a point. A point without pressure has its anchor at its slip, so
-contact begins without traction. Explicit runs keep k (s - a) in world axes instead of the anchor:
-`fem.explicit.contact` returns it in its own loops.
+contact begins without traction. Explicit runs keep the elastic slip s - a instead, along sides
+that turn with the surface (`slip_sides`): `fem.explicit.contact` returns it in its own loops.
 
 Reference: Wriggers, Computational Contact Mechanics (2006), section 5.2, elastic slip and radial
 return.
@@ -31,6 +31,20 @@ MOST_FRICTION = 10.0
 
 class FrictionError(RefusedError):
     """Friction that cannot be used: the constant and its range."""
+
+
+def slip_sides(tangents: FloatArray) -> FloatArray:
+    """Directions of slip that turn with a surface, orthonormal, (..., 2, 3).
+
+    The first lies half-way between the tangents dx/dr and dx/ds, (..., 2, 3), the second across it:
+    another corner to start from turns both by a right angle, which no isotropic law notices.
+    """
+    unit = tangents / np.linalg.norm(tangents, axis=-1, keepdims=True)
+    normal = np.cross(tangents[..., 0, :], tangents[..., 1, :])
+    along = unit.sum(axis=-2)
+    both = np.stack([along, np.cross(normal, along)], axis=-2)
+    sides: FloatArray = both / np.linalg.norm(both, axis=-1, keepdims=True)
+    return sides
 
 
 @dataclass(frozen=True)

@@ -285,8 +285,8 @@ class FacingPoints:
         self.now = PointsOnFacets(**result)
 
     def carried(self, slave: IntArray, shapes: FloatArray, values: FloatArray) -> FloatArray:
-        """Values (m, 3) of points of an earlier cut at those of the present one, (n, 3)."""
-        new = np.empty((self.count, 3))
+        """Values (m, k) of points of an earlier cut at those of the present one, (n, k)."""
+        new = np.empty((self.count, values.shape[1]))
         carry_over(slave, shapes, values, self.now.slave, self.now.shapes, new)
         return new
 

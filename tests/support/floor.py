@@ -17,9 +17,18 @@ GRAVITY = 9810.0
 
 
 def block_on_floor(
-    size=(40.0, 30.0, 20.0), divisions=(2, 2, 2), *, blocks=1, lift=0.0, floor_first=True, **options
+    size=(40.0, 30.0, 20.0),
+    divisions=(2, 2, 2),
+    *,
+    shape=None,
+    blocks=1,
+    lift=0.0,
+    floor_first=True,
+    **options,
 ):
     """One or more bricks on a rigid one, each in its own column; no loads.
+
+    ``shape``: the brick with another mesh.
 
     The lower number of two blocks is the master.
     """
@@ -29,7 +38,7 @@ def block_on_floor(
     place = np.column_stack([50.0 * column, np.zeros(n), size[2] * (layer - 1.0)])
     assembly = Assembly(
         name="blocks on a floor",
-        shapes=(brick(size, divisions),),
+        shapes=(shape or brick(size, divisions),),
         shape_of=np.zeros(n, dtype=np.int64),
         rotations=np.tile(np.eye(3), (n, 1, 1)),
         translations=place,

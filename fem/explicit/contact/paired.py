@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import Orbits
-from fem.contact.friction import FrictionError
+from fem.contact.friction import FrictionError, slip_sides
 from fem.contact.search import SearchedPoints
 from fem.contact.surfaces import ContactNormals
 from fem.element.facet import FACET_SLOPES, FACET_VALUES
@@ -157,7 +157,7 @@ class _BoundFaces(BoundContact):
     def contact(self) -> tuple[SearchedPoints | None, FloatArray | None]:
         """Elastic slips at the last force evaluation: of all pairs, facets and points, (n, 2) [mm].
 
-        Along the first edge of the facet, and across it: `paired_frictions`.
+        Along `slip_sides` of the mean surface: `paired_frictions`.
         """
         if self._slip is None:
             return None, None
@@ -232,12 +232,8 @@ def paired_frictions(
     ]
     theirs = np.concatenate(blocks)
     here = _middles(deformable, displacements, theirs, np.concatenate(quads))
-    first, second = np.moveaxis(np.einsum("pak,fai->fpki", FACET_SLOPES, here), 2, 0)
-    normal, along = (
-        v / np.linalg.norm(v, axis=2, keepdims=True) for v in (np.cross(first, second), first)
-    )
-    axes = np.stack([along, np.cross(normal, along)], axis=2).reshape(-1, 2, 3)
-    traction = -friction.stick_stiffness * np.einsum("nk,nki->ni", slips, axes)
+    sides = slip_sides(np.einsum("pak,fai->fpki", FACET_SLOPES, here)).reshape(-1, 2, 3)
+    traction = -friction.stick_stiffness * np.einsum("nk,nki->ni", slips, sides)
     # The loops order facets and corners in their own way: points are found by their places.
     ours = np.stack([surfaces.block_m, surfaces.block_s], axis=1)
     there = _middles(

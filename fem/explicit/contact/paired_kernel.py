@@ -190,6 +190,18 @@ def _unit_normal(a):
 
 
 @njit(**INLINED)
+def _length(a):
+    return square_root(dot(a, a))
+
+
+@njit(**INLINED)
+def _between(a, b, length_a, length_b):
+    """Unit vector half-way between two directions."""
+    sum_ = plus(times(length_b, a), times(length_a, b))
+    return times(1.0 / _length(sum_), sum_)
+
+
+@njit(**INLINED)
 def _given(like, normal):
     """Return a normal that does not change; nothing is turned with it."""
     n = filled(like, normal[0]), filled(like, normal[1]), filled(like, normal[2])
@@ -311,24 +323,25 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
         return True
 
     @njit(**INLINED)
-    def forget(slip, at):
-        """Points that do not touch keep no elastic slip and no last position."""
-        far = filled(zero(), NEVER)
-        for point in range(4):
-            first = 4 * (at + point * width)
-            store(slip, first, zero())
-            store(slip, first + width, zero())
-            store(slip, first + 2 * width, far)
+    def touched(slip, at):
+        """Whether a point of a facet touched in the last step."""
+        first = 4 * at + 2 * width
+        a, b = load(slip, first), load(slip, first + 4 * width)
+        c, d = load(slip, first + 8 * width), load(slip, first + 12 * width)
+        return any_below(smaller(smaller(a, b), smaller(c, d)), 0.5 * NEVER)
 
     @njit(**INLINED)
-    def rub(unit, force, pressing, weight, d, normal, tangent, slip, at, point, sliding):
-        """Add the friction of one point to its force; updates slip and dissipation."""
+    def rub(unit, force, pressing, weight, d, normal, b, slip, at, point, sliding):
+        """Add the friction of one point to its force; updates slip and dissipation.
+
+        Along ``b`` and across it. A point that opens loses the energy of its elastic slip, as one
+        that slides without a limit; one that was open begins at its present slip.
+        """
         every, dissipated = sliding
         friction = rubs_of(every, unit)
         stiffness = weight * friction[1]
         first = 4 * (at + point * width)
         none = zero()
-        b = times(1.0 / square_root(dot(tangent, tangent)), tangent)
         c = cross(normal, b)
         along, across = dot(d, b), dot(d, c)
         old_x, old_y = load(slip, first), load(slip, first + width)
@@ -380,12 +393,13 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
             # A slice would count references to the array, at every facet.
             w = data.weights[f, 0], data.weights[f, 1], data.weights[f, 2], data.weights[f, 3]
             d = at_points(difference, corners)
+            rests = True
+            if slip is not None:
+                rests = not touched(slip, at)
             if normals is None:
                 low, high, left, right = slopes(middle, corners)
                 areas = cross(low, left), cross(low, right), cross(high, right), cross(high, left)
-                if far_apart(d, areas, w, clear, work.gap, at):
-                    if slip is not None:
-                        forget(slip, at)
+                if rests and far_apart(d, areas, w, clear, work.gap, at):
                     continue
                 n0, n1 = _unit_normal(areas[0]), _unit_normal(areas[1])
                 n2, n3 = _unit_normal(areas[2]), _unit_normal(areas[3])
@@ -398,9 +412,7 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
             store(work.gap, at + width, g1)
             store(work.gap, at + 2 * width, g2)
             store(work.gap, at + 3 * width, g3)
-            if not any_below(smaller(smaller(g0, g1), smaller(g2, g3)), clear):
-                if slip is not None:
-                    forget(slip, at)
+            if rests and not any_below(smaller(smaller(g0, g1), smaller(g2, g3)), clear):
                 continue
             q0 = w[0] * lanes_pressure(0.0 - g0, own)
             q1 = w[1] * lanes_pressure(0.0 - g1, own)
@@ -408,10 +420,18 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
             q3 = w[3] * lanes_pressure(0.0 - g3, own)
             f0, f1, f2, f3 = times(q0, n0[0]), times(q1, n1[0]), times(q2, n2[0]), times(q3, n3[0])
             if slip is not None:
-                f0 = rub(unit, f0, q0, w[0], d[0], n0[0], low, slip, at, 0, sliding)
-                f1 = rub(unit, f1, q1, w[1], d[1], n1[0], low, slip, at, 1, sliding)
-                f2 = rub(unit, f2, q2, w[2], d[2], n2[0], high, slip, at, 2, sliding)
-                f3 = rub(unit, f3, q3, w[3], d[3], n3[0], high, slip, at, 3, sliding)
+                below, above, west, east = (
+                    _length(low),
+                    _length(high),
+                    _length(left),
+                    _length(right),
+                )
+                b0, b1 = _between(low, left, below, west), _between(low, right, below, east)
+                b2, b3 = _between(high, right, above, east), _between(high, left, above, west)
+                f0 = rub(unit, f0, q0, w[0], d[0], n0[0], b0, slip, at, 0, sliding)
+                f1 = rub(unit, f1, q1, w[1], d[1], n1[0], b1, slip, at, 1, sliding)
+                f2 = rub(unit, f2, q2, w[2], d[2], n2[0], b2, slip, at, 2, sliding)
+                f3 = rub(unit, f3, q3, w[3], d[3], n3[0], b3, slip, at, 3, sliding)
             for j in range(3):
                 spread(on_difference, corners, j, _at_points(f0[j], f1[j], f2[j], f3[j]))
             if normals is None:
@@ -504,8 +524,8 @@ def contact_forces(data, displacements, work, law, normals, slip, sliding, wide,
     normals
         None for current normals, or reference normals in the master frame, (n_facets, 4, 3).
     slip
-        None without friction, or flat [facet][point][4][lane]: elastic slip along and across
-        dx/dr, last position along and across (`NEVER` where it did not touch) [mm].
+        None without friction, or flat [facet][point][4][lane]: elastic slip along `slip_sides` of
+        the mean surface, last position alike (`NEVER` where it did not touch) [mm].
     sliding
         None, or friction coefficient and stick stiffness, (2,) or (n_units, 2), and the energy
         dissipated so far, flat (n_units, 8) [N mm].

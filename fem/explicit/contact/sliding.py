@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from fem.assembly.contact_state import ContactState, searched_state
+from fem.contact.friction import slip_sides
 from fem.contact.search import (
     BlockSurface,
     FacingPoints,
@@ -22,6 +23,7 @@ from fem.contact.search import (
     facet_area_vectors,
     points_of_search,
 )
+from fem.element.facet import facet_functions
 from fem.explicit.body import Body
 from fem.explicit.contact.contact import BoundContact, ExplicitContact
 from fem.explicit.contact.sliding_kernel import (
@@ -214,17 +216,33 @@ class BoundSlidingContact(BoundContact):
         """Make other points; each takes the elastic slip of the nearest one before."""
         points, slip = self.points, self._slip
         before = points.now.slave.copy(), points.now.shapes.copy()
-        kept = None if slip is None else slip[: points.count].copy()
+        kept = None if slip is None else self._slips()
         make()
         self._set_constants_of_points()
         if len(points.room.slave) > len(self._gap):
             self._take_room()
         if self._slip is not None and kept is not None:
+            carried = points.carried(*before, kept)
             self._slip[:] = 0.0
-            self._slip[: points.count] = points.carried(*before, kept)
+            self._slip[: points.count, :2] = np.einsum("ni,nki->nk", carried[:, :3], self._sides())
+            self._slip[: points.count, 2] = carried[:, 3]
         self._cut[:] = points.position
         for travel in self._travel:
             travel[1] = 0.0
+
+    def _sides(self) -> FloatArray:
+        """Directions of slip on the master of all points, (n, 2, 3)."""
+        points, now = self.points, self.points.now
+        slopes = facet_functions(now.xi, 4)[1]
+        corners = points.position[points.quads[now.facet]]
+        return slip_sides(np.einsum("nak,nai->nki", slopes, corners))
+
+    def _slips(self) -> FloatArray:
+        """Elastic slips in world axes [mm], and whether a point touches, (n, 4)."""
+        assert self._slip is not None
+        slip = self._slip[: self.points.count]
+        world = np.einsum("nk,nki->ni", slip[:, :2], self._sides())
+        return np.concatenate([world, slip[:, 2:]], axis=1)
 
     def _resume(self) -> None:
         """Make the points of a checkpoint: those of the positions at its last search and cut."""
@@ -253,7 +271,7 @@ class BoundSlidingContact(BoundContact):
         stored = float(weights @ self._law.stored_energy(-self._gaps()))
         friction = self._statement.friction
         if self._slip is not None and friction is not None:
-            slip = self._slip[: self.points.count]
+            slip = self._slip[: self.points.count, :2]
             stored += 0.5 * friction.stick_stiffness * float(weights @ (slip**2).sum(axis=1))
         return stored
 
@@ -264,7 +282,7 @@ class BoundSlidingContact(BoundContact):
     def contact(self) -> tuple[SearchedPoints | None, FloatArray | None]:
         """Points at the last force evaluation, and their elastic slips (n, 3) [mm], world axes."""
         surfaces = points_of_search(self.points, self._statement.clearance)
-        return surfaces, None if self._slip is None else self._slip[surfaces.order]
+        return surfaces, None if self._slip is None else self._slips()[surfaces.order, :3]
 
     def _deepest(self) -> tuple[int, float, int, int] | None:
         if not self.points.count:

@@ -42,6 +42,11 @@ def _dot(a, b):
 
 
 @njit(**OPTIONS)
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(**OPTIONS)
 def _plus(a, share, b):
     """A + share b."""
     return a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]
@@ -93,25 +98,44 @@ def _closest(facet, point, r, s, frame):
 
 
 @njit(**OPTIONS)
-def _rub(p, friction, pressure, weight, moved, normal, slip, dissipated):
-    """Friction of one point, whose way on the master is ``moved``; times its area."""
-    stiffness = friction[1]
-    old = slip[p, 0], slip[p, 1], slip[p, 2]
-    old = _plus(old, -_dot(old, normal), normal)
-    moved = _plus(moved, -_dot(moved, normal), normal)
-    trial = _plus(old, 1.0, moved)
-    size = stiffness * math.sqrt(_dot(trial, trial))
+def _sides(first, second, normal):
+    """Directions of slip, as `fem.contact.friction.slip_sides`."""
+    ratio = math.sqrt(_dot(first, first) / _dot(second, second))
+    along = _plus(first, ratio, second)
+    size = 1.0 / math.sqrt(_dot(along, along))
+    along = size * along[0], size * along[1], size * along[2]
+    return along, _cross(normal, along)
+
+
+@njit(**OPTIONS)
+def _rub(p, friction, pressure, weight, moved, turned, sides, slip, dissipated):
+    """Friction of one point, whose way on the master is ``moved``; times its area.
+
+    Its elastic slip is along the sides that the surface has ``turned`` since the last step. A point
+    that opens loses the energy of that slip, as one that slides without a limit; one that was open
+    begins at its present slip.
+    """
+    stiffness, (along, across) = friction[1], sides
+    x = y = to_x = to_y = 0.0
+    if slip[p, 2] != 0.0:
+        old = _plus((0.0, 0.0, 0.0), slip[p, 0], turned[0])
+        old = _plus(old, slip[p, 1], turned[1])
+        x, y = _dot(old, along), _dot(old, across)
+        to_x, to_y = x + _dot(moved, along), y + _dot(moved, across)
+    size = stiffness * math.sqrt(to_x * to_x + to_y * to_y)
     limit = friction[0] * pressure
-    if size > limit:
-        share = limit / size
-        new = share * trial[0], share * trial[1], share * trial[2]
-        lost = _plus(trial, -1.0, new)
-        dissipated[0] += 0.5 * weight * stiffness * (_dot(old, lost) + _dot(new, lost))
-    else:
-        new = trial
-    slip[p, 0], slip[p, 1], slip[p, 2] = new
+    share = limit / size if size > limit else 1.0
+    new_x, new_y = share * to_x, share * to_y
+    lost = (x + new_x) * (to_x - new_x) + (y + new_y) * (to_y - new_y)
+    dissipated[0] += 0.5 * weight * stiffness * lost
+    slip[p, 0], slip[p, 1], slip[p, 2] = new_x, new_y, 1.0 if pressure > 0.0 else 0.0
     pull = weight * stiffness
-    return pull * new[0], pull * new[1], pull * new[2]
+    new_x, new_y = pull * new_x, pull * new_y
+    return (
+        new_x * along[0] + new_y * across[0],
+        new_x * along[1] + new_y * across[1],
+        new_x * along[2] + new_y * across[2],
+    )
 
 
 @njit(cache=True, **OPTIONS)
@@ -134,7 +158,8 @@ def sliding_forces(
         Constants of the contact law, in terms of -d · n, or of that of each point, (n, 7).
     friction, slip, dissipated
         None without friction; or coefficient and stick stiffness, (2,) or (n, 2), elastic slip
-        (n, 3) [mm] and the energy lost so far (1,) [N mm], updated.
+        along the two sides [mm] and whether the point touches, (n, 3), and the energy lost so far
+        (1,) [N mm], updated.
     gap
         Out: d · n of each point, (n,) [mm].
     force
@@ -157,24 +182,23 @@ def sliding_forces(
         before = _frame(master, xi[p, 0], xi[p, 1], point)
         r, s, (first, second, away) = _closest(master, point, xi[p, 0], xi[p, 1], before)
         xi[p, 0], xi[p, 1] = r, s
-        normal = (
-            first[1] * second[2] - first[2] * second[1],
-            first[2] * second[0] - first[0] * second[2],
-            first[0] * second[1] - first[1] * second[0],
-        )
+        normal = _cross(first, second)
         size = 1.0 / math.sqrt(_dot(normal, normal))
         normal = normal[0] * size, normal[1] * size, normal[2] * size
         gap[p] = _dot(away, normal)
         pressure = law_pressure(-gap[p], law_at(law, p))
         if pressure == 0.0:
-            if friction is not None:
-                slip[p, 0], slip[p, 1], slip[p, 2] = 0.0, 0.0, 0.0
-            continue
+            if friction is None:
+                continue
+            if slip[p, 2] == 0.0:
+                continue
         push = weights[p] * pressure
         pull = push * normal[0], push * normal[1], push * normal[2]
         if friction is not None:
             rubs = rubs_of(friction, p)
-            rub = _rub(p, rubs, pressure, weights[p], before[2], normal, slip, dissipated)
+            turned = _sides(before[0], before[1], normal)
+            sides = _sides(first, second, normal)
+            rub = _rub(p, rubs, pressure, weights[p], before[2], turned, sides, slip, dissipated)
             pull = _plus(pull, -1.0, rub)
         for k in range(4):
             _add(force, own[k], shapes[p, k], pull)
