@@ -108,19 +108,16 @@ def _sides(first, second, normal):
 
 
 @njit(**OPTIONS)
-def _rub(p, friction, pressure, weight, moved, turned, sides, slip, dissipated):
+def _rub(p, friction, pressure, weight, moved, sides, slip, dissipated):
     """Friction of one point, whose way on the master is ``moved``; times its area.
 
-    Its elastic slip is along the sides that the surface has ``turned`` since the last step. A point
-    that opens loses the energy of that slip, as one that slides without a limit; one that was open
-    begins at its present slip.
+    A point that opens loses the energy of its elastic slip, as one that slides without a limit; one
+    that was open begins at its present slip.
     """
     stiffness, (along, across) = friction[1], sides
-    x = y = to_x = to_y = 0.0
+    x, y = slip[p, 0], slip[p, 1]
+    to_x, to_y = x, y
     if slip[p, 2] != 0.0:
-        old = _plus((0.0, 0.0, 0.0), slip[p, 0], turned[0])
-        old = _plus(old, slip[p, 1], turned[1])
-        x, y = _dot(old, along), _dot(old, across)
         to_x, to_y = x + _dot(moved, along), y + _dot(moved, across)
     size = stiffness * math.sqrt(to_x * to_x + to_y * to_y)
     limit = friction[0] * pressure
@@ -196,9 +193,8 @@ def sliding_forces(
         pull = push * normal[0], push * normal[1], push * normal[2]
         if friction is not None:
             rubs = rubs_of(friction, p)
-            turned = _sides(before[0], before[1], normal)
             sides = _sides(first, second, normal)
-            rub = _rub(p, rubs, pressure, weights[p], before[2], turned, sides, slip, dissipated)
+            rub = _rub(p, rubs, pressure, weights[p], before[2], sides, slip, dissipated)
             pull = _plus(pull, -1.0, rub)
         for k in range(4):
             _add(force, own[k], shapes[p, k], pull)
