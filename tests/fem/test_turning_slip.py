@@ -42,7 +42,7 @@ def along_path(deformable, path):
     result = []
     for moved in path:
         local = np.einsum("cij,cni->cnj", turns, moved[np.argsort(statement.copy_of)])
-        now.displacement[:] = to_lanes(local, body.rows.order, body.dtype)
+        now.displacement[:] = to_lanes(local, body.rows.order)
         now.applied_force[:] = 0.0
         contact = system.interactions[0]
         contact.add_force(system, state)
