@@ -15,6 +15,7 @@ import subprocess
 import sys
 import time
 import tomllib
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -668,3 +669,10 @@ def test_a_sweep_of_which_nothing_came_is_an_error(tmp_path) -> None:
     assert "every design failed; the first: mesh.around: got 23" in err
     with ResultFile(tmp_path / "bad.sqlite", load_study(str(tmp_path / "bad.toml"))) as results:
         assert results.counts() == (2, 2)
+
+
+def test_pictures_of_a_study_name_its_method_and_its_load(tubes) -> None:
+    study, _ = tubes
+    assert study.title == "tubes, rigid blocks: internal pressure 0.01 MPa"
+    pressed = replace(study, parameters=(("load.pressure", (0.01, 0.02)),))
+    assert pressed.title == "tubes, rigid blocks"  # the axis has the load

@@ -114,8 +114,8 @@ def _value_words(value: Any) -> str:
 
 def _title(study: Study, others: Sequence[str], n_curves: int) -> str:
     if len(others) < 2 or n_curves <= _MOST_NAMED:
-        return study.name
-    return f"{study.name}: {n_curves} curves, one for each combination of the other parameters"
+        return study.title
+    return f"{study.title}; {n_curves} curves, one for each combination of the other parameters"
 
 
 def _legend_title(study: Study, others: Sequence[str], curves: Sequence[Any]) -> str:

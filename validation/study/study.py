@@ -116,6 +116,14 @@ class Study:
     """Files that say what the study is: its own and that of its scene."""
 
     @property
+    def title(self) -> str:
+        """Name, method, and the load where no design changes it, for pictures."""
+        words = f"{self.name}, {'rigid' if self.quantity == 'rigid' else 'deformable'} blocks"
+        if any(path.startswith("load") for path, _ in self.parameters):
+            return words
+        return f"{words}: {self.scene_file(0).scene.load_words}"
+
+    @property
     def n_designs(self) -> int:
         """Number of designs: the product of the numbers of values."""
         return math.prod(len(values) for _, values in self.parameters)

@@ -76,7 +76,7 @@ def write_run_files(answer: Answer, outputs: Outputs) -> None:
     if answer.details.push_curves:
         _write_motions(answer, outputs)
     if answer.details.explicit is not None:
-        _write_history(answer.details.explicit.history, answer.case.name, outputs)
+        _write_history(answer.details.explicit.history, answer.title, outputs)
     if answer.case.scene.fem.frames > 0 and outputs.folder is not None:
         outputs.path(FRAMES)
         outputs.say("frames", outputs.path("frames.pvd"))
@@ -109,7 +109,7 @@ def _write_motions(answer: Answer, outputs: Outputs) -> None:
     outputs.write(
         "picture",
         "motions.png",
-        lambda path: draw_motions(curves, path, title=answer.case.name, limit=limit),
+        lambda path: draw_motions(curves, path, title=answer.title, limit=limit),
     )
 
 
@@ -121,14 +121,14 @@ def _rigid_limit(answer: Answer) -> float | None:
     return push.associated  # type: ignore[attr-defined]
 
 
-def _write_history(history: History, name: str, outputs: Outputs) -> None:
+def _write_history(history: History, title: str, outputs: Outputs) -> None:
     """Write energies over time as table and picture."""
 
     def table(path: Path) -> None:
         write_whole(path, lambda partial: partial.write_text(history.csv(), "utf-8"))
 
     outputs.write("history", "history.csv", table)
-    outputs.write("picture", "energies.png", lambda path: draw_energies(history, path, title=name))
+    outputs.write("picture", "energies.png", lambda path: draw_energies(history, path, title=title))
 
 
 def _add_slip(table: Table, slip: dict[str, float] | None) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from validation.output.pictures.gallery import save_figure, subplots
+from validation.output.pictures.gallery import save_figure, subplots, wrapped
 from validation.output.pictures.scales import BLUE, GREEN, GREY, ORANGE, SKY, VERMILION
 
 if TYPE_CHECKING:
@@ -34,12 +34,13 @@ def draw_energies(history: History, path: Path, *, title: str) -> None:
         ("frictional dissipation", history.column("frictional_dissipation"), ORANGE, "--"),
         ("hourglass (part of strain)", history.column("hourglass_energy"), GREY, ":"),
     ]
-    figure, (upper, lower) = subplots(2, 1, size=(8, 6.5), sharex=True, height_ratios=[3, 1])
+    size = (8.0, 6.5)
+    figure, (upper, lower) = subplots(2, 1, size=size, sharex=True, height_ratios=[3, 1])
     for label, values, colour, style in curves:
         if np.any(values != 0.0):
             upper.plot(time, values, color=colour, linestyle=style, label=label)
     upper.set_ylabel("energy [N mm]")
-    upper.set_title(f"{title}: energies", loc="left")
+    upper.set_title(wrapped(f"{title}: energies", size[0]), loc="left", fontsize="medium")
     upper.legend(frameon=False, ncols=2)
     upper.grid(alpha=0.3)
     lower.plot(time, history.column("energy_balance"), color="black")

@@ -8,6 +8,7 @@ the program and the day. Words are measured once, views and plots fill the room 
 from __future__ import annotations
 
 import datetime
+import re
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -197,10 +198,12 @@ def gallery(
         layout = _Layout(columns, height, widest - 2 * _MARGIN - side)
         named = sum(_width(one.get_label(), "medium") + _HANDLE for one in legend)
         width = max(sum(layout.widths) + 2 * _MARGIN + side, _LEAST_PAGE, named)
-        words = _wrapped(title, (width - 2 * _MARGIN) * _TITLE_LETTERS)
+        # A minus sign, where a number follows.
+        title = re.sub(r"(?<![\w)])-(?=\d)", "−", title)
+        words = wrapped(title, width - 2 * _MARGIN)
         top = layout.height + _FOOT + (_LEGEND if legend else 0.0)
-        page = _Page((width, top + 0.2 + _TITLE_LINE * len(words)), _dots(path))
-        page.write((_MARGIN, page.size[1] - 0.12), "\n".join(words), fontsize="large", va="top")
+        page = _Page((width, top + 0.2 + _TITLE_LINE * len(words.split("\n"))), _dots(path))
+        page.write((_MARGIN, page.size[1] - 0.12), words, fontsize="large", va="top")
         boxes = layout.boxes(0.5 * (width - side - sum(layout.widths)), top)
         for column, places in zip(columns, boxes, strict=True):
             drawn = list(zip(column, places, strict=True))
@@ -487,9 +490,10 @@ def _beside(scale: Scale) -> float:
     return 0.17 + max(_width(scale.number(value), "small") for value in scale.ticks(6))
 
 
-def _wrapped(words: str, letters: float) -> list[str]:
-    count = max(int(letters), 12)
-    return [line for part in words.split("\n") for line in textwrap.wrap(part, count) or [""]]
+def wrapped(title: str, width: float) -> str:
+    """A title in lines of a width [in]."""
+    count = max(int(width * _TITLE_LETTERS), 12)
+    return "\n".join(textwrap.fill(part, count) for part in title.split("\n"))
 
 
 def _pixels(view: View, width: float, height: float, point: FloatArray | None) -> Any:

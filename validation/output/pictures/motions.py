@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from validation.output.pictures.gallery import save_figure, subplots
+from validation.output.pictures.gallery import save_figure, subplots, wrapped
 from validation.output.pictures.scales import BLUE, GREEN, ORANGE, VERMILION
 
 if TYPE_CHECKING:
@@ -53,7 +53,8 @@ def draw_motions(
         )
     axes.set_xlabel("displacement of the support [mm]")
     axes.set_ylabel(f"force on the blocks [{name}]")
-    axes.set_title(f"{title}: force against displacement", loc="left")
+    words = wrapped(f"{title}: force against displacement", 7.0)
+    axes.set_title(words, loc="left", fontsize="medium")
     axes.margins(0.1)
     axes.grid(alpha=0.3)
     if len(curves) > 1:

@@ -147,7 +147,7 @@ class SearchResult:
             _draw_judged(self.search, self.final, axes)
         axes.grid(alpha=0.3)
         axes.legend(frameon=False)
-        axes.set_title(f"{stated.study.name}: {len(self.search.points)} designs", loc="left")
+        axes.set_title(f"{stated.study.title}; {len(self.search.points)} designs", loc="left")
         save_figure(figure, Path(path))
 
     def __repr__(self) -> str:
