@@ -14,7 +14,13 @@ import pytest
 from fem import ElementType, Problem, Static, concrete, solve_static
 from geometry import HeldFace, LoadCase, PressureLoad, SineBlock, box_column, pipe, tube
 from geometry.families.boxes import ColumnBox
-from tests.support.plain_statics import PlainState, displacements, plain_arrays, plain_path
+from tests.support.plain_statics import (
+    PlainState,
+    displacements,
+    plain_arrays,
+    plain_path,
+    plain_searched,
+)
 
 BLOCK = SineBlock(
     height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
@@ -22,6 +28,7 @@ BLOCK = SineBlock(
 METHOD = Static(mesh="scene", error_estimate=False)
 AGREES = 1e-9
 STOPS = 1e-8
+SEARCHED = 1e-6
 
 
 def _tube(degree: int, friction: float | None, layers: int = 1) -> Problem:
@@ -43,7 +50,7 @@ def _agree(problem: Problem, plain: PlainState, method: Static) -> None:
     expected = np.concatenate(displacements(problem, plain))
     away = np.abs(answer.fields["displacement"] - expected).max()
     assert away <= AGREES * np.abs(expected).max()
-    area = plain_arrays(problem).area
+    area = plain_arrays(problem).points.area
     pressures = (area * plain.tractions[..., 0]).sum(axis=1) / area.sum(axis=1)
     there = answer.contacts["pressure_MPa"]
     np.testing.assert_allclose(there, pressures, rtol=0.0, atol=STOPS * pressures.max())
@@ -86,3 +93,14 @@ def test_supports_that_move(friction: float | None) -> None:
     path = [(1.0, float(np.interp(t, *np.transpose(there)))) for t in times]
     method = replace(METHOD, load_steps=1, motion_steps=steps)
     _agree(problem, plain_path(problem, path), method)
+
+
+@pytest.mark.parametrize("friction", [None, 0.2])
+def test_points_of_a_search(friction: float | None) -> None:
+    """Searches end at a share of the skin of contact, which bounds how far blocks still go."""
+    problem = replace(_tube(1, friction), finite_sliding=True)
+    plain = plain_searched(problem)
+    answer = solve_static(problem, replace(METHOD, load_steps=None if friction is None else 1))
+    expected = np.concatenate(displacements(problem, plain))
+    away = np.abs(answer.fields["displacement"] - expected).max()
+    assert away <= SEARCHED * np.abs(expected).max()

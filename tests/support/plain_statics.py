@@ -1,8 +1,8 @@
 """Contact statics in two pages: the slow plain reference of `fem.solve_static`.
 
 Every block in world axes, no symmetry, no condensation; one sparse factorisation an iteration. Only
-the numbering of meshes, the pairs of facets and the contact law are those of the package: elements,
-loads, gaps, friction and Newton's method are written here once more.
+the numbering of meshes, the pairs of facets, the cuts of a search and the contact law are those of
+the package: elements, loads, gaps, friction and Newton's method are written here once more.
 
 Load f = K u + ∑ w Rᵀ t(x): x is the overclosure of a contact point, with its slips where there is
 friction, R = ∂x/∂u.
@@ -20,6 +20,8 @@ from scipy.sparse import bsr_array, csc_array, csr_array, eye_array
 from scipy.sparse.linalg import splu
 
 from fem import Problem
+from fem.assembly.contact_state import facing_points
+from fem.contact.search import points_of_search
 from geometry import PressureLoad
 from geometry.mesh import CORNERS, BoolArray, FloatArray, IntArray
 
@@ -87,6 +89,25 @@ def _block_stiffness(nodes: FloatArray, members: IntArray, degree: int, material
     return csr_array((matrix.ravel(), places), (3 * len(nodes), 3 * len(nodes)))
 
 
+class Points(NamedTuple):
+    """Points of contact, of matched facets or of a search."""
+
+    rows: IntArray
+    """Nodes of both facets of each pair, master first, (n_facets, 2 m)."""
+    functions: FloatArray
+    """Of the nodes in x_s - x_m, (n_facets or 1, p, 2 m)."""
+    slopes: FloatArray
+    """Of the nodes in the tangents, (n_facets or 1, p, 2, 2 m)."""
+    offset: FloatArray
+    """x_s - x_m as built, (n_facets, p, 3) [mm]."""
+    tangents: FloatArray
+    """As built, (n_facets, p, 2, 3) [mm]."""
+    sides: FloatArray
+    """Directions of slips, (n_facets, p, 2 or 0, 3)."""
+    area: FloatArray
+    """(n_facets, p) [mm²]"""
+
+
 class Plain(NamedTuple):
     """Arrays of a problem."""
 
@@ -99,15 +120,7 @@ class Plain(NamedTuple):
     """(n, 3)"""
     way: FloatArray
     """Of held components, (n, 3) [mm]."""
-    rows: IntArray
-    """Nodes of both facets of each pair, master first, (n_facets, 2 m)."""
-    offset: FloatArray
-    """x_s - x_m as built, (n_facets, p, 3) [mm]."""
-    tangents: FloatArray
-    """Of the mean surface as built, (n_facets, p, 2, 3) [mm]."""
-    area: FloatArray
-    """(n_facets, p) [mm²]"""
-    degree: int
+    points: Points
 
 
 class PlainState(NamedTuple):
@@ -183,45 +196,36 @@ def plain_arrays(problem: Problem) -> Plain:
         rows.append(np.concatenate(row))
         ends.append(np.stack(x))
     x_m, x_s = np.moveaxis(np.array(ends), 1, 0)
-    t = tangents(0.5 * (x_m + x_s))
+    t, functions = tangents(0.5 * (x_m + x_s)), np.hstack([-values, values])[None]
+    mean = 0.5 * np.concatenate([slopes, slopes], axis=1).transpose(0, 2, 1)[None]
     area = np.linalg.norm(np.cross(t[:, :, 0], t[:, :, 1]), axis=2) * weights
-    return Plain(
-        first, stiffness, force, held, way, np.array(rows), values @ (x_s - x_m), t, area, degree
-    )
+    across = np.cross(np.cross(t[:, :, 0], t[:, :, 1]), t[:, :, 0])
+    sides = np.stack([t[:, :, 0], across], axis=2)
+    sides /= np.linalg.norm(sides, axis=3, keepdims=True)
+    sides = sides if problem.coulomb else sides[:, :, :0]
+    points = Points(np.array(rows), functions, mean, values @ (x_s - x_m), t, sides, area)
+    return Plain(first, stiffness, force, held, way, points)
 
 
-def _gaps(
-    arrays: Plain, u: FloatArray, clearance: float, slips: bool
-) -> tuple[FloatArray, csr_array]:
+def _gaps(points: Points, u: FloatArray, clearance: float) -> tuple[FloatArray, csr_array]:
     """Overclosures and slips, (n_facets, p, 1 or 3) [mm], and their derivatives by u."""
-    values, slopes, _ = _gauss(arrays.degree, 2)
-    moved = np.vstack([u, np.zeros(3)])[arrays.rows]
-    difference, mean = np.hstack([-values, values]), 0.5 * np.concatenate([slopes, slopes], axis=1)
-    way = difference @ moved
-    d, t = arrays.offset + way, arrays.tangents + np.einsum("pnk,fni->fpki", mean, moved)
+    moved = np.vstack([u, np.zeros(3)])[points.rows]
+    way = points.functions @ moved
+    d, t = points.offset + way, points.tangents + points.slopes @ moved[:, None]
     normal = np.cross(t[:, :, 0], t[:, :, 1])
     size = np.linalg.norm(normal, axis=2, keepdims=True)
     normal /= size
     gap = (normal * d).sum(axis=2, keepdims=True)
     lean = (d - gap * normal) / size
-    by = -difference[:, :, None] * normal[:, :, None, :]
-    by += mean[:, :, 0, None] * np.cross(lean, t[:, :, 1])[:, :, None]
-    by += mean[:, :, 1, None] * np.cross(t[:, :, 0], lean)[:, :, None]
-    x, all_by = -gap - clearance, [by]
-    if slips:
-        e = arrays.tangents[:, :, 0] / np.linalg.norm(
-            arrays.tangents[:, :, 0], axis=2, keepdims=True
-        )
-        n = np.cross(arrays.tangents[:, :, 0], arrays.tangents[:, :, 1])
-        n /= np.linalg.norm(n, axis=2, keepdims=True)
-        for side in (e, np.cross(n, e)):
-            x = np.concatenate([x, (side * way).sum(axis=2, keepdims=True)], axis=2)
-            all_by.append(difference[:, :, None] * side[:, :, None, :])
-    gradient = np.stack(all_by, axis=2)
-    columns = (3 * arrays.rows[:, :, None] + np.arange(3)).reshape(len(arrays.rows), 1, -1)
-    columns = np.broadcast_to(
-        columns, (*columns.shape[:1], gradient[0, :, :, 0, 0].size, columns.shape[2])
-    )
+    functions, slopes = points.functions[..., None], points.slopes[..., None]
+    by = -functions * normal[:, :, None, :]
+    by = by + slopes[:, :, 0] * np.cross(lean, t[:, :, 1])[:, :, None]
+    by = by + slopes[:, :, 1] * np.cross(t[:, :, 0], lean)[:, :, None]
+    by_slips = points.functions[:, :, None, :, None] * points.sides[:, :, :, None]
+    x = np.concatenate([-gap - clearance, np.einsum("npki,npi->npk", points.sides, way)], axis=2)
+    gradient = np.concatenate([by[:, :, None], by_slips], axis=2)
+    columns = (3 * points.rows[:, :, None] + np.arange(3)).reshape(len(points.rows), 1, -1)
+    columns = np.repeat(columns, x[0].size, axis=1)
     pointer = np.arange(0, columns.size + 1, columns.shape[2])
     shape = (x.size, u.size + 3)
     return x, csr_array((gradient.ravel(), columns.ravel(), pointer), shape)[:, : u.size]
@@ -265,8 +269,8 @@ def _equilibrium(
 ) -> PlainState:
     """Newton's method with springs to the iterate before that fade, and a line search."""
     u, at, anchor = begin.displacement, begin.at, begin.anchor
-    free, weight = np.flatnonzero(~arrays.held.ravel()), arrays.area[..., None]
-    x, gradient = _gaps(arrays, u, problem.clearance, slips=anchor.shape[2] > 0)
+    free, weight = np.flatnonzero(~arrays.held.ravel()), arrays.points.area[..., None]
+    x, gradient = _gaps(arrays.points, u, problem.clearance)
     spring, residual = 1e-3 * arrays.stiffness.diagonal().mean(), np.inf
     force, tractions = load * arrays.force.ravel(), partial(_tractions, problem, anchor=anchor)
     for _ in range(100):
@@ -299,7 +303,7 @@ def _equilibrium(
         part = 1.0 if moves else _share(slope)
         pressed = (t + np.einsum("npkl,npl->npk", by, change))[..., 0]
         u = u + part * step.reshape(u.shape)
-        x, gradient = _gaps(arrays, u, problem.clearance, slips=anchor.shape[2] > 0)
+        x, gradient = _gaps(arrays.points, u, problem.clearance)
         at = x.copy()
         if part == 1.0:  # where the law has the pressure of the tangent
             there = problem.contact_law.overclosure(np.maximum(pressed, 0.0))
@@ -314,17 +318,61 @@ def _equilibrium(
     return PlainState(u, t, slid, at, float(residual))
 
 
+def _rest(problem: Problem, arrays: Plain) -> PlainState:
+    """Nothing has moved; contact is linearised at the mean pressure."""
+    area, slips = arrays.points.area, arrays.points.sides.shape[2]
+    mean = max(np.linalg.norm(arrays.force, axis=1).sum() / area.sum(), 1e-3)
+    at = np.zeros((*area.shape, 1 + slips))
+    at[..., 0] = problem.contact_law.overclosure(np.array(mean))
+    return PlainState(np.zeros_like(arrays.force), at, at[..., 1:], at, np.inf)
+
+
 def plain_path(problem: Problem, path: Sequence[tuple[float, float]]) -> PlainState:
     """Equilibrium at the end of a path of load factors and shares of the ways of supports."""
     arrays = plain_arrays(problem)
-    slips = 0 if problem.coulomb is None else 2
-    mean = max(np.linalg.norm(arrays.force, axis=1).sum() / arrays.area.sum(), 1e-3)
-    anchor = np.zeros((*arrays.area.shape, slips))
-    at = np.zeros((*arrays.area.shape, 1 + slips))
-    at[..., 0] = problem.contact_law.overclosure(np.array(mean))
-    state = PlainState(np.zeros_like(arrays.force), at, anchor, at, np.inf)
+    state = _rest(problem, arrays)
     for load, share in path:
         state = _equilibrium(problem, arrays, state, load, share)
+    return state
+
+
+def plain_searched(problem: Problem) -> PlainState:
+    """Equilibrium under the whole load at once on the points that a search finds there."""
+    arrays, deformable = plain_arrays(problem), problem.deformable
+    search, state = facing_points(deformable), _rest(problem, arrays)
+    for _ in range(40):
+        found = points_of_search(search, problem.clearance)
+        rows = [
+            np.where(
+                problem.load_case.fixed[of, None], len(arrays.force), quads + arrays.first[of, None]
+            )
+            for of, quads in ((found.block_m, found.quads_m), (found.block_s, found.quads_s))
+        ]
+        sides = found.sides if problem.coulomb else found.sides[:, :, :0]
+        points = Points(
+            np.hstack(rows),
+            found.functions,
+            found.slopes,
+            found.offsets,
+            found.tangents,
+            sides,
+            found.weights,
+        )
+        there, before = arrays._replace(points=points), state.displacement
+        begin = _rest(problem, there)
+        if np.isfinite(state.residual):
+            at = _gaps(points, before, problem.clearance)[0]
+            begin = begin._replace(displacement=before, at=at)
+        state = _equilibrium(problem, there, begin, 1.0, 1.0)
+        moved = np.abs(state.displacement - before).max()
+        if moved <= 1e-8 * np.abs(state.displacement).max():
+            break
+        world: list[list[FloatArray]] = [[] for _ in deformable.model.groups]
+        of_blocks = iter(displacements(problem, state))
+        for group in deformable.group_of[deformable.group_of >= 0]:
+            world[group].append(next(of_blocks))
+        search.displace(tuple(np.stack(of) for of in world))
+        search.search()
     return state
 
 
