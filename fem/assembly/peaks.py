@@ -20,16 +20,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.spatial import cKDTree
 
+from fem.assembly.ball_averages import averaged_tension, ball_averages
 from fem.assembly.contact_state import ContactState
 from fem.assembly.deformable import DeformableAssembly
 from fem.contact.facet_peaks import FacetPeaks, facet_peaks
 from fem.contact.law import ContactLaw
-from fem.element.hexahedron import at_corners, point_volumes
+from fem.element.hexahedron import at_corners
 from fem.element.kinds import integration_points
-from fem.element.lagrange_stress import averaged_tension, one_of_each_cube
 from fem.element.stress import (
     invariants,
     largest_tension,
@@ -44,8 +42,6 @@ from geometry.mesh import HEX_FACES, FloatArray, IntArray, ReadOnlyArrays
 #: Part of a peak that polynomials may miss, over (d/ℓ)², and at most: 1.15, 1.2 and 0.19 were
 #: observed.
 _OF_A_PEAK, _MOST_OF_A_PEAK = 1.5, 0.25
-#: Centres of balls lie this part of the radius apart: the mean over a ball changes little there.
-_CENTRE_SPACING = 0.25
 
 
 @dataclass(frozen=True)
@@ -335,62 +331,6 @@ def _corner_extremes(group: BlockGroup, stress: FloatArray) -> tuple[float, floa
         float(corners(low)[:, :, 2].min()),
         float(von_mises(corners(stress[mises >= 0.5 * mises.max()])).max()),
     )
-
-
-@dataclass(frozen=True)
-class BallAverages:
-    """Means over the parts of balls that lie in a block."""
-
-    centres: FloatArray
-    """In the block's own position, (n_balls, 3) [mm]."""
-    cells: csr_array
-    """Share of each integration point in each cell, (n_cells, n_points): an element where those
-    are small against the balls, else a point."""
-    weights: csr_array
-    """Share of each cell in each ball, (n_balls, n_cells)."""
-
-    def averaged(self, stress: FloatArray) -> FloatArray:
-        """Averages of stresses (n_copies, n_points, 6), (n_copies, n_balls, 6) [MPa]."""
-        return np.stack([self.weights @ (self.cells @ copy) for copy in stress])
-
-
-def ball_averages(group: BlockGroup, points: FloatArray, radius: float) -> BallAverages:
-    """Balls around centres of elements, a quarter of the radius apart or an element's size.
-
-    Parameters
-    ----------
-    group
-        The block.
-    points
-        Its integration points, (n_points, 3) [mm].
-    radius
-        Of the balls [mm]; a ball always holds the points of the element in its middle.
-    """
-    per_element = len(points) // group.mesh.n_elements
-    parts = point_volumes(group.mesh.nodes[group.mesh.elements])
-    volumes = (parts.sum(axis=1) if per_element == 1 else parts).ravel()
-    centroids = points.reshape(-1, per_element, 3).mean(axis=1)
-    small = np.cbrt(volumes.sum() / group.mesh.n_elements) < _CENTRE_SPACING * radius
-    together = per_element if small else 1
-    cells = _shares(volumes, np.arange(len(points)), together * np.arange(len(points) // together))
-    kept = one_of_each_cube(centroids, _CENTRE_SPACING * radius)
-    places = centroids if small else points
-    near = cKDTree(places).query_ball_point(centroids[kept], radius)
-    own = kept[:, None] if small else kept[:, None] * per_element + np.arange(per_element)
-    members = [np.union1d(a, b) for a, b in zip(near, own, strict=True)]
-    starts = np.cumsum([0, *(len(m) for m in members[:-1])])
-    sizes = volumes.reshape(-1, together).sum(axis=1)
-    weights = _shares(sizes, np.concatenate(members).astype(np.int64), starts)
-    return BallAverages(centroids[kept], cells, weights)
-
-
-def _shares(volumes: FloatArray, members: IntArray, starts: IntArray) -> csr_array:
-    """Mean over groups of members, weighted by volume; (n_groups, n) of groups by their starts."""
-    given = volumes[members]
-    counts = np.diff([*starts, len(members)])
-    total = np.repeat(np.add.reduceat(given, starts), counts)
-    pointer = np.concatenate([starts, [len(members)]])
-    return csr_array((given / total, members, pointer), shape=(len(starts), len(volumes)))
 
 
 # ---------------------------------------------------------------------------------------------

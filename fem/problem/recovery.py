@@ -12,11 +12,12 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from fem.element.functions import TensorPoints, tensor_points
 from fem.element.lagrange import Lagrange
-from fem.element.lagrange_stress import MovedBodies
+from fem.element.material import Material
 from fem.element.stress import principal_stress, rotate_stress
 from fem.problem.model import BlockGroup
-from geometry.mesh import FloatArray, ReadOnlyArrays, cross_matrix
+from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, cross_matrix
 
 
 @dataclass(frozen=True)
@@ -118,6 +119,20 @@ def block_displacements(
     return back @ frames, frames + turn @ frames
 
 
+@dataclass(frozen=True)
+class MovedBodies:
+    """Congruent bodies of curved elements, each in its own frame."""
+
+    element: Lagrange
+    material: Material
+    positions: FloatArray
+    """Nodes, (n_nodes, 3) [mm]."""
+    elements: IntArray
+    """Nodes of each element, (n_elements, (degree + 1)³)."""
+    displacements: FloatArray
+    """Of the nodes of every body, (n_bodies, n_nodes, 3) [mm]."""
+
+
 def moved_bodies(group: BlockGroup, local: FloatArray) -> MovedBodies:
     """Copies of a group with elements of a degree above 1.
 
@@ -143,3 +158,40 @@ def recover(
         group=group,
         local=local,
     )
+
+
+@dataclass(frozen=True)
+class LagrangeCells:
+    """All elements of bodies, each with equidistant nodes of its own."""
+
+    degree: int
+    positions: FloatArray
+    """In the body's own frame, (n_elements, n_points, 3) [mm]; last direction fastest."""
+    displacement: FloatArray
+    """The same, (n_bodies, n_elements, n_points, 3) [mm]."""
+    stress: FloatArray
+    """xx, yy, zz, xy, yz, xz in that frame, (n_bodies, n_elements, n_points, 6) [MPa]."""
+
+    @cached_property
+    def principal(self) -> FloatArray:
+        """σ₁ ≥ σ₂ ≥ σ₃, (n_bodies, n_elements, n_points, 3) [MPa]."""
+        return principal_stress(self.stress)
+
+
+def cells_of(bodies: MovedBodies) -> LagrangeCells:
+    """Evaluate every element at equidistant nodes: what was computed, jumps included."""
+    degree = bodies.element.degree
+    at = equidistant(degree)
+    nodes, moved = bodies.positions[bodies.elements], bodies.displacements[:, bodies.elements]
+    stress = bodies.element.stress_at(nodes, bodies.material, moved, at)
+    return LagrangeCells(degree, at.values @ nodes, at.values @ moved, stress)
+
+
+def equidistant(degree: int) -> TensorPoints:
+    """Functions at the nodes of Lagrange cells."""
+    return tensor_points(degree, np.linspace(-1.0, 1.0, degree + 1))
+
+
+def grid_places(degree: int) -> IntArray:
+    """Place in each direction of each point of `LagrangeCells`, (n_points, 3)."""
+    return np.indices((degree + 1,) * 3, dtype=np.int64).reshape(3, -1).T

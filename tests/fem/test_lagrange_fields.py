@@ -10,18 +10,12 @@ import pyvista as pv
 from scipy.spatial import cKDTree
 
 from fem.accuracy.transfer import interpolation
-from fem.element import lagrange_stress
+from fem.assembly import ball_averages
+from fem.assembly.ball_averages import _Cells, _tension, averaged_tension
 from fem.element.lagrange import Lagrange
 from fem.element.lagrange_mesh import LagrangeMesh, with_degree
-from fem.element.lagrange_stress import (
-    MovedBodies,
-    _Cells,
-    _tension,
-    averaged_tension,
-    cells_of,
-    grid_places,
-)
 from fem.problem.model import block_group
+from fem.problem.recovery import MovedBodies, cells_of, grid_places
 from fem.static.linear_step.grid_block import windows
 from fem.static.solve import StaticOptions
 from geometry.files.mesh_io import write_lagrange_cells
@@ -140,7 +134,7 @@ def test_a_bar_in_tension_is_looked_at_closely_at_some_places(
         assert looks[-1] <= max(looks[:2])
         return _tension(cells, centres, radius, size)
 
-    monkeypatch.setattr(lagrange_stress, "_tension", counted)
+    monkeypatch.setattr(ball_averages, "_tension", counted)
     bodies = box((2, 2, 2), 60.0)
     bodies.displacements[:] = 1e-4 * bodies.positions * [1.0, 0.0, 0.0]
     found, largest = averaged_tension(bodies, 5.0)
@@ -234,8 +228,8 @@ def test_balls_that_are_too_many_are_sought_by_larger_ones(
     rotation = random_rotation(seed)
     bodies.displacements[0] = 1e-6 * (bodies.positions @ rotation) ** 2 @ rotation.T
     expected = averaged_tension(bodies, 4.0)
-    monkeypatch.setattr(lagrange_stress, "_MOST_CELLS", 1_000)
-    monkeypatch.setattr(lagrange_stress, "_MOST_POINTS", 1_000)
+    monkeypatch.setattr(ball_averages, "_MOST_CELLS", 1_000)
+    monkeypatch.setattr(ball_averages, "_MOST_POINTS", 1_000)
     found = averaged_tension(bodies, 4.0)
     for one, other in zip(found, expected, strict=True):
         assert one.value == pytest.approx(other.value, rel=1e-6)

@@ -10,10 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fem.assembly.deformable import DeformableAssembly
-from fem.element.lagrange_stress import cells_of, equidistant, grid_places
 from fem.element.stress import von_mises
 from fem.problem.model import BlockGroup
-from fem.problem.recovery import Recovered, block_displacements, moved_bodies, recover
+from fem.problem.recovery import (
+    Recovered,
+    block_displacements,
+    cells_of,
+    equidistant,
+    grid_places,
+    moved_bodies,
+    recover,
+)
 from geometry.files.mesh_io import write_hex_mesh, write_lagrange_cells
 from geometry.mesh import FloatArray, HexMesh
 from geometry.system import write_whole

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fem.element.lagrange_stress import one_of_each_cube
+from fem.assembly.ball_averages import one_of_each_cube
 from fem.element.stress import stress_tensor
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 from validation.output.pictures.bodies import (

@@ -1,4 +1,6 @@
-"""Stresses of bodies of curved elements: sampled inside elements, and averaged over balls.
+"""Stresses averaged over the parts of balls that lie in a block.
+
+Elements of degree 1 are averaged by their integration points, those of higher degree by cells.
 
 Averages over balls are taken from cells, those on the edge of a ball in part: first everywhere,
 then where they are largest at closer and closer places, surfaces included, and with smaller and
@@ -13,13 +15,15 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
-from fem.element.functions import TensorPoints, line_basis, tensor_points
-from fem.element.lagrange import Lagrange, adjugates
-from fem.element.material import Material
+from fem.element.functions import line_basis
+from fem.element.hexahedron import point_volumes
+from fem.element.lagrange import adjugates
 from fem.element.stress import largest_tension, principal_stress, stress_of_gradient
+from fem.problem.model import BlockGroup
+from fem.problem.recovery import MovedBodies
 from geometry.measures import first_largest
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.work import Operation, count
@@ -54,24 +58,6 @@ class PointValue:
     """Number of the body, from 1: of a tube's layers the lowest free one."""
     position: FloatArray
     """In the body's own position, (3,) [mm]."""
-    face: str | None
-    """Face that it lies on; None inside."""
-    resolved: bool = True
-    """Whether the integration points resolve the value (`fem.contact.facet_peaks`)."""
-
-
-@dataclass(frozen=True)
-class MovedBodies:
-    """Congruent bodies of curved elements, each in its own frame."""
-
-    element: Lagrange
-    material: Material
-    positions: FloatArray
-    """Nodes, (n_nodes, 3) [mm]."""
-    elements: IntArray
-    """Nodes of each element, (n_elements, (degree + 1)³)."""
-    displacements: FloatArray
-    """Of the nodes of every body, (n_bodies, n_nodes, 3) [mm]."""
 
 
 def averaged_tension(bodies: MovedBodies, radius: float) -> tuple[PointValue, PointValue]:
@@ -137,7 +123,7 @@ def averaged_tension(bodies: MovedBodies, radius: float) -> tuple[PointValue, Po
 def _largest_at(values: FloatArray, positions: FloatArray) -> PointValue:
     """The largest of values (n_bodies, n) at positions (n, 3)."""
     layer, which = np.unravel_index(first_largest(values), values.shape)
-    return PointValue(float(values.max()), int(layer) + 1, positions[which], None)
+    return PointValue(float(values.max()), int(layer) + 1, positions[which])
 
 
 def _largest(
@@ -361,38 +347,64 @@ def one_of_each_cube(points: FloatArray, spacing: float) -> IntArray:
     return np.sort(order[np.unique(numbers, return_index=True)[1]])
 
 
+# ---------------------------------------------------------------------------------------------
+# Elements of degree 1
+
+#: Centres of balls lie this part of the radius apart: the mean over a ball changes little there.
+_CENTRE_SPACING = 0.25
+
+
 @dataclass(frozen=True)
-class LagrangeCells:
-    """All elements of bodies, each with equidistant nodes of its own."""
+class BallAverages:
+    """Means over the parts of balls that lie in a block."""
 
-    degree: int
-    positions: FloatArray
-    """In the body's own frame, (n_elements, n_points, 3) [mm]; last direction fastest."""
-    displacement: FloatArray
-    """The same, (n_bodies, n_elements, n_points, 3) [mm]."""
-    stress: FloatArray
-    """xx, yy, zz, xy, yz, xz in that frame, (n_bodies, n_elements, n_points, 6) [MPa]."""
+    centres: FloatArray
+    """In the block's own position, (n_balls, 3) [mm]."""
+    cells: csr_array
+    """Share of each integration point in each cell, (n_cells, n_points): an element where those
+    are small against the balls, else a point."""
+    weights: csr_array
+    """Share of each cell in each ball, (n_balls, n_cells)."""
 
-    @cached_property
-    def principal(self) -> FloatArray:
-        """σ₁ ≥ σ₂ ≥ σ₃, (n_bodies, n_elements, n_points, 3) [MPa]."""
-        return principal_stress(self.stress)
-
-
-def cells_of(bodies: MovedBodies) -> LagrangeCells:
-    """Evaluate every element at equidistant nodes: what was computed, jumps included."""
-    degree = bodies.element.degree
-    at = equidistant(degree)
-    nodes, moved = bodies.positions[bodies.elements], bodies.displacements[:, bodies.elements]
-    stress = bodies.element.stress_at(nodes, bodies.material, moved, at)
-    return LagrangeCells(degree, at.values @ nodes, at.values @ moved, stress)
+    def averaged(self, stress: FloatArray) -> FloatArray:
+        """Averages of stresses (n_copies, n_points, 6), (n_copies, n_balls, 6) [MPa]."""
+        return np.stack([self.weights @ (self.cells @ copy) for copy in stress])
 
 
-def equidistant(degree: int) -> TensorPoints:
-    """Functions at the nodes of Lagrange cells."""
-    return tensor_points(degree, np.linspace(-1.0, 1.0, degree + 1))
+def ball_averages(group: BlockGroup, points: FloatArray, radius: float) -> BallAverages:
+    """Balls around centres of elements, a quarter of the radius apart or an element's size.
+
+    Parameters
+    ----------
+    group
+        The block.
+    points
+        Its integration points, (n_points, 3) [mm].
+    radius
+        Of the balls [mm]; a ball always holds the points of the element in its middle.
+    """
+    per_element = len(points) // group.mesh.n_elements
+    parts = point_volumes(group.mesh.nodes[group.mesh.elements])
+    volumes = (parts.sum(axis=1) if per_element == 1 else parts).ravel()
+    centroids = points.reshape(-1, per_element, 3).mean(axis=1)
+    small = np.cbrt(volumes.sum() / group.mesh.n_elements) < _CENTRE_SPACING * radius
+    together = per_element if small else 1
+    cells = _shares(volumes, np.arange(len(points)), together * np.arange(len(points) // together))
+    kept = one_of_each_cube(centroids, _CENTRE_SPACING * radius)
+    places = centroids if small else points
+    near = cKDTree(places).query_ball_point(centroids[kept], radius)
+    own = kept[:, None] if small else kept[:, None] * per_element + np.arange(per_element)
+    members = [np.union1d(a, b) for a, b in zip(near, own, strict=True)]
+    starts = np.cumsum([0, *(len(m) for m in members[:-1])])
+    sizes = volumes.reshape(-1, together).sum(axis=1)
+    weights = _shares(sizes, np.concatenate(members).astype(np.int64), starts)
+    return BallAverages(centroids[kept], cells, weights)
 
 
-def grid_places(degree: int) -> IntArray:
-    """Place in each direction of each point of `LagrangeCells`, (n_points, 3)."""
-    return np.indices((degree + 1,) * 3, dtype=np.int64).reshape(3, -1).T
+def _shares(volumes: FloatArray, members: IntArray, starts: IntArray) -> csr_array:
+    """Mean over groups of members, weighted by volume; (n_groups, n) of groups by their starts."""
+    given = volumes[members]
+    counts = np.diff([*starts, len(members)])
+    total = np.repeat(np.add.reduceat(given, starts), counts)
+    pointer = np.concatenate([starts, [len(members)]])
+    return csr_array((given / total, members, pointer), shape=(len(starts), len(volumes)))
