@@ -393,12 +393,10 @@ class Solution(ReadOnlyArrays):
         judged = model.contact.friction is None and not model.contact.finite_sliding
         if self.quasi_static is None or not judged:
             return np.zeros(0, dtype=np.int64)
-        corners = corner_displacements(model, self.group_displacements, model.surfaces)
-        law = model.contact.law.on(model.surfaces.block_m, model.surfaces.block_s)
         return loose_blocks(
             model,
             self.group_displacements,
-            law.pressure(model.surfaces.overclosures(corners)),
+            self.contact_state.point_pressures.reshape(model.surfaces.weights.shape),
             model.surfaces,
             np.arange(model.assembly.n_blocks),
         )

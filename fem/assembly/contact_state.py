@@ -284,6 +284,7 @@ def contact_state(
     displacements: tuple[FloatArray, ...],
     points: ContactPoints | None = None,
     frictions: FloatArray | None = None,
+    overclosures: FloatArray | None = None,
 ) -> ContactState:
     """Contact of an assembly at some points.
 
@@ -297,12 +298,15 @@ def contact_state(
         None: those of its matched facets.
     frictions
         Friction on block s there, world axes, (n_facets, n_points, 3) [MPa]; None: without.
+    overclosures
+        As a solver has them there, (n_facets, n_points) [mm]; None: those of the displacements,
+        which differ by their rounding.
     """
     points = deformable.surfaces if points is None else points
     moved = corner_displacements(deformable, displacements, points)
     law = deformable.contact.law.on(points.block_m, points.block_s)
     if isinstance(points, SearchedPoints):
-        return searched_state(points, moved, law, frictions)
+        return searched_state(points, moved, law, frictions, overclosures)
     assert isinstance(points, MatchedFacets)
     sides = ((points.block_m, points.quads_m), (points.block_s, points.quads_s))
     nodes = moved + np.concatenate(
@@ -323,7 +327,7 @@ def contact_state(
         corner_overclosures=corner_overclosures(points, moved),
         surfaces=points,
         frictions=frictions,
-        **_at_points(points, frame, nodes, law, frictions),
+        **_at_points(points, frame, nodes, law, (frictions, overclosures)),
     )
 
 
@@ -332,14 +336,17 @@ def _at_points(
     frame: CurrentFrame,
     nodes: FloatArray,
     law: ContactLaw | None,
-    frictions: FloatArray | None,
+    solved: tuple[FloatArray | None, FloatArray | None],
 ) -> dict[str, Any]:
     """What `ContactState` has of each point, from where both facets are now (n, 2 m, 3) [mm].
 
-    Nodal forces are f_a = w (φ_a (p n + friction) - p Σ s_a,k b_k) with φ the functions of d, s the
-    slopes and b what turns the normal (`ContactPoints.kinematics`).
+    ``solved`` are the frictions and overclosures of `contact_state`. Nodal forces are
+    f_a = w (φ_a (p n + friction) - p Σ s_a,k b_k) with φ the functions of d, s the slopes and b
+    what turns the normal (`ContactPoints.kinematics`).
     """
-    overclosures = -frame.gap - points.clearance
+    frictions, overclosures = solved
+    if overclosures is None:
+        overclosures = -frame.gap - points.clearance
     pressures = np.zeros_like(overclosures) if law is None else law.pressure(overclosures)
     n_nodes = nodes.shape[1] // 2
     of_s = points.functions[..., n_nodes:] @ nodes[:, n_nodes:]
@@ -373,6 +380,7 @@ def searched_state(
     moved: FloatArray,
     law: ContactLaw | None,
     frictions: FloatArray | None = None,
+    overclosures: FloatArray | None = None,
 ) -> ContactState:
     """Contact of the points of a search.
 
@@ -389,12 +397,12 @@ def searched_state(
         Displacements of the nodes of both facets, (n_points, nodes of both, 3) [mm], world axes.
     law
         Of the points; None: nothing presses.
-    frictions
-        Friction on block s, (n_points, 1, 3) [MPa]; None: without.
+    frictions, overclosures
+        As in `contact_state`, (n_points, 1, 3) [MPa] and (n_points, 1) [mm].
     """
     frame, weights = points.frame(moved), points.weights[:, 0]
     nodes = points.corners + moved + points.origin
-    at_points = _at_points(points, frame, nodes, law, frictions)
+    at_points = _at_points(points, frame, nodes, law, (frictions, overclosures))
     overclosure, pressure = at_points["point_overclosures"], at_points["point_pressures"]
     key = np.column_stack([points.block_m, points.block_s, points.position_s])
     _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)

@@ -51,7 +51,7 @@ def solve_apart(
     residual = float(np.linalg.norm(left[free])) / scale if scale > 0.0 else 0.0
     left[free] = 0.0
     moved = tuple(system.expand(u.reshape(-1, 3)))
-    none = np.zeros((0, 4))
+    none = np.zeros(deformable.surfaces.weights.shape)
     shares = [k / load_steps for k in range(1, load_steps + 1)] if keep_steps else []
     return StaticResult(
         deformable=deformable,

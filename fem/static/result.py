@@ -24,7 +24,7 @@ from fem.assembly.contact_state import (
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.reactions import PushCurve
 from fem.contact.search import SearchedPoints
-from fem.contact.surfaces import ContactPoints, facet_pressures
+from fem.contact.surfaces import ContactPoints
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 
@@ -117,14 +117,13 @@ class StaticResult(ReadOnlyArrays):
     @property
     def facet_pressures(self) -> FloatArray:
         """Force over area of every facet of `contact_state`, (n_facets,) [MPa]."""
-        if self.searched is not None:
-            return self.contact_state.pressures
-        return facet_pressures(self.deformable.surfaces, self.pressures)
+        return self.contact_state.pressures
 
     @cached_property
     def contact_state(self) -> ContactState:
         """Contact facet by facet."""
-        return contact_state(self.deformable, self.displacements, self.surfaces, self.frictions)
+        at_points = self.surfaces, self.frictions, self.overclosures
+        return contact_state(self.deformable, self.displacements, *at_points)
 
     @property
     def max_displacement(self) -> float:

@@ -57,6 +57,11 @@ def test_joint_forces_are_the_contact_vector_of_the_last_residual(
     traction, _ = problem.law.tractions(state.gaps.x, state.anchor)
     vector = system.scatter(state.gaps.gradient, system.surfaces.weights[..., None] * traction)
     assembly = solution.deformable.assembly
+    # What is printed is what was solved, to the bit: not computed again from world displacements.
+    solved = solution.static
+    if solved.searched is None:
+        pressures = solution.contact_state.point_pressures
+        np.testing.assert_array_equal(pressures, solved.pressures.ravel())
     joints = joint_wrenches(assembly, solution.joints, assembly.centroids)
     size = np.linalg.norm(solution.joints.forces, axis=1).sum()
     for slot, block in enumerate(system.blocks.tolist()):
