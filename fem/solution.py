@@ -28,9 +28,8 @@ from fem.assembly.section_forces import SolvedState, section_forces
 from fem.assembly.symmetry import local_forces
 from fem.contact.search import points_of_search
 from fem.element.stress import principal_stress
-from fem.problem.recovery import Recovered, recover
+from fem.problem.recovery import Recovered, internal_forces, recover
 from fem.static.result import StaticResult, loose_blocks
-from fem.static.rotation import internal_forces
 from geometry.balance import Imbalance, imbalance, of_fixed_blocks, together
 from geometry.errors import RefusedError
 from geometry.measures import JointResultants, Planes, SectionForces

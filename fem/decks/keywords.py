@@ -97,12 +97,6 @@ _FACE_LABELS = {
     for axis in "xyz"
     for sign, side in (("-", "MIN"), ("+", "MAX"))
 }
-_FACE_NAMES = {text: name for name, text in _FACE_LABELS.items()}
-
-
-def name_of(text: str) -> str:
-    """Inverse of `label`."""
-    return _FACE_NAMES.get(text.upper(), text.lower())
 
 
 def keyword(name: str, /, **parameters: str | None) -> str:

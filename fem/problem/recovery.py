@@ -119,6 +119,27 @@ def block_displacements(
     return back @ frames, frames + turn @ frames
 
 
+def internal_forces(
+    group: BlockGroup, displacement: FloatArray, *, finite_rotation: bool
+) -> FloatArray:
+    """K u of each copy, world axes, (n_copies, n_nodes, 3) [N], springs included.
+
+    With finite rotation f_frame(u), by the formula of `fem.explicit.block_frame`.
+    """
+    if not finite_rotation:
+        forces = group.reference.internal_force(displacement @ group.rotations)
+        return forces @ group.rotations.transpose(0, 2, 1)
+    local, frames = block_displacements(group, displacement, finite_rotation=True)
+    mass, forces = group.lumped_mass, group.reference.internal_force(local)
+    arms = _arms(group)
+    fit = np.einsum("n,cni,nj->cij", mass, arms + local, arms)
+    inertia = np.trace(fit, axis1=1, axis2=2)[:, None, None] * np.eye(3) - fit
+    torque = np.cross(local, forces).sum(axis=1)
+    spin = np.linalg.solve(inertia, torque[:, :, None])[:, None, :, 0]
+    result: FloatArray = (forces - mass[:, None] * np.cross(spin, arms)) @ frames.transpose(0, 2, 1)
+    return result
+
+
 @dataclass(frozen=True)
 class MovedBodies:
     """Congruent bodies of curved elements, each in its own frame."""

@@ -16,13 +16,12 @@ import numpy as np
 from fem.assembly.deformable import DeformableAssembly
 from fem.assembly.symmetry import local_forces
 from fem.problem.model import (
-    BlockGroup,
     Model,
     NodalLoad,
     nodal_load,
     refuse_turning_springs,
 )
-from fem.problem.recovery import block_displacements, turned_rigidly
+from fem.problem.recovery import block_displacements, internal_forces, turned_rigidly
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.result import StaticError, StaticResult
 from fem.static.solve import StaticOptions, solve_static
@@ -168,24 +167,3 @@ def finite_rotation_loads(
         )
         for k, (group, u) in enumerate(zip(model.groups, displacements, strict=True))
     )
-
-
-def internal_forces(
-    group: BlockGroup, displacement: FloatArray, *, finite_rotation: bool
-) -> FloatArray:
-    """K u of each copy, world axes, (n_copies, n_nodes, 3) [N], springs included.
-
-    With finite rotation f_frame(u), by the formula of `fem.explicit.block_frame`.
-    """
-    if not finite_rotation:
-        forces = group.reference.internal_force(displacement @ group.rotations)
-        return forces @ group.rotations.transpose(0, 2, 1)
-    local, frames = block_displacements(group, displacement, finite_rotation=True)
-    mass, forces = group.lumped_mass, group.reference.internal_force(local)
-    arms = group.mesh.nodes - mass @ group.mesh.nodes / mass.sum()
-    fit = np.einsum("n,cni,nj->cij", mass, arms + local, arms)
-    inertia = np.trace(fit, axis1=1, axis2=2)[:, None, None] * np.eye(3) - fit
-    torque = np.cross(local, forces).sum(axis=1)
-    spin = np.linalg.solve(inertia, torque[:, :, None])[:, None, :, 0]
-    result: FloatArray = (forces - mass[:, None] * np.cross(spin, arms)) @ frames.transpose(0, 2, 1)
-    return result

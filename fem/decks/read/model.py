@@ -90,7 +90,6 @@ class ModelLines:
 
 #: Keywords of a material, which follow *Material.
 OF_MATERIAL = {"ELASTIC", "DENSITY", "DAMPING"}
-OF_INTERACTION = {"SURFACE BEHAVIOR", "FRICTION"}
 
 
 def add_model(model: ModelLines, card: Card) -> None:
