@@ -12,7 +12,6 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from geometry import RefusedError
-from geometry.work import LimitError
 from tests.support.wrong_input import PLACES, keys, kind_of
 from validation import InputError, builtin_text, load_case, sweep
 from validation.scene.read import check_scene
@@ -128,7 +127,7 @@ def test_deformable_blocks_beyond_the_memory_of_a_machine_are_refused() -> None:
         ("cantilever", ["mesh.divisions=[500, 300, 300]", 'fem.method="static"']),
     ):
         case = load_case(name, changes)
-        with pytest.raises(LimitError, match=r"GB of memory.*fewer elements"):
+        with pytest.raises(RefusedError, match=r"GB of memory.*fewer elements"):
             _ = case.problem
 
 
