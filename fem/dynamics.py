@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -41,10 +42,13 @@ from geometry.answer import Answer, Measure, Notes, Part
 from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
 from geometry.system import one_thread_of_blas
-from geometry.work import budget, clock
+from geometry.work import LimitError, beyond_memory, budget, clock
 
 #: Frames are parts of this part of the longest run, where it may end early and has no ramp.
 _FINE = 200.0
+#: Bytes of a node: its rows of the stiffness of a shape, as assembled and as the loop has it; and
+#: what evolves, of each copy.
+_CONSTANT, _STATE = 2.0 * 27 * 80, 8.0 * 24
 _DEFAULT = Explicit()
 
 
@@ -82,7 +86,7 @@ def solve_explicit(
     -------
     Answer
         Its parts are `fem.accuracy.parts`. A run that is cut short has the status ``interrupted``
-        or, by ``method.max_seconds``, ``stopped``, and no error bars.
+        or, by ``method.max_work`` or ``max_seconds``, ``stopped``, and no error bars.
 
     Raises
     ------
@@ -122,14 +126,17 @@ def solve_explicit(
         output = Output(progress=progress, on_frame=on_frame, checkpoint=checkpoint)
         tell = (lambda _: None) if progress is None else progress
         tell("critical time step")
-        solution = explicit_solution(problem, method, output, resume)
+        with budget() as spent:
+            solution = explicit_solution(problem, method, output, resume)
+        spent.work, spent.memory = method.max_work, method.max_memory
         watch.lap("solve")
         run = solution.explicit
         assert run is not None
-        errors, parts = dict[str, float](), dict[str, Part]()
+        errors, parts = dict[str, float](), dict[str, Part](work=spent)
         if run.status not in CUT_SHORT:
-            unlimited = replace(method, max_seconds=None)
-            errors, parts = _beside(problem, unlimited, solution, watch, tell)
+            unlimited = replace(method, max_work=None, max_seconds=None)
+            errors, beside = _beside(problem, unlimited, solution, watch, tell)
+            parts |= beside
         seconds = {**watch.seconds(), "loop": run.cpu_seconds}
     return answer_of(
         solution, errors, problem=problem, parts=parts, beside={"cpu_seconds": seconds}
@@ -329,43 +336,46 @@ def explicit_solution(
     UnstableRun, TimeStepError, StateError, CheckpointError
         As `fem.explicit.solve.solve`.
     """
-    ends = clock(method.max_seconds)
-    stated, restarts = stated_run(problem, method), 0
-    to_rest = method.damped(moves=problem.motion is not None) == "static"
-    # A run that is not damped to the static state watches the residual and goes on.
-    stop = StopCriterion(method.residual if to_rest else 0.0, stated.settled_after)
-    watched = to_rest or stated.recommended is not None
-    if output is not None and method.frames > 0:
-        spread = stated.end_time
-        if to_rest:  # as many as asked for lie in the ramp: such a run may end any time after it
-            spread = min(stated.ramp_time or stated.end_time / _FINE, stated.end_time)
-        output = replace(output, frame_interval=spread / max(method.frames - 1, 1))
-    elif output is not None:
-        output = replace(output, on_frame=None)
-    while True:
-        try:
-            result = solve(
-                stated.model,
-                end_time=stated.end_time,
-                time_step=method.time_step,
-                safety_factor=method.safety_factor,
-                threads=method.threads,
-                sample_interval=method.sample_interval,
-                velocities=stated.velocities,
-                stop=replace(stop, not_before=stated.settled_after) if watched else None,
-                max_seconds=ends - time.process_time(),
-                output=None if output is None else _of_all_blocks(output, stated, restarts),
-                resume=resume,
-            )
-            break
-        except (UnstableRun, OtherProblemError) as error:
-            # A checkpoint may be that of a run that had started again.
-            shorter = None if method.time_step is not None else stated.counting_more()
-            if shorter is None:
-                raise
-            if isinstance(error, UnstableRun):
-                resume, restarts = None, restarts + 1
-            stated = shorter
+    with budget(memory=method.max_memory) as spent:
+        ends, stated, restarts = clock(method.max_seconds), stated_run(problem, method), 0
+        _refuse_memory(stated)
+        most = math.inf if method.max_work is None else method.max_work
+        to_rest = method.damped(moves=problem.motion is not None) == "static"
+        # A run that is not damped to the static state watches the residual and goes on.
+        stop = StopCriterion(method.residual if to_rest else 0.0, stated.settled_after)
+        watched = to_rest or stated.recommended is not None
+        if output is not None and method.frames > 0:
+            spread = stated.end_time
+            if to_rest:  # which may end any time after the ramp: all frames lie in it
+                spread = min(stated.ramp_time or stated.end_time / _FINE, stated.end_time)
+            output = replace(output, frame_interval=spread / max(method.frames - 1, 1))
+        elif output is not None:
+            output = replace(output, on_frame=None)
+        while True:
+            try:
+                result = solve(
+                    stated.model,
+                    end_time=stated.end_time,
+                    time_step=method.time_step,
+                    safety_factor=method.safety_factor,
+                    threads=method.threads,
+                    sample_interval=method.sample_interval,
+                    velocities=stated.velocities,
+                    stop=replace(stop, not_before=stated.settled_after) if watched else None,
+                    max_work=most - spent.seconds,
+                    max_seconds=ends - time.process_time(),
+                    output=None if output is None else _of_all_blocks(output, stated, restarts),
+                    resume=resume,
+                )
+                break
+            except (UnstableRun, OtherProblemError) as error:
+                # A checkpoint may be that of a run that had started again.
+                shorter = None if method.time_step is not None else stated.counting_more()
+                if shorter is None:
+                    raise
+                if isinstance(error, UnstableRun):
+                    resume, restarts = None, restarts + 1
+                stated = shorter
     return Solution(
         deformable=stated.deformable,
         group_displacements=stated.expand(result.displacements),
@@ -376,6 +386,19 @@ def explicit_solution(
         restarts=restarts,
         static_below=method.residual,
     )
+
+
+def _refuse_memory(stated: ExplicitStatement) -> None:
+    """Reject a run that needs more memory than it may have, before it is tried."""
+    groups = stated.model.groups
+    need = sum(g.n_nodes * (_CONSTANT + _STATE * g.n_copies) for g in groups)
+    line = beyond_memory(
+        f"{stated.model.n_nodes} nodes of {stated.deformable.assembly.n_blocks} blocks",
+        need,
+        "fewer elements or fewer blocks",
+    )
+    if line is not None:
+        raise LimitError("memory", line)
 
 
 def _of_all_blocks(output: Output, whole: ExplicitStatement, restarts: int) -> Output:

@@ -108,8 +108,13 @@ class Explicit:
     """Whether a run to the static state stands beside the converged static state."""
     sample_interval: Annotated[int, Ge(1)] = 50
     """Increments between two samples of the energies."""
+    max_work: Annotated[float, Gt(0)] | None = None
+    """Work of the run, counted in operations and stated as seconds on the reference machine [s]: it
+    ends at a checkpoint, at the same step on every machine. By default no limit."""
     max_seconds: Annotated[float, Gt(0)] | None = None
     """CPU time of the run [s], at which it ends at a checkpoint; by default no limit."""
+    max_memory: Annotated[float, Gt(0)] = 4.0
+    """Memory that the run may take [GB]: what needs more is not started."""
     rayleigh: RayleighDamping | None = None
     """Rayleigh damping; in scenes ``[effects.rayleigh]``."""
     bulk_viscosity: BulkViscosity | None = None

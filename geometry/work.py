@@ -37,6 +37,10 @@ class Operation(StrEnum):
     """Contact points whose facet is searched."""
     CALL = "call"
     """Linear problems of a block, whatever its size."""
+    STEP = "step"
+    """Elements in a time step of an explicit run."""
+    TOUCH = "touch"
+    """Contact points in such a step, counted by what they cost: one each on paired facets."""
     SIMPLEX = "simplex"
     """Iterations of the simplex method times entries of the matrix."""
     CONIC = "conic"
@@ -53,6 +57,8 @@ SECONDS = {
     Operation.POINT: 1.0e-7,
     Operation.SEARCH: 1.0e-6,
     Operation.CALL: 6.0e-3,
+    Operation.STEP: 2.6e-8,
+    Operation.TOUCH: 1.1e-8,
     Operation.SIMPLEX: 5.0e-9,
     Operation.CONIC: 1.4e-7,
 }
@@ -65,6 +71,8 @@ GROWTH = {
     Operation.POINT: 2.0 / 3.0,
     Operation.SEARCH: 2.0 / 3.0,
     Operation.CALL: 0.0,
+    Operation.STEP: 4.0 / 3.0,
+    Operation.TOUCH: 1.0,
     Operation.SIMPLEX: 2.0,
     Operation.CONIC: 2.0,
 }

@@ -86,10 +86,15 @@ def repeatable(answer: Answer) -> Answer:
         A limit of CPU time did.
     """
     run = None if answer.method == "rigid" else answer.details.explicit
-    by = str(run.status) if run is not None else cast("Budget", answer.parts["work"]).stopped_by
-    if by in {"interrupt", "interrupted"}:
+    by = cast("Budget", answer.parts["work"]).stopped_by
+    if by == "interrupt" or (run is not None and run.status == "interrupted"):
         raise KeyboardInterrupt
-    if by in {"clock", "stopped"}:
+    if run is not None and by == "work":
+        raise InputError(
+            "fem.max_work: the limit of work ended an explicit run before its end; expected more, "
+            "or none"
+        )
+    if by == "clock":
         section = "rigid" if answer.method == "rigid" else "fem"
         raise InputError(
             f"{section}.max_seconds: the limit of CPU time ended a run, and its answer depends on "

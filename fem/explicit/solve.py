@@ -53,6 +53,7 @@ from fem.problem.time_step import CriticalTimeStep, TimeStepError, critical_time
 from geometry.compilation.clocks import compiling
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
+from geometry.work import Budget, Operation, budget, count
 
 #: A block that holds this many times the energy put into the whole model runs away.
 RUNAWAY = 100.0
@@ -133,7 +134,7 @@ class Status(StrEnum):
     INTERRUPTED = "interrupted"
     """Stopped on request; continue from the checkpoint."""
     STOPPED = "stopped"
-    """Stopped at its limit of CPU time; continue from the checkpoint."""
+    """Stopped at its limit of work or CPU time; continue from the checkpoint."""
 
 
 #: How a run ends that has not arrived, and that a checkpoint continues.
@@ -366,6 +367,7 @@ def solve(
     displacements: Sequence[FloatArray] | None = None,
     velocities: Sequence[FloatArray] | None = None,
     stop: StopCriterion | None = None,
+    max_work: float = math.inf,
     max_seconds: float = math.inf,
     output: Output | None = None,
     resume: Path | None = None,
@@ -393,8 +395,9 @@ def solve(
         Initial state, world axes, one (n_copies, n_nodes, 3) for each group.
     stop
         Stop early at the static state.
-    max_seconds
-        CPU time of the loop [s]: after the next sample it ends as by Ctrl-C, with `Status.STOPPED`.
+    max_work, max_seconds
+        Work of the loop (`geometry.work`) [reference s], and its CPU time [s]: after the next
+        sample it ends as by Ctrl-C, with `Status.STOPPED`.
     output
         Callbacks and checkpoint.
     resume
@@ -426,12 +429,13 @@ def solve(
         end_time=end_time,
         n_steps=math.ceil(end_time / dt * (1.0 - 1e-12)),
         sample_interval=sample_interval,
+        max_work=max_work,
         ends=clock.process_time() + max_seconds,
         moving=tuple((support, {}) for support in moving_supports(model)),
     )
-    first = state.step
+    first = run.counted = state.step
     started = clock.process_time()
-    with stop_requests() as request, compiling() as compiled:
+    with stop_requests() as request, compiling() as compiled, budget() as run.spent:
         status = run.loop(request)
     cpu = clock.process_time() - started - compiled.cpu_seconds
     result = _result(run, critical, status, cpu, state.step - first)
@@ -451,8 +455,14 @@ class _Run:
     end_time: float
     n_steps: int
     sample_interval: int
+    max_work: float = math.inf
+    """Limit of the work of this process [reference s]."""
     ends: float = math.inf
     """Limit of the CPU time of this process [s]."""
+    spent: Budget = field(default_factory=Budget)
+    """Work of this process."""
+    counted: int = 0
+    """Steps whose work was counted."""
     energies: Energies | None = None
     residual: float | None = None
     settling: float | None = None
@@ -475,7 +485,7 @@ class _Run:
                 status = self.sample()
             if adaptive is not None and state.step % adaptive.interval == 0:
                 adapt(system, state, adaptive)
-            if sample and status is Status.FINISHED and self.is_late():
+            if sample and status is Status.FINISHED and self.at_limit():
                 status = Status.STOPPED
             if request.requested:
                 status = Status.INTERRUPTED
@@ -483,9 +493,16 @@ class _Run:
             self.checkpoint(force=status in CUT_SHORT)
         return status
 
-    def is_late(self) -> bool:
-        """Whether the limit of CPU time is reached before the end."""
-        return self.state.step < self.n_steps and clock.process_time() >= self.ends
+    def at_limit(self) -> bool:
+        """Count the steps since the last call; whether a limit is reached before the end."""
+        steps, self.counted = self.state.step - self.counted, self.state.step
+        count(Operation.STEP, float(steps * self.system.model.n_elements))
+        count(Operation.TOUCH, steps * sum(i.touched_points() for i in self.system.interactions))
+        late = clock.process_time() >= self.ends
+        if self.state.step == self.n_steps or not (late or self.spent.seconds >= self.max_work):
+            return False
+        self.spent.mark("work" if self.spent.seconds >= self.max_work else "clock")
+        return True
 
     def sample_due(self) -> bool:
         """Whether the coming step is sampled: regularly, at the end, and before each frame."""

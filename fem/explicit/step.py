@@ -44,6 +44,10 @@ class Interaction(ABC):
     def add_force(self, system: System, state: State) -> None:
         """Add forces of the current positions to the applied forces of the bodies."""
 
+    def touched_points(self) -> float:
+        """Points of contact, counted as `geometry.work.Operation.TOUCH`."""
+        return 0.0
+
     def energy(self) -> float:
         """Energy stored at the last force evaluation [N mm]."""
         return 0.0

@@ -50,7 +50,7 @@ def fem_section(scene: DeformableScene, name: str) -> FemSection:
     refuse_linear_keys(scene.fem, name)
     method = scene.method
     static = isinstance(method, Static)
-    with budget(memory=method.max_memory if isinstance(method, Static) else None):
+    with budget(memory=method.max_memory):
         large = too_large_to_deform(scene, static=static)
     if large is not None:
         raise LimitError("memory", f"{name}: {large}")

@@ -87,6 +87,7 @@ class _BoundFaces(BoundContact):
 
     def __init__(self, statement: FaceContact, bodies: tuple[Body, ...]) -> None:
         super().__init__(statement)
+        self._pairs = statement.pairs
         self._blocks = [
             pairs.blocks[start : start + width]
             for pairs in statement.pairs
@@ -145,6 +146,10 @@ class _BoundFaces(BoundContact):
             total += float((weights * self._law.one(unit).stored_energy(-gap)).sum())
             total += self._stick_energy(unit)
         return total
+
+    def touched_points(self) -> float:
+        """Points of all pairs of facets."""
+        return float(sum(4 * pairs.n_facets * pairs.n_pairs for pairs in self._pairs))
 
     def unit_gaps(self, unit: int) -> tuple[FloatArray, FloatArray]:
         """Gaps of one unit, (n_facets, 4, real lanes) [mm], and weights (n_facets, 4, 1)."""

@@ -43,6 +43,9 @@ _CUT_SKIN = 1e-2
 #: Share of a facet's nodal forces by which the points of a sliver may err: a fifth fewer points.
 _SLIGHT = 1e-7
 
+#: Cost of a point over that of one on paired facets.
+_COST = 8.0
+
 #: Steps between two looks whether anything has moved at all since the last cut …
 _LOOK = 1024
 
@@ -264,6 +267,10 @@ class BoundSlidingContact(BoundContact):
     def _gaps(self) -> FloatArray:
         """Gaps of all points, (n,) [mm]."""
         return self._gap[: self.points.count] + self._statement.clearance
+
+    def touched_points(self) -> float:
+        """Points of the present cut, which cost more than paired ones."""
+        return _COST * self.points.count
 
     def energy(self) -> float:
         """Energy stored at the last force evaluation [N mm]."""

@@ -100,7 +100,8 @@ def _run(
 ) -> tuple[dict[str, Any], float]:
     """Numbers of one run and its CPU time [s]."""
     gc.collect()
-    with budget(scene.fem.max_work or MOST_SECONDS, memory=scene.fem.max_memory):
+    usual = None if setting.method == "explicit" else MOST_SECONDS
+    with budget(scene.fem.max_work or usual, memory=scene.fem.max_memory):
         result = _METHODS[setting.method](f"{name}, {setting.name}", scene, setting)
     cells = replace(setting, method="static", level=PARTITION_LEVEL, radial_grading=1.0)
     pressures, areas = partition_pressures(
