@@ -292,13 +292,14 @@ def slipped_roller(
     before, after = (
         corner_displacements(state.deformable, s.displacements, found) for s in (normal, state)
     )
-    way = np.einsum("npa,nai->npi", found.difference, after - before)[:, 0]
-    slip = np.linalg.norm(np.einsum("nki,ni->nk", found.tangents[:, 0], way), axis=1)
+    way = np.einsum("npa,nai->npi", found.functions, after - before)[:, 0]
+    slip = np.linalg.norm(np.einsum("nki,ni->nk", found.sides[:, 0], way), axis=1)
     limit = friction.coefficient * state.pressures[:, 0]
     traction = np.minimum(friction.stick_stiffness * slip, limit)
     pressed = pressed_roller(bodies, state)
     area = found.weights[:, 0] / bodies.edge
-    x = np.einsum("na,nai->ni", found.shapes, found.corners[:, 4:] + after[:, 4:])[:, 0]
+    own = found.functions[:, 0, 4:]
+    x = np.einsum("na,nai->ni", own, found.corners[:, 4:] + after[:, 4:])[:, 0]
     push = float(area @ traction)
     x = x - float(area @ (traction * x)) / push
     ratio = push / (friction.coefficient * pressed.force)
