@@ -406,10 +406,6 @@ def test_blocks_that_nothing_determines_and_large_motions_are_named(
     mesh = {"mesh.around": 12, "mesh.radial": 1, "mesh.axial": 2, "assembly.layers": 1}
     contact = {"contact.clearance": clearance, "effects.finite_sliding": sliding}
     case = load_case("tsb1-pipe", mesh | contact)
-    if sliding:
-        with pytest.raises(InputError, match="blocks 4, 5, 6, 7 float in their gaps"):
-            on_its_mesh(case, method="static")
-        return
     run = on_its_mesh(case, method="static")
     text = printed(case, tmp_path)
     assert ("4, 5, 6, 7: no contact holds them in every direction" in text) == (clearance > 0.0)
