@@ -150,13 +150,17 @@ class LocalSystem:
     def gather(self, gradient: FloatArray, displacement: FloatArray) -> FloatArray:
         """Product of gradients (n_facets, …, 2 m, 3) with a displacement, (n_facets, …) [mm]."""
         padded = np.concatenate([displacement, np.zeros((1, 3))])
-        rows = gradient.reshape(len(gradient), int(np.prod(gradient.shape[1:-2])), -1, 3)
+        rows = gradient.reshape(
+            len(gradient), int(np.prod(gradient.shape[1:-2])), *gradient.shape[-2:]
+        )
         moved = np.einsum("fpai,fai->fp", rows, padded[self.corner_nodes], optimize=True)
         return moved.reshape(gradient.shape[:-2])
 
     def scatter(self, gradient: FloatArray, point_forces: FloatArray) -> FloatArray:
         """Nodal forces -Σ w t ∂x/∂u of forces w t (n_facets, …) [N], (n_nodes, 3) [N]."""
-        rows = gradient.reshape(len(gradient), int(np.prod(gradient.shape[1:-2])), -1, 3)
+        rows = gradient.reshape(
+            len(gradient), int(np.prod(gradient.shape[1:-2])), *gradient.shape[-2:]
+        )
         forces = point_forces.reshape(rows.shape[:2])
         return self._gathered(-np.einsum("fp,fpai->fai", forces, rows))
 
