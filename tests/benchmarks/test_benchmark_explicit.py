@@ -11,7 +11,7 @@ from validation.benchmarks.roofline import Roofline
 
 def test_rows_and_table_on_a_tiny_block():
     group = explicit.benchmark_group((3, 2, 2), 2)
-    row = explicit.row(group, 1e-7, "float64", 1)
+    row = explicit.row(group, 1e-7, 1)
     assert row.elements == 12
     assert row.copies == 2
     # A step contains the internal force.
@@ -20,7 +20,7 @@ def test_rows_and_table_on_a_tiny_block():
     assert row.bytes_per_node > 3 * 3 * 8
     peers = explicit.peers(group)
     assert min(peers.values()) > 0.0
-    limits = Roofline(1.0, 2.0, 3.0, 4.0)
+    limits = Roofline(1.0, 2.0, 3.0)
 
     def prepared(effects):
         return explicit.ready(Model((group,), effects=effects), 1e-8)

@@ -117,9 +117,9 @@ class Study:
 
     @property
     def title(self) -> str:
-        """Name, method, and the load where no design changes it, for pictures."""
+        """Name, method, and the load where a scene states it and no design changes it."""
         words = f"{self.name}, {'rigid' if self.quantity == 'rigid' else 'deformable'} blocks"
-        if any(path.startswith("load") for path, _ in self.parameters):
+        if not self.scene or any(path.startswith("load") for path, _ in self.parameters):
             return words
         return f"{words}: {self.scene_file(0).scene.load_words}"
 
