@@ -129,7 +129,7 @@ def most_work(problem: Problem, method: Static, *, finer: bool) -> float | None:
     """Work that a method may do, on finer and finer meshes or not [reference s]; None: any."""
     if method.max_work is not None:
         return method.max_work
-    if method.accuracy is not None or not finer:
+    if method.accuracy is not None or (method.mesh == "scene" and not finer):
         return None
     return usual_work(problem)
 

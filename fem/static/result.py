@@ -27,6 +27,7 @@ from fem.contact.search import SearchedPoints
 from fem.contact.surfaces import ContactPoints
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
+from geometry.work import LimitError
 
 #: Least stiffness of a block's contacts against a motion, relative to the greatest, that counts
 #: as holding the block.
@@ -231,10 +232,20 @@ def refined(
     tuple[StaticResult, StaticResult | None]
         The last state that was reached, and the one before it, in fewer parts; None where there is
         but one.
+
+    Raises
+    ------
+    LimitError
+        A limit is reached before any state.
     """
     known: StaticResult | None = None
     while True:
-        fine = solve(parts)
+        try:
+            fine = solve(parts)
+        except LimitError:
+            if known is None:
+                raise
+            return known, None
         parts = max(parts, fine.load_steps)  # more than asked for where so few had no equilibrium
         enough = known is not None and fine.converged and path_change(known, fine) <= tolerance
         if enough or 2 * parts > MOST_PARTS:

@@ -318,17 +318,3 @@ def test_every_element_runs_to_the_same_bending_sign(element):
     assert result.displacements[0][0, -1, 2] > 0.0
     assert (result.energies.hourglass_energy > 0.0) == (element is ElementType.REDUCED)
     assert result.energy_balance < 1e-11
-
-
-def test_an_interaction_that_the_loop_cannot_compute_is_refused() -> None:
-    class Spring:
-        """States forces, but no method computes them."""
-
-        def touched_nodes(self, _group: int) -> np.ndarray:
-            return np.arange(0)
-
-        def nodal_stiffness(self, _group: int) -> None:
-            return None
-
-    with pytest.raises(ModelError, match="interaction Spring: the explicit method cannot"):
-        solve(replace(cantilever(), interactions=(Spring(),)), end_time=1e-6)

@@ -322,7 +322,7 @@ class FemSection(_FemKeys):  # type: ignore[misc]
     """Work at most, counted in operations and stated as seconds on the reference machine [s]: the
     same meshes on every machine, and an explicit run ends at a checkpoint at the same step. By
     default 20 where contact is conforming, without friction or gaps, 60 elsewhere; no limit with an
-    accuracy, nor for the state on the mesh of the scene or an explicit run."""
+    accuracy, nor for the state of ``mesh = "scene"`` or an explicit run."""
     max_seconds: Annotated[float, Field(gt=0)] | None = None
     """CPU time at most by the clock, on which meshes then depend [s]; the first mesh is finished
     whatever it takes, and an explicit run ends at a checkpoint. By default no limit."""
