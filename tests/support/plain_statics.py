@@ -284,7 +284,7 @@ def _equilibrium(
             force - arrays.stiffness @ u.ravel() - gradient.T @ (weight * t).ravel() - matrix @ step
         )
         moves = step.any()
-        step[free] = splu(csc_array(matrix[free][:, free])).solve(out[free])
+        step[free] = splu(csc_array(matrix[free][:, free]), "MMD_AT_PLUS_A", 0.1).solve(out[free])
         change = (gradient @ step).reshape(x.shape)
         inside, more = arrays.stiffness @ u.ravel() - force, arrays.stiffness @ step
 
