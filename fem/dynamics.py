@@ -42,7 +42,7 @@ from geometry.answer import Answer, Measure, Notes, Part
 from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
 from geometry.system import one_thread_of_blas
-from geometry.work import LimitError, beyond_memory, budget, clock
+from geometry.work import budget, clock, require_memory
 
 #: Frames are parts of this part of the longest run, where it may end early and has no ramp.
 _FINE = 200.0
@@ -392,13 +392,11 @@ def _refuse_memory(stated: ExplicitStatement) -> None:
     """Reject a run that needs more memory than it may have, before it is tried."""
     groups = stated.model.groups
     need = sum(g.n_nodes * (_CONSTANT + _STATE * g.n_copies) for g in groups)
-    line = beyond_memory(
+    require_memory(
         f"{stated.model.n_nodes} nodes of {stated.deformable.assembly.n_blocks} blocks",
         need,
         "fewer elements or fewer blocks",
     )
-    if line is not None:
-        raise LimitError("memory", line)
 
 
 def _of_all_blocks(output: Output, whole: ExplicitStatement, restarts: int) -> Output:

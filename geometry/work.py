@@ -265,9 +265,10 @@ def allowance() -> Allowance:
 
 def stop(by: str) -> str:
     """Say that a limit left something undone; returns it in words."""
-    limit = None
+    limit, current = None, _BUDGET.get()
+    if current is not None:
+        current.mark(by)
     for own in _chain():
-        own.mark(by)
         limit = own.work or limit
     return f"{LIMITS[by]}, {limit:g} s on the reference machine" if by == "work" else LIMITS[by]
 

@@ -354,8 +354,7 @@ def _at_points(
     acting = pressures[..., None] * frame.normal
     if frictions is not None:
         acting += frictions
-    first, second = np.moveaxis(frame.tangents, 2, 0)
-    turning = np.stack([np.cross(frame.slip, second), np.cross(first, frame.slip)], axis=2)
+    turning = frame.by_tangents
     moments = []
     for side in (slice(None, n_nodes), slice(n_nodes, None)):
         slopes = points.slopes[..., side]

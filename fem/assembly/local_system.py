@@ -150,17 +150,13 @@ class LocalSystem:
     def gather(self, gradient: FloatArray, displacement: FloatArray) -> FloatArray:
         """Product of gradients (n_facets, …, 2 m, 3) with a displacement, (n_facets, …) [mm]."""
         padded = np.concatenate([displacement, np.zeros((1, 3))])
-        rows = gradient.reshape(
-            len(gradient), int(np.prod(gradient.shape[1:-2])), *gradient.shape[-2:]
-        )
+        rows = _flat(gradient)
         moved = np.einsum("fpai,fai->fp", rows, padded[self.corner_nodes], optimize=True)
         return moved.reshape(gradient.shape[:-2])
 
     def scatter(self, gradient: FloatArray, point_forces: FloatArray) -> FloatArray:
         """Nodal forces -Σ w t ∂x/∂u of forces w t (n_facets, …) [N], (n_nodes, 3) [N]."""
-        rows = gradient.reshape(
-            len(gradient), int(np.prod(gradient.shape[1:-2])), *gradient.shape[-2:]
-        )
+        rows = _flat(gradient)
         forces = point_forces.reshape(rows.shape[:2])
         return self._gathered(-np.einsum("fp,fpai->fai", forces, rows))
 
@@ -219,6 +215,12 @@ class LocalSystem:
             local = displacement[self.rows.of_block(int(block))]
             result[group][copy] = local @ rotations[block].T
         return result
+
+
+def _flat(gradient: FloatArray) -> FloatArray:
+    """All rows of each facet, (n_facets, …, 2 m, 3) to (n_facets, n_rows, 2 m, 3)."""
+    n_rows = int(np.prod(gradient.shape[1:-2]))
+    return gradient.reshape(len(gradient), n_rows, *gradient.shape[-2:])
 
 
 def local_system(

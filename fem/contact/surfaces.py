@@ -103,11 +103,9 @@ class ContactPoints(ReadOnlyArrays):
         frame, slopes = self.frame(moved), self.slopes
         gradient = -np.einsum("fpa,fpi->fpai", self.functions, frame.normal)
         if slopes.any():
-            # ∂(overclosure)/∂a = -e; a = t_1 × t_2 turns it into t_2 × (-e) and (-e) × t_1.
-            by_first = np.cross(frame.slip, frame.tangents[:, :, 1])
-            by_second = np.cross(frame.tangents[:, :, 0], frame.slip)
-            turning = np.einsum("fpa,fpi->fpai", slopes[:, :, 0], by_first)
-            turning += np.einsum("fpa,fpi->fpai", slopes[:, :, 1], by_second)
+            by_tangents = frame.by_tangents
+            turning = np.einsum("fpa,fpi->fpai", slopes[:, :, 0], by_tangents[:, :, 0])
+            turning += np.einsum("fpa,fpi->fpai", slopes[:, :, 1], by_tangents[:, :, 1])
             gradient += turning
         return PointKinematics(-frame.gap - self.clearance, gradient)
 
@@ -360,6 +358,15 @@ class CurrentFrame:
     slip: FloatArray
     """e = (d - n (n · d)) / |a|, (n, n_points, 3) [1/mm]."""
 
+    @property
+    def by_tangents(self) -> FloatArray:
+        """Derivatives of the overclosure by both tangents, (n, n_points, 2, 3) [-].
+
+        ∂(overclosure)/∂a = -e; a = t_1 × t_2 turns it into t_2 × (-e) and (-e) × t_1.
+        """
+        first, second = np.moveaxis(self.tangents, 2, 0)
+        return np.stack([np.cross(self.slip, second), np.cross(first, self.slip)], axis=2)
+
 
 def corner_overclosures(surfaces: MatchedFacets, moved: FloatArray) -> FloatArray:
     """Overclosures where facets are looked at for peaks, (n, n_looks) [mm].
@@ -409,9 +416,8 @@ def motion_derivatives(
         (n, n_points, n_motions) and (n, n_points, n_motions, n_motions).
     """
     frame = surfaces.frame(moved)
-    by_first = np.cross(frame.slip, frame.tangents[:, :, 1])
-    by_second = np.cross(frame.tangents[:, :, 0], frame.slip)
-    first = np.concatenate([-frame.normal, by_first, by_second], axis=2)
+    first = np.concatenate([-frame.normal[:, :, None], frame.by_tangents], axis=2)
+    first = first.reshape(*first.shape[:2], 9)
     way = np.einsum("fpka,faim->fpkim", _frame_factors(surfaces), motions, optimize=True)
     way = way.reshape(*first.shape, -1)
     gradient = (first[:, :, None] @ way)[:, :, 0]

@@ -357,9 +357,10 @@ class ElasticSlips:
 
     def anchor(self, problem: StaticProblem, points: FacingPoints, begin: FloatArray) -> FloatArray:
         """Anchors on the present points: their slip at the start of the step less the elastic."""
-        slip, surfaces = problem.gaps(begin).x[..., 1:], _searched(problem)
+        surfaces = _searched(problem)
         if not problem.has_friction:
-            return slip
+            return np.zeros((*surfaces.weights.shape, 0))
+        slip = problem.gaps(begin).x[..., 1:]
         carried = points.carried(self.slave, self.shapes, self.slip)[surfaces.order]
         return slip - np.einsum("npki,ni->npk", surfaces.sides, carried)
 

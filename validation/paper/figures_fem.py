@@ -13,7 +13,7 @@ from geometry.files.mesh_io import interface_surface
 from geometry.mesh import FloatArray
 from validation.output.pictures.bodies import EYE
 from validation.output.pictures.canvas import Surface, View, merged
-from validation.output.pictures.gallery import Panel, gallery
+from validation.output.pictures.gallery import Numbers, Panel, gallery, round_numbers
 from validation.output.pictures.scales import (
     PRESSURE_MAP,
     STRESS_MAP,
@@ -93,15 +93,16 @@ def draw_principal(evidence: Evidence, component: int, path: Path) -> None:
         circle = (
             2 * np.pi * float(np.linalg.norm(answer.details.deformable.assembly.nodes(0)[-1, :2]))
         )
-        view = _outer_view(faces, scale, circle)
-        columns[column].append(Panel(f"{BLOCKS[row]} {CASES[column]}", view, scale=scale))
+        view, numbers = _outer_view(faces, scale, circle)
+        name = f"{BLOCKS[row]} {CASES[column]}"
+        columns[column].append(Panel(name, view, scale=scale, numbers=numbers))
     title = f"{symbol} [MPa] on the outer surface, unrolled: red tension, blue compression"
     gallery(columns, title, path, height=14.0)
 
 
 def _outer_view(
     faces: list[tuple[FloatArray, FloatArray, FloatArray]], scale: Scale, circle: float
-) -> View:
+) -> tuple[View, Numbers]:
     """Outer faces over arc length and height; a block that crosses the cut shows on both sides."""
     bodies, shades = [], []
     for x, z, values in faces:
@@ -112,9 +113,12 @@ def _outer_view(
             bodies.append((places.reshape(-1, 3), np.stack(quads, axis=-1).reshape(-1, 4)))
             shades.append(scale.of(values.ravel()))
     heights = np.concatenate([z.ravel() for _, z, _ in faces])
-    window = np.array([0.0, heights.min()]), np.array([circle, heights.max()])
+    low, high = float(heights.min()), float(heights.max())
+    window = np.array([0.0, low]), np.array([circle, high])
     surface = Surface(*merged(bodies, 4), np.concatenate(shades), lit=False)
-    return View([surface], (0.0, 0.0, 1.0), margin=0.0, window=window)
+    ticks = round_numbers(0.0, circle), round_numbers(low, high)
+    numbers = Numbers("arc length [mm]", "z [mm]", *ticks)
+    return View([surface], (0.0, 0.0, 1.0), margin=0.0, window=window), numbers
 
 
 # ---------------------------------------------------------------------------------------------

@@ -6,9 +6,9 @@ at its node pairs, works facet by facet on them, and leaves forces on difference
 arrays of its own; then each group collects the forces on its rows. Units and rows belong to one
 thread each: nothing is shared, and one and two threads give the same bits.
 
-The plain twin of the facet loop is
-`fem.contact.surfaces.point_kinematics` with `fem.contact.surfaces.corner_forces`; the tests
-compare the two. An argument that is None removes its branch when the kernel is compiled.
+The plain twins of the facet loop are the methods `kinematics` and `nodal_forces` of
+`fem.contact.surfaces.ContactPoints`; tests compare both. An argument that is None removes its
+branch when the kernel is compiled.
 """
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator"

@@ -13,6 +13,7 @@ doi:10.1137/0710032, for nested dissection.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -101,6 +102,16 @@ class CondensedBlock:
         for part in reversed(self.parts):
             part.backward(full)
         return np.ascontiguousarray(full.T).reshape(len(displacement), self.n_nodes, 3)
+
+    @cached_property
+    def springs(self) -> FloatArray:
+        """Springs of one on all nodes, of which the inner ones follow, (3 n_c, 3 n_c) [N/mm]."""
+        size = len(self.degrees_of_freedom)
+        nothing = np.zeros((3 * self.n_nodes, size))
+        shapes = self.recover(np.eye(size), nothing).reshape(size, -1)
+        count(Operation.DENSE, float(size) ** 2 * 3.0 * self.n_nodes)
+        springs: FloatArray = shapes @ shapes.T / self.n_nodes
+        return springs
 
 
 def condense(group: BlockGroup, retained: IntArray) -> CondensedBlock:

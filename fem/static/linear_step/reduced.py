@@ -44,15 +44,13 @@ class ReducedStep(SparseStep):
         size = 3 * self._system.n_nodes
         rows = np.concatenate([np.repeat(dofs, len(dofs)) for dofs in self._dofs])
         columns = np.concatenate([np.tile(dofs, len(dofs)) for dofs in self._dofs])
-        groups = {id(self._system.group(k)): block for k, block in enumerate(self._blocks)}
-        held = {key: _springs(block) for key, block in groups.items()}
-        springs = [held[id(self._system.group(k))] for k in range(self._system.n_slots)]
 
         def joined(matrices: list[FloatArray]) -> csr_array:
             values = np.concatenate([matrix.ravel() for matrix in matrices])
             return csr_array(coo_array((values, (rows, columns)), (size, size)))
 
-        return joined([block.stiffness for block in self._blocks]), joined(springs)
+        springs = joined([block.springs for block in self._blocks])
+        return joined([block.stiffness for block in self._blocks]), springs
 
     def internal_force(self, displacement: FloatArray) -> FloatArray:
         """S u of the retained nodes, zero at inner nodes; (n_nodes, 3) [N]."""
@@ -80,16 +78,6 @@ class ReducedStep(SparseStep):
             for block, dofs, inner in zip(self._blocks, self._dofs, self._inner, strict=True)
         ]
         return np.concatenate(parts)
-
-
-def _springs(block: CondensedBlock) -> FloatArray:
-    """Springs of one on all nodes of a block, the inner ones of which follow."""
-    size = len(block.degrees_of_freedom)
-    nothing = np.zeros((3 * block.n_nodes, size))
-    shapes = block.recover(np.eye(size), nothing).reshape(size, -1)
-    count(Operation.DENSE, float(size) ** 2 * 3.0 * block.n_nodes)
-    springs: FloatArray = shapes @ shapes.T / block.n_nodes
-    return springs
 
 
 def is_smaller(system: LocalSystem) -> bool:

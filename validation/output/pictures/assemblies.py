@@ -30,7 +30,7 @@ from validation.output.pictures.bodies import (
     with_labels,
 )
 from validation.output.pictures.canvas import Direction, Lines, Part, Pixels, Surface, View
-from validation.output.pictures.gallery import Numbers, Panel, gallery
+from validation.output.pictures.gallery import Numbers, Panel, gallery, round_numbers
 from validation.output.pictures.scales import ORANGE, PRESSURE_MAP, VERMILION, Scale
 
 #: Width over height of unrolled joints.
@@ -246,12 +246,8 @@ def _flat_panel(
     numbers
         Ticks across; those upwards are round numbers.
     """
-    from matplotlib.ticker import MaxNLocator
-
     heights = flat[..., 1] if len(flat) else np.array([0.0, 1.0])
     low, high = float(heights.min()), float(heights.max())
-    inside = np.array(MaxNLocator(4).tick_values(low, high))
-    inside = inside[(inside >= low) & (inside <= high)]
     # Width over height of the view is what is asked for, whatever the units across.
     stretch = _UNROLLED * (high - low) / (span[1] - span[0])
 
@@ -268,7 +264,7 @@ def _flat_panel(
         numbers=replace(
             numbers,
             ticks_across={w: stretch * place for w, place in numbers.ticks_across.items()},
-            ticks_up={f"{place:g}".replace("-", "−"): place for place in inside.tolist()},
+            ticks_up=round_numbers(low, high),
         ),
     )
 

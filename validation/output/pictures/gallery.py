@@ -84,6 +84,14 @@ class Numbers:
     """The same along the second one."""
 
 
+def round_numbers(low: float, high: float) -> dict[str, float]:
+    """About four round numbers between both ends of an axis, by their words."""
+    from matplotlib.ticker import MaxNLocator
+
+    every = MaxNLocator(4).tick_values(low, high)
+    return {f"{x:g}".replace("-", "−"): float(x) for x in every if low <= x <= high}
+
+
 @dataclass(frozen=True)
 class Panel:
     """One view or one plot."""
