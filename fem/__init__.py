@@ -34,8 +34,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fem.accuracy.statics import solve_static
-    from fem.assembly.deformable import Frames
-    from fem.assembly.statement import Problem
     from fem.contact.friction import CoulombFriction
     from fem.contact.law import ExponentialLaw, LinearPenalty
     from fem.contact.own_law import TabularLaw
@@ -46,6 +44,8 @@ if TYPE_CHECKING:
     from fem.element.hexahedron import ElementType
     from fem.element.material import Material, concrete
     from fem.method import Explicit, Static
+    from fem.problem import Problem
+    from fem.system.build import Frames
 
 __all__ = [
     "CoulombFriction",
@@ -72,11 +72,11 @@ _PLACES = {
     "ElementType": ("fem.element.hexahedron", "ElementType"),
     "Explicit": ("fem.method", "Explicit"),
     "ExponentialLaw": ("fem.contact.law", "ExponentialLaw"),
-    "Frames": ("fem.assembly.deformable", "Frames"),
+    "Frames": ("fem.system.build", "Frames"),
     "LinearPenalty": ("fem.contact.law", "LinearPenalty"),
     "PairLaws": ("fem.contact.pair_laws", "PairLaws"),
     "Material": ("fem.element.material", "Material"),
-    "Problem": ("fem.assembly.statement", "Problem"),
+    "Problem": ("fem.problem", "Problem"),
     "TabularLaw": ("fem.contact.own_law", "TabularLaw"),
     "Static": ("fem.method", "Static"),
     "read_deck": ("fem.decks.read.deck", "read_deck"),

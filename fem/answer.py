@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from fem.assembly.statement import Problem
 from fem.element.stress import von_mises
 from fem.measures import contact_on, contacts_of, measures_of
-from fem.problem.time_step import added_mass_share
+from fem.problem import Problem
 from fem.solution import Solution
 from fem.static.result import StaticError
+from fem.system.time_step import added_mass_share
 from geometry.answer import Answer, Array, Lazy, Measure, Part
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray

@@ -19,8 +19,6 @@ from fem.accuracy.one_mesh import SHARES, static_errors
 from fem.accuracy.parts import NOT_AT_REST, StaticReference
 from fem.accuracy.statics import static_options
 from fem.answer import answer_of
-from fem.assembly.statement import Problem, ProblemError, require_problem
-from fem.assembly.symmetry import searched_in_all_sectors
 from fem.explicit.output.checkpoint import OtherProblemError
 from fem.explicit.setup.statement import ExplicitStatement, explicit_statement
 from fem.explicit.solve import (
@@ -36,8 +34,10 @@ from fem.explicit.solve import (
 )
 from fem.measures import measures_of
 from fem.method import Explicit, Static, require_method
+from fem.problem import Problem, ProblemError, require_problem
 from fem.solution import Solution
 from fem.static.solve import StaticOptions
+from fem.system.sector import searched_in_all_sectors
 from geometry.answer import Answer, Measure, Notes, Part
 from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError

@@ -15,16 +15,16 @@ from functools import cache
 
 import numpy as np
 
-from fem.assembly.contact_state import ContactMeasures
-from fem.assembly.peaks import (
+from fem.contact.facet_peaks import LARGEST_FACTOR
+from fem.solution import Solution
+from fem.system.peaks import (
     Peak,
     largest_displacement,
     largest_pressure,
     mean_of_block_maxima,
     pressure_between_nodes,
 )
-from fem.contact.facet_peaks import LARGEST_FACTOR
-from fem.solution import Solution
+from fem.system.state import ContactMeasures
 from geometry.answer import (
     Array,
     Contacts,

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le, Lt
 
-from fem.problem.effects import (
+from fem.system.effects import (
     PAPER_RAYLEIGH,
     SAFETY_FACTOR,
     AdaptiveMassDamping,

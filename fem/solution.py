@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fem.assembly.contact_state import (
+from fem.contact.search import points_of_search
+from fem.element.stress import principal_stress
+from fem.static.result import StaticResult, loose_blocks
+from fem.system.build import DeformableAssembly
+from fem.system.peaks import StressPeaks, joint_forces, moved_blocks, stress_peaks
+from fem.system.reactions import PushCurve, push_curves, reactions
+from fem.system.recovery import Recovered, internal_forces, recover
+from fem.system.sections import SolvedState, section_forces
+from fem.system.sector import local_forces
+from fem.system.state import (
     CapAction,
     ContactMeasures,
     ContactState,
@@ -21,15 +30,6 @@ from fem.assembly.contact_state import (
     corner_displacements,
     facing_points,
 )
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.peaks import StressPeaks, joint_forces, moved_blocks, stress_peaks
-from fem.assembly.reactions import PushCurve, push_curves, reactions
-from fem.assembly.section_forces import SolvedState, section_forces
-from fem.assembly.symmetry import local_forces
-from fem.contact.search import points_of_search
-from fem.element.stress import principal_stress
-from fem.problem.recovery import Recovered, internal_forces, recover
-from fem.static.result import StaticResult, loose_blocks
 from geometry.balance import Imbalance, imbalance, of_fixed_blocks, together
 from geometry.errors import RefusedError
 from geometry.measures import JointResultants, Planes, SectionForces
@@ -415,7 +415,7 @@ class Solution(ReadOnlyArrays):
         Raises
         ------
         SectionError
-            As `fem.assembly.section_forces.section_forces`.
+            As `fem.system.sections.section_forces`.
         """
         return section_forces(self._state, cut)
 

@@ -359,7 +359,7 @@ LONGEST, MOST_MEMORY = 10, 2 * 2**30
 _PATIENCE = 120.0
 #: Where lines that passed the door work: a stop there is honest work that is not awaited.
 _WORKSHOPS = re.compile(
-    r"/(fem/(static|explicit|assembly|contact|element)|mbd|validation/(output/pictures|effects))/"
+    r"/(fem/(static|explicit|system|contact|element)|mbd|validation/(output/pictures|effects))/"
     r"|/validation/(run|compare|cost)/|/(numba|matplotlib|pyvista)/"
 )
 

@@ -13,7 +13,7 @@ from validation.errors import InputError
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from fem.assembly.statement import Problem
+    from fem.problem import Problem
     from geometry.answer import Answer
     from geometry.measures import SectionForces
     from validation.study.comparison.report import Comparison

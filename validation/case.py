@@ -24,7 +24,7 @@ from validation.scene.read import DeformableScene, apply_overrides, check_scene,
 from validation.scene.sections import LimitsSection
 
 if TYPE_CHECKING:
-    from fem.assembly.statement import Problem
+    from fem.problem import Problem
 
 #: How blocks are answered.
 Method: TypeAlias = Rigid | Static | Explicit

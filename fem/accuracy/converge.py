@@ -25,8 +25,8 @@ from fem.accuracy.one_mesh import static_solution
 from fem.accuracy.parts import Accuracy, Meshes, MeshFacets, relative, unmet
 from fem.accuracy.strength import scaled_loads
 from fem.accuracy.transfer import transferred
-from fem.assembly.statement import Problem
 from fem.measures import load_step_change, measures_of
+from fem.problem import Problem
 from fem.solution import Solution
 from fem.static.load_steps import Known
 from fem.static.result import LOAD_TOLERANCE, StaticError

@@ -13,8 +13,6 @@ import math
 import numpy as np
 
 from fem.accuracy.transfer import interpolation_on_faces, unique_rows
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.symmetry import representatives
 from fem.contact.surfaces import ContactNormals, MatchedFacets, facet_pressures, matched_facets
 from fem.element.facet import (
     FACET_CORNERS,
@@ -23,6 +21,8 @@ from fem.element.facet import (
     facet_basis,
 )
 from fem.element.functions import lobatto_points
+from fem.system.build import DeformableAssembly
+from fem.system.sector import representatives
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.mesh import BoolArray, FloatArray, IntArray, grid_points

@@ -18,8 +18,8 @@ from functools import partial
 from fem.accuracy.ladder import coarser, ladder_for, on_rung
 from fem.accuracy.one_mesh import static_solution
 from fem.accuracy.parts import FrictionSet
-from fem.assembly.statement import Problem
 from fem.measures import load_step_change, measures_of
+from fem.problem import Problem
 from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions

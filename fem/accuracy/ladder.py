@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fem.accuracy.errors import sequence_bar
-from fem.assembly.statement import Problem
+from fem.problem import Problem
 from geometry.answer import Measure
 from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block

@@ -28,15 +28,15 @@ from dataclasses import replace
 
 from fem.accuracy.errors import error_bar
 from fem.accuracy.ladder import AT_EDGES, LOCAL, SHARED, coarser, split
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.statement import Problem
 from fem.measures import bracketed, load_step_change, measures_of
+from fem.problem import Problem
 from fem.solution import Solution
 from fem.static.history import solve_history
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.load_steps import Known
 from fem.static.result import StaticError, StaticResult
 from fem.static.solve import StaticOptions, solve_static
+from fem.system.build import DeformableAssembly
 from geometry.answer import Measure
 from geometry.block import Block
 from geometry.errors import RefusedError

@@ -26,17 +26,17 @@ from fem.accuracy.ladder import on_rung
 from fem.accuracy.one_mesh import static_errors, static_solution
 from fem.accuracy.strength import scaled_loads, strength_factors
 from fem.answer import answer_of
-from fem.assembly.statement import Problem, require_problem
-from fem.assembly.symmetry import require_sector
 from fem.contact.law import LinearPenalty
 from fem.element.hexahedron import ElementType
 from fem.measures import measures_of
 from fem.method import Static, require_method
+from fem.problem import Problem, require_problem
 from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.solve import StaticOptions
 from fem.static.solve import solve_static as solve_blocks
+from fem.system.sector import require_sector
 from geometry.answer import Answer, Lazy, Measure, Notes, Part
 from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError

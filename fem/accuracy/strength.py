@@ -13,12 +13,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from fem.accuracy.one_mesh import static_solution
-from fem.assembly.deformable import DeformableAssembly
 from fem.element.material import one_strength
 from fem.measures import hidden_between_nodes, measures_of
 from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
+from fem.system.build import DeformableAssembly
 from geometry.answer import Measure
 from geometry.errors import RefusedError
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_array
 
-from fem.assembly.deformable import DeformableAssembly
 from fem.element.facet import facet_values
 from fem.element.kinds import element_of
+from fem.system.build import DeformableAssembly
 from geometry.block import Block
 from geometry.mesh import CORNERS, HEX_FACES, FloatArray, HexMesh, IntArray, row_keys
 from geometry.meshing.charts import Places, located, places_in

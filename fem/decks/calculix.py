@@ -63,7 +63,7 @@ from fem.decks.supports import (
     transform_lines,
 )
 from fem.element.hexahedron import ELEMENTS, ElementType
-from fem.problem.loads import SmoothStepAmplitude
+from fem.system.forces import SmoothStepAmplitude
 from geometry.loads import PressureLoad
 from geometry.mesh import BoolArray, FloatArray
 

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fem.assembly.contact_state import block_surface
 from fem.contact.search import FacingPoints
 from fem.decks.keywords import DeckError, label
 from fem.decks.meshes import TetrahedralMesh
 from fem.decks.statement import Deck
+from fem.system.state import block_surface
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.mesh import HEX_FACES, IntArray

@@ -6,14 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.assembly.deformable import (
-    ALL_THE_WAY,
-    Contact,
-    DeformableAssembly,
-    DeformableAssemblyError,
-    block_groups,
-    touching_surfaces,
-)
 from fem.contact.friction import CoulombFriction
 from fem.contact.surfaces import ContactNormals
 from fem.decks.keywords import DeckError
@@ -27,13 +19,21 @@ from fem.decks.statement import (
     named_face,
 )
 from fem.element.kinds import block_lumped_mass
-from fem.problem.loads import (
+from fem.system.build import (
+    ALL_THE_WAY,
+    Contact,
+    DeformableAssembly,
+    DeformableAssemblyError,
+    block_groups,
+    touching_surfaces,
+)
+from fem.system.forces import (
     SmoothStepAmplitude,
     TabularAmplitude,
     pressure_forces,
     traction_forces,
 )
-from fem.problem.model import Model, NodalLoad, Support, fixed_nodes, nodal_load
+from fem.system.model import Model, NodalLoad, Support, fixed_nodes, nodal_load
 from geometry.loads import CircumferentialLoad, PressureLoad
 from geometry.mesh import FloatArray, HexMesh, IntArray
 

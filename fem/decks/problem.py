@@ -9,8 +9,6 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from fem.assembly.deformable import Frames, held_faces
-from fem.assembly.statement import Problem, before_motion, require_problem
 from fem.contact.friction import CoulombFriction
 from fem.decks.abaqus import check_abaqus
 from fem.decks.calculix import check_calculix
@@ -32,8 +30,10 @@ from fem.decks.supports import holds_on, springs_on_ground
 from fem.decks.tetrahedra import has_tetrahedra, with_tetrahedra
 from fem.decks.write import write_deck as write_statement
 from fem.element.material import Material
-from fem.problem.effects import PAPER_RAYLEIGH, SAFETY_FACTOR, BulkViscosity, Effects
-from fem.problem.time_step import characteristic_time_step, critical_time_step
+from fem.problem import Problem, before_motion, require_problem
+from fem.system.build import Frames, held_faces
+from fem.system.effects import PAPER_RAYLEIGH, SAFETY_FACTOR, BulkViscosity, Effects
+from fem.system.time_step import characteristic_time_step, critical_time_step
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.loads import CircumferentialLoad

@@ -15,15 +15,15 @@ from typing import TypeAlias, cast
 
 import numpy as np
 
-from fem.assembly.deformable import block_load_forces
-from fem.assembly.statement import Motion
 from fem.contact.law import ContactLaw
 from fem.contact.pair_laws import PairLaws
 from fem.decks.keywords import DeckError, safe_names
 from fem.decks.meshes import SerendipityMesh, TetrahedralMesh
 from fem.element.hexahedron import ELEMENTS, ElementType
 from fem.element.material import Material, each_material
-from fem.problem.effects import Effects
+from fem.problem import Motion
+from fem.system.build import block_load_forces
+from fem.system.effects import Effects
 from geometry.assembly import Assembly, spacing_offsets
 from geometry.block import Block
 from geometry.loads import FaceLoad, LoadCase, PressureLoad

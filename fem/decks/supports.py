@@ -14,7 +14,7 @@ import numpy as np
 from fem.decks.keywords import DeckError, entry_lines, keyword, real, reals
 from fem.decks.meshes import SerendipityMesh
 from fem.decks.statement import FRAME, LOADING, Deck, Flavour, GroundSpring, Hold, Procedure
-from fem.problem.loads import traction_forces
+from fem.system.forces import traction_forces
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray, IntArray
 from geometry.parts.regions import Points, region_nodes, region_quads

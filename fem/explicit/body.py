@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from fem.assembly.held import Held
 from fem.element.hexahedron import gauss_gradients, mean_gradients
 from fem.explicit.kernels.layout import (
     BlockRows,
@@ -26,8 +25,9 @@ from fem.explicit.kernels.layout import (
     padded_lanes,
     runs,
 )
-from fem.problem.effects import BulkViscosity
-from fem.problem.model import (
+from fem.system.effects import BulkViscosity
+from fem.system.held import Held
+from fem.system.model import (
     Amplitude,
     BlockGroup,
     Model,
@@ -35,11 +35,11 @@ from fem.problem.model import (
     NodalLoad,
     Support,
 )
-from fem.problem.time_step import characteristic_length
+from fem.system.time_step import characteristic_length
 from geometry.mesh import FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from fem.problem.model import BlockGroup
+    from fem.system.model import BlockGroup
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class ElementViscosity:
     """Constant data of the bulk viscosity of one reference block, as Abaqus/Explicit has it.
 
     With the volumetric strain rate ε̇ of an element (gradients averaged over its volume), its
-    length L (`fem.problem.time_step.characteristic_length`), density ρ and dilatational wave
+    length L (`fem.system.time_step.characteristic_length`), density ρ and dilatational wave
     speed c, the viscous mean stress is
 
         q = b₁ ρ c L ε̇ + ρ (b₂ L)² |ε̇| min(0, ε̇),

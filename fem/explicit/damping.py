@@ -21,7 +21,7 @@ from fem.explicit.step import (
     load_factor,
     load_values,
 )
-from fem.problem.effects import AdaptiveMassDamping
+from fem.system.effects import AdaptiveMassDamping
 from geometry.mesh import FloatArray
 
 #: Mass damping never exceeds this over Δt: beyond, damping is slow again.

@@ -13,7 +13,6 @@ from typing import Any
 import numba
 import numpy as np
 
-from fem.assembly.reactions import MovingSupport, PushCurve, moving_supports
 from fem.contact.search import SearchedPoints
 from fem.explicit.body import Body, make_body
 from fem.explicit.damping import (
@@ -47,9 +46,10 @@ from fem.explicit.step import (
     set_internal_force,
     step,
 )
-from fem.problem.effects import SAFETY_FACTOR
-from fem.problem.model import BlockGroup, Model
-from fem.problem.time_step import CriticalTimeStep, TimeStepError, critical_time_step
+from fem.system.effects import SAFETY_FACTOR
+from fem.system.model import BlockGroup, Model
+from fem.system.reactions import MovingSupport, PushCurve, moving_supports
+from fem.system.time_step import CriticalTimeStep, TimeStepError, critical_time_step
 from geometry.compilation.clocks import compiling
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray

@@ -9,7 +9,7 @@ import numpy as np
 from fem.explicit.block_frame import BlockFrame, block_frame, start_frames
 from fem.explicit.body import Body
 from fem.explicit.kernels.layout import LaneArray, aligned_zeros, from_lanes, to_lanes
-from fem.problem.effects import Effects
+from fem.system.effects import Effects
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 

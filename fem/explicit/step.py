@@ -30,14 +30,14 @@ from fem.explicit.kernels import (
 )
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.state import BodyState, State
-from fem.problem.model import Model
+from fem.system.model import Model
 from geometry.mesh import FloatArray
 
 
 class Interaction(ABC):
     """Forces between blocks (contact), one more term of the step; may hold work arrays of its own.
 
-    Made by `fem.problem.model.InteractionModel.bind`.
+    Made by `fem.system.model.InteractionModel.bind`.
     """
 
     @abstractmethod

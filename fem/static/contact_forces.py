@@ -28,8 +28,6 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.local_system import LocalSystem
 from fem.contact.surfaces import ContactNormals, MatchedFacets
 from fem.static.linear_step.block_tridiagonal import Level, UnresistedMotionError, factor_chain
 from fem.static.linear_step.condensed import levels_of
@@ -37,6 +35,8 @@ from fem.static.linear_step.grid_block import GridBlock, PointFlexibility, grid_
 from fem.static.newton import FARTHEST, least_share, relative_residual
 from fem.static.result import StaticError
 from fem.static.turning import Turned, TurningNormals
+from fem.system.build import DeformableAssembly
+from fem.system.system import LocalSystem
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.work import Operation, count
 

@@ -21,7 +21,6 @@ from typing import Protocol
 
 import numpy as np
 
-from fem.assembly.local_system import Gaps, LocalSystem, NodalInverse
 from fem.contact.law import ContactLaw
 from fem.contact.surfaces import curvature_tangent
 from fem.static.linear_step.linearisation import (
@@ -29,6 +28,7 @@ from fem.static.linear_step.linearisation import (
     LinearStep,
     UnheldBlocksError,
 )
+from fem.system.system import Gaps, LocalSystem, NodalInverse
 from geometry.mesh import FloatArray
 from geometry.work import Operation, count
 

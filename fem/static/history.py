@@ -14,14 +14,14 @@ from functools import partial
 
 import numpy as np
 
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.reactions import Forces, MovingSupport, PushCurve, moving_supports
-from fem.problem.loads import TabularAmplitude
-from fem.problem.model import Model, NodalLoad, Support
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.load_steps import StaticOptions
 from fem.static.result import StaticError, StaticResult, load_factors, refined
 from fem.static.solve import solve_static
+from fem.system.build import DeformableAssembly
+from fem.system.forces import TabularAmplitude
+from fem.system.model import Model, NodalLoad, Support
+from fem.system.reactions import Forces, MovingSupport, PushCurve, moving_supports
 from geometry.mesh import FloatArray
 
 #: Increments of a stage with which the doubling begins.

@@ -7,12 +7,12 @@ import time
 import numpy as np
 import scipy.sparse as sp
 
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.local_system import LocalSystem, local_system
-from fem.assembly.symmetry import no_symmetry
-from fem.problem.model import ModelError, rigid_motions
 from fem.static.linear_step.linearisation import factorize
 from fem.static.result import StaticResult
+from fem.system.build import DeformableAssembly
+from fem.system.model import ModelError, rigid_motions
+from fem.system.sector import no_symmetry
+from fem.system.system import LocalSystem, local_system
 
 _MOTIONS = ("along x", "along y", "along z", "about x", "about y", "about z")
 

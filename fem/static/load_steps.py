@@ -14,7 +14,6 @@ from enum import StrEnum
 import numpy as np
 
 from fem.contact.search import FacingPoints, SearchedPoints
-from fem.problem.loads import TabularAmplitude
 from fem.static.linear_step.linearisation import SparseSolver
 from fem.static.newton import (
     StaticProblem,
@@ -27,6 +26,7 @@ from fem.static.newton import (
     support_forces,
 )
 from fem.static.result import StaticError, StaticResult, load_factors
+from fem.system.forces import TabularAmplitude
 from geometry.errors import is_number
 from geometry.mesh import FloatArray, IntArray
 

@@ -29,7 +29,6 @@ from functools import partial
 
 import numpy as np
 
-from fem.assembly.local_system import FreeMotions, Gaps, LocalSystem
 from fem.contact.friction import Coulomb
 from fem.contact.surfaces import ContactNormals
 from fem.static.energy_descent import minimise_energy
@@ -40,6 +39,7 @@ from fem.static.linear_step.linearisation import (
     coarsened,
 )
 from fem.static.result import StaticError, StaticResult
+from fem.system.system import FreeMotions, Gaps, LocalSystem
 from geometry.mesh import FloatArray
 from geometry.work import Operation, count
 

@@ -16,15 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from fem.assembly.contact_state import (
+from fem.contact.search import SearchedPoints
+from fem.contact.surfaces import ContactPoints
+from fem.system.build import DeformableAssembly
+from fem.system.reactions import PushCurve
+from fem.system.state import (
     ContactState,
     contact_state,
     corner_displacements,
 )
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.reactions import PushCurve
-from fem.contact.search import SearchedPoints
-from fem.contact.surfaces import ContactPoints
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 from geometry.work import LimitError

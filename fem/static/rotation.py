@@ -13,18 +13,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.symmetry import local_forces
-from fem.problem.model import (
+from fem.static.linear_step.flexibility import FlexibilityStore
+from fem.static.result import StaticError, StaticResult
+from fem.static.solve import StaticOptions, solve_static
+from fem.system.build import DeformableAssembly
+from fem.system.model import (
     Model,
     NodalLoad,
     nodal_load,
     refuse_turning_springs,
 )
-from fem.problem.recovery import block_displacements, internal_forces, turned_rigidly
-from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.result import StaticError, StaticResult
-from fem.static.solve import StaticOptions, solve_static
+from fem.system.recovery import block_displacements, internal_forces, turned_rigidly
+from fem.system.sector import local_forces
 from geometry.mesh import FloatArray
 
 #: Each round is solved to this share of the tolerance: what is left of it turns blocks, and the

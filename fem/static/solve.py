@@ -18,21 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from fem.assembly.contact_state import corner_displacements, facing_points
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.local_system import LocalSystem, free_motions, local_system
-from fem.assembly.reactions import moving_supports
-from fem.assembly.symmetry import (
-    Orbits,
-    cyclic_orbits,
-    largest_cyclic_orbits,
-    no_symmetry,
-    searched_in_all_sectors,
-    vectors_in_all_sectors,
-    with_half_turn,
-)
 from fem.contact.search import FacingPoints, SearchedPoints, points_of_search
-from fem.problem.model import Model
 from fem.static.contact_forces import grid_blocks, solve_in_contact_forces
 from fem.static.linear import solve_apart
 from fem.static.linear_step.condensed import CondensedStep
@@ -59,6 +45,20 @@ from fem.static.newton import (
     support_forces,
 )
 from fem.static.result import StaticError, StaticResult, load_factors, loose_blocks, refined
+from fem.system.build import DeformableAssembly
+from fem.system.model import Model
+from fem.system.reactions import moving_supports
+from fem.system.sector import (
+    Orbits,
+    cyclic_orbits,
+    largest_cyclic_orbits,
+    no_symmetry,
+    searched_in_all_sectors,
+    vectors_in_all_sectors,
+    with_half_turn,
+)
+from fem.system.state import corner_displacements, facing_points
+from fem.system.system import LocalSystem, free_motions, local_system
 from geometry.mesh import FloatArray, IntArray
 
 __all__ = ["StaticMethod", "StaticOptions", "solve_static"]

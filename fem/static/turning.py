@@ -17,8 +17,8 @@ from functools import cached_property
 
 import numpy as np
 
-from fem.assembly.local_system import Gaps, LocalSystem
 from fem.contact.surfaces import motion_derivatives
+from fem.system.system import Gaps, LocalSystem
 from geometry.mesh import FloatArray
 
 

@@ -16,13 +16,13 @@ from functools import partial
 import numpy as np
 
 from fem import CoulombFriction, Problem, concrete
-from fem.assembly.deformable import DeformableAssembly
 from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import State
 from fem.explicit.step import System, step
-from fem.problem.effects import AdaptiveMassDamping, Effects
-from fem.problem.time_step import critical_time_step
+from fem.system.build import DeformableAssembly
+from fem.system.effects import AdaptiveMassDamping, Effects
+from fem.system.time_step import critical_time_step
 from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import SineTube
 from geometry.loads import named_case

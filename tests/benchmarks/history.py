@@ -21,9 +21,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from fem.problem.effects import Effects
-from fem.problem.model import BlockGroup, Model
-from fem.problem.time_step import critical_time_step
+from fem.system.effects import Effects
+from fem.system.model import BlockGroup, Model
+from fem.system.time_step import critical_time_step
 from geometry.system import write_whole
 from tests.benchmarks import contact, rigid
 from validation import InputError

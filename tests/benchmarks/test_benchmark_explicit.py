@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fem.problem.model import Model
+from fem.system.model import Model
 from validation.benchmarks import explicit
 from validation.benchmarks.kernels import kernel_rows
 from validation.benchmarks.roofline import Roofline

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fem import ElementType, ExponentialLaw, LinearPenalty, Material
-from fem.assembly.statement import Motion
 from fem.decks.abaqus import abaqus_lines
 from fem.decks.keywords import NUMBER_LENGTH, DeckError, label, real
 from fem.decks.model import as_nodal_forces, deck_assembly, deck_model, nodal_forces
@@ -29,8 +28,9 @@ from fem.decks.statement import (
     Procedure,
     loads_of_case,
 )
-from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
+from fem.problem import Motion
 from fem.static.solve import solve_static
+from fem.system.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from geometry import Assembly
 from geometry.block import box_block
 from geometry.families.sine_block import SineBlockDivisions

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fem import Material
-from fem.assembly.symmetry import no_symmetry
 from fem.explicit.contact.alike_pairs import alike_pairs
+from fem.system.sector import no_symmetry
 from geometry.families.boxes import BrickStack
 from geometry.loads import named_case
 from tests.support.fem_problems import deformable_assembly

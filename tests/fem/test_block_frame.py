@@ -8,10 +8,10 @@ from fem.explicit import kernels
 from fem.explicit.kernels import SERIAL
 from fem.explicit.solve import initial_state, prepare, solve
 from fem.explicit.step import placed_internal_force
-from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
-from fem.problem.loads import SmoothStepAmplitude
-from fem.problem.model import Model, ModelError, block_group, nodal_load
-from fem.problem.time_step import critical_time_step
+from fem.system.effects import BulkViscosity, Effects, RayleighDamping
+from fem.system.forces import SmoothStepAmplitude
+from fem.system.model import Model, ModelError, block_group, nodal_load
+from fem.system.time_step import critical_time_step
 from tests.support.fem_problems import CONCRETE, distorted_box
 
 FINITE = Effects(finite_rotation=True)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from fem import ElementType, ExponentialLaw, LinearPenalty
-from fem.assembly.statement import Motion
 from fem.decks.faces import contact_patches
 from fem.decks.keywords import DeckError
 from fem.decks.laws import TABLE_POINTS, law_table
@@ -19,8 +18,9 @@ from fem.decks.read.cards import read_cards
 from fem.decks.read.deck import deck_of_lines
 from fem.decks.statement import Deck, Flavour, Joint, Procedure, loads_of_case
 from fem.decks.write import deck_lines, write_deck
-from fem.problem.effects import Effects, RayleighDamping
+from fem.problem import Motion
 from fem.static.solve import solve_static
+from fem.system.effects import Effects, RayleighDamping
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
 from geometry.loads import named_case

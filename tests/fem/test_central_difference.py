@@ -15,10 +15,10 @@ from fem.explicit.output.energy import History, energies
 from fem.explicit.solve import Frame, Output, UnstableRun, initial_state, prepare, solve, watch
 from fem.explicit.state import State
 from fem.explicit.step import System, step
-from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
-from fem.problem.loads import SmoothStepAmplitude
-from fem.problem.model import BlockGroup, Model, block_group, fixed_nodes, nodal_load
-from fem.problem.time_step import critical_time_step
+from fem.system.effects import BulkViscosity, Effects, RayleighDamping
+from fem.system.forces import SmoothStepAmplitude
+from fem.system.model import BlockGroup, Model, block_group, fixed_nodes, nodal_load
+from fem.system.time_step import critical_time_step
 from geometry.block import box_block
 from geometry.mesh import CORNERS, HexMesh
 from tests.support.fem_problems import CONCRETE, distorted_box

@@ -8,7 +8,6 @@ from scipy.sparse import csr_array, diags_array, eye_array, kron
 from scipy.sparse.linalg import splu
 
 from fem import ElementType, Material, Problem, Static, solve_static
-from fem.problem.model import block_group
 from fem.static.linear_step import condensation
 from fem.static.linear_step import linearisation as sparse_solver
 from fem.static.linear_step.block_tridiagonal import (
@@ -20,6 +19,7 @@ from fem.static.linear_step.block_tridiagonal import (
 from fem.static.linear_step.condensation import condense
 from fem.static.linear_step.flexibility import block_motions
 from fem.static.linear_step.linearisation import SparseSolver, SparseSolverError, factorize, fill_in
+from fem.system.model import block_group
 from geometry import Assembly
 from geometry.block import box_block
 from geometry.files.hexahedral_solids import hexahedral_block

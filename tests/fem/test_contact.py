@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from fem import ExponentialLaw, Frames, LinearPenalty, Material
-from fem.assembly.deformable import DeformableAssemblyError, block_load_forces
 from fem.contact.surfaces import (
     ContactError,
     ContactNormals,
@@ -16,6 +15,7 @@ from fem.contact.surfaces import (
     facet_pressures,
     motion_derivatives,
 )
+from fem.system.build import DeformableAssemblyError, block_load_forces
 from geometry import SineBlock as SineBlockParameters
 from geometry.assembly import moved, spacing_offsets
 from geometry.families.boxes import BrickStack

@@ -12,7 +12,7 @@ from fem.decks.problem import problem_deck
 from fem.decks.statement import Flavour
 from fem.dynamics import stated_run
 from fem.explicit.solve import Frame
-from fem.problem.time_step import critical_time_step
+from fem.system.time_step import critical_time_step
 from tests.support.answers import on_its_mesh
 from tests.support.own_blocks import column, overclosure
 from tests.support.printed import printed

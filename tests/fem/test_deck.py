@@ -15,7 +15,7 @@ from fem import read_deck
 from fem.decks.problem import element_time_step, problem_deck
 from fem.decks.read.cards import Card, read_cards
 from fem.decks.statement import Flavour, NodalForceLoad
-from fem.problem.effects import SAFETY_FACTOR
+from fem.system.effects import SAFETY_FACTOR
 from geometry.loads import CASES, CircumferentialLoad
 from tests.support.commands import command
 from tests.support.decks import exported

@@ -19,8 +19,8 @@ from fem.decks.problem import element_time_step, problem_deck
 from fem.decks.read.deck import deck_of_lines
 from fem.decks.statement import Deck, Flavour
 from fem.decks.write import deck_lines
-from fem.problem.effects import Effects
-from fem.problem.time_step import characteristic_time_step
+from fem.system.effects import Effects
+from fem.system.time_step import characteristic_time_step
 from validation import load_case
 
 pytestmark = pytest.mark.quick

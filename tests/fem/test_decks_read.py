@@ -15,15 +15,15 @@ from hypothesis import strategies as st
 import fem
 from fem import ElementType, Static, read_deck
 from fem.accuracy.converge import AccuracyError
-from fem.assembly.deformable import curved
-from fem.assembly.statement import ProblemError
 from fem.decks.keywords import DeckError
 from fem.decks.read.cards import read_cards
 from fem.decks.read.deck import InputDeck, deck_of_lines
 from fem.decks.read.rewrite import rewritten
 from fem.decks.read.words import Dialect
 from fem.decks.write import deck_lines
+from fem.problem import ProblemError
 from fem.static.solve import solve_static
+from fem.system.build import curved
 from geometry.errors import RefusedError
 from geometry.mesh import HEX_EDGES
 from geometry.parts.regions import region_nodes

@@ -11,11 +11,11 @@ import pytest
 
 from fem import ElementType
 from fem.explicit import block_frame, damping, solve, step
-from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
-from fem.problem.loads import SmoothStepAmplitude
-from fem.problem.model import Model, block_group, fixed_nodes, nodal_load
-from fem.problem.springs import springs_on
-from fem.problem.time_step import critical_time_step
+from fem.system.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
+from fem.system.forces import SmoothStepAmplitude
+from fem.system.model import Model, block_group, fixed_nodes, nodal_load
+from fem.system.springs import springs_on
+from fem.system.time_step import critical_time_step
 from geometry.mesh import boundary_quads
 from tests.support.fem_problems import CONCRETE, distorted_box
 

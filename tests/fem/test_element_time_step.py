@@ -5,7 +5,7 @@ import pytest
 
 from fem import ElementType, Material
 from fem.element.kinds import block_lumped_mass, block_stiffness
-from fem.problem.time_step import (
+from fem.system.time_step import (
     characteristic_length,
     characteristic_time_step,
     damped_factor,

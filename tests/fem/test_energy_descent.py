@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from fem import Material
-from fem.assembly.local_system import local_system
-from fem.assembly.symmetry import largest_cyclic_orbits
 from fem.contact.surfaces import ContactNormals
 from fem.static.energy_descent import _conjugate_gradients, _Energy, minimise_energy
 from fem.static.linear_step.linearisation import SparseStep
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
+from fem.system.sector import largest_cyclic_orbits
+from fem.system.system import local_system
 from geometry import SineBlock as SineBlockParameters
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube

@@ -15,16 +15,16 @@ from fem.explicit import solve as explicit
 from fem.explicit.output.checkpoint import CheckpointError, content_digest
 from fem.explicit.solve import Output, Status, StopCriterion, UnstableRun, solve
 from fem.explicit.state import StateError
-from fem.problem.effects import (
+from fem.system.effects import (
     AdaptiveMassDamping,
     BulkViscosity,
     EffectError,
     Effects,
     RayleighDamping,
 )
-from fem.problem.loads import SmoothStepAmplitude
-from fem.problem.model import Model, ModelError, block_group, fixed_nodes, nodal_load
-from fem.problem.time_step import TimeStepError, critical_time_step
+from fem.system.forces import SmoothStepAmplitude
+from fem.system.model import Model, ModelError, block_group, fixed_nodes, nodal_load
+from fem.system.time_step import TimeStepError, critical_time_step
 from tests.support.cantilever import EVERYTHING, HELD, MESH, cantilever
 from tests.support.fem_problems import CONCRETE, degrees_of_freedom, static_displacement
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from fem import CoulombFriction, Frames, Material
-from fem.assembly.contact_state import corner_displacements
 from fem.contact.friction import Coulomb
 from fem.contact.surfaces import ContactNormals
 from fem.element.facet import FACET_SLOPES, FACET_VALUES
@@ -13,8 +12,9 @@ from fem.explicit.setup.quasi_static import quasi_static_report
 from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, solve
 from fem.explicit.state import world_vectors
-from fem.problem.effects import AdaptiveMassDamping, Effects
 from fem.static.solve import solve_static
+from fem.system.effects import AdaptiveMassDamping, Effects
+from fem.system.state import corner_displacements
 from geometry.assembly import moved
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube

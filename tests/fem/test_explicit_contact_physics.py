@@ -13,8 +13,8 @@ from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import Output, UnstableRun, displacements_of, initial_state, prepare, solve
 from fem.explicit.state import world_vectors
 from fem.explicit.step import step
-from fem.problem.effects import AdaptiveMassDamping, Effects, RayleighDamping
-from fem.problem.time_step import critical_time_step
+from fem.system.effects import AdaptiveMassDamping, Effects, RayleighDamping
+from fem.system.time_step import critical_time_step
 from tests.support.fem_problems import in_contact, matched_pressures
 from tests.support.floor import CONCRETE, GRAVITY, block_on_floor
 

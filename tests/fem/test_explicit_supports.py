@@ -7,9 +7,9 @@ import pytest
 from scipy.linalg import eigh
 
 from fem import Explicit, Problem, Static, concrete, solve_explicit, solve_static
-from fem.assembly.statement import Motion
-from fem.problem.model import ModelError
-from fem.problem.time_step import TimeStepError, critical_time_step
+from fem.problem import Motion
+from fem.system.model import ModelError
+from fem.system.time_step import TimeStepError, critical_time_step
 from geometry.loads import LineLoad
 from tests.support.answers import on_its_mesh
 from tests.support.supports import ONE, TWO, A, X, Y, Z, case, pulled, roller

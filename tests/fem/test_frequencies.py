@@ -9,7 +9,7 @@ from scipy.sparse import diags_array
 from scipy.sparse.linalg import eigsh
 
 from fem import ElementType, Material
-from fem.problem.model import BlockGroup, block_group
+from fem.system.model import BlockGroup, block_group
 from geometry.block import box_block
 
 SOLID = Material(density=2e-9, young_modulus=1000.0, poisson_ratio=0.3)

@@ -9,9 +9,9 @@ from fem import CoulombFriction, LinearPenalty
 from fem.dynamics import stated_run
 from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import solve
-from fem.problem.effects import PAPER_RAYLEIGH, Effects
-from fem.problem.loads import SmoothStepAmplitude, TabularAmplitude
-from fem.problem.model import Model, fixed_nodes
+from fem.system.effects import PAPER_RAYLEIGH, Effects
+from fem.system.forces import SmoothStepAmplitude, TabularAmplitude
+from fem.system.model import Model, fixed_nodes
 from tests.support.answers import on_its_mesh
 from tests.support.fem_problems import in_contact
 from tests.support.floor import GRAVITY, block_on_floor

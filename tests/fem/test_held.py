@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fem.assembly.held import Held
-from fem.problem.model import ModelError, Support
 from fem.static.solve import StaticOptions, solve_static
+from fem.system.held import Held
+from fem.system.model import ModelError, Support
 from geometry.mesh import FloatArray
 from validation import load_case
 

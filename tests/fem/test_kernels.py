@@ -16,8 +16,8 @@ from fem.explicit.kernels.layout import (
     runs,
     to_lanes,
 )
-from fem.problem.effects import BulkViscosity
-from fem.problem.model import block_group
+from fem.system.effects import BulkViscosity
+from fem.system.model import block_group
 from tests.support import reference_kernels as reference
 from tests.support.fem_problems import CONCRETE, distorted_box
 

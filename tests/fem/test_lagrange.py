@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from fem import ElementType, Problem, Static, solve_static
-from fem.assembly.symmetry import local_forces
 from fem.element.facet import lagrange_basis
 from fem.element.functions import (
     functions_at,
@@ -18,9 +17,10 @@ from fem.element.functions import (
 from fem.element.kinds import block_internal_force, block_stiffness
 from fem.element.lagrange import Lagrange, adjugates
 from fem.element.lagrange_mesh import LagrangeMesh, with_degree
-from fem.problem.model import block_group
 from fem.static.linear_step.columns import alike_lengths, flexible_block
 from fem.static.linear_step.grid_block import GridBlock, grid_block
+from fem.system.model import block_group
+from fem.system.sector import local_forces
 from geometry import SineBlock, pipe, tube
 from geometry.mesh import FloatArray, MeshError, boundary_quads, grid_points
 from tests.support.answers import on_its_mesh

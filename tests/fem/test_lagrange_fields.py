@@ -10,14 +10,14 @@ import pyvista as pv
 from scipy.spatial import cKDTree
 
 from fem.accuracy.transfer import interpolation
-from fem.assembly import ball_averages
-from fem.assembly.ball_averages import _Cells, _tension, averaged_tension
 from fem.element.lagrange import Lagrange
 from fem.element.lagrange_mesh import LagrangeMesh, with_degree
-from fem.problem.model import block_group
-from fem.problem.recovery import MovedBodies, cells_of, grid_places
 from fem.static.linear_step.grid_block import windows
 from fem.static.solve import StaticOptions
+from fem.system import ball_averages
+from fem.system.ball_averages import _Cells, _tension, averaged_tension
+from fem.system.model import block_group
+from fem.system.recovery import MovedBodies, cells_of, grid_places
 from geometry.files.mesh_io import write_lagrange_cells
 from geometry.mesh import FloatArray
 from geometry.meshing.charts import Places

@@ -21,10 +21,6 @@ from fem import (
     solve_explicit,
     solve_static,
 )
-from fem.assembly.contact_state import corner_displacements
-from fem.assembly.peaks import largest_pressure
-from fem.assembly.statement import ProblemError
-from fem.assembly.symmetry import local_forces
 from fem.contact.surfaces import ContactNormals
 from fem.decks.keywords import DeckError
 from fem.decks.problem import problem_deck
@@ -32,9 +28,13 @@ from fem.decks.statement import Flavour
 from fem.decks.write import write_deck
 from fem.element.kinds import block_lumped_mass
 from fem.element.lagrange_mesh import LagrangeMesh, in_pieces, with_degree
-from fem.problem.loads import pressure_forces
-from fem.problem.model import block_group
+from fem.problem import ProblemError
 from fem.static.solve import StaticMethod, StaticOptions
+from fem.system.forces import pressure_forces
+from fem.system.model import block_group
+from fem.system.peaks import largest_pressure
+from fem.system.sector import local_forces
+from fem.system.state import corner_displacements
 from geometry.block import Block
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.families.hexagon_block import (

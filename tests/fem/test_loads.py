@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from fem.element.hexahedron import gauss_gradients, mean_gradients
 from fem.element.kinds import block_lumped_mass
-from fem.problem.loads import (
+from fem.system.forces import (
     LoadError,
     SmoothStepAmplitude,
     TabularAmplitude,

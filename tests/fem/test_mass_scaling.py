@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from fem import ElementType, Material
-from fem.problem.effects import Effects
-from fem.problem.model import Model, ModelError, block_group
-from fem.problem.time_step import (
+from fem.system.effects import Effects
+from fem.system.model import Model, ModelError, block_group
+from fem.system.time_step import (
     added_mass_share,
     critical_time_step,
     element_frequencies,

@@ -22,10 +22,10 @@ from fem import (
     solve_explicit,
     solve_static,
 )
-from fem.assembly.statement import ProblemError
 from fem.decks.problem import problem_deck
 from fem.decks.statement import Flavour
 from fem.decks.write import write_deck
+from fem.problem import ProblemError
 from fem.static.solve import solve_static as solve_blocks
 from geometry import SineBlock, pipe, tube
 from geometry.block import box_block

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from fem import CoulombFriction
-from fem.assembly.local_system import local_system
-from fem.assembly.symmetry import largest_cyclic_orbits
 from fem.contact.surfaces import ContactNormals
 from fem.static.linear_step.condensed import CondensedStep
 from fem.static.linear_step.linearisation import Linearisation, SparseStep
+from fem.system.sector import largest_cyclic_orbits
+from fem.system.system import local_system
 from geometry.mesh import FloatArray
 from tests.support.pressed_pipe import pipe
 

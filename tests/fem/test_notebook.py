@@ -18,8 +18,8 @@ import mbd
 import validation
 from fem import Explicit, Frames, Material, Problem, Static, concrete, solve_explicit, solve_static
 from fem.answer import answer_of
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.statement import ProblemError
+from fem.problem import ProblemError
+from fem.system.build import DeformableAssembly
 from geometry import (
     Answer,
     Assembly,

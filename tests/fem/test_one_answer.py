@@ -19,12 +19,12 @@ from fem.accuracy.facets import pressures_on_facets
 from fem.accuracy.ladder import coarser, split
 from fem.accuracy.ladder import on_mesh as on_degree
 from fem.accuracy.transfer import interpolation, node_places, transferred
-from fem.assembly.symmetry import largest_cyclic_orbits, with_half_turn
 from fem.element.lagrange_mesh import with_degree
 from fem.static import solve
 from fem.static.contact_forces import grid_blocks
 from fem.static.linear_step.grid_block import PointFlexibility
 from fem.static.solve import StaticMethod, StaticOptions
+from fem.system.sector import largest_cyclic_orbits, with_half_turn
 from geometry import (
     Block,
     OsteomorphicWall,

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from fem import ExponentialLaw, Frames, Material, read_deck
-from fem.assembly.deformable import DeformableAssembly
 from fem.decks.laws import law_table
 from fem.decks.problem import problem_deck
 from fem.decks.statement import Flavour
 from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import StopCriterion
 from fem.explicit.solve import solve as solve_model
-from fem.problem.effects import AdaptiveMassDamping, EffectError, Effects
 from fem.static.solve import solve_static
+from fem.system.build import DeformableAssembly
+from fem.system.effects import AdaptiveMassDamping, EffectError, Effects
 from geometry import ColumnBox, RefusedError, box_column
 from geometry.loads import face_pressure
 from tests.support.decks import exported

@@ -14,7 +14,7 @@ from scipy.sparse import csr_array
 from fem import Material, Problem, Static, solve_static
 from fem.element.kinds import block_lumped_mass
 from fem.element.lagrange_mesh import LagrangeMesh, with_degree
-from fem.problem.model import block_group
+from fem.system.model import block_group
 from geometry import Block, LoadCase, read_blocks
 from geometry.files.hexahedral_solids import file_blocks
 from geometry.files.quadratic import NATURAL

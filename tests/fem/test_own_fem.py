@@ -12,12 +12,12 @@ import pytest
 
 from fem import LinearPenalty, Material, Problem, Static, solve_static
 from fem.accuracy.one_mesh import static_solution
-from fem.assembly.contact_state import facing_points
 from fem.contact.search import closest_points
 from fem.decks.problem import problem_deck
 from fem.decks.statement import Flavour
 from fem.dynamics import stated_run
-from fem.problem.loads import wrench_forces
+from fem.system.forces import wrench_forces
+from fem.system.state import facing_points
 from geometry import (
     Assembly,
     ColumnBox,

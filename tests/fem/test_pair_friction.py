@@ -18,13 +18,13 @@ from fem import (
     solve_static,
     write_deck,
 )
-from fem.assembly.symmetry import largest_cyclic_orbits
 from fem.contact.friction import FrictionError
 from fem.decks.keywords import DeckError
 from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import solve as solve_explicit
-from fem.problem.effects import Effects
 from fem.static.solve import solve_static as solve_blocks
+from fem.system.effects import Effects
+from fem.system.sector import largest_cyclic_orbits
 from geometry import SineBlock, shaft, tube
 from geometry.errors import RefusedError
 from geometry.loads import LoadCase

@@ -19,13 +19,13 @@ from fem import (
     solve_static,
     write_deck,
 )
-from fem.assembly.symmetry import largest_cyclic_orbits
 from fem.contact.law import ContactLaw
 from fem.decks.keywords import DeckError
 from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import solve as solve_explicit
-from fem.problem.effects import AdaptiveMassDamping, Effects
 from fem.static.solve import solve_static as solve_blocks
+from fem.system.effects import AdaptiveMassDamping, Effects
+from fem.system.sector import largest_cyclic_orbits
 from geometry.parts.pairs import PairError
 from tests.support.pushed_bricks import EDGE, PRESSURE, SCENE, STONE, frictionless_answer, pushed
 from validation import load_case

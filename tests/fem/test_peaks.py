@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem.assembly.ball_averages import ball_averages
-from fem.assembly.contact_state import contact_state
-from fem.assembly.peaks import joint_forces, largest_pressure, stress_peaks
 from fem.contact.surfaces import ContactNormals, corner_overclosures
 from fem.element.facet import FACET_VALUES
 from fem.element.kinds import integration_points
+from fem.system.ball_averages import ball_averages
+from fem.system.peaks import joint_forces, largest_pressure, stress_peaks
+from fem.system.state import contact_state
 from geometry import Answer, Measure
 from tests.support.answers import on_its_mesh
 from tests.support.own_blocks import column

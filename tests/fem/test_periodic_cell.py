@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from fem.accuracy import statics
-from fem.assembly.contact_state import corner_displacements
-from fem.assembly.symmetry import local_forces
 from fem.explicit.solve import Status
 from fem.static.result import StaticError
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
+from fem.system.sector import local_forces
+from fem.system.state import corner_displacements
 from geometry import Answer
 from tests.support.answers import on_its_mesh
 from tests.support.commands import command

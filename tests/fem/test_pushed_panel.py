@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from fem.accuracy.statics import static_options
-from fem.assembly.reactions import PushCurve, push_curves
 from fem.static.result import StaticResult
 from fem.static.solve import solve_static
+from fem.system.reactions import PushCurve, push_curves
 from geometry import TetrahedraLayer
 from geometry.assembly import AssemblyError
 from geometry.families.platonic_layers import tetrahedron

@@ -14,8 +14,8 @@ from fem.explicit.setup.quasi_static import (
 )
 from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import Status, StopCriterion, solve
-from fem.problem.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from fem.static.solve import solve_static
+from fem.system.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube

@@ -14,8 +14,8 @@ from fem import Explicit, Frames, Material, solve_explicit
 from fem.explicit.setup.quasi_static import block_frequencies
 from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import StopCriterion, initial_state, prepare, solve
-from fem.problem.effects import AdaptiveMassDamping, Effects
-from fem.problem.model import Model
+from fem.system.effects import AdaptiveMassDamping, Effects
+from fem.system.model import Model
 from geometry import ColumnBox, RefusedError, box_block, box_column
 from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads import face_pressure

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from fem import CoulombFriction, ExponentialLaw, Frames, LinearPenalty, Material
-from fem.assembly.contact_state import searched_state
 from fem.contact.cuts import closest_point
 from fem.contact.search import BlockSurface, closest_points
 from fem.contact.surfaces import ContactError, ContactNormals
@@ -18,10 +17,11 @@ from fem.explicit.setup.statement import counted_stiffness, explicit_statement
 from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, solve
 from fem.explicit.state import world_vectors
 from fem.explicit.step import step
-from fem.problem.effects import AdaptiveMassDamping, Effects
-from fem.problem.loads import TabularAmplitude, pressure_forces
-from fem.problem.model import Model, block_group, fixed_nodes, nodal_load
 from fem.static.solve import solve_static
+from fem.system.effects import AdaptiveMassDamping, Effects
+from fem.system.forces import TabularAmplitude, pressure_forces
+from fem.system.model import Model, block_group, fixed_nodes, nodal_load
+from fem.system.state import searched_state
 from geometry import Assembly
 from geometry.block import box_block
 from geometry.families.boxes import brick

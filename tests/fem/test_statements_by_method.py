@@ -22,10 +22,10 @@ from fem import (
     solve_static,
     write_deck,
 )
-from fem.assembly.statement import Motion
 from fem.decks.keywords import DeckError
 from fem.decks.problem import problem_deck
 from fem.decks.statement import Flavour
+from fem.problem import Motion
 from geometry import Answer, HeldFace, LineLoad, LoadCase, PressureLoad, RefusedError
 from geometry.loads import with_body_wrenches
 from mbd import analyse

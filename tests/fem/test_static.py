@@ -14,12 +14,12 @@ from fem import (
     LinearPenalty,
     Material,
 )
-from fem.assembly.contact_state import contact_measures
-from fem.assembly.symmetry import SymmetryError
 from fem.contact.surfaces import ContactNormals
 from fem.static.linear_step import condensed as flexibility
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticError, StaticMethod, StaticOptions, solve_static
+from fem.system.sector import SymmetryError
+from fem.system.state import contact_measures
 from geometry.assembly import moved, renumbered
 from geometry.loads import LoadCase, PressureLoad, named_case
 from geometry.mesh import HexMesh
@@ -106,7 +106,7 @@ def test_patch_test_across_a_conforming_interface(element):
 
 def held_tangentially(model, shape):
     """Hold one corner along the two tangents of the slope, and a neighbour across."""
-    from fem.problem.model import Support
+    from fem.system.model import Support
 
     slope = np.array([1.0, 0.0, 0.3]) / np.hypot(1.0, 0.3)
     across = np.array([0.0, 1.0, 0.0])

@@ -9,12 +9,12 @@ from scipy.spatial.transform import Rotation
 from fem import CoulombFriction, Frames, LinearPenalty, Material
 from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import StopCriterion, solve
-from fem.problem.effects import AdaptiveMassDamping, Effects
-from fem.problem.recovery import block_displacements, turned_rigidly
 from fem.static import rotation
 from fem.static.result import StaticError
 from fem.static.rotation import solve_static_with_rotation
 from fem.static.solve import StaticOptions, solve_static
+from fem.system.effects import AdaptiveMassDamping, Effects
+from fem.system.recovery import block_displacements, turned_rigidly
 from geometry import HexagonBlock as HexagonBlockParameters
 from geometry import SineBlock as SineBlockParameters
 from geometry.families.boxes import ColumnBox, box_column

@@ -7,10 +7,10 @@ import pytest
 
 from fem import CoulombFriction, Frames, LinearPenalty
 from fem.contact.surfaces import ContactNormals
-from fem.problem.loads import SmoothStepAmplitude
-from fem.problem.model import fixed_nodes
 from fem.static import solve as static_solve
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
+from fem.system.forces import SmoothStepAmplitude
+from fem.system.model import fixed_nodes
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.loads import face_pressure
 from tests.support.fem_problems import deformable_assembly

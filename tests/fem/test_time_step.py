@@ -5,9 +5,9 @@ import pytest
 from scipy.linalg import eigh
 
 from fem import ElementType
-from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
-from fem.problem.model import Model, block_group
-from fem.problem.time_step import (
+from fem.system.effects import BulkViscosity, Effects, RayleighDamping
+from fem.system.model import Model, block_group
+from fem.system.time_step import (
     critical_time_step,
     damping_matrix,
     element_frequencies,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fem import LinearPenalty, Material, Problem, Static, solve_static
-from fem.assembly.statement import ProblemError
+from fem.problem import ProblemError
 from geometry import Assembly, ColumnBox, LoadCase, box_block, box_column
 from mbd import analyse
 

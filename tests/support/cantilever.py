@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from fem.problem.effects import (
+from fem.system.effects import (
     AdaptiveMassDamping,
     BulkViscosity,
     Effects,
     RayleighDamping,
 )
-from fem.problem.loads import SmoothStepAmplitude
-from fem.problem.model import Model, block_group, fixed_nodes, nodal_load
+from fem.system.forces import SmoothStepAmplitude
+from fem.system.model import Model, block_group, fixed_nodes, nodal_load
 from geometry.block import box_block
 from tests.support.fem_problems import CONCRETE
 

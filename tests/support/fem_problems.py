@@ -8,10 +8,10 @@ import numpy as np
 from scipy.sparse.linalg import spsolve
 
 from fem import ElementType, Material, Problem
-from fem.assembly.contact_state import contact_state, corner_displacements
-from fem.assembly.deformable import DeformableAssembly
 from fem.element.kinds import block_hourglass_stiffness, block_stiffness
 from fem.static.result import StaticResult
+from fem.system.build import DeformableAssembly
+from fem.system.state import contact_state, corner_displacements
 from geometry.block import Block, box_block
 from geometry.mesh import FloatArray, HexMesh, boundary_quads
 

@@ -20,8 +20,8 @@ from scipy.sparse import bsr_array, csc_array, csr_array, eye_array
 from scipy.sparse.linalg import splu
 
 from fem import Problem
-from fem.assembly.contact_state import facing_points
 from fem.contact.search import points_of_search
+from fem.system.state import facing_points
 from geometry import PressureLoad
 from geometry.mesh import CORNERS, BoolArray, FloatArray, IntArray
 

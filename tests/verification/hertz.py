@@ -26,13 +26,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fem import CoulombFriction, LinearPenalty, Material, Problem
-from fem.assembly.contact_state import corner_displacements
-from fem.assembly.deformable import DeformableAssembly
-from fem.problem.loads import SmoothStepAmplitude
-from fem.problem.model import Support, block_group, fixed_nodes
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.result import StaticResult
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
+from fem.system.build import DeformableAssembly
+from fem.system.forces import SmoothStepAmplitude
+from fem.system.model import Support, block_group, fixed_nodes
+from fem.system.state import corner_displacements
 from geometry import Assembly, Block, LoadCase
 from geometry.families.round_bodies import quarter_disc, round_ended, strip
 

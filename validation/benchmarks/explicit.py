@@ -24,9 +24,9 @@ from fem.explicit.output.checkpoint import state_arrays
 from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import State
 from fem.explicit.step import System, step, stiffness_force
-from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
-from fem.problem.model import BlockGroup, Model, block_group, fixed_nodes, nodal_load
-from fem.problem.time_step import critical_time_step
+from fem.system.effects import BulkViscosity, Effects, RayleighDamping
+from fem.system.model import BlockGroup, Model, block_group, fixed_nodes, nodal_load
+from fem.system.time_step import critical_time_step
 from geometry.block import box_block
 from geometry.system import peak_memory_mb
 from validation.benchmarks.kernels import KernelRow, kernel_rows

@@ -20,8 +20,8 @@ from fem.explicit.step import (
     set_internal_force,
     stiffness_force,
 )
-from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
-from fem.problem.model import BlockGroup
+from fem.system.effects import BulkViscosity, Effects, RayleighDamping
+from fem.system.model import BlockGroup
 from validation.benchmarks.roofline import Roofline, Work
 from validation.benchmarks.stopwatch import best_cpu_seconds
 

@@ -25,7 +25,7 @@ from fem.decks.problem import (
 from fem.decks.statement import Deck, DeckStep, Flavour, Joint, Procedure
 from fem.decks.tetrahedra import has_tetrahedra, with_tetrahedra
 from fem.element.hexahedron import ElementType
-from fem.problem.effects import Effects
+from fem.system.effects import Effects
 from geometry.assembly import Assembly
 from validation.build.cell import refuse_cell
 from validation.build.problem import (

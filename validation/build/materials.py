@@ -194,7 +194,7 @@ def body_forces(
 def build_weight(scene: DeformableScene, assembly: AnyBlocks) -> FloatArray | None:
     """Weight of rigid blocks under ``effects.gravity``, about their mass centroids.
 
-    Deformable blocks carry theirs node by node (`fem.assembly.deformable`).
+    Deformable blocks carry theirs node by node (`fem.system.build`).
 
     Returns
     -------

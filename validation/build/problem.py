@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from fem.assembly.deformable import Frames
-from fem.assembly.statement import Problem
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw
 from fem.contact.pair_laws import PairLaws
 from fem.contact.surfaces import ContactNormals
 from fem.method import Static
+from fem.problem import Problem
+from fem.system.build import Frames
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase
 from geometry.measures import Planes, planes
@@ -205,7 +205,7 @@ def scene_problem(scene: DeformableScene, name: str) -> Problem:
         problem = build_problem(scene, name, load)
         cut = scene_planes(scene, problem.blocks)
         if cut is not None:
-            from fem.assembly.section_forces import check_planes
+            from fem.system.sections import check_planes
 
             check_planes(problem.blocks, cut, ~problem.deforming)
         return problem

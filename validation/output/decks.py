@@ -13,7 +13,6 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from fem.assembly.statement import Problem
 from fem.decks.problem import increments, needs_double
 from fem.decks.read.deck import InputDeck, read_deck
 from fem.decks.read.rewrite import rewritten
@@ -22,6 +21,7 @@ from fem.decks.write import write_deck
 from fem.element.material import Material
 from fem.measures import load_step_change
 from fem.method import Explicit, Static
+from fem.problem import Problem
 from geometry.answer import Answer
 from geometry.errors import RefusedError
 from geometry.system import write_whole

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fem.accuracy.statics import solve_static
-from fem.assembly.statement import Problem
 from fem.element.hexahedron import ElementType
 from fem.method import Explicit, Static
+from fem.problem import Problem
 from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
 from geometry.answer import Answer, Notes, Part

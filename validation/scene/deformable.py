@@ -20,7 +20,7 @@ from pydantic.json_schema import JsonSchemaValue
 
 from fem.element.hexahedron import ElementType
 from fem.method import Explicit, Static
-from fem.problem.effects import BulkViscosity, RayleighDamping
+from fem.system.effects import BulkViscosity, RayleighDamping
 from geometry.errors import is_number
 from geometry.options import OptionError
 from validation.scene.contact import ContactSection, gap_words
@@ -51,7 +51,7 @@ from validation.scene.supports import (
 )
 
 if TYPE_CHECKING:
-    from fem.assembly.statement import Motion
+    from fem.problem import Motion
     from geometry.assembly import Assembly
 
 

@@ -6,8 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.assembly.contact_state import contact_state
-from fem.assembly.deformable import DeformableAssembly
 from fem.contact.law import ExponentialLaw, LinearPenalty
 from fem.explicit.output.energy import History, energies
 from fem.explicit.setup.quasi_static import quasi_static_report
@@ -23,9 +21,11 @@ from fem.explicit.solve import (
 )
 from fem.explicit.solve import watch as watch_energy
 from fem.explicit.step import step as central_difference_step
-from fem.problem.effects import AdaptiveMassDamping, Effects
-from fem.problem.model import Model, block_group, fixed_nodes
-from fem.problem.time_step import TimeStepError, critical_time_step
+from fem.system.build import DeformableAssembly
+from fem.system.effects import AdaptiveMassDamping, Effects
+from fem.system.model import Model, block_group, fixed_nodes
+from fem.system.state import contact_state
+from fem.system.time_step import TimeStepError, critical_time_step
 from geometry.block import box_block
 from geometry.mesh import FloatArray
 from validation.stability.case import Cases, Check, Finding, Verdict, refusal

@@ -9,9 +9,9 @@ import numpy as np
 from fem.element.hexahedron import ElementType
 from fem.element.kinds import block_stiffness
 from fem.element.material import Material
-from fem.problem.model import Support, fixed_nodes, nodal_load
 from fem.static.linear import solve_apart
 from fem.static.result import StaticResult
+from fem.system.model import Support, fixed_nodes, nodal_load
 from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block, box_block
 from geometry.errors import RefusedError

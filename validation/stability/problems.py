@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.statement import Problem
 from fem.contact.law import ContactLaw, ExponentialLaw
 from fem.contact.surfaces import ContactNormals
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
-from fem.problem.model import block_group
+from fem.problem import Problem
+from fem.system.build import DeformableAssembly
+from fem.system.model import block_group
 from geometry.assembly import Assembly
 from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import TSB1, SineBlockDivisions

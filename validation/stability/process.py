@@ -11,7 +11,7 @@ import numpy as np
 
 from fem.explicit.output.checkpoint import CheckpointError
 from fem.explicit.solve import ExplicitResult, Output, Progress, solve
-from fem.problem.time_step import critical_time_step
+from fem.system.time_step import critical_time_step
 from geometry.system import KILL
 from validation.stability.case import Cases, Check, Finding, refusal
 from validation.stability.explicit import free_cube, noise

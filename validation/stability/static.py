@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.assembly.contact_state import contact_state
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.statement import Problem, ProblemError
 from fem.contact.law import ExponentialLaw
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
+from fem.problem import Problem, ProblemError
 from fem.static.result import StaticError
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
+from fem.system.build import DeformableAssembly
+from fem.system.state import contact_state
 from geometry.assembly import moved
 from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
 from geometry.families.sine_block import SineBlockDivisions

@@ -20,7 +20,7 @@ from fem.element.hexahedron import ElementType
 from fem.element.kinds import block_lumped_mass, block_stiffness
 from fem.element.material import Material
 from fem.explicit.solve import solve
-from fem.problem.model import Model, block_group, fixed_nodes
+from fem.system.model import Model, block_group, fixed_nodes
 from geometry.block import box_block
 from geometry.mesh import FloatArray
 from validation.output.console import tabled

@@ -14,7 +14,7 @@ from validation.solving import repeatable, solve
 from validation.study.study import Quantity, Study
 
 if TYPE_CHECKING:
-    from fem.assembly.statement import Problem
+    from fem.problem import Problem
 
 
 def sweep_function(

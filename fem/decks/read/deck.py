@@ -8,7 +8,6 @@ from functools import cached_property
 from math import inf
 from pathlib import Path
 
-from fem.assembly.statement import Problem
 from fem.decks.keywords import DeckError
 from fem.decks.read.cards import Card, deck_text, read_cards
 from fem.decks.read.mesh import Instance, Part, Places, add_elements, add_nodes, add_set, placed
@@ -17,6 +16,7 @@ from fem.decks.read.motion import in_one_run
 from fem.decks.read.problem import Built, build_problem
 from fem.decks.read.words import Dialect, check_words, dialect_of, spelt
 from fem.method import Explicit, Static
+from fem.problem import Problem
 from geometry.errors import RefusedError, unreadable
 
 

@@ -14,8 +14,8 @@ from fem.decks.keywords import DeckError
 from fem.decks.read.cards import Card
 from fem.decks.read.words import Dialect
 from fem.element.material import Material
-from fem.problem.effects import BulkViscosity, Effects, RayleighDamping
-from fem.problem.loads import SmoothStepAmplitude
+from fem.system.effects import BulkViscosity, Effects, RayleighDamping
+from fem.system.forces import SmoothStepAmplitude
 from geometry.mesh import FloatArray
 
 _Stated = TypeVar("_Stated")

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.assembly.statement import Motion, Problem
 from fem.decks.keywords import DeckError
 from fem.decks.read.bodies import Blocks
 from fem.decks.read.cards import Card
 from fem.decks.read.model import ModelLines, Step, effects_of
 from fem.decks.read.words import IDLE, Dialect
-from fem.problem.time_step import characteristic_time_step
+from fem.problem import Motion, Problem
+from fem.system.time_step import characteristic_time_step
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
 

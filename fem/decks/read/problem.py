@@ -8,7 +8,6 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial import KDTree
 
-from fem.assembly.statement import Problem, before_motion
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw, LinearPenalty
 from fem.contact.pair_laws import PairLaws
@@ -33,6 +32,7 @@ from fem.decks.read.motion import initial_motion, mass_scaling
 from fem.decks.read.ties import unite_tied
 from fem.decks.read.words import Dialect
 from fem.element.hexahedron import ElementType
+from fem.problem import Problem, before_motion
 from geometry.assembly import Assembly, UnmatchedJoint
 from geometry.loads import LoadCase
 from geometry.mesh import IntArray

@@ -16,7 +16,7 @@ from fem.decks.read.model import effects_of
 from fem.decks.read.words import Dialect
 from fem.decks.statement import Deck, DeckStep, Flavour, Procedure
 from fem.decks.tetrahedra import with_tetrahedra
-from fem.problem.effects import Effects
+from fem.system.effects import Effects
 
 #: Share of the critical time step that an explicit step for CalculiX takes: its scheme is 10 % off
 #: at 0.9 of it in a beam under a load at once, 0.2 % at a quarter.

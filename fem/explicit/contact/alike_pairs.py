@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.symmetry import Orbits
 from fem.element.facet import FACET_SLOPES, FACET_VALUES
 from fem.explicit.kernels.lanes import REGISTER_DOUBLES
+from fem.system.build import DeformableAssembly
+from fem.system.sector import Orbits
 from geometry.mesh import FloatArray, IntArray
 
 #: Placements (in block sizes and as rotations) that differ by less are the same.

@@ -12,7 +12,7 @@ from fem.contact.law import ContactLaw
 from fem.explicit.body import Body
 from fem.explicit.contact.compiled_law import compiled_law
 from fem.explicit.step import Interaction, System
-from fem.problem.time_step import critical_time_step
+from fem.system.time_step import critical_time_step
 from geometry.mesh import FloatArray, IntArray
 
 

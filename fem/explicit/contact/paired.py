@@ -12,8 +12,6 @@ import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.symmetry import Orbits
 from fem.contact.friction import FrictionError, slip_sides
 from fem.contact.search import SearchedPoints
 from fem.contact.surfaces import ContactNormals
@@ -32,6 +30,8 @@ from fem.explicit.kernels import PARALLEL
 from fem.explicit.kernels.layout import LaneArray, aligned_zeros, equal_work
 from fem.explicit.state import State
 from fem.explicit.step import System
+from fem.system.build import DeformableAssembly
+from fem.system.sector import Orbits
 from geometry.mesh import FloatArray, IntArray
 
 

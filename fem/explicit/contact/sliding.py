@@ -14,7 +14,6 @@ from functools import cached_property
 
 import numpy as np
 
-from fem.assembly.contact_state import ContactState, searched_state
 from fem.contact.friction import slip_sides
 from fem.contact.search import (
     BlockSurface,
@@ -35,6 +34,7 @@ from fem.explicit.contact.sliding_kernel import (
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.state import State
 from fem.explicit.step import System
+from fem.system.state import ContactState, searched_state
 from geometry.mesh import FloatArray, IntArray
 
 #: Motion of two blocks together after which cuts follow it, over the skin of the search.

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.local_system import free_motions, local_system
-from fem.assembly.symmetry import Orbits
 from fem.explicit.body import Body
 from fem.explicit.kernels.layout import to_lanes
 from fem.explicit.state import State
 from fem.explicit.step import Interaction, System, placed_internal_force
+from fem.system.build import DeformableAssembly
+from fem.system.sector import Orbits
+from fem.system.system import free_motions, local_system
 from geometry.mesh import FloatArray, IntArray
 
 
@@ -21,7 +21,7 @@ class CellHold:
     """Motions of a periodic cell as a whole, and the forces that prevent them.
 
     Nothing resists a shift of the cell or a turn about its axis, and forces of second order in the
-    displacements push along them for ever (`fem.assembly.local_system`). Here the same constraint
+    displacements push along them for ever (`fem.system.system`). Here the same constraint
     as in the static solver is one more term of the step: forces at the nodes of the contacts, the
     motions themselves, so large that loads, contact and internal forces leave the cell as a whole
     at rest.

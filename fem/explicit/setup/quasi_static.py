@@ -28,7 +28,7 @@ from fem.explicit.contact.alike_pairs import AlikePairs
 from fem.explicit.contact.paired import FaceContact
 from fem.explicit.contact.sliding import SlidingContact
 from fem.explicit.solve import ExplicitResult
-from fem.problem.model import BlockGroup, Model, rigid_motions
+from fem.system.model import BlockGroup, Model, rigid_motions
 from geometry.mesh import FloatArray, IntArray
 
 #: Modes below this share of the highest frequency are taken for motions nothing resists.

@@ -12,23 +12,6 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from fem.assembly.contact_state import (
-    ContactState,
-    block_surfaces,
-    contact_state,
-    facing_points,
-)
-from fem.assembly.deformable import ALL_THE_WAY, DeformableAssembly
-from fem.assembly.local_system import FreeMotions, LocalSystem, free_motions, local_system
-from fem.assembly.statement import Motion
-from fem.assembly.symmetry import (
-    Orbits,
-    largest_cyclic_orbits,
-    no_symmetry,
-    require_sector,
-    searched_in_all_sectors,
-    vectors_in_all_sectors,
-)
 from fem.contact.law import ContactLaw
 from fem.contact.search import SearchedPoints, points_of_search
 from fem.contact.surfaces import ContactError, ContactNormals, ContactPoints, refuse_overlap
@@ -41,9 +24,11 @@ from fem.explicit.setup.quasi_static import (
     RecommendedTimes,
     recommended_times,
 )
-from fem.problem.effects import EffectError, Effects
-from fem.problem.loads import SmoothStepAmplitude, TabularAmplitude
-from fem.problem.model import (
+from fem.problem import Motion
+from fem.system.build import ALL_THE_WAY, DeformableAssembly
+from fem.system.effects import EffectError, Effects
+from fem.system.forces import SmoothStepAmplitude, TabularAmplitude
+from fem.system.model import (
     Amplitude,
     BlockGroup,
     InteractionModel,
@@ -51,7 +36,22 @@ from fem.problem.model import (
     NodalLoad,
     Support,
 )
-from fem.problem.time_step import TimeStepError, scale_masses
+from fem.system.sector import (
+    Orbits,
+    largest_cyclic_orbits,
+    no_symmetry,
+    require_sector,
+    searched_in_all_sectors,
+    vectors_in_all_sectors,
+)
+from fem.system.state import (
+    ContactState,
+    block_surfaces,
+    contact_state,
+    facing_points,
+)
+from fem.system.system import FreeMotions, LocalSystem, free_motions, local_system
+from fem.system.time_step import TimeStepError, scale_masses
 from geometry.mesh import FloatArray, IntArray
 
 _Entries = TypeVar("_Entries", Support, NodalLoad)

@@ -19,7 +19,7 @@ import numpy as np
 import scipy.linalg
 import scipy.linalg.blas
 
-from fem.problem.model import BlockGroup
+from fem.system.model import BlockGroup
 from geometry.compilation import njit
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.work import Operation, count, count_elimination

@@ -30,7 +30,6 @@ import numpy.typing as npt
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from fem.assembly.local_system import LocalSystem, NodalInverse
 from fem.contact.search import SearchedPoints
 from fem.static.linear_step.block_tridiagonal import (
     ChainFactor,
@@ -48,6 +47,7 @@ from fem.static.linear_step.flexibility import (
 from fem.static.linear_step.linearisation import Linearisation, UnheldBlocksError
 from fem.static.linear_step.pairs import NodePairs
 from fem.static.linear_step.row_laws import Bound, PairLaw, PointLaw, point_law
+from fem.system.system import LocalSystem, NodalInverse
 from geometry.mesh import FloatArray, IntArray
 from geometry.work import Operation, count, hold, require_memory
 

@@ -10,9 +10,9 @@ import numpy as np
 import scipy.linalg
 from scipy.sparse import csr_array
 
-from fem.problem.model import BlockGroup, rigid_motions
 from fem.static.linear_step.condensation import CondensedBlock, condense
 from fem.static.linear_step.linearisation import UnheldBlocksError
+from fem.system.model import BlockGroup, rigid_motions
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.work import Operation, count
 

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.sparse import bsr_array, csc_array, csr_array, csr_matrix, diags_array, triu
 from scipy.sparse.linalg import SuperLU, splu
 
-from fem.assembly.local_system import LocalSystem, NodalInverse
+from fem.system.system import LocalSystem, NodalInverse
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 from geometry.work import Operation, count, hold, memory_limit, require_memory

@@ -19,9 +19,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from fem.assembly.local_system import LocalSystem
 from fem.static.linear_step.linearisation import Linearisation
 from fem.static.linear_step.row_laws import PairLaw
+from fem.system.system import LocalSystem
 from geometry.mesh import FloatArray, IntArray
 
 

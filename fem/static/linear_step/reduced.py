@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from fem.assembly.local_system import LocalSystem
-from fem.problem.model import BlockGroup
 from fem.static.linear_step.condensation import CondensedBlock
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.linear_step.linearisation import SparseSolver, SparseStep
+from fem.system.model import BlockGroup
+from fem.system.system import LocalSystem
 from geometry.mesh import FloatArray, IntArray
 from geometry.work import Operation, count
 

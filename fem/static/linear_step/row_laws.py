@@ -18,9 +18,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.sparse import csr_array
 
-from fem.assembly.local_system import LocalSystem
 from fem.static.linear_step.block_tridiagonal import Leaning, Level
 from fem.static.linear_step.linearisation import Linearisation, gradient_matrix
+from fem.system.system import LocalSystem
 from geometry.mesh import FloatArray, IntArray
 from geometry.work import Operation, count
 

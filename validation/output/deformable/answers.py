@@ -13,9 +13,9 @@ from rich.console import Console
 from rich.table import Table
 
 from fem.accuracy.parts import MeshFacets, StaticReference
-from fem.assembly.contact_state import CapAction
 from fem.measures import contact_on
-from fem.problem.time_step import added_mass_share
+from fem.system.state import CapAction
+from fem.system.time_step import added_mass_share
 from geometry.answer import PAPER, Answer, Measure, measure_rows
 from geometry.measures import SectionForces
 from geometry.system import write_whole
@@ -42,9 +42,9 @@ from validation.scene.family import RoundScene
 from validation.solving import solve
 
 if TYPE_CHECKING:
-    from fem.assembly.reactions import PushCurve
     from fem.explicit.output.energy import History
     from fem.explicit.solve import ExplicitResult
+    from fem.system.reactions import PushCurve
 
 #: Files of a run.
 FILES = (

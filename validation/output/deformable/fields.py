@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fem.assembly.deformable import DeformableAssembly
 from fem.element.stress import von_mises
-from fem.problem.model import BlockGroup
-from fem.problem.recovery import (
+from fem.system.build import DeformableAssembly
+from fem.system.model import BlockGroup
+from fem.system.recovery import (
     Recovered,
     block_displacements,
     cells_of,

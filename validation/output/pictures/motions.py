@@ -9,7 +9,7 @@ from validation.output.pictures.gallery import save_figure, subplots, wrapped
 from validation.output.pictures.scales import BLUE, GREEN, ORANGE, VERMILION
 
 if TYPE_CHECKING:
-    from fem.assembly.reactions import PushCurve
+    from fem.system.reactions import PushCurve
 
 #: Forces from here on are drawn in kN [N].
 _KILO = 1e4

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fem.problem.recovery import recover
+from fem.system.recovery import recover
 from geometry.answer import Answer
 from geometry.measures import between_layers
 from geometry.mesh import BoolArray, FloatArray, IntArray

@@ -14,7 +14,7 @@ from validation.scene.keys.docstrings import SIZE
 from validation.scene.sections import Finite, Section, Vector, vector_words
 
 if TYPE_CHECKING:
-    from fem.assembly.statement import Motion
+    from fem.problem import Motion
     from geometry.assembly import Assembly
     from geometry.loads import FaceLoad, LoadCase
     from geometry.mesh import IntArray
@@ -92,7 +92,7 @@ class BoxScene(AssemblyScene):
     @property
     def motion(self) -> Motion | None:
         """Motion at time 0; None: at rest."""
-        from fem.assembly.statement import Motion
+        from fem.problem import Motion
 
         given = self.initial
         if given is None or not any((*given.velocity, *given.angular_velocity)):

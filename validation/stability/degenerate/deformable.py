@@ -6,10 +6,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fem.accuracy.statics import solve_static
-from fem.assembly.statement import Problem
 from fem.contact.law import LinearPenalty
 from fem.element.material import concrete
 from fem.method import Static
+from fem.problem import Problem
 from geometry.assembly import Assembly
 from geometry.block import Block, box_block
 from geometry.loads import LoadCase

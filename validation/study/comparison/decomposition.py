@@ -16,9 +16,9 @@ import numpy as np
 from fem.accuracy.facets import pressures_on_facets
 from fem.accuracy.ladder import LADDER, on_rung
 from fem.accuracy.one_mesh import static_solution
-from fem.assembly.statement import Problem
 from fem.contact.law import LinearPenalty
 from fem.measures import contact_on
+from fem.problem import Problem
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
 from geometry.answer import Answer

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from fem.accuracy.statics import refines
-from fem.assembly.facing import facing_blocks
-from fem.assembly.statement import Problem
 from fem.method import Static
+from fem.problem import Problem
+from fem.system.facing_blocks import facing_blocks
 from geometry.answer import Answer
 from geometry.assembly import Assembly
 from mbd.options import Norm, Rigid

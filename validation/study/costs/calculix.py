@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from fem.assembly.peaks import stress_peaks
 from fem.decks.model import deck_assembly
 from fem.decks.statement import Deck, Flavour
 from fem.decks.write import write_deck
+from fem.system.peaks import stress_peaks
 from geometry.assembly import Assembly
 from geometry.measures import block_measures
 from geometry.mesh import FloatArray, IntArray

@@ -16,7 +16,7 @@ from rich.console import Console
 
 from fem.accuracy.converge import Solved, climbed
 from fem.accuracy.ladder import LADDER, Rung
-from fem.assembly.statement import Problem
+from fem.problem import Problem
 from validation.build.problem import scene_problem
 from validation.case import load_case
 from validation.output.console import listing, tabled

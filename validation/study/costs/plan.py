@@ -13,10 +13,10 @@ import numpy as np
 
 from fem.accuracy.converge import MOST_SECONDS, why_not_refined
 from fem.accuracy.ladder import LADDER, on_rung
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.symmetry import largest_cyclic_orbits
 from fem.element.hexahedron import ElementType
 from fem.static.contact_forces import grid_blocks
+from fem.system.build import DeformableAssembly
+from fem.system.sector import largest_cyclic_orbits
 from geometry.work import SECONDS, Operation
 from mbd.options import Norm
 from validation.build.cell import refuse_cell

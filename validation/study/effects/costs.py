@@ -21,8 +21,8 @@ from fem.explicit.setup.statement import ExplicitStatement
 from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import State
 from fem.explicit.step import System, step
-from fem.problem.effects import PAPER_RAYLEIGH
-from fem.problem.time_step import critical_time_step
+from fem.system.effects import PAPER_RAYLEIGH
+from fem.system.time_step import critical_time_step
 from validation.build.cell import refuse_cell
 from validation.build.problem import fem_section, scene_problem
 from validation.case import scene_case

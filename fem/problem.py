@@ -14,21 +14,6 @@ from typing import Any, cast
 
 import numpy as np
 
-from fem.assembly.deformable import (
-    Contact,
-    DeformableAssembly,
-    DeformableAssemblyError,
-    Frames,
-    block_groups,
-    check_cell,
-    check_held,
-    curved,
-    held_faces,
-    nodal_loads,
-    supports_at,
-    touching_surfaces,
-)
-from fem.assembly.overlaps import check_overlaps
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw, ExponentialLaw
 from fem.contact.own_law import PressureLaw, as_law
@@ -43,8 +28,23 @@ from fem.element.material import (
     each_material,
     one_strength,
 )
-from fem.problem.effects import Effects
-from fem.problem.model import Model
+from fem.system.build import (
+    Contact,
+    DeformableAssembly,
+    DeformableAssemblyError,
+    Frames,
+    block_groups,
+    check_cell,
+    check_held,
+    curved,
+    held_faces,
+    nodal_loads,
+    supports_at,
+    touching_surfaces,
+)
+from fem.system.effects import Effects
+from fem.system.model import Model
+from fem.system.overlaps import check_overlaps
 from geometry.assembly import AnyBlocks, Assembly, PlacedBlocks, UnmatchedJoint, spacing_offsets
 from geometry.block import Block
 from geometry.errors import RefusedError, is_number
@@ -487,7 +487,7 @@ class Problem:
         """
         if self.is_solid or not self.unmatched:
             return cast("AnyBlocks", self.blocks)
-        from fem.assembly.facing import facing_blocks  # it loads a compiler
+        from fem.system.facing_blocks import facing_blocks  # it loads a compiler
 
         return facing_blocks(self.blocks)
 

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fem.problem.model import Model, Support
+from fem.system.model import Model, Support
 from geometry.balance import Reactions, of_supports
 from geometry.mesh import FloatArray, ReadOnlyArrays
 

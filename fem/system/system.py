@@ -13,13 +13,13 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import block_diag, csr_array
 
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.held import Held, held_of
-from fem.assembly.symmetry import NodeMap, Orbits, local_forces
 from fem.contact.friction import Coulomb, coulomb
 from fem.contact.law import ContactLaw
 from fem.contact.surfaces import ContactPoints
-from fem.problem.model import BlockGroup
+from fem.system.build import DeformableAssembly
+from fem.system.held import Held, held_of
+from fem.system.model import BlockGroup
+from fem.system.sector import NodeMap, Orbits, local_forces
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.work import Operation, count
 

@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.symmetry import Orbits
 from fem.contact.law import ContactLaw, ExponentialLaw
 from fem.contact.search import BlockSurface, FacingPoints, SearchedPoints
 from fem.contact.surfaces import (
@@ -23,6 +21,8 @@ from fem.contact.surfaces import (
     facet_corners,
 )
 from fem.element.facet import facet_areas, facet_functions
+from fem.system.build import DeformableAssembly
+from fem.system.sector import Orbits
 from geometry.assembly import Assembly
 from geometry.measures import BlockMeasures, block_measures, measures
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays, structured_quads

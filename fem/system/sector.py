@@ -16,10 +16,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fem.assembly.deformable import DeformableAssembly
 from fem.contact.pair_laws import PairLaws
 from fem.contact.search import SearchedPoints
 from fem.contact.surfaces import ContactPoints
+from fem.system.build import DeformableAssembly
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.mesh import BoolArray, FloatArray, IntArray, cross_matrix

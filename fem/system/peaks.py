@@ -21,9 +21,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fem.assembly.ball_averages import averaged_tension, ball_averages
-from fem.assembly.contact_state import ContactState
-from fem.assembly.deformable import DeformableAssembly
 from fem.contact.facet_peaks import FacetPeaks, facet_peaks
 from fem.contact.law import ContactLaw
 from fem.element.hexahedron import at_corners
@@ -34,8 +31,11 @@ from fem.element.stress import (
     principal_stress,
     von_mises,
 )
-from fem.problem.model import BlockGroup
-from fem.problem.recovery import block_displacements, moved_bodies
+from fem.system.ball_averages import averaged_tension, ball_averages
+from fem.system.build import DeformableAssembly
+from fem.system.model import BlockGroup
+from fem.system.recovery import block_displacements, moved_bodies
+from fem.system.state import ContactState
 from geometry.measures import JointResultants, first_largest, summed_by_joint
 from geometry.mesh import HEX_FACES, FloatArray, IntArray, ReadOnlyArrays
 

@@ -16,7 +16,7 @@ from fem.element.functions import TensorPoints, tensor_points
 from fem.element.lagrange import Lagrange
 from fem.element.material import Material
 from fem.element.stress import principal_stress, rotate_stress
-from fem.problem.model import BlockGroup
+from fem.system.model import BlockGroup
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, cross_matrix
 
 

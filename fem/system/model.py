@@ -24,8 +24,8 @@ from fem.element.kinds import (
     point_stress,
 )
 from fem.element.material import Material
-from fem.problem.effects import Effects
-from fem.problem.springs import Springs
+from fem.system.effects import Effects
+from fem.system.springs import Springs
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, HexMesh, IntArray, ReadOnlyArrays
 

@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import bsr_array, csr_array
 
-from fem.assembly.deformable import DeformableAssembly
-from fem.problem.model import Amplitude, ModelError
+from fem.system.build import DeformableAssembly
+from fem.system.model import Amplitude, ModelError
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Prescribed displacements are met to this share of the largest displacement.

@@ -26,14 +26,14 @@ from fem.element.hexahedron import ElementType
 from fem.element.kinds import block_lumped_mass, element_of
 from fem.element.lagrange_mesh import in_pieces, with_degree
 from fem.element.material import Material
-from fem.problem.loads import (
+from fem.system.forces import (
     TabularAmplitude,
     edge_forces,
     pressure_forces,
     traction_forces,
     wrench_forces,
 )
-from fem.problem.model import (
+from fem.system.model import (
     Amplitude,
     BlockGroup,
     Model,
@@ -43,7 +43,7 @@ from fem.problem.model import (
     block_group,
     fixed_nodes,
 )
-from fem.problem.springs import Springs, springs_on
+from fem.system.springs import Springs, springs_on
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.loads import FaceLoad, LoadCase, PressureLoad

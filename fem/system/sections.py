@@ -21,10 +21,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from fem.assembly.contact_state import ContactState, corner_displacements
-from fem.assembly.deformable import DeformableAssembly
-from fem.assembly.symmetry import NodeMap
-from fem.problem.recovery import block_displacements
+from fem.system.build import DeformableAssembly
+from fem.system.recovery import block_displacements
+from fem.system.sector import NodeMap
+from fem.system.state import ContactState, corner_displacements
 from geometry.assembly import Assembly
 from geometry.measures import Planes, SectionError, SectionForces, nothing_cut, section_rows
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays

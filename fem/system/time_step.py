@@ -29,8 +29,8 @@ from fem.element.hexahedron import (
 )
 from fem.element.kinds import Element
 from fem.element.material import Material
-from fem.problem.effects import Effects
-from fem.problem.model import BlockGroup, Model, ModelError
+from fem.system.effects import Effects
+from fem.system.model import BlockGroup, Model, ModelError
 from geometry.errors import RefusedError
 from geometry.mesh import HEX_FACES, FloatArray, HexMesh
 

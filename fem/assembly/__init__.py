@@ -1,1 +1,0 @@
-"""Assemblies as deformable blocks: symmetry, supports, state of contact."""

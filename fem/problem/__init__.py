@@ -1,1 +1,0 @@
-"""The statement of a problem for the solvers of deformable blocks."""

@@ -1,0 +1,1 @@
+"""Deformable blocks as arrays: elements, loads, supports, symmetry, state of contact."""
