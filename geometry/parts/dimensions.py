@@ -1,7 +1,12 @@
-"""What is built: volume, mass, contact area, least wall and steepest joint of the free blocks."""
+"""What is built: volume, mass, contact area, least wall and steepest joint of the free blocks.
+
+Of blocks that have an exact shape volume, contact area and slope are those of this shape, not of
+the facets of a mesh.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -27,6 +32,15 @@ UNITS = {
 _FACING = -0.5
 #: Cosine of 10°.
 _NEARLY = 0.985
+#: Points of Gauss' rule along each side of a facet.
+_GAUSS = 6
+#: Step of tangents as differences of fourth order, in units of half a facet.
+_STEP = 1e-3
+#: Sine of an angle that is round-off.
+_FLAT = 1e-10
+#: Points along each side of a facet where its slope is looked for, and how often the places round
+#: the steepest are looked at closer.
+_LOOKED, _CLOSER = 5, 12
 
 
 @dataclass(frozen=True)
@@ -38,13 +52,13 @@ class Dimensions:
     volume: float
     """Of all free blocks [mm³]."""
     contact_area: float
-    """Of all joints, each once [mm²]."""
+    """Of all joints of which one block at least is free, each once [mm²]."""
     least_wall: float | None
     """Smallest distance between two sides of a block, along the inward normal at the centroid of a
     facet [mm]. Sides are faces that share no edge, with outward normals that differ by more than
     120°; None where no block has such."""
     steepest_joint: float | None
-    """Largest angle between a facet, or its edge, and the mean plane of its joint face [degrees].
+    """Largest angle between a joint face and its mean plane [degrees].
     The mean plane is normal to the axis of the assembly where it differs by less than 10°. None
     for blocks without named faces."""
     mass: float | None = None
@@ -75,9 +89,9 @@ def dimensions(
         Of all joints, each once, where facets do not match [mm²]; None: of the facets that match.
     """
     free = blocks.free_blocks
-    volumes = blocks.volumes[free]
-    _, first = np.unique(blocks.shape_of[free], return_index=True)
+    _, first, which = np.unique(blocks.shape_of[free], return_index=True, return_inverse=True)
     shapes = [blocks.shape(block) for block in free[first]]
+    volumes = np.array([_volume(shape) for shape in shapes])[which]
     angles = []
     if isinstance(blocks, Assembly):
         angles = [
@@ -86,15 +100,80 @@ def dimensions(
         ]
     wall, mass = min(map(least_wall, shapes)), None
     if density is not None:
-        mass = float((blocks.volumes * density)[free].sum())
+        each = np.broadcast_to(density, blocks.n_blocks)[free]
+        mass = float(volumes @ each)
     return Dimensions(
         block_volume=(float(volumes.min()), float(volumes.max())),
         volume=float(volumes.sum()),
-        contact_area=float(blocks.interfaces.areas.sum() if contact_area is None else contact_area),
+        contact_area=_contact_area(blocks) if contact_area is None else contact_area,
         least_wall=wall if np.isfinite(wall) else None,
         steepest_joint=max((angle for angle in angles if angle is not None), default=None),
         mass=mass,
     )
+
+
+def _volume(shape: Any) -> float:
+    """Volume of a solid [mm³]: a third of the flux of its points through its surface."""
+    if not isinstance(shape, Block) or shape.curve is None:
+        return float(shape.volume)
+    points, vectors = _gauss_points(shape, shape.boundary)
+    return float(np.einsum("nqi,nqi->", points, vectors)) / 3.0
+
+
+def _contact_area(blocks: AnyBlocks) -> float:
+    """Area of the joints of an assembly that are not between two fixed blocks [mm²]."""
+    joints = blocks.interfaces
+    counts = ~(blocks.fixed[joints.block_m] & blocks.fixed[joints.block_s])
+    if not isinstance(blocks, Assembly):
+        return float(joints.areas[counts].sum())
+    area, shape_of = 0.0, blocks.shape_of[joints.block_m]
+    for number in np.unique(shape_of[counts]).tolist():
+        shape = blocks.shapes[number]
+        _, vectors = _gauss_points(shape, shape.contact_quads)
+        each = np.linalg.norm(vectors, axis=2).sum(axis=1)
+        area += float(each[joints.facet_m[counts & (shape_of == number)]].sum())
+    return area
+
+
+def _exact(shape: Block, quads: IntArray) -> Callable[[FloatArray], FloatArray]:
+    """Map places (n, q, 2) of facets, -1 to 1, to points of the shape, (n, q, 3) [mm]."""
+    corners = shape.mesh.nodes[quads]
+    if shape.curve is not None:
+        element = shape.mesh.face_elements(quads)
+        corner = (shape.mesh.elements[element][:, None] == quads[:, :, None]).argmax(axis=2)
+        corners = shape.curve.parameters()[element[:, None], corner]
+
+    def points(places: FloatArray) -> FloatArray:
+        signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        weights = (1.0 + places[..., None, :] * signs).prod(axis=3) / 4.0
+        at = weights @ corners
+        if shape.curve is None:
+            return at
+        return shape.curve.shape(at.reshape(-1, at.shape[2])).reshape(*at.shape[:2], 3)
+
+    return points
+
+
+def _vectors(points: Callable[[FloatArray], FloatArray], places: FloatArray) -> FloatArray:
+    """Outward normals at places of facets, their length the area of a unit square, (n, q, 3)."""
+    tangents = []
+    for step in _STEP * np.eye(2):
+        near, far = (points(places + k * step) - points(places - k * step) for k in (1, 2))
+        tangents.append((8.0 * near - far) / (12.0 * _STEP))
+    return np.cross(*tangents)
+
+
+def _gauss_points(shape: Block, quads: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Points of facets of the exact shape, and the vectors of their areas, (n, q, 3) each."""
+    at, weights = np.polynomial.legendre.leggauss(_GAUSS)
+    places = np.broadcast_to(_square(at, at), (len(quads), _GAUSS**2, 2))
+    points = _exact(shape, quads)
+    return points(places), np.outer(weights, weights).ravel()[:, None] * _vectors(points, places)
+
+
+def _square(along: FloatArray, across: FloatArray) -> FloatArray:
+    """All pairs of two lists of places, (n, 2)."""
+    return np.stack(np.meshgrid(along, across, indexing="ij"), axis=2).reshape(-1, 2)
 
 
 def least_wall(shape: Any) -> float:
@@ -161,20 +240,30 @@ def steepest_joint(shape: Any, axis: FloatArray) -> float | None:
     """
     if not isinstance(shape, Block) or not _has_faces(shape):
         return None
-    faces = (shape.faces[name] for name in shape.contact_faces)
-    return max(_steepest(shape.mesh.nodes[quads], axis) for quads in faces)
+    return max(_steepest(shape, shape.faces[name], axis) for name in shape.contact_faces)
 
 
-def _steepest(corners: FloatArray, axis: FloatArray) -> float:
-    """Largest angle of some facets (n, 4, 3) or their edges to their mean plane [degrees]."""
-    vectors = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    mean = _units(vectors.sum(axis=0))
+def _steepest(shape: Block, quads: IntArray, axis: FloatArray) -> float:
+    """Largest angle of a face to its mean plane [degrees]."""
+    mean = _units(_gauss_points(shape, quads)[1].sum(axis=(0, 1)))
     if abs(mean @ axis) > _NEARLY:
         mean = axis
-    edges = (np.roll(corners, -1, axis=1) - corners).reshape(-1, 3)
-    along = np.abs(_units(edges) @ mean).max()
-    tilt = np.abs(_units(vectors) @ mean).min()
-    return float(np.degrees(max(np.arcsin(min(along, 1.0)), np.arccos(min(tilt, 1.0)))))
+
+    def steepness(quads: IntArray, places: FloatArray) -> FloatArray:
+        normals = _units(_vectors(_exact(shape, quads), places))
+        return np.asarray(np.linalg.norm(np.cross(normals, mean), axis=2))
+
+    looked = np.linspace(-1.0, 1.0, _LOOKED)
+    places = np.broadcast_to(_square(looked, looked), (len(quads), _LOOKED**2, 2))
+    sines = steepness(quads, places)
+    facet, best = np.unravel_index(sines.argmax(), sines.shape)
+    at, half = places[facet, best], looked[1] - looked[0]
+    for _ in range(_CLOSER):
+        near = np.clip(at + half * _square(looked, looked), -1.0, 1.0)[None]
+        sines = steepness(quads[[facet]], near)
+        at, half = near[0, sines[0].argmax()], half * (looked[1] - looked[0])
+    largest = float(sines.max())
+    return float(np.degrees(np.arcsin(min(largest, 1.0)))) if largest > _FLAT else 0.0
 
 
 def _units(vectors: FloatArray) -> FloatArray:

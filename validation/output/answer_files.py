@@ -7,10 +7,11 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
-from geometry.answer import Answer, Array, Contacts, Measure, known
+from geometry.answer import Answer, Contacts, Measure, known
 from geometry.errors import unreadable
 from geometry.files.mesh_io import write_hex_mesh, write_surface, write_triangles
 from geometry.mesh import HexMesh, QuadSurface
@@ -22,6 +23,8 @@ from validation.output.files import prepare_folder, write_json
 FILES = ("answer.json", "answer.npz", "fields.vtu", "contact_pressures.vtu")
 #: Endings of files that commands write only if asked to: arrays, and fields for ParaView.
 LARGE = (".npz", ".vtu")
+#: What reading a damaged answer raises.
+_DAMAGES = (OSError, ValueError, KeyError, TypeError, EOFError, RecursionError, BadZipFile)
 _ARRAYS = ("points", "cells", "block_of_point", "layer_of_point")
 
 
@@ -93,15 +96,8 @@ def _write_fields(answer: Answer, path: Path) -> None:
 
 
 def write_contacts(answer: Answer, path: Path) -> None:
-    """Write contact facets with pressures, forces, gaps, slips, blocks and layers as `.vtu`.
-
-    They are those that were solved, else those of the answer.
-    """
-    result: Mapping[str, Array] = answer.contacts
-    if answer.method != "rigid" and answer.details is not None:
-        from fem.measures import contacts_of
-
-        result = contacts_of(answer.details)
+    """Write contact facets with pressures, forces, gaps, slips, blocks and layers as `.vtu`."""
+    result = answer.contacts
     given = {"pressure": "contact_pressure", "force": "contact_force"}
     values = {
         given.get(n, n): result[n] for n in ("pressure", "force", "gap", "slip") if n in result
@@ -138,7 +134,15 @@ def read_answer(folder: Path) -> Answer:
         with np.load(folder / FILES[1], allow_pickle=False) as result:
             arrays = {name: result[name] for name in result.files}
         own = known({name: arrays[name] for name in _ARRAYS})
-    except (OSError, ValueError, KeyError, TypeError, EOFError, RecursionError) as error:
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        EOFError,
+        RecursionError,
+        BadZipFile,
+    ) as error:
         raise InputError(f"{folder}: holds a damaged answer ({error}); write it again") from None
     return Answer(
         title=title,

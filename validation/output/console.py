@@ -123,7 +123,9 @@ def duration_words(seconds: float) -> str:
 def add_dimensions(table: Table, found: Mapping[str, Any], limits: LimitsSection) -> None:
     """Add volume, mass, contact area, least wall and steepest joint of blocks."""
     table.add_row("volume", _volume_words(found))
-    table.add_row("contact area", f"{found['contact_area']:.5g} mm², each joint once")
+    table.add_row(
+        "contact area", f"{found['contact_area']:.5g} mm², each joint of a free block once"
+    )
     wall, angle = found.get("least_wall"), found.get("steepest_joint")
     if wall is not None:
         words = f"{wall:.4g} mm"
