@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fem.contact.surfaces import ContactNormals
 from fem.element.stress import von_mises
 from fem.measures import contact_on, contacts_of, measures_of
 from fem.problem import Problem
@@ -156,12 +157,31 @@ def report_of(
             result.densities,
             contact_area=_searched_area(solution),
         ).as_json(),
+        "assumptions": assumptions(solution),
         **({"large_motion": solution.large_motion} if solution.large_motion else {}),
         **beside,
         **_support_report(solution),
         **_static_report(solution),
         **_explicit_report(solution),
     }
+
+
+def assumptions(solution: Solution) -> list[str]:
+    """What is taken for granted of blocks and joints, in words."""
+    whole = solution.deformable
+    turned = "rotations of any size" if solution.finite_rotation else "small rotations"
+    words = [f"linear elastic blocks, small strains, {turned}"]
+    if whole.meets:
+        contact = whole.contact
+        as_built = contact.normals is ContactNormals.REFERENCE
+        words += [
+            f"gaps along {'normals as built' if as_built else 'normals that turn with the blocks'}",
+            "joints without friction" if contact.friction is None else "Coulomb friction in joints",
+            "contact searched again as blocks slide"
+            if contact.finite_sliding
+            else "facets stay in contact with the same facets",
+        ]
+    return words
 
 
 def _searched_area(solution: Solution) -> float | None:

@@ -122,10 +122,12 @@ def _volume(shape: Any) -> float:
 
 def _contact_area(blocks: AnyBlocks) -> float:
     """Area of the joints of an assembly that are not between two fixed blocks [mm²]."""
+    if not isinstance(blocks, Assembly):
+        patches = blocks.interfaces
+        held = blocks.fixed[patches.block_m] & blocks.fixed[patches.block_s]
+        return float(patches.areas[~held].sum())
     joints = blocks.interfaces
     counts = ~(blocks.fixed[joints.block_m] & blocks.fixed[joints.block_s])
-    if not isinstance(blocks, Assembly):
-        return float(joints.areas[counts].sum())
     area, shape_of = 0.0, blocks.shape_of[joints.block_m]
     for number in np.unique(shape_of[counts]).tolist():
         shape = blocks.shapes[number]
@@ -160,7 +162,8 @@ def _vectors(points: Callable[[FloatArray], FloatArray], places: FloatArray) -> 
     for step in _STEP * np.eye(2):
         near, far = (points(places + k * step) - points(places - k * step) for k in (1, 2))
         tangents.append((8.0 * near - far) / (12.0 * _STEP))
-    return np.cross(*tangents)
+    along, across = tangents
+    return np.cross(along, across)
 
 
 def _gauss_points(shape: Block, quads: IntArray) -> tuple[FloatArray, FloatArray]:

@@ -54,7 +54,6 @@ def test_an_exported_deck_says_how_far_its_mesh_is_from_a_converged_answer(tmp_p
     assert "converged" in printed
 
 
-@later
 def test_normals_that_measure_gaps_are_named(tmp_path):
     fem = {"fem.mesh": "scene", "fem.error_estimate": "false"}
     words = sets(COARSE | fem)

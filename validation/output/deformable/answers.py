@@ -215,6 +215,7 @@ def print_run(answer: Answer, console: Console) -> None:
     model = deformable.model
     table.add_section()
     add_dimensions(table, answer.report["dimensions"], answer.case.scene.limits)
+    table.add_row("assumptions", "; ".join(answer.report["assumptions"]))
     table.add_row("method, element", f"{answer.method}, {model.groups[0].element.words}")
     table.add_row(
         "blocks, elements, nodes",

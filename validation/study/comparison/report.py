@@ -89,6 +89,8 @@ def _parts(found: ComparedAnswers) -> Iterator[RenderableType]:
     yield tabled(title, range(len(found.answers)), columns)
     for name, words in zip(found.names, found.words, strict=True):
         yield f"• {name}: {words}"
+    assumed = {"; ".join(a.report["assumptions"]) for a in found.answers if a.method != "rigid"}
+    yield from (f"• deformable blocks: {words}" for words in sorted(assumed))
     yield _COLUMNS
     title = f"Contact pressures relative to the {found.names[found.reference]} analysis"
     rows = [
