@@ -25,7 +25,6 @@ from fem.decks.keywords import (
     reals,
 )
 from fem.decks.laws import law_heading, law_lines
-from fem.decks.meshes import TetrahedralMesh
 from fem.decks.placement import placement_rows, rounded
 from fem.decks.statement import (
     ALL,
@@ -205,8 +204,7 @@ def _held_faces(deck: Deck, number: int) -> list[str]:
 
 
 def _section(deck: Deck, number: int) -> Iterator[str]:
-    eight = not isinstance(deck.assembly.shapes[number].mesh, TetrahedralMesh)
-    reduced = eight and deck.element is ElementType.REDUCED
+    reduced = deck.element is ElementType.REDUCED
     controls = {"controls": HOURGLASS} if reduced else {}
     name = deck.material_names[deck.materials[number]]
     yield keyword("Solid Section", elset=ALL, material=name, **controls)

@@ -13,7 +13,6 @@ import numpy as np
 
 from fem.contact.search import FacingPoints
 from fem.decks.keywords import DeckError, label
-from fem.decks.meshes import TetrahedralMesh
 from fem.decks.statement import Deck
 from fem.system.state import block_surface
 from geometry.assembly import Assembly
@@ -28,7 +27,7 @@ class ElementFaces:
     elements: IntArray
     """Element of each facet, from 0, (n,)."""
     sides: IntArray
-    """Row of `HEX_FACES`, side S1 being 0, (n,); of tetrahedra three facets have one side."""
+    """Row of `HEX_FACES`, side S1 being 0, (n,)."""
 
     def select(self, positions: IntArray) -> ElementFaces:
         """Keep some facets."""
@@ -61,8 +60,6 @@ def element_faces(block: Block, quads: IntArray) -> ElementFaces:
     if not follows.all():
         bad = int(np.flatnonzero(~follows)[0])
         raise DeckError(f"{block.name}: facet {quads[bad].tolist()} looks inward")
-    if isinstance(block.mesh, TetrahedralMesh):
-        return ElementFaces(*block.mesh.sides(result // 6, quads))
     return ElementFaces(result // 6, result % 6)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from fem.contact.law import ContactLaw
 from fem.contact.pair_laws import PairLaws
 from fem.decks.keywords import DeckError, safe_names
-from fem.decks.meshes import SerendipityMesh, TetrahedralMesh
+from fem.decks.meshes import SerendipityMesh
 from fem.element.hexahedron import ELEMENTS, ElementType
 from fem.element.material import Material, each_material
 from fem.problem import Motion
@@ -146,7 +146,7 @@ class Joint:
     of_pairs: OfPairs = ()
     """Coefficients between some pairs of blocks; 0: frictionless."""
     face_to_face: bool = False
-    """Whether CalculiX presses on faces, as a deck that was read states it, not at nodes."""
+    """Whether CalculiX presses on faces, not at nodes."""
 
     @property
     def has_pairs(self) -> bool:
@@ -234,8 +234,6 @@ class Deck:
     """Whether joints do not match corner on corner: whole faces meet, wherever they are."""
     spacing: float = 0.0
     """Distance by which neighbours are moved apart [mm] (`geometry.assembly`)."""
-    reduced: bool = False
-    """Whether hexahedra of 20 nodes have 8 integration points, as in a deck that was read."""
     notes: tuple[str, ...] = ()
     """Where the deck differs from the scene, one line each."""
     before: Deck | None = None
@@ -378,11 +376,7 @@ HOURGLASS = "HOURGLASS"
 
 def element_name(deck: Deck, elements: Mapping[ElementType, str], shape: Block) -> str:
     """Name of the elements of a shape: by their nodes, hexahedra of eight by their kind."""
-    if isinstance(shape.mesh, TetrahedralMesh):
-        return "C3D10M" if deck.flavour is Flavour.GENERAL else "C3D10"
-    if isinstance(shape.mesh, SerendipityMesh):
-        return "C3D20R" if deck.reduced else "C3D20"
-    return elements[deck.element]
+    return "C3D20" if isinstance(shape.mesh, SerendipityMesh) else elements[deck.element]
 
 
 def block_label(deck: Deck, block: int) -> str:

@@ -199,7 +199,7 @@ def decks(tube: Assembly) -> dict[str, Deck]:
                 for b in np.flatnonzero(tube.fixed).tolist()
             ),
         ),
-        "boxes": box_deck(),
+        "boxes": box_deck(motion=None),
         "spinning boxes": box_deck(motion=Motion(np.ones(3), np.array([10.0, 0.1, -3.0]))),
         "static boxes": box_deck(
             flavour=Flavour.STANDARD,

@@ -147,7 +147,7 @@ def test_twelve_layers_are_three_parts(tmp_path: Path) -> None:
 ONE_LAYER = ["mesh.around=12", "mesh.radial=1", "mesh.axial=1", "assembly.layers=1"]
 SCENES = {
     **{f"{block}-{case}": ONE_LAYER for block in ("tsb1", "tsb2") for case in CASES},
-    **{name: [] for name in ("cantilever", "column", "spinning-block", "column-nonmatching")},
+    **{name: [] for name in ("cantilever", "column", "column-nonmatching")},
 }
 
 

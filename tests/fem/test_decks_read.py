@@ -18,9 +18,7 @@ from fem.accuracy.converge import AccuracyError
 from fem.decks.keywords import DeckError
 from fem.decks.read.cards import read_cards
 from fem.decks.read.deck import InputDeck, deck_of_lines
-from fem.decks.read.rewrite import rewritten
 from fem.decks.read.words import Dialect
-from fem.decks.write import deck_lines
 from fem.problem import ProblemError
 from fem.static.solve import solve_static
 from fem.system.build import curved
@@ -30,7 +28,7 @@ from geometry.parts.regions import region_nodes
 from tests.support.ccx import calculix_available, run_calculix
 from tests.support.commands import command
 from tests.support.cubes_deck import CUBES, changed, changed_lines
-from tests.support.decks import exported, solved
+from tests.support.decks import exported, solved, written_again
 from tests.verification.deck_press_fit import MU, STICK, block, block_pressure
 from validation import load_case
 
@@ -44,45 +42,6 @@ def top_moves(deck: InputDeck) -> float:
     result = solve_static(deck.problem().deformable)
     assert result.converged
     return float(min(moved[..., 2].min() for moved in result.displacements))
-
-
-#: The same cubes, tied instead of in contact.
-TIED = changed(
-    "*Contact Pair, interaction=I, type=SURFACE TO SURFACE\nUNDER, TOP",
-    "*Tie, name=T\nUNDER, TOP",
-    changed("\n11, 1, 2\n12, 2", ""),
-)
-
-
-def test_tied_cubes_are_one_bar() -> None:
-    """p L / E of both, 4 / 1000 mm, without the joint."""
-    deck = deck_of_lines(TIED)
-    assert deck.problem().blocks.n_blocks == 1
-    assert top_moves(deck) == pytest.approx(-0.004, rel=1e-9)
-
-
-@pytest.mark.skipif(not calculix_available(), reason="CalculiX (ccx) is not installed")
-def test_calculix_finds_the_answer_of_tied_cubes(tmp_path: Path) -> None:
-    """Pushed aside at a corner the two cubes bend as one; forces on both nodes of a tie add up."""
-    pushed = "UPPER, P2, 2.\n*Cload\n15, 1, 1.\n6, 2, 0.5\n12, 2, 0.5"
-    bent = changed("UPPER, P2, 2.", pushed, TIED)
-    (tmp_path / "tied.inp").write_text("\n".join(bent) + "\n", "utf-8")
-    found = run_calculix(tmp_path / "tied.inp").displacements
-    moved = solve_static(deck_of_lines(bent).problem().deformable).displacements[0]
-    assert np.abs(moved).max() == pytest.approx(np.abs(found).max(), rel=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ("13, 1, 1, 1", "13, 1, 1, 1.01", "0.01 mm from the nearest one of TOP"),
-        ("UNDER, TOP", "UNDER", "expected two surfaces"),
-        ("*Tie, name=T", "*Tie, cyclic symmetry", "the parameter cyclic symmetry is not read"),
-    ],
-)
-def test_ties_of_other_meshes_are_rejected(old: str, new: str, said: str) -> None:
-    with pytest.raises(DeckError, match=said):
-        deck_of_lines(changed(old, new, TIED)).problem()
 
 
 def test_two_cubes_shorten_as_springs_in_series() -> None:
@@ -137,93 +96,6 @@ def test_parts_and_instances_are_the_flat_deck() -> None:
     assert top_moves(deck) == pytest.approx(-0.008, rel=1e-9)
 
 
-#: The upper of `CUBES` on a rigid plate with a reference node.
-ON_RIGID = """*Part, name=PLATE
-*Node
-1, -1.3, -1.1, 1.
-2, 2.2, -1.1, 1.
-3, 2.2, 2.4, 1.
-4, -1.3, 2.4, 1.
-9, 0., 0., 0.
-*Element, type=R3D4, elset=PLATE
-1, 1, 2, 3, 4
-*Surface, name=TOP
-PLATE, SPOS
-*End Part
-*Part, name=CUBE
-*Node
-1, 0., 0., 1.
-2, 1., 0., 1.
-3, 1., 1., 1.
-4, 0., 1., 1.
-5, 0., 0., 2.
-6, 1., 0., 2.
-7, 1., 1., 2.
-8, 0., 1., 2.
-*Element, type=C3D8, elset=CUBE
-1, 1, 2, 3, 4, 5, 6, 7, 8
-*Solid Section, elset=CUBE, material=M
-*Surface, name=UNDER
-CUBE, S1
-*End Part
-*Assembly, name=A
-*Instance, name=LOW, part=PLATE
-*End Instance
-*Instance, name=UP, part=CUBE
-*End Instance
-*Rigid Body, ref node=LOW.9, elset=LOW.PLATE
-*End Assembly
-*Material, name=M
-*Elastic
-1000., 0.
-*Surface Interaction, name=I
-*Surface Behavior, pressure-overclosure=LINEAR
-500.
-*Contact Pair, interaction=I, type=SURFACE TO SURFACE
-UP.UNDER, LOW.TOP
-*Boundary
-UP.1, 1, 2
-UP.2, 2
-LOW.9, ENCASTRE
-*Step
-*Static
-*Dload
-UP.CUBE, P2, 2.
-*End Step
-""".splitlines()
-
-
-def test_a_cube_on_a_rigid_plate() -> None:
-    """A bar and the contact, p L / E + p / k; the plate of triangles and from below alike."""
-    assert top_moves(deck_of_lines(ON_RIGID)) == pytest.approx(-0.006, rel=1e-9)
-    halves = changed("R3D4", "R3D3", ON_RIGID)
-    halves = changed("1, 1, 2, 3, 4\n*Surface", "1, 1, 2, 3\n2, 1, 3, 4\n*Surface", halves)
-    assert top_moves(deck_of_lines(halves)) == pytest.approx(-0.006, rel=1e-9)
-    below = changed("1, 1, 2, 3, 4\n*Surface", "1, 4, 3, 2, 1\n*Surface", ON_RIGID)
-    below = changed("SPOS", "SNEG", below)
-    assert top_moves(deck_of_lines(below)) == pytest.approx(-0.006, rel=1e-9)
-
-
-def test_a_rigid_plate_that_moves_takes_its_cube_along() -> None:
-    """The reference node goes up by 0.01 mm: so does the cube, which is pressed as before."""
-    up = changed("LOW.9, ENCASTRE", "LOW.9, 1, 2\nLOW.9, 3, 3, 0.01\nLOW.9, 4, 6", ON_RIGID)
-    assert top_moves(deck_of_lines(up)) == pytest.approx(0.004, rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("LOW.9, ENCASTRE", "LOW.9, 1, 3", "may move along components 4, 5, 6"),
-        ("SPOS", "SNEG\nPLATE, SPOS", "both of its sides meet blocks"),
-        ("PLATE, SPOS", "PLATE", "no .Surface names its side"),
-        ("*Rigid Body, ref node=LOW.9, elset=LOW.PLATE\n", "", r"without a \*Rigid Body"),
-    ],
-)
-def test_rigid_bodies_that_are_not_covered_are_rejected(old, new, message) -> None:
-    with pytest.raises(DeckError, match=rf"^line \d+: .*{message}"):
-        deck_of_lines(changed(old, new, ON_RIGID)).validate()
-
-
 def test_springs_to_the_ground_are_in_series_with_the_cubes() -> None:
     """Four springs of 250 N/mm below the foot instead of a support: F / Σk = 2 / 1000 mm more."""
     springs = (
@@ -232,7 +104,7 @@ def test_springs_to_the_ground_are_in_series_with_the_cubes() -> None:
     lines = changed("*Boundary\nFOOT, 1, 3", f"{springs}\n*Boundary\nFOOT, 1, 2")
     deck = deck_of_lines(lines)
     assert top_moves(deck) == pytest.approx(-0.010, rel=1e-7)
-    again = deck_of_lines(list(deck_lines(rewritten(deck))))
+    again = deck_of_lines(written_again(deck))
     assert top_moves(again) == pytest.approx(-0.010, rel=1e-6)
 
 
@@ -366,7 +238,7 @@ def test_a_block_is_pushed_out_of_its_fit() -> None:
     an overlap are the same; a second step that does is rejected.
     """
     deck = deck_of_lines(block(6))
-    again = deck_of_lines(list(deck_lines(rewritten(deck))))
+    again = deck_of_lines(written_again(deck))
     assert [len(one.steps) for one in (deck, again)] == [2, 2]
     shrinks = [line for line in block(6) if line != f"{MU}, {STICK}"]
     shrinks[shrinks.index("*Friction")] = f"*Friction, shear traction slope={STICK}\n{MU}"
@@ -411,25 +283,6 @@ def test_a_wall_with_a_corner_in_the_block_is_named() -> None:
 def test_words_of_symmetry_hold_the_components_of_their_planes() -> None:
     lines = changed("FOOT, 1, 3", "FOOT, ZSYMM\n1, XSYMM\n1, YSYMM\n2, YSYMM")
     assert top_moves(deck_of_lines(lines)) == pytest.approx(-0.008, rel=1e-9)
-
-
-@pytest.mark.parametrize("flavour", ["general", "calculix"])
-def test_a_spinning_block_is_read_back(flavour, tmp_path: Path) -> None:
-    """Velocity and spin, of the words for it in Abaqus and of all nodes in CalculiX."""
-    settings = ["fem.element=full"] if flavour == "calculix" else []
-    stated = load_case("spinning-block", settings).problem.motion
-    path = exported(tmp_path / "spin.inp", "spinning-block", settings, flavour=flavour)
-    read = read_deck(path).problem().motion
-    assert stated is not None
-    assert read is not None
-    assert read.velocity == pytest.approx(stated.velocity, abs=1e-9)
-    assert read.angular_velocity == pytest.approx(stated.angular_velocity, rel=1e-9, abs=1e-9)
-
-
-def test_scaled_masses_are_read_back(tmp_path: Path) -> None:
-    changes = ["fem.method=explicit", "fem.mass_scaling=3.0", "fem.end_time=1.0"]
-    deck = read_deck(exported(tmp_path / "tube.inp", "tsb1-pipe", [*COARSE, *changes]))
-    assert deck.method.mass_scaling == pytest.approx(3.0, rel=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["C3D4", "C3D10"])
@@ -505,7 +358,7 @@ def test_an_exported_deck_has_the_answer_of_its_scene(flavour, tmp_path: Path) -
 
 
 def test_a_deck_written_again_has_the_same_answer() -> None:
-    again = deck_of_lines(list(deck_lines(rewritten(deck_of_lines(CUBES)))))
+    again = deck_of_lines(written_again(deck_of_lines(CUBES)))
     assert again.dialect is Dialect.CALCULIX
     assert top_moves(again) == pytest.approx(-0.008, rel=1e-6)
 
@@ -515,7 +368,7 @@ def test_calculix_has_one_answer_to_a_deck_and_to_the_one_written_again(tmp_path
     """Seven digits are printed; both are off ours by the tension of open contact springs, 1e-3."""
     (tmp_path / "cubes.inp").write_text("\n".join([*CUBES, ""]))
     with (tmp_path / "again.inp").open("w") as file:
-        file.writelines(f"{line}\n" for line in deck_lines(rewritten(deck_of_lines(CUBES))))
+        file.writelines(f"{line}\n" for line in written_again(deck_of_lines(CUBES)))
     moved = [run_calculix(tmp_path / name).displacements for name in ("cubes.inp", "again.inp")]
     first, second = (float(u[:, 2].min()) for u in moved)
     assert first == pytest.approx(second, rel=1e-5)
@@ -567,6 +420,55 @@ def test_what_is_not_covered_is_rejected_with_its_line(old, new, message) -> Non
         deck_of_lines(lines).validate()
 
 
+#: One cube in time: pressed at once.
+IN_TIME = """*Node
+1, 0, 0, 0
+2, 1, 0, 0
+3, 1, 1, 0
+4, 0, 1, 0
+5, 0, 0, 1
+6, 1, 0, 1
+7, 1, 1, 1
+8, 0, 1, 1
+*Element, type=C3D8, elset=CUBE
+1, 1, 2, 3, 4, 5, 6, 7, 8
+*Nset, nset=FOOT
+1, 2, 3, 4
+*Material, name=M
+*Elastic
+1000., 0.
+*Density
+1e-9
+*Solid Section, elset=CUBE, material=M
+*Boundary
+FOOT, 1, 3
+*Step
+*Dynamic, Explicit
+, 1e-4
+*Dload
+CUBE, P2, 2.
+*End Step
+""".splitlines()
+
+
+@pytest.mark.parametrize(
+    ("base", "old", "new", "message"),
+    [
+        (CUBES, "type=C3D8, elset=UPPER", "type=R3D4, elset=UPPER", "elements of type R3D4"),
+        (CUBES, "*Boundary", "*Rigid Body, ref node=1\n*Boundary", r"\*Rigid Body: .*not covered"),
+        (CUBES, "*Boundary", "*Tie, name=T\nUNDER, TOP\n*Boundary", r"\*Tie: constraints"),
+        (IN_TIME, "*Dload", "*Fixed Mass Scaling, dt=1e-6\n*Dload", "masses that are scaled"),
+        (IN_TIME, "*Step", "*Initial Conditions, type=VELOCITY\nFOOT, 1, 2.\n*Step", "VELOCITY"),
+        (IN_TIME, "*End Step", "*End Step\n*Step\n*Dynamic, Explicit\n, 1.\n*End Step", "beside 1"),
+    ],
+)
+def test_what_was_dropped_is_rejected_by_its_line(base, old, new, message) -> None:
+    """Rigid surfaces, ties, scaled masses, start velocities, several explicit steps."""
+    deck_of_lines(base, dialect=Dialect.ABAQUS).validate()
+    with pytest.raises(DeckError, match=rf"^line \d+: .*{message}"):
+        deck_of_lines(changed(old, new, base), dialect=Dialect.ABAQUS).validate()
+
+
 def test_a_truncated_deck_is_rejected() -> None:
     with pytest.raises(DeckError, match=f"^line {len(CUBES) - 1}: .*the file is truncated"):
         deck_of_lines(CUBES[:-1])
@@ -609,36 +511,6 @@ def test_what_calculix_takes_twice_or_not_at_all_is_rejected(old, new, words) ->
         deck.problem()
 
 
-def test_explicit_steps_are_one_run() -> None:
-    """Pressed in the first, its foot lifted in the second: by 0.01 mm, with the force of 2 N.
-
-    A step that lets go, loads anew or jumps is rejected.
-    """
-    first = "*Amplitude, name=A, definition=SMOOTH STEP\n0., 0., 1e-4, 1.\n*Step"
-    lines = changed("*Elastic", "*Density\n1e-9\n*Elastic", changed("*Step", first))
-    lines = changed("*Static", "*Dynamic, Explicit\n, 2e-4", lines)
-    lines = changed("*Dload", "*Dload, amplitude=A", lines)
-    second = "*End Step\n*Step\n*Dynamic, Explicit\n, 2e-4\n*{}\n{}\n*End Step"
-
-    def read(card: str, row: str) -> InputDeck:
-        return deck_of_lines(
-            changed("*End Step", second.format(card, row), lines), dialect=Dialect.ABAQUS
-        )
-
-    deck = read("Boundary, amplitude=A", "FOOT, 3, 3, 0.01")
-    assert deck.method.end_time == 4e-4
-    answer = solved(deck)
-    moved = answer.fields["displacement"][np.isclose(answer.points[:, 2], 0.0), 2]
-    assert moved == pytest.approx(0.01, rel=1e-3)
-    assert answer.report["reactions"]["foot"]["force"][2] == pytest.approx(2.0, rel=0.05)
-    with pytest.raises(DeckError, match="in a later explicit step is not covered"):
-        read("Dload, amplitude=A", "UPPER, P2, 1.")
-    for card, row in (("Boundary, amplitude=A", "18, 3, 3, 0.1"), ("Boundary", "FOOT, 3, 3, 0.1")):
-        deck = read(card, row)
-        with pytest.raises(DeckError, match="free before, or one of its motions has"):
-            deck.problem()
-
-
 @pytest.mark.parametrize("pairs", ["UNDER, TOP\nUNDER, TOP", "UNDER, TOP\ntop, under"])
 def test_a_pair_that_is_there_twice_is_rejected(pairs: str) -> None:
     """CalculiX (2.20) presses with twice the stiffness then: 6e-3 instead of 8e-3 mm here."""
@@ -658,7 +530,7 @@ def test_a_second_interaction_of_two_blocks_is_rejected() -> None:
 
 BESIDE = [(x, y, z) for z in (1, 2) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
 _TEXT = "\n".join(CUBES)
-_LINES = list(deck_lines(rewritten(deck_of_lines(CUBES))))
+_LINES = written_again(deck_of_lines(CUBES))
 
 
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))

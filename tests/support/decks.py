@@ -6,7 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fem import Explicit, solve_explicit, solve_static
+from fem.decks.problem import problem_deck
 from fem.decks.read.deck import InputDeck
+from fem.decks.read.words import Dialect
+from fem.decks.statement import Flavour
+from fem.decks.write import deck_lines
 from geometry import Answer
 from tests.support.commands import command
 
@@ -29,3 +33,11 @@ def solved(deck: InputDeck) -> Answer:
     if isinstance(method, Explicit):
         return solve_explicit(problem, method)
     return solve_static(problem, method)
+
+
+def written_again(deck: InputDeck, flavour: Flavour | None = None) -> list[str]:
+    """Lines of the problem of a deck, by default for its program."""
+    if flavour is None:
+        flavour = Flavour.GENERAL if deck.steps[-1].explicit else Flavour.STANDARD
+        flavour = Flavour.CALCULIX if deck.dialect is Dialect.CALCULIX else flavour
+    return list(deck_lines(problem_deck(deck.problem(), flavour, deck.method)))

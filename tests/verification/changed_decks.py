@@ -19,12 +19,11 @@ import numpy as np
 
 from fem import Static, solve_static
 from fem.decks.read.deck import deck_of_lines
-from fem.decks.read.rewrite import rewritten
 from fem.decks.read.words import Dialect
-from fem.decks.write import deck_lines
 from geometry import RefusedError
 from tests.support.ccx import CalculixError
 from tests.support.cubes_deck import CUBES, changed, changed_lines
+from tests.support.decks import written_again
 from tests.verification.deck_oracle import deck_nodes, difference, original, ours
 from tests.verification.deck_press_fit import block
 
@@ -66,7 +65,7 @@ def _decks() -> dict[str, list[str]]:
         "on springs": changed("*Boundary\nFOOT, 1, 3", f"{springs}\n*Boundary\nFOOT, 1, 2"),
         "two steps": changed("*End Step", second),
         "pushed with friction": block(6),
-        "written again": list(deck_lines(rewritten(deck_of_lines(CUBES)))),
+        "written again": written_again(deck_of_lines(CUBES)),
     }
 
 

@@ -18,12 +18,11 @@ from fem.decks.problem import (
     contact_notes,
     deck_of,
     element_time_step,
-    quadratic,
+    of_degree,
     with_notes,
     with_time_step,
 )
 from fem.decks.statement import Deck, DeckStep, Flavour, Joint, Procedure
-from fem.decks.tetrahedra import has_tetrahedra, with_tetrahedra
 from fem.element.hexahedron import ElementType
 from fem.system.effects import Effects
 from geometry.assembly import Assembly
@@ -31,7 +30,6 @@ from validation.build.cell import refuse_cell
 from validation.build.problem import (
     build_hexahedra,
     build_problem,
-    element_degree,
     fem_section,
     scene_load,
 )
@@ -61,9 +59,8 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
     built = build_hexahedra(scene, name).assembly
     assert isinstance(built, Assembly)
     assembly = canonical(built)
-    degree = element_degree(scene, assembly)
-    if degree > 1 and not has_tetrahedra(assembly):
-        assembly = quadratic(assembly, degree, flavour, meets=scene.meets)
+    known = build_problem(scene, name, scene_load(scene, assembly))
+    assembly, elements = of_degree(assembly, known, flavour, meets=scene.meets)
     problem = build_problem(scene, name, scene_load(scene, assembly))
     # CalculiX has no contact in explicit steps; single bodies do what the scene says.
     as_stated = flavour is Flavour.CALCULIX and not scene.meets
@@ -82,14 +79,13 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
     )
     if deck.joint is not None:
         deck = replace(deck, joint=_as_written(deck.joint, effects))
-    notes = contact_notes(deck, static=static)
+    notes = elements + contact_notes(deck, static=static)
     if scene.meets and not static and not effects.finite_rotation:
         notes.append("large rotations: nlgeom=YES, though effects.finite_rotation is off")
     if scene.straightened(assembly):
         notes.append(f"edges: {STRAIGHT_EDGES}")
-    for written in (around_as_forces, with_tetrahedra):
-        deck, more = written(deck)
-        notes += more
+    deck, more = around_as_forces(deck)
+    notes += more
     if not static and fem.mass_scaling is not None:
         deck = _with_mass_scaling(deck, fem.mass_scaling)
     if flavour is Flavour.CALCULIX and not static:

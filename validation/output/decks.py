@@ -13,9 +13,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from fem.decks.problem import increments, needs_double
+from fem.decks.problem import increments, needs_double, problem_deck
 from fem.decks.read.deck import InputDeck, read_deck
-from fem.decks.read.rewrite import rewritten
+from fem.decks.read.words import Dialect
 from fem.decks.statement import Deck, Flavour, element_name
 from fem.decks.write import write_deck
 from fem.element.material import Material
@@ -227,12 +227,15 @@ def largest_strain(problem: Problem, answer: Answer) -> float:
 
 
 def rewrite(deck: InputDeck, path: Path) -> WrittenDeck:
-    """Write a deck that was read, in the words of its program."""
+    """Write the problem of a deck that was read for its program."""
     start = time.process_time()
     if path.suffix.lower() != ".inp":
         raise InputError(f"--write {path}: expected a file name that ends in .inp")
     with named(deck.name):
-        stated = rewritten(deck)
+        flavour = Flavour.GENERAL if deck.steps[-1].explicit else Flavour.STANDARD
+        if deck.dialect is Dialect.CALCULIX:
+            flavour = Flavour.CALCULIX
+        stated = problem_deck(deck.problem(), flavour, deck.method)
     return _write(stated, path, start)
 
 
@@ -246,7 +249,7 @@ def input_json(deck: InputDeck) -> dict[str, Any]:
         "dialect": str(deck.dialect),
         "detected": deck.detected,
         "procedure": "explicit" if step.explicit else "static",
-        "duration": step.end,
+        "duration": step.duration,
         "large_rotations": step.large_rotations,
         "blocks": blocks.n_blocks,
         "names": list(blocks.names),

@@ -9,8 +9,7 @@ import numpy as np
 from fem.decks.keywords import DeckError
 from fem.decks.read.bodies import Blocks
 from fem.decks.read.cards import Card
-from fem.decks.read.model import ModelLines, Step, path_of, sampled_step, smooth_time
-from fem.decks.read.motion import Moved, continued
+from fem.decks.read.model import ModelLines, Step, path_of, smooth_time
 from geometry.files.named_sets import face_name
 from geometry.loads import FaceLoad
 from geometry.mesh import FloatArray, IntArray
@@ -18,6 +17,8 @@ from geometry.parts.forces import NodeForces
 from geometry.parts.regions import Edges, Points, Where
 from geometry.parts.supports import HeldFace
 
+#: Displacement of a component [mm], and times [s] and shares of it; (): with the loads.
+Moved = tuple[float, tuple[tuple[float, float], ...]]
 _STILL: Moved = (0.0, ())
 
 
@@ -34,8 +35,6 @@ class Actions:
     """Components of each block and node of its part."""
     axes: dict[tuple[int, int], FloatArray] = field(default_factory=dict)
     """Local axes of nodes that *Transform turns, unit vectors, each (3, 3)."""
-    reference: dict[tuple[int, int], dict[int, Moved]] = field(default_factory=dict)
-    """Components 0 to 5 of reference nodes of rigid bodies, by instance and number."""
     names: dict[tuple[int, int, int], str] = field(default_factory=dict)
     """Of the set that first holds a component of a node."""
     faces: list[FaceLoad] = field(default_factory=list)
@@ -90,7 +89,6 @@ def read_supports(actions: Actions) -> None:
         Naming the line of the first that cannot be solved.
     """
     _transforms(actions)
-    _reference_nodes(actions)
     for card in actions.model.other:
         if card.keyword == "BOUNDARY":
             _boundary(actions, card, None)
@@ -98,8 +96,6 @@ def read_supports(actions: Actions) -> None:
         for number, card in enumerate(c for c in step.cards if c.keyword == "BOUNDARY"):
             if card.option("OP") == "NEW" and not number:
                 actions.held.clear()
-                for held in actions.reference.values():
-                    held.clear()
             _boundary(actions, card, step)
 
 
@@ -136,16 +132,6 @@ def _transforms(actions: Actions) -> None:
                 actions.axes[block, node] = np.array([x, np.cross(z, x), z])
 
 
-def _reference_nodes(actions: Actions) -> None:
-    """Find the reference node of each *Rigid Body."""
-    places = actions.blocks.places
-    for card in actions.model.rigid:
-        nodes = places.members(card, card.line, card.parameter("REF NODE"), nodes=True)
-        if len(set(nodes)) != 1:
-            raise DeckError(f"{card.at()}: got {len(nodes)} reference nodes; expected one")
-        actions.reference.setdefault(nodes[0], {})
-
-
 def _boundary(actions: Actions, card: Card, step: Step | None) -> None:
     if card.option("TYPE") not in {"", "DISPLACEMENT"}:
         raise DeckError(
@@ -158,17 +144,13 @@ def _boundary(actions: Actions, card: Card, step: Step | None) -> None:
         name = row[0].strip('"').lower()
         if name.isdigit():
             name = f"boundary-{card.line}"
-        begin = 0.0 if step is None else step.begin
-        for node in nodes:
-            if node in actions.reference:
-                _hold(actions.reference[node], components, moved, card.at(line), begin)
         in_solids = [k for k in components if k < 3]
         for block, indices in actions.blocks.located(nodes).items():
             for index in indices.tolist():
                 for component in in_solids:
                     actions.names.setdefault((block, index, component), name)
                 held = actions.held.setdefault((block, index), {})
-                _hold(held, in_solids, moved, card.at(line), begin)
+                held.update(dict.fromkeys(in_solids, moved))
 
 
 def _moved(
@@ -180,9 +162,7 @@ def _moved(
         return components, _STILL
     path = path_of(actions.model, card)
     smooth = smooth_time(actions.model, card) if step.explicit else None
-    if smooth is not None and step.begin:
-        path = sampled_step(smooth)
-    elif smooth is not None:
+    if smooth is not None:
         actions.ramp(card, smooth)
         path = None
     if path is None:
@@ -192,17 +172,6 @@ def _moved(
         return components, (value, times)
     at = np.interp(actions.time_in(step), *np.array(times).T)
     return components, (value * float(at), ())
-
-
-def _hold(
-    held: dict[int, Moved], components: list[int], moved: Moved, at: str, begin: float
-) -> None:
-    """Hold or move components of a node; in a later explicit step those that are held already."""
-    for component in components:
-        if begin:
-            held[component] = continued(held.get(component), moved, begin, at)
-        else:
-            held[component] = moved
 
 
 def _path(step: Step, path: FloatArray) -> tuple[tuple[float, float], ...]:
@@ -255,9 +224,8 @@ def _components(card: Card, line: int, row: list[str]) -> tuple[list[int], float
 
 def fixed_blocks(actions: Actions) -> set[int]:
     """Blocks of which every node stays."""
-    rigid = rigid_blocks(actions)
-    result = {block for block, face in rigid.items() if not face.moves}
-    for block in set(range(len(actions.blocks.owners))) - rigid.keys():
+    result = set()
+    for block in range(len(actions.blocks.owners)):
         solid = actions.blocks.solid(block)
         every = np.concatenate([solid.nodes, solid.others])
         local = actions.blocks.places.instances[actions.blocks.owners[block][0]].part
@@ -270,49 +238,8 @@ def fixed_blocks(actions: Actions) -> set[int]:
 
 def held_faces(actions: Actions, fixed: set[int]) -> list[HeldFace]:
     """Parts of blocks that are not fixed which are held, moved or on springs."""
-    rigid = rigid_blocks(actions)
-    result = [face for block, face in rigid.items() if block not in fixed]
-    for block in range(len(actions.blocks.owners)):
-        if block not in fixed and block not in rigid:
-            result += _held_faces(actions, block)
-    return result + _springs(actions)
-
-
-def rigid_blocks(actions: Actions) -> dict[int, HeldFace]:
-    """Blocks of rigid bodies, whose reference nodes are held or moved without turning.
-
-    Raises
-    ------
-    DeckError
-        A body that may move by itself, or that turns.
-    """
-    result = dict[int, HeldFace]()
-    places = actions.blocks.places
-    for card in actions.model.rigid:
-        node = places.members(card, card.line, card.parameter("REF NODE"), nodes=True)[0]
-        stated = actions.reference[node]
-        free = [str(k + 1) for k in range(6) if k not in stated]
-        if free:
-            raise DeckError(
-                f"{card.at()}: the rigid body may move along components {', '.join(free)} of its "
-                "reference node; expected all six held or moved by *Boundary: rigid bodies that "
-                "move by themselves are not covered"
-            )
-        elements = places.members(card, card.line, card.parameter("ELSET"), nodes=False)
-        moved = np.array([stated[k][0] for k in range(3)])
-        paths = {stated[k][1] for k in range(3) if stated[k][0]}
-        if len(paths) > 1:
-            raise DeckError(
-                f"{card.at()}: components of the reference node have several amplitudes; expected "
-                "one"
-            )
-        for block in actions.blocks.whole(card, card.line, elements):
-            everywhere = Points(
-                actions.blocks.coordinates(block, actions.blocks.solid(block).nodes)
-            )
-            path, there = next(iter(paths), ()), moved if moved.any() else None
-            result[block] = HeldFace(block, everywhere, None, there, path, name="rigid body")
-    return result
+    free = (block for block in range(len(actions.blocks.owners)) if block not in fixed)
+    return [face for block in free for face in _held_faces(actions, block)] + _springs(actions)
 
 
 def _held_faces(actions: Actions, block: int) -> list[HeldFace]:

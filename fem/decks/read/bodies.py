@@ -13,14 +13,12 @@ from fem.decks.keywords import DeckError
 from fem.decks.read.cards import Card
 from fem.decks.read.elements import (
     HEX_SIDES,
-    RIGID,
     TET_SIDES,
     TETRAHEDRA,
     Hexahedra,
     as_hexahedra,
 )
 from fem.decks.read.mesh import Instance, Part, Places
-from fem.decks.read.rigid import behind_surface, side_number
 from geometry.assembly import Assembly
 from geometry.block import Block, Curve
 from geometry.files.hexahedral_solids import SURFACE
@@ -72,22 +70,15 @@ class Body:
     solid_at: IntArray
     """Solid of each node of the part, -1: of none, (n_nodes,)."""
 
-    rigid: bool = False
-    """Whether its elements are facets of a rigid surface."""
-
     @cached_property
     def corners(self) -> IntArray:
         """The part's nodes at the corners of the sides of elements, (n_elements, n_sides, k)."""
-        if self.rigid:
-            return self.members[:, None, :]
         split = self.members.shape[1] in TETRAHEDRA
         return np.asarray(self.members[:, TET_SIDES if split else HEX_SIDES])
 
 
-def body_of(part: Part, materials: list[str], path: str, stated: frozenset[str]) -> Body:
+def body_of(part: Part, materials: list[str], path: str) -> Body:
     """Divide a part into connected solids of one material each.
-
-    Rigid surfaces become thin solids behind them.
 
     Parameters
     ----------
@@ -97,8 +88,6 @@ def body_of(part: Part, materials: list[str], path: str, stated: frozenset[str])
         Of each of its elements.
     path
         Of the deck, for messages.
-    stated
-        Sides of rigid surfaces that the deck names: SPOS, SNEG.
 
     Raises
     ------
@@ -106,11 +95,7 @@ def body_of(part: Part, materials: list[str], path: str, stated: frozenset[str])
         A solid of several materials, bad elements.
     """
     members = np.array([[part.index[n] for n in row] for row in part.volumes], dtype=np.int64)
-    rigid = part.kind in RIGID
-    if rigid:
-        hexahedra = behind_surface(part, members, stated)
-    else:
-        hexahedra = as_hexahedra(part.nodes, members)
+    hexahedra = as_hexahedra(part.nodes, members)
     corners = hexahedra.elements[:, :8]
     n_hexes, n_nodes = len(corners), len(hexahedra.nodes)
     rows = np.repeat(np.arange(n_hexes), 8)
@@ -135,7 +120,7 @@ def body_of(part: Part, materials: list[str], path: str, stated: frozenset[str])
         solids.append(_solid(title, hexahedra, mine, str(names[0]), path, split=split))
     solid_of = np.zeros(len(members), dtype=np.int64)
     solid_of[hexahedra.owner] = label
-    return Body(members, hexahedra, tuple(solids), solid_of, at, rigid)
+    return Body(members, hexahedra, tuple(solids), solid_of, at)
 
 
 def _solid(
@@ -271,14 +256,6 @@ class Blocks:
     # -----------------------------------------------------------------------------------------
     # Surfaces
 
-    def exterior(self, block: int) -> IntArray:
-        """Rows of the facets of the surface that may meet others: of rigid surfaces one side."""
-        instance, number = self.owners[block]
-        body = self.bodies[instance]
-        if not body.rigid:
-            return np.arange(len(self.solid(block).outer))
-        return self._rows(block, body.hexahedra.sides[body.solid_of == number].reshape(-1, 4))
-
     def sides(
         self, card: Card, line: int, elements: list[tuple[int, int]], side: str
     ) -> dict[int, IntArray]:
@@ -294,10 +271,7 @@ class Blocks:
             body = self.bodies[instance]
             element = self.places.instances[instance].part.element_index[label]
             sides = body.hexahedra.sides[element]
-            if body.rigid:
-                number = side_number(card, line, side, body.hexahedra.positive)
-            else:
-                number = int(side[1:]) - 1 if side[1:].isdigit() and side[0] in "SP" else -1
+            number = int(side[1:]) - 1 if side[1:].isdigit() and side[0] in "SP" else -1
             if side and not 0 <= number < len(sides):
                 raise DeckError(
                     f"{card.at(line)}: got side {side!r} of element {label}; expected S1 to "

@@ -12,7 +12,6 @@ from fem.decks.keywords import DeckError
 from fem.decks.read.cards import Card, deck_text, read_cards
 from fem.decks.read.mesh import Instance, Part, Places, add_elements, add_nodes, add_set, placed
 from fem.decks.read.model import ModelLines, Step, add_model, effects_of
-from fem.decks.read.motion import in_one_run
 from fem.decks.read.problem import Built, build_problem
 from fem.decks.read.words import Dialect, check_words, dialect_of, spelt
 from fem.method import Explicit, Static
@@ -99,8 +98,7 @@ class InputDeck:
             rayleigh=effects.rayleigh,
             bulk_viscosity=effects.bulk_viscosity,
             ramp_time=self.built.ramp_time or 0.0,
-            end_time=self.steps[-1].end,
-            mass_scaling=self.built.mass_scaling,
+            end_time=self.steps[-1].duration,
             error_estimate=False,
         )
 
@@ -158,7 +156,7 @@ def deck_of_lines(
     heading = next((card for card in cards if card.keyword == "HEADING"), cards[0])
     reader.model.cap = _cap(heading)
     places = reader.finished(cards[-1])
-    steps = in_one_run(tuple(reader.steps))
+    steps = tuple(reader.steps)
     return InputDeck(name, kind, detected, places, reader.model, steps, without)
 
 
@@ -220,7 +218,7 @@ class _Reader:
             add_model(self.model, card)
 
     def _in_step(self, card: Card) -> None:
-        if card.keyword in _MESH | {"SPRING", "RIGID BODY", "TRANSFORM", "TIE"}:
+        if card.keyword in _MESH | {"SPRING", "TRANSFORM"}:
             raise DeckError(f"{card.at()}: {card.title} stands in a step; expected it before")
         if card.keyword in _NAMED:
             add_model(self.model, card)

@@ -22,8 +22,6 @@ VOLUMES = {
     "C3D10M": 10,
     "C3D10T": 10,
 }
-#: Facets of rigid surfaces.
-RIGID = {"R3D3": 3, "R3D4": 4}
 #: Hexahedra of degree 1 by dialect: C3D8 averages the dilatation in Abaqus (its manual: selectively
 #: reduced integration), and is integrated fully in CalculiX.
 KINDS = {
@@ -55,8 +53,6 @@ class Hexahedra:
     """Element of each hexahedron, (n_hexahedra,)."""
     sides: IntArray
     """Corners of the facets of each side of each element, (n_elements, n_sides, n_facets, 4)."""
-    positive: bool = True
-    """Of a rigid surface: whether the side that meets others is the positive one, SPOS."""
 
 
 def as_hexahedra(nodes: FloatArray, elements: IntArray) -> Hexahedra:

@@ -11,7 +11,7 @@ import numpy as np
 from fem.decks.keywords import DeckError
 from fem.decks.placement import rotation_matrix
 from fem.decks.read.cards import Card
-from fem.decks.read.elements import RIGID, VOLUMES
+from fem.decks.read.elements import VOLUMES
 from geometry.mesh import FloatArray
 
 #: Largest number of entries that a generated set may have.
@@ -67,11 +67,11 @@ def add_nodes(part: Part, card: Card) -> None:
 def add_elements(part: Part, card: Card) -> None:
     """Read *Element: number and nodes; an element may go on over lines."""
     kind = card.parameter("TYPE")
-    count = (VOLUMES | RIGID).get(kind)
+    count = VOLUMES.get(kind)
     if count is None:
         raise DeckError(
             f"{card.at()}: elements of type {kind} are not covered; expected "
-            f"{', '.join((*VOLUMES, *RIGID))}, or SPRING1"
+            f"{', '.join(VOLUMES)}, or SPRING1"
         )
     values = [(line, text) for line, row in card.rows() for text in row if text]
     numbers = [card.whole(line, text) for line, text in values]
@@ -82,7 +82,7 @@ def add_elements(part: Part, card: Card) -> None:
         )
     table = [numbers[k : k + count + 1] for k in range(0, len(numbers), count + 1)]
     name = card.option("ELSET")
-    if part.kind not in {"", kind} and not {part.kind, kind} <= set(RIGID):
+    if part.kind not in {"", kind}:
         raise DeckError(
             f"{card.at()}: got elements of type {kind} beside {part.kind} ({part.kind_at}); "
             "expected one type in a part"
@@ -98,7 +98,7 @@ def add_elements(part: Part, card: Card) -> None:
                 + "; expected a number of its own and nodes of the part, each once"
             )
         part.element_index[label] = len(part.volumes)
-        part.volumes.append(nodes if kind != "R3D3" else [*nodes, nodes[-1]])
+        part.volumes.append(nodes)
     if name:
         part.element_sets.setdefault(name, []).extend(row[0] for row in table)
 

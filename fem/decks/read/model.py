@@ -15,7 +15,6 @@ from fem.decks.read.cards import Card
 from fem.decks.read.words import Dialect
 from fem.element.material import Material
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
-from fem.system.forces import SmoothStepAmplitude
 from geometry.mesh import FloatArray
 
 _Stated = TypeVar("_Stated")
@@ -73,8 +72,6 @@ class ModelLines:
     orientations: dict[str, Card] = field(default_factory=dict)
     total_time: list[Card] = field(default_factory=list)
     """Amplitudes in total time, which is that of the step where there is one step."""
-    rigid: list[Card] = field(default_factory=list)
-    """Rigid bodies."""
     other: list[Card] = field(default_factory=list)
     """Cards that are read where a problem is made: supports, contact, motions."""
     notes: list[str] = field(default_factory=list)
@@ -107,8 +104,6 @@ def add_model(model: ModelLines, card: Card) -> None:
         _last(card, model.interactions, "*Surface Interaction").friction = card
     elif word == "AMPLITUDE":
         model.amplitudes[_new(card, model.amplitudes)] = card
-    elif word == "RIGID BODY":
-        model.rigid.append(card)
     elif word == "ORIENTATION":
         model.orientations[_new(card, model.orientations)] = card
     else:
@@ -268,8 +263,6 @@ class Step:
 
     card: Card
     cards: list[Card] = field(default_factory=list)
-    begin: float = 0.0
-    """Time of the explicit steps before [s]."""
     follows_large: bool = False
     """Whether a step before takes forces in the deformed position; then this one does too."""
 
@@ -323,11 +316,6 @@ class Step:
                 f"{self.procedure.at()}: the step lasts {value:g}; expected a positive time"
             )
         return value
-
-    @property
-    def end(self) -> float:
-        """End of the step, explicit steps before it counted [s]."""
-        return self.begin + self.duration
 
 
 def effects_of(model: ModelLines, step: Step) -> Effects:
@@ -404,16 +392,6 @@ def turning_times(path: FloatArray) -> FloatArray:
     way = np.sign(np.diff(path[:, 1]))
     moving = np.flatnonzero(way)
     return np.asarray(path[moving[np.flatnonzero(np.diff(way[moving]))] + 1, 0])
-
-
-#: Points of a smooth step that is read as a table.
-_SAMPLES = 41
-
-
-def sampled_step(duration: float) -> FloatArray:
-    """Smooth step from 0 to 1 as a table of times and values, (n, 2): off by 4e-4 at most."""
-    smooth, times = SmoothStepAmplitude(duration), np.linspace(0.0, duration, _SAMPLES)
-    return np.column_stack([times, [smooth(time) for time in times.tolist()]])
 
 
 def smooth_time(model: ModelLines, card: Card) -> float | None:

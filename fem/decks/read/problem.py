@@ -15,7 +15,7 @@ from fem.decks.keywords import DeckError
 from fem.decks.read.actions import Actions, fixed_blocks, held_faces, read_supports
 from fem.decks.read.bodies import CONTACT, Blocks, Body, body_of
 from fem.decks.read.cards import Card
-from fem.decks.read.elements import KINDS, RIGID, VOLUMES
+from fem.decks.read.elements import KINDS, VOLUMES
 from fem.decks.read.loads import body_wrenches, gravity_of, orientation_of, read_loads
 from fem.decks.read.mesh import Part, Places
 from fem.decks.read.model import (
@@ -28,11 +28,10 @@ from fem.decks.read.model import (
     path_of,
     turning_times,
 )
-from fem.decks.read.motion import initial_motion, mass_scaling
-from fem.decks.read.ties import unite_tied
 from fem.decks.read.words import Dialect
 from fem.element.hexahedron import ElementType
 from fem.problem import Problem, before_motion
+from fem.system.time_step import characteristic_time_step
 from geometry.assembly import Assembly, UnmatchedJoint
 from geometry.loads import LoadCase
 from geometry.mesh import IntArray
@@ -63,8 +62,6 @@ class Built:
     """Smooth step of the loads of an explicit run [s]; None: it names no load."""
     face_to_face: bool = False
     """Whether all its contact pairs are linear ones of surface on surface."""
-    mass_scaling: float | None = None
-    """Time step that every element of an explicit run is to allow, over the least."""
 
 
 def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Step, ...]) -> Built:
@@ -76,10 +73,9 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
         Naming the line of what is not covered.
     """
     _check_steps(steps)
+    _check_initial(model)
     step = steps[-1]
-    blocks = Blocks(places, _bodies(places, model, name))
-    if unite_tied(blocks, model):
-        blocks = Blocks(places, _bodies(places, model, name))
+    blocks = Blocks(places, _bodies(places, name))
     contact = _read_contact(model, steps, blocks)
     rough = not step.explicit and contact.is_rough(model)
     ends = _stage_ends(model, steps) if rough else [(len(steps), None)]
@@ -124,7 +120,6 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
         finite_sliding=sliding and not (contact.small_sliding and assembly.unmatched),
         finite_rotation=_turns(model, step, cases, meets=bool(joints)),
         gravity=gravity_of(stages[0], assembly.n_blocks),
-        motion=initial_motion(model, blocks, assembly),
     )
     if rough:
         problem = replace(problem, after=before_motion(problem, loaded=False))
@@ -132,12 +127,12 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
         gravity = gravity_of(stage, assembly.n_blocks)
         problem = replace(problem, load=case, gravity=gravity, after=problem)
     _note_steps(model, steps, problem)
+    _check_minimum(model, step, problem)
     return Built(
         problem,
         blocks,
         actions.ramp_time,
         contact.face_to_face(problem.contact_law),
-        mass_scaling(model, steps[0], problem),
     )
 
 
@@ -170,14 +165,52 @@ def _turns(model: ModelLines, step: Step, cases: list[LoadCase], *, meets: bool)
 
 
 def _check_steps(steps: tuple[Step, ...]) -> None:
-    """Reject static steps beside explicit ones, and lines that are no times."""
+    """Reject explicit steps beside others, and lines that are no times."""
     for step in steps:
         step.procedure.numbers()
-        if step.explicit is not steps[0].explicit:
+        if step.explicit and len(steps) > 1:
             raise DeckError(
-                f"{step.card.at()}: a static step beside one of explicit dynamics is not covered; "
-                "expected steps of one kind"
+                f"{step.card.at()}: a step of explicit dynamics beside {len(steps) - 1} others is "
+                "not covered; expected one explicit step, or static ones"
             )
+
+
+def _check_initial(model: ModelLines) -> None:
+    """Reject start velocities and temperatures that strain; others have no influence."""
+    cards = {card.keyword: card for card in reversed(model.other)}
+    for card in (card for card in model.other if card.keyword == "INITIAL CONDITIONS"):
+        kind = card.option("TYPE")
+        if kind != "TEMPERATURE" or "EXPANSION" in cards:
+            raise DeckError(
+                f"{card.at()}: *Initial Conditions of type {kind or 'none'} is not covered"
+                + (" beside *Expansion" if kind == "TEMPERATURE" else "")
+                + "; expected none, or temperatures of materials that do not expand"
+            )
+        model.note("material: temperatures have no influence, no material expands")
+
+
+#: Share of the least time step of an element that CalculiX takes for stable without scaling.
+_STABLE = 0.5
+
+
+def _check_minimum(model: ModelLines, step: Step, problem: Problem) -> None:
+    """Reject a minimum increment for which CalculiX scales masses."""
+    rows = list(step.procedure.rows())
+    row = rows[0][1] if rows and step.explicit and model.dialect is Dialect.CALCULIX else []
+    if len(row) < 3 or not row[2] or "DIRECT" in step.procedure.parameters:
+        return
+    blocks, materials = problem.blocks, problem.materials
+    least = min(
+        characteristic_time_step(blocks.shape(b).mesh, materials[b], linear_bulk_viscosity=0.0)
+        for b in np.flatnonzero(problem.deforming).tolist()
+    )
+    minimum = step.procedure.number(rows[0][0], row[2])
+    if minimum > _STABLE * least:
+        raise DeckError(
+            f"{step.procedure.at(rows[0][0])}: for a minimum increment of {minimum:g} s CalculiX "
+            f"scales masses where elements allow less ({least:.2g} s here), in a way that is not "
+            "covered; expected a shorter one, or none"
+        )
 
 
 #: Cards whose values change in a step.
@@ -234,8 +267,6 @@ def _note_steps(model: ModelLines, steps: tuple[Step, ...], problem: Problem) ->
             f"steps: the way to the end in {len(problem.stages)} stages, each from the state and "
             "the slips of the one before"
         )
-    elif len(steps) > 1 and steps[0].explicit:
-        model.note(f"steps: {len(steps)} explicit steps are one run of {steps[-1].end:g} s")
     elif len(steps) > 1:
         model.note(
             f"steps: the state at the end of step {len(steps)}; without friction it does not "
@@ -268,10 +299,7 @@ def _check_densities(model: ModelLines, step: Step) -> None:
 # Blocks
 
 
-def _bodies(places: Places, model: ModelLines, path: str) -> list[Body]:
-    surfaces = [card for i in places.instances for card in i.part.surfaces.values()]
-    rows = [row for card in [*surfaces, *places.surfaces.values()] for _, row in card.rows()]
-    sides = frozenset(row[1].upper() for row in rows if len(row) > 1) & {"SPOS", "SNEG"}
+def _bodies(places: Places, path: str) -> list[Body]:
     result: dict[int, Body] = {}
     for instance in places.instances:
         part = instance.part
@@ -281,26 +309,12 @@ def _bodies(places: Places, model: ModelLines, path: str) -> list[Body]:
                     f"part {part.name or 'of the deck'}: no elements with volume; expected "
                     f"{', '.join(VOLUMES)}"
                 )
-            if part.kind in RIGID:
-                _check_rigid(part, model)
-            materials = _sections(part, model)
-            result[id(part)] = body_of(part, materials, path, sides)
+            result[id(part)] = body_of(part, _sections(part), path)
     return [result[id(instance.part)] for instance in places.instances]
 
 
-def _check_rigid(part: Part, model: ModelLines) -> None:
-    """Reject rigid elements without a rigid body."""
-    if not model.rigid or not model.materials:
-        raise DeckError(
-            f"{part.kind_at}: rigid elements without a *Rigid Body, or no *Material of other "
-            "blocks; expected both"
-        )
-
-
-def _sections(part: Part, model: ModelLines) -> list[str]:
-    """Material of each element of a part; of rigid ones the first, which has no influence."""
-    if part.kind in RIGID:
-        return [next(iter(model.materials))] * len(part.volumes)
+def _sections(part: Part) -> list[str]:
+    """Material of each element of a part."""
     materials = [""] * len(part.volumes)
     for card in part.sections:
         name = card.parameter("ELSET")
@@ -323,9 +337,7 @@ def _sections(part: Part, model: ModelLines) -> list[str]:
 def _element(places: Places, model: ModelLines, step: Step) -> tuple[int, ElementType]:
     """Degree and hexahedron of the elements of a deck."""
     parts = [one.part for one in places.instances if one.part.volumes]
-    kinds = {part.kind for part in parts} - set(RIGID)
-    if not kinds:
-        return 1, ElementType.INCOMPATIBLE
+    kinds = {part.kind for part in parts}
     if len(kinds) > 1:
         raise DeckError(f"elements of the types {', '.join(sorted(kinds))}; expected one type")
     kind = kinds.pop()
@@ -465,7 +477,7 @@ def _inclusions(blocks: Blocks, card: Card) -> None:
             "EXTERIOR, or *Contact Pair"
         )
     for block in range(len(blocks.owners)):
-        blocks.add_face(block, CONTACT, blocks.exterior(block))
+        blocks.add_face(block, CONTACT, np.arange(len(blocks.solid(block).outer)))
 
 
 def _interaction(model: ModelLines, card: Card, line: int, name: str) -> Interaction:
