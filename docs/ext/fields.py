@@ -21,7 +21,8 @@ from pydantic_core import PydanticUndefined
 
 from validation.scene.keys.docstrings import field_docstrings
 
-_UNIT = re.compile(r"\s*\[([^\]\[]{1,12})\]")
+#: A unit in brackets; a section in backticks is none.
+_UNIT = re.compile(r"\s*(?<!`)\[([^\]\[]{1,12})\](?!`)")
 _BOUNDS = (("gt", ">"), ("ge", "≥"), ("lt", "<"), ("le", "≤"))
 
 

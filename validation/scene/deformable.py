@@ -92,9 +92,9 @@ class MaterialSection(Section):
     """Radius of the sphere for the averaged (non-local) maximum principal stress [mm]; for
     concrete about the aggregate size."""
     tensile_strength: Positive | None = None
-    """[MPa]; static answers then have the load factor at first cracking."""
+    """If given, static runs print the load factor at first cracking [MPa]."""
     compressive_strength: Positive | None = None
-    """[MPa]; static answers then have the load factor at first crushing."""
+    """If given, static runs print the load factor at first crushing [MPa]."""
 
     @model_validator(mode="wrap")
     @classmethod
