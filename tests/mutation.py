@@ -111,7 +111,7 @@ SUBJECTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("study/test_store.py",),
     ),
 }
-#: Seed of the published sample (docs/trust/input-validation.md), written down before its run.
+#: Seed of the published sample, written down before its run.
 SEED = 31
 #: Changes of cosmic-ray that are tried: one for each kind of slip.
 OPERATORS = (
