@@ -1,4 +1,4 @@
-"""Every number of docs/trust/other-codes.md: ``python -m tests.verification [NAME ...] [--json FILE]``.
+"""Numbers of docs/trust/other-codes.md: ``python -m tests.verification [NAME ...] [--json FILE]``.
 
 Without names all tables but the long ones, four CPU minutes; CalculiX and compas_cra where they
 are installed. ``error-bars`` takes an hour, goes on where it was stopped, gives up a problem after
