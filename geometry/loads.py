@@ -243,6 +243,19 @@ class LoadCase(ReadOnlyArrays):
         """Force on each facet in the initial configuration, (n_facets, 3) [N]."""
         return self._all("forces")
 
+    @cached_property
+    def wrenches(self) -> FloatArray:
+        """Force and moment about each block's mass centroid, (n_blocks, 6) [N, N mm].
+
+        Facet forces act at `centroids`, as in Algorithm 1 of the paper.
+        """
+        force, n = self.facet_forces, self.assembly.n_blocks
+        arm = self.centroids - self.assembly.centroids[self.block]
+        columns = np.hstack([force, np.cross(arm, force)]).T
+        # Column by column: several times faster than `np.add.at`.
+        wrench = np.stack([np.bincount(self.block, column, n) for column in columns], axis=-1)
+        return wrench if self.body_wrenches is None else wrench + self.body_wrenches
+
     @property
     def on_regions(self) -> bool:
         """Whether loads or supports lie on planes, in boxes or on lines.

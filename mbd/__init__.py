@@ -11,82 +11,28 @@ What most need::
 | | |
 |---|---|
 | `analyse` | the rigid answer to a problem, or to blocks and a load: a `geometry.Answer` |
-| `rigid_result`, `RigidResult` | the same with certificates, forces and equilibrium as objects |
 | `Rigid` | the method: what contact forces minimise, what is found beside |
-| `Norm`, `Solver` | its options by name |
-| `contact_jacobian`, `Contacts` | velocities of gaps by motions of blocks |
-| `PairJacobian`, `MatrixJacobian` | the Jacobian by pairs of blocks, and as a matrix |
-| `generalized_force`, `block_wrenches` | loads as forces and moments on blocks |
-| `classify`, `Classification`, `MechanismClass` | locked, activated or suppressed, certified |
-| `SelfStress`, `Mechanism` | the certificates |
-| `solve_linear_programs`, `LinearPrograms` | the linear programs behind them |
-| `equilibrium`, `Equilibrium` | contact forces that balance a load |
-| `newton_equilibrium`, `clarabel_equilibrium` | the two solvers of it |
-| `column_weights`, `EQUILIBRIUM_TOLERANCE` | weights of its norm; its largest residual |
-| `measures`, `Measures` | the paper's measures of contact pressures |
-| `block_measures`, `BlockMeasures` | the same of each block |
+| `Norm`, `Solver`, `FrictionLaw` | its options by name |
+| `RigidResult` | `Answer.details`: certificates, forces and equilibrium as objects |
+| `MechanismClass` | locked, activated, suppressed or neutral |
+| `contact_jacobian` | velocities of gaps by motions of blocks: proves certificates |
 """
 
-from geometry.measures import BlockMeasures, Measures, block_measures, measures
-from mbd.analysis import RigidResult, rigid_result
+from mbd.analysis import RigidResult
 from mbd.answer import analyse
-from mbd.contact_jacobian import (
-    Contacts,
-    MatrixJacobian,
-    PairJacobian,
-    block_wrenches,
-    contact_jacobian,
-    generalized_force,
-)
-from mbd.equilibrium import (
-    EQUILIBRIUM_TOLERANCE,
-    Equilibrium,
-    clarabel_equilibrium,
-    column_weights,
-    equilibrium,
-    newton_equilibrium,
-)
-from mbd.mechanism import (
-    Classification,
-    LinearPrograms,
-    Mechanism,
-    MechanismClass,
-    SelfStress,
-    classify,
-    solve_linear_programs,
-)
-from mbd.options import Norm, Rigid, Solver
+from mbd.contact_jacobian import contact_jacobian
+from mbd.mechanism import MechanismClass
+from mbd.options import FrictionLaw, Norm, Rigid, Solver
 
 __all__ = [
-    "EQUILIBRIUM_TOLERANCE",
-    "BlockMeasures",
-    "Classification",
-    "Contacts",
-    "Equilibrium",
-    "LinearPrograms",
-    "MatrixJacobian",
-    "Measures",
-    "Mechanism",
+    "FrictionLaw",
     "MechanismClass",
     "Norm",
-    "PairJacobian",
     "Rigid",
     "RigidResult",
-    "SelfStress",
     "Solver",
     "analyse",
-    "block_measures",
-    "block_wrenches",
-    "clarabel_equilibrium",
-    "classify",
-    "column_weights",
     "contact_jacobian",
-    "equilibrium",
-    "generalized_force",
-    "measures",
-    "newton_equilibrium",
-    "rigid_result",
-    "solve_linear_programs",
 ]
 
 

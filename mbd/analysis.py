@@ -27,7 +27,7 @@ from geometry.parts.pairs import OfPairs
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
 from geometry.system import one_thread_of_blas
 from geometry.work import budget, clock
-from mbd.contact_jacobian import block_wrenches, contact_jacobian, generalized_force
+from mbd.contact_jacobian import contact_jacobian
 from mbd.equilibrium import Equilibrium, column_weights, equilibrium
 from mbd.mechanism import (
     MANY_BLOCKS,
@@ -259,40 +259,11 @@ def as_statement(problem: object, load: object) -> RigidStatement:
 
 
 @one_thread_of_blas()
-def rigid_result(
-    problem: AnyBlocks | RigidStatement,
-    method: Rigid | None = None,
-    *,
-    load: LoadCase | None = None,
-    tell: Callable[[str], None] = lambda _: None,
-) -> RigidResult:
+def rigid_result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) -> RigidResult:
     """Classify rigid blocks, solve for their contact forces, and find what a method asks beside.
 
-    Parameters
-    ----------
-    problem
-        A whole statement such as `fem.Problem`; or blocks, with a ``load``.
-    method
-        What the contact forces minimise and what is found beside; None: `Rigid()`.
-    load
-        Tractions and supports of blocks that come without.
-    tell
-        Called with what is being found.
-
-    Returns
-    -------
-    RigidResult
-        `RigidResult.holds` says whether the load is carried; nothing is called equilibrium above a
-        relative residual of 1e-6.
-
-    Raises
-    ------
-    AnalysisError
-        Blocks of which no two touch, or arguments of another type.
-    RefusedError
-        What rigid blocks do not have, such as gaps and supports that move.
+    ``tell`` is called with what is being found; errors are those of `mbd.analyse`.
     """
-    stated, method = as_statement(problem, load), method or Rigid()
     with budget(method.max_work, clock(method.max_seconds)) as spent:
         result = _result(stated, method, tell)
     return replace(result, parts={**result.parts, "work": spent})
@@ -309,7 +280,7 @@ def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) 
     result = frictionless_result(blocks, whole, method.norm, method.solver)
     start = time.process_time()
     dead = np.zeros((blocks.n_blocks, 6)) if weight is None else weight
-    live = block_wrenches(blocks, live_case)
+    live = live_case.wrenches
     coulomb = stated.coulomb
     parts = Question(
         whole=blocks,
@@ -365,7 +336,7 @@ def class_by_faces(result: RigidResult) -> Classification:
         return full
     bare = cast("PolyhedralAssembly", result.blocks).with_faces_alone()
     contacts = contact_jacobian(bare, supports=load.held)
-    force = generalized_force(bare, load, contacts.free_blocks, contacts.length)
+    force = contacts.rows(load.wrenches)
     if full.mechanism is MechanismClass.SUPPRESSED and isinstance(full.certificate, Mechanism):
         opposed = full.certificate.virtual_displacement.ravel()
         same = bool((load.fixed == bare.fixed).all())
@@ -397,7 +368,7 @@ def frictionless_result(
     _ = assembly.interfaces  # found once and kept: timed as a stage of its own
     lap("interfaces")
     contacts = contact_jacobian(assembly, load.fixed, load.held)
-    force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
+    force = contacts.rows(load.wrenches)
     lap("jacobian")
     weights = column_weights(norm, contacts.areas)
     balance = equilibrium(contacts.jacobian, force, solver=solver, weights=weights)
@@ -407,8 +378,7 @@ def frictionless_result(
     supported = framed = classify(contacts.jacobian, force, balance if many else None)
     if (load.fixed != assembly.fixed).any():
         held = contact_jacobian(assembly, supports=load.held)
-        pushed = generalized_force(assembly, load, held.free_blocks, held.length)
-        framed = classify(held.jacobian, pushed)
+        framed = classify(held.jacobian, held.rows(load.wrenches))
     lap("mechanism")
     per_block, overall = None, None
     if balance.holds:

@@ -36,7 +36,7 @@ from geometry.mesh import FloatArray, IntArray
 from geometry.parts.dimensions import dimensions
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
 from mbd.analysis import AnalysisError, RigidResult, RigidStatement, as_statement, rigid_result
-from mbd.contact_jacobian import block_wrenches, contact_wrenches
+from mbd.contact_jacobian import contact_wrenches
 from mbd.mechanism import Mechanism
 from mbd.options import Rigid
 from mbd.supports import support_wrenches
@@ -82,14 +82,17 @@ def analyse(
     -------
     Answer
         Its title says the class and whether the load is carried; `details` is the `RigidResult`,
-        `parts` what was found beside. Where the load is not carried there are no measures and no
+        `parts` what was found beside. Nothing is called equilibrium above a relative residual of
+        1e-6. Where the load is not carried there are no measures and no
         pressures, for nothing balances it; the field ``mechanism`` is then the first-order motion,
         largest 1 [-].
 
     Raises
     ------
+    AnalysisError
+        Blocks of which no two touch, or arguments of another type.
     RefusedError
-        What rigid blocks do not have, such as gaps.
+        What rigid blocks do not have, such as gaps and supports that move.
     """
     if method is not None and not isinstance(method, Rigid):
         raise AnalysisError(
@@ -97,11 +100,10 @@ def analyse(
             "case as load="
         )
     stated = as_statement(problem, load)
-    tell = progress or (lambda _: None)
-    return answer_of(stated, rigid_result(stated, method, tell=tell))
+    return _answer(stated, rigid_result(stated, method or Rigid(), progress or (lambda _: None)))
 
 
-def answer_of(stated: RigidStatement, result: RigidResult) -> Answer:
+def _answer(stated: RigidStatement, result: RigidResult) -> Answer:
     """Make the answer of a rigid result."""
     assembly, load = result.blocks, result.load
     arrays = Lazy(_arrays(assembly))
@@ -169,7 +171,7 @@ class _Found:
     @cached_property
     def loads(self) -> FloatArray:
         """Force and moment of the loads about each mass centroid, (n_blocks, 6) [N, N mm]."""
-        return block_wrenches(self.assembly, self.load)
+        return self.load.wrenches
 
     @cached_property
     def supports(self) -> tuple[Reactions, FloatArray]:

@@ -7,7 +7,7 @@ a virtual displacement is (δt, ℓ δθ), a wrench is (F, M/ℓ).
 Two forms of the same operator live here. `MatrixJacobian` holds any matrix. `PairJacobian` uses
 that all contacts between two blocks act through one six-dimensional wrench, and that congruent
 pairs of blocks have the same contacts, so products and normal matrices cost little even with
-500 000 contacts. The wrenches of a load, on the same rows, stand beside them.
+500 000 contacts.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ import scipy
 
 from geometry.assembly import AnyBlocks
 from geometry.interface import Interfaces
-from geometry.loads import LoadCase
 from geometry.mesh import BoolArray, FloatArray, IntArray, cross_matrix, run_starts
 from geometry.parts.supports import HeldFace
 from mbd.pair_wrenches import CongruentWrenches, PairKind, PairWrenches, SeparateWrenches
@@ -275,6 +274,16 @@ class Contacts:
     length: float
     """Characteristic length ℓ [mm]."""
 
+    def rows(self, wrenches: FloatArray) -> FloatArray:
+        """Stack (F, M/ℓ) of the free blocks in the order of G, less what supports take.
+
+        From force and moment about each block's mass centroid, (n_blocks, 6) [N, N mm]; (6 n_free,)
+        [N].
+        """
+        scaled = wrenches[self.free_blocks]
+        scaled[:, 3:] /= self.length
+        return self.jacobian.admissible(scaled.ravel())
+
     @cached_property
     def joints(self) -> tuple[IntArray, IntArray]:
         """Pairs of blocks that touch, (n_joints, 2), and the joint of each contact."""
@@ -406,28 +415,6 @@ def contact_jacobian(
     )
 
 
-def block_wrenches(assembly: AnyBlocks, load: LoadCase) -> FloatArray:
-    """Force and moment of a load about each block's mass centroid.
-
-    Facet forces act at facet centroids, as in Algorithm 1 of the paper, or where the load case
-    says.
-
-    Returns
-    -------
-    FloatArray
-        (F, M) per block, (n_blocks, 6) [N, N mm].
-    """
-    force = load.facet_forces
-    arm = load.centroids - assembly.centroids[load.block]
-    wrench = np.zeros((assembly.n_blocks, 6))
-    # Column by column: several times faster than `np.add.at`.
-    for k, column in enumerate(np.hstack([force, np.cross(arm, force)]).T):
-        wrench[:, k] = np.bincount(load.block, column, assembly.n_blocks)
-    if load.body_wrenches is not None:
-        wrench += load.body_wrenches
-    return wrench
-
-
 def contact_wrenches(assembly: AnyBlocks, index: IntArray, forces: FloatArray) -> FloatArray:
     """Force and moment of contact forces about each block's mass centroid, (n_blocks, 6) [N, N mm].
 
@@ -438,21 +425,3 @@ def contact_wrenches(assembly: AnyBlocks, index: IntArray, forces: FloatArray) -
         arm = result.centroids[index] - assembly.centroids[blocks]
         np.add.at(wrench, blocks, sign * np.hstack([forces, np.cross(arm, forces)]))
     return wrench
-
-
-def generalized_force(
-    assembly: AnyBlocks, load: LoadCase, free_blocks: IntArray, length: float
-) -> FloatArray:
-    """Stack (F, M/ℓ) of the free blocks, the order and scale of the contact Jacobian's rows.
-
-    What supports of the load case take is left out.
-
-    Returns
-    -------
-    FloatArray
-        (6 n_free,) [N].
-    """
-    wrench = block_wrenches(assembly, load)[free_blocks]
-    wrench[:, 3:] /= length
-    motions = free_motions(assembly, load.held, free_blocks, length) if load.held else None
-    return admissible(motions, wrench.ravel())

@@ -25,12 +25,7 @@ from geometry.assembly import AnyBlocks
 from geometry.loads import LoadCase
 from geometry.measures import first_largest
 from geometry.mesh import FloatArray
-from mbd.contact_jacobian import (
-    ContactJacobian,
-    Contacts,
-    contact_jacobian,
-    generalized_force,
-)
+from mbd.contact_jacobian import ContactJacobian, Contacts, contact_jacobian
 from mbd.equilibrium import (
     EQUILIBRIUM_TOLERANCE,
     Equilibrium,
@@ -137,7 +132,7 @@ def held_against(
     forces a little.
     """
     contacts = contact_jacobian(assembly, load.fixed, load.held)
-    force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
+    force = contacts.rows(load.wrenches)
     size = float(np.linalg.norm(force)) or 1.0
     pushes = _pushes(assembly, contacts, _PUSH * size)
     weights = column_weights(norm, contacts.areas)

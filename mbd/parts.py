@@ -477,7 +477,7 @@ class Question:
     @cached_property
     def loads(self) -> Wrenches:
         """Dead and live load in the rows of the free blocks."""
-        dead, live = (_generalized(self.contacts, wrench) for wrench in self.wrenches)
+        dead, live = map(self.contacts.rows, self.wrenches)
         return dead, live
 
     @property
@@ -578,7 +578,7 @@ class Question:
     def _with_edges(self) -> WithEdges:
         """Whether friction would carry the load, and to which factor, if all contacts counted."""
         contacts = contact_jacobian(self.whole, self.load.fixed, self.load.held)
-        dead, live = (_generalized(contacts, wrench) for wrench in self.wrenches)
+        dead, live = map(contacts.rows, self.wrenches)
         frictional = self._frictional(self.whole, contacts)
         answer = frictional_equilibrium(frictional, dead + live)
         holds = True if answer.holds else None if answer.mechanism is None else False
@@ -642,12 +642,6 @@ class Question:
 
     def _counting(self, what: str) -> Callable[[int], None]:
         return lambda programs: self.tell(f"{what}: {programs} programs solved")
-
-
-def _generalized(contacts: Contacts, wrench: FloatArray) -> FloatArray:
-    scaled = wrench[contacts.free_blocks]
-    scaled[:, 3:] /= contacts.length
-    return contacts.jacobian.admissible(scaled.ravel())
 
 
 def finite(value: float) -> float | None:

@@ -18,7 +18,7 @@ from geometry.mesh import FloatArray, ReadOnlyArrays
 from geometry.parts.pairs import OfPairs, pair_values
 from geometry.parts.regions import region_points
 from geometry.parts.supports import HeldFace
-from mbd.contact_jacobian import contact_jacobian, generalized_force
+from mbd.contact_jacobian import contact_jacobian
 from mbd.friction import (
     CollapseLoad,
     FrictionalContacts,
@@ -93,13 +93,7 @@ def push_limit(
     same = {part.name: getattr(push, part.name) for part in fields(push)}
     held = (*at_rest(load).held, Guide(**same))
     contacts = contact_jacobian(assembly, load.fixed, held)
-    alone = LoadCase(
-        assembly, "push", (), load.fixed, held=held, body_wrenches=_unit_force(assembly, push)
-    )
-    dead, live = (
-        generalized_force(assembly, one, contacts.free_blocks, contacts.length)
-        for one in (replace(load, held=held), alone)
-    )
+    dead, live = contacts.rows(load.wrenches), contacts.rows(_unit_force(assembly, push))
     coefficient = pair_values(friction, of_pairs, contacts.block_m, contacts.block_s)
     cones = frictional_contacts(assembly, contacts, coefficient, FrictionLaw.CONE)
     return PushLimit(push.title, collapse_load(cones, dead, live), cones, dead, live)

@@ -15,7 +15,7 @@ from fem.system.reactions import PushCurve, push_curves
 from geometry import TetrahedraLayer
 from geometry.assembly import AssemblyError
 from geometry.families.platonic_layers import tetrahedron
-from mbd import contact_jacobian, generalized_force
+from mbd import contact_jacobian
 from mbd.force_range import force_ranges
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from mbd.push import at_rest
@@ -80,7 +80,7 @@ def test_joint_forces_lie_within_the_ranges_of_rigid_blocks(squeezed: StaticResu
     faces = solids.with_faces_alone()
     load = replace(load, assembly=faces)
     contacts = contact_jacobian(faces, load.fixed, load.held)
-    force = generalized_force(faces, load, contacts.free_blocks, contacts.length)
+    force = contacts.rows(load.wrenches)
     cones = frictional_contacts(faces, contacts, FRICTION)
     shown = frictional_equilibrium(cones, force).forces[:, 0]
     ranges = force_ranges(contacts, force, shown, frictional=cones)

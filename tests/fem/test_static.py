@@ -23,7 +23,7 @@ from fem.system.state import contact_measures
 from geometry.assembly import moved, renumbered
 from geometry.loads import LoadCase, PressureLoad, named_case
 from geometry.mesh import HexMesh
-from mbd import Norm, Rigid, rigid_result
+from mbd import Norm, Rigid, analyse
 from tests.support.fem_problems import contact_corner_forces, deformable_assembly, pair_resultants
 from tests.support.pressed_pipe import CONCRETE, column, pipe, sheared_column, top_load, tube
 
@@ -300,7 +300,7 @@ def rigid_limit(divisions):
     )
     result = solve_static(model)
     assert result.converged
-    rigid = rigid_result(assembly, Rigid(norm=Norm.PRESSURE), load=load)
+    rigid = analyse(assembly, Rigid(norm=Norm.PRESSURE), load=load).details
     ours = contact_measures(model.assembly, result.contact_state)
     where = np.searchsorted(model.surfaces.facet, rigid.contact_index)
     correlation = np.corrcoef(result.facet_pressures[where], rigid.contact_pressures)[0, 1]

@@ -7,9 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from geometry.measures import Resultants, SectionError, planes
+from geometry.measures import Resultants, SectionError, block_measures, measures, planes
 from geometry.polyhedra.facet_contact import ContactPoints
-from mbd import block_measures, measures
 
 pytestmark = pytest.mark.quick
 

@@ -25,7 +25,7 @@ from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.overlap import check_assembly
 from geometry.polyhedra.polygons import surface_of_polygons
 from geometry.polyhedra.polyhedron import Polyhedron
-from mbd import rigid_result
+from mbd import analyse
 from tests.support.numberings import rotated_numberings
 
 SIDE = 100.0
@@ -92,8 +92,8 @@ def test_the_answer_does_not_depend_on_the_numbering(axis: int, size: float, see
         np.sort(other.interfaces.areas), np.sort(written.interfaces.areas), rtol=1e-9
     )
     first, second = (
-        rigid_result(written, load=weight(written)),
-        rigid_result(other, load=weight(other)),
+        analyse(written, load=weight(written)).details,
+        analyse(other, load=weight(other)).details,
     )
     assert first.mechanism is second.mechanism
     assert first.equilibrium.holds is second.equilibrium.holds

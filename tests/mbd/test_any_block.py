@@ -27,22 +27,9 @@ from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral, polyh
 from geometry.polyhedra.facet_contact import _at_vertices
 from geometry.polyhedra.options import ContactPlacement, CubeArrangement, DetectionOptions
 from geometry.polyhedra.polyhedron import convex_polyhedron
-from mbd import (
-    Classification,
-    Contacts,
-    Mechanism,
-    Norm,
-    Rigid,
-    SelfStress,
-    Solver,
-    block_wrenches,
-    classify,
-    contact_jacobian,
-    equilibrium,
-    newton_equilibrium,
-    rigid_result,
-    solve_linear_programs,
-)
+from mbd import Norm, Rigid, Solver, analyse, contact_jacobian
+from mbd.contact_jacobian import Contacts
+from mbd.equilibrium import equilibrium, newton_equilibrium
 from mbd.friction import (
     FrictionalContacts,
     FrictionError,
@@ -52,7 +39,9 @@ from mbd.friction import (
     frictional_equilibrium,
 )
 from mbd.margin import held_against, interlocking_margin
+from mbd.mechanism import Classification, Mechanism, SelfStress, classify
 from tests.support.blocks import random_rotation, tsb
+from tests.support.linear_programs import solve_linear_programs
 from validation import load_case, solve
 
 pytestmark = pytest.mark.quick
@@ -226,9 +215,9 @@ def test_detected_contacts_agree_with_the_conforming_ones_on_the_sine_block() ->
     area, exact = mixed.interfaces.areas.sum(), fine.interfaces.areas.sum()
     assert area == pytest.approx(exact, rel=0.005)
     load = named_case(fine, "pipe", 0.01)
-    expected = rigid_result(fine, Rigid(norm=Norm.PRESSURE), load=load)
-    bodies = replace(load, faces=(), body_wrenches=block_wrenches(fine, load))
-    found = rigid_result(mixed, Rigid(norm=Norm.PRESSURE), load=bodies)
+    expected = analyse(fine, Rigid(norm=Norm.PRESSURE), load=load).details
+    bodies = replace(load, faces=(), body_wrenches=load.wrenches)
+    found = analyse(mixed, Rigid(norm=Norm.PRESSURE), load=bodies).details
     assert found.mechanism is expected.mechanism
     assert found.measures is not None
     assert expected.measures is not None
@@ -462,7 +451,7 @@ def test_what_weighs_on_a_floor_in_a_corner_is_held_against_what_it_leans_on() -
     load = LoadCase(assembly, "weight", (), assembly.fixed, body_wrenches=weight)
     held = held_against(assembly, load)
     assert held == {"+x": True, "-x": False, "+y": False, "-y": False, "+z": True, "-z": True}
-    assert str(rigid_result(assembly, load=load).mechanism) == "suppressed"
+    assert str(analyse(assembly, load=load).details.mechanism) == "suppressed"
     turn = Rotation.from_euler("z", 90.0, degrees=True).as_matrix()
     aside = replace(
         assembly,
@@ -484,7 +473,7 @@ def test_loads_of_body_scenes_are_weights_and_pushes(tmp_path: Path) -> None:
     at = result.blocks.centroids[5] + [0.0, 0.0, 2.0]
     raised = case.changed({"load.forces": [force | {"point": at.tolist()}]})
     other = solve(raised.with_method("rigid")).details
-    loads, pushed = (block_wrenches(r.blocks, r.load) for r in (result, other))
+    loads, pushed = (r.load.wrenches for r in (result, other))
     weight = 1.9e-9 * 9810 * result.blocks.volumes
     np.testing.assert_allclose(loads[:, 2], -weight)
     np.testing.assert_allclose(loads[5, [0, 1, 3, 4, 5]], [3, 0, 0, 0, 0], atol=1e-9)

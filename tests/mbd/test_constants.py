@@ -13,11 +13,13 @@ from geometry import Assembly
 from geometry.block import box_block
 from geometry.families.masonry import RunningBondWall, box
 from geometry.loads import LoadCase
+from geometry.measures import block_measures
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import ContactPlacement, DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
-from mbd import block_measures, contact_jacobian, newton_equilibrium
+from mbd import contact_jacobian
+from mbd.equilibrium import newton_equilibrium
 from mbd.force_range import PlaneProblem, force_ranges, plane_problem
 from mbd.friction import FrictionError, frictional_contacts
 from mbd.margin import held_against

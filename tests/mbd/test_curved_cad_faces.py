@@ -13,7 +13,7 @@ from geometry.files.block_files import gmsh_session, read_blocks
 from geometry.loads import LoadCase
 from geometry.polyhedra.assembly import polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
-from mbd import rigid_result
+from mbd import analyse
 
 pytestmark = pytest.mark.quick
 
@@ -63,7 +63,7 @@ def _carried(path: Path, wrench: list[float]) -> bool:
     moment = wrench[3:] + np.cross([0.0, 0.0, 100.0] - plug.centroid, wrench[:3])
     wrenches = np.array([np.zeros(6), [*wrench[:3], *moment]])
     load = LoadCase(assembly, "push", (), assembly.fixed, body_wrenches=wrenches)
-    return bool(rigid_result(assembly, load=load).equilibrium.holds)
+    return bool(analyse(assembly, load=load).details.equilibrium.holds)
 
 
 @pytest.mark.parametrize(

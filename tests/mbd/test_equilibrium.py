@@ -16,18 +16,9 @@ from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
 from geometry.loads import named_case
 from geometry.mesh import HexMesh, grid_faces, structured_hexahedra
-from mbd import (
-    MatrixJacobian,
-    Norm,
-    Rigid,
-    Solver,
-    clarabel_equilibrium,
-    column_weights,
-    contact_jacobian,
-    generalized_force,
-    newton_equilibrium,
-    rigid_result,
-)
+from mbd import Norm, Rigid, Solver, analyse, contact_jacobian
+from mbd.contact_jacobian import MatrixJacobian
+from mbd.equilibrium import clarabel_equilibrium, column_weights, newton_equilibrium
 from mbd.pair_wrenches import CongruentWrenches
 from tests.support.blocks import random_rotation, tsb
 
@@ -144,7 +135,7 @@ def test_contact_and_load_wrenches_balance_on_every_block(
 ) -> None:
     # Summed here block by block from points and normals, without G.
     load = named_case(small_tube, case, 0.01)
-    result = rigid_result(small_tube, Rigid(norm=norm), load=load)
+    result = analyse(small_tube, Rigid(norm=norm), load=load).details
     assert result.equilibrium.holds
     found = small_tube.interfaces
     index = result.contact_index
@@ -212,7 +203,9 @@ def test_plain_ring_under_external_pressure_carries_the_hoop_pressure(
 ) -> None:
     # A block's outer pressure has the resultant of its chord; the two radial joints carry
     # p r_o h each, on t h: p r_o / t, exactly, whatever the polygon.
-    result = rigid_result(plain_ring, Rigid(norm=norm), load=named_case(plain_ring, "tunnel", 0.01))
+    result = analyse(
+        plain_ring, Rigid(norm=norm), load=named_case(plain_ring, "tunnel", 0.01)
+    ).details
     found = plain_ring.interfaces
     sides = np.abs(found.normals[result.contact_index][:, 2]) < 0.5
     np.testing.assert_allclose(result.contact_pressures[sides], 0.01 * 160 / 40, rtol=1e-10)
@@ -220,7 +213,7 @@ def test_plain_ring_under_external_pressure_carries_the_hoop_pressure(
 
 
 def test_stack_of_bricks_carries_the_axial_pressure_in_every_joint(two_bricks: Assembly) -> None:
-    result = rigid_result(two_bricks, load=named_case(two_bricks, "pillar", 0.02))
+    result = analyse(two_bricks, load=named_case(two_bricks, "pillar", 0.02)).details
     np.testing.assert_allclose(result.contact_pressures, 0.02, rtol=1e-11)
 
 
@@ -278,7 +271,7 @@ def test_smaller_amplitude_means_larger_pressure_down_to_a_thousandth_of_a_milli
     found = []
     for amplitude in (20.0, 5.0, 1.0, 0.1, 1e-2, 1e-3):
         tube = SineTube(tsb(amplitude=amplitude), SineBlockDivisions(24, 2, 6), 3).build()
-        result = rigid_result(tube, load=named_case(tube, "pipe", 0.01))
+        result = analyse(tube, load=named_case(tube, "pipe", 0.01)).details
         assert result.mechanism == "locked"
         assert result.equilibrium.residual < 1e-9
         assert result.measures is not None
@@ -289,8 +282,8 @@ def test_smaller_amplitude_means_larger_pressure_down_to_a_thousandth_of_a_milli
 
 def test_solvers_agree_on_a_tube(small_tube: Assembly) -> None:
     load = named_case(small_tube, "shaft", 0.01)
-    a = rigid_result(small_tube, Rigid(solver=Solver.NEWTON), load=load)
-    b = rigid_result(small_tube, Rigid(solver=Solver.CLARABEL), load=load)
+    a = analyse(small_tube, Rigid(solver=Solver.NEWTON), load=load).details
+    b = analyse(small_tube, Rigid(solver=Solver.CLARABEL), load=load).details
     difference = np.linalg.norm(a.contact_forces - b.contact_forces)
     assert difference < 1e-6 * np.linalg.norm(a.contact_forces)
 
@@ -300,7 +293,7 @@ def test_pressure_norm_is_the_uniform_foundation(small_tube: Assembly) -> None:
     # two contacts of one pair with equal gap carry equal pressure. Checked through y itself.
     load = named_case(small_tube, "tunnel", 0.01)
     contacts = contact_jacobian(small_tube, load.fixed)
-    force = generalized_force(small_tube, load, contacts.free_blocks, contacts.length)
+    force = contacts.rows(load.wrenches)
     weights = column_weights(Norm.PRESSURE, contacts.areas)
     result = newton_equilibrium(contacts.jacobian, force, weights=weights)
     gap = np.maximum(contacts.jacobian.gap_rates(result.multiplier), 0.0)
@@ -317,7 +310,7 @@ def test_refining_the_mesh_changes_the_force_norm_but_not_the_pressure_norm() ->
         values = []
         for around in (24, 48):
             tube = SineTube(tsb(), SineBlockDivisions(around, 4, 8), 1).build()
-            result = rigid_result(tube, Rigid(norm=norm), load=named_case(tube, "tunnel", 0.01))
+            result = analyse(tube, Rigid(norm=norm), load=named_case(tube, "tunnel", 0.01)).details
             flat = np.abs(tube.interfaces.normals[result.contact_index][:, 2]) < 1e-9
             values.append(result.contact_forces[flat].sum())
         changes[norm] = abs(values[1] / values[0] - 1)
@@ -326,7 +319,7 @@ def test_refining_the_mesh_changes_the_force_norm_but_not_the_pressure_norm() ->
 
 def test_one_brick_between_two() -> None:
     wall = BrickStack((100.0, 50.0, 40.0), (2, 2, 2), columns=2, layers=1).build()
-    assert not rigid_result(wall, load=named_case(wall, "pipe", 0.01)).equilibrium.holds
+    assert not analyse(wall, load=named_case(wall, "pipe", 0.01)).details.equilibrium.holds
 
 
 @pytest.mark.parametrize("solver", [newton_equilibrium, clarabel_equilibrium])

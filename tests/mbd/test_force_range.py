@@ -14,7 +14,8 @@ from geometry.families.masonry import CircularArch, RunningBondWall, box
 from geometry.families.platonic_layers import TetrahedraLayer
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
-from mbd import contact_jacobian, newton_equilibrium
+from mbd import contact_jacobian
+from mbd.equilibrium import newton_equilibrium
 from mbd.force_range import ForceRanges, force_ranges, plane_problem
 from mbd.friction import FrictionLaw, frictional_contacts, frictional_equilibrium
 from tests.support.commands import command

@@ -15,23 +15,14 @@ from geometry.assembly import moved, renumbered
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
 from geometry.loads import named_case
-from mbd import (
-    MatrixJacobian,
-    Mechanism,
-    MechanismClass,
-    RigidResult,
-    SelfStress,
-    classify,
-    contact_jacobian,
-    generalized_force,
-    newton_equilibrium,
-    rigid_result,
-    solve_linear_programs,
-)
+from mbd import MechanismClass, RigidResult, analyse, contact_jacobian
 from mbd.answer import placed_motion
-from mbd.contact_jacobian import contact_wrenches
+from mbd.contact_jacobian import MatrixJacobian, contact_wrenches
+from mbd.equilibrium import newton_equilibrium
 from mbd.margin import FirstOrderExplosion
+from mbd.mechanism import Mechanism, SelfStress, classify
 from tests.support.blocks import random_rotation, tsb
+from tests.support.linear_programs import solve_linear_programs
 
 pytestmark = pytest.mark.quick
 
@@ -120,7 +111,7 @@ def test_sine_tube_is_locked_and_the_linear_programs_agree(shift: float) -> None
     tube = SineTube(tsb(shift), SineBlockDivisions(12, 2, 2), 2).build()
     contacts = contact_jacobian(tube)
     load = named_case(tube, "pipe", 0.01)
-    force = generalized_force(tube, load, contacts.free_blocks, contacts.length)
+    force = contacts.rows(load.wrenches)
     found = classify(contacts.jacobian, force)
     assert found.locked
     assert isinstance(found.certificate, SelfStress)
@@ -147,12 +138,12 @@ def test_sine_tube_is_locked_and_the_linear_programs_agree(shift: float) -> None
 )
 def test_plain_tube_is_not_locked(case: str, expected: MechanismClass) -> None:
     tube = SineTube(tsb(amplitude=0.0), SineBlockDivisions(12, 2, 4), 3).build()
-    result = rigid_result(tube, load=named_case(tube, case, 0.01))
+    result = analyse(tube, load=named_case(tube, case, 0.01)).details
     assert result.mechanism is expected
 
 
 def test_released_top_frame_can_lift_and_the_load_opposes_it(small_tube: Assembly) -> None:
-    result = rigid_result(small_tube, load=named_case(small_tube, "pillar", 0.01))
+    result = analyse(small_tube, load=named_case(small_tube, "pillar", 0.01)).details
     assert result.mechanism is MechanismClass.LOCKED
     assert result.supported_classification.mechanism is MechanismClass.SUPPRESSED
 
@@ -160,11 +151,11 @@ def test_released_top_frame_can_lift_and_the_load_opposes_it(small_tube: Assembl
 def test_activated_mechanism_multiplies_out() -> None:
     tube = SineTube(tsb(amplitude=0.0), SineBlockDivisions(12, 2, 4), 2).build()
     load = named_case(tube, "shaft", 0.01)
-    result = rigid_result(tube, load=load)
+    result = analyse(tube, load=load).details
     motion = result.equilibrium.mechanism
     assert motion is not None
     contacts = contact_jacobian(tube, load.fixed)
-    force = generalized_force(tube, load, contacts.free_blocks, contacts.length)
+    force = contacts.rows(load.wrenches)
     matrix = contacts.jacobian.to_matrix()
     work = force @ motion / np.linalg.norm(force)
     assert work > 1e-3
@@ -197,8 +188,8 @@ def test_rotation_and_translation_leave_every_measure_unchanged(
     small_tube: Assembly, case: str
 ) -> None:
     there = moved(small_tube, random_rotation(7), np.array([300.0, -200.0, 50.0]))
-    a = rigid_result(small_tube, load=named_case(small_tube, case, 0.01))
-    b = rigid_result(there, load=named_case(there, case, 0.01))
+    a = analyse(small_tube, load=named_case(small_tube, case, 0.01)).details
+    b = analyse(there, load=named_case(there, case, 0.01)).details
     assert a.mechanism is b.mechanism
     np.testing.assert_allclose(numbers(b), numbers(a), rtol=1e-9)
 
@@ -209,8 +200,8 @@ def test_units_leave_every_measure_unchanged(length_unit: float, force_unit: flo
     # Pressure = force / length²: a scene in other units, its pressures converted back.
     a, b = scaled(1.0), scaled(length_unit)
     pressure_unit = force_unit / length_unit**2
-    here = numbers(rigid_result(a, load=named_case(a, "shaft", 0.01)))
-    there = numbers(rigid_result(b, load=named_case(b, "shaft", 0.01 * pressure_unit)))
+    here = numbers(analyse(a, load=named_case(a, "shaft", 0.01)).details)
+    there = numbers(analyse(b, load=named_case(b, "shaft", 0.01 * pressure_unit)).details)
     there[3:] /= pressure_unit  # three percentages, then pressures
     np.testing.assert_allclose(there, here, rtol=1e-9)
 
@@ -222,15 +213,15 @@ def test_renumbering_the_blocks_leaves_every_measure_unchanged(
 ) -> None:
     order = np.random.default_rng(seed).permutation(small_tube.n_blocks)
     other = renumbered(small_tube, order)
-    a = numbers(rigid_result(small_tube, load=named_case(small_tube, "tunnel", 0.01)))
-    b = numbers(rigid_result(other, load=named_case(other, "tunnel", 0.01)))
+    a = numbers(analyse(small_tube, load=named_case(small_tube, "tunnel", 0.01)).details)
+    b = numbers(analyse(other, load=named_case(other, "tunnel", 0.01)).details)
     np.testing.assert_allclose(b, a, rtol=1e-9)
 
 
 def test_pressures_scale_with_the_load_from_tiny_to_huge(small_tube: Assembly) -> None:
-    base = numbers(rigid_result(small_tube, load=named_case(small_tube, "pipe", 1.0)))
+    base = numbers(analyse(small_tube, load=named_case(small_tube, "pipe", 1.0)).details)
     for factor in (1e-12, 1e9):
-        found = numbers(rigid_result(small_tube, load=named_case(small_tube, "pipe", factor)))
+        found = numbers(analyse(small_tube, load=named_case(small_tube, "pipe", factor)).details)
         np.testing.assert_allclose(found[:3], base[:3], rtol=1e-12)
         np.testing.assert_allclose(found[3:], factor * base[3:], rtol=1e-12)
 

@@ -16,7 +16,7 @@ from geometry.measures import (
     planes,
     sections_through_joints,
 )
-from mbd import block_wrenches, contact_jacobian
+from mbd import contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from tests.support.answers import on_its_mesh
 from tests.support.arch import ARCH, arch_run
@@ -51,7 +51,7 @@ def test_joint_resultants_balance_each_block() -> None:
     run = arch_run(0.6)
     assembly, joints = run.details.blocks, run.details.joints
     total = np.zeros((assembly.n_blocks, 6))
-    total[:, :3] = block_wrenches(assembly, run.details.load)[:, :3]
+    total[:, :3] = run.details.load.wrenches[:, :3]
     for k, (m, s) in enumerate(zip(joints.block_m, joints.block_s, strict=True)):
         # The moment of a joint is that of its normal force at the point, and a twist.
         for block, sign in ((m, -1.0), (s, 1.0)):

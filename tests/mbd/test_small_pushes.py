@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from mbd import MatrixJacobian
+from mbd.contact_jacobian import MatrixJacobian
 from mbd.equilibrium import carried_beside
 
 pytestmark = pytest.mark.quick

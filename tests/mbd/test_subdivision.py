@@ -14,7 +14,7 @@ from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.polyhedron import polyhedron
-from mbd import MechanismClass, rigid_result
+from mbd import MechanismClass, analyse
 from tests.support.drawn_blocks import Drawn, abeille, arch, cuboid, triangles_of
 
 pytestmark = pytest.mark.quick
@@ -65,7 +65,7 @@ def _answers(assembly: PolyhedralAssembly) -> tuple[FloatArray, MechanismClass, 
     weights = np.zeros((assembly.n_blocks, 6))
     weights[:, 2] = -1e-5 * np.array([shape.volume for shape in assembly.shapes])
     load = LoadCase(assembly, "weight", (), assembly.fixed, body_wrenches=weights)
-    result, places = rigid_result(assembly, load=load), assembly.interfaces
+    result, places = analyse(assembly, load=load).details, assembly.interfaces
     rows = np.column_stack([places.block_m, places.block_s, places.centroids, places.normals])
     # Equal to round-off is equal: contacts are sorted by rounded coordinates.
     index = result.contact_index

@@ -15,7 +15,7 @@ from geometry.loads import LineLoad, LoadCase, PressureLoad, TractionLoad
 from geometry.parts.regions import Plane
 from geometry.parts.supports import HeldFace
 from geometry.polyhedra.assembly import as_polyhedral
-from mbd import MechanismClass, analyse, contact_jacobian, generalized_force, rigid_result
+from mbd import MechanismClass, analyse, contact_jacobian
 from mbd.force_range import force_ranges
 from mbd.friction import collapse_load, frictional_contacts, frictional_equilibrium
 from mbd.margin import held_against, interlocking_margin
@@ -65,7 +65,7 @@ def stack(request) -> AnyBlocks:
 def test_a_roller_holds_from_both_sides_and_takes_the_whole_traction(stack, sense):
     """Q on a face of B × C: the roller at the other end of the brick carries Q B C either way."""
     load = case(stack, push(stack, 1, X, sense * Q * X), weight=10.0)
-    assert not rigid_result(stack, load=load).equilibrium.holds
+    assert not analyse(stack, load=load).details.equilibrium.holds
     answer = analyse(stack, load=replace(load, held=(roller(stack, 1, -X, name="wall"),)))
     assert answer.report["carried"]
     force = np.array(answer.report["reactions"]["wall"]["force"])
@@ -78,8 +78,10 @@ def test_a_roller_holds_from_both_sides_and_takes_the_whole_traction(stack, sens
 def test_three_rollers_lock_a_brick_and_two_leave_the_third_direction(stack):
     load = case(stack, weight=1.0)
     rollers = tuple(roller(stack, 1, -axis) for axis in (X, Y, Z))
-    assert rigid_result(stack, load=replace(load, held=rollers)).mechanism is MechanismClass.LOCKED
-    left = rigid_result(stack, load=replace(load, held=rollers[1:]))
+    assert (
+        analyse(stack, load=replace(load, held=rollers)).details.mechanism is MechanismClass.LOCKED
+    )
+    left = analyse(stack, load=replace(load, held=rollers[1:])).details
     motion = left.classification.certificate.virtual_displacement[0]
     assert left.mechanism is MechanismClass.NEUTRAL
     np.testing.assert_allclose(np.abs(motion), np.eye(6)[0], atol=1e-8)
@@ -172,14 +174,12 @@ def test_friction_limits_and_ranges_count_rollers():
     live[1] = [0, 1, 0, *np.cross([0, 0, arm], Y)]
     contacts = contact_jacobian(stack, dead.fixed, dead.held)
     frictional = frictional_contacts(stack, contacts, mu)
-    force = generalized_force(stack, dead, contacts.free_blocks, contacts.length)
-    along = generalized_force(
-        stack, replace(dead, faces=(), body_wrenches=live), contacts.free_blocks, contacts.length
-    )
+    force = contacts.rows(dead.wrenches)
+    along = contacts.rows(live)
     assert frictional_equilibrium(frictional, force).holds
-    without = frictional_contacts(stack, contact_jacobian(stack, dead.fixed), mu)
-    unheld = generalized_force(stack, replace(dead, held=()), contacts.free_blocks, contacts.length)
-    assert frictional_equilibrium(without, unheld).mechanism is not None
+    unheld = contact_jacobian(stack, dead.fixed)
+    without = frictional_contacts(stack, unheld, mu)
+    assert frictional_equilibrium(without, unheld.rows(dead.wrenches)).mechanism is not None
     collapse = collapse_load(frictional, force, along)
     assert collapse.certified
     assert collapse.factor == pytest.approx(mu * weight, rel=1e-5)

@@ -8,7 +8,8 @@ import pytest
 from geometry.families.masonry import RunningBondWall
 from geometry.families.platonic_layers import OctahedraLayer
 from geometry.work import SECONDS, Operation
-from mbd import contact_jacobian, newton_equilibrium
+from mbd import contact_jacobian
+from mbd.equilibrium import newton_equilibrium
 from mbd.force_range import force_ranges
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from mbd.margin import interlocking_margin

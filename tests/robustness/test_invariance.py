@@ -20,7 +20,7 @@ from geometry import (
     RunningBondWall,
     TetrahedraLayer,
 )
-from mbd import block_wrenches, rigid_result
+from mbd import analyse
 from tests.support.views import VIEWS, View, seen, seen_load
 from validation import builtin_names, load_case, solve
 from validation.stability.problems import CONCRETE, relative, tube
@@ -61,7 +61,7 @@ def _rigid_answer(subject: Subject, view: View) -> _Answer:
     built, stated, friction = subject
     assembly = seen(built, view)
     load = seen_load(stated, assembly, view)
-    result = rigid_result(assembly, load=load)
+    result = analyse(assembly, load=load).details
     balance, faces = result.equilibrium, assembly.interfaces
     blocks = np.column_stack([faces.block_m, faces.block_s])[result.contact_index]
     classes = (str(result.mechanism), str(result.supported_classification.mechanism))
@@ -72,7 +72,7 @@ def _rigid_answer(subject: Subject, view: View) -> _Answer:
         numbers = {"forces": _by_block(blocks, result.forces, assembly.n_blocks, view)}
     if friction is not None:
         given = Problem(assembly, load, concrete, friction=friction, check_units=False)
-        rubbing = rigid_result(given)
+        rubbing = analyse(given).details
         words = (*words, rubbing.holds)
         if rubbing.holds:
             numbers["friction"] = _by_block(blocks, rubbing.forces, assembly.n_blocks, view)
@@ -125,7 +125,7 @@ def _scene(name: str) -> Subject:
     if layers > 2:
         case = case.changed({"assembly.layers": 2})
     result = solve(case.stating(case.scene.coarser(0.2) or case.scene)).details
-    wrenches, blocks = block_wrenches(result.blocks, result.load), result.blocks
+    wrenches, blocks = result.load.wrenches, result.blocks
     if not wrenches.any():
         return _weighed(blocks, None)
     # Regions of surfaces do not turn with the blocks: what acts there is given block by block.

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from geometry import Answer
-from mbd import Contacts, block_wrenches, contact_jacobian
+from mbd import contact_jacobian
+from mbd.contact_jacobian import Contacts
 from mbd.force_range import DETERMINED
 from mbd.friction import FrictionalContacts, admissible_cones, frictional_contacts, solve_conic
 from validation import load_case, solve
@@ -84,8 +85,7 @@ def _thrusts(run: Answer) -> dict[str, float]:
     assembly, load = run.details.blocks.bearing(), run.details.load
     contacts = contact_jacobian(assembly, load.fixed, load.held)
     frictional = frictional_contacts(assembly, contacts, FRICTION)
-    force = block_wrenches(assembly, load)[contacts.free_blocks]
-    force[:, 3:] /= contacts.length
+    force = contacts.rows(load.wrenches)
     counted = slice(None) if run.details.counted is None else run.details.counted
     here, forces = _abutment(run)[counted], run.details.forces[counted]
     held = assembly.fixed[contacts.block_s[here]]

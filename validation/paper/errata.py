@@ -15,7 +15,8 @@ from rich.table import Table
 from geometry.errors import RefusedError
 from geometry.families.sine_block import LayerTurn, SineBlockParameters, wave, waves_of_turn
 from geometry.loads import named_case
-from mbd import contact_jacobian, generalized_force, solve_linear_programs
+from mbd import contact_jacobian
+from mbd.mechanism import classify
 from validation.case import load_case
 from validation.output.console import listing, two_columns
 from validation.paper.evidence import Evidence, p_max
@@ -81,17 +82,28 @@ def solve_printed_program(transpose: sp.csr_array) -> tuple[float, float]:
             sp.hstack([-one, -one]),
         ]
     )
-    constraints: dict[str, Any] = {
-        "A_ub": sp.csc_array(above),
-        "b_ub": np.zeros(above.shape[0]),
-        "bounds": [(None, None)] * n + [(0.0, 1.0)] * n,
-    }
-    result: Any = scipy.optimize.linprog(
-        np.concatenate([np.zeros(n), -np.ones(n)]), method="highs", **constraints
+    result = _most(n, n, A_ub=sp.csc_array(above), b_ub=np.zeros(above.shape[0]))
+    return -float(result.fun), float(np.abs(result.x[:n]).max())
+
+
+def solve_corrected_program(transpose: sp.csr_array) -> float:
+    """Find whether a motion opens a contact: max 1ᵀw, w = Gᵀδq, 0 ≤ w ≤ 1."""
+    n_contacts, n = transpose.shape
+    equal = sp.hstack([transpose, -sp.eye_array(n_contacts)])
+    return -float(_most(n, n_contacts, A_eq=sp.csc_array(equal), b_eq=np.zeros(n_contacts)).fun)
+
+
+def _most(n: int, n_bounded: int, **constraints: Any) -> Any:
+    """Maximise the sum of the variables from 0 to 1 that follow n free ones, in HiGHS."""
+    result = scipy.optimize.linprog(
+        np.concatenate([np.zeros(n), -np.ones(n_bounded)]),
+        bounds=[(None, None)] * n + [(0.0, 1.0)] * n_bounded,
+        method="highs",
+        **constraints,
     )
     if not result.success:
-        raise RuntimeError(f"HiGHS could not solve the printed program: {result.message}")
-    return -float(result.fun), float(np.abs(result.x[:n]).max())
+        raise RuntimeError(f"HiGHS could not solve a linear program: {result.message}")
+    return result
 
 
 @_erratum
@@ -102,18 +114,13 @@ def _degenerate_program(_: Evidence) -> Shown:
     n = 6 * len(contacts.free_blocks)
     transpose = sp.csr_array(contacts.jacobian.to_matrix().T)
     optimum, motion = solve_printed_program(transpose)
-    force = generalized_force(
-        tube,
-        named_case(tube, "pipe", 0.01),
-        contacts.free_blocks,
-        contacts.length,
-    )
-    right = solve_linear_programs(contacts.jacobian, force)
+    opening = solve_corrected_program(transpose)
+    force = contacts.rows(named_case(tube, "pipe", 0.01).wrenches)
+    mechanism = classify(contacts.jacobian, force).mechanism
     return Shown(
         f"TSB1, two layers, N_b = {n // 6}: HiGHS finds z* = {optimum:g} = 6 N_b with "
-        f"max |δq| = {motion:.1e}; the corrected program gives {abs(right.opening):.1e}: "
-        f"{right.mechanism}",
-        {"z": optimum, "6 N_b": n, "largest_motion": motion, "corrected": right.opening},
+        f"max |δq| = {motion:.1e}; the corrected program gives {abs(opening):.1e}: {mechanism}",
+        {"z": optimum, "6 N_b": n, "largest_motion": motion, "corrected": opening},
     )
 
 

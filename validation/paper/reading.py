@@ -18,7 +18,7 @@ from geometry.answer import Answer
 from geometry.assembly import Assembly
 from geometry.loads import LoadCase, PressureLoad, TractionLoad, surface_means
 from geometry.measures import Measures
-from mbd import rigid_result
+from mbd import analyse
 from validation.build.problem import rigid_problem
 from validation.case import load_case
 from validation.paper.reference import reference
@@ -180,7 +180,7 @@ def _with_load(change: Callable[[Answer], LoadCase], only: str) -> Without:
         if case != only:
             return None
         run = solve_row(solve, block, case)
-        result = rigid_result(run.details.blocks, run.case.method, load=change(run))
+        result = analyse(run.details.blocks, run.case.method, load=change(run)).details
         return as_read(result.measures)
 
     return without

@@ -19,8 +19,9 @@ from geometry.loads import with_body_wrenches
 from geometry.mesh import FloatArray
 from geometry.parts.pairs import pair_values
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
-from mbd import Contacts, contact_jacobian, generalized_force, newton_equilibrium
-from mbd.equilibrium import column_weights
+from mbd import contact_jacobian
+from mbd.contact_jacobian import Contacts
+from mbd.equilibrium import column_weights, newton_equilibrium
 from mbd.friction import FrictionalContacts, frictional_contacts, frictional_equilibrium
 from mbd.squeeze import squeeze
 from validation.build.materials import build_weight, friction_of_pairs
@@ -63,9 +64,7 @@ def _faces(scene: DeformableScene, assembly: Assembly) -> _Faces | None:
         return None  # surfaces have no names
     contacts = contact_jacobian(bare, load.fixed, load.held)
     load = load if weight is None else with_body_wrenches(load, weight)
-    return _Faces(
-        bare, contacts, generalized_force(bare, load, contacts.free_blocks, contacts.length)
-    )
+    return _Faces(bare, contacts, contacts.rows(load.wrenches))
 
 
 def _frictional(scene: DeformableScene, faces: _Faces) -> FrictionalContacts:

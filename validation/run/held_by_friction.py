@@ -20,7 +20,9 @@ from geometry.assembly import Assembly
 from geometry.interface import Interfaces
 from geometry.loads import LoadCase, with_body_wrenches
 from geometry.mesh import FloatArray
-from mbd import Contacts, contact_jacobian, generalized_force, newton_equilibrium
+from mbd import contact_jacobian
+from mbd.contact_jacobian import Contacts
+from mbd.equilibrium import newton_equilibrium
 from mbd.friction import (
     MOST_FRICTION,
     FrictionalContacts,
@@ -144,7 +146,7 @@ def sliding_words(
         return None
     points = _at_corners(assembly, natural)
     contacts = contact_jacobian(points, load.fixed, load.held)
-    force = generalized_force(assembly, load, contacts.free_blocks, contacts.length)
+    force = contacts.rows(load.wrenches)
     smooth = newton_equilibrium(contacts.jacobian, force)
     if smooth.holds:
         return None

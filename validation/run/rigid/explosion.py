@@ -12,8 +12,9 @@ from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from geometry.polyhedra.explosion import FiniteExplosion, follow_explosion, outward_directions
-from mbd import MechanismClass, classify, contact_jacobian
+from mbd import MechanismClass, contact_jacobian
 from mbd.margin import FirstOrderExplosion, first_order_explosion
+from mbd.mechanism import classify
 from validation.build.problem import build_assembly, require_assembly
 from validation.case import Case
 from validation.errors import InputError

@@ -11,7 +11,7 @@ from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.overlap import check_assembly
 from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
-from mbd import RigidResult, rigid_result
+from mbd import RigidResult, analyse
 from validation.stability.case import Cases, Check, Finding
 from validation.stability.problems import relative
 
@@ -48,7 +48,7 @@ def _pressed(
     if point is not None:
         wrenches[-1, 3:] = np.cross(point - assembly.centroids[-1], force)
     load = LoadCase(assembly, "push", (), fixed, body_wrenches=wrenches)
-    return assembly, rigid_result(assembly, load=load)
+    return assembly, analyse(assembly, load=load).details
 
 
 _DOWN = np.array([0.0, 0.0, -1.0])
