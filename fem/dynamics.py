@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Literal
 
 from fem.accuracy.converge import Progress as Refinement
-from fem.accuracy.converge import converge, usual_work, why_not_refined
+from fem.accuracy.converge import converge, is_a_set, usual_work, why_not_refined
 from fem.accuracy.errors import SAFETY
-from fem.accuracy.friction_range import friction_set, is_a_set
+from fem.accuracy.friction_range import friction_set
 from fem.accuracy.ladder import OF_FACETS, coarser
 from fem.accuracy.one_mesh import SHARES, static_errors
 from fem.accuracy.parts import NOT_AT_REST, StaticReference
@@ -227,10 +227,10 @@ def _static_reference(
             raise KeyboardInterrupt
         watch.lap("solve")
         measures = result.measures
-        if result.facets is None:  # means over other facets than the run's
+        if result.solved.facets is None:  # means over other facets than the run's
             measures = {name: m for name, m in measures.items() if name not in OF_FACETS}
         report = {name: part.as_json() for name, part in result.parts.items() if name != "facets"}
-        report["degree"] = result.meshes.meshes[-1]["degree"]
+        report["degree"] = result.meshes.meshes[-1].rung.degree
         report["cpu_seconds"] = watch.seconds()
     return StaticReference(measures_of(solution), measures, report)
 

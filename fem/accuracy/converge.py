@@ -4,26 +4,25 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
-from fem.accuracy.facets import pressures_on_facets
-from fem.accuracy.ladder import (
-    AT_A_POINT,
-    AT_EDGES,
-    Ladder,
-    Rung,
-    fineness,
-    ladder_for,
-    on_rung,
+from fem.accuracy.errors import (
+    OnMesh,
+    growing,
+    is_reached,
+    relative,
+    sequence_bars,
+    unmet,
+    unresolved,
 )
+from fem.accuracy.facets import pressures_on_facets
+from fem.accuracy.ladder import Ladder, Rung, fineness, ladder_for, on_rung
 from fem.accuracy.one_mesh import static_solution
-from fem.accuracy.parts import Accuracy, Meshes, MeshFacets, relative, unmet
-from fem.accuracy.strength import scaled_loads
+from fem.accuracy.parts import Accuracy, Meshes, MeshFacets
 from fem.accuracy.transfer import transferred
 from fem.measures import load_step_change, measures_of
 from fem.problem import Problem
@@ -62,19 +61,16 @@ WITH_FRICTION: Mapping[str, float] = {
     "p_eff": 0.1,
     "sigma_1_averaged": 0.1,
 }
+#: Options of the static solver where none are given.
+OPTIONS = StaticOptions(load_tolerance=LOAD_TOLERANCE)
 #: Reference seconds of a run where no accuracy is requested: of contact that is conforming and
 #: without friction or gaps, and of all else.
 CONFORMING_SECONDS, MOST_SECONDS = 20.0, 60.0
 #: The general solver works in the three displacements of the nodes of both sides, six unknowns a
 #: point, about twelve times; with friction in parts of the load, ten times that.
 _GENERAL, _WITH_FRICTION = 12 * 6**3, 10
-#: Meshes before an error bar is believed: one agreement of two is no convergence.
-LEAST_MESHES = 3
 #: Meshes without which there is no error bar.
 _FOR_BARS = 2
-#: A value at an edge that changes by more than the first share of its value, and by more than the
-#: second one of the change before, grows.
-_GROWTH, _SLOWING = 0.05, 0.7
 #: Without a request no mesh is solved after the fourth one where some bar would stay this many
 #: times as wide as sought.
 _OUT_OF_REACH, _FOURTH = 3.0, 4
@@ -115,64 +111,46 @@ class Solved:
 
     problem: Problem
     """On that mesh."""
-    rung: Rung
     solution: Solution
+    """Displacements, stresses and contact there."""
     facets: tuple[Assembly, FloatArray] | None
     """Mesh that was stated, and the mean pressure on each of its interfaces, (n,) [MPa]; None where
     contact is searched."""
-    measures: Mapping[str, Measure]
-    """Without errors."""
-    steps: Mapping[str, float]
-    """Change of each measure by half as many load steps, in its unit."""
-    seconds: float
-    """CPU time of this mesh alone [s]."""
+    numbers: OnMesh
     spent: Budget
     """Operations of this mesh alone."""
 
     @property
-    def unknowns(self) -> int:
-        """Displacement components of the blocks that were computed."""
-        static = self.solution.static
-        assert static is not None
-        return static.n_unknowns
-
-
-def is_reached(measures: Mapping[str, Measure], targets: Mapping[str, float], n: int) -> bool:
-    """Whether the error bars of the last of n meshes are believed, and as narrow as requested."""
-    return n >= LEAST_MESHES and not unmet(measures, _among(targets, measures))
+    def measures(self) -> Mapping[str, Measure]:
+        """Without errors."""
+        return self.numbers.measures
 
 
 @dataclass(frozen=True)
 class Converged:
     """A static state on the last of some meshes, with its error bars."""
 
-    problem: Problem
+    solved: Solved
     """On that mesh."""
-    solution: Solution
-    """Displacements, stresses and contact there."""
     errors: dict[str, float]
     """Estimated error of each measure, in its unit."""
     remarks: dict[str, str]
     """Why some values are none to use."""
-    facets: tuple[Assembly, FloatArray] | None
-    """Mesh that was stated, and the mean pressure on each of its interfaces, (n,) [MPa]; None where
-    contact is searched."""
     accuracy: Accuracy
     """What was requested and reached, and what ended the refinement."""
     meshes: Meshes
-    """Those that were solved …"""
-    ladder: Ladder
-    """… the first of these."""
+    """Those that were solved."""
 
     @property
     def measures(self) -> Mapping[str, Measure]:
         """Numbers with errors and places."""
-        return measures_of(self.solution, self.errors, facets=self.facets, remarks=self.remarks)
+        solved, bars = self.solved, (self.errors, self.remarks)
+        return measures_of(solved.solution, bars[0], facets=solved.facets, remarks=bars[1])
 
     @property
     def parts(self) -> dict[str, Part]:
         """What an answer has beside the measures."""
-        facets = {} if self.facets is None else {"facets": MeshFacets(*self.facets)}
+        facets = {} if self.solved.facets is None else {"facets": MeshFacets(*self.solved.facets)}
         return {**facets, "accuracy": self.accuracy, "meshes": self.meshes}
 
 
@@ -181,7 +159,7 @@ def converge(
     requested: Mapping[str, float] | None = None,
     *,
     otherwise: Mapping[str, float] | None = None,
-    options: StaticOptions | None = None,
+    options: StaticOptions = OPTIONS,
     max_seconds: float | None = None,
     progress: Callable[[Progress], None] | None = None,
     ladder: Ladder | None = None,
@@ -219,33 +197,31 @@ def converge(
         As `fem.solve_static`.
     """
     check_refinable(problem)
-    options = default_options() if options is None else options
     targets = requested or otherwise or (TARGETS if problem.friction is None else WITH_FRICTION)
     if ladder is None:
         ladder = ladder_for(requested or otherwise or TARGETS, problem)
     # Of earlier meshes only their numbers stay in memory.
     last: Solved | None = None
-    meshes, values = list[dict[str, Any]](), list[Mapping[str, Measure]]()
+    meshes, told = list[OnMesh](), dict[str, Measure]()
     ended, errors, remarks = "the finest mesh", dict[str, float](), dict[str, str]()
-    told: Mapping[str, Measure] = {}
     stopped: str | None = None
     ends = clock(max_seconds)
-    for number, rung in enumerate(ladder.rungs, 1):
+    for number, rung in enumerate(ladder, 1):
         stated = on_rung(problem, rung)
-        left = ends - time.process_time() if ends < math.inf else ends
-        beyond = (
-            None
-            if last is None
-            else _beyond(stated, last, number, left, _widest(told, {} if requested else targets))
-        )
-        if beyond is not None:
-            stopped, ended = beyond
-            break
+        if last is not None:
+            beyond = _beyond(
+                stated, last, number, ends, _widest(told, {} if requested else targets)
+            )
+            if beyond is not None:
+                stopped, ended = beyond
+                break
         if progress is not None:
-            progress(_progress(ladder, number, stated, last, told))
+            seconds = 0.0 if last is None else _expected_seconds(stated, last)
+            unknowns = round(_unknowns(stated))
+            progress(Progress(number, len(ladder), unknowns, told, seconds))
         try:
             with budget(ends=math.inf if last is None else ends):
-                last = _solve(problem, stated, rung, options, last)
+                last = _solve(problem, stated, rung, options, before=last)
         except (LimitError, KeyboardInterrupt) as limit:
             if last is None:
                 raise _first_mesh(limit, stated) from None
@@ -257,24 +233,25 @@ def converge(
                 raise
             ended = "the next mesh, which did not converge"
             break
-        meshes.append(_row(last))
-        values.append(told := last.measures)
-        if number < _FOR_BARS:
-            continue
-        errors = bars_of(ladder, values, meshes)
-        remarks = ladder.unresolved(values) | growing(values)
-        told = _told(last.measures, errors, remarks)
+        meshes.append(last.numbers)
+        if number >= _FOR_BARS:
+            errors = sequence_bars(meshes)
+            remarks = unresolved(meshes) | growing(meshes)
+        told = {
+            name: replace(m, error=errors.get(name), remark=remarks.get(name, ""))
+            for name, m in last.measures.items()
+        }
         if is_reached(told, targets, number):
             ended = "the requested accuracy"
             break
     assert last is not None
-    accuracy = Accuracy(_among(targets, told), told or last.measures, ended, stopped)
-    solved = last.problem, last.solution, errors, remarks, last.facets
-    return Converged(*solved, accuracy, Meshes(meshes), ladder)
+    sought = {name: share for name, share in targets.items() if name in told}
+    accuracy = Accuracy(sought, told, ended, stopped)
+    return Converged(last, errors, remarks, accuracy, Meshes(meshes))
 
 
 def climbed(
-    problem: Problem, rungs: Iterable[Rung], options: StaticOptions | None = None
+    problem: Problem, rungs: Iterable[Rung], options: StaticOptions = OPTIONS
 ) -> Iterator[Solved]:
     """Solve on meshes from coarse to fine, each from the state on the one before.
 
@@ -284,57 +261,14 @@ def climbed(
         As `converge`.
     """
     check_refinable(problem)
-    options = default_options() if options is None else options
     result = None
     for rung in rungs:
-        result = _solve(problem, on_rung(problem, rung), rung, options, result)
+        result = _solve(problem, on_rung(problem, rung), rung, options, before=result)
         yield result
 
 
-def default_options() -> StaticOptions:
-    """Options that stand for none."""
-    return StaticOptions(load_tolerance=LOAD_TOLERANCE)
-
-
-def growing(found: list[Mapping[str, Measure]]) -> dict[str, str]:
-    """Values at a point that have grown with the last refinements without slowing down."""
-    remarks: dict[str, str] = {}
-    for name in [n for n in AT_A_POINT if n in found[-1]] if len(found) > 3 else ():
-        sizes = [abs(m[name].value) for m in found[-3:]]
-        before, last = sizes[1] - sizes[0], sizes[2] - sizes[1]
-        if last > _GROWTH * sizes[2] and last > _SLOWING * before > 0.0:
-            instead = "averaged value" if name in AT_EDGES else "largest mean pressure of a facet"
-            remarks[name] = f"grows at this edge with every refinement: use the {instead}"
-    return remarks
-
-
-def _among(targets: Mapping[str, float], measures: Mapping[str, Measure]) -> dict[str, float]:
-    return {name: share for name, share in targets.items() if name in measures}
-
-
-def bars_of(
-    ladder: Ladder,
-    found: Sequence[Mapping[str, Measure]],
-    meshes: Sequence[Mapping[str, Any]],
-) -> dict[str, float]:
-    """Error bars of the last of some meshes, with friction those of its load steps on top.
-
-    Parameters
-    ----------
-    ladder
-        Whose first meshes they are.
-    found
-        Measures on each, at least two.
-    meshes
-        What the report says of each: fineness and load steps.
-    """
-    fine, along = ([mesh[name] for mesh in meshes] for name in ("fineness", "fineness_along"))
-    bars, steps = ladder.error_bars(found, fine, along), meshes[-1]["load_step_changes"]
-    return {name: bar + steps.get(name, 0.0) for name, bar in bars.items()}
-
-
 def bars_under(
-    problem: Problem, rungs: Sequence[Rung], options: StaticOptions, factor: float
+    problem: Problem, rungs: Iterable[Rung], options: StaticOptions, factor: float
 ) -> dict[str, float]:
     """Error bars of measures under a factor times the loads and the weight, on some meshes.
 
@@ -349,13 +283,11 @@ def bars_under(
     factor
         Of all loads [-].
     """
-    found, meshes = [], []
-    for rung in rungs:
-        stated = on_rung(problem, rung)
-        solution, facets = _state(problem, stated, options, factor=factor)
-        found.append(measures_of(solution, facets=facets))
-        meshes.append({**_fineness(stated), "load_step_changes": load_step_change(solution)})
-    return bars_of(Ladder(tuple(rungs)), found, meshes) if len(found) >= _FOR_BARS else {}
+    meshes = [
+        _solve(problem, on_rung(problem, rung), rung, options, factor=factor).numbers
+        for rung in rungs
+    ]
+    return sequence_bars(meshes) if len(meshes) >= _FOR_BARS else {}
 
 
 def check_refinable(problem: Problem) -> None:
@@ -370,7 +302,7 @@ def check_refinable(problem: Problem) -> None:
 def why_not_refined(problem: Problem) -> str | None:
     """What stands against refining the mesh of a problem; None where nothing does."""
     if problem.searches:
-        second = on_rung(problem, ladder_for(TARGETS, problem).rungs[_FOR_BARS - 1])
+        second = on_rung(problem, ladder_for(TARGETS, problem)[_FOR_BARS - 1])
         friction = problem.friction is not None
         if general_work(second.blocks, second.degree, friction=friction) > MOST_SECONDS:
             return "general contact of so many facets that a second mesh is beyond the usual work"
@@ -381,6 +313,12 @@ def why_not_refined(problem: Problem) -> str | None:
     if problem.load_case.without_couple:
         return "a load as printed, which acts at the mean of the nodes of a mesh"
     return None
+
+
+def is_a_set(problem: Problem) -> bool:
+    """Whether the static states of a problem are a set: friction between blocks that meet."""
+    moves = any(held.moves for held in problem.load_case.held)
+    return problem.coulomb is not None and problem.deformable.meets and not moves
 
 
 def usual_work(problem: Problem) -> float:
@@ -421,30 +359,39 @@ def _solve(
     stated: Problem,
     rung: Rung,
     options: StaticOptions,
-    before: Solved | None,
+    *,
+    before: Solved | None = None,
+    factor: float = 1.0,
 ) -> Solved:
-    """Solve on one mesh, from the state on a coarser one."""
+    """Solve on one mesh under a factor times the loads, from the state on a coarser one."""
     begun = time.process_time()
     with budget() as spent:
-        solution, facets = _state(base, stated, options, before)
+        solution, facets = _state(base, stated, options, before, factor)
         measures = dict(measures_of(solution, facets=facets))
         steps = load_step_change(solution)
-    seconds = time.process_time() - begun
-    return Solved(stated, rung, solution, facets, measures, steps, seconds, spent)
+    assert solution.static is not None
+    beside = {
+        "elements_per_block": stated.blocks.shapes[0].mesh.n_elements,
+        "unknowns": solution.static.n_unknowns,
+        "cpu_seconds": time.process_time() - begun,
+        "work": spent.seconds,
+    }
+    fine, along = fineness(stated), fineness(stated, "along")
+    return Solved(
+        stated, solution, facets, OnMesh(measures, rung, fine, along, steps, beside), spent
+    )
 
 
 def _state(
     base: Problem,
     stated: Problem,
     options: StaticOptions,
-    before: Solved | None = None,
-    factor: float = 1.0,
+    before: Solved | None,
+    factor: float,
 ) -> tuple[Solution, tuple[Assembly, FloatArray] | None]:
     """State on a mesh, and the mean pressures on the facets of the mesh that was stated."""
     deformable, start = stated.deformable, None
     known: Known = ()
-    if factor != 1.0:
-        deformable = scaled_loads(deformable, factor)
     if before is not None and deformable.meets and _may_start(stated, before.problem):
         coarse = before.solution
         assert coarse.static is not None
@@ -457,7 +404,12 @@ def _state(
             halved = max(options.load_steps, coarse.static.load_steps // 2)
             options = replace(options, load_steps=halved)
     solution = static_solution(
-        deformable, options, finite_rotation=stated.finite_rotation, start=start, known=known
+        deformable,
+        options,
+        factor=factor,
+        finite_rotation=stated.finite_rotation,
+        start=start,
+        known=known,
     )
     facets = None
     if deformable.meets and not deformable.contact.finite_sliding:
@@ -483,16 +435,6 @@ def _may_start(stated: Problem, before: Problem) -> bool:
     return all(charts_of(a).directions == charts_of(b).directions for a, b in shapes)
 
 
-def _told(
-    measures: Mapping[str, Measure], errors: Mapping[str, float], remarks: Mapping[str, str]
-) -> dict[str, Measure]:
-    """Measures with their error bars, or why they have none."""
-    return {
-        name: replace(m, error=errors.get(name), remark=remarks.get(name, ""))
-        for name, m in measures.items()
-    }
-
-
 def general_work(blocks: Assembly, degree: int, *, friction: bool) -> float:
     """Work of general contact between blocks before it is solved [reference s].
 
@@ -506,17 +448,17 @@ def general_work(blocks: Assembly, degree: int, *, friction: bool) -> float:
 
 
 def _beyond(
-    stated: Problem, last: Solved, number: int, left: float, widest: float
+    stated: Problem, last: Solved, number: int, ends: float, widest: float
 ) -> tuple[str | None, str] | None:
     """Which limit keeps a mesh from being solved, in a word and in words; None where none does.
 
-    The work of the mesh before grows with the unknowns; CPU time is ``left`` [s]. Error bars need
-    two meshes: the second is begun as long as any CPU time is left. The ``widest`` bar over that
-    sought falls as the fineness grows.
+    The work of the mesh before grows with the unknowns; CPU time ends at ``ends`` [s]. Error bars
+    need two meshes: the second is begun as long as any CPU time is left. The ``widest`` bar over
+    that sought falls as the fineness grows.
     """
     if last.solution.large_motion is not None:
         return None, "the large motion, which no mesh of small motions describes"
-    bound = _OUT_OF_REACH * fineness(stated) / fineness(last.problem)
+    bound = _OUT_OF_REACH * fineness(stated) / last.numbers.fineness
     if number > _FOURTH and widest > bound:
         return None, "an error bar that the next mesh leaves much too wide as well"
     ratio = _growth(stated, last)
@@ -524,6 +466,7 @@ def _beyond(
         return "work", stop("work")
     if last.spent.bytes_grown(ratio) > memory_limit():
         return "memory", stop("memory")
+    left = ends - time.process_time() if ends < math.inf else ends
     need = _expected_seconds(stated, last)
     if need <= left or (number <= _FOR_BARS and left > 0.0):
         return None
@@ -534,8 +477,7 @@ def _beyond(
 
 def _widest(told: Mapping[str, Measure], targets: Mapping[str, float]) -> float:
     """Largest error bar over that sought; 0 where there is none."""
-    sought = _among(targets, told)
-    shares = (relative(told[name]) / sought[name] for name in unmet(told, sought))
+    shares = (relative(told[name]) / targets[name] for name in unmet(told, targets))
     return max((share for share in shares if share < math.inf), default=0.0)
 
 
@@ -560,39 +502,10 @@ def _growth(stated: Problem, last: Solved) -> float:
 
 def _expected_seconds(stated: Problem, last: Solved) -> float:
     """CPU time of the next mesh, which grows as the work [s]."""
-    return last.spent.grown(_growth(stated, last)) / last.spent.seconds * last.seconds
+    seconds: float = last.numbers.beside["cpu_seconds"]
+    return last.spent.grown(_growth(stated, last)) / last.spent.seconds * seconds
 
 
 def _unknowns(stated: Problem) -> float:
     shape = max(stated.blocks.shapes, key=lambda s: s.mesh.n_elements)
     return 3.0 * shape.mesh.n_elements * stated.degree**3
-
-
-def _progress(
-    ladder: Ladder,
-    number: int,
-    stated: Problem,
-    last: Solved | None,
-    told: Mapping[str, Measure],
-) -> Progress:
-    seconds = 0.0 if last is None else _expected_seconds(stated, last)
-    return Progress(number, len(ladder.rungs), round(_unknowns(stated)), told, seconds)
-
-
-def _fineness(stated: Problem) -> dict[str, float]:
-    return {"fineness": fineness(stated), "fineness_along": fineness(stated, "along")}
-
-
-def _row(solved: Solved) -> dict[str, Any]:
-    """What the answer says of a mesh, as plain data."""
-    return {
-        "degree": solved.rung.degree,
-        **_fineness(solved.problem),
-        "elements_per_block": solved.problem.blocks.shapes[0].mesh.n_elements,
-        "unknowns": solved.unknowns,
-        "cpu_seconds": solved.seconds,
-        "work": solved.spent.seconds,
-        "measures": {name: measure.value for name, measure in solved.measures.items()},
-        "not_resolved": [name for name, m in solved.measures.items() if not m.resolved],
-        "load_step_changes": dict(solved.steps),
-    }

@@ -1,13 +1,29 @@
-"""Rules for error bars: what the changes between refinements say of the last value.
+"""The rule of error bars: what changes between meshes say of the last value.
 
 If the error of a value falls by a factor R from one mesh to another one, that of the second is the
 change between them over R - 1. Changes may vanish by chance and coarse meshes need not be in their
-asymptotic range: so earlier meshes are asked too, the largest estimate counts, and a factor of
-safety comes on top (as in Roache's grid convergence index).
+asymptotic range: so several meshes are compared, the largest estimate counts, and a factor of
+safety comes on top (as in Roache's grid convergence index). What half as many load steps change is
+added.
 
-Factors are those of the meshes: a power of the size of their elements, over the square of the
-degree in a sequence of growing degree (`sequence_bar`). Errors at edges fall so: the h-p-version
-converges by h over p² where a solution is not smooth.
+On finer and finer meshes (`sequence_bars`) factors are powers of their fineness, the squared degree
+over the size of elements: errors at edges fall so, since the h-p-version converges by h over p²
+where a solution is not smooth. Both meshes before the last are compared, in each direction that is
+finer, so that one agreement by chance is no convergence.
+
+One mesh (`one_mesh_bars`) is compared with coarser ones: a run on a mesh with 1/r of the elements
+along every edge has r times the error. Elements of degree two and more are judged by the same
+elements of another degree, whose error is a fixed multiple: means over facets are those over the
+same facets then.
+
+Peaks are known from two sides (`fem.measures.bracketed`). Contact forces are in balance on facets,
+so means over them lie below a peak of pressure and values at their corners, continued outwards by a
+steep law, above it: an error bar is at least the distance. Stresses inside elements and at their
+corners lie on the same side: what an element hides comes on top of what the mesh leaves out.
+
+A value that a few elements decide is not known better than others settle: two meshes may agree by
+chance. Rates and shares were chosen on problems that ``python -m tests.verification error-bars``
+solves; docs/trust/error-bars.md states how they are judged.
 
 References: P. J. Roache, Perspective: a method for uniform reporting of grid refinement studies,
 J. Fluids Eng. 116 (1994) 405-413; I. Babuška, M. Suri, The h-p version of the finite element method
@@ -16,66 +32,268 @@ with quasiuniform meshes, ESAIM: M2AN 21 (1987) 199-238.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
+
+from fem.accuracy.ladder import AT_EDGES, INTEGRALS, OF_FACETS, Rung
+from geometry.answer import Measure
 
 #: Factor of safety, and that of a sequence of meshes, as Roache's for three of them;
 #: `tests/verification/error_bars.py` measures how often they suffice.
 SAFETY, OF_SEQUENCES = 1.5, 1.25
 #: Meshes whose fineness differs by a smaller share are as fine.
 _SAME = 1e-6
+#: Meshes before an error bar is believed: one agreement of two is no convergence.
+LEAST_MESHES = 3
+#: All values at a point.
+_AT_A_POINT = (*AT_EDGES, "p_max_point")
+#: Values that a few elements decide, beside those at edges.
+LOCAL = frozenset({"p_max_point", "sigma_1_averaged"})
+#: Why values have no error bar: stresses at edges before the mesh was refined there, and what
+#: earlier meshes did not resolve.
+AT_AN_EDGE = "not resolved (grows at an edge)"
+BY_ONE_MESH = "not resolved (too few meshes reach this edge)"
+#: Part of the largest last change that a local value is not known better than.
+_SHARED = 0.3
+#: The same of means over facets, which elements in one direction alone may not change.
+_SHARED_OF_FACETS = 0.03
+#: Measures whose errors fall with the distance of nodes: contact ends inside elements, where the
+#: degree counts once. They have bars by that distance.
+_BY_LENGTHS = frozenset({"max_displacement"})
+#: Power of the fineness of a mesh by which errors fall; of values that few elements decide.
+_RATE, _RATE_OF_FEW = 1.25, 1.0
+#: Stresses below this share of the largest one need no finer mesh [-].
+_NEGLIGIBLE = 1e-3
+#: A value at an edge that changes by more than the first share of its value, and by more than the
+#: second one of the change before, grows.
+_GROWTH, _SLOWING = 0.05, 0.7
+#: What coarser meshes judge beside them in elements of degree two or more.
+_OF_MESHES = ("sigma_1_averaged", "p_max_point", "max_displacement", *AT_EDGES)
+
+#: Values of measures, each in its unit.
+Values = Mapping[str, float]
 
 
 def error_bar(
-    values: Sequence[Any],
-    reductions: Sequence[float],
+    value: Any,
+    others: Iterable[tuple[Any, float]],
     size: Callable[[Any], float] = abs,
     safety: float = SAFETY,
 ) -> float:
-    """Estimated error of the last of some values.
+    """Estimated error of a value, 0 where nothing is compared with it.
 
     Parameters
     ----------
-    values
-        Of the refinements in any order, the one whose error is asked for last: numbers, or arrays
-        of whose changes there is a size.
-    reductions
-        Factor by which the error of each of the others exceeds that of the last: more than 1 of
-        coarser meshes, less of finer ones.
+    value
+        A number, or an array of whose changes there is a size.
+    others
+        The same on other meshes, each with the factor by which its error exceeds that of the value:
+        more than 1 of coarser meshes, less of finer ones.
     size
         Size of a change.
     safety
         Factor of safety.
     """
-    changes = [
-        size(values[-1] - value) / abs(reduction - 1.0)
-        for value, reduction in zip(values[:-1], reductions, strict=True)
-    ]
-    return safety * max(changes)
+    changes = (size(value - other) / abs(reduction - 1.0) for other, reduction in others)
+    return safety * max(changes, default=0.0)
 
 
-def sequence_bar(values: Sequence[float], fineness: Sequence[float], rate: float) -> float:
-    """Estimated error of the last of some values on finer and finer meshes.
+@dataclass(frozen=True)
+class OnMesh:
+    """Numbers of a problem on one of finer and finer meshes."""
 
-    Both meshes before it are compared, so that one agreement by chance is no convergence. One that
-    is as fine says nothing.
+    measures: Mapping[str, Measure]
+    """Without errors."""
+    rung: Rung
+    fineness: float
+    """Squared degree over the length of the shortest elements."""
+    along: float
+    """That along a course."""
+    steps: Values = field(default_factory=dict)
+    """Change of each measure by half as many load steps, in its unit."""
+    beside: Mapping[str, Any] = field(default_factory=dict)
+    """Elements, unknowns, CPU time and work, as plain data."""
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Of all measures, each in its unit."""
+        return {name: measure.value for name, measure in self.measures.items()}
+
+    def sizes(self, name: str) -> tuple[float, float]:
+        """Fineness and that along a course, as the error of a measure falls with them."""
+        degrees = self.rung.degree if name in _BY_LENGTHS else 1
+        return self.fineness / degrees, self.along / degrees
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {
+            "degree": self.rung.degree,
+            "fineness": self.fineness,
+            "fineness_along": self.along,
+            **self.beside,
+            "measures": self.values,
+            "not_resolved": [name for name, m in self.measures.items() if not m.resolved],
+            "load_step_changes": dict(self.steps),
+        }
+
+
+def sequence_bars(meshes: Sequence[OnMesh]) -> dict[str, float]:
+    """Estimated errors of the measures of the last of two or more meshes, in their units.
+
+    Measures that are `unresolved` have no bar. A value that a few elements decide has a bar of
+    a share of the largest last change at least, relative to each value, of the displacement, p_eff
+    and values of its kind; a mean over facets has one of a smaller share.
+    """
+    *before, last = meshes
+    values, hidden, bars = last.values, unresolved(meshes), dict[str, float]()
+    for name in [name for name in values if name not in hidden]:
+        rate = _RATE_OF_FEW if name in LOCAL or name in AT_EDGES else _RATE
+        compared = [
+            (mesh.measures[name].value, (fine / coarse) ** rate)
+            for mesh in before[-2:]
+            for fine, coarse in zip(last.sizes(name), mesh.sizes(name), strict=True)
+            if fine > (1.0 + _SAME) * coarse
+        ]
+        bars[name] = error_bar(values[name], compared, safety=OF_SEQUENCES)
+    change = _largest_change(before[-1].measures, last.measures)
+    shares = dict.fromkeys(LOCAL, _SHARED) | dict.fromkeys(OF_FACETS, _SHARED_OF_FACETS)
+    shares = {name: share * change for name, share in shares.items()}
+    return _with_steps(_at_least(bars, values, shares), last.steps)
+
+
+def one_mesh_bars(
+    values: Values,
+    meshes: Sequence[tuple[Values, float]],
+    degrees: Sequence[tuple[Values, float]],
+    sides: Values,
+    steps: Values,
+) -> dict[str, float]:
+    """Estimated errors of measures on one mesh, in their units.
 
     Parameters
     ----------
     values
-        From the coarsest to the finest mesh, two or more.
-    fineness
-        Of each mesh: squared degree over the length of the shortest elements.
-    rate
-        Power of the fineness by which the error falls.
+        On the mesh.
+    meshes, degrees
+        On coarser or finer meshes, and on the same elements of other degrees, each with its error
+        over that of the mesh.
+    sides
+        How far both sides of peaks lie apart in the solution itself.
+    steps
+        What half as many load steps change.
     """
-    before = [
-        (value, (fineness[-1] / of) ** rate)
-        for value, of in zip(values[-3:-1], fineness[-3:-1], strict=True)
-        if fineness[-1] > (1.0 + _SAME) * of
+    bars, beside = _compared(values, meshes), sides
+    if degrees:
+        beside = {name: bar for name, bar in bars.items() if name in _OF_MESHES}
+        bars = _compared(values, degrees)
+    bars = {
+        name: (sum if name in AT_EDGES else max)((bar, beside.get(name, 0.0)))
+        for name, bar in bars.items()
+    }
+    if degrees:
+        local = [bars[n] / abs(values[n]) for n in LOCAL & bars.keys() if values[n]]
+        share = _SHARED * max(local, default=0.0)
+        bars = _at_least(bars, values, dict.fromkeys((*LOCAL, *AT_EDGES), share))
+    return _with_steps(bars, steps)
+
+
+def _compared(values: Values, others: Sequence[tuple[Values, float]]) -> dict[str, float]:
+    """Bars of the measures that all others have: facets may match on one mesh alone."""
+    return {
+        name: error_bar(value, [(of[name], reduction) for of, reduction in others])
+        for name, value in values.items()
+        if others and all(name in of for of, _ in others)
+    }
+
+
+def _at_least(bars: dict[str, float], values: Values, shares: Values) -> dict[str, float]:
+    """Bars that are no narrower than shares of their values."""
+    wider = {n: max(bars[n], shares[n] * abs(values[n])) for n in shares.keys() & bars.keys()}
+    return bars | wider
+
+
+def _with_steps(bars: Values, steps: Values) -> dict[str, float]:
+    return {name: bar + steps.get(name, 0.0) for name, bar in bars.items()}
+
+
+def _largest_change(before: Mapping[str, Measure], last: Mapping[str, Measure]) -> float:
+    """Largest relative change of what most answers are asked for; not of negligible stresses."""
+    largest = max(abs(m.value) for name, m in last.items() if m.unit == "MPa")
+    changes = [
+        abs(last[name].value - before[name].value) / abs(last[name].value)
+        for name in LOCAL | INTEGRALS
+        if name in last
+        and abs(last[name].value) > (_NEGLIGIBLE * largest if last[name].unit == "MPa" else 0.0)
     ]
-    if not before:
-        return 0.0
-    compared = [value for value, _ in before]
-    reductions = [reduction for _, reduction in before]
-    return error_bar([*compared, values[-1]], reductions, safety=OF_SEQUENCES)
+    return max(changes, default=0.0)
+
+
+# ---------------------------------------------------------------------------------------------
+# Values without a bar, and bars that are narrow enough
+
+
+def unresolved(meshes: Sequence[OnMesh]) -> dict[str, str]:
+    """Say of measures why changes between finer and finer meshes are no error bars.
+
+    Where the last meshes have the same elements between the upper and lower faces, or equally
+    many through the wall, nothing shows what the mesh hides of stresses at an edge. A value
+    that one of the last three meshes did not resolve has changed from there to another one.
+    """
+    names = meshes[-1].measures.keys()
+    hidden = {n for of in meshes[-3:] for n, m in of.measures.items() if not m.resolved}
+    result = dict.fromkeys(hidden & names, BY_ONE_MESH)
+    rungs = [mesh.rung for mesh in meshes[-3:]]
+    upward, across = {(r.upward, r.upward_grading) for r in rungs}, {r.across for r in rungs}
+    if 1 in (len(upward), len(across)):
+        result |= dict.fromkeys([name for name in AT_EDGES if name in names], AT_AN_EDGE)
+    return result
+
+
+def growing(meshes: Sequence[OnMesh]) -> dict[str, str]:
+    """Values at a point that have grown with the last refinements without slowing down."""
+    remarks: dict[str, str] = {}
+    for name in [n for n in _AT_A_POINT if n in meshes[-1].measures] if len(meshes) > 3 else ():
+        sizes = [abs(mesh.measures[name].value) for mesh in meshes[-3:]]
+        before, last = sizes[1] - sizes[0], sizes[2] - sizes[1]
+        if last > _GROWTH * sizes[2] and last > _SLOWING * before > 0.0:
+            instead = "averaged value" if name in AT_EDGES else "largest mean pressure of a facet"
+            remarks[name] = f"grows at this edge with every refinement: use the {instead}"
+    return remarks
+
+
+def relative(measure: Measure) -> float:
+    """Relative error of a measure by its error bar; infinite without one, or if not resolved."""
+    if measure.error is None or not measure.resolved:
+        return math.inf
+    if measure.value == 0.0 and measure.error > 0.0:
+        return math.inf
+    return measure.error / abs(measure.value) if measure.error else 0.0
+
+
+def is_negligible(measures: Mapping[str, Measure], name: str) -> bool:
+    """Whether a value with its bar is a negligible share of the largest one of the same unit.
+
+    The largest one is at least its value without its bar.
+    """
+    of, error = measures[name], measures[name].error
+    alike = [m for m in measures.values() if m.unit == of.unit]
+    largest = max(abs(m.value) - (m.error or 0.0) for m in alike)
+    return error is not None and abs(of.value) + error <= _NEGLIGIBLE * largest
+
+
+def unmet(measures: Mapping[str, Measure], targets: Mapping[str, float]) -> list[str]:
+    """Measures whose error bars are wider than requested, and which are not negligible."""
+    return [
+        name
+        for name, share in targets.items()
+        if name in measures
+        and not relative(measures[name]) <= share
+        and not is_negligible(measures, name)
+    ]
+
+
+def is_reached(measures: Mapping[str, Measure], targets: Mapping[str, float], n: int) -> bool:
+    """Whether the error bars of the last of n meshes are believed, and as narrow as requested."""
+    return n >= LEAST_MESHES and not unmet(measures, targets)

@@ -15,10 +15,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 
-from fem.accuracy.ladder import coarser, ladder_for, on_rung
-from fem.accuracy.one_mesh import static_solution
+from fem.accuracy.ladder import coarser, ladder_for, mesh_of, on_rung
+from fem.accuracy.one_mesh import static_solution, values_of
 from fem.accuracy.parts import FrictionSet
-from fem.measures import load_step_change, measures_of
+from fem.measures import load_step_change
 from fem.problem import Problem
 from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
@@ -29,23 +29,11 @@ from geometry.work import LIMITS, LimitError, allowance, budget
 #: Load factors of the path past the load and back.
 PAST_AND_BACK = (0.09, 0.38, 0.84, 1.5, 1.25, 1.0)
 #: Of finer and finer meshes those on which the width is sought, where the first is too coarse.
-RUNGS = 2
+_RUNGS = 2
 #: Share of the work that is left which this may take.
 _SHARE = 0.5
 #: Elements along an edge of the meshes on which the width is sought, over those of the answer.
 _SHARES = (0.5, 2.0 / 3.0)
-
-
-def is_a_set(problem: Problem) -> bool:
-    """Whether the static states of a problem are a set: friction between blocks that meet."""
-    moves = any(held.moves for held in problem.load_case.held)
-    return problem.coulomb is not None and problem.deformable.meets and not moves
-
-
-def mesh_of(problem: Problem) -> str:
-    """Number and degree of the elements of all shapes, by which meshes of one problem differ."""
-    elements = sum(shape.mesh.n_elements for shape in problem.blocks.shapes)
-    return f"{elements} of degree {problem.degree}"
 
 
 def friction_set(
@@ -72,10 +60,9 @@ def friction_set(
     known
         Values of measures under the whole load on meshes that are solved, by `mesh_of`.
     """
-    member, change = _member(solution), load_step_change(solution)
     with budget(_SHARE * allowance().work):
         width, words = _width(problem, options, known or {}, refined=refined)
-    return FrictionSet(member, change, width, words)
+    return FrictionSet(_member(solution), load_step_change(solution), width, words)
 
 
 def _width(
@@ -86,48 +73,33 @@ def _width(
     refined: bool,
 ) -> tuple[dict[str, float], str]:
     """Relative change of each measure from one end to the other, and where or why not."""
-    reason = ""
+    remark = ""
     for stated, words in _rungs(problem) if refined else _coarser(problem):
-        solve = partial(_measures, stated, FlexibilityStore())
+        direct, mesh = None, mesh_of(stated)
+        solve = partial(
+            static_solution,
+            stated.deformable,
+            finite_rotation=stated.finite_rotation,
+            store=FlexibilityStore(),
+        )
         try:
-            mesh = mesh_of(stated)
-            direct = known[mesh] if mesh in known else solve(options)
+            direct = known[mesh] if mesh in known else values_of(solve(options))
+            back = values_of(solve(replace(options, load_path=PAST_AND_BACK)))
         except LimitError as error:
             return {}, f"not sought: {LIMITS[error.by]}"
         except RefusedError as error:
-            reason = f"no static state: {error}"
-            continue
-        try:
-            back = solve(replace(options, load_path=PAST_AND_BACK))
-        except LimitError as error:
-            return {}, f"not sought: {LIMITS[error.by]}"
-        except RefusedError as error:
-            reason = f"150 % of the load are not carried: {error}"
-            if refined:
+            what = "no static state" if direct is None else "150 % of the load are not carried"
+            remark = f"{what}: {error}"
+            if direct is None or refined:
                 continue
             break
         width = {n: value / direct[n] - 1.0 for n, value in back.items() if direct[n]}
-        elements = stated.deformable.model.n_elements
-        return width, f"on {elements} elements{words}"
-    return {}, reason
-
-
-def _measures(
-    stated: Problem, store: FlexibilityStore, options: StaticOptions
-) -> Mapping[str, float]:
-    turning = stated.finite_rotation
-    return values_of(
-        static_solution(stated.deformable, options, finite_rotation=turning, store=store)
-    )
-
-
-def values_of(solution: Solution) -> dict[str, float]:
-    """Values of all measures of a state, each in its unit."""
-    return {name: measure.value for name, measure in measures_of(solution).items()}
+        return width, f"on {stated.deformable.model.n_elements} elements{words}"
+    return {}, remark
 
 
 def _rungs(problem: Problem) -> Iterator[tuple[Problem, str]]:
-    for rung in ladder_for({}, problem).rungs[:RUNGS]:
+    for rung in ladder_for({}, problem)[:_RUNGS]:
         yield on_rung(problem, rung), f" of degree {rung.degree}"
 
 

@@ -9,22 +9,19 @@ of few large elements. Where nothing else is requested, that ladder is taken. A 
 gains most with elements along and across a joint, a stress at an edge with those towards it: it has
 a ladder of its own.
 
-An error bar compares meshes by their fineness (`fem.accuracy.errors.sequence_bar`). Rates were
-chosen on problems that ``python -m tests.verification error-bars`` solves; docs/trust/error-bars.md
-states how they are judged.
+An error bar compares meshes by their fineness (`fem.accuracy.errors`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
-from fem.accuracy.errors import sequence_bar
 from fem.problem import Problem
-from geometry.answer import Measure
 from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block
 from geometry.loads import LoadCase
@@ -36,27 +33,8 @@ from geometry.meshing.refinement import charts_of, with_lines
 INTEGRALS = frozenset({"max_displacement", "p_eff", "sigma_1_averaged"})
 #: Stresses inside elements, which have their peaks at edges and no bound there in the limit.
 AT_EDGES = ("sigma_1_max", "sigma_3_min", "mises_max")
-#: All values at a point.
-AT_A_POINT = (*AT_EDGES, "p_max_point")
-#: Other values that a few elements decide.
-LOCAL = frozenset({"p_max_point", "sigma_1_averaged"})
-#: Why values have no error bar: stresses at edges before the mesh was refined there, and what
-#: earlier meshes did not resolve.
-AT_AN_EDGE = "not resolved (grows at an edge)"
-BY_ONE_MESH = "not resolved (too few meshes reach this edge)"
 #: Means over facets, whose errors fall fastest.
 OF_FACETS = frozenset({"p_eff", "p_max", "p_max_facet"})
-#: Part of the largest last change that a local value is not known better than.
-SHARED = 0.3
-#: The same of means over facets, which elements in one direction alone may not change.
-SHARED_OF_FACETS = 0.03
-#: Measures whose errors fall with the distance of nodes: contact ends inside elements, where the
-#: degree counts once. They have bars by that distance.
-BY_LENGTHS = frozenset({"max_displacement"})
-#: Power of the fineness of a mesh by which errors fall; of values that few elements decide.
-_RATE, _RATE_OF_FEW = 1.25, 1.0
-#: Stresses below this share of the largest one need no finer mesh [-].
-NEGLIGIBLE = 1e-3
 #: Elements along a wave at least.
 _LEAST_PER_WAVE = 4
 #: Parts round a block whose outline is a hexagon.
@@ -96,76 +74,8 @@ class Rung:
         return {name: result.get(name, other) for name in parts}
 
 
-@dataclass(frozen=True)
-class Ladder:
-    """Rungs from coarse to fine."""
-
-    rungs: tuple[Rung, ...]
-
-    def error_bars(
-        self,
-        found: Sequence[Mapping[str, Measure]],
-        fineness: Sequence[float],
-        along: Sequence[float] | None = None,
-    ) -> dict[str, float]:
-        """Estimated errors of the measures of the last of its first two rungs or more.
-
-        Each rung has the `fineness` of its mesh, and that along a course. Measures that are
-        `unresolved` have no bar.
-
-        A value that a few elements decide has a bar of `SHARED` of the largest last change at
-        least, relative to each value, of the displacement, p_eff and values of its kind, a mean
-        over facets of `SHARED_OF_FACETS`: one that hardly changed while others did agrees by
-        chance.
-        """
-        last, before = found[-1], found[-2]
-        none = self.unresolved(found)
-        degrees = [rung.degree for rung in self.rungs[: len(found)]]
-        bars = {}
-        for name in (name for name in last if name not in none):
-            values = [measures[name].value for measures in found]
-            counts = degrees if name in BY_LENGTHS else [1] * len(found)
-            bars[name] = max(
-                sequence_bar(values, [a / b for a, b in zip(of, counts, strict=True)], _rate(name))
-                for of in (fineness, fineness if along is None else along)
-            )
-        change = _largest_change(before, last)
-        least = dict.fromkeys(LOCAL, SHARED * change)
-        least |= dict.fromkeys(OF_FACETS, SHARED_OF_FACETS * change)
-        for name in least.keys() & bars.keys():
-            bars[name] = max(bars[name], least[name] * abs(last[name].value))
-        return bars
-
-    def unresolved(self, found: Sequence[Mapping[str, Measure]]) -> dict[str, str]:
-        """Say of measures of its first rungs why changes between these are no error bars.
-
-        Where the last rungs have the same elements between the upper and lower faces, or equally
-        many through the wall, nothing shows what the mesh hides of stresses at an edge. A value
-        that one of the last three rungs did not resolve has changed from there to another one.
-        """
-        hidden = {name for of in found[-3:] for name, m in of.items() if not m.resolved}
-        result = dict.fromkeys(hidden & found[-1].keys(), BY_ONE_MESH)
-        rungs = self.rungs[max(0, len(found) - 3) : len(found)]
-        upward, across = {(r.upward, r.upward_grading) for r in rungs}, {r.across for r in rungs}
-        if 1 in (len(upward), len(across)):
-            result |= dict.fromkeys([n for n in AT_EDGES if n in found[-1]], AT_AN_EDGE)
-        return result
-
-
-def _largest_change(before: Mapping[str, Measure], last: Mapping[str, Measure]) -> float:
-    """Largest relative change of what most answers are asked for; not of negligible stresses."""
-    largest = max(abs(m.value) for name, m in last.items() if m.unit == "MPa")
-    changes = [
-        abs(last[name].value - before[name].value) / abs(last[name].value)
-        for name in LOCAL | INTEGRALS
-        if name in last
-        and abs(last[name].value) > (NEGLIGIBLE * largest if last[name].unit == "MPa" else 0.0)
-    ]
-    return max(changes, default=0.0)
-
-
-def _rate(name: str) -> float:
-    return _RATE_OF_FEW if name in LOCAL or name in AT_EDGES else _RATE
+#: Meshes from coarse to fine.
+Ladder: TypeAlias = tuple[Rung, ...]
 
 
 def fineness(problem: Problem, direction: str | None = None) -> float:
@@ -185,42 +95,34 @@ def fineness(problem: Problem, direction: str | None = None) -> float:
 _LEAST_EXTENT, _SAME = 0.5, 1e-9
 #: Large elements of growing degree, then more of them towards the edges: for stresses there.
 _FIRST = tuple(Rung(degree, 12, 1, 4, 1.0, 20.0) for degree in (2, 3, 4))
-LADDER = Ladder(
-    (
-        *_FIRST,
-        Rung(4, 18, 2, 6, 4.0, 40.0),
-        Rung(4, 24, 3, 6, 6.0, 80.0),
-        Rung(5, 24, 3, 6, 8.0, 150.0),
-    )
+LADDER: Ladder = (
+    *_FIRST,
+    Rung(4, 18, 2, 6, 4.0, 40.0),
+    Rung(4, 24, 3, 6, 6.0, 80.0),
+    Rung(5, 24, 3, 6, 8.0, 150.0),
 )
 #: For the default and for pressures: each mesh is finer than the one before in all directions, by
 #: the degree, elements or their grading, so that its changes contain the errors of all of them.
-PRESSURES = Ladder(
-    (
-        *_FIRST[:2],
-        Rung(4, 16, 1, 6, 1.0, 40.0),
-        Rung(5, 16, 1, 6, 1.0, 40.0),
-        Rung(5, 20, 2, 6, 6.0, 80.0),
-        Rung(5, 24, 3, 6, 8.0, 150.0),
-    )
+PRESSURES: Ladder = (
+    *_FIRST[:2],
+    Rung(4, 16, 1, 6, 1.0, 40.0),
+    Rung(5, 16, 1, 6, 1.0, 40.0),
+    Rung(5, 20, 2, 6, 6.0, 80.0),
+    Rung(5, 24, 3, 6, 8.0, 150.0),
 )
 #: For integrals and means over facets.
-DEGREES = Ladder(
-    (
-        *_FIRST,
-        Rung(5, 18, 1, 4, 1.0, 40.0),
-        Rung(5, 18, 2, 4, 4.0, 40.0),
-        Rung(5, 24, 3, 6, 8.0, 150.0),
-    )
+DEGREES: Ladder = (
+    *_FIRST,
+    Rung(5, 18, 1, 4, 1.0, 40.0),
+    Rung(5, 18, 2, 4, 4.0, 40.0),
+    Rung(5, 24, 3, 6, 8.0, 150.0),
 )
 #: For a pressure at a point that is requested closely: the same elements of growing degree, two
 #: through the wall. Few of them there hide more of a peak than the degree brings.
-PEAKS = Ladder(
-    (
-        _FIRST[0],
-        *(Rung(degree, 18, 2, 6, 6.0, 80.0) for degree in (3, 4, 5)),
-        Rung(5, 24, 3, 6, 8.0, 150.0),
-    )
+PEAKS: Ladder = (
+    _FIRST[0],
+    *(Rung(degree, 18, 2, 6, 6.0, 80.0) for degree in (3, 4, 5)),
+    Rung(5, 24, 3, 6, 8.0, 150.0),
 )
 #: Below this relative error bar [-] it is.
 _CLOSELY = 0.02
@@ -239,7 +141,7 @@ def ladder_for(targets: Mapping[str, float], problem: Problem | None = None) -> 
     elif result is PRESSURES and targets.get("p_max_point", 1.0) < _CLOSELY:
         result = PEAKS
     if problem is not None and any(shape.charts is None for shape in problem.blocks.shapes):
-        return Ladder((replace(result.rungs[0], degree=1), *result.rungs))
+        return (replace(result[0], degree=1), *result)
     return result
 
 
@@ -274,6 +176,12 @@ def on_mesh(problem: Problem, shapes: tuple[Block, ...], degree: int) -> Problem
     if isinstance(load, LoadCase):
         load = replace(load, assembly=blocks)
     return replace(problem, blocks=blocks, load=load, degree=degree, check_blocks=False)
+
+
+def mesh_of(problem: Problem) -> str:
+    """Number and degree of the elements of all shapes, by which meshes of one problem differ."""
+    elements = sum(shape.mesh.n_elements for shape in problem.blocks.shapes)
+    return f"{elements} of degree {problem.degree}"
 
 
 def on_rung(problem: Problem, rung: Rung) -> Problem:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from fem.accuracy.ladder import NEGLIGIBLE
+from fem.accuracy.errors import OnMesh, is_negligible, relative, unmet
 from geometry.answer import TITLES, Measure
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
@@ -22,35 +22,6 @@ from geometry.mesh import FloatArray
 NOT_AT_REST = ("error bars", "not at rest: no error bar")
 #: Measures whose width the rows show; JSON has all.
 _WIDTHS = {"p_max": "p_max", "p_eff": "p_eff", "max_displacement": "displacement"}
-
-
-def relative(measure: Measure) -> float:
-    """Relative error of a measure by its error bar; infinite without one, or if not resolved."""
-    if measure.error is None or not measure.resolved:
-        return float("inf")
-    if measure.value == 0.0 and measure.error > 0.0:
-        return float("inf")
-    return measure.error / abs(measure.value) if measure.error else 0.0
-
-
-def is_negligible(measures: Mapping[str, Measure], name: str) -> bool:
-    """Whether a value with its bar is below `NEGLIGIBLE` of the largest one of the same unit.
-
-    The largest one is at least its value without its bar.
-    """
-    of, error = measures[name], measures[name].error
-    alike = [m for m in measures.values() if m.unit == of.unit]
-    largest = max(abs(m.value) - (m.error or 0.0) for m in alike)
-    return error is not None and abs(of.value) + error <= NEGLIGIBLE * largest
-
-
-def unmet(measures: Mapping[str, Measure], targets: Mapping[str, float]) -> list[str]:
-    """Measures whose error bars are wider than requested, and which are not negligible."""
-    return [
-        name
-        for name, share in targets.items()
-        if not relative(measures[name]) <= share and not is_negligible(measures, name)
-    ]
 
 
 @dataclass(frozen=True)
@@ -109,22 +80,21 @@ class Accuracy:
 class Meshes:
     """Meshes that were solved, from coarse to fine."""
 
-    meshes: list[dict[str, Any]]
-    """Degree, elements, unknowns, CPU time and values of each, as plain data."""
+    meshes: list[OnMesh]
 
     @property
     def rows(self) -> list[tuple[str, str]]:
         """Elements and CPU time of each mesh."""
         words = (
-            f"{mesh['elements_per_block']} elements of degree {mesh['degree']} per block, "
-            f"{mesh['unknowns']} unknowns: {mesh['cpu_seconds']:.2f} CPU s"
+            f"{mesh.beside['elements_per_block']} elements of degree {mesh.rung.degree} per block, "
+            f"{mesh.beside['unknowns']} unknowns: {mesh.beside['cpu_seconds']:.2f} CPU s"
             for mesh in self.meshes
         )
         return [("" if k else "meshes", row) for k, row in enumerate(words)]
 
     def as_json(self) -> list[dict[str, Any]]:
         """Return plain data."""
-        return self.meshes
+        return [mesh.as_json() for mesh in self.meshes]
 
 
 @dataclass(frozen=True)

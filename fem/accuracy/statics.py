@@ -15,16 +15,16 @@ from fem.accuracy.converge import (
     AccuracyError,
     Progress,
     bars_under,
+    check_refinable,
     checked_targets,
     converge,
+    is_a_set,
     usual_degree,
     usual_work,
     why_not_refined,
 )
-from fem.accuracy.friction_range import RUNGS, friction_set, is_a_set, mesh_of, values_of
-from fem.accuracy.ladder import on_rung
-from fem.accuracy.one_mesh import static_errors, static_solution
-from fem.accuracy.strength import scaled_loads, strength_factors
+from fem.accuracy.ladder import mesh_of, on_rung
+from fem.accuracy.one_mesh import static_errors, static_solution, values_of
 from fem.answer import answer_of
 from fem.contact.law import LinearPenalty
 from fem.element.hexahedron import ElementType
@@ -42,7 +42,7 @@ from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 from geometry.system import one_thread_of_blas
-from geometry.work import LIMITS, LimitError, budget, clock, unlimited
+from geometry.work import LIMITS, Budget, LimitError, budget, clock, unlimited
 
 if TYPE_CHECKING:
     from fem.explicit.solve import Frame
@@ -162,8 +162,8 @@ def _converged(
     """Answer on finer and finer meshes."""
     options, watch = static_options(problem, method), follower.watch
     ends = clock(method.max_seconds)
-    strong = any(m.tensile_strength or m.compressive_strength for m in problem.materials)
-    share = None if work is None else work * (1.0 - _AFTER * (strong or is_a_set(problem)))
+    kept = _AFTER * (_has_strengths(problem) or is_a_set(problem))
+    share = None if work is None else work * (1.0 - kept)
     with _floating_named(problem, options), budget(share):
         result = converge(
             problem,
@@ -174,43 +174,31 @@ def _converged(
             progress=follower.tell,
         )
     watch.lap("solve")
-    _write_frames(method.frames, result.solution, options, follower)
-    parts = result.parts
-    if result.accuracy.stopped_by == "interrupt":
-        ends = clock(0.0)
-    with budget(ends=ends):
-        if is_a_set(problem):
-            follower.tell("how wide the set of answers with friction is")
-            known = {
-                mesh_of(on_rung(problem, rung)): mesh["measures"]
-                for rung, mesh in zip(
-                    result.ladder.rungs[:RUNGS], result.meshes.meshes, strict=False
-                )
-            }
-            parts["friction"] = friction_set(
-                problem, result.solution, options, refined=True, known=known
+    solved, meshes, parts = result.solved, result.meshes.meshes, result.parts
+    _write_frames(method.frames, solved.solution, options, follower)
+    known = {mesh_of(on_rung(problem, mesh.rung)): mesh.values for mesh in meshes}
+    rungs = [mesh.rung for mesh in meshes]
+    with budget(ends=clock(0.0) if result.accuracy.stopped_by == "interrupt" else ends):
+        parts |= _friction_range(problem, solved.solution, options, follower, known, refined=True)
+        factors = dict[str, Measure]()
+        if _has_strengths(problem):
+            factors = _load_factors(
+                solved.solution,
+                result.measures,
+                options,
+                lambda factor, _: bars_under(problem, rungs, options, factor),
+                follower,
             )
-            watch.lap("range of friction")
-        follower.tell("measures and load factors")
-        rungs = result.ladder.rungs[: len(result.meshes.meshes)]
-        factors = strength_factors(
-            result.solution,
-            result.measures,
-            options,
-            lambda factor, _: bars_under(problem, rungs, options, factor),
-        )
-    if factors:
-        watch.lap("load factors")
     with unlimited():
         return answer_of(
-            result.solution,
+            solved.solution,
             result.errors,
-            facets=result.facets,
+            facets=solved.facets,
             remarks=result.remarks,
             factors=factors,
             problem=problem,
             parts=parts,
-            beside={"degree": result.meshes.meshes[-1]["degree"], "cpu_seconds": watch.seconds()},
+            beside={"degree": meshes[-1].rung.degree, "cpu_seconds": watch.seconds()},
         )
 
 
@@ -224,7 +212,7 @@ def _on_one_mesh(
     tell, watch = follower.tell, follower.watch
     tell("static state")
     options = static_options(problem, method)
-    with _floating_named(problem, options):
+    with _floating_named(problem, options), budget() as spent:
         solution = _solution(problem, options, store)
     watch.lap("solve")
     _write_frames(method.frames, solution, options, follower)
@@ -239,29 +227,61 @@ def _on_one_mesh(
     with budget(most, clock(method.max_seconds)) as beside:
         if method.error_estimate and problem.after is None:
             tell("coarser meshes, for the errors")
-            errors = static_errors(problem, solution, solve)
+            errors = static_errors(problem, solution, solve, spent)
             if beside.stopped_by and not errors:
                 parts["notes"] = Notes([("error bars", f"none: {LIMITS[beside.stopped_by]}")])
             watch.lap("error bars")
-            if is_a_set(problem):
-                tell("how wide the set of answers with friction is")
-                known = Lazy({m: partial(values_of, state) for m, state in solved.items()})
-                parts["friction"] = friction_set(
-                    problem, solution, options, refined=False, known=known
-                )
-                watch.lap("range of friction")
-        if problem.after is None:
+            known = Lazy({m: partial(values_of, state) for m, state in solved.items()})
+            parts |= _friction_range(problem, solution, options, follower, known, refined=False)
+        if problem.after is None and _has_strengths(problem):
+            under = partial(_errors_under, problem, options, spent)
             measures = measures_of(solution, errors)
-            factors = strength_factors(
-                solution, measures, options, partial(_errors_under, problem, options)
-            )
-    if factors:
-        watch.lap("load factors")
+            factors = _load_factors(solution, measures, options, under, follower)
     seconds = {"cpu_seconds": watch.seconds()}
     with unlimited():
         return answer_of(
             solution, errors, factors=factors, problem=problem, parts=parts, beside=seconds
         )
+
+
+def _friction_range(
+    problem: Problem,
+    solution: Solution,
+    options: StaticOptions,
+    follower: _Follower,
+    known: Mapping[str, Mapping[str, float]],
+    *,
+    refined: bool,
+) -> dict[str, Part]:
+    """How wide the set of answers is, where they are one."""
+    if not is_a_set(problem):
+        return {}
+    from fem.accuracy.friction_range import friction_set
+
+    follower.tell("how wide the set of answers with friction is")
+    result = friction_set(problem, solution, options, refined=refined, known=known)
+    follower.watch.lap("range of friction")
+    return {"friction": result}
+
+
+def _load_factors(
+    solution: Solution,
+    measures: Mapping[str, Measure],
+    options: StaticOptions,
+    under: Callable[[float, Solution], Mapping[str, float]],
+    follower: _Follower,
+) -> dict[str, Measure]:
+    """Load factors at which stresses are strengths: see `fem.accuracy.strength`."""
+    from fem.accuracy.strength import strength_factors
+
+    follower.tell("load factors")
+    factors = strength_factors(solution, measures, options, under)
+    follower.watch.lap("load factors")
+    return factors
+
+
+def _has_strengths(problem: Problem) -> bool:
+    return any(m.tensile_strength or m.compressive_strength for m in problem.materials)
 
 
 def _solution(
@@ -274,15 +294,15 @@ def _solution(
 
 
 def _errors_under(
-    problem: Problem, options: StaticOptions, factor: float, solution: Solution
+    problem: Problem, options: StaticOptions, spent: Budget, factor: float, solution: Solution
 ) -> dict[str, float]:
     """Errors on the mesh of the problem under a factor times the loads, of a state there."""
 
     def solve(other: Problem) -> Solution:
-        scaled = scaled_loads(other.deformable, factor)
-        return static_solution(scaled, options, finite_rotation=other.finite_rotation)
+        turning = other.finite_rotation
+        return static_solution(other.deformable, options, factor=factor, finite_rotation=turning)
 
-    return static_errors(problem, solution, solve)
+    return static_errors(problem, solution, solve, spent)
 
 
 def refines(problem: Problem, method: Static) -> bool:
@@ -318,10 +338,8 @@ def refines(problem: Problem, method: Static) -> bool:
             'error_estimate: applies to mesh = "scene" alone; a run that refines always has error '
             "bars: remove it, or add mesh"
         )
-    if why is not None and asked:
-        raise AccuracyError(
-            f'accuracy: got {why}, whose mesh is not refined; expected mesh = "scene"'
-        )
+    if asked:
+        check_refinable(problem)
     return why is None
 
 

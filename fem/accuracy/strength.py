@@ -18,7 +18,6 @@ from fem.measures import hidden_between_nodes, measures_of
 from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
-from fem.system.build import DeformableAssembly
 from geometry.answer import Measure
 from geometry.errors import RefusedError
 
@@ -91,8 +90,9 @@ def strength_factors(
         nonlocal last, state
         near = abs(math.log(factor / last)) < math.log(_NEARBY)
         result = static_solution(
-            scaled_loads(solution.deformable, factor),
+            solution.deformable,
             options,
+            factor=factor,
             finite_rotation=solution.finite_rotation,
             store=store,
             start=state if near and not path_counts else None,
@@ -210,12 +210,3 @@ def _bounds(strength: float, solved: Mapping[float, float]) -> str:
 
 def _none(why: str) -> Measure:
     return Measure(math.nan, "times the load", remark=why)
-
-
-def scaled_loads(deformable: DeformableAssembly, factor: float) -> DeformableAssembly:
-    """Return the same blocks with all loads and the weight scaled by a factor [-]."""
-    model = deformable.model
-    loads = tuple(replace(load, forces=factor * load.forces) for load in model.loads)
-    gravity = None if model.effects.gravity is None else factor * model.effects.gravity
-    effects = replace(model.effects, gravity=gravity)
-    return replace(deformable, model=replace(model, loads=loads, effects=effects))

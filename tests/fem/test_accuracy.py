@@ -13,21 +13,26 @@ import numpy as np
 import pytest
 
 from fem.accuracy import converge as converging
-from fem.accuracy import statics
-from fem.accuracy.converge import LEAST_MESHES, climbed, converge
-from fem.accuracy.errors import SAFETY, error_bar
+from fem.accuracy import friction_range
+from fem.accuracy.converge import climbed, converge
+from fem.accuracy.errors import (
+    LEAST_MESHES,
+    SAFETY,
+    error_bar,
+    relative,
+    sequence_bars,
+    unmet,
+)
 from fem.accuracy.ladder import (
     DEGREES,
     LADDER,
     PEAKS,
     PRESSURES,
-    Ladder,
     Rung,
-    fineness,
     graded_to_both_ends,
     graded_to_one_end,
 )
-from fem.accuracy.parts import FrictionSet, relative, unmet
+from fem.accuracy.parts import FrictionSet
 from geometry import Measure
 from tests.fixtures.commands import small_meshes
 from tests.support.commands import command
@@ -89,14 +94,14 @@ def test_lines_graded_to_one_end(grading: float) -> None:
 
 def test_an_error_bar_is_the_largest_that_earlier_meshes_tell() -> None:
     """Errors that halve leave the last change, and a third of that from the mesh before it."""
-    assert error_bar([1.0, 1.5], [2.0]) == pytest.approx(SAFETY * 0.5)
-    assert error_bar([1.0, 1.5, 1.75], [4.0, 2.0]) == pytest.approx(SAFETY * 0.25)
+    assert error_bar(1.5, [(1.0, 2.0)]) == pytest.approx(SAFETY * 0.5)
+    assert error_bar(1.75, [(1.0, 4.0), (1.5, 2.0)]) == pytest.approx(SAFETY * 0.25)
     # A last change that vanishes by chance.
-    assert error_bar([1.0, 1.5, 1.5], [4.0, 2.0]) == pytest.approx(SAFETY * 0.5 / 3.0)
+    assert error_bar(1.5, [(1.0, 4.0), (1.5, 2.0)]) == pytest.approx(SAFETY * 0.5 / 3.0)
     # Exact for an error that falls as stated, but for the factor of safety.
-    assert error_bar([3.0 + 8.0, 3.0 + 2.0], [4.0]) == pytest.approx(SAFETY * 2.0)
-    vectors = [np.array([3.0, 4.0]), np.zeros(2)]
-    assert error_bar(vectors, [2.0], np.linalg.norm) == pytest.approx(SAFETY * 5.0)
+    assert error_bar(3.0 + 2.0, [(3.0 + 8.0, 4.0)]) == pytest.approx(SAFETY * 2.0)
+    vector = np.array([3.0, 4.0])
+    assert error_bar(np.zeros(2), [(vector, 2.0)], np.linalg.norm) == pytest.approx(SAFETY * 5.0)
 
 
 #: A stored reference that is 0.6 % from every mesh from the second on: docs/trust/error-bars.md.
@@ -117,16 +122,14 @@ def test_error_bars_cover_nine_of_ten_errors() -> None:
         last = 4 if name == "tsb1-pipe" else 3
         climbs = ((LADDER, LEAST_MESHES, last), (PRESSURES, LEAST_MESHES, 3), (DEGREES, 4, 4))
         climbs += ((PEAKS, LEAST_MESHES, last),)
-        rungs = dict.fromkeys(rung for ladder, _, n in climbs for rung in ladder.rungs[:n])
+        rungs = dict.fromkeys(rung for ladder, _, n in climbs for rung in ladder[:n])
         by_rung = dict(zip(rungs, climbed(tube, rungs), strict=True))
         for ladder, first, n in climbs:
-            solved = [by_rung[rung] for rung in ladder.rungs[:n]]
-            found, problems = [s.measures for s in solved], [s.problem for s in solved]
-            of_meshes = [fineness(p) for p in problems]
-            along = [fineness(p, "along") for p in problems]
+            solved = [by_rung[rung] for rung in ladder[:n]]
+            found = [s.measures for s in solved]
             assert known.keys() <= found[0].keys()
             for k in range(first, n + 1):
-                bars = ladder.error_bars(found[:k], of_meshes[:k], along[:k])
+                bars = sequence_bars([s.numbers for s in solved[:k]])
                 for key, reference in known.items():
                     if key not in bars or (name, key) == DISTANT:
                         continue
@@ -141,7 +144,7 @@ def test_error_bars_cover_nine_of_ten_errors() -> None:
 def test_only_a_request_is_pursued_where_bars_stay_far_too_wide() -> None:
     """After four meshes; their bars compare meshes fine enough to foretell that of the next one."""
     tube = stated("tsb1-pipe", "assembly.layers=1", *("mesh.around=12", "mesh.axial=4"))
-    ladder = Ladder(tuple(Rung(1, 12, 1, n, 1.0, 1.0) for n in (4, 5, 6, 7, 8)))
+    ladder = tuple(Rung(1, 12, 1, n, 1.0, 1.0) for n in (4, 5, 6, 7, 8))
     sought = {"p_max_point": 1e-5}
     by_itself = converge(tube, otherwise=sought, ladder=ladder)
     assert "much too wide" in by_itself.accuracy.ended_by
@@ -167,8 +170,8 @@ def test_a_mesh_that_takes_longer_than_the_limit_is_left_unfinished(
     readings = count()
     monkeypatch.setattr(time, "process_time", lambda: float(next(readings)))
     problem = stated("tsb1-pipe")
-    ladder = Ladder((Rung(2, 6, 1, 2, 1.0, 1.0), Rung(3, 6, 1, 2, 1.0, 1.0)))
-    first = converge(problem, ladder=Ladder(ladder.rungs[:1]))
+    ladder = Rung(2, 6, 1, 2, 1.0, 1.0), Rung(3, 6, 1, 2, 1.0, 1.0)
+    first = converge(problem, ladder=ladder[:1])
     allowed = next(readings) + 3
     begin = next(readings)
     found = converge(problem, {"p_max_point": 1e-6}, max_seconds=allowed, ladder=ladder)
@@ -213,9 +216,7 @@ def test_command(tubelock) -> None:  # type: ignore[no-untyped-def]
     bar = data["measures"]["max_displacement"]
     assert 0.0 < bar["error"] <= 0.2 * bar["value"]
     assert data["accuracy"]["requested"] == {"max_displacement": 0.2, "p_eff": 0.5}
-    assert [mesh["degree"] for mesh in data["meshes"]] == [
-        r.degree for r in DEGREES.rungs[:LEAST_MESHES]
-    ]
+    assert [mesh["degree"] for mesh in data["meshes"]] == [r.degree for r in DEGREES[:LEAST_MESHES]]
 
 
 @pytest.mark.parametrize("name", ["thb0-tunnel", "tsb1-shaft", "osteomorphic"])
@@ -245,7 +246,7 @@ def test_printed_seconds_include_the_range_of_friction(monkeypatch: pytest.Monke
             pass
         return FrictionSet("loaded straight up", {}, {}, "")
 
-    monkeypatch.setattr(statics, "friction_set", width)
+    monkeypatch.setattr(friction_range, "friction_set", width)
     case = column(0.5).changed({"effects.friction.coefficient": 0.5})
     with small_meshes(1):
         start = time.process_time()

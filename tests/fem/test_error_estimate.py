@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 
-from fem.accuracy import one_mesh
+from fem.accuracy.errors import one_mesh_bars
 from fem.dynamics import ramp_change
-from geometry import Answer, Measure
+from geometry import Answer
 from geometry.answer import WIDEST
 from tests.support.answers import on_its_mesh
 from tests.support.own_blocks import column
@@ -178,15 +177,8 @@ def test_errors_of_a_transient_are_those_in_time_and_mesh() -> None:
     assert 0.05 * finer < change < errors["max_displacement"]
 
 
-def test_a_measure_that_a_coarser_mesh_has_not_gets_no_bar(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_measure_that_a_coarser_mesh_has_not_gets_no_bar() -> None:
     """Facets may match on one mesh and not on another, which has forces of joints besides."""
-
-    def mesh(n_elements: int) -> SimpleNamespace:
-        return SimpleNamespace(
-            deformable=SimpleNamespace(model=SimpleNamespace(n_elements=n_elements))
-        )
-
-    fine = {"max_displacement": Measure(1.0, "mm"), "largest_joint_force": Measure(3.0, "N")}
-    coarse = {"max_displacement": Measure(1.1, "mm"), "p_max": Measure(2.0, "MPa")}
-    monkeypatch.setattr(one_mesh, "measures_of", lambda _: coarse)
-    assert list(one_mesh._of_meshes(mesh(8), fine, [mesh(1)])) == ["max_displacement"]  # type: ignore[arg-type, list-item]
+    fine = {"max_displacement": 1.0, "largest_joint_force": 3.0}
+    coarse = {"max_displacement": 1.1, "p_max": 2.0}
+    assert list(one_mesh_bars(fine, [(coarse, 2.0)], [], {}, {})) == ["max_displacement"]

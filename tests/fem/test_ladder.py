@@ -30,7 +30,7 @@ from tests.support.stated import stated
 pytestmark = pytest.mark.quick
 
 PAGE = Path(__file__).parents[2] / "docs" / "trust" / "cost.md"
-RUNGS = [*LADDER.rungs, *DEGREES.rungs, *PEAKS.rungs]
+RUNGS = [*LADDER, *DEGREES, *PEAKS]
 
 
 def tube() -> Problem:
@@ -54,13 +54,13 @@ def test_the_page_states_the_meshes_of_all_ladders() -> None:
     page = PAGE.read_text("utf-8")
     ladders = {"default": PRESSURES, "stresses": LADDER, "integrals": DEGREES, "peaks": PEAKS}
     for name, ladder in ladders.items():
-        for number, rung in enumerate(ladder.rungs, start=1):
+        for number, rung in enumerate(ladder, start=1):
             assert f"| {name}, {number} {words(rung)}" in page
 
 
 @pytest.mark.parametrize("ladder", [PRESSURES, LADDER, DEGREES, PEAKS])
 def test_every_mesh_has_more_unknowns_than_the_one_before(ladder) -> None:  # type: ignore[no-untyped-def]
-    sizes = [r.along * r.across * r.upward * r.degree**3 for r in ladder.rungs]
+    sizes = [r.along * r.across * r.upward * r.degree**3 for r in ladder]
     assert sizes == sorted(set(sizes))
 
 
@@ -81,7 +81,7 @@ def volumes(problem: Problem) -> FloatArray:
 
 
 def test_tubes_have_the_elements_of_a_rung_and_boxes_that_would_not_match_are_split() -> None:
-    rung = LADDER.rungs[3]
+    rung = LADDER[3]
     fine = on_rung(tube(), rung)
     assert fine.degree == rung.degree
     assert {shape.mesh.n_elements for shape in fine.blocks.shapes} == {18 * 2 * 6}
@@ -120,7 +120,7 @@ def test_osteomorphic_blocks_are_refined_across_their_waves() -> None:
         200.0, 100.0, 80.0, 10.0, divisions=(4, 3, 2), columns=1, layers=1
     ).build()
     problem = Problem(wall, pipe(0.01), concrete)
-    for rung in PRESSURES.rungs:
+    for rung in PRESSURES:
         charts = charts_of(on_rung(problem, rung).blocks.shapes[0])
         assert 0.5 in charts.lines[charts.directions.index("across")]
         assert charts.counts[1] == 2 * rung.across

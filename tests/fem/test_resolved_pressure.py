@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fem import ExponentialLaw
-from fem.accuracy.parts import relative
+from fem.accuracy.errors import relative
 from fem.contact.facet_peaks import LARGEST_FACTOR, facet_peaks
 from fem.measures import bracketed
 from geometry import Answer, Measure

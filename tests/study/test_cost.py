@@ -350,9 +350,7 @@ def test_rungs_of_curved_elements_are_judged_by_the_finest(
 ) -> None:
     """Two tiny rungs: the reference is the last, its error 1.5 times the change from the first."""
     ladder = costs_measure.LADDER
-    tiny = replace(
-        ladder.rungs[0], degree=2, along=12, across=1, across_grading=1.0, upward_grading=8.0
-    )
+    tiny = replace(ladder[0], degree=2, along=12, across=1, across_grading=1.0, upward_grading=8.0)
     rungs = tuple(replace(tiny, upward=axial) for axial in (2, 4))
     monkeypatch.setattr(costs_measure, "LADDER", replace(ladder, rungs=rungs))
     scene, store = tube(), CostStore(tmp_path / "cost.sqlite")

@@ -26,7 +26,7 @@ def test_a_change_of_sign_and_growth_are_no_order(errors: tuple[float, float]) -
 def test_a_cap_takes_off_the_peak() -> None:
     """Equal forces with a softer law above a pressure: its largest value falls."""
     rung = replace(
-        costs_measure.LADDER.rungs[0],
+        costs_measure.LADDER[0],
         degree=2,
         along=12,
         across=1,

@@ -22,15 +22,9 @@ from statistics import median
 from typing import Any
 
 from fem import Problem, solve_static
-from fem.accuracy.converge import (
-    TARGETS,
-    bars_of,
-    converge,
-    growing,
-    is_reached,
-    usual_work,
-)
-from fem.accuracy.ladder import Ladder, Rung, ladder_for
+from fem.accuracy.converge import TARGETS, converge, usual_work
+from fem.accuracy.errors import OnMesh, growing, is_reached, sequence_bars, unresolved
+from fem.accuracy.ladder import Rung, ladder_for
 from geometry import Measure
 from geometry.work import budget
 from tests.verification.error_problems import FINER_THAN, Case, cases, twelve_tubes
@@ -65,7 +59,7 @@ def solved(case: Case) -> dict[str, Any]:
         kept["answer"] = {name: [m.value, m.error] for name, m in answer.measures.items()}
     else:
         with budget(usual_work(refined)):
-            kept["meshes"] = converge(refined).meshes.meshes
+            kept["meshes"] = converge(refined).meshes.as_json()
     if case.reference != "closed form":
         kept["finer"] = on_one_mesh(refined, reference_mesh(case, len(kept["meshes"])))
     return kept | {"cpu_seconds": time.process_time() - start}
@@ -81,9 +75,7 @@ def reference_mesh(case: Case, n: int) -> Rung:
 
 def on_one_mesh(problem: Problem, rung: Rung) -> dict[str, Any]:
     """What is reported of one mesh."""
-    alone = Ladder((DEFAULT.rungs[0], rung))
-    report: dict[str, Any] = converge(problem, ladder=alone).meshes.meshes[-1]
-    return report
+    return converge(problem, ladder=(DEFAULT[0], rung)).meshes.meshes[-1].as_json()
 
 
 def measured(mesh: Mapping[str, Any]) -> dict[str, Measure]:
@@ -100,15 +92,24 @@ def measured(mesh: Mapping[str, Any]) -> dict[str, Measure]:
 
 def default_answer(meshes: Sequence[Mapping[str, Any]]) -> tuple[int, dict[str, Measure]]:
     """Number of the meshes after which `converge` stops, and the answer there."""
-    history = [measured(mesh) for mesh in meshes]
+    history = [
+        OnMesh(
+            measured(mesh),
+            rung,
+            mesh["fineness"],
+            mesh["fineness_along"],
+            mesh["load_step_changes"],
+        )
+        for rung, mesh in zip(DEFAULT, meshes, strict=False)
+    ]
     for n in range(2, len(meshes) + 1):
-        bars = bars_of(DEFAULT, history[:n], meshes[:n])
-        remarks = DEFAULT.unresolved(history[:n]) | growing(history[:n])
+        bars = sequence_bars(history[:n])
+        remarks = unresolved(history[:n]) | growing(history[:n])
         answer = {
             name: replace(m, error=bars.get(name), remark=remarks.get(name, ""))
-            for name, m in history[n - 1].items()
+            for name, m in history[n - 1].measures.items()
         }
-        if is_reached(answer, TARGETS, n) or n == len(DEFAULT.rungs):
+        if is_reached(answer, TARGETS, n) or n == len(DEFAULT):
             break
     return n, answer
 

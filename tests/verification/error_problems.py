@@ -92,7 +92,7 @@ FINER = Rung(5, 18, 3, 6, 12.0, 300.0)
 #: The same of answers on the last two meshes, which have more elements along.
 BEYOND = Rung(5, 30, 3, 8, 12.0, 300.0)
 #: The same where that takes minutes: those of stresses at edges, beyond the mesh of the answer.
-FOURTH, FIFTH, LAST = LADDER.rungs[3:]
+FOURTH, FIFTH, LAST = LADDER[3:]
 #: The same of own hexahedra: two parts an edge, of a degree whose nodes are closer than those of
 #: the answer's single part.
 OWN = Rung(4, 1, 2, 1, 1.0, 1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -10,13 +11,22 @@ import numpy as np
 import pytest
 
 from fem import LinearPenalty, Problem, Static, concrete, solve_static
-from fem.accuracy.converge import LEAST_MESHES, TARGETS, growing, is_reached
-from fem.accuracy.errors import OF_SEQUENCES, sequence_bar
-from fem.accuracy.ladder import (
+from fem.accuracy.converge import TARGETS
+from fem.accuracy.errors import (
     AT_AN_EDGE,
     BY_ONE_MESH,
+    LEAST_MESHES,
+    OF_SEQUENCES,
+    OnMesh,
+    growing,
+    is_reached,
+    sequence_bars,
+    unresolved,
+)
+from fem.accuracy.ladder import (
     LADDER,
     PRESSURES,
+    Ladder,
     Rung,
     coarser,
     fineness,
@@ -40,21 +50,43 @@ PRESSED = {"p_eff": Measure(1.0, "MPa")}
 DOUBLED = (1.0, 2.0, 4.0, 8.0, 16.0)
 
 
-@pytest.mark.parametrize("rate", [1.0, 1.25, 2.0])
+#: Measures whose errors fall by the first and by the second rate.
+RATES = {"p_max_point": 1.0, "p_eff": 1.25}
+
+
+def on_meshes(
+    found: Sequence[Mapping[str, Measure]],
+    fineness: Sequence[float],
+    along: Sequence[float] | None = None,
+    ladder: Ladder = PRESSURES,
+) -> list[OnMesh]:
+    """Measures on the first meshes of a ladder."""
+    sizes = fineness, fineness if along is None else along
+    return [OnMesh(*of) for of in zip(found, ladder, *sizes, strict=False)]
+
+
+def bar_of(values: Sequence[float], sizes: Sequence[float], name: str) -> float:
+    """Error bar of the last value."""
+    found = [_measures(**{name: value}) for value in values]
+    return sequence_bars(on_meshes(found, sizes))[name]
+
+
+@pytest.mark.parametrize("name", RATES)
 @pytest.mark.parametrize("n", [2, 3, 5])
 def test_an_error_that_falls_by_the_rate_lies_within_its_bar_by_the_safety(
-    rate: float, n: int
+    name: str, n: int
 ) -> None:
     """Whatever the meshes: errors of 7 over the fineness to the rate."""
     sizes = (1.0, 2.25, 3.0, 7.0, 8.0)[:n]
-    values = [3.0 + 7.0 / size**rate for size in sizes]
-    assert sequence_bar(values, sizes, rate) == pytest.approx(OF_SEQUENCES * (values[-1] - 3.0))
+    values = [3.0 + 7.0 / size ** RATES[name] for size in sizes]
+    assert bar_of(values, sizes, name) == pytest.approx(OF_SEQUENCES * (values[-1] - 3.0))
 
 
 def test_a_single_agreement_of_two_meshes_is_no_convergence() -> None:
     """The change before is remembered: it has fallen by the rate twice."""
-    assert sequence_bar([1.0, 2.0, 2.0], DOUBLED[:3], 1.0) == pytest.approx(OF_SEQUENCES / 3.0)
-    assert sequence_bar([1.0, 1.0, 1.0], DOUBLED[:3], 1.0) == 0.0
+    bar = bar_of([1.0, 2.0, 2.0], DOUBLED[:3], "p_max_point")
+    assert bar == pytest.approx(OF_SEQUENCES / 3.0)
+    assert bar_of([1.0, 1.0, 1.0], DOUBLED[:3], "p_max_point") == 0.0
     exact = {name: Measure(1.0, "MPa", error=0.0) for name in TARGETS}
     assert not is_reached(exact, TARGETS, LEAST_MESHES - 1)
     assert is_reached(exact, TARGETS, LEAST_MESHES)
@@ -62,7 +94,7 @@ def test_a_single_agreement_of_two_meshes_is_no_convergence() -> None:
 
 def test_a_finer_mesh_leaves_less_of_the_same_change() -> None:
     """A jump to a much finer mesh contains nearly all of the error before it."""
-    near, far = (sequence_bar([1.0, 2.0], (1.0, size), 1.25) for size in (1.5, 6.0))
+    near, far = (bar_of([1.0, 2.0], (1.0, size), "p_eff") for size in (1.5, 6.0))
     assert near > 5.0 * far
 
 
@@ -85,11 +117,11 @@ def test_displacements_have_bars_where_contact_ends_inside_elements(n: int) -> N
     The finest mesh has the factor of safety, whichever of the meshes is the last.
     """
     lengths = (1.0, 1.0, 0.75, 0.75, 0.5, 0.4)[:n]
-    degrees = [rung.degree for rung in PRESSURES.rungs[:n]]
+    degrees = [rung.degree for rung in PRESSURES[:n]]
     errors = [(length / p) ** 1.25 for length, p in zip(lengths, degrees, strict=True)]
     found = [{"max_displacement": Measure(1.0 + error, "mm")} | PRESSED for error in errors]
     fine = [degree**2 / length for length, degree in zip(lengths, degrees, strict=True)]
-    bar = PRESSURES.error_bars(found, fine)["max_displacement"]
+    bar = sequence_bars(on_meshes(found, fine))["max_displacement"]
     assert bar == pytest.approx(OF_SEQUENCES * errors[-1], rel=1e-9)
 
 
@@ -97,25 +129,27 @@ def test_displacements_have_bars_where_contact_ends_inside_elements(n: int) -> N
 def test_a_step_that_refines_one_direction_less_leaves_its_errors(along: tuple[float, ...]) -> None:
     """Errors by the length of elements along a course, which the last steps hardly change."""
     found = [_measures(p_eff=1.0, sigma_1_averaged=1.0 + 0.1 / of) for of in along]
-    bar = PRESSURES.error_bars(found, DOUBLED[:3], along)["sigma_1_averaged"]
+    bar = sequence_bars(on_meshes(found, DOUBLED[:3], along))["sigma_1_averaged"]
     assert bar == pytest.approx(OF_SEQUENCES * 0.1 / along[-1], rel=1e-9)
-    assert PRESSURES.error_bars(found, DOUBLED[:3])["sigma_1_averaged"] < bar
+    assert sequence_bars(on_meshes(found, DOUBLED[:3]))["sigma_1_averaged"] < bar
 
 
 def test_a_local_value_is_not_known_better_than_others_settle() -> None:
     """Averaged tension that agrees while p_eff changes by a tenth."""
     found = [_measures(p_eff=p, sigma_1_averaged=1.0) for p in (0.7, 0.9, 1.0)]
-    assert LADDER.error_bars(found, DOUBLED[:3])["sigma_1_averaged"] == pytest.approx(0.3 * 0.1)
+    bars = sequence_bars(on_meshes(found, DOUBLED[:3], ladder=LADDER))
+    assert bars["sigma_1_averaged"] == pytest.approx(0.3 * 0.1)
 
 
 def test_stresses_at_edges_are_not_resolved_before_the_mesh_is_finer_there() -> None:
     """The first meshes have as many elements between the upper and lower faces."""
     found = [_measures(sigma_1_max=2.0)] * 5
     for ladder, n in ((PRESSURES, 4), (LADDER, 3)):
-        assert ladder.error_bars(found[:n], DOUBLED[:n]) == {}
-        assert ladder.unresolved(found[:n]) == {"sigma_1_max": AT_AN_EDGE}
-        assert ladder.error_bars(found[: n + 1], DOUBLED[: n + 1]) == {"sigma_1_max": 0.0}
-        assert ladder.unresolved(found[: n + 1]) == {}
+        meshes = on_meshes(found, DOUBLED, ladder=ladder)
+        assert sequence_bars(meshes[:n]) == {}
+        assert unresolved(meshes[:n]) == {"sigma_1_max": AT_AN_EDGE}
+        assert sequence_bars(meshes[: n + 1]) == {"sigma_1_max": 0.0}
+        assert unresolved(meshes[: n + 1]) == {}
 
 
 def test_round_off_needs_no_finer_mesh() -> None:
@@ -138,8 +172,8 @@ def default_answer(name: str) -> Answer:
 def test_no_reference_is_a_mesh_of_the_answer() -> None:
     """However many meshes an answer took, what judges its bars is none of them."""
     for case in cases():
-        for n in range(2, len(PRESSURES.rungs) + 1):
-            assert error_bars.reference_mesh(case, n) not in PRESSURES.rungs[:n]
+        for n in range(2, len(PRESSURES) + 1):
+            assert error_bars.reference_mesh(case, n) not in PRESSURES[:n]
 
 
 @pytest.mark.slow
@@ -210,10 +244,11 @@ def test_a_value_that_an_earlier_mesh_did_not_resolve_is_no_number_yet() -> None
     found = [
         {"p_max_point": Measure(value, "MPa", resolved=k > 0)} for k, value in enumerate(values)
     ]
-    assert PRESSURES.error_bars(found[:3], DOUBLED[:3]) == {}
-    assert PRESSURES.unresolved(found[:3]) == {"p_max_point": BY_ONE_MESH}
-    assert PRESSURES.error_bars(found[:4], DOUBLED[:4])["p_max_point"] < WIDEST * 49.6
-    assert PRESSURES.unresolved(found[:4]) == {}
+    meshes = on_meshes(found, DOUBLED)
+    assert sequence_bars(meshes[:3]) == {}
+    assert unresolved(meshes[:3]) == {"p_max_point": BY_ONE_MESH}
+    assert sequence_bars(meshes[:4])["p_max_point"] < WIDEST * 49.6
+    assert unresolved(meshes[:4]) == {}
 
 
 def test_a_number_has_a_bar_that_leaves_it_one() -> None:
@@ -225,10 +260,10 @@ def test_a_number_has_a_bar_that_leaves_it_one() -> None:
 
 def test_a_pressure_that_grows_at_an_edge_is_no_number() -> None:
     growing_ones = [{"p_max_point": Measure(v, "MPa")} for v in (1.0, 1.3, 1.65, 2.05)]
-    (remark,) = growing(growing_ones).values()
+    (remark,) = growing(on_meshes(growing_ones, DOUBLED)).values()
     assert "use the largest mean pressure of a facet" in remark
     slowing = [{"p_max_point": Measure(v, "MPa")} for v in (1.0, 1.3, 1.45, 1.5)]
-    assert not growing(slowing)
+    assert not growing(on_meshes(slowing, DOUBLED))
 
 
 @pytest.mark.parametrize("spherical", [False, True])

@@ -161,7 +161,7 @@ def _fem_results(study: Study, file: Case) -> tuple[dict[str, Any], list[str]]:
 
     A value that its mesh does not resolve, or that grows with every refinement, is absent.
     """
-    from fem.accuracy.ladder import AT_AN_EDGE
+    from fem.accuracy.errors import AT_AN_EDGE
     from fem.accuracy.parts import Accuracy
 
     answer = _fem_answer(study, file)

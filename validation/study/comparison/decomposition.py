@@ -29,7 +29,7 @@ from validation.scene.contact import gap_words
 STIFFENING = 1.0e4
 
 #: Elements of stiff blocks, whose displacements are nearly rigid.
-_STIFF_RUNG = LADDER.rungs[1]
+_STIFF_RUNG = LADDER[1]
 _ELASTICITY = "with the scene's elasticity"
 
 

@@ -78,14 +78,14 @@ def refined(degree: int) -> dict[str, Any]:
     return {
         "degree": degree,
         "elements": elements,
-        "unknowns": [s.unknowns for s in solved],
-        "cpu_seconds": [s.seconds for s in solved],
+        "unknowns": [s.numbers.beside["unknowns"] for s in solved],
+        "cpu_seconds": [s.numbers.beside["cpu_seconds"] for s in solved],
         "errors": errors,
         "order": {q: order(elements, errors[q], r.known_to) for q, r in judges().items()},
     }
 
 
-def cap_comparison(rungs: tuple[Rung, ...] = LADDER.rungs[2:4]) -> dict[str, Any]:
+def cap_comparison(rungs: tuple[Rung, ...] = LADDER[2:4]) -> dict[str, Any]:
     """Solve with both laws on the last of some meshes, and say where the cap acts."""
 
     def finest(*settings: str) -> Solved:

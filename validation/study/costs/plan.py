@@ -169,9 +169,9 @@ def _why_no_ladder(name: str, scene: AssemblyScene) -> str | None:
     why = why_not_refined(problem)
     if why is not None:
         return f"it does not refine {why}"
-    if grid_blocks(on_rung(problem, LADDER.rungs[0]).deformable) is None:
+    if grid_blocks(on_rung(problem, LADDER[0]).deformable) is None:
         return "its finest meshes take minutes where blocks are no structured grids"
-    finest = on_rung(problem, LADDER.rungs[-2])
+    finest = on_rung(problem, LADDER[-2])
     if _work(finest.deformable) > MOST_SECONDS:
         return "its finest meshes are beyond the limit of work: blocks of a layer are not alike"
     return None

@@ -117,7 +117,7 @@ class CostSetting:
         """Level, or the elements of a rung."""
         if self.method != "curved":
             return f"mesh ×{self.level}"
-        rung = LADDER.rungs[self.level - 1]
+        rung = LADDER[self.level - 1]
         return f"{rung.along} × {rung.across} × {rung.upward} of degree {rung.degree}"
 
 

@@ -237,8 +237,9 @@ def compare_settings(
 def _judged(judge: Judge, values: list[FloatArray], weights: FloatArray) -> Extrapolated:
     if judge.extrapolated:
         return richardson([setting.level for setting in judge.settings], values, weights)
-    falls = [_HALVED**k for k in range(len(values) - 1, 0, -1)]
-    return Extrapolated(values[-1], error_bar(values, falls, partial(norm, weights=weights)), None)
+    *coarser, last = values
+    falls = [(value, _HALVED**k) for k, value in enumerate(reversed(coarser), 1)]
+    return Extrapolated(last, error_bar(last, falls, partial(norm, weights=weights)), None)
 
 
 def _value(found: dict[str, Any], quantity: str) -> FloatArray:
