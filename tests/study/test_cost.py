@@ -352,7 +352,7 @@ def test_rungs_of_curved_elements_are_judged_by_the_finest(
     ladder = costs_measure.LADDER
     tiny = replace(ladder[0], degree=2, along=12, across=1, across_grading=1.0, upward_grading=8.0)
     rungs = tuple(replace(tiny, upward=axial) for axial in (2, 4))
-    monkeypatch.setattr(costs_measure, "LADDER", replace(ladder, rungs=rungs))
+    monkeypatch.setattr(costs_measure, "LADDER", rungs)
     scene, store = tube(), CostStore(tmp_path / "cost.sqlite")
     settings = (rigid_setting(Norm.PRESSURE, 1), curved_setting(1), curved_setting(2))
     plan = CostPlan(base_mesh(scene, "a"), settings, curved_rungs(1, 2))
