@@ -25,6 +25,8 @@ from geometry.errors import RefusedError, is_number
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.parts.pairs import OfPairs, pair_values
 
+#: Overclosure that counts as touch where a law has no pressure at none [mm].
+_TOUCHING = 1e-9
 #: Coefficients of dry materials stay below 2; beyond this a number is something else.
 MOST_FRICTION = 10.0
 
@@ -98,7 +100,7 @@ class Coulomb:
     resists the slips [MPa]. Anchors are (n, n_points, 0 or 2) [mm].
     """
 
-    law: ContactLaw
+    normal: ContactLaw
     """Pressure of the overclosure."""
     coefficient: float | FloatArray = 0.0
     """μ of all points, or of those of each facet, (n, 1) [-]."""
@@ -111,7 +113,7 @@ class Coulomb:
         The work lost is the traction times the path of the anchor.
         """
         traction = np.empty_like(x)
-        traction[..., 0] = self.law.pressure(x[..., 0])
+        traction[..., 0] = self.normal.pressure(x[..., 0])
         if x.shape[-1] == 1:
             return traction, anchor
         trial, share, slides = self._returned(x, anchor, traction[..., 0])
@@ -124,10 +126,10 @@ class Coulomb:
         Not symmetric where a point slides: its friction follows its pressure.
         """
         slope = np.zeros((*x.shape, x.shape[-1]))
-        slope[..., 0, 0] = self.law.stiffness(x[..., 0])
+        slope[..., 0, 0] = self.normal.stiffness(x[..., 0])
         if x.shape[-1] == 1:
             return slope
-        pressure = self.law.pressure(x[..., 0])
+        pressure = self.normal.pressure(x[..., 0])
         trial, share, slides = self._returned(x, anchor, pressure)
         length = np.linalg.norm(trial, axis=-1, keepdims=True)
         along = np.divide(trial, length, out=np.zeros_like(trial), where=slides & (length > 0.0))
@@ -151,6 +153,12 @@ class Coulomb:
         share = np.divide(limit, size, out=np.ones_like(size), where=size > limit)
         return trial, np.where(limit > 0.0, share, 0.0), slides
 
+    @property
+    def touching_pressure(self) -> FloatArray:
+        """Pressure at which contacts begin to press, one number or one for each facet [MPa]."""
+        law = self.normal
+        return np.maximum(law.pressure(0.0), _TOUCHING * law.touching_stiffness)
+
     def softened(self, share: float) -> Coulomb:
         """The same with a share of the stick stiffness."""
         return replace(self, stick=share * self.stick)
@@ -159,9 +167,10 @@ class Coulomb:
 def coulomb(
     law: ContactLaw, friction: CoulombFriction | None, block_m: IntArray, block_s: IntArray
 ) -> Coulomb:
-    """Law of facets or points between blocks (n,) each, from that of pressures there."""
+    """Law of facets or points between blocks (n,) each."""
+    normal = law.on(block_m, block_s)
     if friction is None:
-        return Coulomb(law)
+        return Coulomb(normal)
     found = friction.on(block_m, block_s)
     coefficient = found if isinstance(found, float | int) else found[:, None]
-    return Coulomb(law, coefficient, friction.stick_stiffness)
+    return Coulomb(normal, coefficient, friction.stick_stiffness)

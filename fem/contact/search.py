@@ -427,6 +427,7 @@ class SearchedPoints(ContactPoints):
             offsets=self.offsets @ turn.T,
             tangents=self.tangents @ turn.T,
             sides=self.sides @ turn.T,
+            axes=turn @ self.axes,
         )
 
     def joined(self, others: list[SearchedPoints]) -> SearchedPoints:

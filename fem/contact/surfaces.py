@@ -21,18 +21,20 @@ overclosure is linear in the displacement.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from fem.contact.law import ContactLaw
 from fem.element.facet import FacetBasis, basis_of
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, cross_matrix, run_starts
+from geometry.work import Operation, count
 
 
 class ContactError(RefusedError):
@@ -52,7 +54,8 @@ class ContactNormals(StrEnum):
 class ContactPoints(ReadOnlyArrays):
     """Points of contact on pairs of facets, world axes; a search finds one for each pair.
 
-    Sorted by block pair.
+    Sorted by block pair. Points of a system (`fem.system.system.System`) have `rows` and `axes`: a
+    sector, a half turn or a periodic image is only another choice of these.
     """
 
     block_m: IntArray
@@ -72,11 +75,19 @@ class ContactPoints(ReadOnlyArrays):
     tangents: FloatArray
     """Tangents dx/dr, dx/ds whose normal counts, there, (n, n_points, 2, 3) [mm]."""
     sides: FloatArray
-    """Orthonormal directions along which slips are measured, (n, n_points, 2, 3)."""
+    """Orthonormal directions along which slips are measured, (n, n_points, 2, 3); (…, 0, 3) in a
+    system without friction."""
     weights: FloatArray
     """Reference area of each point, (n, n_points) [mm²]."""
     clearance: float
     """Added to every gap, as if the surfaces lay half of it inside their blocks [mm]."""
+    rows: IntArray = field(default_factory=lambda: np.zeros((0, 0), np.int64), kw_only=True)
+    """Row of the state of each node of both facets, m's first, `n_rows` of rigid blocks,
+    (n, nodes of both)."""
+    axes: FloatArray = field(default_factory=lambda: np.zeros((0, 2, 3, 3)), kw_only=True)
+    """From the frames in which the state of both blocks is to the world, (n, 2, 3, 3)."""
+    n_rows: int = field(default=0, kw_only=True)
+    """Rows of the state."""
 
     @property
     def n_facets(self) -> int:
@@ -108,6 +119,89 @@ class ContactPoints(ReadOnlyArrays):
             turning += np.einsum("fpa,fpi->fpai", slopes[:, :, 1], by_tangents[:, :, 1])
             gradient += turning
         return PointKinematics(-frame.gap - self.clearance, gradient)
+
+    # ---- by the state of a system, (n_rows, 3) [mm]
+
+    @cached_property
+    def moves(self) -> FloatArray:
+        """One at nodes of deformable blocks, zero at those of rigid ones, (n, nodes of both)."""
+        return (self.rows < self.n_rows).astype(np.float64)
+
+    def moved(self, state: FloatArray) -> FloatArray:
+        """World displacements of the nodes, (n, nodes of both, 3) [mm]."""
+        local = np.concatenate([state, np.zeros((1, 3))])[self.rows]
+        sides = local.reshape(len(local), 2, -1, 3)
+        return np.einsum("fbij,fbaj->fbai", self.axes, sides).reshape(local.shape)
+
+    def gaps(self, state: FloatArray) -> Gaps:
+        """Overclosures at a state, and slips where there is friction."""
+        world = self.kinematics(self.moved(state))
+        count(Operation.POINT, world.gradient.size / 3.0)
+        x, gradient = world.overclosure[..., None], self._in_frames(world.gradient)[:, :, None]
+        if not self.sides.shape[2]:
+            return Gaps(x, gradient)
+        return Gaps(
+            np.concatenate([x, self.gather(self._by_slips, state)], axis=2),
+            np.concatenate([gradient, self._by_slips], axis=2),
+        )
+
+    @cached_property
+    def _by_slips(self) -> FloatArray:
+        """∂(slip)/∂(state), (n, n_points, 2, nodes of both, 3)."""
+        world = np.einsum("fpa,fpki->fpkai", self.functions, self.sides)
+        n, p, _, a, _ = world.shape
+        return self._in_frames(world.reshape(n, 2 * p, a, 3)).reshape(world.shape)
+
+    def _in_frames(self, gradient: FloatArray) -> FloatArray:
+        """World gradients (n, …, nodes of both, 3) in the frames, zero at rigid blocks."""
+        split = gradient.reshape(*gradient.shape[:2], 2, -1, 3)
+        local: FloatArray = (split @ self.axes[:, None]).reshape(gradient.shape)
+        local *= self.moves[:, None, :, None]
+        return local
+
+    def gather(self, gradient: FloatArray, state: FloatArray) -> FloatArray:
+        """Product of gradients (n, …, nodes of both, 3) with a state, (n, …) [mm]."""
+        local = np.concatenate([state, np.zeros((1, 3))])[self.rows]
+        moved = np.einsum("fpai,fai->fp", _flat(gradient), local, optimize=True)
+        return moved.reshape(gradient.shape[:-2])
+
+    def scatter(self, gradient: FloatArray, point_forces: FloatArray) -> FloatArray:
+        """Nodal forces -Σ w t ∂x/∂u of forces w t (n, …) [N], (n_rows, 3) [N]."""
+        rows = _flat(gradient)
+        forces = point_forces.reshape(rows.shape[:2])
+        return self._summed(-np.einsum("fp,fpai->fai", forces, rows))
+
+    def scatter_nodes(self, forces: FloatArray) -> FloatArray:
+        """Sum of forces on the nodes, world axes, (n, nodes of both, 3) [N], (n_rows, 3) [N]."""
+        split = forces.reshape(len(forces), 2, -1, 3)
+        return self._summed(np.einsum("fbij,fbai->fbaj", self.axes, split).reshape(forces.shape))
+
+    def _summed(self, forces: FloatArray) -> FloatArray:
+        """Sum of forces on the nodes in the frames, (n_rows, 3) [N]."""
+        where, result = self.rows.ravel(), np.empty((self.n_rows, 3))
+        for i in range(3):
+            values = forces[:, :, i].ravel()
+            result[:, i] = np.bincount(where, values, minlength=self.n_rows + 1)[:-1]
+        return result
+
+    def gradient_matrix(self, gradient: FloatArray, some: IntArray) -> csr_array:
+        """Gradients (n, …, nodes of both, 3) as a sparse matrix, (n_some, 3 n_rows).
+
+        ``some`` are the rows to keep, rows of a facet · facet + row.
+        """
+        per_facet, width = int(np.prod(gradient.shape[1:-2])), 3 * gradient.shape[-2]
+        columns = (3 * self.rows[:, :, None] + np.arange(3)).reshape(-1, width)
+        columns = np.where(columns < 3 * self.n_rows, columns, 0)[some // per_facet]
+        values = gradient.reshape(-1, width)[some]
+        ends = width * np.arange(len(some) + 1)
+        matrix = csr_array(
+            (values.ravel(), columns.ravel(), ends), shape=(len(some), 3 * self.n_rows)
+        )
+        matrix.sum_duplicates()
+        matrix.eliminate_zeros()
+        return matrix
+
+    # ---- by displacements of the nodes
 
     def nodal_forces(
         self, moved: FloatArray, pressures: FloatArray, frictions: FloatArray | None = None
@@ -157,6 +251,27 @@ class ContactPoints(ReadOnlyArrays):
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         n = self.n_facets
         return {k: v for k, v in values.items() if np.ndim(v) and len(v) == n and k != "origin"}
+
+
+def _flat(gradient: FloatArray) -> FloatArray:
+    """All rows of each facet, (n, …, nodes of both, 3) to (n, n_rows, nodes of both, 3)."""
+    n_rows = int(np.prod(gradient.shape[1:-2]))
+    return gradient.reshape(len(gradient), n_rows, *gradient.shape[-2:])
+
+
+@dataclass(frozen=True)
+class Gaps:
+    """Overclosures of all points, with friction also their slips, and their derivatives."""
+
+    x: FloatArray
+    """Overclosure, then slips along `ContactPoints.sides`, (n, n_points, 1 or 3) [mm]."""
+    gradient: FloatArray
+    """∂x/∂(state), (n, n_points, 1 or 3, nodes of both, 3)."""
+
+    @property
+    def overclosure(self) -> FloatArray:
+        """Overclosures alone, (n, n_points) [mm]."""
+        return self.x[..., 0]
 
 
 @dataclass(frozen=True)

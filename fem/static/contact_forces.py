@@ -36,7 +36,7 @@ from fem.static.newton import FARTHEST, least_share, relative_residual
 from fem.static.result import StaticError
 from fem.static.turning import Turned, TurningNormals
 from fem.system.build import DeformableAssembly
-from fem.system.system import LocalSystem
+from fem.system.system import System
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.work import Operation, count
 
@@ -125,9 +125,9 @@ class _Part:
 class _Points:
     """Contact points of all representative blocks, and which of each block they are."""
 
-    def __init__(self, system: LocalSystem, grids: tuple[GridBlock, ...]) -> None:
+    def __init__(self, system: System, grids: tuple[GridBlock, ...]) -> None:
         self.system = system
-        surfaces = system.surfaces
+        surfaces = system.points
         assert isinstance(surfaces, MatchedFacets)
         self.surfaces = surfaces
         self.weights: FloatArray = surfaces.weights.ravel()
@@ -149,7 +149,7 @@ class _Points:
         self.slots: IntArray = np.repeat(slots, per_facet, axis=1)
         self.joint_slots: list[list[int]] = slots[:, surfaces.pair_start[:-1]].T.tolist()
         self.parts: list[list[_Part]] = [[] for _ in self.grids]
-        quads = np.split(system.corner_nodes, 2, axis=1)
+        quads = np.split(surfaces.rows, 2, axis=1)
         numbers = np.arange(self.n).reshape(n_facets, per_facet)
         for slot, grid in enumerate(self.grids):
             tree = cKDTree(grid.positions)
@@ -467,7 +467,7 @@ def _among(part: _Part, row: IntArray) -> _Part:
 
 
 def solve_in_contact_forces(
-    system: LocalSystem,
+    system: System,
     grids: tuple[GridBlock, ...],
     *,
     start: FloatArray | None = None,
@@ -498,7 +498,7 @@ def solve_in_contact_forces(
     points = _Points(system, grids)
     if start is not None:
         law = system.deformable.contact.law
-        at = system.gaps(start).x.ravel()
+        at = system.points.gaps(start).x.ravel()
         soft = points.soft(law.stiffness(at), _SOFT * _stiffness_of_block(points))
         try:
             return _Iteration(points, ~soft, load_factor, tolerance, start).run()
@@ -588,7 +588,7 @@ class _Iteration:
 
     def _look(self) -> None:
         """Find the overclosures, (n,) [mm], and their gradients at the displacement."""
-        self.gaps = self.seen.gaps(self.state.displacement)
+        self.gaps = self.seen.points.gaps(self.state.displacement)
         self.overclosure = self.gaps.x.ravel()
 
     @property
@@ -678,7 +678,7 @@ class _Iteration:
         """Judge the state: forces are those of the law, in balance, and nothing else holds it."""
         system, state = self.system, self.state
         pressing = self.points.weights * self.contact.law.pressure(self.overclosure)
-        of_law = system.scatter(self.gaps.gradient, pressing)
+        of_law = system.points.scatter(self.gaps.gradient, pressing)
         unbalanced = self.problem.load + of_law - state.internal
         residual = relative_residual(system, unbalanced, pressing)
         size = max(float(np.linalg.norm(state.forces)), 1e-300)

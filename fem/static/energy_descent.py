@@ -22,13 +22,13 @@ from typing import Protocol
 import numpy as np
 
 from fem.contact.law import ContactLaw
-from fem.contact.surfaces import curvature_tangent
+from fem.contact.surfaces import Gaps, curvature_tangent
 from fem.static.linear_step.linearisation import (
     Linearisation,
     LinearStep,
     UnheldBlocksError,
 )
-from fem.system.system import Gaps, LocalSystem, NodalInverse
+from fem.system.system import NodalInverse, System
 from geometry.mesh import FloatArray
 from geometry.work import Operation, count
 
@@ -86,24 +86,24 @@ class _State:
 class _Energy:
     """Energy of the displacements under a load."""
 
-    def __init__(self, system: LocalSystem, step: LinearStep, load_factor: float) -> None:
+    def __init__(self, system: System, step: LinearStep, load_factor: float) -> None:
         self.system = system
         self.step = step
-        self.weights = system.surfaces.weights[..., None]
+        self.weights = system.points.weights[..., None]
         self.load = load_factor * step.external_force
 
     @property
     def law(self) -> ContactLaw:
-        return self.system.law
+        return self.system.law.normal
 
     def __call__(self, displacement: FloatArray) -> _State:
         internal = self.step.internal_force(displacement)
-        result = self.system.gaps(displacement)
+        result = self.system.points.gaps(displacement)
         stored = float(np.vdot(self.weights, self.law.stored_energy(result.x)))
         strain = 0.5 * float(np.vdot(internal, displacement))
         work = float(np.vdot(self.load, displacement))
         force = self.load - internal
-        force = force + self.system.scatter(
+        force = force + self.system.points.scatter(
             result.gradient, self.weights * self.law.pressure(result.x)
         )
         return _State(
@@ -116,26 +116,26 @@ class _Energy:
 
     def hessian(self, state: _State) -> Callable[[FloatArray], FloatArray]:
         """H at a state, as a function of a free displacement."""
-        system, result = self.system, state.gaps
+        points, held, result = self.system.points, self.system.held, state.gaps
         stiffness = self.weights * self.law.stiffness(result.x)
         bending = self._curvature(state)
 
         def apply(change: FloatArray) -> FloatArray:
             force = self.step.internal_force(change)
-            force = force - system.scatter(
-                result.gradient, stiffness * system.gather(result.gradient, change)
+            force = force - points.scatter(
+                result.gradient, stiffness * points.gather(result.gradient, change)
             )
-            corners = system.corner_displacements(change)
+            corners = points.moved(change)
             bent = bending @ corners.reshape(len(corners), -1, 1)
-            force += system.scatter_corners(bent.reshape(corners.shape))
-            return force - system.held.part(force)
+            force += points.scatter_nodes(bent.reshape(corners.shape))
+            return force - held.part(force)
 
         return apply
 
     def _curvature(self, state: _State) -> FloatArray:
         """Σ w p ∂²x/∂u² of each facet, world axes, (n_facets, m, m) [N/mm]."""
-        surfaces = self.system.surfaces
-        corners = self.system.corner_displacements(state.displacement)
+        surfaces = self.system.points
+        corners = surfaces.moved(state.displacement)
         forces = (self.weights * self.law.pressure(state.gaps.x))[..., 0]
         size = 3 * corners.shape[1]
         tangent = np.empty((surfaces.n_facets, size, size))
@@ -158,7 +158,7 @@ class _Energy:
 
 
 def minimise_energy(
-    system: LocalSystem,
+    system: System,
     step: LinearStep,
     displacement: FloatArray,
     *,
@@ -233,7 +233,7 @@ def _preconditioner(energy: _Energy, state: _State, holding: float) -> NodalInve
 def _random_force(energy: _Energy, state: _State) -> FloatArray:
     """Forces of random contact pressures: no motion that contacts feel is orthogonal to them."""
     random = np.random.default_rng(0).standard_normal(energy.weights.shape)
-    scattered = energy.system.scatter(state.gaps.gradient, energy.weights * random)
+    scattered = energy.system.points.scatter(state.gaps.gradient, energy.weights * random)
     return scattered - energy.system.held.part(scattered)
 
 

@@ -12,7 +12,7 @@ from fem.static.result import StaticResult
 from fem.system.build import DeformableAssembly
 from fem.system.model import ModelError, rigid_motions
 from fem.system.sector import no_symmetry
-from fem.system.system import LocalSystem, local_system
+from fem.system.system import System, system_of
 
 _MOTIONS = ("along x", "along y", "along z", "about x", "about y", "about z")
 
@@ -35,7 +35,7 @@ def solve_apart(
         Supports that leave a rigid motion of a block.
     """
     started = time.process_time()
-    system = local_system(deformable, no_symmetry(deformable))
+    system = system_of(deformable, no_symmetry(deformable))
     for slot in range(system.n_slots):
         _check_held(system, slot)
     transform, free = system.held.transform(system.n_nodes)
@@ -77,7 +77,7 @@ def solve_apart(
     )
 
 
-def _check_held(system: LocalSystem, slot: int) -> None:
+def _check_held(system: System, slot: int) -> None:
     """Refuse supports and springs that leave a rigid motion of a block, and name it."""
     group, copy = system.group(slot), int(system.deformable.copy_of[system.blocks[slot]])
     positions, nodes = group.reference_positions()[copy], system.nodes_of(slot)

@@ -143,10 +143,10 @@ def _along(
         length = _length(done, (factor, moment))
         leads = rate is not None and length > 0.0 and bool(moment) == bool(done and done[1])
         if moment or leads:
-            pressures = problem.system.law.pressure(state.gaps.overclosure)
+            pressures = problem.system.law.normal.pressure(state.gaps.overclosure)
             more = 1.0 if moment else factor / state.load_factor
             guess = replace(guess, pressed=more * float(pressures.max(initial=0.0)))
-        if moment and not problem.has_friction:
+        if moment and not problem.system.has_friction:
             guess = held_in_motion(problem, guess)
         near = None if moment else _near(known, factor)
         if near is not None:
@@ -202,7 +202,7 @@ def _led_on(problem: StaticProblem, state: StaticState, way: FloatArray) -> Stat
     displacement = state.displacement + way
     if not problem.system.held.met(displacement, state.time):
         return state
-    gaps = problem.gaps(displacement)
+    gaps = problem.system.points.gaps(displacement)
     at = bounded(problem, state, gaps.x)
     return replace(state, displacement=displacement, gaps=gaps, at=at)
 
@@ -221,7 +221,7 @@ def load_up(
         problem: StaticProblem, state: StaticState, begin: FloatArray
     ) -> tuple[StaticProblem, StaticState, bool]:
         reached = converge(problem, state, begin)
-        if problem.has_friction and reached.residuals[-1] > _HISTORY:
+        if problem.system.has_friction and reached.residuals[-1] > _HISTORY:
             # What follows would start from a history that no equilibrium has.
             return problem, reached, False
         if not reached.converged and options.like is None and has_potential(problem):
@@ -240,7 +240,7 @@ def _load_path(problem: StaticProblem, options: StaticOptions, parts: int) -> li
     """
     requested, moving = options.load_path, problem.system.held.moving
     if requested is None:
-        requested = load_factors(parts, friction=problem.has_friction)
+        requested = load_factors(parts, friction=problem.system.has_friction)
     if not moving or options.motion_steps is None:
         return [(factor, None) for factor in requested]
     tables = [np.array(share.times) for share, _ in moving if isinstance(share, TabularAmplitude)]
@@ -313,7 +313,7 @@ def follow_up(
                 continue
             least, around = (moved, 0) if moved < _SHORTER * least else (least, around + 1)
             enough = _FOLLOWED * points.skin
-            if problem.has_friction and aim[0] < 1.0 and search:
+            if problem.system.has_friction and aim[0] < 1.0 and search:
                 way = float(np.abs(state.displacement - begin).max())
                 enough = max(enough, _ON_THE_WAY * way)
             settled = 2.0 * moved <= enough
@@ -350,7 +350,7 @@ class ElasticSlips:
     def of(cls, problem: StaticProblem, points: FacingPoints, state: StaticState) -> ElasticSlips:
         """After the anchors have moved."""
         result, surfaces = cls.none(points), _searched(problem)
-        if problem.has_friction:
+        if problem.system.has_friction:
             slip = (state.gaps.x[..., 1:] - state.anchor)[:, 0]
             result.slip[surfaces.order] = np.einsum("nk,nki->ni", slip, surfaces.sides[:, 0])
         return result
@@ -358,20 +358,20 @@ class ElasticSlips:
     def anchor(self, problem: StaticProblem, points: FacingPoints, begin: FloatArray) -> FloatArray:
         """Anchors on the present points: their slip at the start of the step less the elastic."""
         surfaces = _searched(problem)
-        if not problem.has_friction:
+        if not problem.system.has_friction:
             return np.zeros((*surfaces.weights.shape, 0))
-        slip = problem.gaps(begin).x[..., 1:]
+        slip = problem.system.points.gaps(begin).x[..., 1:]
         carried = points.carried(self.slave, self.shapes, self.slip)[surfaces.order]
         return slip - np.einsum("npki,ni->npk", surfaces.sides, carried)
 
 
 def _n_joints(problem: StaticProblem) -> int:
     """Pairs of blocks that face each other at some point."""
-    return len(problem.system.surfaces.pair_start) - 1
+    return len(problem.system.points.pair_start) - 1
 
 
 def _searched(problem: StaticProblem) -> SearchedPoints:
-    surfaces = problem.system.surfaces
+    surfaces = problem.system.points
     assert isinstance(surfaces, SearchedPoints)
     return surfaces
 
@@ -392,18 +392,18 @@ def _advance_friction(problem: StaticProblem, state: StaticState, begin: FloatAr
     the pressure from the beginning to the end, in the mean. A point that lifts off loses half of
     what it had.
     """
-    if not problem.has_friction:
+    if not problem.system.has_friction:
         return state
-    law, anchor = problem.law, state.anchor
-    first, _ = law.tractions(problem.gaps(begin).x, anchor)
+    law, anchor = problem.system.law, state.anchor
+    first, _ = law.tractions(problem.system.points.gaps(begin).x, anchor)
     last, moved = law.tractions(state.gaps.x, anchor)
     before, pressure, touching = first[..., 0], last[..., 0], last[..., 0] > 0.0
     mean = 0.5 + 0.5 * np.divide(before, pressure, out=np.zeros_like(pressure), where=touching)
     resisting = np.where(touching[..., None], mean[..., None] * last, 0.5 * first)[..., 1:]
-    lost = problem.system.surfaces.weights * ((moved - anchor) * resisting).sum(axis=2)
+    lost = problem.system.points.weights * ((moved - anchor) * resisting).sum(axis=2)
     orbits = problem.system.orbits
     times: IntArray | int = orbits.order
-    if not isinstance(problem.system.surfaces, SearchedPoints):
+    if not isinstance(problem.system.points, SearchedPoints):
         times = np.bincount(orbits.point_of[:, 0] // lost.shape[1], minlength=len(lost))
     lost = times * lost.sum(axis=1)
     return replace(state, anchor=moved, dissipation=state.dissipation + float(lost.sum()))

@@ -25,12 +25,12 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
 from fem.contact.friction import Coulomb
-from fem.contact.surfaces import ContactNormals
+from fem.contact.surfaces import ContactNormals, Gaps
 from fem.static.energy_descent import minimise_energy
 from fem.static.linear_step.linearisation import (
     Linearisation,
@@ -39,7 +39,7 @@ from fem.static.linear_step.linearisation import (
     coarsened,
 )
 from fem.static.result import StaticError, StaticResult
-from fem.system.system import FreeMotions, Gaps, LocalSystem
+from fem.system.system import FreeMotions, System, free_motions
 from geometry.mesh import FloatArray
 from geometry.work import Operation, count
 
@@ -66,8 +66,6 @@ _GROWS = 2.0
 FARTHEST = 100.0
 #: Contact forces count this much in the size against which the residual is measured.
 _CONTACT_SHARE = 1e-2
-#: Overclosure that counts as touch where a law has no pressure at none [mm].
-_TOUCHING = 1e-9
 _EPSILON = float(np.finfo(np.float64).eps)
 #: Share of the least force that is none: tolerated residuals are hundredths of it.
 _NOTHING = 1e-6
@@ -90,22 +88,16 @@ _NEAR = 1e-2
 class StaticProblem:
     """What stays the same in all iterations."""
 
-    system: LocalSystem
+    system: System
     step: LinearStep
     tolerance: float
     """Norm of the residual over that of the loads at which the iteration stops [-]."""
     max_iterations: int
-    law: Coulomb
-    free: FreeMotions | None
 
-    @property
-    def has_friction(self) -> bool:
-        """Whether contact has friction."""
-        return self.system.deformable.contact.friction is not None
-
-    def gaps(self, displacement: FloatArray) -> Gaps:
-        """Overclosures, slips and gradients at a displacement."""
-        return self.system.gaps(displacement)
+    @cached_property
+    def free(self) -> FreeMotions | None:
+        """Motions that nothing resists."""
+        return free_motions(self.system, self.step.kept)
 
 
 @dataclass(frozen=True)
@@ -141,19 +133,19 @@ class StaticState:
     """Time [s] and nodal forces of the supports, (n_nodes, 3) [N], after each step of a motion."""
 
 
-def start_state(system: LocalSystem, start: StaticResult | None) -> StaticState:
+def start_state(system: System, start: StaticResult | None) -> StaticState:
     """Every point linearised at the mean pressure that the loads suggest, or at a given state."""
-    friction, surfaces = system.deformable.contact.friction, system.surfaces
+    friction, points = system.has_friction, system.points
     displacement = np.zeros((system.n_nodes, 3))
-    area = float(surfaces.areas.sum())
+    area = float(points.areas.sum())
     load = float(np.linalg.norm(system.external_force, axis=1).sum())
-    law = system.law
-    rest = law.overclosure(np.maximum(load / area if area else 0.0, touching_pressure(system)))
+    touching = system.law.touching_pressure
+    rest = system.law.normal.overclosure(np.maximum(load / area if area else 0.0, touching))
     holding = first_holding(system, rest)
     if start is not None:
         displacement = localised(system, start)
         holding *= _RESCUE_HOLDING
-    gaps = system.gaps(displacement)
+    gaps = points.gaps(displacement)
     at = gaps.x.copy()
     if start is None:
         at[..., 0].T[:] = rest  # one number, or one for each facet
@@ -165,14 +157,14 @@ def start_state(system: LocalSystem, start: StaticResult | None) -> StaticState:
         first_holding=holding,
         holding=holding,
         # Without friction blocks that only friction holds would move far away.
-        coarse_iterations=_COARSE_ITERATIONS if start is None and friction is None else 0,
+        coarse_iterations=_COARSE_ITERATIONS if start is None and not friction else 0,
     )
 
 
-def first_holding(system: LocalSystem, overclosure: FloatArray) -> float:
+def first_holding(system: System, overclosure: FloatArray) -> float:
     """First holding springs of a block where contact is as stiff as at an overclosure [N/mm]."""
-    stiffness = float(system.law.stiffness(overclosure).max())
-    return _FIRST_HOLDING * stiffness * float(system.surfaces.areas.sum()) / system.n_slots
+    stiffness = float(system.law.normal.stiffness(overclosure).max())
+    return _FIRST_HOLDING * stiffness * float(system.points.areas.sum()) / system.n_slots
 
 
 def held_in_motion(problem: StaticProblem, state: StaticState) -> StaticState:
@@ -181,23 +173,17 @@ def held_in_motion(problem: StaticProblem, state: StaticState) -> StaticState:
     Without friction deformed surfaces push blocks that nothing holds aside, in proportion to where
     they are: springs much softer than contact let that grow from step to step.
     """
-    system, law = problem.system, problem.system.law
-    pressed = np.full_like(touching_pressure(system), state.pressed or 0.0)
+    system, law, touching = problem.system, problem.system.law, problem.system.law.touching_pressure
+    pressed = np.full_like(touching, state.pressed or 0.0)
     least = max(
-        _LEAST_IN_MOTION * first_holding(system, law.overclosure(pressed)),
-        _LEAST_HOLDING * first_holding(system, law.overclosure(touching_pressure(system))),
+        _LEAST_IN_MOTION * first_holding(system, law.normal.overclosure(pressed)),
+        _LEAST_HOLDING * first_holding(system, law.normal.overclosure(touching)),
     )
     holding = max(state.holding, least)
     return replace(state, first_holding=least / _LEAST_HOLDING, holding=holding)
 
 
-def touching_pressure(system: LocalSystem) -> FloatArray:
-    """Pressure at which contacts begin to press, one number or one for each facet [MPa]."""
-    law = system.law
-    return np.maximum(law.pressure(0.0), _TOUCHING * law.touching_stiffness)
-
-
-def localised(system: LocalSystem, start: StaticResult) -> FloatArray:
+def localised(system: System, start: StaticResult) -> FloatArray:
     """Displacements of a result on the representatives, in block frames; (n_nodes, 3) [mm]."""
     deformable = system.deformable
     expected = [(g.n_copies, g.n_nodes, 3) for g in deformable.model.groups]
@@ -218,7 +204,7 @@ def converge(
     not end soon, stick is softened first. None: the state is near its equilibrium.
     """
     state = _with_slips(state, state.gaps.x[..., 1:])
-    if begin is None or not problem.has_friction:
+    if begin is None or not problem.system.has_friction:
         return _iterated(problem, state)
     if not state.softened:
         few = min(_BEFORE_SOFTENING, problem.max_iterations)
@@ -241,9 +227,9 @@ def _stiffened(problem: StaticProblem, state: StaticState, begin: FloatArray) ->
 
     Each keeps the tractions of the load step's start, and the next is linearised at its tractions.
     """
-    start, anchor, before = problem.gaps(begin).x[..., 1:], state.anchor, None
+    start, anchor, before = problem.system.points.gaps(begin).x[..., 1:], state.anchor, None
     for share in _SOFT_STICK:
-        softer, own = problem.law.softened(share), start + (anchor - start) / share
+        softer, own = problem.system.law.softened(share), start + (anchor - start) / share
         if before is not None:
             x = state.gaps.x
             traction, moved = before.tractions(x, state.anchor)
@@ -251,7 +237,8 @@ def _stiffened(problem: StaticProblem, state: StaticState, begin: FloatArray) ->
             alike = own + traction[..., 1:] / softer.stick
             state = _with_slips(state, np.where(sticks, alike, x[..., 1:]))
         tolerance = problem.tolerance if share == 1.0 else _SOFT_TOLERANCE
-        softened = replace(problem, law=softer, tolerance=tolerance)
+        system = replace(problem.system, law=softer)
+        softened = replace(problem, system=system, tolerance=tolerance)
         few = _PATIENCE_NEAR if share < 1.0 else _PATIENCE
         state = _iterated(softened, replace(state, anchor=own, converged=False), few)
         before = softer
@@ -273,7 +260,7 @@ def _iterated(problem: StaticProblem, state: StaticState, patience: int = _PATIE
 def has_potential(problem: StaticProblem) -> bool:
     """Whether the energy can be followed: what the plain iteration leaves out then decides."""
     normals = problem.system.deformable.contact.normals
-    return not problem.has_friction and normals is ContactNormals.CURRENT
+    return not problem.system.has_friction and normals is ContactNormals.CURRENT
 
 
 def descend(problem: StaticProblem, state: StaticState) -> StaticState:
@@ -293,7 +280,7 @@ def descend(problem: StaticProblem, state: StaticState) -> StaticState:
         )
     except UnheldBlocksError as error:
         raise StaticError(_unheld_text(error)) from None
-    gaps = problem.gaps(descent.displacement)
+    gaps = problem.system.points.gaps(descent.displacement)
     return replace(
         start,
         displacement=descent.displacement,
@@ -329,11 +316,12 @@ def _moved(
 ) -> StaticState:
     """The state after a share of the way to the linear solution."""
     displacement = state.displacement + share * (trial - state.displacement)
-    gaps = problem.gaps(displacement)
+    gaps = problem.system.points.gaps(displacement)
     at = bounded(problem, state, gaps.x)
     if share == 1.0:
-        way = problem.system.gather(linear.gradient, displacement)
-        at = _after_full_step(problem.law, state, linear.tractions(linear.constant + way), at)
+        way = problem.system.points.gather(linear.gradient, displacement)
+        tangent = linear.tractions(linear.constant + way)
+        at = _after_full_step(problem.system.law, state, tangent, at)
     state = replace(
         state,
         displacement=displacement,
@@ -371,7 +359,7 @@ def _after_full_step(
         Overclosures and slips after the step, alike [mm].
     """
     at, pressure, anchor = x.copy(), tangent[..., 0], state.anchor
-    at[..., 0] = np.where(pressure > 0.0, law.law.overclosure(pressure), x[..., 0])
+    at[..., 0] = np.where(pressure > 0.0, law.normal.overclosure(pressure), x[..., 0])
     if anchor.shape[2]:
         _, moved = law.tractions(state.at, anchor)
         slid = (moved != anchor).any(axis=2)
@@ -389,17 +377,17 @@ def bounded(problem: StaticProblem, state: StaticState, x: FloatArray) -> FloatA
     if state.pressed is None:
         return x
     law, bounded = problem.system.law, x.copy()
-    most = np.maximum(state.pressed, LIGHT_TOUCH * touching_pressure(problem.system))
-    bounded[..., 0] = np.minimum(x[..., 0].T, law.overclosure(most)).T
+    most = np.maximum(state.pressed, LIGHT_TOUCH * law.touching_pressure)
+    bounded[..., 0] = np.minimum(x[..., 0].T, law.normal.overclosure(most)).T
     return bounded
 
 
 def _linearise(problem: StaticProblem, state: StaticState) -> Linearisation:
-    system, law, gaps = problem.system, problem.law, state.gaps
+    points, law, gaps = problem.system.points, problem.system.law, state.gaps
     return Linearisation(
-        weights=system.surfaces.weights,
+        weights=points.weights,
         gradient=gaps.gradient,
-        constant=gaps.x - system.gather(gaps.gradient, state.displacement),
+        constant=gaps.x - points.gather(gaps.gradient, state.displacement),
         at=state.at,
         traction=law.tractions(state.at, state.anchor)[0],
         slope=law.slope(state.at, state.anchor),
@@ -427,7 +415,7 @@ def _solve(
             state = replace(state, holding=stronger, rescues=state.rescues + 1)
 
 
-def _check_near(system: LocalSystem, displacement: FloatArray) -> None:
+def _check_near(system: System, displacement: FloatArray) -> None:
     """Raise `UnheldBlocksError` where a displacement is no small motion."""
     farthest = FARTHEST * system.deformable.assembly.characteristic_length
     if np.abs(displacement).max() > farthest:
@@ -438,7 +426,7 @@ def _check_near(system: LocalSystem, displacement: FloatArray) -> None:
         )
 
 
-def require_near(system: LocalSystem, displacement: FloatArray) -> None:
+def require_near(system: System, displacement: FloatArray) -> None:
     """Reject displacements of all nodes, (n_nodes, 3) [mm], that are no small motions.
 
     Newton's iterations see the nodes of contact alone: others may move farther.
@@ -481,11 +469,11 @@ def _step_share(problem: StaticProblem, state: StaticState, trial: FloatArray) -
     force = step.internal_force(state.displacement) - state.load_factor * step.external_force
     start = float(np.vdot(force, way))
     growth = float(np.vdot(step.internal_force(way), way))
-    before, change = state.gaps.x, system.gather(state.gaps.gradient, way)
-    weighted = system.surfaces.weights[..., None] * change
+    before, change = state.gaps.x, system.points.gather(state.gaps.gradient, way)
+    weighted = system.points.weights[..., None] * change
 
     def slope(share: float) -> float:
-        traction, _ = problem.law.tractions(before + share * change, state.anchor)
+        traction, _ = problem.system.law.tractions(before + share * change, state.anchor)
         return start + share * growth + float(np.vdot(weighted, traction))
 
     return least_share(slope)
@@ -529,7 +517,7 @@ def _least_force(problem: StaticProblem, farthest: float) -> float:
     """
     system = problem.system
     length = system.deformable.assembly.characteristic_length
-    touch = float(touching_pressure(system).max(initial=0.0)) * length**2
+    touch = float(system.law.touching_pressure.max(initial=0.0)) * length**2
     moduli = [system.group(k).material.young_modulus for k in range(system.n_slots)]
     rounding = _EPSILON * max(moduli, default=0.0) * length * farthest * math.sqrt(system.n_nodes)
     return max(touch, rounding / problem.tolerance)
@@ -541,20 +529,20 @@ def unbalanced_forces(problem: StaticProblem, state: StaticState) -> tuple[Float
     On prescribed components the first are minus the forces of the supports.
     """
     system, step = problem.system, problem.step
-    traction, _ = problem.law.tractions(state.gaps.x, state.anchor)
-    forces = system.surfaces.weights[..., None] * traction
+    traction, _ = problem.system.law.tractions(state.gaps.x, state.anchor)
+    forces = system.points.weights[..., None] * traction
     unbalanced = state.load_factor * step.external_force
     unbalanced = unbalanced - step.internal_force(state.displacement)
-    unbalanced += system.scatter(state.gaps.gradient, forces)
+    unbalanced += system.points.scatter(state.gaps.gradient, forces)
     return unbalanced, forces[..., 0]
 
 
 def frictions(problem: StaticProblem, state: StaticState) -> FloatArray | None:
     """Friction on block s at the points of a state, world axes, (n_facets, n_points, 3) [MPa]."""
-    if not problem.has_friction:
+    if not problem.system.has_friction:
         return None
-    traction, _ = problem.law.tractions(state.gaps.x, state.anchor)
-    return -np.einsum("fpk,fpki->fpi", traction[..., 1:], problem.system.surfaces.sides)
+    traction, _ = problem.system.law.tractions(state.gaps.x, state.anchor)
+    return -np.einsum("fpk,fpki->fpi", traction[..., 1:], problem.system.points.sides)
 
 
 def support_forces(problem: StaticProblem, state: StaticState) -> FloatArray:
@@ -586,7 +574,7 @@ def _relative(
 
 
 def relative_residual(
-    system: LocalSystem,
+    system: System,
     unbalanced: FloatArray,
     contact_forces: FloatArray,
     supports: float | None = None,

@@ -57,8 +57,8 @@ from fem.system.sector import (
     vectors_in_all_sectors,
     with_half_turn,
 )
-from fem.system.state import corner_displacements, facing_points
-from fem.system.system import LocalSystem, free_motions, local_system
+from fem.system.state import facing_points
+from fem.system.system import System, free_motions, system_of
 from geometry.mesh import FloatArray, IntArray
 
 __all__ = ["StaticMethod", "StaticOptions", "solve_static"]
@@ -166,7 +166,7 @@ def _load(
         half = with_half_turn(deformable, orbits) if options.symmetry is None else orbits
         # What it does not solve, the general solver may.
         with contextlib.nullcontext() if like else contextlib.suppress(StaticError):
-            return _in_contact_forces(local_system(deformable, half), options, grids, start)
+            return _in_contact_forces(system_of(deformable, half), options, grids, start)
     points = None
     if deformable.contact.finite_sliding:
         points = facing_points(deformable, None if start is None else start.displacements, orbits)
@@ -205,7 +205,7 @@ def _load(
     forces = None
     if len(system.held.nodes):
         forces = support_forces(problem, state)
-    whole = free_motions(system, np.ones(system.n_nodes, dtype=np.bool_))
+    whole = free_motions(system)
     if whole is not None:
         displacement = whole.without(displacement)
     require_near(system, displacement)
@@ -226,7 +226,7 @@ def _slips(
     problem: StaticProblem, points: FacingPoints | None, state: StaticState
 ) -> tuple[Any, ...]:
     """Friction at the end of the load (`StaticResult.slips`); none without an equilibrium."""
-    if not (problem.has_friction and state.converged):
+    if not (problem.system.has_friction and state.converged):
         return ()
     if points is None:
         return (state.anchor,)
@@ -246,7 +246,7 @@ def _closer(
 
 
 def _in_contact_forces(
-    system: LocalSystem,
+    system: System,
     options: StaticOptions,
     grids: tuple[GridBlock, ...],
     start: StaticResult | None,
@@ -285,27 +285,24 @@ def _problem(
     if points is not None:
         contact = deformable.contact
         searched = points_of_search(points, deformable.surfaces.clearance, contact.normals)
-    system = local_system(deformable, orbits, searched)
-    friction = deformable.contact.friction is not None
+    system = system_of(deformable, orbits, searched)
+    friction = system.has_friction
     step: LinearStep
     # On searched points limits of friction follow the pressures, in displacements alone.
     in_displacements = searched is not None and friction
     whole = options.method is StaticMethod.SPARSE or _most_held(system) > _MOST_HELD
     if whole or (in_displacements and not is_smaller(system)):
-        step, kept = SparseStep(system, options.sparse_solver), np.ones(system.n_nodes, np.bool_)
+        step = SparseStep(system, options.sparse_solver)
     else:
         step = (
             ReducedStep(system, store, options.sparse_solver)
             if in_displacements
             else CondensedStep(system, store, friction=friction)
         )
-        kept = np.isin(np.arange(system.n_nodes), system.corner_nodes)
-    free = free_motions(system, kept)
-    bounds = options.tolerance, options.max_iterations
-    return StaticProblem(system, step, *bounds, system.coulomb, free)
+    return StaticProblem(system, step, options.tolerance, options.max_iterations)
 
 
-def _most_held(system: LocalSystem) -> int:
+def _most_held(system: System) -> int:
     """Supported nodes of the block that has most of them."""
     slots = np.searchsorted(system.node_start, system.held.nodes, side="right")
     return int(np.bincount(slots).max(initial=0))
@@ -332,7 +329,7 @@ def _searched_anew(
     points.search()
     there = _problem(system.deformable, system.orbits, options, store, points)
     displacement = there.step.kept(everywhere)
-    gaps = there.gaps(displacement)
+    gaps = there.system.points.gaps(displacement)
     return there, replace(state, displacement=displacement, gaps=gaps, at=gaps.x)
 
 
@@ -358,18 +355,17 @@ class _Outcome:
     """On block s at the points of the system, (n_facets, n_points, 3) [MPa]; None: none acts."""
 
 
-def _result(system: LocalSystem, options: StaticOptions, outcome: _Outcome) -> StaticResult:
+def _result(system: System, options: StaticOptions, outcome: _Outcome) -> StaticResult:
     """Expand a solution to the whole assembly."""
     state, displacement = outcome.state, outcome.displacement
     deformable, orbits = system.deformable, system.orbits
     displacements = tuple(system.expand(displacement))
     searched, friction = None, outcome.frictions
-    if isinstance(system.surfaces, SearchedPoints):
-        searched = searched_in_all_sectors(deformable, orbits, system.surfaces)
-        corners = corner_displacements(deformable, displacements, searched)
-        overclosure = searched.overclosures(corners)
+    if isinstance(system.points, SearchedPoints):
+        searched = searched_in_all_sectors(deformable, orbits, system.points)
+        overclosure = searched.overclosures(searched.moved(displacement))
     else:
-        overclosure = system.gaps(displacement).overclosure.ravel()[orbits.point_of]
+        overclosure = system.points.gaps(displacement).overclosure.ravel()[orbits.point_of]
     if friction is not None:
         friction = vectors_in_all_sectors(deformable, orbits, friction, searched)
     surfaces = searched or deformable.surfaces
@@ -411,7 +407,7 @@ def _result(system: LocalSystem, options: StaticOptions, outcome: _Outcome) -> S
     )
 
 
-def _copies(system: LocalSystem) -> FloatArray:
+def _copies(system: System) -> FloatArray:
     """Blocks that each node's representative stands for, (n_nodes,)."""
     slots = system.slot_of[system.deformable.deformable_blocks]
     count = np.bincount(slots, minlength=system.n_slots)

@@ -17,8 +17,8 @@ from functools import cached_property
 
 import numpy as np
 
-from fem.contact.surfaces import motion_derivatives
-from fem.system.system import Gaps, LocalSystem
+from fem.contact.surfaces import Gaps, motion_derivatives
+from fem.system.system import System
 from geometry.mesh import FloatArray
 
 
@@ -44,11 +44,11 @@ class Turned:
 class TurningNormals:
     """Normals between blocks of a system whose motions are combinations of six."""
 
-    def __init__(self, system: LocalSystem, motions: FloatArray) -> None:
+    def __init__(self, system: System, motions: FloatArray) -> None:
         """Take displacements of all nodes by unit motions of their blocks, (6, n_nodes, 3)."""
-        self._system, self._surfaces = system, system.surfaces
+        self._system, self._surfaces = system, system.points
         self._n = self._surfaces.weights.size
-        each = np.stack([system.corner_displacements(moved) for moved in motions], axis=3)
+        each = np.stack([self._surfaces.moved(moved) for moved in motions], axis=3)
         # By the six motions of the first block, then by those of the second.
         half = each.shape[1] // 2
         self._corners = np.zeros((*each.shape[:3], 12))
@@ -59,7 +59,7 @@ class TurningNormals:
     def _reference(self) -> FloatArray:
         """Gradients in block frames."""
         at_rest = np.zeros((self._system.n_nodes, 3))
-        return self._system.with_reference_normals.gaps(at_rest).gradient
+        return self._surfaces.with_reference_normals.gaps(at_rest).gradient
 
     @cached_property
     def _straight(self) -> FloatArray:
@@ -100,14 +100,14 @@ class TurningNormals:
             Of the points, (n,) [N].
         """
         change = gaps.gradient - self._reference
-        corners = self._system.corner_displacements(displacement)
+        corners = self._surfaces.moved(displacement)
         first, second = motion_derivatives(self._surfaces, corners, self._corners)
         by_motions = (first - self._straight).reshape(self._n, 2, 6)
         of_facets = np.einsum("fp,fpkl->fkl", forces.reshape(first.shape[:2]), second)
         stiffness = np.add.reduceat(of_facets, self._surfaces.pair_start[:-1])
         return Turned(
             gaps.x.ravel() - straight,
-            self._system.scatter(change, forces),
+            self._surfaces.scatter(change, forces),
             by_motions.transpose(1, 0, 2),
             stiffness.reshape(-1, 2, 6, 2, 6),
         )

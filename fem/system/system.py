@@ -1,4 +1,4 @@
-"""Unknowns of a static problem: displacements of the representative blocks in their own frames.
+"""An assembly as arrays: displacements of representative blocks in their own frames, and contact.
 
 In its own frame every copy of a block has the same stiffness, whatever its placement. The nodes
 of all representatives are numbered one block after the other; displacements are (n_nodes, 3).
@@ -14,37 +14,20 @@ import numpy as np
 from scipy.sparse import block_diag, csr_array
 
 from fem.contact.friction import Coulomb, coulomb
-from fem.contact.law import ContactLaw
 from fem.contact.surfaces import ContactPoints
 from fem.system.build import DeformableAssembly
 from fem.system.held import Held, held_of
 from fem.system.model import BlockGroup
 from fem.system.sector import NodeMap, Orbits, local_forces
-from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.work import Operation, count
+from geometry.mesh import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
-class Gaps:
-    """Overclosures of all contact points, with friction also their slips, and their derivatives."""
-
-    x: FloatArray
-    """Overclosure, then slips along `ContactPoints.sides`, (n_facets, n_points, 1 or 3) [mm]."""
-    gradient: FloatArray
-    """∂x/∂u in block frames, (n_facets, n_points, 1 or 3, nodes of both facets, 3)."""
-
-    @property
-    def overclosure(self) -> FloatArray:
-        """Overclosures alone, (n_facets, n_points) [mm]."""
-        return self.x[..., 0]
-
-
-@dataclass(frozen=True)
-class LocalSystem:
-    """Representative blocks, the facets between them, their loads and supports."""
+class System:
+    """Blocks of which each stands for those equal to it, their contact, loads and supports."""
 
     deformable: DeformableAssembly
-    """The whole model."""
+    """All blocks."""
     orbits: Orbits
     """Which blocks are represented by which."""
     blocks: IntArray
@@ -54,25 +37,15 @@ class LocalSystem:
     node_start: IntArray
     """First node of each slot, and the total; (n_slots + 1,)."""
     rows: NodeMap
-    """Row of the state of each node of all blocks, `n_nodes` for rigid ones: a sector, a half turn
-    or a periodic image is a map of rows."""
-    surfaces: ContactPoints
+    """Row of the state of each node of all blocks, `n_nodes` for rigid ones."""
+    points: ContactPoints
     """Facets to integrate, one of each orbit, or points that a search found."""
+    law: Coulomb
+    """Pressure and friction there."""
     external_force: FloatArray
     """Loads in block frames, (n_nodes, 3) [N]."""
     held: Held
     """Supports."""
-
-    @cached_property
-    def law(self) -> ContactLaw:
-        """Contact law of `surfaces`."""
-        return self.deformable.contact.law.on(self.surfaces.block_m, self.surfaces.block_s)
-
-    @cached_property
-    def coulomb(self) -> Coulomb:
-        """The same with friction."""
-        surfaces, friction = self.surfaces, self.deformable.contact.friction
-        return coulomb(self.law, friction, surfaces.block_m, surfaces.block_s)
 
     @property
     def n_nodes(self) -> int:
@@ -84,6 +57,11 @@ class LocalSystem:
         """Number of representatives."""
         return len(self.blocks)
 
+    @property
+    def has_friction(self) -> bool:
+        """Whether contact has friction."""
+        return self.points.sides.shape[2] > 0
+
     def group(self, slot: int) -> BlockGroup:
         """Return the group of a slot."""
         return self.deformable.group(int(self.blocks[slot]))
@@ -92,89 +70,10 @@ class LocalSystem:
         """Nodes of a slot."""
         return slice(int(self.node_start[slot]), int(self.node_start[slot + 1]))
 
-    @cached_property
-    def corner_nodes(self) -> IntArray:
-        """Rows of the nodes of both facets, m's first, (n_facets, 2 m)."""
-        return self.rows.of_points(self.surfaces)
-
-    @cached_property
-    def rotations(self) -> FloatArray:
-        """Rotations of master and opposing block of each facet, (n_facets, 2, 3, 3)."""
-        turns = self.orbits.rotations(self.deformable)
-        return np.stack([turns[self.surfaces.block_m], turns[self.surfaces.block_s]], axis=1)
-
-    @cached_property
-    def moves(self) -> FloatArray:
-        """One at the nodes of deformable blocks, zero at those of rigid ones, (n, 2 m)."""
-        return (self.corner_nodes < self.n_nodes).astype(np.float64)
-
-    def corner_displacements(self, displacement: FloatArray) -> FloatArray:
-        """World displacements of the nodes of facets, (n_facets, 2 m, 3) [mm]."""
-        padded = np.concatenate([displacement, np.zeros((1, 3))])
-        shape = (*self.corner_nodes.shape, 3)
-        local = padded[self.corner_nodes].reshape(-1, 2, shape[1] // 2, 3)
-        return np.einsum("fbij,fbaj->fbai", self.rotations, local).reshape(shape)
-
-    def local_gradient(self, gradient: FloatArray) -> FloatArray:
-        """World gradients (n, n_points, 2 m, 3) in block frames, zero at rigid blocks."""
-        shape = gradient.shape
-        split = gradient.reshape(*shape[:2], 2, shape[2] // 2, 3)
-        local: FloatArray = (split @ self.rotations[:, None]).reshape(shape)
-        local *= self.moves[:, None, :, None]
-        return local
-
     @property
-    def with_reference_normals(self) -> LocalSystem:
+    def with_reference_normals(self) -> System:
         """The same with normals that do not turn."""
-        return replace(self, surfaces=self.surfaces.with_reference_normals)
-
-    def gaps(self, displacement: FloatArray) -> Gaps:
-        """Overclosures at a displacement, and slips where there is friction."""
-        world = self.surfaces.kinematics(self.corner_displacements(displacement))
-        count(Operation.POINT, world.gradient.size / 3.0)
-        x, gradient = world.overclosure[..., None], self.local_gradient(world.gradient)[:, :, None]
-        if self.deformable.contact.friction is None:
-            return Gaps(x, gradient)
-        return Gaps(
-            np.concatenate([x, self.gather(self._by_slips, displacement)], axis=2),
-            np.concatenate([gradient, self._by_slips], axis=2),
-        )
-
-    @cached_property
-    def _by_slips(self) -> FloatArray:
-        """∂(slip)/∂u, (n_facets, n_points, 2, nodes of both facets, 3)."""
-        world = np.einsum("fpa,fpki->fpkai", self.surfaces.functions, self.surfaces.sides)
-        n, p, _, a, _ = world.shape
-        return self.local_gradient(world.reshape(n, 2 * p, a, 3)).reshape(world.shape)
-
-    def gather(self, gradient: FloatArray, displacement: FloatArray) -> FloatArray:
-        """Product of gradients (n_facets, …, 2 m, 3) with a displacement, (n_facets, …) [mm]."""
-        padded = np.concatenate([displacement, np.zeros((1, 3))])
-        rows = _flat(gradient)
-        moved = np.einsum("fpai,fai->fp", rows, padded[self.corner_nodes], optimize=True)
-        return moved.reshape(gradient.shape[:-2])
-
-    def scatter(self, gradient: FloatArray, point_forces: FloatArray) -> FloatArray:
-        """Nodal forces -Σ w t ∂x/∂u of forces w t (n_facets, …) [N], (n_nodes, 3) [N]."""
-        rows = _flat(gradient)
-        forces = point_forces.reshape(rows.shape[:2])
-        return self._gathered(-np.einsum("fp,fpai->fai", forces, rows))
-
-    def scatter_corners(self, corner_forces: FloatArray) -> FloatArray:
-        """Nodal forces of forces on the nodes of facets in world axes, (n_nodes, 3) [N]."""
-        shape = (*self.corner_nodes.shape, 3)
-        split = corner_forces.reshape(-1, 2, shape[1] // 2, 3)
-        local = np.einsum("fbij,fbai->fbaj", self.rotations, split)
-        return self._gathered(local.reshape(shape))
-
-    def _gathered(self, corner: FloatArray) -> FloatArray:
-        """Sum forces on nodes of facets in block frames at the nodes."""
-        forces = np.empty((self.n_nodes, 3))
-        where = self.corner_nodes.ravel()
-        for i in range(3):
-            values = corner[:, :, i].ravel()
-            forces[:, i] = np.bincount(where, values, minlength=self.n_nodes + 1)[:-1]
-        return forces
+        return replace(self, points=self.points.with_reference_normals)
 
     @cached_property
     def stiffness(self) -> csr_array:
@@ -217,16 +116,10 @@ class LocalSystem:
         return result
 
 
-def _flat(gradient: FloatArray) -> FloatArray:
-    """All rows of each facet, (n_facets, …, 2 m, 3) to (n_facets, n_rows, 2 m, 3)."""
-    n_rows = int(np.prod(gradient.shape[1:-2]))
-    return gradient.reshape(len(gradient), n_rows, *gradient.shape[-2:])
-
-
-def local_system(
+def system_of(
     deformable: DeformableAssembly, orbits: Orbits, searched: ContactPoints | None = None
-) -> LocalSystem:
-    """Number the unknowns of a static problem, on matched facets or on points of a search.
+) -> System:
+    """Number the unknowns of blocks, on matched facets or on points of a search.
 
     Raises
     ------
@@ -244,20 +137,29 @@ def local_system(
     # A slot of -1 is that beyond the last.
     number = nodes.number + np.repeat(node_start[slot_of], np.diff(nodes.first))
     rows = replace(nodes, number=np.minimum(number, node_start[-1]))
-    surfaces = searched
-    if surfaces is None:
-        surfaces = deformable.surfaces.subset(orbits.facets)
-        surfaces = replace(surfaces, weights=orbits.share * surfaces.weights)
+    points = searched
+    if points is None:
+        points = deformable.surfaces.subset(orbits.facets)
+        points = replace(points, weights=orbits.share * points.weights)
+    contact, turns = deformable.contact, orbits.rotations(deformable)
+    pairs = points.block_m, points.block_s
     forces = local_forces(deformable)
     external = [forces[deformable.group_of[b]][deformable.copy_of[b]] for b in blocks]
-    return LocalSystem(
+    return System(
         deformable=deformable,
         orbits=orbits,
         blocks=blocks,
         slot_of=slot_of,
         node_start=node_start,
         rows=rows,
-        surfaces=surfaces,
+        points=replace(
+            points,
+            rows=rows.of_points(points),
+            axes=np.stack([turns[of] for of in pairs], axis=1),
+            n_rows=int(node_start[-1]),
+            sides=points.sides if contact.friction else points.sides[:, :, :0],
+        ),
+        law=coulomb(contact.law, contact.friction, *pairs),
         external_force=np.concatenate(external),
         held=held_of(deformable, blocks, node_start),
     )
@@ -305,15 +207,17 @@ class FreeMotions:
         return np.einsum("kni,ni->k", self.motions, vector)
 
 
-def free_motions(system: LocalSystem, nodes: BoolArray) -> FreeMotions | None:
+def free_motions(
+    system: System, kept: Callable[[FloatArray], FloatArray] = lambda moved: moved
+) -> FreeMotions | None:
     """Motions of a periodic cell as a whole; None for what is held.
 
     Parameters
     ----------
     system
         Blocks and their symmetry: a sector cannot shift across the axis.
-    nodes
-        Nodes that the linear step keeps, (n_nodes,).
+    kept
+        Takes displacements (n_nodes, 3) to those at the nodes that a linear step keeps.
     """
     assembly = system.deformable.assembly
     if assembly.image_of is None:
@@ -325,6 +229,5 @@ def free_motions(system: LocalSystem, nodes: BoolArray) -> FreeMotions | None:
         columns[:-1, mine] = (shifts @ turn)[:, None]
         arm = assembly.nodes(int(block)) - assembly.origin
         columns[-1, mine] = np.cross(assembly.axis, arm) @ turn
-    columns[:, ~nodes] = 0.0
-    basis = np.linalg.qr(columns.reshape(len(columns), -1).T)[0]
+    basis = np.linalg.qr(np.stack([kept(of).ravel() for of in columns], axis=1))[0]
     return FreeMotions(np.ascontiguousarray(basis.T).reshape(columns.shape))

@@ -54,8 +54,8 @@ def test_joint_forces_are_the_contact_vector_of_the_last_residual(
         pytest.skip("solved in contact forces")
     problem, state = last[0]
     system = problem.system
-    traction, _ = problem.law.tractions(state.gaps.x, state.anchor)
-    vector = system.scatter(state.gaps.gradient, system.surfaces.weights[..., None] * traction)
+    traction, _ = problem.system.law.tractions(state.gaps.x, state.anchor)
+    vector = system.points.scatter(state.gaps.gradient, system.points.weights[..., None] * traction)
     assembly = solution.deformable.assembly
     # What is printed is what was solved, to the bit: not computed again from world displacements.
     solved = solution.static

@@ -10,7 +10,7 @@ from fem.contact.surfaces import ContactNormals
 from fem.static.linear_step.condensed import CondensedStep
 from fem.static.linear_step.linearisation import Linearisation, SparseStep
 from fem.system.sector import largest_cyclic_orbits
-from fem.system.system import local_system
+from fem.system.system import system_of
 from geometry.mesh import FloatArray
 from tests.support.pressed_pipe import pipe
 
@@ -24,24 +24,24 @@ def test_one_linear_problem_is_that_of_one_sparse_matrix(normals: ContactNormals
     """
     friction = CoulombFriction(0.3)
     deformable = pipe(friction=friction, normals=normals)
-    system = local_system(deformable, largest_cyclic_orbits(deformable))
+    system = system_of(deformable, largest_cyclic_orbits(deformable))
     random = np.random.default_rng(1)
     before = 1e-4 * random.standard_normal((system.n_nodes, 3))
-    gaps = system.gaps(before)
+    gaps = system.points.gaps(before)
     at = gaps.x.copy()
     at[..., 0] = 2e-3 * random.standard_normal(gaps.overclosure.shape)
     anchor = at[..., 1:] + 1e-3 * random.standard_normal(at[..., 1:].shape)
     linear = Linearisation(
-        weights=system.surfaces.weights,
+        weights=system.points.weights,
         gradient=gaps.gradient,
-        constant=gaps.x - system.gather(gaps.gradient, before),
+        constant=gaps.x - system.points.gather(gaps.gradient, before),
         at=at,
-        traction=system.coulomb.tractions(at, anchor)[0],
-        slope=system.coulomb.slope(at, anchor),
+        traction=system.law.tractions(at, anchor)[0],
+        slope=system.law.slope(at, anchor),
     )
     assert not linear.symmetric
     assert (linear.slope == 0.0).all(axis=(2, 3)).any()
-    touched = np.unique(system.corner_nodes[system.corner_nodes < system.n_nodes])
+    touched = np.unique(system.points.rows[system.points.rows < system.n_nodes])
 
     def solved(step: SparseStep | CondensedStep) -> FloatArray:
         return step(linear, before)[touched]

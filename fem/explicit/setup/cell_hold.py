@@ -12,7 +12,7 @@ from fem.explicit.state import State
 from fem.explicit.step import Interaction, System, placed_internal_force
 from fem.system.build import DeformableAssembly
 from fem.system.sector import Orbits
-from fem.system.system import free_motions, local_system
+from fem.system.system import free_motions, system_of
 from geometry.mesh import FloatArray, IntArray
 
 
@@ -100,10 +100,10 @@ def cell_hold(
     """
     if deformable.assembly.image_of is None:
         return None
-    system = local_system(deformable, orbits)
-    everywhere = free_motions(system, np.ones(system.n_nodes, dtype=np.bool_))
-    contact = np.isin(np.arange(system.n_nodes), system.corner_nodes)
-    at_contacts = free_motions(system, contact)
+    system = system_of(deformable, orbits)
+    everywhere = free_motions(system)
+    contact = np.isin(np.arange(system.n_nodes), system.points.rows)
+    at_contacts = free_motions(system, lambda moved: moved * contact[:, None])
     assert everywhere is not None
     assert at_contacts is not None
 

@@ -50,7 +50,7 @@ from fem.system.state import (
     contact_state,
     facing_points,
 )
-from fem.system.system import FreeMotions, LocalSystem, free_motions, local_system
+from fem.system.system import FreeMotions, System, free_motions, system_of
 from fem.system.time_step import TimeStepError, scale_masses
 from geometry.mesh import FloatArray, IntArray
 
@@ -186,12 +186,12 @@ class ExplicitStatement:
         return tuple(system.expand(free.without(system.localised(tuple(result)))))
 
     @cached_property
-    def _free(self) -> tuple[LocalSystem, FreeMotions] | None:
+    def _free(self) -> tuple[System, FreeMotions] | None:
         """Motions of a periodic cell as a whole; None for what is held."""
         if self.deformable.assembly.image_of is None:
             return None
-        system = local_system(self.deformable, no_symmetry(self.deformable))
-        free = free_motions(system, np.ones(system.n_nodes, dtype=np.bool_))
+        system = system_of(self.deformable, no_symmetry(self.deformable))
+        free = free_motions(system)
         assert free is not None
         return system, free
 

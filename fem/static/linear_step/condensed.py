@@ -47,7 +47,7 @@ from fem.static.linear_step.flexibility import (
 from fem.static.linear_step.linearisation import Linearisation, UnheldBlocksError
 from fem.static.linear_step.pairs import NodePairs
 from fem.static.linear_step.row_laws import Bound, PairLaw, PointLaw, point_law
-from fem.system.system import LocalSystem, NodalInverse
+from fem.system.system import NodalInverse, System
 from geometry.mesh import FloatArray, IntArray
 from geometry.work import Operation, count, hold, require_memory
 
@@ -64,7 +64,7 @@ class CondensedStep:
     """Solves the linear problem in contact forces, with one flexibility per kind of block."""
 
     def __init__(
-        self, system: LocalSystem, store: FlexibilityStore | None = None, *, friction: bool = False
+        self, system: System, store: FlexibilityStore | None = None, *, friction: bool = False
     ) -> None:
         self._system = system
         self._level_of = levels_of(system)
@@ -113,7 +113,7 @@ class CondensedStep:
 
     def _check_memory(self, nodes: list[IntArray]) -> None:
         """Reject a problem whose dense matrices are beyond the memory, before any is made."""
-        surfaces = self._system.surfaces
+        surfaces = self._system.points
         level = np.append(self._level_of, np.iinfo(np.int64).max)  # of rigid blocks
         slots = self._system.slot_of[np.stack([surfaces.block_m, surfaces.block_s])]
         low = level[slots].min(axis=0)
@@ -141,11 +141,11 @@ class CondensedStep:
         Facets that match press on each other alone; where they are searched, on any that may come.
         """
         system = self._system
-        if isinstance(system.surfaces, SearchedPoints):
+        if isinstance(system.points, SearchedPoints):
             shape = system.deformable.assembly.shape(int(system.blocks[slots[0]]))
             met = [system.group(slots[0]).mesh.facet_nodes(shape.contact_quads).ravel()]
         else:
-            touched = np.unique(system.corner_nodes)
+            touched = np.unique(system.points.rows)
             ends = np.searchsorted(touched, system.node_start)
             met = [touched[ends[k] : ends[k + 1]] - system.node_start[k] for k in slots]
         first = slots[0]
@@ -259,10 +259,10 @@ class CondensedStep:
         self, linear: Linearisation, before: FloatArray, holding: float
     ) -> tuple[_Factored, FloatArray | None]:
         """Assemble and eliminate the chain of all levels; loads that normals turn, if any do."""
-        least, turned = _LEAST_STIFFNESS * self._system.law.touching_stiffness, None
+        least, turned = _LEAST_STIFFNESS * self._system.law.normal.touching_stiffness, None
         law: PointLaw | PairLaw
         if self._pairs is None:
-            law = point_law(self._system, linear, least)
+            law = point_law(self._system.points, linear, least)
             chain = self._assembled(law, law.active // linear.weights.shape[1])
         else:
             # Rows of pairs do not turn: the same pairs have the same flexibilities.
@@ -299,8 +299,8 @@ class CondensedStep:
     def _ordered(self, active: IntArray, facet: IntArray) -> _Points:
         """Rows of some facets ordered by level, those shared with the next level last."""
         system = self._system
-        slot_m = system.slot_of[system.surfaces.block_m[facet]]
-        slot_s = system.slot_of[system.surfaces.block_s[facet]]
+        slot_m = system.slot_of[system.points.block_m[facet]]
+        slot_s = system.slot_of[system.points.block_s[facet]]
         far = np.iinfo(np.int64).max
         level_m = np.where(slot_m >= 0, self._level_of[slot_m], far)
         level_s = np.where(slot_s >= 0, self._level_of[slot_s], far)
@@ -558,13 +558,13 @@ def _add(matrix: FloatArray, rows: IntArray, columns: IntArray, more: FloatArray
         matrix[np.ix_(rows, columns)] += more
 
 
-def levels_of(system: LocalSystem) -> IntArray:
+def levels_of(system: System) -> IntArray:
     """Level of each slot: contacts lie within a level or between neighbouring ones.
 
     The layers of the assembly where they are such levels, else distances from an end of the
     graph of blocks (the farthest from an arbitrary one).
     """
-    surfaces = system.surfaces
+    surfaces = system.points
     first = surfaces.pair_start[:-1]
     m = system.slot_of[surfaces.block_m[first]]
     s = system.slot_of[surfaces.block_s[first]]

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.sparse import bsr_array, csc_array, csr_array, csr_matrix, diags_array, triu
 from scipy.sparse.linalg import SuperLU, splu
 
-from fem.system.system import LocalSystem, NodalInverse
+from fem.system.system import NodalInverse, System
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 from geometry.work import Operation, count, hold, memory_limit, require_memory
@@ -246,32 +246,10 @@ class LinearStep(Protocol):
         """Displacements of all nodes, (n_nodes, 3) [mm]."""
 
 
-def gradient_matrix(
-    system: LocalSystem, gradient: FloatArray, points: IntArray | None = None
-) -> csr_array:
-    """Gradients of points as a sparse matrix, (n_rows, 3 n_nodes).
-
-    Of gradients (n_facets, …, nodes of both facets, 3). ``points`` are the rows to keep,
-    rows of a facet · facet + row; None keeps all.
-    """
-    per_facet, width = int(np.prod(gradient.shape[1:-2])), 3 * gradient.shape[-2]
-    chosen = np.arange(per_facet * len(gradient)) if points is None else points
-    columns = (3 * system.corner_nodes[:, :, None] + np.arange(3)).reshape(-1, width)
-    columns = np.where(columns < 3 * system.n_nodes, columns, 0)[chosen // per_facet]
-    values = gradient.reshape(-1, width)[chosen]
-    n = len(chosen)
-    matrix = csr_array(
-        (values.ravel(), columns.ravel(), width * np.arange(n + 1)), shape=(n, 3 * system.n_nodes)
-    )
-    matrix.sum_duplicates()
-    matrix.eliminate_zeros()
-    return matrix
-
-
 class SparseStep:
     """Assembles everything into one sparse matrix: the plain method, the oracle of the others."""
 
-    def __init__(self, system: LocalSystem, solver: SparseSolver | None = None) -> None:
+    def __init__(self, system: System, solver: SparseSolver | None = None) -> None:
         self._system = system
         self._solver = solver
         self._transform, self._free = system.held.transform(system.n_nodes)
@@ -326,7 +304,8 @@ class SparseStep:
         acts = linear.slope.any(axis=(2, 3)) | linear.traction.any(axis=2)
         points, size = np.flatnonzero(acts), linear.slope.shape[-1]
         rows = (size * points[:, None] + np.arange(size)).ravel()
-        return points, gradient_matrix(self._system, linear.gradient, rows) @ self._transform
+        gradient = self._system.points.gradient_matrix(linear.gradient, rows)
+        return points, gradient @ self._transform
 
     def _matrix(
         self, linear: Linearisation, points: IntArray, rows: csr_array, holding: float

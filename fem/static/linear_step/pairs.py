@@ -21,17 +21,16 @@ from scipy.sparse import coo_array, csr_array
 
 from fem.static.linear_step.linearisation import Linearisation
 from fem.static.linear_step.row_laws import PairLaw
-from fem.system.system import LocalSystem
+from fem.system.system import System
 from geometry.mesh import FloatArray, IntArray
 
 
 class NodePairs:
     """Pairs of nodes of the matched facets of a system."""
 
-    def __init__(self, system: LocalSystem) -> None:
-        self._system = system
-        surfaces = system.surfaces
-        first, second = np.split(system.corner_nodes, 2, axis=1)
+    def __init__(self, system: System) -> None:
+        surfaces = self._points = system.points
+        first, second = np.split(surfaces.rows, 2, axis=1)
         joint = np.repeat(np.arange(len(surfaces.pair_start) - 1), np.diff(surfaces.pair_start))
         keys = np.stack([np.broadcast_to(joint[:, None], first.shape), first, second], axis=2)
         unique, where, number = np.unique(
@@ -39,11 +38,10 @@ class NodePairs:
         )
         #: Pairs of each facet, (n_facets, n).
         self._of_facets: IntArray = np.asarray(number).reshape(first.shape)
-        self._rotations = system.rotations
         facet = where // first.shape[1]
         #: First facet of each pair, (n_pairs,).
         self.facet: IntArray = facet
-        self.relative = self._relative(unique[:, 1:], system.rotations[facet])
+        self.relative = self._relative(unique[:, 1:], surfaces.axes[facet])
         """d on the displacements in block frames, (3 n_pairs, 3 n_nodes)."""
 
     @property
@@ -52,11 +50,11 @@ class NodePairs:
         return len(self.facet)
 
     def _relative(self, nodes: IntArray, rotations: FloatArray) -> csr_array:
-        shape = 3 * self.count, 3 * self._system.n_nodes
+        shape = 3 * self.count, 3 * self._points.n_rows
         rows = 3 * np.arange(self.count)[:, None, None] + np.arange(3)[:, None]
         parts = []
         for side, sign in enumerate((-1.0, 1.0)):
-            moves = nodes[:, side] < self._system.n_nodes
+            moves = nodes[:, side] < self._points.n_rows
             columns = 3 * nodes[moves, side][:, None, None] + np.arange(3)
             values = sign * rotations[moves, side]
             at = np.broadcast_to(rows[moves], values.shape)
@@ -99,11 +97,11 @@ class NodePairs:
         where = rows.ravel(), columns.ravel()
         stiffness = csr_array(coo_array((blocks[pressed].ravel(), where), (size, size)))
         apart = (self.relative @ before.ravel())[dofs]
-        away = linear.constant + self._system.gather(linear.gradient, before) - linear.at
+        away = linear.constant + self._points.gather(linear.gradient, before) - linear.at
         away -= np.einsum("frw,fw->fr", gradient, apart).reshape(away.shape)
         forces = weights * linear.traction
         at_rest = forces + np.einsum("fpkl,fpl->fpk", slope, away)
-        turned = self._system.scatter(linear.gradient, forces)
+        turned = self._points.scatter(linear.gradient, forces)
         turned += (self.relative.T @ self._summed(gradient, forces, dofs)).reshape(-1, 3)
         active = np.unique(dofs[pressed])
         law = PairLaw(
@@ -122,8 +120,8 @@ class NodePairs:
     def _on_pairs(self, gradient: FloatArray) -> FloatArray:
         """Rows on the relative displacements of their pairs, (n_facets, n_rows, 3 n)."""
         first, second = np.split(gradient, 2, axis=2)
-        back = np.swapaxes(self._rotations, 2, 3)[:, :, None]
-        moves = self._system.moves[:, [0, first.shape[2]]]
+        back = np.swapaxes(self._points.axes, 2, 3)[:, :, None]
+        moves = self._points.moves[:, [0, first.shape[2]]]
         share = moves / np.maximum(moves.sum(axis=1, keepdims=True), 1.0)
         on_first, on_second = first @ back[:, 0], second @ back[:, 1]
         relative = share[:, 1, None, None, None] * on_second

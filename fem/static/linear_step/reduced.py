@@ -13,7 +13,7 @@ from fem.static.linear_step.condensation import CondensedBlock
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.linear_step.linearisation import SparseSolver, SparseStep
 from fem.system.model import BlockGroup
-from fem.system.system import LocalSystem
+from fem.system.system import System
 from geometry.mesh import FloatArray, IntArray
 from geometry.work import Operation, count
 
@@ -22,7 +22,7 @@ class ReducedStep(SparseStep):
     """Assembles condensed blocks into one sparse matrix."""
 
     def __init__(
-        self, system: LocalSystem, store: FlexibilityStore, solver: SparseSolver | None = None
+        self, system: System, store: FlexibilityStore, solver: SparseSolver | None = None
     ) -> None:
         self._blocks = _condensed(system, store)
         starts = 3 * system.node_start
@@ -80,7 +80,7 @@ class ReducedStep(SparseStep):
         return np.concatenate(parts)
 
 
-def is_smaller(system: LocalSystem) -> bool:
+def is_smaller(system: System) -> bool:
     """Whether blocks condensed on what is touched have fewer entries than those of all nodes."""
     entries = sum(
         slots * ((3.0 * len(nodes)) ** 2 - group.stiffness.nnz)
@@ -89,9 +89,9 @@ def is_smaller(system: LocalSystem) -> bool:
     return entries < 0.0
 
 
-def _touched(system: LocalSystem) -> list[tuple[BlockGroup, IntArray, int]]:
+def _touched(system: System) -> list[tuple[BlockGroup, IntArray, int]]:
     """Groups, nodes of points and supports of any of their blocks, and number of these."""
-    touched = np.unique(np.append(system.corner_nodes, system.held.nodes))
+    touched = np.unique(np.append(system.points.rows, system.held.nodes))
     ends = np.searchsorted(touched, system.node_start)
     groups = {id(group): group for group in map(system.group, range(system.n_slots))}
     nodes: dict[int, list[IntArray]] = {key: [] for key in groups}
@@ -104,7 +104,7 @@ def _touched(system: LocalSystem) -> list[tuple[BlockGroup, IntArray, int]]:
     ]
 
 
-def _condensed(system: LocalSystem, store: FlexibilityStore) -> list[CondensedBlock]:
+def _condensed(system: System, store: FlexibilityStore) -> list[CondensedBlock]:
     """Blocks of all slots on the nodes of points and supports of any congruent one."""
     done = {id(group): store.condensed(group, nodes) for group, nodes, _ in _touched(system)}
     return [done[id(system.group(slot))] for slot in range(system.n_slots)]

@@ -18,9 +18,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.sparse import csr_array
 
+from fem.contact.surfaces import ContactPoints
 from fem.static.linear_step.block_tridiagonal import Leaning, Level
-from fem.static.linear_step.linearisation import Linearisation, gradient_matrix
-from fem.system.system import LocalSystem
+from fem.static.linear_step.linearisation import Linearisation
 from geometry.mesh import FloatArray, IntArray
 from geometry.work import Operation, count
 
@@ -67,14 +67,14 @@ class PointLaw:
         return unknown
 
 
-def point_law(system: LocalSystem, linear: Linearisation, least: float | FloatArray) -> PointLaw:
+def point_law(points: ContactPoints, linear: Linearisation, least: float | FloatArray) -> PointLaw:
     """Law of all points that are stiffer than a stiffness [MPa/mm]; without friction."""
     slope = linear.slope[..., 0, 0]
     active = np.flatnonzero((slope.T > np.asarray(least).T).T.ravel())
     stiffness, pressure = slope.ravel()[active], linear.traction.ravel()[active]
     rest = (linear.constant - linear.at).ravel()[active] + pressure / stiffness
     softness = 1.0 / (linear.weights.ravel()[active] * stiffness)
-    return PointLaw(active, gradient_matrix(system, linear.gradient, active), softness, rest)
+    return PointLaw(active, points.gradient_matrix(linear.gradient, active), softness, rest)
 
 
 @dataclass(frozen=True)
