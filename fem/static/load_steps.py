@@ -401,9 +401,6 @@ def _advance_friction(problem: StaticProblem, state: StaticState, begin: FloatAr
     mean = 0.5 + 0.5 * np.divide(before, pressure, out=np.zeros_like(pressure), where=touching)
     resisting = np.where(touching[..., None], mean[..., None] * last, 0.5 * first)[..., 1:]
     lost = problem.system.points.weights * ((moved - anchor) * resisting).sum(axis=2)
-    orbits = problem.system.orbits
-    times: IntArray | int = orbits.order
-    if not isinstance(problem.system.points, SearchedPoints):
-        times = np.bincount(orbits.point_of[:, 0] // lost.shape[1], minlength=len(lost))
-    lost = times * lost.sum(axis=1)
-    return replace(state, anchor=moved, dissipation=state.dissipation + float(lost.sum()))
+    times = problem.system.orbits.times(problem.system.points)
+    lost = float((times * lost).sum())
+    return replace(state, anchor=moved, dissipation=state.dissipation + lost)

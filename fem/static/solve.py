@@ -163,10 +163,9 @@ def _load(
     in_forces = options.method is StaticMethod.CONDENSED and (not like or like.in_contact_forces)
     grids = grid_blocks(deformable) if in_forces else None
     if grids is not None:
-        half = with_half_turn(deformable, orbits) if options.symmetry is None else orbits
         # What it does not solve, the general solver may.
         with contextlib.nullcontext() if like else contextlib.suppress(StaticError):
-            return _in_contact_forces(system_of(deformable, half), options, grids, start)
+            return _in_contact_forces(system_of(deformable, orbits), options, grids, start)
     points = None
     if deformable.contact.finite_sliding:
         points = facing_points(deformable, None if start is None else start.displacements, orbits)
@@ -310,7 +309,10 @@ def _most_held(system: System) -> int:
 
 def _orbits(deformable: DeformableAssembly, symmetry: int | None) -> Orbits:
     if symmetry is None:
-        return largest_cyclic_orbits(deformable)
+        largest = largest_cyclic_orbits(deformable)
+        # Points of a search are those of a sector.
+        searched = deformable.contact.finite_sliding
+        return largest if searched else with_half_turn(deformable, largest)
     return no_symmetry(deformable) if symmetry == 1 else cyclic_orbits(deformable, symmetry)
 
 

@@ -68,6 +68,13 @@ class Orbits:
     """Part of each facet that counts, (n, 1): a half of those that a half turn takes onto
     themselves."""
 
+    def times(self, points: ContactPoints) -> FloatArray | int:
+        """How often each of the facets (n, 1) or points of a search comes in the whole."""
+        if isinstance(points, SearchedPoints):
+            return self.order
+        facet = self.point_of[:, 0] // points.weights.shape[1]
+        return np.bincount(facet, minlength=points.n_facets)[:, None] / self.share
+
     def rotations(self, deformable: DeformableAssembly) -> FloatArray:
         """From the frame of each block's representative to the world, (n_blocks, 3, 3)."""
         assembly, over = deformable.assembly, self.over
@@ -222,9 +229,12 @@ def vectors_in_all_sectors(
     values, surfaces = vectors.reshape(-1, 3)[orbits.point_of], deformable.surfaces
     stands = orbits.facets[orbits.point_of[:, 0] // surfaces.basis.n_points]
     frames, swapped = orbits.rotations(deformable), orbits.swapped
-    # Alike in the frames of their blocks; where these have changed places it acts on the other one.
-    to = frames[np.where(swapped, surfaces.block_m, surfaces.block_s)]
-    turn = to @ frames[surfaces.block_s[stands]].swapaxes(1, 2)
+    # Alike in the frames of their blocks that deform; where blocks have changed places it acts on
+    # the other one.
+    on_m = deformable.group_of[surfaces.block_s[stands]] < 0
+    of = np.where(on_m, surfaces.block_m[stands], surfaces.block_s[stands])
+    to = frames[np.where(on_m != swapped, surfaces.block_m, surfaces.block_s)]
+    turn = to @ frames[of].swapaxes(1, 2)
     sign = np.where(swapped, -1.0, 1.0)
     return np.asarray(np.reshape(sign, (-1, 1, 1)) * (values @ turn.swapaxes(1, 2)))
 
@@ -482,7 +492,8 @@ def _with_facets(deformable: DeformableAssembly, orbits: Orbits) -> Orbits:
     point_of: IntArray = basis.n_points * position[:, None]
     point_of = point_of + basis.points_after(match.argmax(axis=2))
     share = 1.0 if orbits.over is None else np.where(end_m == end_s, 0.5, 1.0)[facets, None]
-    return replace(orbits, facets=facets, point_of=point_of, swapped=~same, share=share)
+    swapped = ~same | (rigid != rigid[stands])
+    return replace(orbits, facets=facets, point_of=point_of, swapped=swapped, share=share)
 
 
 def _ends(

@@ -57,11 +57,12 @@ def _agree(problem: Problem, plain: PlainState, method: Static) -> None:
 
 
 @pytest.mark.parametrize(
-    ("degree", "friction"), [(1, None), (2, None), (3, None), (1, 0.3), (2, 0.2)]
+    ("degree", "friction", "layers"),
+    [(1, None, 1), (2, None, 1), (3, None, 1), (1, 0.3, 2), (2, 0.2, 1)],
 )
-def test_tubes(degree: int, friction: float | None) -> None:
-    """Computed whole, and one block of each orbit."""
-    problem = _tube(degree, friction)
+def test_tubes(degree: int, friction: float | None, layers: int) -> None:
+    """Computed whole, and one block of each orbit: of two layers a half turn takes one."""
+    problem = _tube(degree, friction, layers)
     steps = None if friction is None else 2
     path = [((k / (steps or 1)) ** 2, 1.0) for k in range(1, 1 + (steps or 1))]
     plain = plain_path(problem, path)
