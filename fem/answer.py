@@ -204,7 +204,6 @@ def contact_report(
         "n_contacts": solution.contact_state.n_facets,
         "joints": solution.joints.as_json(),
         "imbalance": solution.imbalance.as_json(),
-        "search_change": solution.search_change,
         "contact": numbers,
         "contact_cap": None if solution.cap is None else asdict(solution.cap),
     }

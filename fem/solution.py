@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fem.contact.search import points_of_search
 from fem.element.stress import principal_stress
 from fem.static.result import StaticResult, loose_blocks
 from fem.system.build import DeformableAssembly
@@ -26,9 +25,7 @@ from fem.system.state import (
     ContactState,
     cap_action,
     contact_measures,
-    contact_state,
     corner_displacements,
-    facing_points,
 )
 from geometry.balance import Imbalance, imbalance, of_fixed_blocks, together
 from geometry.errors import RefusedError
@@ -311,31 +308,6 @@ class Solution(ReadOnlyArrays):
             force -= loads[number] @ group.rotations.transpose(0, 2, 1)
             result.append(force - held[number] if held else force)
         return tuple(result)
-
-    @cached_property
-    def search_change(self) -> float | None:
-        """Change of the joint forces by a search at the end, over the largest one [-].
-
-        None where facets match.
-        """
-        searched = self.solver.searched
-        if searched is None:
-            return None
-        whole, moved = self.deformable, self.group_displacements
-        clearance, normals = whole.surfaces.clearance, whole.contact.normals
-        fresh = points_of_search(facing_points(whole, moved), clearance, normals)
-        forces: dict[tuple[int, int], float] = {}
-        largest = 0.0
-        for state, sign in (
-            (replace(self.contact_state, point_frictions=None), 1.0),
-            (contact_state(whole, moved, fresh), -1.0),
-        ):
-            joints = joint_forces(state)
-            largest = max(largest, float(joints.normal_force.max(initial=0.0)))
-            pairs = zip(joints.block_m.tolist(), joints.block_s.tolist(), strict=True)
-            for pair, force in zip(pairs, joints.normal_force.tolist(), strict=True):
-                forces[pair] = forces.get(pair, 0.0) + sign * force
-        return max(map(abs, forces.values()), default=0.0) / largest if largest else 0.0
 
     @cached_property
     def push_curves(self) -> tuple[PushCurve, ...]:

@@ -402,5 +402,5 @@ def _advance_friction(problem: StaticProblem, state: StaticState, begin: FloatAr
     resisting = np.where(touching[..., None], mean[..., None] * last, 0.5 * first)[..., 1:]
     lost = problem.system.points.weights * ((moved - anchor) * resisting).sum(axis=2)
     times = problem.system.orbits.times(problem.system.points)
-    lost = float((times * lost).sum())
-    return replace(state, anchor=moved, dissipation=state.dissipation + lost)
+    total = state.dissipation + float((times * lost).sum())
+    return replace(state, anchor=moved, dissipation=total)

@@ -87,10 +87,3 @@ def test_an_answer_whose_forces_do_not_balance_is_rejected(options: dict[str, An
     assert 1e-4 < wrong.imbalance.force <= 1e-3  # of the joint, or of the load where that is larger
     with pytest.raises(StaticError, match=f"of block ({pair[0]}|{pair[1]}) are out of balance"):
         answer_of(wrong)
-
-
-def test_a_search_at_the_end_changes_nothing() -> None:
-    """The points of the last residual are those of the place where the blocks are."""
-    assert (
-        solve_static(ring(finite_sliding=True), Static(mesh="scene")).report["search_change"] < 1e-6
-    )

@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
@@ -28,7 +27,6 @@ from validation.output.forces import (
     JOINT_FILES,
     SECTION_FILES,
     add_reactions,
-    add_search,
     write_joints,
     write_sections,
 )
@@ -312,9 +310,6 @@ def _add_contact(table: Table, answer: Answer) -> None:
     table.add_row("contact search", answer.report["contact_search"])
     measures = answer.measures
     add_measures(table, {name: measures[name] for name in PAPER if name in measures})
-    force = answer.measures.get("largest_joint_force")
-    bar = np.inf if force is None or force.error is None else force.error / force.value
-    add_search(table, answer.report, bar)
     _add_part(table, answer, "friction")
     _add_slip(table, answer.details.slip)
     contact = contact_on(answer.details, facets.of if isinstance(facets, MeshFacets) else None)
