@@ -29,6 +29,7 @@ VARIABLES: dict[str, Any] = {
 def stated(**more: Any) -> dict[str, Any]:
     """Search among six coarse tubes."""
     base = {"scene": "tsb1-pipe", "minimise": "p_max", "settings": COARSE, "evaluations": 6}
+    base |= {"judge": {"count": 1, "settings": {"fem.mesh": "scene", "fem.error_estimate": False}}}
     return base | {"variables": VARIABLES} | more
 
 
@@ -83,8 +84,22 @@ def test_a_search_of_all_designs_finds_the_best_and_goes_on(tmp_path: Path) -> N
     assert len(second.rows) == 6
     assert {r["cpu_seconds"] for r in second.rows} == {r["cpu_seconds"] for r in first.rows}
     assert "6 designs computed, 6 within the limits, 0 failed" in repr(second)
+    ends = {path: best[path] for path, v in VARIABLES.items() if best[path] in (v[0], v[-1])}
+    assert all(f"{path} = {value:g}" in repr(second) for path, value in ends.items())
+    worst = max(rows, key=lambda row: row["p_max"])
+    ordered = {tuple(row[path] for path in VARIABLES) for row in first.judged}
+    assert ordered == {tuple(row[path] for path in VARIABLES) for row in (best, worst)}
     second.draw(str(tmp_path / "search.png"))
     assert (tmp_path / "search.png").stat().st_size > 1000
+    assert [row["p_max"] for row in first.judged] == sorted(row["p_max"] for row in first.judged)
+
+
+def test_a_rigid_search_is_judged_by_deformable_blocks_unless_these_have_no_such_measure() -> None:
+    asked = {key: value for key, value in stated().items() if key != "judge"}
+    by_default = check_optimisation(asked)
+    assert by_default.judge is not None
+    assert by_default.judge.quantity == "fem"
+    assert check_optimisation(asked | {"minimise": "effective_area_percent"}).judge is None
 
 
 def test_a_limit_that_no_design_meets_names_the_nearest() -> None:

@@ -95,10 +95,16 @@ class SearchResult:
             f"{len(self.search.points)} designs computed, {len(self.search.feasible)} within the "
             f"limits, {failed} failed"
         )
+        ends = ", ".join(f"{path} = {value:.6g}" for path, value in self.search.at_bounds.items())
+        if ends and not two:
+            console.print(f"at the bound: {ends}; better designs may lie beyond")
         if stated.judge is not None and self.final:
             words = f"{name}: judged again ({stated.judge.quantity})"
             console.print(self._table(self.judged, words, stated.judge))
             console.print(self.verdict)
+        elif stated.study.quantity == "rigid":
+            names = " and ".join(stated.measures)
+            console.print(f"not judged by deformable blocks: these have no {names}")
 
     def _table(self, rows: Sequence[dict[str, Any]], title: str, study: Study) -> Table:
         stated = self.search.stated
@@ -124,7 +130,18 @@ class SearchResult:
         close = [row for row in answered[1:] if _overlap(best, row, name)]
         if close:
             words += f"; error bars do not tell it from {len(close)} of the others"
-        return words
+        return f"{words}\n{self._order}" if len(self.final) > 1 else words
+
+    @property
+    def _order(self) -> str:
+        """Where the first and the last design of the search stand among those judged."""
+        places = [point.places for point in self.final]
+        mine = sorted(places, key=[p.places for p in self.search.feasible].index)
+        first, last = (1 + places.index(mine[k]) for k in (0, -1))
+        return (
+            f"order: the best design of the search is number {first} of {len(places)} judged, the "
+            f"worst of these number {last}"
+        )
 
     def as_json(self) -> dict[str, Any]:
         """Plain data."""

@@ -258,18 +258,30 @@ class Search:
         return sorted(result, key=lambda p: (p.scores(measures), p.places))
 
     @property
+    def at_bounds(self) -> dict[str, Any]:
+        """Values of the best design that are the first or last of their variable, by its name."""
+        best = self.feasible[0].places
+        stated = zip(self.stated.variables, best, strict=True)
+        return {path: v[place] for (path, v), place in stated if place in (0, len(v) - 1)}
+
+    @property
     def best(self) -> list[Point]:
         """The Pareto front; of one measure the designs with the least value."""
         return front(self.feasible, self.stated.measures)
 
     @property
     def finalists(self) -> list[Point]:
-        """Designs that are judged again: the front first, evenly along it, then the next ones."""
-        count, best = self.stated.finalists, self.best
+        """Designs that are judged again: the front first, evenly along it, then the next ones.
+
+        Of one measure the worst design comes last: whether it stays so says how far the search can
+        be believed.
+        """
+        count, best, feasible = self.stated.finalists, self.best, self.feasible
         if len(self.stated.measures) == 2 and len(best) > count > 1:
             return [best[round(k * (len(best) - 1) / (count - 1))] for k in range(count)]
-        others = [p for p in self.feasible if p not in best]
-        return [*best, *others][:count]
+        first = [*best, *(p for p in feasible if p not in best)][:count]
+        alone = len(self.stated.measures) == 1 and feasible[-1] not in first
+        return [*first, feasible[-1]] if alone else first
 
 
 def _axes_apart(one: Places, other: Places) -> int:

@@ -123,6 +123,17 @@ class Sensitivity:
             console.print(table)
         for parameter, why in self.failed.items():
             console.print(f"{parameter}: no derivative: {why}")
+        console.print(f"± {self.covered}")
+
+    @property
+    def covered(self) -> str:
+        """What the error of a derivative covers, and what not."""
+        if self.method == "fem":
+            return "is the error of the difference quotient and that of the mesh"
+        return (
+            "is the error of the difference quotient alone: derivatives of deformable blocks are "
+            "others and may have the other sign (--method fem)"
+        )
 
     def of(self, measure: str) -> list[Slope]:
         """Slopes of one measure, the largest elasticity first; those without one last."""
@@ -183,11 +194,12 @@ class Sensitivity:
 
     def __repr__(self) -> str:
         """Return a line for each derivative."""
-        return "\n".join(
+        lines = [
             f"d {s.measure} / d {s.parameter} = {_with_error(s.derivative, s.error)}"
             + (f" ({s.remark})" if s.remark else "")
             for s in self.slopes
-        )
+        ]
+        return "\n".join([*lines, f"± {self.covered}"])
 
 
 def _words(measure: str) -> str:

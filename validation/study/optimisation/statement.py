@@ -11,8 +11,8 @@ Every variable has a list of values, so a search is a study of which few designs
     [limits]
     locked = true
     volume = { most = 8e7 }
-    [judge]                                # the best few again
-    quantity = "fem"
+    [judge]                                # the best few again, and the worst
+    quantity = "fem"                       # so without [judge] too, where blocks are rigid
 """
 
 from __future__ import annotations
@@ -176,10 +176,11 @@ def check_optimisation(
     }
     study = check_study(stated, name, folder, overrides)
     judge, count = _judge(name, data, stated, folder, overrides)
+    measures = _measures(name, data.get("minimise"), study, judge)
     return Optimisation(
         study=study,
         cases=tuple(path for path, _ in flat(cases)),
-        measures=_measures(name, data.get("minimise"), study, judge),
+        measures=measures,
         limits=_limits(name, data, study),
         evaluations=_whole(f"{name}: evaluations", data.get("evaluations", _EVALUATIONS), 1),
         seed=_whole(f"{name}: seed", data.get("seed", 0), 0),
@@ -327,9 +328,16 @@ def _judge(
     folder: Path | None,
     overrides: tuple[str, ...],
 ) -> tuple[Study | None, int]:
-    """Study of the last few designs, and how many they are; None where the search decides."""
+    """Study of the last few designs, and how many they are; None where the search decides.
+
+    Rigid blocks do not decide: without a table of its own their search is judged all the same,
+    where deformable blocks have its measures.
+    """
     given = _section(name, data, "judge")
-    if not given:
+    wanted = data.get("minimise")
+    measures = [wanted] if isinstance(wanted, str) else wanted
+    known = isinstance(measures, list) and set(map(str, measures)) <= set(COLUMNS["fem"])
+    if not given and not (stated["quantity"] == "rigid" and known):
         return None, 0
     check_keys(f"{name}: judge", given, _JUDGE_KEYS)
     settings = dict(stated["settings"]) | dict(flat(given.get("settings", {})))
