@@ -280,7 +280,7 @@ class Contacts:
         From force and moment about each block's mass centroid, (n_blocks, 6) [N, N mm]; (6 n_free,)
         [N].
         """
-        scaled = wrenches[self.free_blocks]
+        scaled = np.array(wrenches[self.free_blocks], dtype=np.float64)
         scaled[:, 3:] /= self.length
         return self.jacobian.admissible(scaled.ravel())
 
