@@ -158,16 +158,18 @@ def _load(
     States under some loads may be ``known`` nearly.
     """
     clock = time.process_time()
-    orbits = _orbits(deformable, options.symmetry)
-    like = options.like
+    like, contact = options.like, deformable.contact
     in_forces = options.method is StaticMethod.CONDENSED and (not like or like.in_contact_forces)
     grids = grid_blocks(deformable) if in_forces else None
     if grids is not None:
+        orbits = _orbits(deformable, options.symmetry, half_turn=True)
         # What it does not solve, the general solver may.
         with contextlib.nullcontext() if like else contextlib.suppress(StaticError):
             return _in_contact_forces(system_of(deformable, orbits), options, grids, start)
-    points = None
-    if deformable.contact.finite_sliding:
+    # Points of a search are those of a sector; states of least energy may be less symmetric.
+    half_turn = contact.friction is not None and not contact.finite_sliding
+    orbits, points = _orbits(deformable, options.symmetry, half_turn=half_turn), None
+    if contact.finite_sliding:
         points = facing_points(deformable, None if start is None else start.displacements, orbits)
     problem = _problem(deformable, orbits, options, store, points)
     ready = time.process_time()
@@ -307,12 +309,10 @@ def _most_held(system: System) -> int:
     return int(np.bincount(slots).max(initial=0))
 
 
-def _orbits(deformable: DeformableAssembly, symmetry: int | None) -> Orbits:
+def _orbits(deformable: DeformableAssembly, symmetry: int | None, *, half_turn: bool) -> Orbits:
     if symmetry is None:
         largest = largest_cyclic_orbits(deformable)
-        # Points of a search are those of a sector.
-        searched = deformable.contact.finite_sliding
-        return largest if searched else with_half_turn(deformable, largest)
+        return with_half_turn(deformable, largest) if half_turn else largest
     return no_symmetry(deformable) if symmetry == 1 else cyclic_orbits(deformable, symmetry)
 
 
