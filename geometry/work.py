@@ -224,8 +224,12 @@ def budget(
 
 @contextmanager
 def unlimited() -> Iterator[None]:
-    """Count what is done within, whatever the limits: what a finished answer still needs."""
-    free = Budget()
+    """Count what is done within, whatever the limits of time: what a finished answer still needs.
+
+    Limits of memory stay: what goes beyond them is not started.
+    """
+    memories = [own.memory for own in _chain() if own.memory is not None]
+    free = Budget(memory=min(memories, default=None))
     token = _BUDGET.set(free)
     try:
         yield

@@ -7,7 +7,7 @@ import pytest
 
 from geometry.families.masonry import RunningBondWall
 from geometry.families.platonic_layers import OctahedraLayer
-from geometry.work import SECONDS, Operation
+from geometry.work import SECONDS, Operation, budget, count, memory_limit, unlimited
 from mbd import contact_jacobian
 from mbd.equilibrium import newton_equilibrium
 from mbd.force_range import force_ranges
@@ -93,3 +93,12 @@ def test_unit_loads_left_at_the_limit_are_counted() -> None:
     assert every.unasked == 0
     assert found.unasked == every.areas.size - 1
     assert found.bearing_area == every.areas[0, 0, 0] >= every.bearing_area
+
+
+def test_what_a_finished_answer_needs_has_no_limit_of_work_but_that_of_memory() -> None:
+    with budget(work=2.0 * EACH, memory=0.5) as outer:
+        least = memory_limit()
+        with unlimited():
+            count(Operation.SIMPLEX, 3.0)
+            assert memory_limit() == least
+        assert outer.seconds == pytest.approx(3.0 * EACH)
