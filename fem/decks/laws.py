@@ -110,7 +110,8 @@ def law_table(law: ContactLaw, clearance: float = 0.0) -> FloatArray:
         overclosure = c0 * (np.linspace(0.0, end, TABLE_POINTS - 1) - 1.0)
     pressure = law.pressure(overclosure)
     slope = float(law.stiffness(overclosure[-1:] + 1e-9)[0])
-    last = [pressure[-1] + slope * (_FAR - overclosure[-1]), _FAR]
-    table = np.vstack([np.column_stack([pressure, overclosure]), last])
+    table = np.column_stack([pressure, overclosure])
+    if overclosure[-1] < _FAR:  # a table that was read may go so far
+        table = np.vstack([table, [pressure[-1] + slope * (_FAR - overclosure[-1]), _FAR]])
     table[:, 1] += clearance
     return table

@@ -368,7 +368,7 @@ def nodal_loads(
     if turning:
         dead = replace(load, faces=tuple(face for face in load.faces if not _turns(face)))
         result = _dead_loads(assembly, dead, group_of, copy_of)
-        alone = replace(load, faces=turning, body_wrenches=None, lines=())
+        alone = replace(load, faces=turning, body_wrenches=None, lines=(), nodes=())
         follow = _dead_loads(assembly, alone, group_of, copy_of)
         return (*result, *(replace(part, follows_block=True) for part in follow))
     return _dead_loads(assembly, load, group_of, copy_of)

@@ -29,6 +29,7 @@ from tests.support.ccx import calculix_available, run_calculix
 from tests.support.commands import command
 from tests.support.cubes_deck import CUBES, changed, changed_lines
 from tests.support.decks import exported, solved, written_again
+from tests.support.slender_beam import beam_lines
 from tests.verification.deck_press_fit import MU, STICK, block, block_pressure
 from validation import load_case
 
@@ -113,6 +114,80 @@ def test_springs_are_a_number_and_a_node(row: str) -> None:
     springs = f"*Element, type=SPRING1, elset=G\n{row}\n*Spring, elset=G\n3\n250."
     with pytest.raises(DeckError, match="expected a number of its own and a node"):
         deck_of_lines(changed("*Boundary", f"{springs}\n*Boundary")).validate()
+
+
+#: Cubes of 1e-10 t/mm³; a gravity of 1e10 mm/s² is then 1 N/mm³.
+HEAVY = changed("*Elastic", "*Density\n1e-10\n*Elastic", changed("UPPER, P2, 2.", "{}", CUBES))
+
+
+def top_under(rows: str, dialect: Dialect = Dialect.ABAQUS) -> float:
+    """Displacement of the top of heavy cubes under rows of *Dload [mm]."""
+    return top_moves(deck_of_lines(changed("{}", rows, HEAVY), dialect=dialect))
+
+
+def test_gravity_without_a_set_is_that_of_all_blocks() -> None:
+    """What CAE writes for the whole model; CalculiX needs a set."""
+    along = "GRAV, 1e10, 0., 0., -1."
+    both = top_under(f"UPPER, {along}\nLOWER, {along}")
+    assert top_under(f", {along}") == pytest.approx(both, rel=1e-9)
+    # Columns of ρ g L² / 2 E each, the lower under the weight of the other, and the joint: W / k.
+    assert both == pytest.approx(-(0.5 + 0.5 + 1.0) * 1e-3 - 1.0 / 500.0, rel=1e-6)
+    with pytest.raises(DeckError, match="got '' under"):
+        top_under(f", {along}", Dialect.CALCULIX)
+
+
+@pytest.mark.parametrize("block", ["UPPER", "LOWER"])
+def test_gravity_of_some_blocks_is_their_force_per_volume(block: str) -> None:
+    weight = top_under(f"{block}, GRAV, 1e10, 0., 0., -1.\nUPPER, P2, 2.")
+    force = top_under(f"{block}, BZ, -1.\nUPPER, P2, 2.")
+    assert weight == pytest.approx(force, rel=1e-12)
+    assert weight < -0.008
+
+
+def test_gravity_of_a_fixed_block_does_not_matter() -> None:
+    """The lower cube is held at all nodes: gravity of the other is that of all that move."""
+    held = changed("FOOT, 1, 3", "FOOT, 1, 3\n5, 1, 3\n6, 1, 3\n7, 1, 3\n8, 1, 3", HEAVY)
+    lines = changed("{}", "UPPER, GRAV, 1e10, 0., 0., -1.", held)
+    problem = deck_of_lines(lines).problem()
+    assert problem.gravity == pytest.approx([0.0, 0.0, -1e10])
+    assert problem.load_case.body_wrenches is None
+
+
+def test_what_has_no_influence_is_named() -> None:
+    """An orientation of an isotropic material, and a temperature where nothing expands."""
+    axes = "*Orientation, name=O, system=RECTANGULAR\n0., 1., 0., 1., 0., 0.\n*Material"
+    lines = changed("*Material", axes, changed("elset=UPPER, m", "elset=UPPER, orientation=O, m"))
+    lines = changed(
+        "*Boundary", "*Initial Conditions, type=TEMPERATURE\nALL, 20.\n*Boundary", lines
+    )
+    deck = deck_of_lines(lines)
+    assert top_moves(deck) == top_moves(deck_of_lines(CUBES))
+    assert "*Solid Section, orientation" in deck.without_influence
+    assert any("temperatures have no influence" in note for note in deck.model.notes)
+    expands = deck_of_lines(changed("*Elastic", "*Expansion\n1e-5,\n*Elastic", lines))
+    with pytest.raises(DeckError, match=r"^line \d+: .*beside \*Expansion"):
+        expands.problem()
+
+
+def test_forces_on_nodes_count_once_beside_pressures_that_turn() -> None:
+    both = changed("UPPER, P2, 2.", "UPPER, P2, 2.\n*Cload\n15, 3, -1.")
+    for lines in (both, changed("*Step\n", "*Step, nlgeom\n", both)):
+        loads = deck_of_lines(lines).problem().deformable.model.loads
+        total = np.sum([load.forces.sum(axis=0) for load in loads], axis=0)
+        assert total == pytest.approx([0.0, 0.0, -3.0], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("shape", "kind", "coarse"),
+    [("regular", "C3D8I", False), ("trapezoids", "C3D8I", True), ("regular", "C3D8", True)],
+)
+def test_a_mesh_that_cannot_bend_is_named(shape, kind, coarse, tmp_path: Path) -> None:
+    """Six elements of MacNeal and Harder: trapezoids carry 5 % of the bending, C3D8 9 %."""
+    path = tmp_path / "beam.inp"
+    path.write_text("\n".join([*beam_lines(shape, kind), ""]), "ascii")
+    status, said, wrong = command("deck", str(path), "--run", "--json", "-")
+    assert status == 0, wrong
+    assert any("mesh: too coarse" in note for note in json.loads(said)["remarks"]) is coarse
 
 
 def test_a_clearance_is_closed_first() -> None:

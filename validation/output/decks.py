@@ -12,18 +12,21 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from scipy.spatial import KDTree
 
 from fem.decks.problem import increments, needs_double, problem_deck
 from fem.decks.read.deck import InputDeck, read_deck
 from fem.decks.read.words import Dialect
 from fem.decks.statement import Deck, Flavour, element_name
 from fem.decks.write import write_deck
+from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.measures import load_step_change
 from fem.method import Explicit, Static
 from fem.problem import Problem
 from geometry.answer import Answer
 from geometry.errors import RefusedError
+from geometry.mesh import FloatArray
 from geometry.system import write_whole
 from validation.build.deck import build_deck
 from validation.case import Case
@@ -33,6 +36,10 @@ from validation.output.files import prepare_file
 
 #: Largest strain, and rotation [rad] where it is linear: their products are a fiftieth of them.
 LARGEST_STRAIN = 0.02
+#: Nodes of elements, each counted by itself, up to which a mesh is checked by a higher degree.
+_CHECKED_NODES = 50_000
+#: Change of displacements by that degree from which a mesh is called coarse [-].
+_COARSE = 0.1
 #: Time that an explicit program takes for an element and an increment, by experience [s].
 _ELEMENT_INCREMENT = 1.0e-6
 
@@ -168,6 +175,8 @@ def solve_deck(
             answer = solve_static(problem, method, progress=progress)
         if problem.after is not None:
             deck.model.note(f"error bars: none of the mesh; {_change_by_increments(answer)}")
+        if method.mesh == "scene":
+            _check_mesh(deck, problem, answer)
     strain = largest_strain(problem, answer)
     if strain > LARGEST_STRAIN:
         deck.model.note(
@@ -182,6 +191,39 @@ def solve_deck(
                 "this answer is linear in rotations, and has left their range"
             )
     return answer
+
+
+def _check_mesh(deck: InputDeck, problem: Problem, answer: Answer) -> None:
+    """Compare with elements of one degree more on the same mesh, where that is cheap: a remark.
+
+    Without friction and search: these would take longer than the answer itself.
+    """
+    from fem import solve_static
+
+    degree = problem.degree + 1
+    elements = sum(problem.blocks.shape(b).mesh.n_elements for b in problem.blocks.free_blocks)
+    nodes = elements * (degree + 1) ** 3
+    if problem.coulomb is not None or problem.after or problem.searches or nodes > _CHECKED_NODES:
+        return
+    stiffer = replace(problem, element=ElementType.INCOMPATIBLE, degree=degree, check_blocks=False)
+    finer = solve_static(stiffer, Static(mesh="scene", error_estimate=False))
+    moved, better = answer.fields["displacement"], _moved_there(finer, answer)
+    change = float(np.linalg.norm(better)) / (float(np.linalg.norm(moved)) or 1.0) - 1.0
+    if abs(change) > _COARSE:
+        deck.model.note(
+            f"mesh: too coarse, or of badly shaped elements; elements of degree {degree} on the "
+            f"same mesh change displacements by {100.0 * change:+.3g} %"
+        )
+
+
+def _moved_there(answer: Answer, other: Answer) -> FloatArray:
+    """Displacements of an answer at the points of another of the same blocks, (n, 3) [mm]."""
+    result = np.zeros((len(other.points), 3))
+    for block in np.unique(other.block_of_point).tolist():
+        here, there = (one.block_of_point == block for one in (answer, other))
+        _, nearest = KDTree(answer.points[here]).query(other.points[there])
+        result[there] = answer.fields["displacement"][here][nearest]
+    return result
 
 
 def _change_by_increments(answer: Answer) -> str:
@@ -243,7 +285,8 @@ def input_json(deck: InputDeck) -> dict[str, Any]:
     """Return what a deck that was read says as plain data."""
     problem, step = deck.problem(), deck.steps[-1]
     blocks, load = problem.blocks, problem.load_case
-    friction = problem.coulomb
+    friction, wrenches = problem.coulomb, load.body_wrenches
+    wrenches = np.zeros((0, 6)) if wrenches is None else wrenches
     return {
         "deck": deck.name,
         "dialect": str(deck.dialect),
@@ -264,6 +307,8 @@ def input_json(deck: InputDeck) -> dict[str, Any]:
         "fixed_blocks": int(load.fixed.sum()),
         "supports": sorted({held.title for held in load.held}),
         "loads": [f"{type(face).__name__} on {len(face.blocks)} blocks" for face in load.faces],
+        "gravity": None if problem.gravity is None else [float(part) for part in problem.gravity],
+        "body_forces": int(wrenches.any(axis=1).sum()),
         "nodal_forces": sum(len(nodes.block) for nodes in load.nodes),
         "remarks": deck.model.notes,
         "without_influence": list(deck.without_influence),
@@ -295,6 +340,9 @@ def input_table(deck: InputDeck) -> Table:
     table.add_row("supports", ", ".join([*held, *data["supports"]]) or "none")
     forces = [f"{data['nodal_forces']} nodal forces"] * bool(data["nodal_forces"])
     loads = [f"{count} × {load}" for load, count in Counter(data["loads"]).items()]
+    loads += [f"forces per volume on {data['body_forces']} blocks"] * bool(data["body_forces"])
+    if data["gravity"] is not None:
+        loads.append(f"gravity {', '.join(f'{part:g}' for part in data['gravity'])} mm/s²")
     table.add_row("loads", ", ".join([*loads, *forces]) or "none")
     turns = "large rotations" if data["large_rotations"] else "small rotations"
     table.add_row("step", f"{data['procedure']}, {data['duration']:g} s, {turns}")

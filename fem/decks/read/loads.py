@@ -11,6 +11,7 @@ from fem.decks.keywords import DeckError
 from fem.decks.read.actions import Actions
 from fem.decks.read.cards import Card
 from fem.decks.read.model import Step, path_of, smooth_time
+from fem.decks.read.words import Dialect
 from geometry.assembly import Assembly
 from geometry.loads import CircumferentialLoad, PressureLoad, TractionLoad
 from geometry.mesh import FloatArray, IntArray
@@ -135,7 +136,9 @@ def _dload(actions: Actions, stated: _Row) -> None:
     kind = row[1].upper() if len(row) > 2 else ""
     share = _gravity_share(actions, stated) if kind == "GRAV" else _share(actions, stated)
     value = share * card.number(line, row[2]) if kind else 0.0
-    elements = actions.blocks.places.members(card, line, row[0], nodes=False)
+    places = actions.blocks.places
+    whole = kind == "GRAV" and not row[0] and actions.model.dialect is Dialect.ABAQUS
+    elements = places.elements if whole else places.members(card, line, row[0], nodes=False)
     if kind.startswith("P") and kind[1:].isdigit():
         faces = actions.blocks.sides(card, line, elements, kind)
         _press(actions, faces, stated.name, value)
@@ -236,25 +239,34 @@ def orientation_of(actions: Actions) -> tuple[FloatArray, FloatArray]:
     return np.array([0.0, 0.0, 1.0]), np.zeros(3)
 
 
-def gravity_of(actions: Actions, n_blocks: int) -> FloatArray | None:
-    """Gravity of all blocks, (3,) [mm/s²]; None: none.
+def gravity_of(actions: Actions, moving: IntArray, densities: FloatArray) -> FloatArray | None:
+    """Gravity of all blocks that are not fixed, (3,) [mm/s²]; None: none.
+
+    Where it differs from block to block it is a force per volume of each.
 
     Raises
     ------
     DeckError
-        Materials without a density, gravity that differs from block to block.
+        Materials without a density, gravity of an explicit step that differs from block to block.
     """
     if not actions.gravity:
         return None
-    values = np.array([actions.gravity.get(b, np.zeros(3)) for b in range(n_blocks)])
+    values = {block: actions.gravity.get(block, np.zeros(3)) for block in moving.tolist()}
     without = [m for m in actions.model.materials.values() if m.density is None]
     if without:
         raise DeckError(f"{without[0].card.at()}: gravity needs *Density; expected one")
-    if np.abs(values - values[0]).max() > _SAME * np.abs(values).max():
+    every = np.array(list(values.values())).reshape(-1, 3)
+    if np.ptp(every, axis=0).max() <= _SAME * np.abs(every).max():
+        return np.asarray(every[0])
+    if actions.step.explicit:
         raise DeckError(
-            f"{actions.gravity_at}: gravity differs from block to block; expected it on all"
+            f"{actions.gravity_at}: gravity of an explicit step differs from block to block; "
+            "expected it on all"
         )
-    return values[0]
+    for block, value in values.items():
+        there = actions.bodies.get(block, np.zeros(3))
+        actions.bodies[block] = there + densities[block] * value
+    return None
 
 
 def body_wrenches(actions: Actions, assembly: Assembly) -> FloatArray | None:

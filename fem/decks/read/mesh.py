@@ -226,6 +226,11 @@ class Places:
             )
         return result
 
+    @property
+    def elements(self) -> list[tuple[int, int]]:
+        """Instance and number of all elements."""
+        return [(k, of) for k, one in enumerate(self.instances) for of in one.part.element_index]
+
     def _members(self, card: Card, line: int, text: str, *, nodes: bool) -> list[tuple[int, int]]:
         entry = text.strip('"').upper()
         known = self.node_sets if nodes else self.element_sets
