@@ -26,7 +26,12 @@ $(VENV)/.installed: pyproject.toml $(OTHER:other=anew)
 	touch $@
 
 demo: setup
-	$(BIN)/tubelock demo --output $(OUT)
+	$(BIN)/tubelock reproduce tables
+	$(BIN)/tubelock show tsb1-pipe --output $(OUT)/tsb1-pipe.png
+	$(BIN)/tubelock mbd tsb1-pipe --output $(OUT)/rigid
+	$(BIN)/tubelock compare tsb1-pipe --set assembly.layers=2 --output $(OUT)/compare
+	$(BIN)/tubelock fem tsb1-pipe --set assembly.layers=2 --output $(OUT)/fem
+	$(BIN)/tubelock export tsb1-pipe --set assembly.layers=2 --flavour calculix --output $(OUT)/tsb1-pipe.inp
 
 test: setup
 	$(BIN)/python -m pytest -n 2 --dist worksteal

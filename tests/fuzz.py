@@ -76,12 +76,11 @@ COMMANDS: dict[str, Any] = typer.main.get_command(app).commands  # type: ignore[
 _WRITES = {"--json": "result.json", "--csv": "rows.csv", "--parquet": "rows.parquet"}
 #: How often each command is tried: those that are short, more often.
 _WEIGHTS = {
-    "mbd": 8.0, "fem": 6.0, "sweep": 4.0, "show": 3.0, "deck": 4.0, "export": 3.0, "explode": 2.0,
-    "demo": 0.1, "cost": 0.3, "convergence": 0.2, "peaks": 0.2, "clearance": 0.3, "effects": 0.3,
-    "cell": 0.3, "report": 0.3, "explore": 0.0,  # serves until it is interrupted
+    "mbd": 8.0, "fem": 6.0, "sweep": 4.0, "show": 3.0, "deck": 4.0, "export": 3.0, "cost": 0.3,
+    "effects": 0.3, "report": 0.3, "explore": 0.0,  # serves until it is interrupted
 }  # fmt: skip
 #: What commands name, and what files they read, beside those that take a scene.
-_NAMED = {"studies": ("paper-480",), "scenes": ("arch",), "reproduce": ("nothing", "--nothing")}
+_NAMED = {"scenes": ("arch",), "reproduce": ("nothing", "--nothing")}
 _READS = {
     "sweep": ("small.toml", "damped.toml"),
     "deck": ("case.inp", "flat.inp", "block.vtu", "block.msh"),
@@ -105,7 +104,7 @@ WORDS = (
 _GOOD = {
     "--accuracy": "p_eff=30%", "--max-seconds": "1", "--keep": "friction", "--flavour": "calculix",
     "--workers": "1", "--older": "keep", "--only": "coulomb", "--store": "cost.sqlite",
-    "--resume": "run.npz", "--gap": "0.01", "--kind": "spacing",
+    "--resume": "run.npz",
 }  # fmt: skip
 
 

@@ -75,7 +75,7 @@ def _run(tmp_path):
         path.write_text(text, "utf-8")
         data.unlink(missing_ok=True)
         words = [part for one in settings for part in ("--set", one)]
-        status, printed, error = command(word, str(path), *words, "--json", str(data))
+        status, printed, error = command(*word.split(), str(path), *words, "--json", str(data))
         return status, printed + error, data
 
     return run
@@ -134,12 +134,12 @@ def test_a_load_without_a_name_is_in_a_combination_or_rejects_it(run):
         'loads = [{face = "z+", blocks = [1], pressure = 1.0}, '
         '{name = "side", face = "z+", blocks = [1], pressure = 0.5}]\n'
     )
-    line = rejected(run, "combinations", f"{loads}{COLUMN}[combinations.a]\nside = 1.0\n")
+    line = rejected(run, "fem --combinations", f"{loads}{COLUMN}[combinations.a]\nside = 1.0\n")
     assert "combinations.a: loads[0] (pressure 1 MPa) has no name" in line
 
 
 def test_a_combination_has_factors(run):
-    line = rejected(run, "combinations", f"{COLUMN}[combinations.a]\n")
+    line = rejected(run, "fem --combinations", f"{COLUMN}[combinations.a]\n")
     assert "combinations.a: got no factors" in line
 
 

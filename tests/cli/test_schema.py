@@ -83,7 +83,7 @@ def test_every_key_with_a_docstring_is_described() -> None:
 
 def test_command_prints_the_schema_that_builtin_scenes_name() -> None:
     printed = subprocess.run(
-        [sys.executable, "-m", "validation.cli", "schema"],
+        [sys.executable, "-m", "validation.cli", "scenes", "--schema"],
         capture_output=True,
         text=True,
         check=True,

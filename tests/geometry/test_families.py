@@ -108,15 +108,16 @@ def tubelock(*words):
 
 case = load_case("plain.toml")
 tubelock("export", "plain.toml", "--flavour", "general", "-o", "deck.inp")
-tubelock("explode", "plain.toml", "--json", "explosion.json")
-schema = json.loads(tubelock("schema")[0])["properties"]["block"]["properties"]["type"]["enum"]
+tubelock("mbd", "plain.toml", "--disassemble", "--json", "explosion.json")
+schema = json.loads(tubelock("scenes", "--schema")[0])["properties"]["block"]["properties"]
+schema = schema["type"]["enum"]
 print(json.dumps({
     "rigid": solve(case.with_method("rigid")).details.mechanism,
     "static": solve(case)["p_eff"].value,
     "deck": read_deck("deck.inp").problem().blocks.n_blocks,
-    "explodes": json.load(open("explosion.json"))["explodes"],
+    "explodes": json.load(open("explosion.json"))["disassembly"]["explodes"],
     "schema": "plain" in schema,
-    "refused": tubelock("explode", "brick-stack")[1],
+    "refused": tubelock("mbd", "brick-stack", "--disassemble")[1],
 }))
 """
 
@@ -165,14 +166,14 @@ def test_a_load_case_is_one_record(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_every_family_is_in_the_schema_once() -> None:
-    status, out, _ = command("schema")
+    status, out, _ = command("scenes", "--schema")
     assert status == 0
     assert json.loads(out)["properties"]["block"]["properties"]["type"]["enum"] == [
         *("box", "boxes", "brick", "hexagon", "roller", "ball", "sine"),
         *("planar-sine", "osteomorphic"),
         *("tetrahedra", "octahedra", "cubes", "versatile", "wall", "arch", "voxels", "mesh"),
     ]
-    said = command("explode", "brick-stack")[2]
+    said = command("mbd", "brick-stack", "--disassemble")[2]
     assert '"sine" or "hexagon"' in said
 
 

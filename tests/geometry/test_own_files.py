@@ -347,10 +347,10 @@ def test_check_lists_faults_overlaps_and_gaps(tmp_path: Path) -> None:
 def test_repair_writes_what_check_finds_clean(tmp_path: Path) -> None:
     file = obj(tmp_path / "a.obj", STACK, _SIDES + _SIDES[:1])
     for name in ("b.obj", "b.json"):
-        assert command("repair", str(file), "-o", str(tmp_path / name))[0] == 0
+        assert command("check", str(file), "--repair", str(tmp_path / name))[0] == 0
         assert checked(tmp_path / name)["clean"]
     lid = obj(tmp_path / "open.obj", {"a": STACK["base"]}, _SIDES[:3])
-    status, _, said = command("repair", str(lid), "-o", str(tmp_path / "c.obj"))
+    status, _, said = command("check", str(lid), "--repair", str(tmp_path / "c.obj"))
     assert (status, said.count("\n")) == (2, 1)
     assert "cannot be repaired" in said
     assert not (tmp_path / "c.obj").exists()

@@ -75,9 +75,9 @@ def test_scenes_explode_or_not(tmp_path: Path) -> None:
     ):
         words = [w for s in (*settings, "assembly.layers=4") for w in ("--set", s)]
         path = tmp_path / "explosion.json"
-        status, _, said = command("explode", name, *words, "--json", str(path))
+        status, _, said = command("mbd", name, *words, "--disassemble", "--json", str(path))
         assert status == 0, said
-        run = json.loads(path.read_text("utf-8"))
+        run = json.loads(path.read_text("utf-8"))["disassembly"]
         assert run["explodes"] == explodes
         assert run["first_order"]["admissible"] == explodes
         held = solve(load_case(name, [*settings, "assembly.layers=4"], method="rigid"))
@@ -88,6 +88,6 @@ def test_what_is_no_tube_is_refused() -> None:
     with pytest.raises(AssemblyError, match="not a tube"):
         outward_directions(BrickStack((1.0, 1.0, 1.0), (1, 1, 1), columns=2, layers=1).build())
     for scene, words in (("brick-stack", "makes no tube"), ("tetrahedra", "no mesh of a family")):
-        status, _, said = command("explode", scene)
+        status, _, said = command("mbd", scene, "--disassemble")
         assert (status, said.count("\n")) == (2, 1)
         assert words in said

@@ -542,12 +542,13 @@ def test_pictures_in_a_folder_have_the_format_that_a_scene_asks_for(kind, tubelo
 
 def test_a_name_and_a_scene_that_ask_for_two_formats_are_refused(tubelock) -> None:
     pdf = _set((*COARSE, "pictures.format=pdf"))
-    for command, name in (("show", "assembly"), ("explode", "explosion")):
-        status, _, error = tubelock(command, "tsb1-pipe", *pdf, "-o", "a.png")
-        assert status == 2
-        assert "another than pictures.format = 'pdf'" in error
-        assert not Path("a.png").exists()
-        assert tubelock(command, "tsb1-pipe", *pdf)[0] == 0
+    status, _, error = tubelock("show", "tsb1-pipe", *pdf, "-o", "a.png")
+    assert status == 2
+    assert "another than pictures.format = 'pdf'" in error
+    assert not Path("a.png").exists()
+    assert tubelock("show", "tsb1-pipe", *pdf)[0] == 0
+    assert tubelock("mbd", "tsb1-pipe", *pdf, "--disassemble")[0] == 0
+    for name in ("assembly", "explosion"):
         (found,) = Path().rglob(f"{name}.pdf")
         assert found.read_bytes()[:4] == b"%PDF"
 

@@ -36,14 +36,14 @@ def test_a_combination_is_the_sum_of_its_loads_times_their_factors() -> None:
     weight, load, wind = moved("effects"), moved("load"), moved("loads")
     found = {
         name: answer.fields["displacement"]
-        for name, answer in combination_answers(load_case(COMBINED), "fem")
+        for name, answer in combination_answers(load_case(COMBINED))
     }
     np.testing.assert_allclose(found["all"], 1.35 * weight + 1.5 * load - 0.6 * wind, atol=1e-12)
     np.testing.assert_allclose(found["weight"], 2.0 * weight, atol=1e-12)
 
 
 def test_the_envelope_names_the_combination_that_governs() -> None:
-    answers = dict(combination_answers(load_case(COMBINED), "fem"))
+    answers = dict(combination_answers(load_case(COMBINED)))
     assert list(answers) == ["all", "weight"]
     for measure, (name, largest) in envelope(answers).items():
         values = {n: abs(a.measures[measure].value) for n, a in answers.items()}
@@ -53,9 +53,9 @@ def test_the_envelope_names_the_combination_that_governs() -> None:
 def test_a_factor_of_no_load_is_rejected() -> None:
     case = load_case(COMBINED | {"combinations": {"all": {"snow": 1.0}}})
     with pytest.raises(InputError, match=r"combinations.all.snow: .* weight, load, wind"):
-        next(combination_answers(case, "fem"))
+        next(combination_answers(case))
     with pytest.raises(InputError, match="combinations: got none"):
-        next(combination_answers(load_case(BOX), "fem"))
+        next(combination_answers(load_case(BOX)))
 
 
 @pytest.mark.parametrize("factors", [{"held": 1.0}, {"supports": ["held"]}, {"push": {}}])
@@ -64,4 +64,4 @@ def test_combinations_of_other_supports_are_rejected_by_name(factors: dict[str, 
     stated = BOX | {"supports": held, "combinations": {"a": {"load": 1.0, **factors}}}
     named = rf"combinations\.a\.{next(iter(factors))}: .* the same supports and motions in all"
     with pytest.raises(InputError, match=named):
-        next(combination_answers(load_case(stated), "fem"))
+        next(combination_answers(load_case(stated)))

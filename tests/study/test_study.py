@@ -655,8 +655,10 @@ def test_sweep_on_the_command_line(walls, reference, tmp_path, monkeypatch, tube
         assert (status, out) == (2, "")
         assert message in err
         assert err.count("\n") == 1
-    assert "paper-480" in tubelock("studies")[1]
-    assert tubelock("studies", "paper-480")[1].startswith("# The paper's parameter study")
+    assert "paper-480" in tubelock("scenes", "--studies")[1]
+    assert tubelock("scenes", "--studies", "paper-480")[1].startswith(
+        "# The paper's parameter study"
+    )
 
 
 def test_a_sweep_of_which_nothing_came_is_an_error(tmp_path) -> None:

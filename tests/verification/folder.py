@@ -130,7 +130,7 @@ def fate(path: Path) -> dict[str, Any]:
     with TemporaryDirectory() as folder:
         if not checked.answer["clean"]:
             mended = Path(folder, "repaired.obj")
-            repaired = ran("repair", str(path), "--units", units, "-o", str(mended))
+            repaired = ran("check", str(path), "--units", units, "--repair", str(mended))
             again = ran("check", str(mended)) if mended.exists() else repaired
             if not again.answer.get("clean"):
                 return found | {"fate": "rejected", "why": _fault(again) or _fault(checked)}

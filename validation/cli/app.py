@@ -16,17 +16,28 @@ from validation.cli import compare, cost, decks, fem, look, paper, rigid, study,
 from validation.cli.options import command
 from validation.errors import InputError, places_of, run_command
 
-#: What people call commands that have another name here.
+#: What answers a word that is no command: what people try first, and commands of earlier versions.
 _MEANT = {
-    "rigid": "mbd",
-    "static": "fem",
-    "explicit": "fem",
-    "run": "fem",
-    "solve": "fem",
-    "plot": "show",
+    "rigid": "mbd SCENE",
+    "static": "fem SCENE",
+    "explicit": "fem SCENE --set fem.method=explicit",
+    "run": "fem SCENE",
+    "solve": "fem SCENE",
+    "plot": "show SCENE",
     "list": "scenes",
-    "deck": "export",
-    "abaqus": "export",
+    "abaqus": "export SCENE -o FILE.inp",
+    "import": "deck FILE.inp",
+    "explode": "mbd SCENE --disassemble",
+    "combinations": "fem SCENE --combinations (rigid blocks: mbd)",
+    "clearance": "sweep clearance",
+    "peaks": "sweep peaks",
+    "cell": 'fem SCENE --set fem.symmetry="periodic cell"',
+    "convergence": "stability --only orders",
+    "schema": "scenes --schema",
+    "studies": "scenes --studies",
+    "rescue": "sweep STUDY",
+    "repair": "check FILE --repair NEW.obj",
+    "demo": "reproduce tables",
 }
 
 
@@ -37,7 +48,7 @@ class Group(TyperGroup):
         """Find the command, or name the one that was meant."""
         if args and args[0] in _MEANT and args[0] not in self.commands:
             raise InputError(
-                f"tubelock {args[0]}: no such command; did you mean tubelock {_MEANT[args[0]]}?"
+                f"tubelock {args[0]}: no such command; expected tubelock {_MEANT[args[0]]}"
             )
         return super().resolve_command(ctx, args)
 
@@ -111,39 +122,25 @@ reproduce = typer.Typer()
 #: Commands by subject, in the order of ``tubelock --help``.
 _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
     "Analyse": {
+        "scenes": look.scenes,
+        "check": decks.check,
         "show": look.show,
         "mbd": rigid.mbd,
         "fem": fem.fem,
-        "compare": compare.compare,
-        "explode": rigid.explode,
         "report": look.report,
         "explore": look.explore,
-    },
-    "Study": {
-        "studies": study.studies,
         "sweep": study.sweep,
         "rescue": study.rescue,
-        "combinations": study.combinations,
         "sensitivity": study.sensitivity,
         "optimise": study.optimise,
-        "clearance": compare.clearance,
-        "effects": trust.effects,
-        "cost": cost.cost,
-    },
-    "Files": {
-        "scenes": look.scenes,
-        "schema": look.schema,
         "export": decks.export,
         "deck": decks.deck,
-        "check": decks.check,
-        "repair": decks.repair,
     },
-    "Paper": {"demo": paper.demo},
-    "Verify": {
+    "How far to believe it": {
+        "compare": compare.compare,
+        "effects": trust.effects,
+        "cost": cost.cost,
         "stability": trust.stability,
-        "cell": trust.cell,
-        "convergence": compare.convergence,
-        "peaks": cost.peaks,
     },
 }
 _PARTS: tuple[Callable[..., None], ...] = (
@@ -163,7 +160,7 @@ reproduce.callback(
     invoke_without_command=True,
     help="Reproduce the paper: the full report, or one of its parts.",
 )(paper.report)
-app.add_typer(reproduce, name="reproduce", rich_help_panel="Paper")
+app.add_typer(reproduce, name="reproduce", rich_help_panel="How far to believe it")
 
 
 def _print_version(asked: bool) -> None:

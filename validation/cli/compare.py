@@ -1,9 +1,9 @@
-"""Commands that compare analyses: methods, initial gaps, mesh sizes and time steps."""
+"""The command that compares methods."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -14,7 +14,6 @@ from validation.cli.options import (
     SceneArgument,
     SetOption,
     folder_option,
-    folder_outputs,
     scene_outputs,
 )
 
@@ -63,65 +62,3 @@ def compare(
         peak = peak_memory_mb()
         outputs.write("picture", report.PICTURE, result.draw)
         outputs.write_json({"scene": file.name, **data, "peak_memory_mb": peak, **added})
-
-
-def clearance(
-    scene: SceneArgument,
-    *,
-    gap: Annotated[
-        list[float] | None,
-        typer.Option("--gap", metavar="MM", help="Initial gap [mm]; repeatable."),
-    ] = None,
-    kind: Annotated[
-        Literal["clearance", "spacing"],
-        typer.Option(
-            help="clearance: a uniform gap along the facet normals; spacing: blocks moved apart, "
-            "as in the paper."
-        ),
-    ] = "clearance",
-    settings: SetOption = None,
-    json: JsonOption = None,
-    output: Annotated[Path | None, folder_option("the figure", "out/SCENE-clearance")] = None,
-) -> None:
-    """Vary the initial gap between the blocks.
-
-    Prints displacements and contact pressures (static analysis) for each gap.
-    """
-    from validation.case import load_case, require_deformable
-    from validation.output.progress import following
-    from validation.study.clearance import GAPS, clearance_rows, draw_clearance, print_rows
-
-    file = load_case(scene, settings or ())
-    checked = require_deformable(file, "clearance")
-    names = ("clearance.png",)
-    with scene_outputs(file, json, output, names, ending="-clearance") as outputs:
-        with following(f"{file.name}: static states"):
-            rows = clearance_rows(file.name, checked, tuple(gap) if gap else GAPS, kind)
-        print_rows(file.name, rows, outputs.console)
-        outputs.tell_keys()
-        outputs.write(
-            "picture", "clearance.png", lambda path: draw_clearance(file.name, rows, path)
-        )
-        outputs.write_json(rows)
-
-
-def convergence(
-    output: Annotated[Path | None, folder_option("the figure", "out/convergence")] = None,
-    json: JsonOption = None,
-) -> None:
-    """Measure convergence orders in mesh size and time step."""
-    from validation.output.progress import following
-    from validation.study.convergence import (
-        draw_convergence,
-        mesh_curves,
-        print_convergence,
-        time_step_curve,
-    )
-
-    names = ("convergence.png",)
-    with folder_outputs("convergence", json, output, names) as outputs:
-        with following("convergence"):
-            curves = [*mesh_curves(), time_step_curve()]
-        print_convergence(curves, outputs.console)
-        outputs.write("picture", names[0], lambda path: draw_convergence(curves, path))
-        outputs.write_json(curves)

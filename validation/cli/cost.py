@@ -1,4 +1,4 @@
-"""Commands that measure computational cost versus accuracy, and convergence orders."""
+"""The command that measures computational cost versus accuracy."""
 
 from __future__ import annotations
 
@@ -64,19 +64,3 @@ def cost(
         title = ", ".join((file.name, *(settings or ())))
         outputs.write("picture", "cost.png", lambda path: draw_study(study, path, title=title))
         outputs.write_json(study_json(study))
-
-
-def peaks(json: JsonOption = None) -> None:
-    """Measure convergence orders of peak pressures and stresses.
-
-    Uses high-order (isoparametric) elements; also prints the effect of a contact stiffness cap.
-    """
-    from validation.output.outputs import Outputs
-    from validation.output.progress import following
-    from validation.study.costs.peaks import peaks, print_peaks
-
-    with Outputs(json) as outputs:
-        with following("two layers of tsb1-pipe, degrees 1 to 3"):
-            result = peaks()
-        print_peaks(result, outputs.console)
-        outputs.write_json(result)

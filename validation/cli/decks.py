@@ -111,27 +111,44 @@ def check(
     units: UnitsOption = "mm",
     up: UpOption = "z",
     json: JsonOption = None,
+    repair: Annotated[
+        Path | None,
+        typer.Option(
+            "--repair",
+            metavar="NEW.obj|json",
+            help="Mend duplicate or turned triangles and flat holes, and write the blocks in mm.",
+        ),
+    ] = None,
 ) -> None:
-    """Check the blocks of a file; list the faults of each block.
+    """Check the blocks of a file: faults, overlaps, gaps; repair them.
 
     Of a scene of an earlier version, print the file as this version has it.
     """
     from validation.output.outputs import Outputs
     from validation.output.progress import following
-    from validation.output.solids import check_file
+    from validation.output.solids import check_file, write_repaired
 
     _one_of("--units", units, ("mm", "cm", "m", "inch"))
     _one_of("--up", up, ("y", "z"))
     if file.suffix == ".toml":
         if (units, up) != ("mm", "z"):
             raise InputError(f"{file}: a scene states units and up itself; leave the option out")
+        if repair is not None:
+            raise InputError(f"--repair: {file} is a scene; expected a file of blocks")
         _check_scene(file, json)
         return
-    with Outputs(json, reads=(file,)) as outputs:
+    with Outputs(json, files={"--repair": repair}, reads=(file,)) as outputs:
         with following(f"{file.name}: reads the blocks and finds where they touch"):
-            result = check_file(file, units=units, up=up, repair=False)
+            result = (
+                check_file(file, units=units, up=up, repair=False)
+                if repair is None
+                else write_repaired(file, repair, units=units, up=up)
+            )
         outputs.console.print(result.table())
         outputs.write_json(result.as_dict())
+        if repair is not None:
+            outputs.say(f"{len(result.blocks)} blocks", repair)
+            return
     if not result.clean:
         raise typer.Exit(1)
 
@@ -151,31 +168,6 @@ def _check_scene(file: Path, json: str | None) -> None:
         outputs.write_json({"changes": list(found.changes), "scene": found.data})
     if found.changes:
         raise typer.Exit(1)
-
-
-def repair(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Blocks: STL, OBJ, STEP, JSON, …")],
-    output: Annotated[Path, output_option("FILE.obj|json", "File to write, in mm.")],
-    units: UnitsOption = "mm",
-    up: UpOption = "z",
-    json: JsonOption = None,
-) -> None:
-    """Repair blocks: duplicate or turned triangles, flat holes.
-
-    Prints what was changed, block by block.
-    """
-    from validation.output.outputs import Outputs
-    from validation.output.progress import following
-    from validation.output.solids import write_repaired
-
-    _one_of("--units", units, ("mm", "cm", "m", "inch"))
-    _one_of("--up", up, ("y", "z"))
-    with Outputs(json, files={"-o": output}, reads=(file,)) as outputs:
-        with following(f"{file.name}: repairs the blocks"):
-            result = write_repaired(file, output, units=units, up=up)
-        outputs.console.print(result.table())
-        outputs.write_json(result.as_dict())
-        outputs.say(f"{len(result.blocks)} blocks", output)
 
 
 def deck(

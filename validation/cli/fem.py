@@ -11,6 +11,7 @@ import typer
 from validation.cli.options import (
     AccuracyOption,
     AutoOption,
+    CombinationsOption,
     FieldsOption,
     JsonOption,
     KeepOption,
@@ -24,6 +25,7 @@ from validation.cli.options import (
     method_fields,
     not_reached,
     scene_outputs,
+    solve_combinations,
     with_fields,
 )
 from validation.errors import InputError
@@ -55,10 +57,13 @@ def fem(
     max_memory: MaxMemoryOption = None,
     static_reference: Annotated[
         bool,
-        typer.Option(help="Beside an explicit run to the static state, its converged value."),
+        typer.Option(
+            help="For explicit runs: also solve the static state and print it for comparison."
+        ),
     ] = True,
     auto: AutoOption = None,
     keep: KeepOption = None,
+    combinations: CombinationsOption = False,
 ) -> None:
     """Finite-element analysis of deformable blocks.
 
@@ -76,6 +81,10 @@ def fem(
     if not static_reference and case.scene.fem.method != "static":
         stated["static_reference"] = False
     case = with_auto(with_fields(case, stated), auto, keep or ())
+    if combinations:
+        others = {"resume": resume, "fields": fields, "auto": auto, "keep": keep}
+        solve_combinations(case, json, output, others)
+        return
     if resume is not None and case.scene.fem.method == "static":
         raise InputError(
             f"--resume {resume}: a static run keeps no checkpoint; leave --resume out, or set "

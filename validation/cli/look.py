@@ -18,9 +18,7 @@ from validation.cli.options import (
     SetOption,
     exit_by,
     method_fields,
-    name_argument,
     output_option,
-    print_builtin,
     with_fields,
 )
 
@@ -29,19 +27,40 @@ if TYPE_CHECKING:
 
 
 def scenes(
-    name: Annotated[str | None, name_argument("scene", complete_scenes)] = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[NAME]",
+            help="Print this scene or study as TOML, as a template.",
+            autocompletion=complete_scenes,
+        ),
+    ] = None,
+    *,
+    studies: Annotated[
+        bool, typer.Option("--studies", help="The built-in parameter studies, for `sweep`.")
+    ] = False,
+    schema: Annotated[
+        bool, typer.Option("--schema", help="Print the JSON schema of scene files, for editors.")
+    ] = False,
 ) -> None:
-    """List the built-in scenes, or print one as TOML."""
-    print_builtin("scene", name)
+    """List the built-in scenes and studies, or print one as TOML."""
+    from validation.scene.builtin import builtin_about, builtin_names, builtin_text
 
+    if schema:
+        import json
 
-def schema() -> None:
-    """Print the JSON schema of scene files, for editors."""
-    import json
+        from validation.scene.keys.schema import scene_schema
 
-    from validation.scene.keys.schema import scene_schema
-
-    print(json.dumps(scene_schema(), indent=1, ensure_ascii=False))
+        print(json.dumps(scene_schema(), indent=1, ensure_ascii=False))
+        return
+    kind = "study" if studies else "scene"
+    if name is not None:
+        print(builtin_text(name, kind), end="")
+        return
+    names = builtin_names(kind)
+    width = max(map(len, names))
+    for known in names:
+        print(f"{known:{width}} {builtin_about(known, kind)}")
 
 
 def show(

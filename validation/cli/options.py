@@ -12,7 +12,6 @@ import typer
 
 from validation.cli.completion import complete_effects, complete_scenes, complete_settings
 from validation.errors import NOT_REACHED, InputError
-from validation.scene.builtin import builtin_about, builtin_names, builtin_text
 
 if TYPE_CHECKING:
     from geometry.answer import Answer
@@ -58,6 +57,13 @@ KeepOption = Annotated[
         metavar="EFFECT",
         help="Effect that --auto must not change; repeatable.",
         autocompletion=complete_effects,
+    ),
+]
+CombinationsOption = Annotated[
+    bool,
+    typer.Option(
+        "--combinations",
+        help="Solve the load combinations of the scene, [combinations.NAME], with their envelope.",
     ),
 ]
 JsonOption = Annotated[
@@ -152,21 +158,29 @@ def folder_outputs(
     return Outputs(json, folder, names, **more)
 
 
-def name_argument(kind: str, complete: Callable[[str], list[str]]) -> Any:
-    """Return an argument that names a built-in scene or study to print."""
-    words = f"Print this {kind} as TOML, as a template."
-    return typer.Argument(metavar="[NAME]", help=words, autocompletion=complete)
+def solve_combinations(
+    case: Case, json: str | None, output: Path | None, others: Mapping[str, Any]
+) -> None:
+    """Solve and print the combinations of a scene; ``others`` are options that have no part in it.
 
+    Factors of named loads are those of weight, load and [[loads]].
+    """
+    from validation.output.progress import following
+    from validation.study import combinations as study
 
-def print_builtin(kind: str, name: str | None) -> None:
-    """List what is built in of a kind, or print one as TOML."""
-    if name is not None:
-        print(builtin_text(name, kind), end="")
-        return
-    names = builtin_names(kind)
-    width = max(map(len, names))
-    for known in names:
-        print(f"{known:{width}} {builtin_about(known, kind)}")
+    for name, given in others.items():
+        if given:
+            raise InputError(f"--combinations and --{name}: choose one of the two")
+    ending, name = "-combinations", "combinations.csv"
+    with scene_outputs(case, json, output, (name,), ending=ending) as outputs:
+        with following(case.name) as tell:
+            found = study.combination_answers(case, tell)
+            answers = {name: answer.numbers_alone() for name, answer in found}
+            data = study.combinations_json(answers)
+        study.print_combinations(case, answers, outputs.console)
+        outputs.tell_keys()
+        outputs.write("table", name, lambda path: study.write_combinations(answers, path))
+        outputs.write_json({"scene": case.name, **data})
 
 
 FieldsOption = Annotated[

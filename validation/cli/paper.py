@@ -1,22 +1,16 @@
-"""Commands that reproduce the paper: the example, tables, figures, claims, errata, a report."""
+"""Commands that reproduce the paper: tables, figures, claims, errata, a report."""
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from validation.cli.options import JsonOption, WorkersOption, output_option
 from validation.errors import InputError
 
-if TYPE_CHECKING:
-    from validation.output.outputs import Outputs
-
 _DATA = Path("out/paper")
-#: The reduced-layer case: two layers, 960 elements per block.
-REDUCED = ("assembly.layers=2", "mesh.around=24", "mesh.radial=4", "mesh.axial=10")
 
 FemOption = Annotated[
     bool, typer.Option("--fem", help="Also run the finite-element analyses (some minutes).")
@@ -171,78 +165,3 @@ def report(
             "run the same command again: the parameter study in it is kept"
         ) from None
     console.print(f"{'report':9} {page}")
-
-
-def demo(
-    output: Annotated[Path, output_option("DIR", "Folder for the pictures.")] = Path("out/demo"),
-) -> None:
-    """Run the example: the paper's tables, the tubes, input decks."""
-    from validation.output.outputs import Outputs
-
-    with Outputs(folder=output, names=("*.json", "*.png", "*.vtu", "*.inp")) as outputs:
-        _tables(outputs)
-        _rigid(outputs)
-        _deformable(outputs)
-        _decks(outputs)
-
-
-def _tables(outputs: Outputs) -> None:
-    """Reproduce the paper's tables."""
-    from validation.output.files import write_json
-    from validation.output.provenance import stamped
-    from validation.paper.tables import compute_tables, print_tables
-
-    outputs.console.print("The paper's tables and tubelock (rigid blocks, frictionless contact):")
-    result = compute_tables()
-    print_tables(result, outputs.console)
-    data = stamped(result, outputs.origin)
-    outputs.write("tables", "tables.json", lambda path: write_json(str(path), data))
-
-
-def _rigid(outputs: Outputs) -> None:
-    """Draw three tubes of rigid blocks, and write their contact pressures."""
-    from validation.case import load_case
-    from validation.output.answer_files import write_contacts
-    from validation.output.pictures.assemblies import draw_assembly, draw_pressures
-    from validation.solving import solve
-
-    for name in ("tsb1-pipe", "tsb2-pipe", "tsb1-pillar"):
-        run = solve(load_case(name, method="rigid"))
-        draw = partial(draw_assembly, run.details.blocks, run.details.load)
-        title = f"{name}: {run.case.scene.load_words}"
-        outputs.write("picture", f"{name}-scene.png", partial(draw, title=title))
-        outputs.write("picture", f"{name}-pressures.png", partial(draw_pressures, run))
-        outputs.write("pressures", f"{name}-pressures.vtu", partial(write_contacts, run))
-
-
-def _deformable(outputs: Outputs) -> None:
-    """Solve the reduced-layer case by statics and compare it with rigid blocks."""
-    from validation.calls import compare
-    from validation.case import load_case, require_deformable
-    from validation.output.pictures.tubes import draw_sections, draw_stresses
-    from validation.study.comparison.report import print_comparison
-    from validation.study.comparison.scene import compared_runs
-
-    outputs.console.print(
-        "The same tube with two layers, rigid blocks and deformable ones (static, refined until "
-        "the error bars are small; about half a minute):"
-    )
-    scene = require_deformable(load_case("tsb1-pipe", REDUCED), "demo")
-    rigid, (static,) = compared_runs("tsb1-pipe", scene)
-    result = compare(*rigid, static)
-    print_comparison(result, outputs.console)
-    outputs.write("picture", "compare-rigid-fem.png", result.draw)
-    outputs.write("picture", "fem-stresses.png", partial(draw_stresses, static))
-    outputs.write("picture", "fem-sections.png", partial(draw_sections, static))
-
-
-def _decks(outputs: Outputs) -> None:
-    """Write the reduced-layer case as input decks for Abaqus and CalculiX."""
-    from fem.decks.statement import Flavour
-    from validation.case import load_case
-    from validation.output.decks import export_deck
-
-    file = load_case("tsb1-pipe", REDUCED)
-    names = {Flavour.GENERAL: "tsb1-pipe-abaqus.inp", Flavour.CALCULIX: "tsb1-pipe-calculix.inp"}
-    for kind, name in names.items():
-        outputs.write("deck", name, partial(export_deck, file, kind))

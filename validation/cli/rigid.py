@@ -1,4 +1,4 @@
-"""Commands of rigid-block analysis: equilibrium and mechanisms, disassembly test."""
+"""The rigid-block analysis: equilibrium and mechanisms, disassembly test."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from validation.cli.options import (
+    CombinationsOption,
     FieldsOption,
     JsonOption,
     MaxSecondsOption,
@@ -16,8 +17,8 @@ from validation.cli.options import (
     SetOption,
     folder_option,
     method_fields,
-    output_option,
     scene_outputs,
+    solve_combinations,
     with_fields,
 )
 
@@ -42,6 +43,14 @@ def mbd(
         bool,
         typer.Option("--refine", help="h-refinement check: also solve with half the facet size."),
     ] = False,
+    disassemble: Annotated[
+        bool,
+        typer.Option(
+            "--disassemble",
+            help="Also test of a tube how far all blocks can move outward, rings released.",
+        ),
+    ] = False,
+    combinations: CombinationsOption = False,
     max_work: MaxWorkOption = None,
     max_seconds: MaxSecondsOption = None,
 ) -> None:
@@ -52,7 +61,7 @@ def mbd(
     """
     from validation.case import load_case
     from validation.output.progress import following
-    from validation.output.rigid import FILES, print_rigid, write_rigid
+    from validation.output.rigid import FILES, print_explosion, print_rigid, write_rigid
     from validation.run.rigid.changed import (
         frame_warning,
         layers_to_unlock,
@@ -64,11 +73,21 @@ def mbd(
 
     asked = method_fields(max_work=max_work, max_seconds=max_seconds)
     file = with_fields(load_case(scene, settings or (), method="rigid"), asked, "rigid")
+    if combinations:
+        alone = {"fields": fields, "layers-to-unlock": unlock, "refine": refine}
+        solve_combinations(file, json, output, alone | {"disassemble": disassemble})
+        return
     if unlock:
         require_tube(file)
     if refine:
         require_mesh(file)
     with scene_outputs(file, json, output, FILES, fields=fields) as outputs:
+        explosion = None
+        if disassemble:
+            from validation.run.rigid.explosion import run_explosion
+
+            with following(f"{file.name}: motion outwards"):
+                explosion = run_explosion(file)
         with following(file.name) as show:
             answer = solve(file, show)
         print_rigid(answer, outputs.console)
@@ -88,46 +107,10 @@ def mbd(
                 change = refined(file, answer)
             outputs.console.print(f"{'refined':9} {change.words}")
             added["refinement"] = change.as_json()
+        if explosion is not None:
+            print_explosion(explosion, outputs.console)
+            added["disassembly"] = explosion.as_json()
+            outputs.write("picture", "explosion.png", explosion.draw)
         if outputs.folder is not None:
             write_rigid(answer, outputs)
         outputs.write_answer(answer.with_report(added))
-
-
-def explode(
-    scene: SceneArgument,
-    settings: SetOption = None,
-    json: JsonOption = None,
-    output: Annotated[
-        Path | None,
-        output_option(
-            "FILE.png|svg|pdf",
-            "Pictures of the motion; out/SCENE/explosion.png unless --json is given.",
-        ),
-    ] = None,
-) -> None:
-    """Disassembly test: all blocks move outward, rings released.
-
-    Prints how far the blocks of a tube can move radially before they overlap.
-    """
-    from validation.case import load_case
-    from validation.output.files import picture_file
-    from validation.output.outputs import Outputs
-    from validation.output.progress import following
-    from validation.output.rigid import print_explosion
-    from validation.run.rigid.explosion import explosion_json, run_explosion
-
-    file = load_case(scene, settings or ())
-    picture = None
-    if output is not None or json is None:
-        picture = picture_file(output, Path("out") / file.name / "explosion.png", file)
-    with Outputs(json, files={"-o": picture}, scene=file) as outputs:
-        with following(f"{file.name}: motion outwards"):
-            run = run_explosion(file)
-        print_explosion(run, outputs.console)
-        outputs.tell_keys()
-        if picture is not None:
-            from validation.output.pictures.polyhedra import draw_explosion
-
-            draw_explosion(run, picture)
-            outputs.say("picture", picture)
-        outputs.write_json(explosion_json(run))

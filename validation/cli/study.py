@@ -1,4 +1,4 @@
-"""Commands that list, print and run parameter studies, and that choose designs by them."""
+"""Commands that run parameter studies, and that choose designs by them."""
 
 from __future__ import annotations
 
@@ -16,9 +16,7 @@ from validation.cli.options import (
     SetOption,
     WorkersOption,
     folder_option,
-    name_argument,
     output_option,
-    print_builtin,
     scene_outputs,
 )
 from validation.errors import InputError
@@ -28,19 +26,12 @@ if TYPE_CHECKING:
     from validation.study.study import Study
 
 
-def studies(
-    name: Annotated[str | None, name_argument("study", complete_studies)] = None,
-) -> None:
-    """List the built-in parameter studies, or print one as TOML."""
-    print_builtin("study", name)
-
-
 def sweep(
     study: Annotated[
         str,
         typer.Argument(
             metavar="STUDY",
-            help="Built-in study (see `studies`) or TOML file.",
+            help="Built-in study (see `scenes --studies`) or TOML file.",
             autocompletion=complete_studies,
         ),
     ],
@@ -145,38 +136,6 @@ def sweep(
                     f"{stated.name}: every design failed; the first: {first}. All rows are in "
                     f"{path}; mend the study or the scene, and give -o another file"
                 )
-
-
-def combinations(
-    scene: SceneArgument,
-    *,
-    method: Annotated[
-        Literal["rigid", "fem"],
-        typer.Option(help="rigid: as `mbd`; fem: deformable blocks, as `fem`."),
-    ] = "fem",
-    settings: SetOption = None,
-    json: JsonOption = None,
-    output: Annotated[Path | None, folder_option("the table", "out/SCENE-combinations")] = None,
-) -> None:
-    """Solve the load combinations of a scene, with their envelope.
-
-    Sections [combinations.NAME] give factors of named loads: weight, load and those of [[loads]].
-    """
-    from validation.case import load_case
-    from validation.output.progress import following
-    from validation.study import combinations as study
-
-    file = load_case(scene, settings or ())
-    ending, name = "-combinations", "combinations.csv"
-    with scene_outputs(file, json, output, (name,), ending=ending) as outputs:
-        with following(file.name) as tell:
-            found = study.combination_answers(file, method, tell)
-            answers = {name: answer.numbers_alone() for name, answer in found}
-            data = study.combinations_json(answers)
-        study.print_combinations(file, answers, outputs.console)
-        outputs.tell_keys()
-        outputs.write("table", name, lambda path: study.write_combinations(answers, path))
-        outputs.write_json({"scene": file.name, **data})
 
 
 def _picture(store: Path, *, asked: bool) -> Path | None:

@@ -1,4 +1,4 @@
-"""Commands of verification: robustness cases, effects, the periodic cell."""
+"""Commands of verification: robustness cases, effects."""
 
 from __future__ import annotations
 
@@ -79,26 +79,4 @@ def effects(
             result = effect_costs(plain, file.name, tolerance=bound, told=follow)
         outputs.console.print(report.effects_table(result))
         outputs.write("picture", report.PICTURE, lambda path: report.draw_effects(result, path))
-        outputs.write_json(result)
-
-
-def cell(scene: SceneArgument, *, settings: SetOption = None, json: JsonOption = None) -> None:
-    """Measure the error of the two-layer periodic unit cell.
-
-    The reference is the full tube.
-    """
-    from validation.build.problem import fem_section
-    from validation.case import load_case, require_deformable
-    from validation.output.deformable.cell import cell_table
-    from validation.output.outputs import Outputs
-    from validation.output.progress import following
-    from validation.run.cell import cell_error
-
-    file = load_case(scene, settings or ())
-    checked = require_deformable(file, "cell")
-    fem_section(checked, file.name)
-    with Outputs(json, scene=file) as outputs:
-        with following(f"{file.name}: periodic cell and whole tube"):
-            result = cell_error(checked, file.name)
-        outputs.console.print(cell_table(file.name, result))
         outputs.write_json(result)

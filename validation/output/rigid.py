@@ -46,6 +46,7 @@ FILES = (
     "contacts.vtu",
     "contacts.png",
     "mechanism.png",
+    "explosion.png",
     *JOINT_FILES,
     *SECTION_FILES,
 )

@@ -230,7 +230,7 @@ def _pairs(assembly: PolyhedralAssembly, tolerance: float) -> _Pairs:
 def write_repaired(path: Path, output: Path, *, units: str, up: str) -> FileCheck:
     """Mend the blocks of a file and write them again, in mm with z up."""
     if output.suffix.lower() not in SOLID_SUFFIXES:
-        raise InputError(f"-o {output}: expected a name that ends in .obj or .json (compas)")
+        raise InputError(f"--repair {output}: expected a name that ends in .obj or .json (compas)")
     check = check_file(path, units=units, up=up, repair=True)
     for k, faults in enumerate(check.faults):
         if faults:

@@ -13,6 +13,8 @@ SCHEMA_DIRECTIVE = "#:schema"
 
 #: Folder of what comes with the program as TOML, by what it is.
 _FOLDERS = {"scene": "scenes", "study": "studies"}
+#: What lists them.
+_LISTED = {"scene": "tubelock scenes", "study": "tubelock scenes --studies"}
 
 
 def builtin_names(kind: str = "scene") -> list[str]:
@@ -26,7 +28,7 @@ def builtin_text(name: str, kind: str = "scene") -> str:
     known, folder = builtin_names(kind), _FOLDERS[kind]
     if name not in known:
         near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
-        hint = f"did you mean {' or '.join(near)}?" if near else f"see `tubelock {folder}`"
+        hint = f"did you mean {' or '.join(near)}?" if near else f"see `{_LISTED[kind]}`"
         raise InputError(f"{kind} {name!r} not found: no such file or built-in {kind}; {hint}")
     return (resources.files("validation") / folder / f"{name}.toml").read_text("utf-8")
 

@@ -9,6 +9,7 @@ from validation.stability import (
     contact_law,
     explicit,
     geometry,
+    orders,
     process,
     rigid,
     static,
@@ -28,6 +29,7 @@ def cases() -> tuple[Case, ...]:
         static,
         explicit,
         geometry,
+        orders,
         process,
     )
     return tuple(case for subject in subjects for case in subject.CASES.found)

@@ -1,4 +1,4 @@
-"""`tubelock combinations`: answers under each combination of loads, and the envelope over them."""
+"""Answers under each combination of loads, and the envelope over them."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ Kind = Literal["rigid", "fem"]
 
 
 def combination_answers(
-    file: Case, kind: Kind, tell: Callable[[str], None] | None = None
+    file: Case, tell: Callable[[str], None] | None = None
 ) -> Iterator[tuple[str, Answer]]:
-    """Answer to each combination of a scene, as `tubelock mbd` or `fem` gives it.
+    """Answer to each combination of a scene by its method.
 
     ``tell`` is called with a line before each.
     """
@@ -35,12 +35,14 @@ def combination_answers(
             f"{file.name}: combinations: got none; expected sections such as [combinations.NAME] "
             "with factors: weight = 1.35, load = 1.5"
         )
+    from validation.solving import repeatable, solve
+
     stated = {name: combined(file.scene, name) for name in file.scene.combinations}
     for number, (name, scene) in enumerate(stated.items(), 1):
         if tell is not None:
             tell(f"{name}, {number} of {len(stated)}")
         one = replace(file.stating(scene), name=f"{file.name}, {name}")
-        yield name, answer_to(one, kind)
+        yield name, repeatable(solve(one))
 
 
 def answer_to(file: Case, kind: Kind) -> Answer:

@@ -1,9 +1,10 @@
-"""`tubelock explode`: does the tube explode, to first order and how far; numbers and pictures."""
+"""Disassembly test: whether all blocks of a tube can move outward, to first order and how far."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,7 @@ TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class Explosion:
-    """Everything `tubelock explode` found."""
+    """Everything that the disassembly test computed."""
 
     name: str
     assembly: Assembly
@@ -49,6 +50,37 @@ class Explosion:
         """Whether nothing stops the outward motion, to the last step looked at."""
         return self.first.admissible and self.finite.first_overlap is None
 
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        overlap = self.finite.first_overlap
+        return {
+            "explodes": self.explodes,
+            "first_order": {
+                "admissible": self.first.admissible,
+                "smallest_gap_rate": self.first.smallest_gap_rate,
+                "closing_area_percent": self.first.closing_area_percent,
+                "opening_area_percent": self.first.opening_area_percent,
+            },
+            "outward_push": {
+                "frame_held": str(self.held),
+                "nothing_held": "carried" if self.first.held_together else "drives a motion",
+            },
+            "finite": {
+                "free_distance": self.finite.free_distance,
+                "tolerance": self.finite.tolerance,
+                "distances": self.finite.distances.tolist(),
+                "depths": self.finite.depths.tolist(),
+                "first_overlap": None if overlap is None else [overlap.block_a, overlap.block_b],
+            },
+            "cpu_seconds": self.cpu_seconds,
+        }
+
+    def draw(self, path: Path) -> None:
+        """Draw the blocks as they move outward."""
+        from validation.output.pictures.polyhedra import draw_explosion
+
+        draw_explosion(self, path)
+
 
 def _surface_scene(scene: RoundScene) -> RoundScene:
     """Return three layers with a mesh fine enough for surfaces, coarse enough for many distances.
@@ -62,10 +94,10 @@ def _surface_scene(scene: RoundScene) -> RoundScene:
 def run_explosion(file: Case) -> Explosion:
     """Judge the explosion of a tube."""
     start = time.process_time()
-    scene = require_assembly(file.scene, file.name, "explode")
+    scene = require_assembly(file.scene, file.name, "mbd --disassemble")
     if not isinstance(scene, RoundScene):
         raise InputError(
-            f"{file.name}: block.type {scene.block.type!r} makes no tube; `tubelock explode` needs "
+            f"{file.name}: block.type {scene.block.type!r} makes no tube; --disassemble needs "
             f"one: block.type = {round_types()}"
         )
     assembly = build_assembly(scene)
@@ -83,30 +115,3 @@ def run_explosion(file: Case) -> Explosion:
     return Explosion(
         file.name, assembly, surfaces, outward, thickness, first, held, finite, seconds
     )
-
-
-def explosion_json(run: Explosion) -> dict[str, Any]:
-    """Return the result as plain data."""
-    overlap = run.finite.first_overlap
-    return {
-        "scene": run.name,
-        "explodes": run.explodes,
-        "first_order": {
-            "admissible": run.first.admissible,
-            "smallest_gap_rate": run.first.smallest_gap_rate,
-            "closing_area_percent": run.first.closing_area_percent,
-            "opening_area_percent": run.first.opening_area_percent,
-        },
-        "outward_push": {
-            "frame_held": str(run.held),
-            "nothing_held": "carried" if run.first.held_together else "drives a motion",
-        },
-        "finite": {
-            "free_distance": run.finite.free_distance,
-            "tolerance": run.finite.tolerance,
-            "distances": run.finite.distances.tolist(),
-            "depths": run.finite.depths.tolist(),
-            "first_overlap": None if overlap is None else [overlap.block_a, overlap.block_b],
-        },
-        "cpu_seconds": run.cpu_seconds,
-    }
