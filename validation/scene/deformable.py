@@ -390,7 +390,7 @@ class DeformableSections(WholeScene):
     loads: tuple[SurfaceLoadSection, ...] = ()
     """``[[loads]]``: on parts of the surfaces, along edges, on single blocks."""
     combinations: dict[str, dict[str, Finite]] = Field(default_factory=dict)
-    """``[combinations.NAME]``: factors of loads by name; `fem` and `mbd --combinations` solve them."""
+    """``[combinations.NAME]``: factors of loads by name; `fem --combinations` solves them."""
 
     @model_validator(mode="after")
     def _one_friction(self) -> Self:
