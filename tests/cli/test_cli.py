@@ -59,7 +59,7 @@ def test_json_of_mbd_has_the_promised_keys_in_full_precision(tubelock) -> None:
 def test_a_word_that_is_no_command_names_the_one_to_type(tubelock, word) -> None:
     status, _, error = tubelock(word, "tsb1-pipe")
     assert (status, error.count("\n")) == (2, 1)
-    first, *rest = error.partition("expected tubelock ")[2].split()
+    first, *rest = error.strip().rstrip("?").partition("did you mean tubelock ")[2].split()
     status, help_text, _ = tubelock(first, "--help")
     assert status == 0
     options = [one.split("=")[0] for one in rest if one.startswith("--")]

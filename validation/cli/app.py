@@ -18,15 +18,15 @@ from validation.errors import InputError, places_of, run_command
 
 #: What answers a word that is no command: what people try first, and commands of earlier versions.
 _MEANT = {
-    "rigid": "mbd SCENE",
-    "static": "fem SCENE",
-    "explicit": "fem SCENE --set fem.method=explicit",
-    "run": "fem SCENE",
-    "solve": "fem SCENE",
-    "plot": "show SCENE",
+    "rigid": "mbd",
+    "static": "fem",
+    "explicit": "fem",
+    "run": "fem",
+    "solve": "fem",
+    "plot": "show",
     "list": "scenes",
-    "abaqus": "export SCENE -o FILE.inp",
-    "import": "deck FILE.inp",
+    "abaqus": "export",
+    "import": "deck",
     "explode": "mbd SCENE --disassemble",
     "combinations": "fem SCENE --combinations (rigid blocks: mbd)",
     "clearance": "sweep clearance",
@@ -48,7 +48,7 @@ class Group(TyperGroup):
         """Find the command, or name the one that was meant."""
         if args and args[0] in _MEANT and args[0] not in self.commands:
             raise InputError(
-                f"tubelock {args[0]}: no such command; expected tubelock {_MEANT[args[0]]}"
+                f"tubelock {args[0]}: no such command; did you mean tubelock {_MEANT[args[0]]}?"
             )
         return super().resolve_command(ctx, args)
 
