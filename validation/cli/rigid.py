@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -108,9 +109,11 @@ def mbd(
             outputs.console.print(f"{'refined':9} {change.words}")
             added["refinement"] = change.as_json()
         if explosion is not None:
+            from validation.output.pictures.polyhedra import draw_explosion
+
             print_explosion(explosion, outputs.console)
             added["disassembly"] = explosion.as_json()
-            outputs.write("picture", "explosion.png", explosion.draw)
+            outputs.write("picture", "explosion.png", partial(draw_explosion, explosion))
         if outputs.folder is not None:
             write_rigid(answer, outputs)
         outputs.write_answer(answer.with_report(added))

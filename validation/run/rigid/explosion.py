@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -74,12 +73,6 @@ class Explosion:
             },
             "cpu_seconds": self.cpu_seconds,
         }
-
-    def draw(self, path: Path) -> None:
-        """Draw the blocks as they move outward."""
-        from validation.output.pictures.polyhedra import draw_explosion
-
-        draw_explosion(self, path)
 
 
 def _surface_scene(scene: RoundScene) -> RoundScene:
