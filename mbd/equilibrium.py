@@ -17,16 +17,16 @@ algorithm", SIAM J. Control Optim. 14 (1976).
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import scipy
+import scipy.sparse as sp
 
 from geometry.mesh import BoolArray, FloatArray, ReadOnlyArrays
 from mbd.contact_jacobian import ContactJacobian
 from mbd.options import Norm, Solver
+from mbd.programs import least_conic
 
 #: Relative residual above which nothing is called equilibrium (the paper's tolerance).
 EQUILIBRIUM_TOLERANCE = 1e-6
@@ -360,13 +360,13 @@ def clarabel_equilibrium(
     *,
     weights: FloatArray | None = None,
 ) -> Equilibrium:
-    """Solve the same problem by clarabel's interior-point method through qpsolvers.
+    """Solve the same problem by clarabel's interior-point method.
 
     Parameters and result as in `newton_equilibrium`. Where clarabel finds no equilibrium, the
     mechanism comes from the projection min ½‖G λ + f‖², λ >= 0, solved by clarabel too: its
     residual is a load-activated mechanism.
     """
-    import qpsolvers
+    import clarabel
 
     n_rows, n_contacts = jacobian.shape
     size = load_size(load)
@@ -374,85 +374,49 @@ def clarabel_equilibrium(
     if known is not None:
         return known
     column = np.ones(n_contacts) if weights is None else weights
-    matrix = scipy.sparse.csc_matrix(jacobian.to_matrix() * column[None, :])
-    unit_load = load / size
-    tight = {"tol_gap_abs": 1e-12, "tol_gap_rel": 1e-12, "tol_feas": 1e-12}
-    solution = _solve_by_clarabel(
-        qpsolvers.Problem(
-            P=scipy.sparse.eye(n_contacts, format="csc"),
-            q=np.zeros(n_contacts),
-            A=matrix,
-            b=-unit_load,
-            lb=np.zeros(n_contacts),
-        ),
-        **tight,
+    matrix = jacobian.to_matrix() * column[None, :]
+    unit_load, eye = load / size, sp.eye_array(n_contacts, format="csc")
+    cones = [clarabel.NonnegativeConeT(n_contacts)]
+    solution = least_conic(
+        quadratic=eye,
+        cost=np.zeros(n_contacts),
+        equal=matrix,
+        target=-unit_load,
+        rows=eye,
+        cones=cones,
+        tolerance=1e-12,
+        work=None,
     )
-    iterations = int(solution.extras.get("iterations", 0)) if solution.extras else 0
-    # An infeasible problem still returns a vector: the residual, not `found` alone, decides.
-    if solution.x is not None:
-        mu = np.maximum(np.asarray(solution.x), 0.0)
-        residual = float(np.linalg.norm(matrix @ mu + unit_load))
-        if residual <= EQUILIBRIUM_TOLERANCE:
-            multiplier = size * np.asarray(solution.y) if solution.y is not None else None
-            return Equilibrium(
-                True,
-                size * column * mu,
-                residual,
-                None,
-                iterations,
-                -multiplier if multiplier is not None else np.zeros(n_rows),
-                _balanced(residual),
-            )
-    return _clarabel_projection(load, column, matrix, size)
-
-
-def _solve_by_clarabel(problem: Any, **options: float) -> Any:
-    """Solve; its warning about an infeasible problem is silenced, for the residual decides."""
-    import qpsolvers
-
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Clarabel.rs terminated")
-        return qpsolvers.solve_problem(problem, solver="clarabel", **options)
-
-
-def _clarabel_projection(
-    load: FloatArray,
-    column: FloatArray,
-    matrix: scipy.sparse.csc_matrix,
-    size: float,
-) -> Equilibrium:
-    """Project the load on the cone of contact wrenches; the rest is the mechanism."""
-    import qpsolvers
-
-    n_rows, n_contacts = matrix.shape
-    unit_load = load / size
-    # Variables (μ, r) with r = G μ + f keep the problem as sparse as G.
-    sp = scipy.sparse
-    cost = sp.block_diag([sp.csc_matrix((n_contacts, n_contacts)), sp.eye(n_rows)], format="csc")
-    problem = qpsolvers.Problem(
-        P=cost,
-        q=np.zeros(n_contacts + n_rows),
-        A=sp.hstack([matrix, -sp.eye(n_rows)], format="csc"),
-        b=-unit_load,
-        lb=np.concatenate([np.zeros(n_contacts), np.full(n_rows, -np.inf)]),
-    )
-    solution = _solve_by_clarabel(problem)
-    if solution.x is None:
-        return Equilibrium(
-            False, np.zeros(n_contacts), 1.0, None, 0, np.zeros(n_rows), _undecided(1.0)
+    # An infeasible problem still returns a vector: the residual, not the status alone, decides.
+    mu = np.maximum(np.asarray(solution.x), 0.0)
+    residual = float(np.linalg.norm(matrix @ mu + unit_load))
+    direction, multiplier = None, -size * np.asarray(solution.z)[:n_rows]
+    if not residual <= EQUILIBRIUM_TOLERANCE:
+        # Variables (μ, r) with r = G μ + f keep the problem as sparse as G.
+        none = sp.csc_array((n_contacts, n_rows))
+        solution = least_conic(
+            quadratic=sp.block_diag([sp.csc_array((n_contacts, n_contacts)), sp.eye_array(n_rows)]),
+            cost=np.zeros(n_contacts + n_rows),
+            equal=sp.hstack([matrix, -sp.eye_array(n_rows)]),
+            target=-unit_load,
+            rows=sp.hstack([eye, none]),
+            cones=cones,
+            tolerance=1e-8,
+            work=None,
         )
-    mu = np.maximum(np.asarray(solution.x[:n_contacts]), 0.0)
-    imbalance = matrix @ mu + unit_load
-    residual = float(np.linalg.norm(imbalance))
-    direction = imbalance / residual if residual > EQUILIBRIUM_TOLERANCE else None
+        mu = np.maximum(np.asarray(solution.x)[:n_contacts], 0.0)
+        imbalance = matrix @ mu + unit_load
+        residual, multiplier = float(np.linalg.norm(imbalance)), np.zeros(n_rows)
+        if residual > EQUILIBRIUM_TOLERANCE:
+            direction = imbalance / residual
     return Equilibrium(
         holds=direction is None,
         forces=size * column * mu,
         residual=residual,
         mechanism=direction,
-        iterations=0,
-        multiplier=np.zeros(n_rows),
-        status=_infeasible_status() if direction is not None else _balanced(residual),
+        iterations=int(solution.iterations),
+        multiplier=multiplier,
+        status=_balanced(residual) if direction is None else _infeasible_status(),
     )
 
 

@@ -32,7 +32,7 @@ from geometry.mesh import BoolArray, FloatArray, IntArray
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import newton_equilibrium
 from mbd.friction import FrictionalContacts, FrictionError
-from mbd.work import Work
+from mbd.programs import LinearPrograms, Work
 
 #: Out-of-plane parts below this fraction are round-off of vertices and normals.
 _FLAT = 1e-9
@@ -116,8 +116,6 @@ def plane_problem(
 #: Joints whose range is narrower than this fraction of the load count as determined: linear
 #: programs are solved to 1e-7 of a load of one.
 DETERMINED = 1e-6
-#: Imbalance over the load above which a linear program's answer is not believed.
-_BALANCED = 1e-6
 
 
 @dataclass(frozen=True)
@@ -202,7 +200,7 @@ def force_ranges(
     matrix, of = _columns(contacts, frictional, joint)
     work, known = Work(limit), _all_pressed(contacts, n_joints)
     pressed = _self_stressed(matrix, of, n_joints, work) if known is None else known
-    programs = _Programs(matrix, -load / size if size > 0.0 else -load, work)
+    programs = LinearPrograms(matrix, -load / size if size > 0.0 else -load, work)
     answer = partial(ForceRanges, pairs[:, 0], pairs[:, 1], shown=sums, load=size)
     least, largest = np.full(n_joints, np.nan), np.where(pressed, np.inf, np.nan)
     for k in range(n_joints):
@@ -267,7 +265,7 @@ def _self_stressed(matrix: sp.csc_array, of: IntArray, n_joints: int, work: Work
     sums = sp.csc_array((np.ones(n), (of, np.arange(n))), shape=(n_joints, n))
     eye, none = sp.eye_array(n_joints), sp.csc_array((n_rows, n_joints))
     equal = sp.vstack([sp.hstack([matrix, none, none]), sp.hstack([sums, eye, -eye])])
-    programs = _Programs(
+    programs = LinearPrograms(
         sp.csc_array(equal),
         np.concatenate([np.zeros(n_rows), np.ones(n_joints)]),
         work,
@@ -275,61 +273,3 @@ def _self_stressed(matrix: sp.csc_array, of: IntArray, n_joints: int, work: Work
     )
     programs.least(np.concatenate([np.zeros(n), np.ones(n_joints), np.zeros(n_joints)]))
     return programs.x[n : n + n_joints] < 0.5
-
-
-class _Programs:
-    """Least costs over matrix x = target, 0 <= x <= upper, each from the last one's basis (HiGHS).
-
-    References: Huangfu and Hall, "Parallelizing the dual revised simplex method", Math. Program.
-    Comput. 10 (2018).
-    """
-
-    def __init__(
-        self,
-        matrix: sp.csc_array,
-        target: FloatArray,
-        work: Work,
-        *,
-        upper: FloatArray | None = None,
-    ) -> None:
-        # Loaded here: most answers need no linear program.
-        import highspy
-
-        self._matrix, self._target, self._work = matrix, target, work
-        self._status = highspy.HighsModelStatus
-        n_rows, n = matrix.shape
-        self._places = np.arange(n, dtype=np.int32)
-        self.x = np.zeros(n)
-        program = highspy.HighsLp()
-        program.num_row_, program.num_col_ = n_rows, n
-        program.col_cost_, program.col_lower_ = np.zeros(n), np.zeros(n)
-        program.col_upper_ = np.full(n, np.inf) if upper is None else upper
-        program.row_lower_ = program.row_upper_ = target
-        program.a_matrix_.format_ = highspy.MatrixFormat.kColwise
-        program.a_matrix_.start_ = matrix.indptr
-        program.a_matrix_.index_ = matrix.indices
-        program.a_matrix_.value_ = matrix.data
-        self._solver = highspy.Highs()
-        self._solver.setOptionValue("output_flag", False)
-        self._solver.setOptionValue("threads", 1)
-        self._solver.passModel(program)
-
-    def least(self, cost: FloatArray) -> float | None:
-        """Least cost · x; None if there is none, or if it does not balance the target."""
-        entries = int(self._matrix.nnz)
-        self._solver.changeColsCost(len(cost), self._places, cost)
-        left = self._work.simplex_iterations(entries)
-        self._solver.setOptionValue("simplex_iteration_limit", left)
-        self._solver.run()
-        iterations = self._solver.getInfo().simplex_iteration_count
-        ended = self._solver.getModelStatus() != self._status.kIterationLimit
-        self._work.simplex(iterations, entries, ended=ended)
-        if self._solver.getModelStatus() != self._status.kOptimal:
-            return None
-        # From here on only costs change: the last x stays feasible.
-        self._solver.setOptionValue("simplex_strategy", 4)
-        self.x = np.array(self._solver.getSolution().col_value)
-        imbalance = float(np.linalg.norm(self._matrix @ self.x - self._target))
-        if imbalance > _BALANCED * float(np.linalg.norm(self._target)):
-            return None
-        return float(cost @ self.x)

@@ -25,12 +25,11 @@ import scipy.sparse as sp
 from geometry.assembly import AnyBlocks
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
-from geometry.work import Operation
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
 from mbd.options import FrictionLaw
+from mbd.programs import Work, least_conic
 from mbd.supports import admissible
-from mbd.work import count_program
 
 #: A mechanism certifies only if no admissible unit force does more negative work than this
 #: fraction of the load's work.
@@ -241,44 +240,78 @@ def admissible_cones(contacts: FrictionalContacts) -> tuple[sp.csc_array, list[A
     return sp.vstack(rows).tocsc() if rows else sp.csc_array((0, 0)), cones
 
 
+def _limited_cones(
+    contacts: FrictionalContacts, limits: FloatArray
+) -> tuple[sp.csc_array, list[Any], FloatArray]:
+    """Rows R, cones K and g: R x + g in K says λ_n >= 0 and ‖λ_t‖ <= fixed limits (n,)."""
+    import clarabel
+
+    n, rows = contacts.n_contacts, contacts.sides(np.zeros(4), TANGENTS)
+    plus, cones = np.repeat(limits, 4), [clarabel.NonnegativeConeT(4 * n)]
+    if contacts.law is FrictionLaw.CONE:
+        rows = sp.diags_array(np.tile([0.0, 1.0, 1.0], n))
+        plus = np.column_stack([limits, np.zeros((n, 2))]).ravel()
+        cones = [clarabel.SecondOrderConeT(3)] * n
+    normal = sp.eye_array(3 * n, format="csr")[3 * np.arange(n)]
+    every = [clarabel.NonnegativeConeT(n), *cones]
+    return sp.vstack([normal, rows]).tocsc(), every, np.concatenate([np.zeros(n), plus])
+
+
+def least_forces(
+    contacts: FrictionalContacts,
+    load: FloatArray,
+    *,
+    cost: FloatArray | None = None,
+    weights: FloatArray | None = None,
+    limits: FloatArray | None = None,
+    work: Work,
+) -> Any:
+    """Solve for the admissible forces of least cost that balance a load of one.
+
+    Parameters
+    ----------
+    contacts
+        What is admissible.
+    load
+        (n_rows,)
+    cost
+        Of each force, (3 n_contacts,); None: half the sum of their squares …
+    weights
+        … over those of these, (n_contacts,); None: ones.
+    limits
+        Of friction at each contact, whatever presses there, (n_contacts,); None: μ λ_n.
+    work
+        Counts the program.
+
+    Returns
+    -------
+    Any
+        Solution of clarabel: ``x`` the forces, ``z`` begins with the multipliers of balance.
+    """
+    n, plus = contacts.n_contacts, None
+    if limits is None:
+        rows, cones = admissible_cones(contacts)
+    else:
+        rows, cones, plus = _limited_cones(contacts, limits)
+    column = np.ones(n) if weights is None else weights
+    squares = sp.diags_array(np.repeat(column**-2.0, 3))
+    return least_conic(
+        quadratic=squares if cost is None else sp.csc_array((3 * n, 3 * n)),
+        cost=np.zeros(3 * n) if cost is None else cost,
+        equal=contacts.matrix,
+        target=-load,
+        rows=rows,
+        cones=cones,
+        plus=plus,
+        work=work,
+    )
+
+
 def _some(rows: Any, contacts: IntArray, each: int) -> Any:
     """Rows of some contacts, ``each`` of every one."""
     if len(contacts) * each == rows.shape[0]:
         return rows
     return rows.tocsr()[(each * contacts[:, None] + np.arange(each)).ravel()]
-
-
-def solve_conic(
-    *,
-    quadratic: Any,
-    cost: FloatArray,
-    equal: Any,
-    target: FloatArray,
-    rows: Any,
-    cones: Any,
-    plus: FloatArray | None = None,
-) -> Any:
-    """Minimise ½ xᵀPx + qᵀx subject to equal x = target, rows x + plus in the cones."""
-    import clarabel
-
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
-    settings.tol_infeas_abs = settings.tol_infeas_rel = 1e-11
-    settings.max_iter = 300
-    constraint = sp.vstack([equal, -rows]).tocsc()
-    right = np.concatenate([target, np.zeros(rows.shape[0]) if plus is None else plus])
-    solver = clarabel.DefaultSolver(
-        sp.csc_matrix(quadratic),
-        cost,
-        sp.csc_matrix(constraint),
-        right,
-        [clarabel.ZeroConeT(len(target)), *cones],
-        settings,
-    )
-    result = solver.solve()
-    count_program(Operation.CONIC, float(max(result.iterations, 1) * constraint.nnz))
-    return result
 
 
 def _bounded(x: Any) -> FloatArray:
@@ -352,16 +385,7 @@ def _least_forces(
     n = contacts.n_contacts
     if n == 0:
         return np.zeros((0, 3)), 1.0, unit
-    column = np.ones(n) if weights is None else weights
-    rows, cones = admissible_cones(contacts)
-    solution = solve_conic(
-        quadratic=sp.diags_array(np.repeat(column**-2.0, 3)),
-        cost=np.zeros(3 * n),
-        equal=contacts.matrix,
-        target=-unit,
-        rows=rows,
-        cones=cones,
-    )
+    solution = least_forces(contacts, unit, weights=weights, work=Work())
     forces = contacts.projected(_bounded(solution.x).reshape(-1, 3))
     residual = float(np.linalg.norm(contacts.matrix @ forces.ravel() + unit))
     return forces, residual, np.asarray(solution.z)[: len(unit)]
@@ -446,13 +470,14 @@ def _largest_factor(
     rows, cones = admissible_cones(contacts)
     cost = np.zeros(3 * n + 1)
     cost[-1] = -1.0
-    solution = solve_conic(
+    solution = least_conic(
         quadratic=sp.csc_array((3 * n + 1, 3 * n + 1)),
         cost=cost,
         equal=sp.hstack([contacts.matrix, sp.csc_array((live / size)[:, None])]),
         target=-dead / scale,
         rows=sp.hstack([rows, sp.csc_array((rows.shape[0], 1))]),
         cones=cones,
+        work=Work(),
     )
     x = _bounded(solution.x)
     forces = scale * contacts.projected(x[:-1].reshape(-1, 3))

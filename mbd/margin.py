@@ -34,7 +34,7 @@ from mbd.equilibrium import (
     newton_equilibrium,
 )
 from mbd.options import Norm
-from mbd.work import Work
+from mbd.programs import Work
 
 _AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
@@ -89,7 +89,7 @@ def interlocking_margin(
             load[row] = sign
             load = jacobian.admissible(load)
             equilibrium = newton_equilibrium(jacobian, load, weights=weights)
-            work.newton(equilibrium.iterations, 12 * n_contacts)
+            work.conic(equilibrium.iterations, 12 * n_contacts)
             bearing[row, way] = 0.0
             if np.linalg.norm(load) <= _TAKEN:
                 bearing[row, way] = np.inf

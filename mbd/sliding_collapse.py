@@ -48,10 +48,9 @@ from mbd.friction import (
     FrictionalContacts,
     collapse_load,
     frictional_equilibrium,
-    solve_conic,
 )
 from mbd.options import FrictionLaw
-from mbd.work import Work
+from mbd.programs import Work, least_conic, least_linear
 
 if TYPE_CHECKING:
     from mbd.force_range import PlaneProblem
@@ -201,9 +200,6 @@ class _Programs:
         tuple[_State, float] | None
             Next state and predicted decrease; None where HiGHS gives up.
         """
-        # Loaded here: most answers need no linear program.
-        from scipy.optimize import linprog
-
         n, mu = self.contacts.n_contacts, self.contacts.friction
         pressure, load = slice(0, 3 * n, 3), 3 * n
         motion, slip = slice(load + 1, load + 1 + len(self.dead)), slice(-n, None)
@@ -219,56 +215,47 @@ class _Programs:
         ):
             bounds[part, 0] = np.maximum(centre - radius, 0.0)
             bounds[part, 1] = centre + radius
-        constraints: dict[str, Any] = {"A_eq": self.equal, "A_ub": self.above, "bounds": bounds}
-        solution = linprog(
-            cost,
-            b_eq=self.target,
-            b_ub=np.zeros(self.above.shape[0]),
-            method="highs",
-            **constraints,
-            **self._limits(),
-        )
-        self._count(solution)
-        if solution.x is None or solution.fun is None or self.work.spent:
+        above = self.above, np.zeros(self.above.shape[0])
+        solution = self._least(cost, (self.equal, self.target), above, bounds)
+        if solution is None:
             return None
         product = self.contacts.dissipated(state.forces[:, 0], state.slip, penalty)
         predicted = state.merit(penalty) - (solution.fun - product)
         forces = self.contacts.projected(solution.x[: 3 * n].reshape(-1, 3))
         return self.state(forces, float(solution.x[load]), solution.x[motion]), predicted
 
-    @property
-    def _entries(self) -> int:
-        return int(self.equal.nnz + self.above.nnz)
-
-    def _limits(self) -> dict[str, Any]:
-        most = self.work.simplex_iterations(self._entries)
-        return {"options": {"maxiter": most}}
-
-    def _count(self, solution: Any) -> None:
-        # Status 1: the limit of iterations.
-        self.work.simplex(int(solution.nit), self._entries, ended=solution.status != 1)
+    def _least(
+        self,
+        cost: FloatArray,
+        equal: tuple[Any, FloatArray],
+        above: tuple[Any, FloatArray],
+        bounds: FloatArray,
+    ) -> Any:
+        return least_linear(
+            cost,
+            equal=equal,
+            above=above,
+            bounds=bounds,
+            entries=int(self.equal.nnz + self.above.nnz),
+            work=self.work,
+        )
 
     def frozen(self, pressed: FloatArray) -> _State | None:
         """Largest factor, its forces and motion, with limits μ · ``pressed`` (n,) of friction.
 
         None where no factor is the largest.
         """
-        from scipy.optimize import linprog
-
         n, rows = self.contacts.n_contacts, len(self.dead)
         above = sp.hstack([self.contacts.sides(np.zeros(4), TANGENTS), sp.csr_array((4 * n, 1))])
         bounds = np.full((3 * n + 1, 2), [-np.inf, np.inf])
         bounds[: 3 * n : 3, 0] = 0.0
-        constraints: dict[str, Any] = {
-            "A_eq": self.equal[:rows, : 3 * n + 1],
-            "b_eq": self.target[:rows],
-            "A_ub": sp.csc_array(above),
-            "b_ub": np.repeat(self.contacts.friction * pressed, 4),
-            "bounds": bounds,
-        }
-        solution = linprog(-np.eye(3 * n + 1)[-1], method="highs", **constraints, **self._limits())
-        self._count(solution)
-        if solution.x is None or self.work.spent:
+        solution = self._least(
+            -np.eye(3 * n + 1)[-1],
+            (self.equal[:rows, : 3 * n + 1], self.target[:rows]),
+            (sp.csc_array(above), np.repeat(self.contacts.friction * pressed, 4)),
+            bounds,
+        )
+        if solution is None:
             return None
         # Multipliers of balance are the motion that the live load drives, with a work of one.
         forces = solution.x[:-1].reshape(-1, 3)
@@ -443,7 +430,7 @@ def _least_dissipation(
     tangential = slips[(3 * pressed[:, None] + np.array([0, 1, 2])).ravel()]
     tangential = sp.diags_array(np.tile([0.0, 1.0, 1.0], n)) @ tangential
     opening: list[Any] = [slips[0::3], sp.csc_array((contacts.n_contacts, n))]
-    solution = solve_conic(
+    solution = least_conic(
         # Bounds what blocks that nothing presses may do.
         quadratic=sp.diags_array(np.concatenate([np.full(rows, 1e-9), np.zeros(n)])),
         cost=np.concatenate([-dead, weight[pressed]]),
@@ -454,6 +441,7 @@ def _least_dissipation(
             clarabel.NonnegativeConeT(contacts.n_contacts),
             *[clarabel.SecondOrderConeT(3)] * n,
         ],
+        work=Work(),
     )
     return np.asarray(solution.x)[:rows]
 

@@ -24,16 +24,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from geometry.measures import first_largest
 from geometry.mesh import BoolArray, FloatArray
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
 from mbd.force_range import DETERMINED
-from mbd.friction import TANGENTS, FrictionalContacts, admissible_cones, solve_conic
-from mbd.options import FrictionLaw
-from mbd.work import Work
+from mbd.friction import FrictionalContacts, least_forces
+from mbd.programs import Work
 
 #: Change of the limits over the largest one at which they are those of the forces.
 _SETTLED = 1e-3
@@ -139,33 +137,15 @@ def _with_limits(
     work: Work,
 ) -> FloatArray | None:
     """Forces of least energy with fixed limits of friction, (n, 3); None where none balance."""
-    import clarabel
+    solution = least_forces(frictional, unit, weights=weights, limits=limits, work=work)
+    return _balanced(frictional, unit, solution)
 
-    n = frictional.n_contacts
-    column = np.ones(n) if weights is None else weights
-    normal = sp.eye_array(3 * n, format="csr")[3 * np.arange(n)]
-    rows: Any
-    if frictional.law is FrictionLaw.CONE:
-        rows = sp.diags_array(np.tile([0.0, 1.0, 1.0], n))
-        plus = np.column_stack([limits, np.zeros((n, 2))]).ravel()
-        cones = [clarabel.SecondOrderConeT(3)] * n
-    else:
-        rows = frictional.sides(np.zeros(4), TANGENTS)
-        plus = np.repeat(limits, 4)
-        cones = [clarabel.NonnegativeConeT(4 * n)]
-    solution = solve_conic(
-        quadratic=sp.diags_array(np.repeat(column**-2.0, 3)),
-        cost=np.zeros(3 * n),
-        equal=frictional.matrix,
-        target=-unit,
-        rows=sp.vstack([normal, rows]).tocsc(),
-        cones=[clarabel.NonnegativeConeT(n), *cones],
-        plus=np.concatenate([np.zeros(n), plus]),
-    )
-    work.conic(solution.iterations, frictional.matrix.nnz + rows.nnz + n)
-    result = np.asarray(solution.x)
-    balanced = np.linalg.norm(frictional.matrix @ result + unit) <= EQUILIBRIUM_TOLERANCE
-    return result.reshape(-1, 3) if balanced else None
+
+def _balanced(frictional: FrictionalContacts, unit: FloatArray, solution: Any) -> FloatArray | None:
+    """Forces of a program, (n, 3); None where they do not balance the load of one."""
+    forces = np.asarray(solution.x)
+    balanced = np.linalg.norm(frictional.matrix @ forces + unit) <= EQUILIBRIUM_TOLERANCE
+    return forces.reshape(-1, 3) if balanced else None
 
 
 def _most_missing(
@@ -197,19 +177,8 @@ def _least_force(
 
     Of a load of one; nan where the program finds none.
     """
-    rows, cones = admissible_cones(frictional)
-    n = 3 * frictional.n_contacts
     cost = np.zeros((frictional.n_contacts, 3))
     cost[joint, 0] = 1.0
-    solution = solve_conic(
-        quadratic=sp.csc_array((n, n)),
-        cost=cost.ravel(),
-        equal=frictional.matrix,
-        target=-unit,
-        rows=rows,
-        cones=cones,
-    )
-    work.conic(solution.iterations, frictional.matrix.nnz + rows.nnz)
-    result = np.asarray(solution.x)
-    balanced = np.linalg.norm(frictional.matrix @ result + unit) <= EQUILIBRIUM_TOLERANCE
-    return float(cost.ravel() @ result) if balanced else np.nan
+    solution = least_forces(frictional, unit, cost=cost.ravel(), work=work)
+    forces = _balanced(frictional, unit, solution)
+    return np.nan if forces is None else float(cost.ravel() @ forces.ravel())

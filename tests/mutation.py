@@ -245,7 +245,6 @@ def _warm() -> None:
     import numba  # noqa: F401
     import pydantic  # noqa: F401
     import pytest  # noqa: F401
-    import qpsolvers  # noqa: F401
     import rich.console  # noqa: F401
     import scipy.optimize
     import scipy.sparse.linalg

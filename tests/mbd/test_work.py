@@ -13,9 +13,9 @@ from mbd.equilibrium import newton_equilibrium
 from mbd.force_range import force_ranges
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from mbd.margin import interlocking_margin
+from mbd.programs import Work
 from mbd.sliding_collapse import sliding_collapse
 from mbd.squeeze import squeeze
-from mbd.work import Work
 from tests.verification import printed_numbers
 from tests.verification.closed_forms import body_force
 

@@ -20,7 +20,8 @@ from geometry import Answer
 from mbd import contact_jacobian
 from mbd.contact_jacobian import Contacts
 from mbd.force_range import DETERMINED
-from mbd.friction import FrictionalContacts, admissible_cones, frictional_contacts, solve_conic
+from mbd.friction import FrictionalContacts, frictional_contacts, least_forces
+from mbd.programs import Work
 from validation import load_case, solve
 
 #: Of the stored run; density in t/mm³.
@@ -59,16 +60,7 @@ def extreme_thrust(
 ) -> float:
     """Least along · λ over all admissible forces, (3 n_contacts,); -inf where there is none [N]."""
     size = float(np.linalg.norm(load))
-    rows, cones = admissible_cones(frictional)
-    n = 3 * len(contacts.index)
-    result = solve_conic(
-        quadratic=np.zeros((n, n)),
-        cost=along,
-        equal=frictional.matrix,
-        target=-load / size,
-        rows=rows,
-        cones=cones,
-    )
+    result = least_forces(frictional, load / size, cost=along, work=Work())
     return size * float(along @ np.asarray(result.x)) if "Solved" in str(result.status) else -np.inf
 
 

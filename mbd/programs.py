@@ -1,0 +1,199 @@
+"""Linear and cone programs of rigid analyses, and the work that they may take.
+
+Linear programs count the iterations of the simplex method times the entries of their matrix,
+cone programs those of the interior-point method: see `geometry.work`.
+
+References: Huangfu and Hall, "Parallelizing the dual revised simplex method", Math. Program.
+Comput. 10 (2018) (HiGHS); Goulart and Chen, "Clarabel: an interior-point solver for conic programs
+with quadratic objectives", arXiv:2405.12762 (2024).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from geometry.mesh import FloatArray
+from geometry.work import SECONDS, LimitError, Operation, allowance, count
+
+#: Imbalance over the load above which a linear program's answer is not believed.
+_BALANCED = 1e-6
+#: Solvers count no further.
+_MOST_ITERATIONS = 2**31 - 1
+
+
+@dataclass
+class Work:
+    """What an analysis may spend beside the limits of the whole run, and has."""
+
+    limit: float = math.inf
+    """Reference seconds."""
+    done: float = 0.0
+    """Likewise."""
+    programs: int = 0
+    """Programs solved."""
+    progress: Callable[[int], None] | None = None
+    """Called with the number of programs solved, after each."""
+
+    @property
+    def left(self) -> float:
+        """Reference seconds of this analysis and of the run."""
+        return min(self.limit - self.done, allowance().work)
+
+    @property
+    def spent(self) -> bool:
+        """Whether nothing is left, by work or by the clock."""
+        return self.left <= 0.0 or allowance().seconds <= 0.0
+
+    def simplex_iterations(self, entries: int) -> int:
+        """Most iterations that are left for a linear program with so many entries."""
+        each = max(entries, 1) * SECONDS[Operation.SIMPLEX]
+        return int(min(max(self.left / each, 0.0), _MOST_ITERATIONS))
+
+    def simplex(self, iterations: int, entries: int, *, ended: bool = True) -> None:
+        """Count a linear program; one that did not end used up what was left."""
+        if not ended:
+            iterations = max(iterations, self.simplex_iterations(entries) + 1)
+        self._add(Operation.SIMPLEX, float(max(iterations, 1) * entries))
+
+    def conic(self, iterations: int, entries: int) -> None:
+        """Count a cone program, or an equilibrium by the dual Newton method."""
+        self._add(Operation.CONIC, float(max(iterations, 1) * entries))
+
+    def _add(self, kind: Operation, operations: float) -> None:
+        # The run's own limit stops nothing here: `spent` is asked before the next program.
+        with suppress(LimitError):
+            count(kind, operations)
+        self.programs += 1
+        self.done += operations * SECONDS[kind]
+        if self.progress is not None:
+            self.progress(self.programs)
+
+
+def least_conic(
+    *,
+    quadratic: Any,
+    cost: FloatArray,
+    equal: Any,
+    target: FloatArray,
+    rows: Any,
+    cones: list[Any],
+    plus: FloatArray | None = None,
+    tolerance: float = 1e-11,
+    work: Work | None,
+) -> Any:
+    """Minimise ½ xᵀPx + qᵀx subject to equal x = target, rows x + plus in the cones (clarabel).
+
+    Counted as work, if that is given.
+    """
+    # Loaded here, as HiGHS: most answers need neither.
+    import clarabel
+
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+    settings.tol_infeas_abs = settings.tol_infeas_rel = tolerance
+    settings.max_iter = 300
+    constraint = sp.vstack([equal, -rows]).tocsc()
+    right = np.concatenate([target, np.zeros(rows.shape[0]) if plus is None else plus])
+    solver = clarabel.DefaultSolver(
+        sp.csc_matrix(quadratic),
+        cost,
+        sp.csc_matrix(constraint),
+        right,
+        [clarabel.ZeroConeT(len(target)), *cones],
+        settings,
+    )
+    result = solver.solve()
+    if work is not None:
+        work.conic(result.iterations, constraint.nnz)
+    return result
+
+
+def least_linear(
+    cost: FloatArray,
+    *,
+    equal: tuple[Any, FloatArray],
+    above: tuple[Any, FloatArray],
+    bounds: FloatArray,
+    entries: int,
+    work: Work,
+) -> Any:
+    """Minimise a cost over equal x = target, above x <= limit, x within bounds (n, 2) (HiGHS).
+
+    None where there is no least one, or the limit of work was reached. ``entries`` count as work.
+    """
+    from scipy.optimize import linprog
+
+    (matrix, target), (rows, limit) = equal, above
+    stated: dict[str, Any] = {"A_eq": matrix, "b_eq": target, "A_ub": rows, "b_ub": limit}
+    stated |= {"bounds": bounds}
+    most: Any = {"maxiter": work.simplex_iterations(entries)}
+    solution: Any = linprog(cost, method="highs", options=most, **stated)
+    # Status 1: the limit of iterations.
+    work.simplex(int(solution.nit), entries, ended=solution.status != 1)
+    return None if solution.x is None or work.spent else solution
+
+
+class LinearPrograms:
+    """Least costs over matrix x = target, 0 <= x <= upper, each from the last one's basis (HiGHS).
+
+    References: Huangfu and Hall, "Parallelizing the dual revised simplex method", Math. Program.
+    Comput. 10 (2018).
+    """
+
+    def __init__(
+        self,
+        matrix: sp.csc_array,
+        target: FloatArray,
+        work: Work,
+        *,
+        upper: FloatArray | None = None,
+    ) -> None:
+        # Loaded here: most answers need no linear program.
+        import highspy
+
+        self._matrix, self._target, self._work = matrix, target, work
+        self._status = highspy.HighsModelStatus
+        n_rows, n = matrix.shape
+        self._places = np.arange(n, dtype=np.int32)
+        self.x = np.zeros(n)
+        program = highspy.HighsLp()
+        program.num_row_, program.num_col_ = n_rows, n
+        program.col_cost_, program.col_lower_ = np.zeros(n), np.zeros(n)
+        program.col_upper_ = np.full(n, np.inf) if upper is None else upper
+        program.row_lower_ = program.row_upper_ = target
+        program.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+        program.a_matrix_.start_ = matrix.indptr
+        program.a_matrix_.index_ = matrix.indices
+        program.a_matrix_.value_ = matrix.data
+        self._solver = highspy.Highs()
+        self._solver.setOptionValue("output_flag", False)
+        self._solver.setOptionValue("threads", 1)
+        self._solver.passModel(program)
+
+    def least(self, cost: FloatArray) -> float | None:
+        """Least cost · x; None if there is none, or if it does not balance the target."""
+        entries = int(self._matrix.nnz)
+        self._solver.changeColsCost(len(cost), self._places, cost)
+        left = self._work.simplex_iterations(entries)
+        self._solver.setOptionValue("simplex_iteration_limit", left)
+        self._solver.run()
+        iterations = self._solver.getInfo().simplex_iteration_count
+        ended = self._solver.getModelStatus() != self._status.kIterationLimit
+        self._work.simplex(iterations, entries, ended=ended)
+        if self._solver.getModelStatus() != self._status.kOptimal:
+            return None
+        # From here on only costs change: the last x stays feasible.
+        self._solver.setOptionValue("simplex_strategy", 4)
+        self.x = np.array(self._solver.getSolution().col_value)
+        imbalance = float(np.linalg.norm(self._matrix @ self.x - self._target))
+        if imbalance > _BALANCED * float(np.linalg.norm(self._target)):
+            return None
+        return float(cost @ self.x)
