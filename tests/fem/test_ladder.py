@@ -1,8 +1,6 @@
-"""Meshes of the ladders: those that the page states, lines that fit blocks, coarser ones."""
+"""Meshes of the ladders: lines that fit blocks, coarser ones."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,7 +27,6 @@ from tests.support.stated import stated
 
 pytestmark = pytest.mark.quick
 
-PAGE = Path(__file__).parents[2] / "docs" / "trust" / "cost.md"
 RUNGS = [*LADDER, *DEGREES, *PEAKS]
 
 
@@ -43,19 +40,6 @@ def boxes(*divisions: tuple[int, int, int]) -> Problem:
     column = box_column([ColumnBox(s, d) for s, d in zip(sizes, divisions, strict=True)])
     load = face_pressure(column, np.array([2]), "z+", 0.5)
     return Problem(column, load, concrete, law=LinearPenalty(1e3))
-
-
-def words(rung: Rung) -> str:
-    grading = f"{rung.across_grading:g} | {rung.upward_grading:g} |"
-    return f"| {rung.along} × {rung.across} × {rung.upward}, degree {rung.degree} | {grading}"
-
-
-def test_the_page_states_the_meshes_of_all_ladders() -> None:
-    page = PAGE.read_text("utf-8")
-    ladders = {"default": PRESSURES, "stresses": LADDER, "integrals": DEGREES, "peaks": PEAKS}
-    for name, ladder in ladders.items():
-        for number, rung in enumerate(ladder, start=1):
-            assert f"| {name}, {number} {words(rung)}" in page
 
 
 @pytest.mark.parametrize("ladder", [PRESSURES, LADDER, DEGREES, PEAKS])

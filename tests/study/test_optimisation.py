@@ -73,6 +73,7 @@ def test_a_parameter_that_is_no_number_is_rejected() -> None:
         sensitivity("tsb1-pipe", COARSE, parameters=["block.type"])
 
 
+@pytest.mark.slow
 def test_a_search_of_all_designs_finds_the_best_and_goes_on(tmp_path: Path) -> None:
     """The best is that of the study of all; a second call computes nothing again."""
     rows = sweep("tsb1-pipe", VARIABLES, COARSE).rows
