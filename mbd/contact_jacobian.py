@@ -24,7 +24,6 @@ from geometry.assembly import AnyBlocks
 from geometry.interface import Interfaces
 from geometry.mesh import BoolArray, FloatArray, IntArray, cross_matrix, run_starts
 from geometry.parts.supports import HeldFace
-from mbd.pair_wrenches import CongruentWrenches, PairKind, PairWrenches, SeparateWrenches
 from mbd.supports import admissible, free_motions
 
 #: A normal matrix, or the inverse of one, which also takes several vectors as columns.
@@ -80,6 +79,132 @@ class MatrixJacobian:
     def to_matrix(self) -> scipy.sparse.csc_array:
         """G as a sparse matrix, (n_rows, n_contacts)."""
         return self.matrix
+
+
+#: The 21 pairs (i, j) with i <= j of a symmetric 6 × 6 matrix.
+_UPPER = np.triu_indices(6)
+
+
+def _symmetric(upper: FloatArray) -> FloatArray:
+    """Symmetric matrices (n, 6, 6) of their upper triangles (n, 21)."""
+    full = np.empty((len(upper), 6, 6))
+    full[:, _UPPER[0], _UPPER[1]] = upper
+    full[:, _UPPER[1], _UPPER[0]] = upper
+    return full
+
+
+def _upper_products(wrenches: FloatArray) -> FloatArray:
+    """Upper triangles of g gᵀ, (n, 21)."""
+    return wrenches[:, _UPPER[0]] * wrenches[:, _UPPER[1]]
+
+
+@dataclass(frozen=True)
+class SeparateWrenches:
+    """Contacts that have nothing in common."""
+
+    wrenches: FloatArray
+    """(n_contacts, 6), contacts of a pair one after the other."""
+    pair_start: IntArray
+    """First contact of each pair, and the total; (n_pairs + 1,)."""
+
+    @property
+    def n_contacts(self) -> int:
+        """Number of contacts."""
+        return len(self.wrenches)
+
+    @cached_property
+    def pair_of(self) -> IntArray:
+        """Pair of each contact, (n_contacts,)."""
+        count = np.diff(self.pair_start)
+        return np.repeat(np.arange(len(count)), count)
+
+    @cached_property
+    def _products(self) -> FloatArray:
+        return _upper_products(self.wrenches)
+
+    def _sums(self, values: FloatArray) -> FloatArray:
+        if not len(values):
+            return np.zeros((len(self.pair_start) - 1, values.shape[1]))
+        return np.add.reduceat(values, self.pair_start[:-1], axis=0)
+
+    def rates(self, motion: FloatArray) -> FloatArray:
+        """Gap rates (n_contacts,) of relative motions of the pairs (n_pairs, 6)."""
+        return np.einsum("ci,ci->c", self.wrenches, motion[self.pair_of])
+
+    def sums(self, forces: FloatArray) -> FloatArray:
+        """Wrenches of the pairs (n_pairs, 6) from contact forces (n_contacts,)."""
+        return self._sums(self.wrenches * forces[:, None])
+
+    def squares(self, weights: FloatArray) -> FloatArray:
+        """Sums Σ w g gᵀ over the contacts of each pair, (n_pairs, 6, 6)."""
+        return _symmetric(self._sums(self._products * weights[:, None]))
+
+    def separate(self) -> SeparateWrenches:
+        """Return itself."""
+        return self
+
+
+@dataclass(frozen=True)
+class PairKind:
+    """Pairs with the same contacts."""
+
+    wrenches: FloatArray
+    """(n, 6), in the frame of the pair."""
+    pairs: IntArray
+    """Pairs of this kind, (k,)."""
+    contacts: IntArray
+    """Place of each contact of each of them, (k, n)."""
+
+    @cached_property
+    def products(self) -> FloatArray:
+        """Upper triangles of g gᵀ, (n, 21)."""
+        return _upper_products(self.wrenches)
+
+
+@dataclass(frozen=True)
+class CongruentWrenches:
+    """Contacts of pairs of a few kinds, each kind kept once."""
+
+    kinds: tuple[PairKind, ...]
+    pair_start: IntArray
+    """First contact of each pair, and the total; (n_pairs + 1,)."""
+
+    @property
+    def n_contacts(self) -> int:
+        """Number of contacts."""
+        return int(self.pair_start[-1])
+
+    def rates(self, motion: FloatArray) -> FloatArray:
+        """Gap rates (n_contacts,) of relative motions of the pairs (n_pairs, 6)."""
+        rates = np.empty(self.n_contacts)
+        for kind in self.kinds:
+            rates[kind.contacts] = motion[kind.pairs] @ kind.wrenches.T
+        return rates
+
+    def sums(self, forces: FloatArray) -> FloatArray:
+        """Wrenches of the pairs (n_pairs, 6) from contact forces (n_contacts,)."""
+        total = np.empty((len(self.pair_start) - 1, 6))
+        for kind in self.kinds:
+            total[kind.pairs] = forces[kind.contacts] @ kind.wrenches
+        return total
+
+    def squares(self, weights: FloatArray) -> FloatArray:
+        """Sums Σ w g gᵀ over the contacts of each pair, (n_pairs, 6, 6)."""
+        upper = np.empty((len(self.pair_start) - 1, 21))
+        for kind in self.kinds:
+            upper[kind.pairs] = weights[kind.contacts] @ kind.products
+        return _symmetric(upper)
+
+    def separate(self) -> SeparateWrenches:
+        """Return the same contacts one by one, each in the frame of its pair."""
+        wrenches = np.empty((self.n_contacts, 6))
+        for kind in self.kinds:
+            wrenches[kind.contacts] = kind.wrenches
+        return SeparateWrenches(wrenches, self.pair_start)
+
+
+#: Unit wrench (n, (x - x_pair) × n / ℓ) of each contact about its pair's point.
+PairWrenches: TypeAlias = SeparateWrenches | CongruentWrenches
 
 
 def _block_places(rows: IntArray, columns: IntArray) -> tuple[IntArray, IntArray]:
@@ -234,19 +359,13 @@ class PairJacobian:
     def to_matrix(self) -> scipy.sparse.csc_array:
         """G as a sparse matrix, (6 n_free, n_contacts)."""
         contacts = self.contacts.separate()
-        pair = contacts.pair_of
-        values_m = -np.einsum("cij,cj->ci", self.transfer_m[pair], contacts.wrenches)
-        values_s = np.einsum("cij,cj->ci", self.transfer_s[pair], contacts.wrenches)
-        columns = np.repeat(np.arange(contacts.n_contacts), 6)
-        rows_m = (6 * self.row_m[pair][:, None] + np.arange(6)).ravel()
-        rows_s = (6 * self.row_s[pair][:, None] + np.arange(6)).ravel()
-        matrix = scipy.sparse.coo_array(
-            (
-                np.concatenate([values_m.ravel(), values_s.ravel()]),
-                (np.concatenate([rows_m, rows_s]), np.concatenate([columns, columns])),
-            ),
-            shape=self.shape,
-        ).tocsc()
+        rows = 6 * contacts.pair_of[:, None] + np.arange(6)
+        start = 6 * np.arange(contacts.n_contacts + 1)
+        unit = scipy.sparse.csc_array(
+            (contacts.wrenches.ravel(), rows.ravel(), start),
+            shape=(self._transfer.shape[1], contacts.n_contacts),
+        )
+        matrix = scipy.sparse.csc_array(self._transfer @ unit)
         matrix.eliminate_zeros()
         return matrix
 

@@ -23,6 +23,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -31,7 +32,7 @@ from geometry.assembly import AnyBlocks
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import newton_equilibrium
-from mbd.friction import FrictionalContacts, FrictionError
+from mbd.friction import FrictionalContacts, FrictionError, finite
 from mbd.programs import LinearPrograms, Work
 
 #: Out-of-plane parts below this fraction are round-off of vertices and normals.
@@ -151,6 +152,52 @@ class ForceRanges:
     def unbounded(self) -> BoolArray:
         """Which joints a self-stress can press without bound, (n_joints,)."""
         return np.isinf(self.largest)
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """How many joints are statically indeterminate, and the widest range."""
+        return [("joint forces", self._words)]
+
+    @property
+    def _words(self) -> str:
+        wide, unbounded = int(self.undetermined.sum()), int(self.unbounded.sum())
+        of = f"of {len(self.least)} joints"
+        if self.unanswered:
+            return (
+                f"not decided (limit of work) in {self.unanswered} {of}; of the others {wide} "
+                f"are statically indeterminate, {unbounded} of them unbounded (self-stress)"
+            )
+        if wide == 0:
+            return f"statically determinate {of}: every admissible state has the same forces"
+        bound = f", {unbounded} of them unbounded (self-stress)" if unbounded else ""
+        k = int(np.argmax(np.where(self.unbounded, -1.0, self.width)))
+        if unbounded == len(self.least):
+            k = int(self.least.argmax())
+        pair = f"blocks {self.block_m[k]} and {self.block_s[k]}"
+        most = "unbounded" if self.unbounded[k] else f"{self.largest[k]:.4g} N"
+        return (
+            f"statically indeterminate in {wide} {of}{bound}; between {pair}: minimum "
+            f"{self.least[k]:.4g} N, minimum-norm {self.shown[k]:.4g} N, maximum {most}"
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        joints = [
+            {
+                "blocks": [int(self.block_m[k]), int(self.block_s[k])],
+                "least": finite(float(self.least[k])),
+                "least_norm": float(self.shown[k]),
+                "largest": finite(float(self.largest[k])),
+                "unbounded": bool(self.unbounded[k]),
+            }
+            for k in range(len(self.least))
+        ]
+        return {
+            "joints": joints,
+            "undetermined": int(self.undetermined.sum()),
+            "unanswered": self.unanswered,
+            "unbounded": int(self.unbounded.sum()),
+        }
 
 
 def force_ranges(

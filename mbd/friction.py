@@ -44,6 +44,16 @@ MOST_FRICTION = 10.0
 TANGENTS = np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]], dtype=np.float64)
 
 
+def finite(value: float) -> float | None:
+    """A number as plain data; None where it is none."""
+    return float(value) if np.isfinite(value) else None
+
+
+def by_block(motion: FloatArray | None) -> list[list[float]] | None:
+    """Motion of each block as plain data, where there is one."""
+    return None if motion is None else motion.reshape(-1, 6).tolist()
+
+
 class FrictionError(RefusedError):
     """A friction coefficient that means nothing."""
 
@@ -128,19 +138,6 @@ class FrictionalContacts:
         return np.column_stack([normal, forces[:, 1:] * scale[:, None]])
 
 
-def _directed(
-    assembly: AnyBlocks, contacts: Contacts, directions: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Wrenches (F, M/ℓ) of unit forces along ``directions`` on s and (negative) on m; (n, 6)."""
-    points = assembly.interfaces.centroids[contacts.index]
-    wrench = []
-    for block, sign in ((contacts.block_m, -1.0), (contacts.block_s, 1.0)):
-        arm = points - assembly.centroids[block]
-        moment = np.cross(arm, directions) / contacts.length
-        wrench.append(sign * np.hstack([directions, moment]))
-    return wrench[0], wrench[1]
-
-
 def frictional_contacts(
     assembly: AnyBlocks,
     contacts: Contacts,
@@ -167,32 +164,32 @@ def frictional_contacts(
     first = np.cross(normals, axis)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     second = np.cross(normals, first)
-    number = np.full(assembly.n_blocks, -1, dtype=np.int64)
-    number[contacts.free_blocks] = np.arange(len(contacts.free_blocks))
-    rows: list[IntArray] = []
-    columns: list[IntArray] = []
-    values: list[FloatArray] = []
-    for offset, direction in enumerate((normals, first, second)):
-        for block, wrench in zip(
-            (contacts.block_m, contacts.block_s),
-            _directed(assembly, contacts, direction),
-            strict=True,
-        ):
-            free = np.flatnonzero(number[block] >= 0)
-            rows.append((6 * number[block[free], None] + np.arange(6)).ravel())
-            columns.append(np.repeat(3 * free + offset, 6))
-            values.append(wrench[free].ravel())
-    matrix = sp.coo_array(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
-        shape=(6 * len(contacts.free_blocks), 3 * len(normals)),
-    ).tocsc()
+    tangents = np.stack([first, second], axis=1)
+    matrix = _wrenches(assembly, contacts, np.concatenate([normals[:, None], tangents], axis=1))
     motions = contacts.jacobian.motions
     if motions is not None:
         matrix = sp.block_diag([sp.csc_array(each) for each in motions], format="csc") @ matrix
         matrix.eliminate_zeros()
-    tangents = np.stack([first, second], axis=1)
     mu = np.broadcast_to(np.asarray(friction, dtype=np.float64), len(normals))
     return FrictionalContacts(matrix, tangents, mu, law, motions)
+
+
+def _wrenches(assembly: AnyBlocks, contacts: Contacts, directions: FloatArray) -> sp.csc_array:
+    """Wrenches (F, M/ℓ) of unit forces along directions (n, 3, 3) on s, and opposite ones on m."""
+    free, places = contacts.free_blocks, np.arange(directions[..., 0].size).reshape(-1, 3)
+    number = np.full(assembly.n_blocks, -1, dtype=np.int64)
+    number[free] = np.arange(len(free))
+    points, parts = assembly.interfaces.centroids[contacts.index], []
+    for block, sign in ((contacts.block_m, -1.0), (contacts.block_s, 1.0)):
+        moves = np.flatnonzero(number[block] >= 0)
+        arm, along = (points - assembly.centroids[block])[moves, None], directions[moves]
+        wrench = sign * np.concatenate([along, np.cross(arm, along) / contacts.length], axis=2)
+        rows = 6 * number[block[moves], None, None] + np.arange(6)
+        columns = places[moves, :, None]
+        parts.append([np.broadcast_to(v, wrench.shape).ravel() for v in (wrench, rows, columns)])
+    values, rows, columns = (np.concatenate(part) for part in zip(*parts, strict=True))
+    shape = 6 * len(free), places.size
+    return sp.coo_array((values, (rows, columns)), shape=shape).tocsc()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -421,6 +418,27 @@ class CollapseLoad:
             and self.residual <= EQUILIBRIUM_TOLERANCE
             and abs(self.upper_bound - self.factor) <= 1e-4 * max(abs(self.factor), 1e-3)
         )
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """The factor and its proof."""
+        proof = ""
+        if self.mechanism is not None:
+            proof = f"; kinematic upper bound {self.upper_bound:.6g}, residual {self.residual:.1e}"
+        return [("limit load", self.status + proof)]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {
+            "factor": finite(self.factor),
+            "upper_bound": finite(self.upper_bound),
+            "never": bool(np.isinf(self.factor)),
+            "certified": self.certified,
+            "residual": self.residual,
+            "smallest_contact_work": self.smallest_contact_work,
+            "mechanism": by_block(self.mechanism),
+            "status": self.status,
+        }
 
 
 def collapse_load(contacts: FrictionalContacts, dead: FloatArray, live: FloatArray) -> CollapseLoad:

@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from geometry.assembly import AnyBlocks
 from geometry.loads import LoadCase
 from geometry.measures import first_largest
 from geometry.mesh import FloatArray
-from mbd.contact_jacobian import ContactJacobian, Contacts, contact_jacobian
+from mbd.contact_jacobian import Contacts, contact_jacobian
 from mbd.equilibrium import (
     EQUILIBRIUM_TOLERANCE,
     Equilibrium,
@@ -46,7 +47,7 @@ class Margin:
     bearing_area: float
     """Smallest bearing area over all unit loads [mm²]; 0 if some load cannot be carried."""
     block: int
-    """Position of the loaded block among the free blocks."""
+    """Number of the loaded block."""
     load: str
     """Axis of the worst load, e.g. ``+Fz`` or ``-Mx`` (couples are M/ℓ)."""
     areas: FloatArray
@@ -62,20 +63,42 @@ class Margin:
         """Whether every load that was asked can be carried."""
         return self.bearing_area > 0.0
 
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """The load and its bearing area."""
+        area, worst = f"{self.bearing_area:.4g} mm²", f"{self.load} on block {self.block}"
+        words = f"none: unit load {worst} is not statically admissible"
+        if self.unasked:
+            of = self.areas.size
+            words = f"not decided (limit of work): {of - self.unasked} of {of} unit loads were "
+            words += f"asked; the worst of them: {worst}, {area}"
+        elif self.interlocked:
+            words = f"smallest bearing area {area} (unit load {worst})"
+        return [("margin", words)]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {
+            "interlocked": self.interlocked,
+            "bearing_area": self.bearing_area,
+            "unasked": self.unasked,
+            "block": self.block,
+            "load": self.load,
+        }
+
 
 def interlocking_margin(
-    jacobian: ContactJacobian,
-    areas: FloatArray,
+    contacts: Contacts,
     *,
     limit: float = math.inf,
     progress: Callable[[int], None] | None = None,
 ) -> Margin:
     """Carry unit forces and couples, both ways, on each free block in turn.
 
-    Costs twelve equilibria for each free block. Areas are those of the contacts [mm²]; no further
-    load is asked after a limit of reference seconds (`geometry.work`). ``progress`` gets the number
-    of unit loads that were asked.
+    Costs twelve equilibria for each free block. No further load is asked after a limit of reference
+    seconds (`geometry.work`). ``progress`` gets the number of unit loads that were asked.
     """
+    jacobian, areas = contacts.jacobian, contacts.areas
     n_rows, n_contacts = jacobian.shape
     bearing = np.full((n_rows, 2), np.nan)
     mechanism: FloatArray | None = None
@@ -101,7 +124,7 @@ def interlocking_margin(
     row, way = divmod(worst, 2)
     return Margin(
         bearing_area=float(bearing[row, way]),
-        block=row // 6,
+        block=int(contacts.free_blocks[row // 6]),
         load="+-"[way] + _AXES[row % 6],
         areas=bearing.reshape(-1, 6, 2),
         mechanism=mechanism,

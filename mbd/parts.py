@@ -6,7 +6,7 @@ Each part gives rows of a table and plain data.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 
@@ -25,15 +25,17 @@ from mbd.friction import (
     FrictionalContacts,
     FrictionalEquilibrium,
     FrictionError,
+    by_block,
     collapse_load,
+    finite,
     frictional_contacts,
     frictional_equilibrium,
 )
-from mbd.margin import Margin, held_against, held_by_load, interlocking_margin
+from mbd.margin import held_against, held_by_load, interlocking_margin
 from mbd.mechanism import Classification
 from mbd.options import Rigid
 from mbd.push import PushLimit
-from mbd.sliding_collapse import SlidingCollapse, SlidingState, sliding_collapse, sliding_state
+from mbd.sliding_collapse import SlidingCollapse, sliding_collapse, sliding_state
 from mbd.squeeze import Squeeze, squeeze
 
 if TYPE_CHECKING:
@@ -138,7 +140,7 @@ class Friction:
             "holds": f.holds,
             "residual": f.residual,
             "largest_normal_force": float(f.forces[:, 0].max(initial=0.0)) if f.holds else None,
-            "mechanism": _rows(f.mechanism),
+            "mechanism": by_block(f.mechanism),
             "work": f.work,
             "smallest_contact_work": f.smallest_contact_work,
             "status": f.status,
@@ -159,153 +161,6 @@ class Friction:
                 "collapse_factor": None if factor is None else finite(factor),
             }
         return data
-
-
-@dataclass(frozen=True)
-class Collapse:
-    """Load factor at collapse, with associated friction."""
-
-    load: CollapseLoad
-
-    @property
-    def rows(self) -> list[tuple[str, str]]:
-        """The factor and its proof."""
-        c = self.load
-        proof = ""
-        if c.mechanism is not None:
-            proof = f"; kinematic upper bound {c.upper_bound:.6g}, residual {c.residual:.1e}"
-        return [("limit load", c.status + proof)]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return plain data."""
-        c = self.load
-        return {
-            "factor": finite(c.factor),
-            "upper_bound": finite(c.upper_bound),
-            "never": bool(np.isinf(c.factor)),
-            "certified": c.certified,
-            "residual": c.residual,
-            "smallest_contact_work": c.smallest_contact_work,
-            "mechanism": _rows(c.mechanism),
-            "status": c.status,
-        }
-
-
-@dataclass(frozen=True)
-class Sliding:
-    """Load factor at which joints slide without opening."""
-
-    load: SlidingCollapse
-    state: SlidingState | None
-    """Its forces and motion, for a check by another program."""
-
-    @property
-    def rows(self) -> list[tuple[str, str]]:
-        """The factor."""
-        return [("non-associated limit load", self.load.status)]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return plain data."""
-        found = self.load
-        data = {
-            "factor": finite(found.factor),
-            "associated_factor": finite(found.associated),
-            "certified": found.certified,
-            "check": None if found.check is None else asdict(found.check),
-            "mechanism": _rows(found.mechanism),
-            "status": found.status,
-        }
-        return data if self.state is None else data | self.state.as_json()
-
-
-@dataclass(frozen=True)
-class Ranges:
-    """Least and largest force of each joint over all admissible states."""
-
-    forces: ForceRanges
-
-    @property
-    def rows(self) -> list[tuple[str, str]]:
-        """How many joints are statically indeterminate, and the widest range."""
-        return [("joint forces", self._words)]
-
-    @property
-    def _words(self) -> str:
-        ranges = self.forces
-        wide, unbounded = int(ranges.undetermined.sum()), int(ranges.unbounded.sum())
-        of = f"of {len(ranges.least)} joints"
-        if ranges.unanswered:
-            return (
-                f"not decided (limit of work) in {ranges.unanswered} {of}; of the others {wide} "
-                f"are statically indeterminate, {unbounded} of them unbounded (self-stress)"
-            )
-        if wide == 0:
-            return f"statically determinate {of}: every admissible state has the same forces"
-        bound = f", {unbounded} of them unbounded (self-stress)" if unbounded else ""
-        k = int(np.argmax(np.where(ranges.unbounded, -1.0, ranges.width)))
-        if unbounded == len(ranges.least):
-            k = int(ranges.least.argmax())
-        pair = f"blocks {ranges.block_m[k]} and {ranges.block_s[k]}"
-        most = "unbounded" if ranges.unbounded[k] else f"{ranges.largest[k]:.4g} N"
-        return (
-            f"statically indeterminate in {wide} {of}{bound}; between {pair}: minimum "
-            f"{ranges.least[k]:.4g} N, minimum-norm {ranges.shown[k]:.4g} N, maximum {most}"
-        )
-
-    def as_json(self) -> dict[str, Any]:
-        """Return plain data."""
-        ranges = self.forces
-        joints = [
-            {
-                "blocks": [int(ranges.block_m[k]), int(ranges.block_s[k])],
-                "least": finite(float(ranges.least[k])),
-                "least_norm": float(ranges.shown[k]),
-                "largest": finite(float(ranges.largest[k])),
-                "unbounded": bool(ranges.unbounded[k]),
-            }
-            for k in range(len(ranges.least))
-        ]
-        return {
-            "joints": joints,
-            "undetermined": int(ranges.undetermined.sum()),
-            "unanswered": ranges.unanswered,
-            "unbounded": int(ranges.unbounded.sum()),
-        }
-
-
-@dataclass(frozen=True)
-class WorstLoad:
-    """Interlocking margin: the unit load on a single block that is carried worst."""
-
-    margin: Margin
-    block: int
-    """Number of that block."""
-
-    @property
-    def rows(self) -> list[tuple[str, str]]:
-        """The load and its bearing area."""
-        m = self.margin
-        if m.unasked:
-            of = m.areas.size
-            words = f"not decided (limit of work): {of - m.unasked} of {of} unit loads were asked; "
-            words += f"the worst of them: {m.load} on block {self.block}, {m.bearing_area:.4g} mm²"
-        elif m.interlocked:
-            words = f"smallest bearing area {m.bearing_area:.4g} mm² (unit load {m.load} on block "
-            words += f"{self.block})"
-        else:
-            words = f"none: unit load {m.load} on block {self.block} is not statically admissible"
-        return [("margin", words)]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return plain data."""
-        m = self.margin
-        return {
-            "interlocked": m.interlocked,
-            "bearing_area": m.bearing_area,
-            "unasked": m.unasked,
-            "block": self.block,
-            "load": m.load,
-        }
 
 
 @dataclass(frozen=True)
@@ -521,7 +376,7 @@ class Question:
         if balance is not None:
             parts["friction"] = self._friction(balance)
         if collapse is not None:
-            parts["collapse"] = Collapse(collapse)
+            parts["collapse"] = collapse
         if method.sliding:
             self.tell("collapse by sliding without dilation")
             parts["sliding"] = self._sliding()
@@ -530,12 +385,11 @@ class Question:
         if (method.ranges or jams) and (balance is None or balance.holds):
             ranges = self._ranges()
             if ranges is not None:
-                parts["ranges"] = Ranges(ranges)
+                parts["ranges"] = ranges
         if method.margin:
             every = contact_jacobian(self.whole, self.load.fixed, self.load.held)
             progress = self._counting("unit loads of the margin")
-            margin = interlocking_margin(every.jacobian, every.areas, progress=progress)
-            parts["margin"] = WorstLoad(margin, int(every.free_blocks[margin.block]))
+            parts["margin"] = interlocking_margin(every, progress=progress)
         return parts
 
     def _friction(self, balance: FrictionalEquilibrium) -> Friction:
@@ -587,7 +441,7 @@ class Question:
         left_out = int((~whole.interfaces.bears[contacts.index]).sum())
         return WithEdges(left_out, holds, factor)
 
-    def _sliding(self) -> Sliding:
+    def _sliding(self) -> SlidingCollapse:
         """Collapse by sliding without dilation, in the plane where the problem is plane."""
         plane, progress = self._plane(*self.loads), self._counting("sliding collapse")
         if plane is None:
@@ -607,7 +461,7 @@ class Question:
             plane=plane,
             wrenches=self.wrenches,
         )
-        return Sliding(result, state)
+        return replace(result, state=state)
 
     def _plane(self, *loads: FloatArray) -> PlaneProblem | None:
         """Return the problem in the plane in which blocks and loads lie; None: there is none."""
@@ -642,13 +496,3 @@ class Question:
 
     def _counting(self, what: str) -> Callable[[int], None]:
         return lambda programs: self.tell(f"{what}: {programs} programs solved")
-
-
-def finite(value: float) -> float | None:
-    """A number as plain data; None where it is none."""
-    return float(value) if np.isfinite(value) else None
-
-
-def _rows(motion: FloatArray | None) -> list[list[float]] | None:
-    """Motion of each block, where there is one."""
-    return None if motion is None else motion.reshape(-1, 6).tolist()

@@ -32,7 +32,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -46,7 +46,9 @@ from mbd.friction import (
     TANGENTS,
     CollapseLoad,
     FrictionalContacts,
+    by_block,
     collapse_load,
+    finite,
     frictional_equilibrium,
 )
 from mbd.options import FrictionLaw
@@ -119,11 +121,30 @@ class SlidingCollapse:
     """Verdict in words."""
     stopped: bool = False
     """Whether the limit of work ended the search."""
+    state: SlidingState | None = None
+    """Forces and motion in space, for a check by another program."""
 
     @property
     def certified(self) -> bool:
         """Whether forces and motion obey every law to `SLIDING_TOLERANCE`."""
         return self.check is not None and self.check.largest <= SLIDING_TOLERANCE
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """The factor."""
+        return [("non-associated limit load", self.status)]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        data = {
+            "factor": finite(self.factor),
+            "associated_factor": finite(self.associated),
+            "certified": self.certified,
+            "check": None if self.check is None else asdict(self.check),
+            "mechanism": by_block(self.mechanism),
+            "status": self.status,
+        }
+        return data if self.state is None else data | self.state.as_json()
 
 
 def check_sliding(

@@ -17,9 +17,8 @@ from geometry.families.tube import SineTube
 from geometry.loads import named_case
 from geometry.mesh import HexMesh, grid_faces, structured_hexahedra
 from mbd import Norm, Rigid, Solver, analyse, contact_jacobian
-from mbd.contact_jacobian import MatrixJacobian
+from mbd.contact_jacobian import CongruentWrenches, MatrixJacobian
 from mbd.equilibrium import clarabel_equilibrium, column_weights, newton_equilibrium
-from mbd.pair_wrenches import CongruentWrenches
 from tests.support.blocks import random_rotation, tsb
 
 pytestmark = pytest.mark.quick

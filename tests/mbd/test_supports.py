@@ -201,7 +201,7 @@ def test_resistance_to_pushes_counts_rollers(stack):
     assert held_against(stack, held)["-x"]
     assert not held_against(stack, held)["+y"]
     contacts = contact_jacobian(stack, held.fixed, held.held)
-    margin = interlocking_margin(contacts.jacobian, contacts.areas)
+    margin = interlocking_margin(contacts)
     assert np.isinf(margin.areas[0, 0]).all()
     assert margin.areas[0, 1].max() == 0.0
 

@@ -88,8 +88,8 @@ def test_a_squeeze_that_is_not_decided_says_so(wall) -> None:
 
 def test_unit_loads_left_at_the_limit_are_counted() -> None:
     contacts = contact_jacobian(OctahedraLayer(50.0, 0).build())
-    every = interlocking_margin(contacts.jacobian, contacts.areas)
-    found = interlocking_margin(contacts.jacobian, contacts.areas, limit=EACH)
+    every = interlocking_margin(contacts)
+    found = interlocking_margin(contacts, limit=EACH)
     assert every.unasked == 0
     assert found.unasked == every.areas.size - 1
     assert found.bearing_area == every.areas[0, 0, 0] >= every.bearing_area

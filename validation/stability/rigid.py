@@ -14,10 +14,9 @@ from geometry.families.sine_block import SineBlockDivisions
 from geometry.loads import LoadCase, named_case
 from geometry.mesh import FloatArray
 from mbd import Norm, analyse, contact_jacobian
-from mbd.contact_jacobian import MatrixJacobian, PairJacobian
+from mbd.contact_jacobian import MatrixJacobian, PairJacobian, SeparateWrenches
 from mbd.equilibrium import column_weights, newton_equilibrium
 from mbd.mechanism import Classification, SelfStress
-from mbd.pair_wrenches import SeparateWrenches
 from validation.stability.case import Cases, Check, Finding, refusal
 from validation.stability.problems import pressed, relative, stack, tube
 
