@@ -73,7 +73,7 @@ STOPPED = (*SMALL["tsb1-pipe"], 'fem.method="explicit"')
 COMMANDS: dict[str, Any] = typer.main.get_command(app).commands  # type: ignore[attr-defined]
 
 #: Options that name files that are written.
-_WRITES = {"--json": "result.json", "--csv": "rows.csv", "--parquet": "rows.parquet"}
+_WRITES = {"--json": "result.json", "--csv": "rows.csv"}
 #: How often each command is tried: those that are short, more often.
 _WEIGHTS = {
     "mbd": 8.0, "fem": 6.0, "sweep": 4.0, "show": 3.0, "deck": 4.0, "export": 3.0, "cost": 0.3,
@@ -84,7 +84,6 @@ _NAMED = {"scenes": ("arch",), "reproduce": ("nothing", "--nothing")}
 _READS = {
     "sweep": ("small.toml", "damped.toml"),
     "deck": ("case.inp", "flat.inp", "block.vtu", "block.msh"),
-    "rescue": ("results.sqlite",),
 }
 
 VALUES = (
@@ -103,8 +102,7 @@ WORDS = (
 #: Values of options that are not refused.
 _GOOD = {
     "--accuracy": "p_eff=30%", "--max-seconds": "1", "--keep": "friction", "--flavour": "calculix",
-    "--workers": "1", "--older": "keep", "--only": "coulomb", "--store": "cost.sqlite",
-    "--resume": "run.npz",
+    "--workers": "1", "--only": "coulomb", "--store": "cost.jsonl", "--resume": "run.npz",
 }  # fmt: skip
 
 
@@ -119,8 +117,8 @@ def line(seed: int, number: int, folder: Path, specimens: Path) -> list[str]:
     for option in _options(command):
         if random.random() < (0.7 if "--json" in option.opts else 0.3):
             words += _option(random, option, folder, specimens)
-    if command in ("export", "rescue") and "-o" not in words:
-        words += ["-o", "case.inp" if command == "export" else "new.sqlite"]
+    if command == "export" and "-o" not in words:
+        words += ["-o", "case.inp"]
     if random.random() < 0.05:
         spoilt = random.randrange(len(words) + 1)
         words.insert(spoilt, random.choice(WORDS))
@@ -184,7 +182,7 @@ def _option(random: Random, known: Any, folder: Path, specimens: Path) -> list[s
     if option in _WRITES or option == "-o":
         return [option, _output(random, option, folder)]
     if option in ("--resume", "--store") and random.random() < 0.7:
-        name = "run.npz" if option == "--resume" else "results.sqlite"
+        name = "run.npz" if option == "--resume" else "results.jsonl"
         return [option, _file(random, specimens / name, folder)]
     good = _GOOD.get(option, "1%")
     return [option, good if random.random() < 0.5 else random.choice((*WORDS, *VALUES[:20]))]
@@ -193,7 +191,7 @@ def _option(random: Random, known: Any, folder: Path, specimens: Path) -> list[s
 def _output(random: Random, option: str, folder: Path) -> str:
     """Return a place to write to: mostly a good one."""
     if random.random() < 0.6:
-        endings = ("out", "picture.png", "picture.svg", "case.inp", "copy.vtu", "rows.sqlite")
+        endings = ("out", "picture.png", "picture.svg", "case.inp", "copy.vtu", "rows.jsonl")
         return _WRITES.get(option) or random.choice(endings)
     present = [str(path) for path in folder.iterdir()]
     if not (folder / "pipe").exists():
@@ -331,7 +329,7 @@ def make_specimens(folder: Path) -> None:
     ):  # fmt: skip
         study = f'scene = "tsb1-pipe"\n{asked}\n{settings}'
         (folder / f"{name}.toml").write_text(study, "utf-8")
-    results = ["-o", str(folder / "results.sqlite"), "--workers", "1"]
+    results = ["-o", str(folder / "results.jsonl"), "--workers", "1"]
     _run(["sweep", str(folder / "small.toml"), *results])
     for name, flavour in (("case.inp", "general"), ("flat.inp", "calculix")):
         where = ["--flavour", flavour, "-o", str(folder / name)]

@@ -107,7 +107,7 @@ SUBJECTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ),
     ),
     "stores": (
-        ("validation/output/store.py", "validation/study/store.py"),
+        ("validation/study/rowfile.py",),
         ("study/test_store.py",),
     ),
 }

@@ -27,7 +27,7 @@ ROOMS = {
     # Searches among designs whose answers are all known are verified there too.
     "verification": (*_LAWS, "validation.paper", "validation.study.optimisation"),
     # What studies keep their rows in, and the probe by which they decide on effects.
-    "study": ("validation.study", "validation.output.store", "validation.run.probe"),
+    "study": ("validation.study", "validation.run.probe"),
     "pages": ("validation.pages", "validation.output"),
     "robustness": ("validation.stability",),
     "cli": ("validation.cli", "validation.scene", "validation.output"),

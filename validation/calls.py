@@ -150,7 +150,7 @@ def cost(
     quick
         Coarse meshes only.
     store
-        SQLite file that keeps what was measured; None: nothing is kept.
+        File that keeps what was measured (JSON lines); None: nothing is kept.
 
     Raises
     ------
@@ -160,16 +160,15 @@ def cost(
     from tempfile import TemporaryDirectory
 
     from validation.study.costs.plan import full_plan, quick_plan, require_cost_scene
-    from validation.study.costs.store import CostStore
     from validation.study.costs.study import run_cost
+    from validation.study.rowfile import RowFile
 
     file = _case(case, settings)
     checked = require_cost_scene(file.scene, file.name)
     plan = (quick_plan if quick else full_plan)(file.name, checked, others=False)
     with TemporaryDirectory() as folder:
-        path = Path(folder) / "cost.sqlite" if store is None else Path(store)
-        with CostStore(path) as kept:
-            return run_cost(file.name, checked, plan, kept)
+        path = Path(folder) / "cost.jsonl" if store is None else Path(store)
+        return run_cost(file.name, checked, plan, RowFile(path))
 
 
 def _answer(answer: object) -> Answer:
@@ -260,14 +259,14 @@ def sweep(
     accuracy
         Relative error bars of deformable designs [-]; None: 0.1, within a limit of work.
     store
-        SQLite file of the results, which a later call goes on with; None: nothing is kept.
+        File of the results (JSON lines), which a later call goes on with; None: nothing is kept.
     workers
         Processes.
 
     Raises
     ------
     InputError
-        Parameters that a scene does not have, or a store of another study.
+        Parameters that a scene does not have, or a store that is no file of results.
     """
     from io import StringIO
     from tempfile import TemporaryDirectory
@@ -275,9 +274,9 @@ def sweep(
 
     from validation.output.console import plain_console
     from validation.study.report import print_table, summary
+    from validation.study.rowfile import StudyRows
     from validation.study.run import LocalRunner
     from validation.study.run import sweep as run_study
-    from validation.study.store import ResultFile
     from validation.study.study import check_study
 
     if callable(case):
@@ -291,13 +290,12 @@ def sweep(
         data["accuracy"] = accuracy
     study = check_study(data, "sweep", None, settings_words(settings))
     with TemporaryDirectory() as folder:
-        path = Path(folder) / "sweep.sqlite" if store is None else Path(store)
-        with ResultFile(path, study) as results:
-            start = perf_counter()
-            tally = run_study(results, LocalRunner(study, workers))
-            reported = summary(results, tally, perf_counter() - start)
-            print_table(results, plain_console(table := StringIO()))
-            return SweepResult(tuple(results.rows()), reported, study, table.getvalue().rstrip())
+        path = Path(folder) / "sweep.jsonl" if store is None else Path(store)
+        results, start = StudyRows(path, study), perf_counter()
+        tally = run_study(results, LocalRunner(study, workers))
+        reported = summary(results, tally, perf_counter() - start)
+        print_table(results, plain_console(table := StringIO()))
+        return SweepResult(tuple(results.rows()), reported, study, table.getvalue().rstrip())
 
 
 def _listed(values: Any) -> Any:
@@ -378,8 +376,7 @@ def optimise(
     stated
         TOML file of `tubelock optimise`, or its content as a mapping.
     store
-        SQLite file of the rows, which a later call goes on with; judged rows lie beside it.
-        None: nothing is kept.
+        File of the rows (JSON lines), which a later call goes on with; None: nothing is kept.
     workers
         Processes.
 
@@ -398,6 +395,5 @@ def optimise(
     else:
         checked = statement.load_optimisation(str(stated))
     with TemporaryDirectory() as folder:
-        path = Path(folder) / "search.sqlite" if store is None else Path(store)
-        judged = path.with_name(f"{path.stem}-judge.sqlite")
-        return report.optimise(checked, path, judged, lambda study: runner_for(study, workers))
+        path = Path(folder) / "search.jsonl" if store is None else Path(store)
+        return report.optimise(checked, path, lambda study: runner_for(study, workers))

@@ -128,17 +128,17 @@ quantity = "rigid"
 """
 
 
-@later
 def test_rows_of_another_study_are_rejected(tmp_path):
     one, other = tmp_path / "one.toml", tmp_path / "other.toml"
     one.write_text(STUDY.format(axial=2), "utf-8")
     other.write_text(STUDY.format(axial=4), "utf-8")
-    rows = str(tmp_path / "rows.csv")
-    common = ("--workers", "1")
-    first = command("sweep", str(one), *common, "-o", str(tmp_path / "one.sqlite"), "--csv", rows)
+    rows = str(tmp_path / "one.jsonl")
+    common = ("--workers", "1", "-o")
+    first = command("sweep", str(one), *common, rows)
     assert first[0] == 0, first[2]
-    second = command("sweep", str(other), *common, "-o", str(tmp_path / "o.sqlite"), "--rows", rows)
-    assert second[0] != 0
+    second = command("sweep", str(other), *common, str(tmp_path / "o.jsonl"), "--rows", rows)
+    assert second[0] == 2
+    assert "has no row of other" in second[2]
 
 
 SEARCH = {

@@ -184,12 +184,12 @@ def test_what_cannot_be_drawn_or_compared_is_refused(answers) -> None:
 
 def test_a_sweep_is_a_call(tmp_path: Path) -> None:
     values = {"block.amplitude": [10.0, 20.0]}
-    study = sweep("tsb1-pipe", values, COARSE, store=tmp_path / "study.sqlite")
+    study = sweep("tsb1-pipe", values, COARSE, store=tmp_path / "study.jsonl")
     assert [row["block.amplitude"] for row in study.rows] == [10.0, 20.0]
     scene = load_case("tsb1-pipe", COARSE | {"block.amplitude": 10.0})
     one = analyse(scene.problem, Rigid(norm="force"))
     assert study.rows[0]["p_max"] == one["p_max"].value
-    again = sweep("tsb1-pipe", values, COARSE, store=tmp_path / "study.sqlite")
+    again = sweep("tsb1-pipe", values, COARSE, store=tmp_path / "study.jsonl")
     assert again.rows == study.rows
     assert all(f"{row['p_max']:.5g}" in repr(study) for row in study.rows)
     (curve,) = study.plot("block.amplitude", "p_max").axes[0].containers

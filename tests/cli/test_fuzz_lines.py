@@ -72,8 +72,8 @@ LINES = [
     ("mbd", "own.toml", "--json", "result.json"),
     ("deck", "block.vtu", "--write", "picture.png"),
     ("deck", "block.h5m"),
-    ("rescue", "pipe", "-o", "new.sqlite"),
-    ("sweep", "study.toml", "-o", "x.sqlite", "--workers", "1" + "0" * 100),
+    ("sweep", "study.toml", "--rows", "pipe", "-o", "new.jsonl"),
+    ("sweep", "study.toml", "-o", "x.jsonl", "--workers", "1" + "0" * 100),
 ]
 OWN = """
 [block]

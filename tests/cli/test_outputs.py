@@ -50,7 +50,6 @@ def inputs(tubelock) -> Path:
         (["deck", "deck.inp", "--json", "deck.inp"], "--json deck.inp"),
         (["sweep", "study.toml", "-o", "study.toml"], "-o study.toml"),
         (["sweep", "study.toml", "--csv", "study.toml"], "--csv study.toml"),
-        (["sweep", "study.toml", "--parquet", "mine.toml"], "--parquet mine.toml"),
         (["sweep", "study.toml", "--json", "mine.toml"], "--json mine.toml"),
     ],
 )
@@ -69,7 +68,7 @@ def test_an_input_is_never_an_output(tubelock, inputs, arguments, named) -> None
     ("arguments", "named"),
     [
         (["sweep", "study.toml", "-o", "a", "--csv", "a"], "-o and --csv both name a"),
-        (["sweep", "study.toml", "--csv", "a", "--parquet", "./a"], "--csv and --parquet both"),
+        (["sweep", "study.toml", "--csv", "a", "--json", "./a"], "--json and --csv both"),
         (["sweep", "study.toml", "-o", "a", "--json", "a"], "--json and -o both name a"),
         (["report", "mine.toml", "-o", "a.html", "--json", "a.html"], "--json and -o both name"),
         (["mbd", "mine.toml", "-o", "a", "--json", "a/contact_pressures.vtu"], "--json a/contact"),

@@ -85,7 +85,7 @@ def swept(tubelock, key: str, values: list[float]) -> tuple[int, str, str]:
     Path("study.toml").write_text(
         f'scene = "tsb1-pipe"\nquantity = "rigid"\n[parameters]\n"{key}" = {values}\n'
     )
-    return tubelock("sweep", "study.toml", *words, "-o", "a.sqlite")
+    return tubelock("sweep", "study.toml", *words, "-o", "a.jsonl")
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_a_rigid_study_of_what_rigid_blocks_do_not_have_is_refused(
     status, _, line = swept(tubelock, key, values)
     assert status == 2
     assert f"{key}: no answer of rigid blocks depends on it" in line
-    assert not Path("a.sqlite").exists()
+    assert not Path("a.jsonl").exists()
     # In Python, rows that say so.
     for row in sweep("tsb1-pipe", {key: values}, COARSE).rows:
         assert row["status"] == "ok"

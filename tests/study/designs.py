@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
-import sqlite3
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from validation.study.design import Row, run_design
+from validation.study.rowfile import StudyRows
 from validation.study.study import Study
 
 #: Sixteen walls of which four cannot be built (no rows), each a few milliseconds.
@@ -34,9 +35,9 @@ class Here:
             yield run_design(self.study, number)
 
 
-def content(path: Path) -> list[tuple]:
-    """All rows without their CPU time, and so without their digest."""
-    with sqlite3.connect(path) as connection:
-        rows = connection.execute("SELECT * FROM rows ORDER BY number")
-        place = [column[0] for column in rows.description].index("cpu_seconds")
-        return [row[:place] + row[place + 1 : -1] for row in rows]
+def content(path: Path, study: Study) -> list[dict[str, Any]]:
+    """All rows without their CPU time, as a sweep that computes nothing gives them."""
+    rows = list(StudyRows(path, study).rows())
+    for row in rows:
+        del row["cpu_seconds"]
+    return rows

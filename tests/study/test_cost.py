@@ -54,7 +54,8 @@ from validation.study.costs.settings import (
     static_setting,
     with_setting,
 )
-from validation.study.costs.store import CostStore, measurement_key
+from validation.study.costs.study import measurement_key
+from validation.study.rowfile import RowFile
 
 SETTINGS = ("--set", "assembly.layers=1")
 
@@ -314,11 +315,11 @@ def measured_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_hit_gives_the_same_bits_and_no_new_run(tmp_path, monkeypatch, measured_once) -> None:
-    scene, store = tube(), CostStore(tmp_path / "cost.sqlite")
+    scene, store = tube(), RowFile(tmp_path / "cost.jsonl")
     plan = small_plan(scene)
     first = cost.run_cost("a", scene, plan, store)
     # Two of the three reference meshes are among the settings, the three graded ones are not.
-    assert store.ask("SELECT count(*) FROM rows") == [(7,)]
+    assert len(store) == 7
 
     def no_run(*arguments: object) -> None:
         raise AssertionError("a new run")
@@ -353,7 +354,7 @@ def test_rungs_of_curved_elements_are_judged_by_the_finest(
     tiny = replace(ladder[0], degree=2, along=12, across=1, across_grading=1.0, upward_grading=8.0)
     rungs = tuple(replace(tiny, upward=axial) for axial in (2, 4))
     monkeypatch.setattr(costs_measure, "LADDER", rungs)
-    scene, store = tube(), CostStore(tmp_path / "cost.sqlite")
+    scene, store = tube(), RowFile(tmp_path / "cost.jsonl")
     settings = (rigid_setting(Norm.PRESSURE, 1), curved_setting(1), curved_setting(2))
     plan = CostPlan(base_mesh(scene, "a"), settings, curved_rungs(1, 2))
     found = cost.run_cost("a", scene, plan, store)
@@ -376,7 +377,7 @@ def test_other_families_are_measured_and_say_what_is_left_out(
     name, tmp_path, measured_once
 ) -> None:
     """Without a grading the reference of every quantity is extrapolated from plain meshes."""
-    scene, store = other(name), CostStore(tmp_path / "cost.sqlite")
+    scene, store = other(name), RowFile(tmp_path / "cost.jsonl")
     left_out = dict(full_plan("a", scene).left_out).keys()
     assert "graded meshes" in left_out
     assert ("mesh sequence of `fem --accuracy`" in left_out) == (name == "thb0-tunnel")
@@ -396,7 +397,7 @@ def test_degrees_judge_points_and_fields_where_there_is_no_ladder(tmp_path, meas
 
     Trilinear blocks of the same mesh are further from it than it is uncertain.
     """
-    scene, store = other("planar-sine"), CostStore(tmp_path / "cost.sqlite")
+    scene, store = other("planar-sine"), RowFile(tmp_path / "cost.jsonl")
     plan = small_plan(scene)
     plan = replace(
         plan,
@@ -477,7 +478,7 @@ def test_calculix_converges_to_what_we_find() -> None:
 
 
 def test_killed_run_resumes_where_it_was(tmp_path, monkeypatch, measured_once) -> None:
-    scene, store = tube(), CostStore(tmp_path / "cost.sqlite")
+    scene, store = tube(), RowFile(tmp_path / "cost.jsonl")
     plan = small_plan(scene)
     done: list[str] = []
 
@@ -491,7 +492,7 @@ def test_killed_run_resumes_where_it_was(tmp_path, monkeypatch, measured_once) -
         patch.setattr(cost, "measure", counted)
         with pytest.raises(KeyboardInterrupt):
             cost.run_cost("a", scene, plan, store)
-    assert store.ask("SELECT count(*) FROM rows") == [(2,)]
+    assert len(store) == 2
     again: list[str] = []
 
     def told(number: int, total: int, what: str) -> None:
@@ -503,7 +504,7 @@ def test_killed_run_resumes_where_it_was(tmp_path, monkeypatch, measured_once) -
 
 
 def test_a_setting_without_an_answer_is_told_and_the_rest_stands(tmp_path, monkeypatch) -> None:
-    scene, store = tube(), CostStore(tmp_path / "cost.sqlite")
+    scene, store = tube(), RowFile(tmp_path / "cost.jsonl")
     plan = small_plan(scene)
 
     def broken(name, scene, base, setting):
@@ -520,7 +521,7 @@ def test_a_setting_without_an_answer_is_told_and_the_rest_stands(tmp_path, monke
 def test_a_setting_beyond_the_limit_of_work_is_told_and_the_rest_stands(
     tmp_path, monkeypatch
 ) -> None:
-    scene, store = tube("fem.max_work=0.3"), CostStore(tmp_path / "cost.sqlite")
+    scene, store = tube("fem.max_work=0.3"), RowFile(tmp_path / "cost.jsonl")
     plan, dear = small_plan(scene), curved_setting(3)
 
     def kept(name, scene, base, setting):

@@ -78,7 +78,7 @@ def test_a_search_of_all_designs_finds_the_best_and_goes_on(tmp_path: Path) -> N
     """The best is that of the study of all; a second call computes nothing again."""
     rows = sweep("tsb1-pipe", VARIABLES, COARSE).rows
     best = min(rows, key=lambda row: row["p_max"])
-    store = tmp_path / "search.sqlite"
+    store = tmp_path / "search.jsonl"
     first, second = (optimise(stated(), store) for _ in range(2))
     assert {path: first.best[0][path] for path in VARIABLES} == {p: best[p] for p in VARIABLES}
     assert first.best[0]["p_max"] == pytest.approx(best["p_max"], rel=1e-9)

@@ -1,10 +1,11 @@
-"""Results kept by content: nothing half trusted, nothing promised that is not so."""
+"""Results kept by content: nothing half trusted, nothing lost that need not be."""
 
 from __future__ import annotations
 
 import json
+import os
 import random
-import sqlite3
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -13,17 +14,14 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-import validation.output.store as stores
 from tests.study.designs import WALLS, Here, content
 from validation import InputError
-from validation.output.store import Layout, Store, content_key, rescue
+from validation.study import rowfile
+from validation.study.rowfile import RowFile, StudyRows, write_csv
 from validation.study.run import sweep
-from validation.study.store import Older, ResultFile, write_csv
-from validation.study.study import Study, check_study, load_study
+from validation.study.study import Study, check_study, content_digest, load_study
 
 pytestmark = pytest.mark.quick
-
-LAYOUT = Layout("cost", {"name": "TEXT NOT NULL", "count": "INTEGER", "value": "REAL"})
 
 
 def row(number: int) -> dict[str, object]:
@@ -32,40 +30,35 @@ def row(number: int) -> dict[str, object]:
 
 
 def filled(path: Path, count: int = 200) -> dict[str, dict[str, object]]:
-    """Write rows; return them by key."""
-    rows = {content_key(number): row(number) for number in range(count)}
-    with Store(path, LAYOUT) as store:
-        for key, values in rows.items():
-            store.put(key, values)
+    """Write rows; return them by what they answer."""
+    rows = {content_digest(number): row(number) for number in range(count)}
+    store = RowFile(path)
+    for question, values in rows.items():
+        store.put(question, values)
     return rows
 
 
 def test_rows_come_back_to_the_last_bit_and_the_latest_counts(tmp_path) -> None:
-    rows = filled(tmp_path / "a.sqlite")
-    with Store(tmp_path / "a.sqlite", LAYOUT) as store:
-        for key, values in rows.items():
-            found = store.get(key)
-            assert found is not None
-            assert found.items() >= values.items()
-        assert store.get("nobody asked") is None
-        first = next(iter(rows))
-        store.put(first, row(7) | {"value": float("nan"), "count": None})
-        assert store.get(first).items() >= {"name": "row 7 — ±", "value": None}.items()
-        assert store.ask("SELECT count(*) FROM rows") == [(200,)]
+    rows = filled(tmp_path / "a.jsonl")
+    store = RowFile(tmp_path / "a.jsonl")
+    assert {question: store.get(question) for question in rows} == rows
+    assert store.get("nobody asked") is None
+    first = next(iter(rows))
+    store.put(first, row(7))
+    assert store.get(first) == row(7)
+    assert len(store) == len(RowFile(tmp_path / "a.jsonl")) == 200
+    assert RowFile(tmp_path / "a.jsonl").get(first) == row(7)
+    for line in (tmp_path / "a.jsonl").read_text("utf-8").splitlines():
+        assert json.loads(line)["row"].keys() == row(0).keys()
 
 
-def read_again(path: Path, rows: dict[str, dict[str, object]]) -> str:
-    """What opening refuses, after making sure that all rows are as written where it does not."""
-    try:
-        store = Store(path, LAYOUT)
-    except InputError as error:
-        return str(error)
-    with store:
-        for key, values in rows.items():
-            found = store.get(key)
-            assert found is not None
-            assert found.items() >= values.items()
-    return ""
+def read_again(path: Path, rows: dict[str, dict[str, object]]) -> int:
+    """Rows that a file still has, after making sure that each is as it was written."""
+    store = RowFile(path)
+    found = {question: store.get(question) for question in rows}
+    kept = {question: values for question, values in found.items() if values is not None}
+    assert kept.items() <= rows.items()
+    return len(kept)
 
 
 @pytest.mark.slow
@@ -73,91 +66,83 @@ def read_again(path: Path, rows: dict[str, dict[str, object]]) -> str:
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(place=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
-@example(place=0.11, bit=7)  # in the name of a column, which is no text then
-def test_a_flipped_bit_is_refused_or_was_never_data(tmp_path, place, bit) -> None:
-    """Of all bytes of a file: refused in one line, or every row is as it was written."""
-    path = tmp_path / "flipped.sqlite"
+@example(place=0.0, bit=0)
+@example(place=0.999_999, bit=0)  # the end of the last line
+def test_a_flipped_bit_costs_its_row(tmp_path, place, bit) -> None:
+    """Of all bytes of a file: one row at most is lost, or two whose lines are one now."""
+    path = tmp_path / "flipped.jsonl"
     path.unlink(missing_ok=True)
     rows = filled(path, 60)
     raw = bytearray(path.read_bytes())
     raw[int(place * len(raw))] ^= 1 << bit
     path.write_bytes(raw)
-    said = read_again(path, rows)
-    told = ("is damaged", "not a file of results", "was written by", "another kind")
-    assert not said or any(words in said for words in told)
-    assert "\n" not in said
+    kept = read_again(path, rows)
+    assert 58 <= kept < 60
+    store = RowFile(path)
+    for question, values in rows.items():
+        if store.get(question) is None:
+            store.put(question, values)
+    assert read_again(path, rows) == 60
 
 
-@pytest.mark.parametrize("share", [0.2, 0.3, 0.5, 0.9, 0.999])
-def test_a_truncated_file_is_refused_and_what_is_whole_is_rescued(tmp_path, share) -> None:
-    path, new = tmp_path / "cut.sqlite", tmp_path / "new.sqlite"
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.2, 0.5, 0.999])
+def test_a_cut_file_has_what_is_whole_and_goes_on(tmp_path, share) -> None:
+    path = tmp_path / "cut.jsonl"
     rows = filled(path)
     raw = path.read_bytes()
     path.write_bytes(raw[: int(share * len(raw))])
-    with pytest.raises(InputError, match="is damaged"):
-        Store(path, LAYOUT)
-    cut = path.read_bytes()
-    whole, _ = rescue(path, new)
-    assert path.read_bytes() == cut
-    if share >= 0.5:
-        assert whole > 0.3 * share * len(rows)
-    with Store(new, LAYOUT) as store:
-        assert store.ask("SELECT count(*) FROM rows") == [(whole,)]
-        for key, values in rows.items():
-            found = store.get(key)
-            assert found is None or found.items() >= values.items()
+    kept = read_again(path, rows)
+    assert kept == path.read_bytes().count(b"\n")
+    store = RowFile(path)
+    for question, values in list(rows.items())[kept:]:
+        store.put(question, values)
+    assert read_again(path, rows) == 200
 
 
-def test_without_its_first_page_nothing_is_promised(tmp_path) -> None:
-    path = tmp_path / "cut.sqlite"
-    filled(path)
-    path.write_bytes(path.read_bytes()[:3000])
-    with pytest.raises(InputError, match="is damaged"):
-        Store(path, LAYOUT)
-    with pytest.raises(InputError, match="nothing can be rescued"):
-        rescue(path, tmp_path / "new.sqlite")
-    assert [p.name for p in tmp_path.iterdir()] == ["cut.sqlite"]
-
-
-def test_flipped_rows_are_left_behind_and_the_others_rescued(tmp_path) -> None:
-    path, new = tmp_path / "flipped.sqlite", tmp_path / "new.sqlite"
+def test_lines_may_come_in_any_order_and_from_several_files(tmp_path) -> None:
+    path = tmp_path / "a.jsonl"
     rows = filled(path)
-    raw = bytearray(path.read_bytes())
-    # A digit in a name: still a table, still a text, no longer what was written.
-    for number in (17, 31):
-        raw[raw.index(f"row {number} ".encode()) + 4] ^= 1
-    path.write_bytes(raw)
-    with pytest.raises(InputError, match="a row is not what was written") as refusal:
-        Store(path, LAYOUT)
-    assert f"tubelock rescue {path} -o NEW.sqlite" in str(refusal.value)
-    assert rescue(path, new) == (198, 2)
-    with Store(new, LAYOUT) as store:
-        assert [k for k in rows if store.get(k) is None] == [content_key(17), content_key(31)]
-    with pytest.raises(InputError, match="exists"):
-        rescue(path, new)
-    with pytest.raises(InputError, match="no such file"):
-        rescue(tmp_path / "nothing", tmp_path / "x.sqlite")
+    lines = path.read_bytes().splitlines(keepends=True)
+    random.Random(0).shuffle(lines)
+    path.write_bytes(b"".join(lines[:120]))
+    (tmp_path / "b.jsonl").write_bytes(b"".join(lines[80:]))
+    path.write_bytes(path.read_bytes() + (tmp_path / "b.jsonl").read_bytes())
+    assert read_again(path, rows) == 200
 
 
-def test_other_formats_kinds_and_files_are_told_apart(tmp_path, monkeypatch) -> None:
-    old = tmp_path / "old.sqlite"
-    with sqlite3.connect(old) as connection:
-        connection.execute("CREATE TABLE rows (number INTEGER PRIMARY KEY)")
-    before = old.read_bytes()
-    with pytest.raises(InputError, match="not a file of results"):
-        Store(old, LAYOUT)
-    assert old.read_bytes() == before
-    path = tmp_path / "a.sqlite"
-    filled(path, 3)
-    with pytest.raises(InputError, match="results of another kind"):
-        Store(path, Layout("study", LAYOUT.columns))
-    with pytest.raises(InputError, match="its columns are not those"):
-        Store(path, Layout("cost", {**LAYOUT.columns, "more": "REAL"}))
-    for change, age in ((-1, "a newer tubelock"), (1, "an older tubelock")):
-        with monkeypatch.context() as patch:
-            patch.setattr(stores, "FORMAT", stores.FORMAT + change)
-            with pytest.raises(InputError, match=age):
-                Store(path, LAYOUT)
+def test_other_files_are_left_alone(tmp_path) -> None:
+    for name, text in (("notes.txt", b"a thesis"), ("old.sqlite", b"SQLite format 3\x00\x01\n")):
+        (tmp_path / name).write_bytes(text)
+        with pytest.raises(InputError, match="not a file of results"):
+            RowFile(tmp_path / name)
+        assert (tmp_path / name).read_bytes() == text
+    with pytest.raises(InputError, match="is a folder"):
+        RowFile(tmp_path)
+    with pytest.raises(InputError, match="cannot be written"):
+        RowFile(Path("/proc/nowhere/x.jsonl"))
+
+
+def test_a_full_disk_ends_in_one_line_and_loses_no_row(tmp_path) -> None:
+    """The limit of a file's size stops a write as a full disk does, in the middle of a line."""
+    path, store = tmp_path / "full.jsonl", RowFile(tmp_path / "full.jsonl")
+    rows = {content_digest(number): row(number) for number in range(100)}
+
+    def fill() -> None:
+        for question, values in rows.items():
+            if store.get(question) is None:
+                store.put(question, values)
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (5000, before[1]))
+    try:
+        with pytest.raises(InputError, match=r"rows already in it are kept: make room"):
+            fill()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    kept = read_again(path, rows)
+    assert 20 < kept < 40
+    fill()
+    assert read_again(path, rows) == 100
 
 
 # ---------------------------------------------------------------------------------------------
@@ -171,40 +156,60 @@ def walls(tmp_path) -> Study:
     return load_study(str(tmp_path / "walls.toml"))
 
 
-def test_versions_of_the_program_never_mix_unasked(walls, tmp_path, monkeypatch) -> None:
-    path = tmp_path / "walls.sqlite"
+def test_versions_of_the_program_never_mix_unasked(walls, tmp_path, monkeypatch, tubelock) -> None:
+    path = tmp_path / "walls.jsonl"
     with monkeypatch.context() as patch:
-        patch.setattr(stores, "program", lambda: "0.0.9+older")
-        with ResultFile(path, walls) as results:
-            sweep(results, Here(walls, limit=6))
-    with pytest.raises(InputError, match=r"6 of its rows .* \(0.0.9\+older\); give --older keep"):
-        ResultFile(path, walls)
-    with ResultFile(path, walls, Older.KEEP) as results:
-        assert sweep(results, Here(walls)).computed == 10
-        write_csv(results, tmp_path / "rows.csv")
+        patch.setattr(rowfile, "program", lambda: "0.0.9+older")
+        sweep(StudyRows(path, walls), Here(walls, limit=6))
+    assert StudyRows(path, walls).of_other_programs == {"0.0.9+older": 6}
+    # Those of this version are computed, and the others are where they were.
+    rows = StudyRows(path, walls)
+    assert sweep(rows, Here(walls, limit=1)).computed == 1
+    status, out, _ = tubelock("sweep", "walls.toml", "-o", "walls.jsonl", "--workers", "1")
+    assert status == 0
+    assert "16, of which 15 computed now" in out
+    assert "6 rows of other versions are not used (0.0.9+older)" in " ".join(out.split())
+    # Asked for, they count, and say which program computed them.
+    new = StudyRows(tmp_path / "new.jsonl", walls)
+    new.take(path)
+    assert new.counts() == (16, 4)
+    assert sum(row.get("program") == "0.0.9+older" for row in new.rows()) == 6
+    new = StudyRows(tmp_path / "six.jsonl", walls)
+    new.take(_lines(path, tmp_path / "six-older.jsonl", 6))
+    assert sweep(new, Here(walls)).computed == 10
+    write_csv(new, tmp_path / "rows.csv")
     lines = (tmp_path / "rows.csv").read_text().splitlines()
-    place = lines[0].split(",").index("program")
-    assert sum("0.0.9+older" in line for line in lines[1:]) == 6
-    assert place > 0
-    with ResultFile(path, walls, Older.RENEW) as results:
-        assert sweep(results, Here(walls)).computed == 6
-        assert results.counts() == (16, 4)
-    with ResultFile(path, walls) as results:
-        assert sweep(results, Here(walls)).computed == 0
+    assert lines[0].endswith(",program")
+    assert sum(line.endswith("0.0.9+older") for line in lines) == 6
+
+
+def _lines(path: Path, new: Path, count: int) -> Path:
+    """Write the first lines of a file into another one."""
+    new.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[:count]))
+    return new
+
+
+def test_rows_of_another_question_are_no_rows_of_this_one(walls, tmp_path) -> None:
+    other = load_study(str(tmp_path / "walls.toml"), ["assembly.layers=4"])
+    sweep(StudyRows(tmp_path / "other.jsonl", other), Here(other))
+    rows = StudyRows(tmp_path / "walls.jsonl", walls)
+    with pytest.raises(InputError, match="has no row of walls"):
+        rows.take(tmp_path / "other.jsonl")
+    with pytest.raises(InputError, match="no such file"):
+        rows.take(tmp_path / "nothing.jsonl")
+    assert rows.counts() == (0, 0)
 
 
 def test_a_second_sweep_on_one_file_is_told(walls, tmp_path) -> None:
-    path = tmp_path / "walls.sqlite"
+    path = tmp_path / "walls.jsonl"
     text = (
         "import sys; from pathlib import Path\n"
-        "from validation.study.store import ResultFile\n"
-        "from validation.study.study import load_study\n"
-        "with ResultFile(Path(sys.argv[2]), load_study(sys.argv[1])) as results, results.alone():\n"
+        "from validation.study.rowfile import RowFile\n"
+        "with RowFile(Path(sys.argv[1])).alone():\n"
         "    print('alone', flush=True); sys.stdin.read()\n"
     )
-    arguments = [sys.executable, "-c", text, str(tmp_path / "walls.toml"), str(path)]
     with subprocess.Popen(
-        arguments,
+        [sys.executable, "-c", text, str(path)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -212,93 +217,74 @@ def test_a_second_sweep_on_one_file_is_told(walls, tmp_path) -> None:
     ) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "alone\n"
-        with ResultFile(path, walls) as results:
-            with pytest.raises(InputError, match="another process is computing for this file"):
-                sweep(results, Here(walls))
-            assert results.counts() == (0, 0)
+        rows = StudyRows(path, walls)
+        with pytest.raises(InputError, match="another process is computing for this file"):
+            sweep(rows, Here(walls))
+        assert rows.counts() == (0, 0)
         other.communicate("")
-    with ResultFile(path, walls) as results:
-        assert sweep(results, Here(walls)).computed == 16
-    assert not (tmp_path / "walls.sqlite.lock").exists()
+    rows = StudyRows(path, walls)
+    # What another process wrote since the file was opened is not computed again.
+    sweep(StudyRows(path, walls), Here(walls, limit=5))
+    assert sweep(rows, Here(walls)).computed == 11
+    assert not (tmp_path / "walls.jsonl.lock").exists()
 
 
 def test_a_complete_file_that_cannot_be_written_is_exported(walls, tmp_path, monkeypatch) -> None:
-    path = tmp_path / "walls.sqlite"
-    with ResultFile(path, walls) as results:
-        sweep(results, Here(walls))
+    path = tmp_path / "walls.jsonl"
+    sweep(StudyRows(path, walls), Here(walls))
     kept = path.read_bytes()
-    (tmp_path / "half.sqlite").write_bytes(kept)
-    with sqlite3.connect(tmp_path / "half.sqlite") as connection:
-        connection.execute("DELETE FROM rows WHERE number > 7")
+    half = _lines(path, tmp_path / "half.jsonl", 8)
     # Root may write everywhere: what the system would say of a disk without writing is said here.
-    monkeypatch.setattr(stores, "_writable", lambda _: False)
-    with ResultFile(path, walls) as results:
-        assert sweep(results, Here(walls)).computed == 0
-        write_csv(results, tmp_path / "rows.csv")
-        with pytest.raises(InputError, match="readonly database"):
-            results.add(next(iter(Here(walls).rows([0]))))
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    rows = StudyRows(path, walls)
+    assert sweep(rows, Here(walls)).computed == 0
+    with pytest.raises(InputError, match="nothing can be written, and results are missing"):
+        sweep(StudyRows(half, walls), Here(walls))
+    monkeypatch.undo()
+    write_csv(rows, tmp_path / "rows.csv")
     assert len((tmp_path / "rows.csv").read_text().splitlines()) == 17
     assert path.read_bytes() == kept
-    with (
-        ResultFile(tmp_path / "half.sqlite", walls) as results,
-        pytest.raises(InputError, match="nothing can be written, and results are missing"),
-    ):
-        sweep(results, Here(walls))
 
 
-def test_a_rescued_study_goes_on(tubelock, walls, tmp_path) -> None:
-    with ResultFile(tmp_path / "walls.sqlite", walls) as results:
-        sweep(results, Here(walls))
-    reference = content(tmp_path / "walls.sqlite")
-    raw = bytearray((tmp_path / "walls.sqlite").read_bytes())
+def test_a_damaged_study_goes_on(tubelock, walls, tmp_path) -> None:
+    path = tmp_path / "walls.jsonl"
+    sweep(StudyRows(path, walls), Here(walls))
+    reference = content(path, walls)
+    raw = bytearray(path.read_bytes())
     raw[raw.index(b"activated") + 3] ^= 2
-    (tmp_path / "walls.sqlite").write_bytes(raw)
-    with pytest.raises(InputError, match="is damaged"):
-        ResultFile(tmp_path / "walls.sqlite", walls)
-    status, out, _ = tubelock("rescue", "walls.sqlite", "-o", "new.sqlite")
+    path.write_bytes(raw)
+    status, out, _ = tubelock("sweep", "walls.toml", "-o", "walls.jsonl", "--workers", "1")
     assert status == 0
-    assert "15 results are whole, 1 found damaged" in out
-    with ResultFile(tmp_path / "new.sqlite", walls) as results:
-        assert sweep(results, Here(walls)).computed == 1
-    assert content(tmp_path / "new.sqlite") == reference
+    assert "16, of which 1 computed now" in out
+    assert "1 damaged lines are not used" in out
+    assert content(path, walls) == reference
 
 
-def test_numbers_beyond_sqlite_are_kept_as_real_ones(tmp_path) -> None:
+def test_large_whole_numbers_come_back(tmp_path) -> None:
     study = check_study(
         {"scene": "brick-stack", "parameters": {"load.pressure": [1, 10**29]}}, "large"
     )
-    with ResultFile(tmp_path / "large.sqlite", study) as results:
-        sweep(results, Here(study))
-        assert [r["load.pressure"] for r in results.rows()] == [1.0, 1e29]
+    rows = StudyRows(tmp_path / "large.jsonl", study)
+    sweep(rows, Here(study))
+    assert [r["load.pressure"] for r in rows.rows()] == [1, 10**29]
 
 
-def test_keys_are_the_content() -> None:
+def test_digests_are_the_content() -> None:
     a, b = {"x": 1, "y": [2.0, None]}, {"y": [2.0, None], "x": 1}
-    assert content_key(a) == content_key(json.loads(json.dumps(b)))
+    assert content_digest(a) == content_digest(json.loads(json.dumps(b)))
     rng = random.Random(0)
-    keys = {content_key([rng.random()]) for _ in range(1000)}
-    assert len(keys) == 1000
+    digests = {content_digest([rng.random()]) for _ in range(1000)}
+    assert len(digests) == 1000
 
 
-def test_rows_of_a_csv_are_not_computed_again(walls, tmp_path) -> None:
-    """What ``--csv`` wrote, without numbers of its own, is what a new store begins with."""
-    with ResultFile(tmp_path / "walls.sqlite", walls) as results:
-        sweep(results, Here(walls, limit=6))
-        write_csv(results, tmp_path / "rows.csv", digits=6)
-        computed = list(results.rows())
-    with ResultFile(tmp_path / "new.sqlite", walls, Older.KEEP) as results:
-        results.take(tmp_path / "rows.csv")
-        results.take(tmp_path / "rows.csv")
-        for old, new in zip(computed, results.rows(), strict=True):
-            assert new.pop("program") == "rows.csv"
-            numbers = {name: v for name, v in old.items() if isinstance(v, float)}
-            assert {name: new[name] for name in numbers} == pytest.approx(numbers, rel=1e-5)
-            assert new | numbers == old
-        assert sweep(results, Here(walls)).computed == 10
-    text = (tmp_path / "rows.csv").read_text()
-    (tmp_path / "rows.csv").write_text(text.replace("status", "state"))
-    with (
-        ResultFile(tmp_path / "new.sqlite", walls, Older.KEEP) as results,
-        pytest.raises(InputError, match=r"rows.csv: no rows of walls: 'status'; expected what"),
-    ):
-        results.take(tmp_path / "rows.csv")
+def test_another_mesh_file_is_another_question(tmp_path, monkeypatch) -> None:
+    """A study of own blocks asks anew where the file of a block has other content."""
+    monkeypatch.chdir(tmp_path)
+    scene = {"block": {"type": "mesh"}, "parts": [{"file": "block.stl"}]}
+    study = Study("own", "rigid", scene, (("effects.friction", (0.5,)),))
+    digests = set()
+    for text in ("one", "one", "two"):
+        Path("block.stl").write_text(text)
+        fresh = Study(study.name, study.quantity, study.scene, study.parameters)
+        digests.add(fresh.digest)
+    assert len(digests) == 2

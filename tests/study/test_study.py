@@ -10,7 +10,6 @@ import math
 import os
 import pickle
 import signal
-import sqlite3
 import subprocess
 import sys
 import time
@@ -25,8 +24,8 @@ from tests.study.designs import WALLS, Here, content
 from validation import InputError
 from validation.study import run as study_run
 from validation.study.design import Row, run_design
+from validation.study.rowfile import StudyRows, write_csv
 from validation.study.run import DaskRunner, LocalRunner, sweep
-from validation.study.store import ResultFile, write_csv, write_parquet
 from validation.study.study import Study, check_study, load_study
 
 
@@ -38,11 +37,10 @@ def walls(tmp_path) -> Study:
 
 
 @pytest.fixture
-def reference(walls, tmp_path) -> list[tuple]:
+def reference(walls, tmp_path) -> list[dict]:
     """Rows of an uninterrupted run."""
-    with ResultFile(tmp_path / "reference.sqlite", walls) as results:
-        sweep(results, Here(walls))
-    return content(tmp_path / "reference.sqlite")
+    sweep(StudyRows(tmp_path / "reference.jsonl", walls), Here(walls))
+    return content(tmp_path / "reference.jsonl", walls)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -148,32 +146,30 @@ def test_equal_studies_have_equal_digests_whatever_their_files_look_like(walls, 
 
 
 def test_failures_are_rows_with_their_message(reference) -> None:
-    failed = [row for row in reference if row[3] == "failed"]
-    assert [row[2] for row in failed] == [9, 9, 9, 9]
-    assert all("load.layer: got 9" in row[4] for row in failed)
+    failed = [row for row in reference if row["status"] == "failed"]
+    assert [row["load.layer"] for row in failed] == [9, 9, 9, 9]
+    assert all("load.layer: got 9" in row["message"] for row in failed)
     assert len(reference) == 16
 
 
 def test_a_stopped_sweep_goes_on_where_it_was(walls, reference, tmp_path) -> None:
-    path = tmp_path / "stopped.sqlite"
-    with ResultFile(path, walls) as results:
-        assert sweep(results, Here(walls, limit=5)).computed == 5
-    with ResultFile(path, walls) as results:
-        assert sweep(results, Here(walls)).computed == 11
-        assert sweep(results, Here(walls)).computed == 0
-        assert sweep(results, Here(walls), retry_failed=True).computed == 4
-    assert content(path) == reference
+    path = tmp_path / "stopped.jsonl"
+    assert sweep(StudyRows(path, walls), Here(walls, limit=5)).computed == 5
+    rows = StudyRows(path, walls)
+    assert sweep(rows, Here(walls)).computed == 11
+    assert sweep(rows, Here(walls)).computed == 0
+    assert sweep(rows, Here(walls), retry_failed=True).computed == 4
+    assert content(path, walls) == reference
 
 
-def test_a_result_file_takes_only_its_own_study(walls, tmp_path) -> None:
-    path = tmp_path / "mine.sqlite"
-    with ResultFile(path, walls) as results:
-        sweep(results, Here(walls, limit=1))
-    before = path.read_bytes()
+def test_a_file_has_rows_of_several_studies(walls, reference, tmp_path) -> None:
+    """Each sees its own; those of another question are never taken for them."""
+    path = tmp_path / "both.jsonl"
     other = load_study(str(tmp_path / "walls.toml"), ["assembly.layers=4"])
-    with pytest.raises(InputError, match=r"another study .*scene.assembly.layers is 3 there, 4"):
-        ResultFile(path, other)
-    assert path.read_bytes() == before
+    for study in (walls, other):
+        assert sweep(StudyRows(path, study), Here(study)).computed == 16
+    assert content(path, walls) == reference
+    assert content(path, other) != reference
 
 
 RANGE = "{ from = 0.01, to = 0.04, step = 0.01 }"
@@ -185,103 +181,38 @@ RANGE = "{ from = 0.01, to = 0.04, step = 0.01 }"
         (RANGE, "[0.01, 0.02, 0.03, 0.04, 0.05]", "[1, 2, 3, 9]", 4),
         (RANGE, "[0.05, 0.04, 0.03, 0.02, 0.015, 0.01]", "[9, 3, 2, 1]", 8),  # another order
         ("[1, 2]", "[1, 1.5, 2]", "[1, 2, 3, 9]", 4),  # no integers any more
+        (RANGE, "[0.04, 0.01]", "[3, 1]", 0),  # shorter
     ],
 )
-def test_longer_lists_compute_only_the_designs_that_are_new(
+def test_other_lists_of_values_compute_only_the_designs_that_are_new(
     tmp_path, start, pressures, layers, new
 ) -> None:
     (tmp_path / "walls.toml").write_text(WALLS.replace(RANGE, start))
     walls = load_study(str(tmp_path / "walls.toml"))
-    path = tmp_path / "grown.sqlite"
-    with ResultFile(path, walls) as results:
-        sweep(results, Here(walls))
+    path = tmp_path / "grown.jsonl"
+    sweep(StudyRows(path, walls), Here(walls))
+    first = content(path, walls)
     text = WALLS.replace(RANGE, pressures)
-    (tmp_path / "longer.toml").write_text(text.replace("[1, 2, 3, 9]", layers))
-    longer = load_study(str(tmp_path / "longer.toml"))
-    with ResultFile(path, longer) as results:
-        assert sweep(results, Here(longer)).computed == new
-    with ResultFile(tmp_path / "straight.sqlite", longer) as results:
-        sweep(results, Here(longer))
-    assert content(path) == content(tmp_path / "straight.sqlite")
-    before = path.read_bytes()
-    with pytest.raises(InputError, match=r"another study .*parameters.load.*there"):
-        ResultFile(path, walls)  # fewer values: rows of the others would have no number
-    assert path.read_bytes() == before
-
-
-def test_a_study_that_another_process_extends_meanwhile_writes_no_rows(walls, tmp_path) -> None:
-    """Its designs have other numbers by then."""
-    path = tmp_path / "grown.sqlite"
-    text = WALLS.replace("to = 0.04", "to = 0.06")
-    (tmp_path / "longer.toml").write_text(text)
-    longer = load_study(str(tmp_path / "longer.toml"))
-    with ResultFile(path, walls) as first:
-        sweep(first, Here(walls, limit=3))
-        ResultFile(path, longer).close()
-        with pytest.raises(InputError, match="extended its study since"):
-            sweep(first, Here(walls))
-    with ResultFile(path, longer) as results:
-        assert results.counts() == (3, 0)
-
-
-def test_files_that_are_no_result_files_are_left_alone(walls, tmp_path) -> None:
-    text = tmp_path / "notes.txt"
-    text.write_text("a thesis")
-    with pytest.raises(InputError, match="not a file of results"):
-        ResultFile(text, walls)
-    assert text.read_text() == "a thesis"
-    database = tmp_path / "other.sqlite"
-    with sqlite3.connect(database) as connection:
-        connection.execute("CREATE TABLE birds (name TEXT)")
-    with pytest.raises(InputError, match="not a file of results"):
-        ResultFile(database, walls)
-    with pytest.raises(InputError, match="cannot be written"):
-        ResultFile(Path("/proc/nowhere/x.sqlite"), walls)
-
-
-def test_a_full_disk_stops_the_sweep_and_loses_no_row(tmp_path) -> None:
-    """SQLite's own page limit raises what a full disk raises; 600 rows need more than 8 pages."""
-    data = {
-        "scene": "brick-stack",
-        "parameters": {"load.pressure": {"from": 1, "to": 600, "step": 1}, "load.layer": [9]},
-    }
-    study = check_study(data, "s")
-    path = tmp_path / "full.sqlite"
-    with ResultFile(path, study) as results:
-        results._connection.execute("PRAGMA max_page_count = 8")
-        with pytest.raises(InputError, match=r"full; rows already in it are kept"):
-            sweep(results, Here(study))
-    rows = content(path)
-    assert 20 < len(rows) < 600
-    assert [row[0] for row in rows] == list(range(len(rows)))
-    with ResultFile(path, study) as results:
-        assert sweep(results, Here(study, limit=40)).computed == 40
+    (tmp_path / "other.toml").write_text(text.replace("[1, 2, 3, 9]", layers))
+    other = load_study(str(tmp_path / "other.toml"))
+    assert sweep(StudyRows(path, other), Here(other)).computed == new
+    sweep(StudyRows(tmp_path / "straight.jsonl", other), Here(other))
+    assert content(path, other) == content(tmp_path / "straight.jsonl", other)
+    assert content(path, walls) == first
 
 
 def test_exports_hold_the_same_rows(walls, reference, tmp_path) -> None:
-    with ResultFile(tmp_path / "reference.sqlite", walls) as results:
-        write_csv(results, tmp_path / "rows.csv")
-        write_parquet(results, tmp_path / "rows.parquet")
-        rows = list(results.rows())
+    results = StudyRows(tmp_path / "reference.jsonl", walls)
+    write_csv(results, tmp_path / "rows.csv")
+    rows = list(results.rows())
     with (tmp_path / "rows.csv").open(newline="") as file:
         read = list(csv.DictReader(file))
     pressures = [float(r["load.pressure [MPa]"]) for r in read]
     assert pressures == [r["load.pressure"] for r in rows]
     # Digests prove the rows of the store; nobody reads them.
-    assert not {"key", "digest", "program"} & (set(read[0]) | set(rows[0]))
+    assert not {"question", "digest", "program"} & (set(read[0]) | set(rows[0]))
     assert {"p_max [MPa]", "effective_area_percent [%]", "cpu_seconds [s]"} <= set(read[0])
     assert [r["residual"] == "" for r in read] == [r["residual"] is None for r in rows]
-    parquet = pytest.importorskip("pyarrow.parquet")
-    assert parquet.read_table(tmp_path / "rows.parquet").to_pylist() == rows
-
-
-def test_parquet_without_pyarrow_says_what_to_install(walls, tmp_path, monkeypatch) -> None:
-    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
-    with (
-        ResultFile(tmp_path / "x.sqlite", walls) as results,
-        pytest.raises(InputError, match=r"tubelock\[parquet\]"),
-    ):
-        write_parquet(results, tmp_path / "x.parquet")
 
 
 # ---------------------------------------------------------------------------------------------
@@ -351,9 +282,9 @@ def tubes(tmp_path_factory) -> tuple[Study, Path]:
         },
         "tubes",
     )
-    path = tmp_path_factory.mktemp("tubes") / "tubes.sqlite"
-    with ResultFile(path, study) as results:
-        sweep(results, Here(study))
+    path = tmp_path_factory.mktemp("tubes") / "tubes.jsonl"
+    results = StudyRows(path, study)
+    sweep(results, Here(study))
     return study, path
 
 
@@ -364,9 +295,9 @@ def test_the_table_ranks_designs_and_ends_with_those_that_failed(tubes) -> None:
 
     study, path = tubes
     console = Console(width=400, record=True, file=io.StringIO())
-    with ResultFile(path, study) as results:
-        print_table(results, console)
-        rows = {row["number"]: row for row in results.rows()}
+    results = StudyRows(path, study)
+    print_table(results, console)
+    rows = {row["number"]: row for row in results.rows()}
     text = console.export_text()
     shown = [line.strip("│ ").split() for line in text.splitlines() if line.startswith("│")]
     numbers = [int(cells[0]) for cells in shown]
@@ -382,8 +313,8 @@ def test_curves_hold_the_rows_and_failed_designs_are_gaps(tubes) -> None:
     from validation.study.picture import study_figure
 
     study, path = tubes
-    with ResultFile(path, study) as results:
-        rows = list(results.rows())
+    results = StudyRows(path, study)
+    rows = list(results.rows())
     (axes,) = study_figure(study, rows, "block.amplitude", "p_max").axes
     first, second = (curve.lines[0].get_xydata() for curve in axes.containers)
     expected = {row["block.amplitude"]: row["p_max"] for row in rows if row["status"] == "ok"}
@@ -445,16 +376,11 @@ def start_sweep(*arguments: str, cwd: Path) -> subprocess.Popen:
 
 
 def wait_for_rows(path: Path, count: int) -> None:
-    """Until the result file has that many rows."""
+    """Until the file has that many rows."""
     end = time.monotonic() + 60
     while time.monotonic() < end:
-        if path.exists():
-            try:
-                with sqlite3.connect(f"file:{path}?mode=ro", uri=True) as connection:
-                    if connection.execute("SELECT count(*) FROM rows").fetchone()[0] >= count:
-                        return
-            except sqlite3.OperationalError:
-                pass
+        if path.exists() and path.read_bytes().count(b"\n") >= count:
+            return
         time.sleep(0.01)
     raise AssertionError(f"{path} never got {count} rows")
 
@@ -481,28 +407,28 @@ def many_walls(tmp_path) -> Study:
 
 @pytest.mark.slow
 def test_kill_9_in_the_middle_and_resume_gives_the_same_rows(many_walls, tmp_path) -> None:
-    path = tmp_path / "many.sqlite"
-    process = start_sweep("many.toml", "-o", "many.sqlite", "--workers", "2", cwd=tmp_path)
+    path = tmp_path / "many.jsonl"
+    process = start_sweep("many.toml", "-o", "many.jsonl", "--workers", "2", cwd=tmp_path)
     wait_for_rows(path, 1)
     process.kill()
     process.communicate()
-    with ResultFile(path, many_walls) as results:
-        stopped, _ = results.counts()
-        assert 1 <= stopped < 80
-        assert sweep(results, LocalRunner(many_walls, 2)).computed == 80 - stopped
-    with ResultFile(tmp_path / "straight.sqlite", many_walls) as results:
-        sweep(results, Here(many_walls))
-    assert content(path) == content(tmp_path / "straight.sqlite")
+    results = StudyRows(path, many_walls)
+    stopped, _ = results.counts()
+    assert 1 <= stopped < 80
+    assert sweep(results, LocalRunner(many_walls, 2)).computed == 80 - stopped
+    results = StudyRows(tmp_path / "straight.jsonl", many_walls)
+    sweep(results, Here(many_walls))
+    assert content(path, many_walls) == content(tmp_path / "straight.jsonl", many_walls)
 
 
 @pytest.mark.slow
 def test_ctrl_c_keeps_the_rows_and_leaves_no_process(many_walls, tmp_path) -> None:
-    process = start_sweep("many.toml", "-o", "many.sqlite", "--workers", "2", cwd=tmp_path)
-    wait_for_rows(tmp_path / "many.sqlite", 1)
+    process = start_sweep("many.toml", "-o", "many.jsonl", "--workers", "2", cwd=tmp_path)
+    wait_for_rows(tmp_path / "many.jsonl", 1)
     os.killpg(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert "of 80 designs are in many.sqlite: run the same command to go on" in err
+    assert "of 80 designs are in many.jsonl: run the same command to go on" in err
     assert "Traceback" not in err
     assert out == ""
     assert group_ends(process.pid)
@@ -518,9 +444,9 @@ def test_a_killed_worker_process_loses_no_design(many_walls, tmp_path) -> None:
             killed.append(row.worker[0])
             os.kill(row.worker[0], signal.SIGKILL)
 
-    with ResultFile(tmp_path / "killed.sqlite", study) as results:
-        tally = sweep(results, LocalRunner(study, 2), on_row=kill_once)
-        assert results.counts() == (80, 20)
+    results = StudyRows(tmp_path / "killed.jsonl", study)
+    tally = sweep(results, LocalRunner(study, 2), on_row=kill_once)
+    assert results.counts() == (80, 20)
     assert tally.workers >= 3
 
 
@@ -567,15 +493,15 @@ def test_a_dask_cluster_with_one_of_two_workers_killed_gives_the_same_rows(
             dashboard_address=None,
             silence_logs=50,
         ) as cluster,
-        ResultFile(tmp_path / "dask.sqlite", many_walls) as results,
     ):
         runner = DaskRunner(many_walls, cluster.scheduler_address)
+        results = StudyRows(tmp_path / "dask.jsonl", many_walls)
         tally = sweep(results, runner, on_row=kill_once)
     assert tally.computed == 80
     assert tally.workers >= 2
-    with ResultFile(tmp_path / "straight.sqlite", many_walls) as results:
-        sweep(results, Here(many_walls))
-    assert content(tmp_path / "dask.sqlite") == content(tmp_path / "straight.sqlite")
+    results = StudyRows(tmp_path / "straight.jsonl", many_walls)
+    sweep(results, Here(many_walls))
+    assert content(results.path, many_walls) == content(tmp_path / "dask.jsonl", many_walls)
 
 
 def test_a_scheduler_that_is_not_there_is_told(walls) -> None:
@@ -615,10 +541,10 @@ def test_a_scheduler_that_dies_halfway_stops_the_sweep_in_one_line(many_walls, t
             env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
         )
         runner = DaskRunner(many_walls, address, timeout=60)
-        with ResultFile(tmp_path / "dask.sqlite", many_walls) as results:
-            with pytest.raises(InputError, match="the scheduler stopped answering"):
-                sweep(results, runner, on_row=lambda _: scheduler.kill())
-            written, _ = results.counts()
+        results = StudyRows(tmp_path / "dask.jsonl", many_walls)
+        with pytest.raises(InputError, match="the scheduler stopped answering"):
+            sweep(results, runner, on_row=lambda _: scheduler.kill())
+        written, _ = results.counts()
         assert 1 <= written < 80
     finally:
         for process in (worker, scheduler):
@@ -638,7 +564,7 @@ def test_sweep_on_the_command_line(walls, reference, tmp_path, monkeypatch, tube
     data = json.loads(out)
     assert data["n_designs"] == data["n_rows"] == len(data["rows"]) == 16
     assert data["n_failed"] == 4
-    assert content(tmp_path / "out/walls.sqlite") == reference
+    assert content(tmp_path / "out/walls.jsonl", walls) == reference
     assert not (tmp_path / "out/walls.png").exists()  # no wall is in equilibrium
     status, out, _ = tubelock("sweep", "walls.toml")
     assert "16, of which 0 computed now" in out
@@ -647,7 +573,6 @@ def test_sweep_on_the_command_line(walls, reference, tmp_path, monkeypatch, tube
         (["paper-48"], "did you mean paper-480"),
         (["nothing.toml"], "no such file"),
         (["walls.toml", "--csv", "/proc/nowhere/x.csv"], "cannot be written"),
-        (["walls.toml", "--set", "assembly.layers=5"], "another study"),
         (["walls.toml", "--plot", "load.presure", "p_max"], "does not vary in walls"),
         (["walls.toml", "-o", "walls.toml"], "is a file that this call reads"),
     ):
@@ -665,12 +590,12 @@ def test_a_sweep_of_which_nothing_came_is_an_error(tmp_path) -> None:
     """Rows with messages are kept, and a script sees that none has an answer."""
     text = 'scene = "tsb1-pipe"\n[parameters]\nblock.amplitude = [10, 20]\n'
     (tmp_path / "bad.toml").write_text(text + "[settings]\nmesh.around = 23\n")
-    process = start_sweep("bad.toml", "-o", "bad.sqlite", "--workers", "1", cwd=tmp_path)
+    process = start_sweep("bad.toml", "-o", "bad.jsonl", "--workers", "1", cwd=tmp_path)
     _, err = process.communicate(timeout=120)
     assert process.returncode == 2
     assert "every design failed; the first: mesh.around: got 23" in err
-    with ResultFile(tmp_path / "bad.sqlite", load_study(str(tmp_path / "bad.toml"))) as results:
-        assert results.counts() == (2, 2)
+    rows = StudyRows(tmp_path / "bad.jsonl", load_study(str(tmp_path / "bad.toml")))
+    assert rows.counts() == (2, 2)
 
 
 def test_pictures_of_a_study_name_its_method_and_its_load(tubes) -> None:

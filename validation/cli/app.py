@@ -130,7 +130,6 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "report": look.report,
         "explore": look.explore,
         "sweep": study.sweep,
-        "rescue": study.rescue,
         "sensitivity": study.sensitivity,
         "optimise": study.optimise,
         "export": decks.export,

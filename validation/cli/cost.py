@@ -44,20 +44,20 @@ def cost(
     from validation.output.progress import following
     from validation.study.costs.plan import full_plan, quick_plan, require_cost_scene
     from validation.study.costs.report import draw_study, print_study, study_json
-    from validation.study.costs.store import CostStore
     from validation.study.costs.study import run_cost
+    from validation.study.rowfile import RowFile
 
     file = with_fields(load_case(scene, settings or ()), method_fields(max_work=max_work))
     checked = require_cost_scene(file.scene, file.name)
     plan = (quick_plan if quick else full_plan)(file.name, checked, others=others)
     names, stores = ("cost.png",), {"--store": store}
     with scene_outputs(file, json, output, names, ending="-cost", stores=stores) as outputs:
-        with CostStore(store) as kept, following(file.name) as follow:
+        with following(file.name) as follow:
             study = run_cost(
                 file.name,
                 checked,
                 plan,
-                kept,
+                RowFile(store),
                 progress=lambda number, total, what: follow(f"{number} of {total}: {what}"),
             )
         print_study(study, outputs.console)

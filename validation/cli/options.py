@@ -36,10 +36,10 @@ SetOption = Annotated[
     ),
 ]
 #: Where `cost` keeps its measurements unless told.
-COST_STORE = Path("out/cost.sqlite")
+COST_STORE = Path("out/cost.jsonl")
 CostStoreOption = Annotated[
     Path,
-    typer.Option("--store", metavar="FILE.sqlite", help="Store of the measurements of `cost`."),
+    typer.Option("--store", metavar="FILE.jsonl", help="Store of the measurements of `cost`."),
 ]
 AutoOption = Annotated[
     str | None,

@@ -56,7 +56,7 @@ def figures(
     from validation.paper.evidence import Evidence
     from validation.paper.figures import cost_rows, draw_figures, print_costs
 
-    with Outputs(json, output, ("*.png", "*.sqlite")) as outputs:
+    with Outputs(json, output, ("*.png", "*.jsonl")) as outputs:
         evidence = Evidence(output, outputs.console, deformable=fem, full=full, workers=workers)
         with following("figures"):
             result = draw_figures(evidence, output)
@@ -88,7 +88,7 @@ def claims(
     from validation.paper.naming import chosen_by_name
 
     chosen_by_name(judge.claims(), names, "claim")
-    with Outputs(json, _DATA, ("*.sqlite",)) as outputs:
+    with Outputs(json, _DATA, ("*.jsonl",)) as outputs:
         evidence = Evidence(_DATA, outputs.console, deformable=fem, full=full, workers=workers)
         with following("claims"):
             result = judge.judge_claims(evidence, names)
@@ -132,7 +132,7 @@ def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
     from validation.paper.naming import chosen_by_name
 
     chosen_by_name(errata.errata(), names, "erratum")
-    with Outputs(json, _DATA, ("*.sqlite",)) as outputs:
+    with Outputs(json, _DATA, ("*.jsonl",)) as outputs:
         with following("errata"):
             result = errata.show_errata(Evidence(_DATA, outputs.console), names)
         errata.print_errata(result, outputs.console)

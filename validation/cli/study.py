@@ -39,22 +39,23 @@ def sweep(
     settings: SetOption = None,
     output: Annotated[
         Path | None,
-        output_option("FILE.sqlite", "Store of the results; by default out/STUDY.sqlite."),
+        output_option("FILE.jsonl", "Store of the results; by default out/STUDY.jsonl."),
     ] = None,
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
     csv: Annotated[
         Path | None, typer.Option("--csv", metavar="FILE", help="Export all rows as CSV.")
     ] = None,
-    parquet: Annotated[
-        Path | None, typer.Option("--parquet", metavar="FILE", help="Export all rows as Parquet.")
-    ] = None,
     digits: Annotated[
         int, typer.Option(metavar="N", min=1, max=17, help="Significant digits of --csv.")
     ] = 17,
     rows: Annotated[
         Path | None,
-        typer.Option("--rows", metavar="FILE.csv", help="Rows computed already: what --csv wrote."),
+        typer.Option(
+            "--rows",
+            metavar="FILE.jsonl",
+            help="Results computed already, also by another version of tubelock.",
+        ),
     ] = None,
     plot: Annotated[
         tuple[str, str] | None,
@@ -67,14 +68,6 @@ def sweep(
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="Recompute failed designs.")
     ] = False,
-    older: Annotated[
-        str | None,
-        typer.Option(
-            "--older",
-            metavar="keep|renew",
-            help="Rows computed by another version of tubelock: keep or recompute.",
-        ),
-    ] = None,
     json: JsonOption = None,
 ) -> None:
     """Run a parameter study, or resume an interrupted one."""
@@ -86,24 +79,17 @@ def sweep(
     from validation.study import run as runs
     from validation.study.design import refuse_idle_parameters
     from validation.study.picture import check_axes
-    from validation.study.store import Older, ResultFile, require_parquet
+    from validation.study.rowfile import StudyRows
     from validation.study.study import load_study
 
     stated = load_study(study, settings or ())
-    path = Path("out") / f"{stated.name}.sqlite" if output is None else output
-    if older is not None and older not in set(Older):
-        raise InputError(f"--older {older}: expected one of {', '.join(Older)}")
-    if rows is not None and older == Older.RENEW:
-        raise InputError("--rows keeps rows, --older renew recomputes them: give one of the two")
-    kept = Older.KEEP if rows is not None else None if older is None else Older(older)
+    path = Path("out") / f"{stated.name}.jsonl" if output is None else output
     if plot is not None:
         check_axes(stated, *plot)
     picture = _picture(path, asked=plot is not None)
     reads = stated.reads if rows is None else (*stated.reads, rows)
-    files = {"--csv": csv, "--parquet": parquet, "--plot": picture}
+    files = {"--csv": csv, "--plot": picture}
     with Outputs(json, files=files, stores={"-o": path}, reads=reads) as outputs:
-        if parquet is not None:
-            require_parquet()
         if not path.exists():
             refuse_idle_parameters(stated)
         # A lost scheduler is told in one line of ours, not in a page of its client's.
@@ -113,29 +99,30 @@ def sweep(
             if scheduler is None
             else runs.DaskRunner(stated, scheduler)
         )
-        with ResultFile(path, stated, kept) as results:
-            if rows is not None:
-                results.take(rows)
-            start = time.perf_counter()
-            with (
-                report.goes_on(results),
-                report.sweep_progress(results, retry_failed=retry_failed) as show,
-            ):
-                tally = runs.sweep(results, runner, retry_failed=retry_failed, on_row=show)
-            summary = report.summary(results, tally, time.perf_counter() - start)
-            report.print_table(results, outputs.console)
-            if picture is not None:
-                report.draw(results, plot, picture, outputs)
-            report.print_summary(results, summary, outputs.console)
-            report.export(results, csv, parquet, outputs, digits)
-            if json is not None:
-                outputs.write_json(summary | {"rows": list(results.rows())})
-            if summary["n_failed"] == stated.n_designs:
-                first = next(iter(results.rows()))["message"]
-                raise InputError(
-                    f"{stated.name}: every design failed; the first: {first}. All rows are in "
-                    f"{path}; mend the study or the scene, and give -o another file"
-                )
+        results = StudyRows(path, stated)
+        if rows is not None:
+            results.take(rows)
+        start = time.perf_counter()
+        with (
+            report.goes_on(results),
+            report.sweep_progress(results, retry_failed=retry_failed) as show,
+        ):
+            tally = runs.sweep(results, runner, retry_failed=retry_failed, on_row=show)
+        summary = report.summary(results, tally, time.perf_counter() - start)
+        report.print_table(results, outputs.console)
+        if picture is not None:
+            report.draw(results, plot, picture, outputs)
+        report.print_summary(results, summary, outputs.console)
+        if csv is not None:
+            report.export(results, csv, outputs, digits)
+        if json is not None:
+            outputs.write_json(summary | {"rows": list(results.rows())})
+        if summary["n_failed"] == stated.n_designs:
+            first = next(iter(results.rows()))["message"]
+            raise InputError(
+                f"{stated.name}: every design failed; the first: {first}. All rows are in "
+                f"{path}; mend the study or the scene, and give -o another file"
+            )
 
 
 def _picture(store: Path, *, asked: bool) -> Path | None:
@@ -145,23 +132,6 @@ def _picture(store: Path, *, asked: bool) -> Path | None:
     """
     read_only = store.exists() and not os.access(store.parent, os.W_OK)
     return None if read_only and not asked else store.with_suffix(".png")
-
-
-def rescue(
-    damaged: Annotated[Path, typer.Argument(metavar="FILE.sqlite", help="Damaged results file.")],
-    output: Annotated[Path, output_option("NEW.sqlite", "Results file to write.")],
-) -> None:
-    """Recover the intact results of a damaged results file.
-
-    `sweep` can continue with the new file.
-    """
-    from validation.output.outputs import Outputs
-    from validation.output.store import rescue as copy_whole_rows
-
-    with Outputs(files={"-o": output}, reads=(damaged,)) as outputs:
-        whole, lost = copy_whole_rows(damaged, output)
-        outputs.console.print(f"{whole} results are whole, {lost} found damaged")
-        outputs.say("results", output)
 
 
 def sensitivity(
@@ -212,8 +182,8 @@ def optimise(
     output: Annotated[
         Path | None,
         output_option(
-            "FILE.sqlite",
-            "Store of the rows; by default out/FILE.sqlite. The picture lies beside it.",
+            "FILE.jsonl",
+            "Store of the rows; by default out/FILE.jsonl. The picture lies beside it.",
         ),
     ] = None,
     workers: Annotated[
@@ -236,17 +206,16 @@ def optimise(
     from validation.study.run import runner_for
 
     stated = load_optimisation(file, settings or ())
-    path = Path("out") / f"{stated.study.name}.sqlite" if output is None else output
-    final_path = path.with_name(f"{path.stem}-judge.sqlite")
+    path = Path("out") / f"{stated.study.name}.jsonl" if output is None else output
     picture = path.with_suffix(".png")
-    stores = {"-o": path} | ({} if stated.judge is None else {"[judge]": final_path})
+    stores = {"-o": path}
 
     def runner(study: Study) -> Runner:
         return runner_for(study, workers, scheduler)
 
     with Outputs(json, files={"picture": picture}, stores=stores, reads=stated.study.reads) as out:
         with following(stated.study.name) as follow:
-            result = report.optimise(stated, path, final_path, runner, follow)
+            result = report.optimise(stated, path, runner, follow)
         result.print(out.console)
         result.draw(picture)
         out.say("picture", picture)

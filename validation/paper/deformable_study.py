@@ -24,7 +24,7 @@ from validation.paper.claims.claim import Truth, Verdict, judged
 from validation.paper.claims.rigid import RIGID_CLAIMS
 from validation.paper.evidence import PATHS, Design, Evidence, StudyTable
 from validation.paper.figures import draw_parameter_study
-from validation.study.store import read_csv
+from validation.study.rowfile import read_csv
 
 RIGID, DEFORMABLE = "paper-480", "paper-480-fem"
 #: Folder of the built-in studies and their rows.

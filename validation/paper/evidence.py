@@ -24,8 +24,8 @@ from validation.errors import InputError
 from validation.output.progress import following
 from validation.paper.reading import MESH_OF_TABLES, SharedTubes, solve_row
 from validation.study.report import sweep_progress
+from validation.study.rowfile import StudyRows
 from validation.study.run import LocalRunner, sweep
-from validation.study.store import Older, ResultFile
 from validation.study.study import Study, load_study
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def _design(key: Iterable[float]) -> Design:
     return (shift, frequency, int(n), thickness, amplitude)
 
 
-def read_table(results: ResultFile) -> StudyTable:
+def read_table(results: StudyRows) -> StudyTable:
     """Read a finished parameter study."""
     rows = {_design(row[path] for path in PATHS): row for row in results.rows()}
     failed = next((row for row in rows.values() if row["status"] != "ok"), None)
@@ -142,11 +142,11 @@ class Evidence:
     def _swept(self, built_in: str, words: str) -> StudyTable:
         """Rows of a built-in study, computed where the result file lacks them."""
         study: Study = load_study(built_in, ["mesh.radial=24"] if self.full else [])
-        name = f"{built_in}{'-full' if self.full else ''}.sqlite"
-        with ResultFile(self.folder / name, study, Older.RENEW) as results:
-            with sweep_progress(results) as show:
-                sweep(results, LocalRunner(study, self.workers), on_row=show)
-            table = read_table(results)
+        name = f"{built_in}{'-full' if self.full else ''}.jsonl"
+        results = StudyRows(self.folder / name, study)
+        with sweep_progress(results) as show:
+            sweep(results, LocalRunner(study, self.workers), on_row=show)
+        table = read_table(results)
         self.cpu_seconds[words] = table.cpu_seconds
         return table
 

@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from math import isnan
 from typing import TYPE_CHECKING, Any, Literal
 
 from geometry.parts.dimensions import dimensions
@@ -40,9 +41,15 @@ class Row:
 
     @property
     def flat(self) -> dict[str, Any]:
-        """Parameters, results and what became of it, by the columns of a store."""
+        """Parameters, results and what became of it, by the columns of a study."""
         own = ("number", "status", "message", "cpu_seconds")
         return self.parameters | self.results | {name: getattr(self, name) for name in own}
+
+    def as_json(self) -> dict[str, Any]:
+        """All that holds wherever the design stands in a study; what is no number is absent."""
+        names = ("parameters", "status", "message", "cpu_seconds")
+        absent = {k: None for k, v in self.results.items() if isinstance(v, float) and isnan(v)}
+        return {name: getattr(self, name) for name in names} | {"results": self.results | absent}
 
 
 def run_design(study: Study, number: int) -> Row:

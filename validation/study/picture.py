@@ -41,7 +41,7 @@ def study_figure(
 ) -> Figure:
     """Draw a measure against a parameter, one curve for each combination of the others.
 
-    Rows have the names of `ResultFile.rows`. Designs without the measure leave gaps.
+    Rows have the names of `StudyRows.rows`. Designs without the measure leave gaps.
     """
     check_axes(study, parameter, measure)
     result = {row["number"]: row for row in rows}

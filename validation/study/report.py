@@ -6,7 +6,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -23,8 +22,8 @@ from validation.output.console import (
 from validation.output.outputs import Outputs
 from validation.output.progress import LONG, following
 from validation.study.design import Row, idle_parameters
+from validation.study.rowfile import StudyRows, write_csv
 from validation.study.run import Tally
-from validation.study.store import ResultFile, write_csv, write_parquet
 from validation.study.study import MEASURES, Study
 
 #: Rows of a table in full, and rows of a longer one: best ones, and failed ones.
@@ -38,7 +37,7 @@ _MEASURED = 1.0
 
 
 @contextmanager
-def sweep_progress(results: ResultFile, *, retry_failed: bool = False) -> Iterator[Any]:
+def sweep_progress(results: StudyRows, *, retry_failed: bool = False) -> Iterator[Any]:
     """Print designs, failures and remaining time; yields what takes each row.
 
     The expected CPU time is printed after the first row, and again where it changes much.
@@ -96,7 +95,7 @@ class Expected:
 
 
 @contextmanager
-def goes_on(results: ResultFile) -> Iterator[None]:
+def goes_on(results: StudyRows) -> Iterator[None]:
     """Print how to continue where a sweep is interrupted."""
     try:
         yield
@@ -110,7 +109,7 @@ def goes_on(results: ResultFile) -> Iterator[None]:
         raise
 
 
-def draw(results: ResultFile, axes: tuple[str, str] | None, path: Path, outputs: Outputs) -> None:
+def draw(results: StudyRows, axes: tuple[str, str] | None, path: Path, outputs: Outputs) -> None:
     """Draw a measure against a parameter; by default the first ones, where there are some."""
     if axes is None:
         measure, varied = results.first_measure(), results.study.varied
@@ -124,25 +123,19 @@ def draw(results: ResultFile, axes: tuple[str, str] | None, path: Path, outputs:
     outputs.say("picture", path)
 
 
-def export(
-    results: ResultFile, csv: Path | None, parquet: Path | None, outputs: Outputs, digits: int = 17
-) -> None:
-    """Write all rows to the files asked for."""
-    as_csv = partial(write_csv, digits=digits)
-    for words, target, write in (("CSV", csv, as_csv), ("Parquet", parquet, write_parquet)):
-        if target is None:
-            continue
-        try:
-            write(results, target)
-        except OSError as error:
-            raise InputError(
-                f"{target}: cannot be written ({error.strerror or error}); all rows are in "
-                f"{results.path}: make room and run the same command again"
-            ) from None
-        outputs.say(words, target)
+def export(results: StudyRows, csv: Path, outputs: Outputs, digits: int = 17) -> None:
+    """Write all rows as CSV."""
+    try:
+        write_csv(results, csv, digits)
+    except OSError as error:
+        raise InputError(
+            f"{csv}: cannot be written ({error.strerror or error}); all rows are in "
+            f"{results.path}: make room and run the same command again"
+        ) from None
+    outputs.say("CSV", csv)
 
 
-def print_table(results: ResultFile, console: Console) -> None:
+def print_table(results: StudyRows, console: Console) -> None:
     """Print designs and measures, the least first measure first, then failed designs."""
     study, (total, failed) = results.study, results.counts()
     whole = total <= _WHOLE
@@ -160,7 +153,7 @@ def print_table(results: ResultFile, console: Console) -> None:
         console.print(f"all {total} rows, of which {failed} failed: --csv FILE")
 
 
-def _table_title(results: ResultFile, n_shown: int) -> str:
+def _table_title(results: StudyRows, n_shown: int) -> str:
     first, total = results.first_measure(), results.counts()[0]
     order = "" if first is None else f", least {first} first"
     count = f"{n_shown} of {total}" if n_shown < total else str(total)
@@ -184,7 +177,7 @@ def cell(name: str) -> Callable[[Mapping[str, Any]], str]:
     return words
 
 
-def summary(results: ResultFile, tally: Tally, wall_seconds: float) -> dict[str, Any]:
+def summary(results: StudyRows, tally: Tally, wall_seconds: float) -> dict[str, Any]:
     """Return what a sweep did as plain data."""
     total, failed = results.counts()
     parent = time.process_time()
@@ -208,7 +201,7 @@ def summary(results: ResultFile, tally: Tally, wall_seconds: float) -> dict[str,
     }
 
 
-def print_summary(results: ResultFile, found: dict[str, Any], console: Console) -> None:
+def print_summary(results: StudyRows, found: dict[str, Any], console: Console) -> None:
     """Print what a sweep did."""
     study = results.study
     run = found["this_run"]
@@ -227,10 +220,22 @@ def print_summary(results: ResultFile, found: dict[str, Any], console: Console) 
     if found["unused_keys"]:
         words = ", ".join(found["unused_keys"])
         console.print(f"{'ignored':9} {words} (not used by this method)")
-    console.print(f"{'results':9} {results.path}")
+    console.print(f"{'results':9} {results.path}{_left_out(results)}")
 
 
-def _failure_words(results: ResultFile, failed: int) -> str:
+def _left_out(results: StudyRows) -> str:
+    """Words for what a file has beside the rows of this program."""
+    words, others = "", results.of_other_programs
+    if results.damaged:
+        words += f"; {results.damaged} damaged lines are not used"
+    if others:
+        names = ", ".join(sorted(others))
+        words += f"; {sum(others.values())} rows of other versions are not used ({names}): "
+        words += "a new file takes them with --rows"
+    return words
+
+
+def _failure_words(results: StudyRows, failed: int) -> str:
     if not failed:
         return "none"
     row = next(row for row in results.rows() if row["status"] == "failed")

@@ -24,7 +24,7 @@ from typing import Any, Protocol
 from geometry.system import available_cores, interrupts_blocked
 from validation.errors import InputError
 from validation.study.design import Row, failed_row, run_design
-from validation.study.store import ResultFile
+from validation.study.rowfile import StudyRows
 from validation.study.study import Study
 
 #: Most processes for each core.
@@ -72,7 +72,7 @@ class Tally:
 
 
 def sweep(
-    results: ResultFile,
+    results: StudyRows,
     runner: Runner,
     *,
     retry_failed: bool = False,
@@ -83,16 +83,18 @@ def sweep(
 
     ``numbers`` are the designs to compute, asked for one by one; None: all.
     """
-    done = results.done(failed_too=not retry_failed)
-    tally = Tally()
-    if all(done):
+    settled = {"ok"} if retry_failed else {"ok", "failed"}
+
+    def missing(asked: Iterable[int]) -> Iterator[int]:
+        return (number for number in asked if results.status.get(number) not in settled)
+
+    tally, all_designs = Tally(), range(results.study.n_designs)
+    if numbers is None and next(missing(all_designs), None) is None:
         return tally
     with results.alone():
         # Another process may have added rows before this one was alone.
-        done = results.done(failed_too=not retry_failed)
-        asked = range(len(done)) if numbers is None else numbers
-        missing = (number for number in asked if not done[number])
-        with closing(runner.rows(missing)) as rows:
+        asked = missing(all_designs if numbers is None else numbers)
+        with closing(runner.rows(asked)) as rows:
             for row in rows:
                 results.add(row)
                 tally.count(row)

@@ -16,7 +16,6 @@ Its designs are numbered; the last parameter varies fastest.
 from __future__ import annotations
 
 import difflib
-import hashlib
 import json
 import math
 import tomllib
@@ -24,6 +23,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
@@ -43,7 +43,7 @@ Value = Any
 
 #: What is built, of every design.
 BUILT = ("volume", "least_wall", "steepest_joint")
-#: Columns of each kind of answer, with their SQLite types.
+#: Columns of each kind of answer: text, whole or real numbers.
 COLUMNS: dict[Quantity, dict[str, str]] = {
     "rigid": {
         "mechanism": "TEXT",
@@ -85,10 +85,6 @@ UNITS = {
 #: Relative error bars of deformable designs where the study states none [-]: enough to rank them.
 RANKING = 0.1
 
-#: Of this version is the canonical text that identifies a study.
-_FORMAT = 1
-#: Sections that no rigid-block answer depends on, but for what blocks weigh.
-_DEFORMABLE = ("material", "materials", "contact", "effects", "fem")
 #: More values of one parameter than this are a slip of the pen.
 _MOST_VALUES = 100_000
 #: Values of one parameter that are tried before a study begins.
@@ -151,15 +147,6 @@ class Study:
             for path, values in self.parameters
         }
 
-    def extends(self, parameters: Iterable[tuple[str, Iterable[Value]]]) -> bool:
-        """Whether lists of values of the same parameters, in the same order, are parts of these."""
-        listed = [(path, list(values)) for path, values in parameters]
-        return [path for path, _ in listed] == [path for path, _ in self.parameters] and all(
-            value_text(value) in self._positions[path]
-            for path, values in listed
-            for value in values
-        )
-
     def head(self, column: str) -> str:
         """Name of a column with its unit."""
         return self._with_unit(column, column)
@@ -190,31 +177,46 @@ class Study:
         return apply_overrides(self.scene, _assignments(values))
 
     @cached_property
-    def canonical(self) -> str:
-        """Text that is the same for equal studies, whatever their files look like."""
-        scene = check_scene(self._data(self.design(0)), self.name).model_dump(mode="json")
-        if self.quantity == "rigid":
-            weight = _weight(scene)
-            pairs = (scene.get("contact") or {}).get("pairs")
-            weight |= {"pairs": pairs} if pairs else {}
-            friction = scene["effects"].get("friction")
-            weight |= {"friction": friction} if friction else {}
-            scene = {key: value for key, value in scene.items() if key not in _DEFORMABLE}
-            scene |= weight
-        content: dict[str, Any] = {
-            "format": _FORMAT,
-            "quantity": self.quantity,
-            "scene": scene,
-            "parameters": [[path, list(values)] for path, values in self.parameters],
+    def digest(self) -> str:
+        """Digest of what its designs share: the same for equal studies, however they are written.
+
+        That is the scene as it is stated, without the parameters, and the files of its blocks.
+        """
+        keys = self.scene_file(0).keys
+        paths = [path for path, _ in self.parameters]
+        for path in paths:
+            *sections, key = path.split(".")
+            section = keys
+            for name in sections:
+                section = section.get(name, {})
+            section.pop(key, None)
+        files = (Path(part["file"]) for part in self.scene.get("parts", ()))
+        read = {
+            str(file): sha256(file.read_bytes()).hexdigest() for file in files if file.is_file()
         }
-        if self.accuracy is not None:
-            content["accuracy"] = self.accuracy
-        return json.dumps(content, sort_keys=True, allow_nan=False)
+        return content_digest([self.quantity, self.accuracy, keys, sorted(paths), read])
 
     @cached_property
-    def digest(self) -> str:
-        """SHA-256 of `canonical`."""
-        return hashlib.sha256(self.canonical.encode()).hexdigest()
+    def _texts(self) -> list[tuple[str, list[str]]]:
+        """Texts of the values of each parameter, the one that varies fastest first."""
+        return [(path, list(map(value_text, v))) for path, v in reversed(self.parameters)]
+
+    def question(self, number: int) -> str:
+        """Digest of what a design asks, whatever its number is."""
+        values = []
+        for path, texts in self._texts:
+            number, place = divmod(number, len(texts))
+            values.append((path, texts[place]))
+        return content_digest([self.digest, *sorted(values)])
+
+
+#: Equal data has equal text.
+_CANONICAL = json.JSONEncoder(sort_keys=True, default=str)
+
+
+def content_digest(content: Any) -> str:
+    """Digest of what was asked, as plain data."""
+    return sha256(_CANONICAL.encode(content).encode()).hexdigest()[:32]
 
 
 # ---------------------------------------------------------------------------------------------
@@ -394,19 +396,6 @@ def _decimal(place: str, value: Any) -> Decimal:
     if not (number and math.isfinite(value)):
         raise InputError(f"{place}: got {value!r}, expected a finite number")
     return Decimal(repr(value))
-
-
-def _weight(scene: Mapping[str, Any]) -> dict[str, Any]:
-    """What rigid blocks weigh by: nothing where the scene names no gravity."""
-    gravity = (scene.get("effects") or {}).get("gravity")
-    if gravity is None:
-        return {}
-    weight = {"gravity": gravity, "density": (scene.get("material") or {}).get("density")}
-    named = {
-        name: {"density": section["density"], "blocks": section["blocks"]}
-        for name, section in (scene.get("materials") or {}).items()
-    }
-    return {"weight": weight | ({"materials": named} if named else {})}
 
 
 def _refuse_twice(

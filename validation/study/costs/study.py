@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -32,9 +33,12 @@ from validation.study.costs.analysis import (
 )
 from validation.study.costs.measure import measure, warm_up
 from validation.study.costs.plan import QUANTITIES, CostPlan, Judge
-from validation.study.costs.settings import CostSetting
-from validation.study.costs.store import CostStore, measurement_key
+from validation.study.costs.settings import BaseMesh, CostSetting
+from validation.study.rowfile import RowFile
+from validation.study.study import content_digest
 
+#: What a measurement holds; another number where it holds other things than before.
+_CONTENT = 3
 #: Factor by which an error falls at least from one rung, or one degree, to the next.
 _HALVED = 2.0
 #: Accuracies that are answered in words.
@@ -145,11 +149,36 @@ def finer_meshes(rows: list[Row]) -> list[list[int]]:
 # Running
 
 
+def scene_content(scene: AssemblyScene) -> dict[str, Any]:
+    """What a scene states apart from how it is solved: no mesh, no solver."""
+    return scene.model_dump(mode="json", exclude={"mesh", "rigid", "fem"})
+
+
+def measurement_key(scene: AssemblyScene, base: BaseMesh, setting: CostSetting) -> str:
+    """Digest of all that a measurement depends on; the name of a family is not among it."""
+    return content_digest(
+        {
+            "measurement": _CONTENT,
+            "scene": scene_content(scene),
+            "solver": scene.rigid.solver,
+            "fem": scene.fem.model_dump(mode="json"),
+            "mesh": setting.mesh(base),
+            "elements": setting.mesh_words,
+            "base": base.at(1),
+            "method": setting.method,
+            "changes": sorted(setting.changes),
+            "ramp_factor": setting.ramp_factor,
+            "hold_periods": setting.hold_periods,
+            "damping_ratio": setting.damping_ratio,
+        }
+    )
+
+
 def run_cost(
     name: str,
     scene: AssemblyScene,
     plan: CostPlan,
-    store: CostStore,
+    store: RowFile,
     *,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> CostStudy:
@@ -157,28 +186,29 @@ def run_cost(
 
     ``progress`` is called before each run with its number, the number of runs, and what it is.
     """
-    references = plan.references
-    runs = list(dict.fromkeys((*plan.settings, *references)))
-    missing = [s for s in runs if store.load(measurement_key(scene, plan.base, s)) is None]
+    runs = dict.fromkeys((*plan.settings, *plan.references))
+    missing = [s for s in runs if store.get(measurement_key(scene, plan.base, s)) is None]
     warm: set[tuple[str, ...]] = set()
     failures: dict[str, str] = {}
-    for number, setting in enumerate(missing):
-        if progress is not None:
-            progress(number + 1, len(missing), setting.name)
-        if store.load(measurement_key(scene, plan.base, setting)) is not None:
-            continue  # by another call that works on the same scene
-        kernels = (setting.method, *(v for k, v in setting.changes if k != "fem.residual"))
-        try:
-            if kernels not in warm:
-                warm.add(kernels)
-                warm_up(name, scene, plan.base, replace(setting, level=1))
-            result = measure(name, scene, plan.base, setting)
-        except RefusedError as error:
-            if setting in references:
-                raise
-            failures[setting.name] = str(error)
-            continue
-        store.keep(measurement_key(scene, plan.base, setting), name, setting, result)
+    with store.alone() if missing else nullcontext():
+        for number, setting in enumerate(missing):
+            if progress is not None:
+                progress(number + 1, len(missing), setting.name)
+            key = measurement_key(scene, plan.base, setting)
+            if store.get(key) is not None:
+                continue  # by a call that worked on the same scene meanwhile
+            kernels = (setting.method, *(v for k, v in setting.changes if k != "fem.residual"))
+            try:
+                if kernels not in warm:
+                    warm.add(kernels)
+                    warm_up(name, scene, plan.base, replace(setting, level=1))
+                result = measure(name, scene, plan.base, setting)
+            except RefusedError as error:
+                if setting in plan.references:
+                    raise
+                failures[setting.name] = str(error)
+                continue
+            store.put(key, {"scene": name, "setting": setting.name, "measurement": result})
     study = stored_study(name, scene, plan, store)
     if study is None:
         first = next(iter(failures.values()))
@@ -187,13 +217,13 @@ def run_cost(
 
 
 def stored_study(
-    name: str, scene: AssemblyScene, plan: CostPlan, store: CostStore
+    name: str, scene: AssemblyScene, plan: CostPlan, store: RowFile
 ) -> CostStudy | None:
     """Compare what the store holds; None without the reference or without any setting."""
 
     def found(settings: Iterable[CostSetting]) -> dict[CostSetting, dict[str, Any]]:
-        rows = {s: store.load(measurement_key(scene, plan.base, s)) for s in settings}
-        return {setting: row for setting, row in rows.items() if row is not None}
+        rows = {s: store.get(measurement_key(scene, plan.base, s)) for s in settings}
+        return {setting: row["measurement"] for setting, row in rows.items() if row is not None}
 
     references, known = found(plan.references), found(plan.settings)
     if len(references) < len(plan.references) or not known:

@@ -18,8 +18,8 @@ from validation.output.pictures.scales import BLUE, VERMILION
 from validation.study.optimisation.search import Point, Search, judged, run_search
 from validation.study.optimisation.statement import Optimisation
 from validation.study.report import cell, lines_of_head
+from validation.study.rowfile import StudyRows
 from validation.study.run import Runner
-from validation.study.store import ResultFile
 from validation.study.study import Study
 
 #: Rows of the table of a search.
@@ -29,11 +29,10 @@ _SHOWN = 10
 def optimise(
     stated: Optimisation,
     path: Path,
-    final_path: Path,
     runner: Callable[[Study], Runner],
     progress: Callable[[str], None] | None = None,
 ) -> SearchResult:
-    """Search, and judge the last few designs again; rows are kept in two files of results."""
+    """Search, and judge the last few designs again; all rows are kept in one file."""
     search = Search(stated)
 
     def tell() -> None:
@@ -44,12 +43,11 @@ def optimise(
             words = f"{stated.study.name}: {len(search.points)} of {stated.evaluations}"
             progress(f"{words}, {least}")
 
-    with ResultFile(path, stated.study) as results:
-        run_search(search, results, runner(stated.study), tell)
+    run_search(search, StudyRows(path, stated.study), runner(stated.study), tell)
     if stated.judge is None:
         return SearchResult(search, [])
-    with ResultFile(final_path, stated.judge) as results:
-        return SearchResult(search, judged(search, results, runner(stated.judge)))
+    rows = StudyRows(path, stated.judge)
+    return SearchResult(search, judged(search, rows, runner(stated.judge)))
 
 
 @dataclass(frozen=True, repr=False)

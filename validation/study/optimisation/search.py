@@ -14,8 +14,8 @@ from typing import Any
 from validation.errors import InputError
 from validation.study.design import Row
 from validation.study.optimisation.statement import Limit, Optimisation
+from validation.study.rowfile import StudyRows
 from validation.study.run import Runner, Tally, sweep
-from validation.study.store import ResultFile
 
 Places = tuple[int, ...]
 #: Measures of which the least value is the worst one.
@@ -305,7 +305,7 @@ def front(points: list[Point], measures: tuple[str, ...]) -> list[Point]:
 
 def run_search(
     search: Search,
-    results: ResultFile,
+    results: StudyRows,
     runner: Runner,
     on_point: Callable[[], None] | None = None,
 ) -> Tally:
@@ -356,7 +356,7 @@ def _value_words(limit: Limit, row: Mapping[str, Any]) -> str:
     return f"{limit.name} {'no value' if value is None else f'{value:.5g}'}"
 
 
-def judged(search: Search, results: ResultFile, runner: Runner) -> list[Point]:
+def judged(search: Search, results: StudyRows, runner: Runner) -> list[Point]:
     """Compute the finalists with the answer that decides, best first; failed ones last."""
     stated = search.stated
     wanted = [p.places for p in search.finalists]
