@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fem.element.stress import principal_stress
-from fem.static.result import StaticResult, loose_blocks
+from fem.static.loose import loose_blocks
+from fem.static.result import StaticResult
 from fem.system.build import DeformableAssembly
 from fem.system.peaks import StressPeaks, joint_forces, moved_blocks, stress_peaks
 from fem.system.reactions import PushCurve, push_curves, reactions

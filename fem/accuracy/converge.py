@@ -27,7 +27,7 @@ from fem.accuracy.transfer import transferred
 from fem.measures import load_step_change, measures_of
 from fem.problem import Problem
 from fem.solution import Solution
-from fem.static.load_steps import Known
+from fem.static.path import Known
 from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.solve import StaticOptions
 from geometry.answer import ALIASES, TITLES, Measure, Part

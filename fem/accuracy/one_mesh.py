@@ -19,7 +19,7 @@ from fem.problem import Problem
 from fem.solution import Solution
 from fem.static.history import solve_history
 from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.load_steps import Known
+from fem.static.path import Known
 from fem.static.result import StaticError, StaticResult
 from fem.static.solve import StaticOptions, solve_static
 from fem.system.build import DeformableAssembly

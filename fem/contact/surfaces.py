@@ -130,7 +130,7 @@ class ContactPoints(ReadOnlyArrays):
     def moved(self, state: FloatArray) -> FloatArray:
         """World displacements of the nodes, (n, nodes of both, 3) [mm]."""
         local = np.concatenate([state, np.zeros((1, 3))])[self.rows]
-        sides = local.reshape(len(local), 2, -1, 3)
+        sides = local.reshape(-1, 2, local.shape[1] // 2, 3)
         return np.einsum("fbij,fbaj->fbai", self.axes, sides).reshape(local.shape)
 
     def gaps(self, state: FloatArray) -> Gaps:
@@ -154,7 +154,7 @@ class ContactPoints(ReadOnlyArrays):
 
     def _in_frames(self, gradient: FloatArray) -> FloatArray:
         """World gradients (n, …, nodes of both, 3) in the frames, zero at rigid blocks."""
-        split = gradient.reshape(*gradient.shape[:2], 2, -1, 3)
+        split = gradient.reshape(*gradient.shape[:2], 2, gradient.shape[2] // 2, 3)
         local: FloatArray = (split @ self.axes[:, None]).reshape(gradient.shape)
         local *= self.moves[:, None, :, None]
         return local
@@ -173,7 +173,7 @@ class ContactPoints(ReadOnlyArrays):
 
     def scatter_nodes(self, forces: FloatArray) -> FloatArray:
         """Sum of forces on the nodes, world axes, (n, nodes of both, 3) [N], (n_rows, 3) [N]."""
-        split = forces.reshape(len(forces), 2, -1, 3)
+        split = forces.reshape(-1, 2, forces.shape[1] // 2, 3)
         return self._summed(np.einsum("fbij,fbai->fbaj", self.axes, split).reshape(forces.shape))
 
     def _summed(self, forces: FloatArray) -> FloatArray:

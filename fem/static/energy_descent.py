@@ -90,7 +90,7 @@ class _Energy:
         self.system = system
         self.step = step
         self.weights = system.points.weights[..., None]
-        self.load = load_factor * step.external_force
+        self.load = step.load(load_factor)
 
     @property
     def law(self) -> ContactLaw:

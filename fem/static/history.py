@@ -8,28 +8,27 @@ halved.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+import time
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.load_steps import StaticOptions
+from fem.static.newton import start_state, support_forces
+from fem.static.path import StaticOptions, completed, follow
 from fem.static.result import StaticError, StaticResult, load_factors, refined
-from fem.static.solve import solve_static
-from fem.system.build import DeformableAssembly
-from fem.system.forces import TabularAmplitude
-from fem.system.model import Model, NodalLoad, Support
+from fem.static.solve import beginning, problem_of, solved
+from fem.system.build import ALL_THE_WAY, DeformableAssembly
 from fem.system.reactions import Forces, MovingSupport, PushCurve, moving_supports
+from fem.system.sector import no_symmetry
+from fem.system.system import System, system_of
 from geometry.mesh import FloatArray
 
 #: Increments of a stage with which the doubling begins.
 _INCREMENTS = 5
-#: Share of a stage below which an increment is not halved.
-_SHORTEST = 1e-3
-#: A way that is gone at the end of an increment.
-_ONCE = TabularAmplitude((0.0, 1.0), (0.0, 1.0))
+#: Supports that are to move by less, over the largest displacement, stay where they are.
+_ROUNDING = 1e-12
 
 
 def solve_history(
@@ -59,117 +58,75 @@ def solve_history(
             f"static: got load_path {options.load_path} for a problem after another, whose loads "
             "change in equal increments; expected load_steps, or a problem for each part of the way"
         )
-    least = max(options.load_steps, _INCREMENTS)
-    once = replace(
-        options, load_steps=1, load_tolerance=None, load_path=(1.0,), symmetry=1, motion_steps=None
-    )
     store = FlexibilityStore() if store is None else store
-    solve = partial(solve_static, options=once, goes_on=True, store=store)
 
     def in_parts(parts: int) -> StaticResult:
-        result, before = None, None
-        for number, problem in enumerate(stages, start=1):
-            stage = _Stage(problem, before, result, f"{number} of {len(stages)}")
-            result, before = stage.end(parts, solve), problem.model
-        assert result is not None
-        return replace(result, load_steps=parts)
+        return _through(stages, replace(options, load_steps=parts, keep_steps=False), store)
 
+    least = max(options.load_steps, _INCREMENTS)
     if options.load_tolerance is None:
         return in_parts(least)
     result, coarser = refined(in_parts, least, options.load_tolerance)
     return replace(result, coarser_loading=coarser)
 
 
-@dataclass(frozen=True)
-class _Stage:
-    """From the state before to the loads and supports of a problem."""
-
-    problem: DeformableAssembly
-    before: Model | None
-    """Whose loads act at the beginning; None: nothing does."""
-    start: StaticResult | None
-    """State at the beginning; None: rest."""
-    title: str
-
-    @property
-    def acts(self) -> bool:
-        """Whether there are loads, or supports that move: else one increment is enough."""
-        model = self.problem.model
-        moves = any(support.displacement.any() for support in model.supports)
-        return moves or bool(model.loads) or model.effects.gravity is not None
-
-    def end(self, parts: int, solve: Callable[..., StaticResult]) -> StaticResult:
-        """State at the end, after some increments or more."""
-        result, done = self.start, 0.0
-        pushed: dict[float, Forces] = {0.0: () if result is None else result.support_forces}
-        lost = 0.0 if result is None else result.frictional_dissipation
-        first = result is None
-        ahead = list(load_factors(parts if self.acts or not first else 1, friction=first))[::-1]
-        while ahead:
-            share = ahead.pop()
-            try:
-                found = solve(self.at(share), start=result)
-            except StaticError:
-                if first and share == 1.0:
-                    raise
-                found = None
-            if found is None or not found.converged:
-                if share - done < _SHORTEST:
-                    raise StaticError(
-                        f"static: no equilibrium was found at {share:.3g} of stage {self.title}; "
-                        f"the one before is at {done:.3g}"
-                    )
-                ahead += [share, 0.5 * (done + share)]
-                continue
-            lost += found.frictional_dissipation
-            pushed[share] = found.support_forces
-            result, done = found, share
-        assert result is not None
-        curves = tuple(self._curve(one, pushed) for one in moving_supports(self.problem.model))
-        return replace(result, deformable=self.problem, frictional_dissipation=lost, curves=curves)
-
-    def at(self, share: float) -> DeformableAssembly:
-        """Problem at a share of the way."""
-        model, before = self.problem.model, self.before
-        loads, weight = _scaled(model, share)
-        if before is not None:
-            more, added = _scaled(before, 1.0 - share)
-            loads += more
-            weight += added
-        supports = []
-        for support in model.supports:
-            first = self._first(support)
-            there = first + share * (_last(support) - first)
-            supports.append(replace(support, displacement=there, amplitude=_ONCE))
-        effects = replace(model.effects, gravity=weight if weight.any() else None)
-        changed = replace(model, loads=loads, supports=tuple(supports), effects=effects)
-        return replace(self.problem, model=changed)
-
-    def _first(self, support: Support) -> FloatArray:
-        """Displacements along the directions of a support at the beginning, (n,) [mm]."""
-        if self.start is None:
-            return np.zeros(len(support.nodes))
-        at = self.start.displacements[support.group][support.copies, support.nodes]
-        return np.asarray(np.einsum("ni,ni->n", at, support.directions))
-
-    def _curve(self, moving: MovingSupport, pushed: dict[float, Forces]) -> PushCurve:
-        """Force of a support over its way in the stage."""
-        part, k = moving.largest
-        first, last = float(self._first(part)[k]), float(_last(part)[k])
-        shares = np.array(list(pushed))
-        ways = (first + shares * (last - first)) * np.sign(last)
-        forces = [moving.force(forces) if forces else 0.0 for forces in pushed.values()]
-        return PushCurve(part.name, shares, ways, np.array(forces))
+def _through(
+    stages: Sequence[DeformableAssembly], options: StaticOptions, store: FlexibilityStore
+) -> StaticResult:
+    """Follow all stages, each in as many increments as there are load steps."""
+    clock = time.process_time()
+    system = system_of(stages[0], no_symmetry(stages[0]))
+    moved = forces = np.zeros((system.n_nodes, 3))
+    system = _from(moved, system)
+    problem, search = beginning(system, options, store)
+    state, ready = start_state(problem.system), time.process_time()
+    for number, deformable in enumerate(stages, start=1):
+        if number > 1:
+            moved, forces = completed(problem, state), support_forces(problem, state)
+            there = _from(moved, system_of(deformable, no_symmetry(deformable)))
+            system = replace(there, loads=np.concatenate([system.loads[-1:], there.loads]))
+            problem = problem_of(system.on(problem.system.points), options, store)
+            state = replace(
+                start_state(problem.system, problem.step.kept(moved)),
+                anchor=state.anchor,
+                dissipation=state.dissipation,
+                residuals=state.residuals,
+            )
+        acts = deformable.moves or system.loads.any()
+        parts = load_factors(options.load_steps if acts else 1, friction=number == 1)
+        begin, path = replace(state, load_factor=0.0, time=0.0), [(s, s) for s in parts]
+        problem, state = follow(problem, begin, path, options, search=search)
+        if not state.converged or state.stopped is not None:
+            failed, reached = state.stopped, state.load_factor
+            if failed is None:
+                failed, reached = reached, 0.0
+            raise StaticError(
+                f"static: no equilibrium was found at {failed:.3g} of stage {number} of "
+                f"{len(stages)}; the one before is at {reached:.3g}"
+            )
+    pushed = {0.0: forces} | dict(state.pushed)
+    whole = {share: tuple(system.expand(force)) for share, force in pushed.items()}
+    first = tuple(system.expand(moved))
+    curves = tuple(_curve(one, first, whole) for one in moving_supports(stages[-1].model))
+    result = solved(problem, state, options, (clock, ready))
+    return replace(result, curves=curves, pushed=())
 
 
-def _scaled(model: Model, share: float) -> tuple[tuple[NodalLoad, ...], FloatArray]:
-    """Loads and gravity times a share."""
-    loads = tuple(replace(load, forces=share * load.forces) for load in model.loads if share)
-    gravity = model.effects.gravity
-    return loads, share * np.asarray((0.0, 0.0, 0.0) if gravity is None else gravity)
+def _from(moved: FloatArray, system: System) -> System:
+    """A system whose supports go from displacements of a state, (n_nodes, 3) [mm], to their end."""
+    held = system.held
+    ends = np.array([*(table(np.inf) for table in held.tables), 1.0])
+    last, first = held.value * ends[held.table], (held.direction * moved[held.row]).sum(axis=1)
+    goes = np.abs(first - last) > _ROUNDING * np.abs(moved).max()
+    table, tables = np.where(goes, 0, -1), (ALL_THE_WAY,) if goes.any() else ()
+    return replace(system, held=replace(held, value=last, table=table, tables=tables, start=first))
 
 
-def _last(support: Support) -> FloatArray:
-    """Displacements along the directions of a support at the end, (n,) [mm]."""
-    share = 1.0 if support.amplitude is None else support.amplitude(np.inf)
-    return share * support.displacement
+def _curve(moving: MovingSupport, begin: Forces, pushed: dict[float, Forces]) -> PushCurve:
+    """Force of a support over its way in the last stage, from where it is at the beginning."""
+    part, k = moving.largest
+    first = float(begin[part.group][part.copies[k], part.nodes[k]] @ part.directions[k])
+    last = float(part.displacement[k]) * (1.0 if part.amplitude is None else part.amplitude(np.inf))
+    shares = np.array(list(pushed))
+    ways = (first + shares * (last - first)) * np.sign(last)
+    return PushCurve(part.name, shares, ways, np.array([moving.force(f) for f in pushed.values()]))

@@ -133,17 +133,19 @@ class StaticState:
     """Time [s] and nodal forces of the supports, (n_nodes, 3) [N], after each step of a motion."""
 
 
-def start_state(system: System, start: StaticResult | None) -> StaticState:
-    """Every point linearised at the mean pressure that the loads suggest, or at a given state."""
+def start_state(system: System, start: FloatArray | None = None) -> StaticState:
+    """Every point linearised at the mean pressure that the loads suggest, or where a state has it.
+
+    ``start`` are its displacements, (n_nodes, 3) [mm].
+    """
     friction, points = system.has_friction, system.points
-    displacement = np.zeros((system.n_nodes, 3))
+    displacement = np.zeros((system.n_nodes, 3)) if start is None else start
     area = float(points.areas.sum())
     load = float(np.linalg.norm(system.external_force, axis=1).sum())
     touching = system.law.touching_pressure
     rest = system.law.normal.overclosure(np.maximum(load / area if area else 0.0, touching))
     holding = first_holding(system, rest)
     if start is not None:
-        displacement = localised(system, start)
         holding *= _RESCUE_HOLDING
     gaps = points.gaps(displacement)
     at = gaps.x.copy()
@@ -466,7 +468,7 @@ def _step_share(problem: StaticProblem, state: StaticState, trial: FloatArray) -
     if not system.held.met(state.displacement, state.time):
         return 1.0
     way = trial - state.displacement
-    force = step.internal_force(state.displacement) - state.load_factor * step.external_force
+    force = step.internal_force(state.displacement) - step.load(state.load_factor)
     start = float(np.vdot(force, way))
     growth = float(np.vdot(step.internal_force(way), way))
     before, change = state.gaps.x, system.points.gather(state.gaps.gradient, way)
@@ -531,8 +533,7 @@ def unbalanced_forces(problem: StaticProblem, state: StaticState) -> tuple[Float
     system, step = problem.system, problem.step
     traction, _ = problem.system.law.tractions(state.gaps.x, state.anchor)
     forces = system.points.weights[..., None] * traction
-    unbalanced = state.load_factor * step.external_force
-    unbalanced = unbalanced - step.internal_force(state.displacement)
+    unbalanced = step.load(state.load_factor) - step.internal_force(state.displacement)
     unbalanced += system.points.scatter(state.gaps.gradient, forces)
     return unbalanced, forces[..., 0]
 
@@ -584,7 +585,7 @@ def relative_residual(
     ``supports`` is that of the forces of supports that move [N]; None: none does.
     """
     size = max(
-        float(np.linalg.norm(system.external_force)),
+        *(float(np.linalg.norm(load)) for load in system.loads),
         _CONTACT_SHARE * float(np.linalg.norm(contact_forces)),
         supports or 0.0,
     )

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -23,15 +22,10 @@ from fem.system.reactions import PushCurve
 from fem.system.state import (
     ContactState,
     contact_state,
-    corner_displacements,
 )
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 from geometry.work import LimitError
-
-#: Least stiffness of a block's contacts against a motion, relative to the greatest, that counts
-#: as holding the block.
-_HELD = 1e-9
 
 
 class StaticError(RefusedError):
@@ -99,9 +93,6 @@ class StaticResult(ReadOnlyArrays):
     (n_facets, n_points, 3) [MPa]; None without friction."""
     curves: tuple[PushCurve, ...] = ()
     """Forces of supports that move in the last stage of a history (`fem.static.history`)."""
-    slips: tuple[Any, ...] = ()
-    """Friction that a state after this one begins with: anchors of matched facets, or the elastic
-    slips of searched points (`fem.static.load_steps.ElasticSlips`); (): frictionless."""
     in_contact_forces: bool = False
     """Whether the unknowns were the forces of contact points (`fem.static.contact_forces`)."""
 
@@ -130,60 +121,6 @@ class StaticResult(ReadOnlyArrays):
     def max_displacement(self) -> float:
         """Largest displacement of any node [mm]."""
         return max(float(np.linalg.norm(u, axis=2).max()) for u in self.displacements)
-
-
-def loose_blocks(
-    deformable: DeformableAssembly,
-    displacements: tuple[FloatArray, ...],
-    point_pressures: FloatArray,
-    surfaces: ContactPoints,
-    representative: IntArray,
-) -> IntArray:
-    """Blocks that could move while all contacts that press keep pressing, (n,).
-
-    Those with supports or springs are left out.
-
-    Each block is judged with its neighbours at rest: what is named here is certainly not held
-    (frictionless contacts on it have fewer than six independent directions); blocks that could
-    only move together are not found. Displacements are those of each group in world axes,
-    (n_copies, n_nodes, 3) [mm], pressures those of the points of the facets [MPa]. Of blocks that
-    one stands for (n_blocks,) that one is judged.
-    """
-    assembly = deformable.assembly
-    pressing = np.flatnonzero((point_pressures > 0.0).any(axis=1))
-    surfaces, point_pressures = surfaces.subset(pressing), point_pressures[pressing]
-    supported = {
-        (support.group, int(copy))
-        for support in deformable.model.supports
-        for copy in support.copies
-    }
-    loose = []
-    moving = deformable.deformable_blocks
-    for block in np.unique(representative[moving]):
-        group = int(deformable.group_of[block])
-        springs = deformable.model.groups[group].springs
-        if springs is not None or (group, int(deformable.copy_of[block])) in supported:
-            continue
-        arms = assembly.nodes(int(block)) - assembly.centroids[block]
-        rows = []
-        for side in range(2):
-            blocks = (surfaces.block_m, surfaces.block_s)[side]
-            mine = np.flatnonzero(assembly.originals[blocks] == block)
-            facets = surfaces.subset(mine)
-            corners = corner_displacements(deformable, displacements, facets)
-            gradient = facets.kinematics(corners).gradient
-            force = np.split(gradient, 2, axis=2)[side]
-            quads = (facets.quads_m, facets.quads_s)[side]
-            moment = np.cross(arms[quads][:, None], force).sum(axis=2)
-            wrench = np.concatenate(
-                [force.sum(axis=2), moment / assembly.characteristic_length], axis=2
-            )
-            rows.append(wrench[point_pressures[mine] > 0.0])
-        wrenches = np.concatenate(rows)
-        stiffness = np.linalg.eigvalsh(wrenches.T @ wrenches)
-        if stiffness[0] <= _HELD * stiffness[-1]:
-            loose.append(int(block))
-    return moving[np.isin(representative[moving], loose)]
 
 
 #: Change of the measures by twice as many parts below which they are enough [-].

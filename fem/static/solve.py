@@ -14,27 +14,17 @@ import contextlib
 import time
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from fem.contact.search import FacingPoints, SearchedPoints, points_of_search
 from fem.static.contact_forces import grid_blocks, solve_in_contact_forces
-from fem.static.linear import solve_apart
 from fem.static.linear_step.condensed import CondensedStep
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.linear_step.grid_block import GridBlock
 from fem.static.linear_step.linearisation import LinearStep, SparseStep
 from fem.static.linear_step.reduced import ReducedStep, is_smaller
-from fem.static.load_steps import (
-    ElasticSlips,
-    Known,
-    StaticMethod,
-    StaticOptions,
-    completed,
-    follow_up,
-    load_up,
-)
+from fem.static.loose import loose_blocks, require_held
 from fem.static.newton import (
     StaticProblem,
     StaticState,
@@ -44,7 +34,17 @@ from fem.static.newton import (
     start_state,
     support_forces,
 )
-from fem.static.result import StaticError, StaticResult, load_factors, loose_blocks, refined
+from fem.static.path import (
+    ElasticSlips,
+    Known,
+    Search,
+    StaticMethod,
+    StaticOptions,
+    completed,
+    follow,
+    load_path,
+)
+from fem.static.result import StaticError, StaticResult, load_factors, refined
 from fem.system.build import DeformableAssembly
 from fem.system.model import Model
 from fem.system.reactions import moving_supports
@@ -58,7 +58,7 @@ from fem.system.sector import (
     with_half_turn,
 )
 from fem.system.state import facing_points
-from fem.system.system import System, free_motions, system_of
+from fem.system.system import System, at_share, free_motions, system_of
 from geometry.mesh import FloatArray, IntArray
 
 __all__ = ["StaticMethod", "StaticOptions", "solve_static"]
@@ -76,7 +76,6 @@ def solve_static(
     *,
     start: StaticResult | None = None,
     slips_from_rest: bool = False,
-    goes_on: bool = False,
     store: FlexibilityStore | None = None,
     known: Known = (),
 ) -> StaticResult:
@@ -93,8 +92,6 @@ def solve_static(
     slips_from_rest
         With a start, finite sliding and friction: whether slips count from the blocks at rest, and
         the start is only where to look from; else they count from the start.
-    goes_on
-        Whether the friction of the start goes on: its points keep their anchors.
     store
         Of one call for the next: blocks that are the same are condensed once.
     known
@@ -116,14 +113,16 @@ def solve_static(
         A library that is not installed.
     """
     options = StaticOptions() if options is None else options
-    if not deformable.meets:
-        return solve_apart(deformable, load_steps=options.load_steps, keep_steps=options.keep_steps)
     store = FlexibilityStore() if store is None else store
+    if not deformable.meets:  # linear: all at once
+        steps = options.load_steps if options.keep_steps else 1
+        once = replace(options, load_steps=steps, motion_steps=None, symmetry=1)
+        result = _load(deformable, once, start, store)
+        return replace(result, load_steps=options.load_steps)
     change = options.load_tolerance
     without = deformable.contact.friction is None or start is not None
     if without or change is None or options.load_path is not None:
-        before = start.slips if goes_on and start is not None else ()
-        return _load(deformable, options, start, store, before, slips_from_rest=slips_from_rest)
+        return _load(deformable, options, start, store, slips_from_rest=slips_from_rest)
 
     near = dict(known)
 
@@ -148,15 +147,11 @@ def _load(
     options: StaticOptions,
     start: StaticResult | None,
     store: FlexibilityStore,
-    before: tuple[Any, ...] = (),
     *,
     slips_from_rest: bool = False,
     known: Known = (),
 ) -> StaticResult:
-    """Apply the load in the requested parts; ``before`` are the slips to go on with.
-
-    States under some loads may be ``known`` nearly.
-    """
+    """Apply the load in the requested parts; states under some loads may be ``known`` nearly."""
     clock = time.process_time()
     like, contact = options.like, deformable.contact
     in_forces = options.method is StaticMethod.CONDENSED and (not like or like.in_contact_forces)
@@ -168,71 +163,75 @@ def _load(
             return _in_contact_forces(system_of(deformable, orbits), options, grids, start)
     # Points of a search are those of a sector; states of least energy may be less symmetric.
     half_turn = contact.friction is not None and not contact.finite_sliding
-    orbits, points = _orbits(deformable, options.symmetry, half_turn=half_turn), None
-    if contact.finite_sliding:
-        points = facing_points(deformable, None if start is None else start.displacements, orbits)
-    problem = _problem(deformable, orbits, options, store, points)
+    orbits = _orbits(deformable, options.symmetry, half_turn=half_turn)
+    problem, search = beginning(system_of(deformable, orbits), options, store, start)
     ready = time.process_time()
-    first = start_state(problem.system, start)
-    way = partial(load_up, options=options, known=known)
-    if points is not None:
-        anew = partial(_searched_anew, options=options, points=points, store=store)
-        slips = np.zeros_like(first.displacement) if slips_from_rest else first.displacement
-        elastic = ElasticSlips(*before) if before else None
-        way = partial(
-            follow_up,
-            options=options,
-            points=points,
-            search_anew=anew,
-            begin=slips,
-            before=elastic,
-            known=known,
-        )
-    elif before:
-        first = replace(first, anchor=before[0])
-    problem, state = way(problem, first, options.load_steps)
+    before = None if start is None else localised(problem.system, start)
+    first = start_state(problem.system, before)
+    if search is not None and slips_from_rest:
+        search.begin = np.zeros_like(first.displacement)
+    again = None if search is None else replace(search)
+    path = load_path(problem, options, options.load_steps)
+    problem, state = follow(problem, first, path, options, known=known, search=search)
     more = options.load_steps < _FALLBACK_LOAD_STEPS and options.load_path is None and like is None
     if more and not state.converged:
-        once, again = (problem, state), replace(first, residuals=state.residuals)
-        if points is not None:
-            problem, again = _searched_anew(
-                problem, again, options=options, points=points, store=store
-            )
-        problem, state = _closer(once, way(problem, again, _FALLBACK_LOAD_STEPS))
+        once, first = (problem, state), replace(first, residuals=state.residuals)
+        if again is not None:
+            problem, first = again.anew(problem, first)
+            again.elastic = ElasticSlips.none(again.points)
+        path = load_path(problem, options, _FALLBACK_LOAD_STEPS)
+        in_parts = follow(problem, first, path, options, known=known, search=again)
+        problem, state = _closer(once, in_parts)
         options = replace(options, load_steps=_FALLBACK_LOAD_STEPS)
-    solved = time.process_time()
-    system = problem.system
-    displacement = problem.step.complete(state.displacement)
-    forces = None
-    if len(system.held.nodes):
-        forces = support_forces(problem, state)
+    return solved(problem, state, options, (clock, ready))
+
+
+def solved(
+    problem: StaticProblem, state: StaticState, options: StaticOptions, clocks: tuple[float, float]
+) -> StaticResult:
+    """Result of a state; ``clocks`` are the CPU times at which the run and its path began [s]."""
+    (clock, ready), done = clocks, time.process_time()
+    system, step, share = problem.system, problem.step, state.load_factor
+    displacement = completed(problem, state)
+    forces = support_forces(problem, state) if len(system.held.nodes) else None
     whole = free_motions(system)
     if whole is not None:
         displacement = whole.without(displacement)
     require_near(system, displacement)
-    seconds = {"setup": ready - clock, "newton": solved - ready}
-    seconds["recovery"] = time.process_time() - solved
+    seconds = {"setup": ready - clock, "newton": done - ready}
+    seconds["recovery"] = time.process_time() - done
     seconds["total"] = time.process_time() - clock
     # Condensing takes from the loads what inner nodes hand on; there K u is the load.
-    condensed = problem.step.internal_force(state.displacement) - problem.step.external_force
-    internal = system.external_force + condensed
+    condensed = step.internal_force(state.displacement) - step.load(share)
+    internal = at_share(system.loads, share) + condensed
     outcome = _Outcome(displacement, internal, state, seconds, forces, frictions(problem, state))
-    return replace(
-        _result(system, options, outcome),
-        slips=_slips(problem, points, state),
-    )
+    return _result(system, options, outcome)
 
 
-def _slips(
-    problem: StaticProblem, points: FacingPoints | None, state: StaticState
-) -> tuple[Any, ...]:
-    """Friction at the end of the load (`StaticResult.slips`); none without an equilibrium."""
-    if not (problem.system.has_friction and state.converged):
-        return ()
-    if points is None:
-        return (state.anchor,)
-    elastic = ElasticSlips.of(problem, points, state)
-    return elastic.slave, elastic.shapes, elastic.slip
+def beginning(
+    system: System,
+    options: StaticOptions,
+    store: FlexibilityStore,
+    start: StaticResult | None = None,
+) -> tuple[StaticProblem, Search | None]:
+    """The problem of a system, and points that follow the motion where contact is searched."""
+    deformable = system.deformable
+    if not deformable.meets:
+        require_held(system)
+    if not deformable.contact.finite_sliding:
+        return problem_of(system, options, store), None
+    moved = None if start is None else start.displacements
+    points = facing_points(deformable, moved, system.orbits)
+    anew = partial(_searched_anew, options=options, points=points, store=store)
+    problem = problem_of(system.on(_found(points, system)), options, store)
+    begin = np.zeros((system.n_nodes, 3)) if start is None else localised(system, start)
+    return problem, Search(points, anew, ElasticSlips.none(points), begin)
+
+
+def _found(points: FacingPoints, system: System) -> SearchedPoints:
+    """Points of a search at its present positions."""
+    deformable = system.deformable
+    return points_of_search(points, deformable.surfaces.clearance, deformable.contact.normals)
 
 
 def _closer(
@@ -274,32 +273,20 @@ def _in_contact_forces(
     return replace(_result(system, options, outcome), in_contact_forces=True)
 
 
-def _problem(
-    deformable: DeformableAssembly,
-    orbits: Orbits,
-    options: StaticOptions,
-    store: FlexibilityStore,
-    points: FacingPoints | None,
-) -> StaticProblem:
-    """Unknowns, linear step and friction on matched facets or on the points of a search."""
-    searched = None
-    if points is not None:
-        contact = deformable.contact
-        searched = points_of_search(points, deformable.surfaces.clearance, contact.normals)
-    system = system_of(deformable, orbits, searched)
+def problem_of(system: System, options: StaticOptions, store: FlexibilityStore) -> StaticProblem:
+    """The system with its linear step."""
     friction = system.has_friction
     step: LinearStep
     # On searched points limits of friction follow the pressures, in displacements alone.
-    in_displacements = searched is not None and friction
-    whole = options.method is StaticMethod.SPARSE or _most_held(system) > _MOST_HELD
+    in_displacements = isinstance(system.points, SearchedPoints) and friction
+    whole = options.method is StaticMethod.SPARSE or not system.deformable.meets
+    whole |= _most_held(system) > _MOST_HELD
     if whole or (in_displacements and not is_smaller(system)):
         step = SparseStep(system, options.sparse_solver)
+    elif in_displacements:
+        step = ReducedStep(system, store, options.sparse_solver)
     else:
-        step = (
-            ReducedStep(system, store, options.sparse_solver)
-            if in_displacements
-            else CondensedStep(system, store, friction=friction)
-        )
+        step = CondensedStep(system, store, friction=friction)
     return StaticProblem(system, step, options.tolerance, options.max_iterations)
 
 
@@ -325,14 +312,18 @@ def _searched_anew(
     store: FlexibilityStore,
 ) -> tuple[StaticProblem, StaticState]:
     """The problem on the points of the place that a state has, and the state linearised there."""
-    system = problem.system
-    everywhere = completed(problem, state)
+    system, everywhere = problem.system, completed(problem, state)
     points.displace(tuple(system.expand(everywhere)))
     points.search()
-    there = _problem(system.deformable, system.orbits, options, store, points)
-    displacement = there.step.kept(everywhere)
-    gaps = there.system.points.gaps(displacement)
-    return there, replace(state, displacement=displacement, gaps=gaps, at=gaps.x)
+    there = problem_of(system.on(_found(points, system)), options, store)
+    return there, placed(there, state, everywhere)
+
+
+def placed(problem: StaticProblem, state: StaticState, displacement: FloatArray) -> StaticState:
+    """A state of a problem linearised at displacements of all nodes, (n_nodes, 3) [mm]."""
+    kept = problem.step.kept(displacement)
+    gaps = problem.system.points.gaps(kept)
+    return replace(state, displacement=kept, gaps=gaps, at=gaps.x)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -388,7 +379,7 @@ def _result(system: System, options: StaticOptions, outcome: _Outcome) -> Static
         pressures=pressures,
         residual=state.residuals[-1],
         converged=state.converged,
-        status=_status(deformable.model, state, options, loose),
+        status=_status(deformable, state, options, loose),
         reached=state.stopped is None,
         steps=tuple((factor, tuple(system.expand(u))) for factor, u in state.path),
         support_forces=() if held is None else tuple(system.expand(held)),
@@ -397,7 +388,7 @@ def _result(system: System, options: StaticOptions, outcome: _Outcome) -> Static
         residuals=state.residuals,
         strain_energy=float(share @ strain.sum(axis=1)),
         contact_energy=float(stored.sum()),
-        external_work=float(share @ work.sum(axis=1)),
+        external_work=float(share @ work.sum(axis=1)) * (1.0 if deformable.meets else 0.5),
         frictional_dissipation=state.dissipation,
         symmetry=orbits.order,
         representative=orbits.representative,
@@ -422,7 +413,9 @@ def _ways(model: Model, state: StaticState) -> str:
     return ", ".join(f"{curve.name} by {curve.displacements[-1]:.4g} mm" for curve in curves)
 
 
-def _status(model: Model, state: StaticState, options: StaticOptions, loose: IntArray) -> str:
+def _status(
+    deformable: DeformableAssembly, state: StaticState, options: StaticOptions, loose: IntArray
+) -> str:
     count, residual = len(state.residuals), state.residuals[-1]
     names = ", ".join(str(b) for b in loose[:8]) + (", …" if len(loose) > 8 else "")
     unheld = f"; no contact holds blocks {names} in every direction" if len(loose) else ""
@@ -434,8 +427,10 @@ def _status(model: Model, state: StaticState, options: StaticOptions, loose: Int
     if state.stopped is not None:
         return (
             f"equilibrium while supports moved until {state.time:.4g} s of their tables "
-            f"({_ways(model, state)}); none was found at {state.stopped:.4g} s{unheld}"
+            f"({_ways(deformable.model, state)}); none was found at {state.stopped:.4g} s{unheld}"
         )
+    if state.converged and not deformable.meets:
+        return f"equilibrium of single bodies, residual {residual:.1e}"
     if state.converged:
         undetermined = ": their place is not determined" if len(loose) else ""
         return (

@@ -25,7 +25,7 @@ _SAME = 1e-9
 
 @dataclass(frozen=True)
 class Held:
-    """Prescribed displacements: direction · u = value · share of its way that a row has gone.
+    """Prescribed displacements: direction · u = start + share of its way · (value - start).
 
     Raises
     ------
@@ -43,12 +43,16 @@ class Held:
     """Which of the tables moves it, (n,); -1: it is there always."""
     tables: tuple[Amplitude, ...] = ()
     """Share of their way as functions of time [s]."""
+    start: FloatArray | float = 0.0
+    """Where rows that move begin, (n,) [mm]."""
 
     def __post_init__(self) -> None:
         there = np.einsum("rti,ri->rt", self._ways[self._number], self.direction)
-        there[np.arange(len(self.row)), self.table] -= self.value
+        for table, value in self._parts:
+            there[np.arange(len(self.row)), table] -= value
         wrong = np.abs(there).max(axis=1, initial=0.0)
-        if wrong.max(initial=0.0) > _SAME * np.abs(self.value).max(initial=0.0):
+        size = max(np.abs(of).max(initial=0.0) for of in (self.value, self.start))
+        if wrong.max(initial=0.0) > _SAME * size:
             raise ModelError(
                 f"supports: node {int(self.row[wrong.argmax()])} is moved in two ways along one "
                 "direction; expected one of them"
@@ -92,11 +96,18 @@ class Held:
         fixed = self.held.all(axis=1)[:, None, None]
         return np.where(fixed, np.eye(3), self._eigen[1])
 
+    @property
+    def _parts(self) -> tuple[tuple[IntArray, FloatArray], ...]:
+        """Ways of the rows by their tables, and what none moves, (n,) and (n,) [mm] each."""
+        still = np.where(self.table < 0, 0.0, self.start)
+        return (self.table, self.value - still), (np.full_like(self.table, -1), still)
+
     @cached_property
     def _ways(self) -> FloatArray:
         """Displacements by each table, then of what none moves, (n_held, n_tables + 1, 3) [mm]."""
         pulled = np.zeros((len(self.nodes), len(self.tables) + 1, 3))
-        np.add.at(pulled, (self._number, self.table), self.value[:, None] * self.direction)
+        for table, value in self._parts:
+            np.add.at(pulled, (self._number, table), value[:, None] * self.direction)
         size, axes = self._eigen
         softness = np.divide(1.0, size, out=np.zeros_like(size), where=self.held)
         return ((pulled @ axes) * softness[:, None]) @ axes.transpose(0, 2, 1)

@@ -42,10 +42,16 @@ class System:
     """Facets to integrate, one of each orbit, or points that a search found."""
     law: Coulomb
     """Pressure and friction there."""
-    external_force: FloatArray
-    """Loads in block frames, (n_nodes, 3) [N]."""
+    loads: FloatArray
+    """In block frames at the end of a path, (1, n_nodes, 3) [N]; of a path that does not begin
+    without loads at its beginning and at its end, (2, n_nodes, 3)."""
     held: Held
     """Supports."""
+
+    @property
+    def external_force(self) -> FloatArray:
+        """Loads at the end of a path, (n_nodes, 3) [N]."""
+        return self.loads[-1]
 
     @property
     def n_nodes(self) -> int:
@@ -69,6 +75,19 @@ class System:
     def nodes_of(self, slot: int) -> slice:
         """Nodes of a slot."""
         return slice(int(self.node_start[slot]), int(self.node_start[slot + 1]))
+
+    def on(self, points: ContactPoints) -> System:
+        """The same with other points of contact."""
+        contact, turns = self.deformable.contact, self.orbits.rotations(self.deformable)
+        pairs = points.block_m, points.block_s
+        bound = replace(
+            points,
+            rows=self.rows.of_points(points),
+            axes=np.stack([turns[of] for of in pairs], axis=1),
+            n_rows=self.n_nodes,
+            sides=points.sides if contact.friction else points.sides[:, :, :0],
+        )
+        return replace(self, points=bound, law=coulomb(contact.law, contact.friction, *pairs))
 
     @property
     def with_reference_normals(self) -> System:
@@ -116,10 +135,8 @@ class System:
         return result
 
 
-def system_of(
-    deformable: DeformableAssembly, orbits: Orbits, searched: ContactPoints | None = None
-) -> System:
-    """Number the unknowns of blocks, on matched facets or on points of a search.
+def system_of(deformable: DeformableAssembly, orbits: Orbits) -> System:
+    """Number the unknowns of blocks; points are those of matched facets.
 
     Raises
     ------
@@ -136,33 +153,26 @@ def system_of(
     nodes = orbits.nodes(deformable)
     # A slot of -1 is that beyond the last.
     number = nodes.number + np.repeat(node_start[slot_of], np.diff(nodes.first))
-    rows = replace(nodes, number=np.minimum(number, node_start[-1]))
-    points = searched
-    if points is None:
-        points = deformable.surfaces.subset(orbits.facets)
-        points = replace(points, weights=orbits.share * points.weights)
-    contact, turns = deformable.contact, orbits.rotations(deformable)
-    pairs = points.block_m, points.block_s
-    forces = local_forces(deformable)
-    external = [forces[deformable.group_of[b]][deformable.copy_of[b]] for b in blocks]
-    return System(
+    forces, points = local_forces(deformable), deformable.surfaces.subset(orbits.facets)
+    loads = [forces[deformable.group_of[b]][deformable.copy_of[b]] for b in blocks]
+    system = System(
         deformable=deformable,
         orbits=orbits,
         blocks=blocks,
         slot_of=slot_of,
         node_start=node_start,
-        rows=rows,
-        points=replace(
-            points,
-            rows=rows.of_points(points),
-            axes=np.stack([turns[of] for of in pairs], axis=1),
-            n_rows=int(node_start[-1]),
-            sides=points.sides if contact.friction else points.sides[:, :, :0],
-        ),
-        law=coulomb(contact.law, contact.friction, *pairs),
-        external_force=np.concatenate(external),
+        rows=replace(nodes, number=np.minimum(number, node_start[-1])),
+        points=points,
+        law=Coulomb(deformable.contact.law),
+        loads=np.concatenate(loads)[None],
         held=held_of(deformable, blocks, node_start),
     )
+    return system.on(replace(points, weights=orbits.share * points.weights))
+
+
+def at_share(loads: FloatArray, share: float) -> FloatArray:
+    """Loads at a share of a path; of those at its end, or at its beginning and end, (1 or 2, …)."""
+    return share * loads[0] if len(loads) == 1 else (1.0 - share) * loads[0] + share * loads[1]
 
 
 #: Displacements that nodal forces cause: (n_nodes, 3) [N] to (n_nodes, 3) [mm].

@@ -104,7 +104,7 @@ def test_two_solvers_find_one_state(
     def no_other(*arguments: object) -> None:
         raise AssertionError("the state was not found in contact forces")
 
-    monkeypatch.setattr(solve, "_problem", no_other)
+    monkeypatch.setattr(solve, "problem_of", no_other)
     options = StaticOptions(tolerance=1e-10)
     found = by_options(problem, options)
     assert apart(found.fields["displacement"], oracle.fields["displacement"]) < 1e-7

@@ -9,8 +9,8 @@ import numpy as np
 from fem.element.hexahedron import ElementType
 from fem.element.kinds import block_stiffness
 from fem.element.material import Material
-from fem.static.linear import solve_apart
 from fem.static.result import StaticResult
+from fem.static.solve import solve_static
 from fem.system.model import Support, fixed_nodes, nodal_load
 from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block, box_block
@@ -116,7 +116,7 @@ def _solved(
         alone, LoadCase(alone, "forces", (), alone.fixed), material=material, element=element
     )
     model = replace(stated.model, supports=supports, loads=(nodal_load(0, force),))
-    return solve_apart(replace(stated, model=model))
+    return solve_static(replace(stated, model=model))
 
 
 def _deflection(divisions: tuple[int, int, int], element: ElementType, ratio: float) -> float:

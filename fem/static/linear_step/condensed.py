@@ -47,7 +47,7 @@ from fem.static.linear_step.flexibility import (
 from fem.static.linear_step.linearisation import Linearisation, UnheldBlocksError
 from fem.static.linear_step.pairs import NodePairs
 from fem.static.linear_step.row_laws import Bound, PairLaw, PointLaw, point_law
-from fem.system.system import NodalInverse, System
+from fem.system.system import NodalInverse, System, at_share
 from geometry.mesh import FloatArray, IntArray
 from geometry.work import Operation, count, hold, require_memory
 
@@ -166,10 +166,10 @@ class CondensedStep:
         self._loads: list[FloatArray] = []
         for slot in range(system.n_slots):
             condensed = self._kinds[self._kind_of[slot]].condensed
-            force = system.external_force[system.nodes_of(slot)][None]
-            on_retained, reduced = condensed.condense_forces(force)
-            self._loads.append(self._to_variables(slot, on_retained[0]))
-            self._reduced.append(reduced)
+            forces = system.loads[:, system.nodes_of(slot)]
+            on_retained, reduced = condensed.condense_forces(forces)
+            self._loads.append(np.stack([self._to_variables(slot, of) for of in on_retained]))
+            self._reduced.append(reduced.T)
 
     def _retained(self, slot: int) -> IntArray:
         """Degrees of freedom of a slot's retained nodes in the numbering of the system."""
@@ -204,7 +204,7 @@ class CondensedStep:
         for slot in range(self._system.n_slots):
             kind = self._kind(slot)
             given = value[self._retained(slot)]
-            force = load_factor * self._loads[slot]
+            force = at_share(self._loads[slot], load_factor)
             if turned is not None:
                 on_retained = turned.ravel()[self._retained(slot)]
                 force = force + self._to_variables(slot, on_retained)
@@ -426,13 +426,17 @@ class CondensedStep:
         return result.reshape(-1, 3)
 
     @cached_property
-    def external_force(self) -> FloatArray:
-        """Loads condensed on the contact nodes, zero at inner nodes; (n_nodes, 3) [N]."""
-        result = np.zeros(3 * self._system.n_nodes)
-        for slot, load in enumerate(self._loads):
+    def _on_nodes(self) -> FloatArray:
+        """Loads condensed on the contact nodes, zero at inner nodes; (1 or 2, 3 n_nodes) [N]."""
+        result = np.zeros((len(self._system.loads), 3 * self._system.n_nodes))
+        for slot, loads in enumerate(self._loads):
             dofs = self._retained(slot)
-            result[dofs] = self._transform[dofs][:, dofs] @ load
-        return result.reshape(-1, 3)
+            result[:, dofs] = (self._transform[dofs][:, dofs] @ loads.T).T
+        return result
+
+    def load(self, share: float) -> FloatArray:
+        """Loads condensed on the contact nodes, zero at inner nodes; (n_nodes, 3) [N]."""
+        return at_share(self._on_nodes, share).reshape(-1, 3)
 
     def kept(self, displacement: FloatArray) -> FloatArray:
         """Displacements of the contact nodes, zero at the others; (n_nodes, 3) [mm]."""
@@ -442,15 +446,14 @@ class CondensedStep:
             result[dofs] = flat[dofs]
         return result.reshape(-1, 3)
 
-    def complete(self, displacement: FloatArray) -> FloatArray:
+    def complete(self, displacement: FloatArray, share: float) -> FloatArray:
         """Displacements of all nodes from those of the contact nodes, (n_nodes, 3) [mm]."""
         result = np.empty_like(displacement)
         for slot in range(self._system.n_slots):
             condensed = self._kind(slot).condensed
             on_retained = displacement.ravel()[self._retained(slot)][None]
-            result[self._system.nodes_of(slot)] = condensed.recover(
-                on_retained, self._reduced[slot]
-            )[0]
+            reduced = at_share(self._reduced[slot], share)[:, None]
+            result[self._system.nodes_of(slot)] = condensed.recover(on_retained, reduced)[0]
         return result
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.sparse import bsr_array, csc_array, csr_array, csr_matrix, diags_array, triu
 from scipy.sparse.linalg import SuperLU, splu
 
-from fem.system.system import NodalInverse, System
+from fem.system.system import NodalInverse, System, at_share
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
 from geometry.work import Operation, count, hold, memory_limit, require_memory
@@ -191,7 +191,7 @@ class Linearisation:
     slope: FloatArray
     """∂t/∂x there, (n_facets, n_points, 1 or 3, 1 or 3) [MPa/mm]."""
     load_factor: float = 1.0
-    """Share of the loads that acts [-]."""
+    """Share of the path of the loads [-]."""
     time: float | None = None
     """At which supports that move are where they are prescribed [s]; None: all their way."""
 
@@ -235,15 +235,14 @@ class LinearStep(Protocol):
     def internal_force(self, displacement: FloatArray) -> FloatArray:
         """K u, condensed where inner nodes are left out, (n_nodes, 3) [N]."""
 
-    @property
-    def external_force(self) -> FloatArray:
-        """Loads, condensed where inner nodes are left out, (n_nodes, 3) [N]."""
+    def load(self, share: float) -> FloatArray:
+        """Loads at a share of a path, condensed if inner nodes are left out, (n_nodes, 3) [N]."""
 
     def kept(self, displacement: FloatArray) -> FloatArray:
         """Displacements, zero where inner nodes are left out, (n_nodes, 3) [mm]."""
 
-    def complete(self, displacement: FloatArray) -> FloatArray:
-        """Displacements of all nodes, (n_nodes, 3) [mm]."""
+    def complete(self, displacement: FloatArray, share: float) -> FloatArray:
+        """Displacements of all nodes under the loads at a share of a path, (n_nodes, 3) [mm]."""
 
 
 class SparseStep:
@@ -270,7 +269,7 @@ class SparseStep:
         points, rows = self._pressing(linear)
         matrix = self._matrix(linear, points, rows, holding)
         forces = linear.weights[..., None] * linear.tractions(linear.constant)
-        right = linear.load_factor * (self._transform.T @ self.external_force.ravel())
+        right = self._transform.T @ self.load(linear.load_factor).ravel()
         right -= rows.T @ forces.reshape(-1, forces.shape[2])[points].ravel()
         if holding:
             right += holding * (self._springs @ (self._transform.T @ before.ravel()))
@@ -331,15 +330,14 @@ class SparseStep:
         """K u, (n_nodes, 3) [N]."""
         return self._system.internal_force(displacement)
 
-    @property
-    def external_force(self) -> FloatArray:
-        """Loads, (n_nodes, 3) [N]."""
-        return self._system.external_force
+    def load(self, share: float) -> FloatArray:
+        """Loads at a share of a path, (n_nodes, 3) [N]."""
+        return at_share(self._system.loads, share)
 
     def kept(self, displacement: FloatArray) -> FloatArray:
         """Displacements of all nodes."""
         return displacement
 
-    def complete(self, displacement: FloatArray) -> FloatArray:
+    def complete(self, displacement: FloatArray, share: float) -> FloatArray:  # noqa: ARG002
         """Displacements of all nodes: they are there already."""
         return displacement

@@ -13,7 +13,7 @@ from fem.static.linear_step.condensation import CondensedBlock
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.linear_step.linearisation import SparseSolver, SparseStep
 from fem.system.model import BlockGroup
-from fem.system.system import System
+from fem.system.system import System, at_share
 from geometry.mesh import FloatArray, IntArray
 from geometry.work import Operation, count
 
@@ -33,12 +33,12 @@ class ReducedStep(SparseStep):
         super().__init__(system, solver)
         self._retained = np.concatenate(self._dofs)
         self._free = np.intersect1d(self._free, self._retained)
-        self._external = np.zeros(3 * system.n_nodes)
+        self._loads = np.zeros((len(system.loads), 3 * system.n_nodes))
         self._inner = []
         for slot, (block, dofs) in enumerate(zip(self._blocks, self._dofs, strict=True)):
-            loads, inner = block.condense_forces(system.external_force[system.nodes_of(slot)][None])
-            self._external[dofs] = loads[0]
-            self._inner.append(inner)
+            loads, inner = block.condense_forces(system.loads[:, system.nodes_of(slot)])
+            self._loads[:, dofs] = loads
+            self._inner.append(inner.T)
 
     def _assembled(self) -> tuple[csr_array, csr_array]:
         size = 3 * self._system.n_nodes
@@ -60,10 +60,9 @@ class ReducedStep(SparseStep):
             count(Operation.ENTRY, block.stiffness.size)
         return result.reshape(-1, 3)
 
-    @property
-    def external_force(self) -> FloatArray:
+    def load(self, share: float) -> FloatArray:
         """Loads condensed on the retained nodes, zero at inner nodes; (n_nodes, 3) [N]."""
-        return self._external.reshape(-1, 3)
+        return at_share(self._loads, share).reshape(-1, 3)
 
     def kept(self, displacement: FloatArray) -> FloatArray:
         """Displacements, zero at inner nodes, (n_nodes, 3) [mm]."""
@@ -71,10 +70,10 @@ class ReducedStep(SparseStep):
         result.ravel()[self._retained] = displacement.ravel()[self._retained]
         return result
 
-    def complete(self, displacement: FloatArray) -> FloatArray:
+    def complete(self, displacement: FloatArray, share: float) -> FloatArray:
         """Displacements of all nodes from those of the retained ones, (n_nodes, 3) [mm]."""
         parts = [
-            block.recover(displacement.ravel()[dofs][None], inner)[0]
+            block.recover(displacement.ravel()[dofs][None], at_share(inner, share)[:, None])[0]
             for block, dofs, inner in zip(self._blocks, self._dofs, self._inner, strict=True)
         ]
         return np.concatenate(parts)

@@ -1,7 +1,8 @@
-"""The way to a load: its parts one after the other, then the motions of supports.
+"""The path to a static state: parts of the load, motions of supports, changes of both in a stage.
 
-The history of friction, where the model has it, advances from step to step. Points of a search
-follow the motion until they stay.
+Each of its points is an equilibrium that begins at the one before. The history of friction, where
+the model has it, advances from point to point. Points of a search follow the motion until they
+stay.
 """
 
 from __future__ import annotations
@@ -54,11 +55,8 @@ _MAX_TRIES = 2
 _SOON_HELD = 1e-3
 #: Load factors and displacements of each group there, as `StaticResult.steps`.
 Known = Sequence[tuple[float, tuple[FloatArray, ...]]]
-#: Load factor and time of a step; None: no support moves.
-_Target = tuple[float, float | None]
-#: Takes a state, or a guess of it, to its own load factor and time from the displacements at which
-#: the step begins; whether the next step may follow.
-_Step = Callable[[StaticProblem, StaticState, FloatArray], tuple[StaticProblem, StaticState, bool]]
+#: Share of the loads and time of a point of a path; None: no support moves.
+Target = tuple[float, float | None]
 
 
 class StaticMethod(StrEnum):
@@ -118,25 +116,38 @@ class StaticOptions:
                 raise StaticError(f"fem.{name}: got {getattr(self, name)}, expected at least 1")
 
 
-def _along(
+def follow(
     problem: StaticProblem,
     state: StaticState,
-    path: list[_Target],
-    step: _Step,
-    *,
+    path: Sequence[Target],
     options: StaticOptions,
-    known: Known,
+    *,
+    known: Known = (),
+    search: Search | None = None,
 ) -> tuple[StaticProblem, StaticState]:
-    """Take steps one after the other; those of a motion that fail are cut.
+    """Find the states at the points of a path, one after the other; those of a motion are cut.
 
     A step starts where fewer parts of the load led to, or else where the one before leads to, if
     loads grow or supports go on as before: contact laws are stiff over lengths that are far shorter
-    than a step. Where the shortest of a motion has no equilibrium either, what was reached before
-    is an answer.
+    than a step. Steps of a motion that fail are halved; where the shortest has no equilibrium
+    either, what was reached before is an answer.
+
+    Parameters
+    ----------
+    problem, state
+        The problem, and where the path begins.
+    path
+        Share of the loads and time of each point.
+    options
+        What is kept of each point, and whether other ways are tried.
+    known
+        States under some loads that are nearly equilibria.
+    search
+        Points that follow the motion; None: facets stay matched.
     """
-    ahead, shortest = path[::-1], _SHORTEST * (path[-1][1] or 0.0)
+    ahead, shortest = list(path[::-1]), _SHORTEST * (path[-1][1] or 0.0)
     rate: FloatArray | None = None
-    done: _Target | None = None if state.displacement.any() else (0.0, None)
+    done: Target | None = None if state.displacement.any() else (0.0, None)
     while ahead:
         factor, moment = ahead.pop()
         guess = replace(state, load_factor=factor, time=moment, converged=False)
@@ -157,7 +168,9 @@ def _along(
         elif rate is not None and leads:
             guess = _led_on(problem, guess, length * rate)
         try:
-            there, reached, goes_on = step(problem, guess, state.displacement)
+            there, reached, goes_on = _equilibrium(
+                problem, guess, state.displacement, options, search
+            )
         except StaticError:
             shorter = moment and 0.5 * (moment - (state.time or 0.0)) >= shortest
             if not (shorter or state.pushed):
@@ -168,7 +181,8 @@ def _along(
             last = state.residuals[-1:]
             state = replace(state, residuals=(*state.residuals[:-1], *tried, *last))
             if 0.5 * (moment - before) >= shortest:
-                ahead += [(factor, moment), (factor, 0.5 * (before + moment))]
+                middle = 0.5 * (state.load_factor + factor), 0.5 * (before + moment)
+                ahead += [(factor, moment), middle]
                 continue
             if any(time for time, _ in state.pushed):
                 return problem, replace(state, stopped=moment)
@@ -181,13 +195,35 @@ def _along(
     return problem, state
 
 
+def _equilibrium(
+    problem: StaticProblem,
+    state: StaticState,
+    begin: FloatArray,
+    options: StaticOptions,
+    search: Search | None,
+) -> tuple[StaticProblem, StaticState, bool]:
+    """Take a state, or a guess of it, to its own point of the path from that before, at ``begin``.
+
+    Also returns whether the next one may follow.
+    """
+    if search is not None:
+        return search.equilibrium(problem, state, begin)
+    reached = converge(problem, state, begin)
+    if problem.system.has_friction and reached.residuals[-1] > _HISTORY:
+        # What follows would start from a history that no equilibrium has.
+        return problem, reached, False
+    if not reached.converged and options.like is None and has_potential(problem):
+        reached = descend(problem, replace(state, residuals=reached.residuals))
+    return problem, _advance_friction(problem, reached, begin), True
+
+
 def _near(known: Known, factor: float) -> tuple[FloatArray, ...] | None:
     """The known state under the least load that is no less, if there is one."""
     above = [(load, u) for load, u in known if load >= factor]
     return min(above, key=lambda one: one[0])[1] if above else None
 
 
-def _length(done: _Target | None, aim: _Target) -> float:
+def _length(done: Target | None, aim: Target) -> float:
     """How much a step adds to the load, or to the time [s]; 0: the step before leads nowhere."""
     if aim[1]:
         return aim[1] - ((done[1] if done else None) or 0.0)
@@ -207,33 +243,7 @@ def _led_on(problem: StaticProblem, state: StaticState, way: FloatArray) -> Stat
     return replace(state, displacement=displacement, gaps=gaps, at=at)
 
 
-def load_up(
-    problem: StaticProblem,
-    state: StaticState,
-    parts: int,
-    *,
-    options: StaticOptions,
-    known: Known = (),
-) -> tuple[StaticProblem, StaticState]:
-    """Apply the load in parts; states under some loads may be ``known`` nearly."""
-
-    def step(
-        problem: StaticProblem, state: StaticState, begin: FloatArray
-    ) -> tuple[StaticProblem, StaticState, bool]:
-        reached = converge(problem, state, begin)
-        if problem.system.has_friction and reached.residuals[-1] > _HISTORY:
-            # What follows would start from a history that no equilibrium has.
-            return problem, reached, False
-        if not reached.converged and options.like is None and has_potential(problem):
-            reached = descend(problem, replace(state, residuals=reached.residuals))
-        return problem, _advance_friction(problem, reached, begin), True
-
-    return _along(
-        problem, state, _load_path(problem, options, parts), step, options=options, known=known
-    )
-
-
-def _load_path(problem: StaticProblem, options: StaticOptions, parts: int) -> list[_Target]:
+def load_path(problem: StaticProblem, options: StaticOptions, parts: int) -> list[Target]:
     """Load factor and time at the end of each step: the load first, then motions of supports.
 
     Without supports that move there is no time.
@@ -263,43 +273,36 @@ def _recorded(problem: StaticProblem, state: StaticState, options: StaticOptions
     return replace(state, pushed=(*before, (state.time, forces)))
 
 
-def follow_up(
-    problem: StaticProblem,
-    state: StaticState,
-    parts: int,
-    *,
-    options: StaticOptions,
-    points: FacingPoints,
-    search_anew: Callable[[StaticProblem, StaticState], tuple[StaticProblem, StaticState]],
-    begin: FloatArray,
-    before: ElasticSlips | None = None,
-    known: Known = (),
-) -> tuple[StaticProblem, StaticState]:
-    """Apply the load in parts; points follow the motion until they stay.
+@dataclass
+class Search:
+    """Points that follow the motion along a path."""
 
-    States under some loads may be ``known`` nearly. ``search_anew`` gives the problem on the points
-    of the place that a state has; slips count from the displacements ``begin``, and are those of
-    ``before`` there.
-    """
-    elastic, first, rest = before or ElasticSlips.none(points), True, begin
+    points: FacingPoints
+    anew: Callable[[StaticProblem, StaticState], tuple[StaticProblem, StaticState]]
+    """Problem and state on the points of the place that a state has."""
+    elastic: ElasticSlips
+    """Elastic slips where the next step begins."""
+    begin: FloatArray | None
+    """Displacements from which slips of the first step count, on points that are searched there,
+    (n_nodes, 3) [mm]; None: a step came before."""
 
-    def step(
-        problem: StaticProblem, state: StaticState, begin: FloatArray
+    def equilibrium(
+        self, problem: StaticProblem, state: StaticState, begin: FloatArray
     ) -> tuple[StaticProblem, StaticState, bool]:
-        nonlocal elastic, first
-        begin = rest if first else begin
+        """Find an equilibrium whose points are those of its own place, as `_equilibrium`."""
+        points, begin = self.points, begin if self.begin is None else self.begin
         aim, joints, tries = (state.load_factor, state.time), 0, _MAX_TRIES
         least, around = math.inf, 0
         for search in range(_MAX_SEARCHES):
-            if search or not first:
-                problem, state = search_anew(problem, state)
+            if search or self.begin is None:
+                problem, state = self.anew(problem, state)
             if _n_joints(problem) > joints:
                 joints, tries = _n_joints(problem), _MAX_TRIES
             state = replace(
                 state,
                 load_factor=aim[0],
                 time=aim[1],
-                anchor=elastic.anchor(problem, points, begin),
+                anchor=self.elastic.anchor(problem, points, begin),
                 converged=False,
             )
             before = state.displacement
@@ -319,16 +322,12 @@ def follow_up(
             settled = 2.0 * moved <= enough
             if not state.converged or settled or (around >= _AROUND and 2.0 * moved <= points.skin):
                 break
-        first = False
+        self.begin = None
         if not state.converged or 2.0 * moved > points.skin:
             return problem, replace(state, converged=False), False
         state = _advance_friction(problem, state, begin)
-        elastic = ElasticSlips.of(problem, points, state)
+        self.elastic = ElasticSlips.of(problem, points, state)
         return problem, state, True
-
-    return _along(
-        problem, state, _load_path(problem, options, parts), step, options=options, known=known
-    )
 
 
 @dataclass(frozen=True)
@@ -377,12 +376,8 @@ def _searched(problem: StaticProblem) -> SearchedPoints:
 
 
 def completed(problem: StaticProblem, state: StaticState) -> FloatArray:
-    """Displacements of all nodes of a state, (n_nodes, 3) [mm].
-
-    Inner nodes follow contact nodes and load linearly, and the step knows the whole load.
-    """
-    share = state.load_factor
-    return share * problem.step.complete(state.displacement / share)
+    """Displacements of all nodes of a state, (n_nodes, 3) [mm]."""
+    return problem.step.complete(state.displacement, state.load_factor)
 
 
 def _advance_friction(problem: StaticProblem, state: StaticState, begin: FloatArray) -> StaticState:
