@@ -273,6 +273,7 @@ def sweep(
     from time import perf_counter
 
     from validation.output.console import plain_console
+    from validation.study.judge import doubt
     from validation.study.report import print_table, summary
     from validation.study.rowfile import StudyRows
     from validation.study.run import LocalRunner
@@ -294,7 +295,8 @@ def sweep(
         results, start = StudyRows(path, study), perf_counter()
         tally = run_study(results, LocalRunner(study, workers))
         reported = summary(results, tally, perf_counter() - start)
-        print_table(results, plain_console(table := StringIO()))
+        print_table(results, console := plain_console(table := StringIO()))
+        console.print(doubt(results), end="")
         return SweepResult(tuple(results.rows()), reported, study, table.getvalue().rstrip())
 
 

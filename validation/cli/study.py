@@ -68,6 +68,13 @@ def sweep(
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="Recompute failed designs.")
     ] = False,
+    judged: Annotated[
+        bool,
+        typer.Option(
+            "--judge",
+            help="Solve the best and the worst design of rigid blocks with deformable ones.",
+        ),
+    ] = False,
     json: JsonOption = None,
 ) -> None:
     """Run a parameter study, or resume an interrupted one."""
@@ -78,6 +85,7 @@ def sweep(
     from validation.study import report
     from validation.study import run as runs
     from validation.study.design import refuse_idle_parameters
+    from validation.study.judge import doubt, judge
     from validation.study.picture import check_axes
     from validation.study.rowfile import StudyRows
     from validation.study.study import load_study
@@ -94,11 +102,12 @@ def sweep(
             refuse_idle_parameters(stated)
         # A lost scheduler is told in one line of ours, not in a page of its client's.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
-        runner: runs.Runner = (
-            runs.LocalRunner(stated, workers)
-            if scheduler is None
-            else runs.DaskRunner(stated, scheduler)
-        )
+
+        def runner(of: Study) -> Runner:
+            if scheduler is not None:
+                return runs.DaskRunner(of, scheduler)
+            return runs.LocalRunner(of, workers)
+
         results = StudyRows(path, stated)
         if rows is not None:
             results.take(rows)
@@ -107,9 +116,13 @@ def sweep(
             report.goes_on(results),
             report.sweep_progress(results, retry_failed=retry_failed) as show,
         ):
-            tally = runs.sweep(results, runner, retry_failed=retry_failed, on_row=show)
+            tally = runs.sweep(results, runner(stated), retry_failed=retry_failed, on_row=show)
         summary = report.summary(results, tally, time.perf_counter() - start)
         report.print_table(results, outputs.console)
+        if judged:
+            judge(results, runner, outputs.console)
+        elif words := doubt(results):
+            outputs.console.print(words)
         if picture is not None:
             report.draw(results, plot, picture, outputs)
         report.print_summary(results, summary, outputs.console)
