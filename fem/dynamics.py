@@ -377,7 +377,7 @@ def explicit_solution(
                     resume, restarts = None, restarts + 1
                 stated = shorter
     return Solution(
-        deformable=stated.deformable,
+        deformable=stated.system.deformable,
         group_displacements=stated.expand(result.displacements),
         contact_state=stated.contact_state(result.displacements, result.searched, result.slips),
         finite_rotation=stated.model.effects.finite_rotation,
@@ -393,7 +393,7 @@ def _refuse_memory(stated: ExplicitStatement) -> None:
     groups = stated.model.groups
     need = sum(g.n_nodes * (_CONSTANT + _STATE * g.n_copies) for g in groups)
     require_memory(
-        f"{stated.model.n_nodes} nodes of {stated.deformable.assembly.n_blocks} blocks",
+        f"{stated.model.n_nodes} nodes of {stated.system.deformable.assembly.n_blocks} blocks",
         need,
         "fewer elements or fewer blocks",
     )
@@ -406,12 +406,12 @@ def _of_all_blocks(output: Output, whole: ExplicitStatement, restarts: int) -> O
     def frame(found: Frame) -> None:
         assert on_frame is not None
         moved = whole.expand(found.displacements)
-        groups = whole.deformable.model.groups
+        groups = whole.system.deformable.model.groups
         on_frame(replace(found, groups=groups, displacements=moved, restart=restarts))
 
     def tell(found: Progress) -> None:
         assert progress is not None
-        progress(replace(found, energies=found.energies.times(whole.orbits.order)))
+        progress(replace(found, energies=found.energies.times(whole.system.orbits.copies)))
 
     return replace(
         output,
@@ -422,10 +422,10 @@ def _of_all_blocks(output: Output, whole: ExplicitStatement, restarts: int) -> O
 
 def _of_all_copies(result: ExplicitResult, whole: ExplicitStatement) -> ExplicitResult:
     """Result with the energies and forces of the whole where one of some sectors was computed."""
-    energies, copies = result.energies, whole.orbits.order
+    energies, copies = result.energies, whole.system.orbits.copies
     held, searched = result.support_forces, result.searched
     if searched is not None:
-        searched = searched_in_all_sectors(whole.deformable, whole.orbits, searched)
+        searched = searched_in_all_sectors(whole.system.deformable, whole.system.orbits, searched)
     return replace(
         result,
         energies=None if energies is None else energies.times(copies),

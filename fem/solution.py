@@ -314,7 +314,7 @@ class Solution(ReadOnlyArrays):
     def push_curves(self) -> tuple[PushCurve, ...]:
         """Force against displacement of each support that moves step by step."""
         if self.explicit is not None:
-            sector = self.statement is not None and self.statement.orbits.order > 1
+            sector = self.statement is not None and self.statement.system.orbits.copies > 1
             return () if sector else self.explicit.pushed
         assert self.static is not None
         if not self.static.pushed:

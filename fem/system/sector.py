@@ -83,6 +83,23 @@ class Orbits:
         turns = np.stack(over.rotations)[assembly.shape_of]
         return np.where(over.blocks[:, None, None], assembly.rotations @ turns, assembly.rotations)
 
+    @property
+    def copies(self) -> int:
+        """How often the blocks that are computed make up the whole."""
+        return self.order if self.over is None else 2 * self.order
+
+    def places(self, deformable: DeformableAssembly) -> tuple[FloatArray, FloatArray]:
+        """Axes (n_blocks, 3, 3) and origins (n_blocks, 3) [mm] of each block's representative."""
+        assembly, over, frames = deformable.assembly, self.over, self.rotations(deformable)
+        origins = assembly.translations + deformable.offsets
+        if over is None:
+            return frames, origins
+        for block in np.flatnonzero(over.blocks).tolist():
+            shape, nodes = int(assembly.shape_of[block]), assembly.shape(block).mesh.nodes
+            shift = nodes[over.nodes[shape][0]] - over.rotations[shape] @ nodes[0]
+            origins[block] -= frames[block] @ shift
+        return frames, origins
+
     def nodes(self, deformable: DeformableAssembly) -> NodeMap:
         """Node of its representative for each node of all blocks."""
         assembly, over = deformable.assembly, self.over
@@ -309,12 +326,18 @@ def _same_joints(deformable: DeformableAssembly, image: IntArray) -> bool:
 
 def local_forces(deformable: DeformableAssembly) -> list[FloatArray]:
     """Nodal loads of each group in block frames, weight too, each (n_copies, n_nodes, 3) [N]."""
+    forces = local_loads(deformable)
+    if deformable.gravity is not None:
+        for force, group in zip(forces, deformable.model.groups, strict=True):
+            local = deformable.gravity @ group.rotations
+            np.add(force, group.lumped_mass[:, None] * local[:, None], out=force)
+    return forces
+
+
+def local_loads(deformable: DeformableAssembly) -> list[FloatArray]:
+    """The same without weight."""
     model = deformable.model
     forces = [np.zeros((g.n_copies, g.n_nodes, 3)) for g in model.groups]
-    if deformable.gravity is not None:
-        for number, group in enumerate(model.groups):
-            local = deformable.gravity @ group.rotations
-            forces[number] += group.lumped_mass[:, None] * local[:, None]
     for load in model.loads:
         rotation = model.groups[load.group].rotations[load.copies]
         local = np.einsum("nij,ni->nj", rotation, load.forces)

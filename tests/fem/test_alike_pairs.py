@@ -8,6 +8,7 @@ import pytest
 from fem import Material
 from fem.explicit.contact.alike_pairs import alike_pairs
 from fem.system.sector import no_symmetry
+from fem.system.system import system_of
 from geometry.families.boxes import BrickStack
 from geometry.loads import named_case
 from tests.support.fem_problems import deformable_assembly
@@ -24,7 +25,7 @@ def column():
 
 
 def sizes(deformable) -> list[int]:
-    pairs = alike_pairs(deformable, no_symmetry(deformable), deformable.copy_of)
+    pairs = alike_pairs(system_of(deformable, no_symmetry(deformable)), deformable.copy_of)
     return sorted(len(alike.blocks) for alike in pairs)
 
 

@@ -14,8 +14,8 @@ from fem import Explicit, Frames, Material, solve_explicit
 from fem.explicit.setup.quasi_static import block_frequencies
 from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import StopCriterion, initial_state, prepare, solve
+from fem.system.build import DeformableAssembly
 from fem.system.effects import AdaptiveMassDamping, Effects
-from fem.system.model import Model
 from geometry import ColumnBox, RefusedError, box_block, box_column
 from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads import face_pressure
@@ -182,10 +182,11 @@ def test_matching_joints_have_no_search_unless_asked() -> None:
         assert data["contact"]["effective_count_percent"] == pytest.approx(50.0, rel=1e-9)
 
 
-def rigid(model: Model) -> Model:
+def rigid(deformable: DeformableAssembly) -> DeformableAssembly:
     """Blocks that yield 1e-12 of what contact does."""
-    stiff = [replace(g, material=replace(g.material, young_modulus=1e16)) for g in model.groups]
-    return replace(model, groups=tuple(stiff))
+    groups = deformable.model.groups
+    stiff = [replace(g, material=replace(g.material, young_modulus=1e16)) for g in groups]
+    return replace(deformable, model=replace(deformable.model, groups=tuple(stiff)))
 
 
 def test_frequencies_are_those_of_the_facets_that_face_each_other() -> None:
@@ -198,14 +199,14 @@ def test_frequencies_are_those_of_the_facets_that_face_each_other() -> None:
     for case, rel in ((alike, 1e-9), (tube, 1e-3)):
         deformable = case.problem.deformable
         matched, searched = (
-            block_frequencies(explicit_statement(stated).model, 0.01)
+            block_frequencies(explicit_statement(stated).system, 0.01)
             for stated in (deformable, in_contact(deformable, finite_sliding=True))
         )
         assert searched.excited == pytest.approx(matched.excited, rel=rel)
         assert searched.lowest == pytest.approx(matched.lowest, rel=rel)
     # Vertical motion of rigid blocks is uniform on a joint: its frequency depends on area alone.
     found, expected = (
-        block_frequencies(rigid(explicit_statement(case.problem.deformable).model), 0.01)
+        block_frequencies(explicit_statement(rigid(case.problem.deformable)).system, 0.01)
         for case in (column(*CROSSING), alike)
     )
     assert found.excited == pytest.approx(expected.excited, rel=1e-9)

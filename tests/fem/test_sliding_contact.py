@@ -11,7 +11,7 @@ from fem.contact.cuts import closest_point
 from fem.contact.search import BlockSurface, closest_points
 from fem.contact.surfaces import ContactError, ContactNormals
 from fem.element.facet import bilinear
-from fem.explicit.contact.sliding import SlidingContact
+from fem.explicit.contact.sliding import SlidingContact, surface_areas
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.statement import counted_stiffness, explicit_statement
 from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, solve
@@ -55,7 +55,7 @@ def surface(number, mesh, quads, *, group, at=(0.0, 0.0, 0.0)):
 def contact(surfaces, groups, law, **options):
     return SlidingContact(
         surfaces=tuple(surfaces),
-        n_nodes=tuple(g.n_nodes for g in groups),
+        areas=surface_areas(tuple(surfaces), tuple(g.n_nodes for g in groups)),
         law=law,
         clearance=0.0,
         counted_stiffness=counted_stiffness(law),

@@ -41,12 +41,12 @@ def along_path(deformable, path):
     turns = body.group.rotations
     result = []
     for moved in path:
-        local = np.einsum("cij,cni->cnj", turns, moved[np.argsort(statement.copy_of)])
+        local = np.einsum("cij,cni->cnj", turns, moved[statement.blocks[0]])
         now.displacement[:] = to_lanes(local, body.rows.order)
         now.applied_force[:] = 0.0
         contact = system.interactions[0]
         contact.add_force(system, state)
-        force = world_vectors(body, applied_forces(body, now))[statement.copy_of]
+        force = world_vectors(body, applied_forces(body, now))[np.argsort(statement.blocks[0])]
         result.append((force, contact.energy(), contact.dissipation()))
     return [np.array(column) for column in zip(*result, strict=True)]
 

@@ -12,13 +12,15 @@ needs is the difference and the mean of the two positions at each *node pair*.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from fem.element.facet import FACET_SLOPES, FACET_VALUES
 from fem.explicit.kernels.lanes import REGISTER_DOUBLES
 from fem.system.build import DeformableAssembly
-from fem.system.sector import Orbits
+from fem.system.sector import NodeMap
+from fem.system.system import System
 from geometry.mesh import FloatArray, IntArray
 
 #: Placements (in block sizes and as rotations) that differ by less are the same.
@@ -49,6 +51,12 @@ class AlikePairs:
     """(x_m + x_s)/2 before any displacement, master frame, (n_nodes, 3) [mm]."""
     rotation: FloatArray
     """From the frame of the opposing block to that of the master, (3, 3)."""
+    share: FloatArray
+    """Part of each facet that counts (`fem.system.sector.Orbits`), (n_facets,)."""
+    facets: IntArray
+    """Which of the matched facets that are computed each one is, (n_pairs, n_facets)."""
+    begins: IntArray
+    """Which of its corners each corner is there, (n_pairs, n_facets, 4)."""
 
     @property
     def n_pairs(self) -> int:
@@ -59,6 +67,11 @@ class AlikePairs:
     def n_facets(self) -> int:
         """Facets of one pair."""
         return len(self.corners)
+
+    @property
+    def weights(self) -> FloatArray:
+        """Area of each Gauss point, (n_facets, 4) [mm²]."""
+        return self.share[:, None] * np.linalg.norm(self.area_vectors(), axis=2)
 
     def area_vectors(self) -> FloatArray:
         """t_1 × t_2 at the Gauss points before any displacement, (n_facets, 4, 3) [mm²]."""
@@ -78,79 +91,90 @@ class _Pair:
     """One pair of blocks, its facets in an order that alike pairs share."""
 
     blocks: tuple[int, int]
-    quads_m: IntArray
-    quads_s: IntArray
+    facets: IntArray
+    begins: IntArray
+    quads: IntArray
+    """Nodes of both sides in the meshes of the representatives, (n_facets, 2, 4)."""
+    share: FloatArray
+    key: tuple[int | float | bytes, ...]
+    """Shapes, groups, friction, law and connectivity."""
+    rotation: FloatArray
+    """From the frame of block s to that of block m, (3, 3)."""
+    translation: FloatArray
+    """The same, (3,) [mm]."""
 
-    def key(self, deformable: DeformableAssembly) -> tuple[int | float | bytes, ...]:
-        """Shapes, groups, friction, law and connectivity."""
-        shapes = [int(deformable.assembly.shape_of[b]) for b in self.blocks]
-        groups = [int(deformable.group_of[b]) for b in self.blocks]
-        rubs = friction_of(deformable, *self.blocks)
-        law = law_of(deformable, *self.blocks)
-        return (*shapes, *groups, rubs, law, self.quads_m.tobytes(), self.quads_s.tobytes())
-
-
-def law_of(deformable: DeformableAssembly, m: int, s: int) -> int:
-    """Place of the contact law between two blocks among all laws."""
-    law = deformable.contact.law
-    return law.members.index(law.on(np.array([m]), np.array([s])))
-
-
-def friction_of(deformable: DeformableAssembly, m: int, s: int) -> float:
-    """Coefficient of friction between two blocks; 0 without friction."""
-    friction = deformable.contact.friction
-    if friction is None or not friction.of_pairs:
-        return 0.0 if friction is None else friction.coefficient
-    return float(np.asarray(friction.on(np.array([m]), np.array([s])))[0])
+    def like(self, other: _Pair, size: float) -> bool:
+        """Whether both are placed alike, in blocks of a size [mm]."""
+        near = float(np.abs(self.translation - other.translation).max()) <= _SAME_PLACEMENT * size
+        return near and float(np.abs(self.rotation - other.rotation).max()) <= _SAME_PLACEMENT
 
 
-def _ordered(m: int, s: int, quads_m: IntArray, quads_s: IntArray) -> _Pair:
-    """Facets sorted, each beginning with its smallest master node."""
-    first = quads_m.argmin(axis=1)
-    turn = (first[:, None] + np.arange(4)) % 4
-    turned_m = np.take_along_axis(quads_m, turn, axis=1)
-    turned_s = np.take_along_axis(quads_s, turn, axis=1)
-    order = np.lexsort(turned_m.T[::-1])
-    return _Pair((m, s), turned_m[order], turned_s[order])
+def _kind(deformable: DeformableAssembly, m: int, s: int) -> tuple[float, int]:
+    """Coefficient of friction between two blocks, and the place of their law among all laws."""
+    contact, joint = deformable.contact, (np.array([m]), np.array([s]))
+    friction = 0.0 if contact.friction is None else contact.friction.on(*joint)
+    return float(np.ravel(friction)[0]), contact.law.members.index(contact.law.on(*joint))
 
 
-def _either_way(m: int, s: int, quads_m: IntArray, quads_s: IntArray) -> tuple[_Pair, _Pair]:
-    """Return the pair and the same with master and opposing block exchanged.
+def _seen(
+    system: System,
+    facets: IntArray,
+    placed: tuple[NodeMap, FloatArray, FloatArray],
+    *,
+    swapped: bool,
+) -> _Pair:
+    """Facets of a pair of blocks, sorted, each beginning with its smallest master node.
 
-    Contact favours neither side, so both mean the same; seen from the other block the corners
-    run the other way round.
+    Contact favours neither side: with the blocks ``swapped`` it is the same, but seen from the
+    other one corners run the other way round.
     """
-    backwards = [0, 3, 2, 1]
-    return (
-        _ordered(m, s, quads_m, quads_s),
-        _ordered(s, m, quads_s[:, backwards], quads_m[:, backwards]),
+    deformable, points, (nodes, frames, origins) = system.deformable, system.points, placed
+    corners = np.array([0, 3, 2, 1] if swapped else [0, 1, 2, 3])
+    sides = [(points.block_m[facets], points.quads_m), (points.block_s[facets], points.quads_s)]
+    sides = sides[::-1] if swapped else sides
+    m, s = (int(blocks[0]) for blocks, _ in sides)
+    both = [nodes.of_facets(blocks, quads[facets][:, corners]) for blocks, quads in sides]
+    turn = (both[0].argmin(axis=1)[:, None] + np.arange(4)) % 4
+    quads = np.stack([np.take_along_axis(of, turn, axis=1) for of in both], axis=1)
+    order = np.lexsort(quads[:, 0].T[::-1])
+    facets, quads = facets[order], quads[order]
+    share = np.broadcast_to(system.orbits.share, (points.n_facets, 1))[facets, 0]
+    shapes = (int(deformable.assembly.shape_of[b]) for b in (m, s))
+    groups = (int(deformable.group_of[b]) for b in (m, s))
+    parts = (quads[:, 0].tobytes(), quads[:, 1].tobytes(), share.tobytes())
+    return _Pair(
+        blocks=(m, s),
+        facets=facets,
+        begins=corners[turn][order],
+        quads=quads,
+        share=share,
+        key=(*shapes, *groups, *_kind(deformable, m, s), *parts),
+        rotation=frames[m].T @ frames[s],
+        translation=frames[m].T @ (origins[s] - origins[m]),
     )
 
 
-def alike_pairs(
-    deformable: DeformableAssembly, orbits: Orbits, copy_of: IntArray
-) -> tuple[AlikePairs, ...]:
-    """Sort the contact interfaces of an assembly into alike pairs.
+def alike_pairs(system: System, copy_of: IntArray) -> tuple[AlikePairs, ...]:
+    """Sort the matched facets of an assembly into alike pairs.
 
     Parameters
     ----------
-    deformable
-        Blocks and matched facets.
-    orbits
-        Blocks that are computed once; facets of each orbit are integrated once.
+    system
+        Facets that are computed, one of each orbit.
     copy_of
         Copy that carries the unknowns of each block, its representative's; (n_blocks,).
     """
-    surfaces = deformable.surfaces.subset(orbits.facets)
+    deformable, orbits = system.deformable, system.orbits
+    placed = orbits.nodes(deformable), *orbits.places(deformable)
+    size = deformable.assembly.characteristic_length
     result: dict[tuple[int | float | bytes, ...], list[list[_Pair]]] = {}
-    for k in range(len(surfaces.pair_start) - 1):
-        facets = slice(int(surfaces.pair_start[k]), int(surfaces.pair_start[k + 1]))
-        m, s = int(surfaces.block_m[facets.start]), int(surfaces.block_s[facets.start])
-        ways = _either_way(m, s, surfaces.quads_m[facets], surfaces.quads_s[facets])
-        pair = min(ways, key=lambda p: p.key(deformable))
-        alike = result.setdefault(pair.key(deformable), [])
+    for first, last in pairwise(system.points.pair_start.tolist()):
+        facets = np.arange(first, last)
+        ways = (_seen(system, facets, placed, swapped=swapped) for swapped in (False, True))
+        pair = min(ways, key=lambda way: way.key)
+        alike = result.setdefault(pair.key, [])
         for others in alike:
-            if _same_placement(deformable, others[0], pair):
+            if others[0].like(pair, size):
                 others.append(pair)
                 break
         else:
@@ -158,47 +182,30 @@ def alike_pairs(
     return tuple(_join(deformable, pairs, copy_of) for alike in result.values() for pairs in alike)
 
 
-def _relative_placement(
-    deformable: DeformableAssembly, pair: _Pair
-) -> tuple[FloatArray, FloatArray]:
-    """Rotation and translation from the frame of block s to that of block m."""
-    assembly = deformable.assembly
-    m, s = pair.blocks
-    to_master = assembly.rotations[m].T
-    place = assembly.translations + deformable.offsets
-    return to_master @ assembly.rotations[s], to_master @ (place[s] - place[m])
-
-
-def _same_placement(deformable: DeformableAssembly, a: _Pair, b: _Pair) -> bool:
-    turn_a, move_a = _relative_placement(deformable, a)
-    turn_b, move_b = _relative_placement(deformable, b)
-    size = deformable.assembly.characteristic_length
-    near = float(np.abs(move_a - move_b).max()) <= _SAME_PLACEMENT * size
-    return near and float(np.abs(turn_a - turn_b).max()) <= _SAME_PLACEMENT
-
-
 def _join(deformable: DeformableAssembly, pairs: list[_Pair], copy_of: IntArray) -> AlikePairs:
     """Gather alike pairs; the reference geometry is that of the first."""
-    blocks = np.array([pair.blocks for pair in pairs], dtype=np.int64)
-    copies = np.maximum(copy_of[blocks], 0)
-    order = np.lexsort((copies[:, 1], copies[:, 0]))
-    first = pairs[int(order[0])]
-    both = np.stack([first.quads_m.ravel(), first.quads_s.ravel()], axis=1)
+    copies = np.maximum(copy_of[np.array([pair.blocks for pair in pairs])], 0)
+    pairs = [pairs[k] for k in np.lexsort((copies[:, 1], copies[:, 0])).tolist()]
+    first = pairs[0]
+    both = first.quads.transpose(0, 2, 1).reshape(-1, 2)
     nodes, corner = np.unique(both, axis=0, return_inverse=True)
-    rotation, translation = _relative_placement(deformable, first)
-    shape_m, shape_s = (deformable.assembly.shape(b) for b in first.blocks)
-    x_m = shape_m.mesh.nodes[nodes[:, 0]]
-    x_s = shape_s.mesh.nodes[nodes[:, 1]] @ rotation.T + translation
     m, s = first.blocks
+    x_m = deformable.assembly.shape(m).mesh.nodes[nodes[:, 0]]
+    x_s = deformable.assembly.shape(s).mesh.nodes[nodes[:, 1]]
+    x_s = x_s @ first.rotation.T + first.translation
+    blocks = np.array([pair.blocks for pair in pairs], dtype=np.int64)
     return AlikePairs(
         groups=(int(deformable.group_of[m]), int(deformable.group_of[s])),
-        copies=copies[order],
-        blocks=blocks[order],
+        copies=np.maximum(copy_of[blocks], 0),
+        blocks=blocks,
         nodes=nodes.astype(np.int64),
         corners=corner.reshape(-1, 4).astype(np.int64),
         offset=x_s - x_m,
         mean=0.5 * (x_m + x_s),
-        rotation=rotation,
+        rotation=first.rotation,
+        share=first.share,
+        facets=np.array([pair.facets for pair in pairs]),
+        begins=np.array([pair.begins for pair in pairs]),
     )
 
 

@@ -20,8 +20,9 @@ from geometry.mesh import FloatArray, IntArray
 class ExplicitContact(ABC):
     """Contact of the blocks that are computed."""
 
-    n_nodes: tuple[int, ...]
-    """Nodes of one block of each group."""
+    areas: tuple[FloatArray, ...]
+    """Contact area at each node of each group, of the copy that has most, times the number of
+    sides that move, (n_nodes,) [mm²]: `nodal_stiffness` for a law of stiffness one."""
     law: ContactLaw
     """Pressure as a function of overclosure."""
     clearance: float
@@ -39,23 +40,18 @@ class ExplicitContact(ABC):
                 "included in the critical time step"
             )
 
-    @abstractmethod
     def touched_nodes(self, group: int) -> IntArray:
         """Mesh nodes of the group on which contact may act, (n,)."""
+        return np.flatnonzero(self.areas[group])
 
-    @abstractmethod
-    def nodal_areas(self, group: int) -> FloatArray | None:
-        """`nodal_stiffness` for a law of stiffness one, largest of all copies; (n_nodes,) [mm²]."""
-
-    def nodal_stiffness(self, group: int) -> FloatArray | None:
+    def nodal_stiffness(self, group: int) -> FloatArray:
         """Stiffness to count on each node for the critical time step, (n_nodes,) [N/mm].
 
         Contact springs of stiffness w k between points of two blocks have
         K_ab = w k c_a c_b n nᵀ with |c_a| = N_a and Σ N = 1 on each side: row sums bound them
         by the diagonal w k N_a times the number of sides that move.
         """
-        areas = self.nodal_areas(group)
-        return None if areas is None else self.counted_stiffness * areas
+        return self.counted_stiffness * self.areas[group]
 
     @abstractmethod
     def bind(self, bodies: tuple[Body, ...]) -> BoundContact:
@@ -115,9 +111,8 @@ class BoundContact(Interaction):
         if self._allowed is None:
             bulk = critical_time_step(replace(system.model, interactions=()))
             square = 4.0 / system.time_step**2 - 4.0 / bulk.critical_time_step**2
+            groups = zip(self._statement.areas, system.model.groups, strict=True)
             self._allowed = square / max(
-                float((areas / group.lumped_mass).max())
-                for k, group in enumerate(system.model.groups)
-                if (areas := self._statement.nodal_areas(k)) is not None
+                float((areas / group.lumped_mass).max()) for areas, group in groups
             )
         return self._allowed

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from scipy.spatial import cKDTree
 
 from fem.contact.friction import FrictionError, slip_sides
 from fem.contact.search import SearchedPoints
-from fem.contact.surfaces import ContactNormals
-from fem.element.facet import FACET_SLOPES, FACET_VALUES
+from fem.contact.surfaces import ContactNormals, MatchedFacets
+from fem.element.facet import FACET_CORNERS
 from fem.explicit.body import Body
 from fem.explicit.contact.alike_pairs import WIDEST, AlikePairs, unit_widths
 from fem.explicit.contact.contact import BoundContact, ExplicitContact
@@ -30,8 +29,7 @@ from fem.explicit.kernels import PARALLEL
 from fem.explicit.kernels.layout import LaneArray, aligned_zeros, equal_work
 from fem.explicit.state import State
 from fem.explicit.step import System
-from fem.system.build import DeformableAssembly
-from fem.system.sector import Orbits
+from fem.system.system import System as StaticSystem
 from geometry.mesh import FloatArray, IntArray
 
 
@@ -50,32 +48,6 @@ class FaceContact(ExplicitContact):
             raise FrictionError(
                 "effects.friction: got contact with reference normals, expected current normals"
             )
-
-    def touched_nodes(self, group: int) -> IntArray:
-        """Mesh nodes of the group on which contact may act, (n,)."""
-        touched = [
-            p.nodes[:, side] for p in self.pairs for side in (0, 1) if p.groups[side] == group
-        ]
-        return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *touched]))
-
-    def nodal_areas(self, group: int) -> FloatArray | None:
-        """`nodal_stiffness` for a law of stiffness one, largest of all copies; (n_nodes,) [mm²]."""
-        size = self.n_nodes[group]
-        by_copy: dict[int, FloatArray] = {}
-        for pairs in self.pairs:
-            moving = sum(g >= 0 for g in pairs.groups)
-            weights = np.linalg.norm(pairs.area_vectors(), axis=2)
-            share = moving * np.einsum("fp,pa->fa", weights, FACET_VALUES)
-            for side in (0, 1):
-                if pairs.groups[side] != group:
-                    continue
-                nodes = pairs.nodes[pairs.corners, side]
-                for copy in pairs.copies[:, side]:
-                    total = by_copy.setdefault(int(copy), np.zeros(size))
-                    np.add.at(total, nodes, share)
-        if not by_copy:
-            return None
-        return np.array(list(by_copy.values())).max(axis=0)
 
     def bind(self, bodies: tuple[Body, ...]) -> BoundContact:
         """Prepare the force for the loop."""
@@ -209,66 +181,37 @@ class _BoundFaces(BoundContact):
 
 
 def paired_frictions(
-    deformable: DeformableAssembly,
-    orbits: Orbits,
+    system: StaticSystem,
     pairs: tuple[AlikePairs, ...],
-    displacements: tuple[FloatArray, ...],
+    displacement: FloatArray,
     slips: FloatArray,
 ) -> FloatArray:
-    """Friction on block s of the facets of orbits, world axes, (n_facets, 4, 3) [MPa].
+    """Friction on block s of the facets that are computed, world axes, (n_facets, 4, 3) [MPa].
 
     Parameters
     ----------
-    deformable, orbits
-        The whole assembly, and its facets that are computed.
-    pairs
-        Those facets, as the loops have them.
-    displacements
-        Of all groups, world axes, (n_copies, n_nodes, 3) [mm].
+    system, pairs
+        Those facets, and how the loops have them.
+    displacement
+        Of all nodes, block frames, (n_nodes, 3) [mm].
     slips
         Elastic slips of their points (`Interaction.contact`), (n, 2) [mm].
     """
-    friction, surfaces = deformable.contact.friction, deformable.surfaces.subset(orbits.facets)
+    friction, points = system.deformable.contact.friction, system.points
     assert friction is not None
-    blocks = [np.repeat(alike.blocks, alike.n_facets, axis=0) for alike in pairs]
-    quads = [
-        np.tile(alike.nodes[alike.corners].transpose(0, 2, 1), (alike.n_pairs, 1, 1))
-        for alike in pairs
-    ]
-    theirs = np.concatenate(blocks)
-    here = _middles(deformable, displacements, theirs, np.concatenate(quads))
-    sides = slip_sides(np.einsum("pak,fai->fpki", FACET_SLOPES, here)).reshape(-1, 2, 3)
-    traction = -friction.stick_stiffness * np.einsum("nk,nki->ni", slips, sides)
-    # The loops order facets and corners in their own way: points are found by their places.
-    ours = np.stack([surfaces.block_m, surfaces.block_s], axis=1)
-    there = _middles(
-        deformable, displacements, ours, np.stack([surfaces.quads_m, surfaces.quads_s], axis=1)
-    )
-    at, where = (np.einsum("pa,fai->fpi", FACET_VALUES, x).reshape(-1, 3) for x in (here, there))
-    point = cKDTree(at).query(where)[1]
-    swapped = theirs[point // 4, 0] != np.repeat(surfaces.block_m, 4)
-    signed: FloatArray = np.where(swapped, -1.0, 1.0)[:, None] * traction[point]
-    return signed.reshape(-1, 4, 3)
-
-
-def _middles(
-    deformable: DeformableAssembly,
-    displacements: tuple[FloatArray, ...],
-    blocks: IntArray,
-    quads: IntArray,
-) -> FloatArray:
-    """Corners of pairs of facets, the means of both sides, (n, 4, 3) [mm].
-
-    Of blocks (n, 2) and their nodes (n, 2, 4).
-    """
-    result = np.zeros((len(blocks), 4, 3))
-    for side, of in enumerate(blocks.T):
-        for block in np.unique(of).tolist():
-            place, group = deformable.positions(block), int(deformable.group_of[block])
-            if group >= 0:
-                place = place + displacements[group][int(deformable.copy_of[block])]
-            mine = of == block
-            result[mine] += 0.5 * place[quads[mine, side]]
+    assert isinstance(points, MatchedFacets)
+    facets = np.concatenate([alike.facets.ravel() for alike in pairs])
+    begins = np.concatenate([alike.begins.reshape(-1, 4) for alike in pairs])
+    masters = np.concatenate([np.repeat(p.blocks[:, 0], p.n_facets) for p in pairs])
+    tangents = points.frame(points.moved(displacement)).tangents[facets]
+    # Corners of the loops begin elsewhere, and where blocks have changed places run the other way.
+    turn = 0.25 * np.einsum("fcj,ck->fjk", FACET_CORNERS[begins], FACET_CORNERS)
+    tangents = np.take_along_axis(tangents, begins[:, :, None, None], axis=1)
+    sides = slip_sides(np.einsum("fjk,fpji->fpki", turn, tangents))
+    traction = np.einsum("fpk,fpki->fpi", slips.reshape(-1, 4, 2), sides)
+    sign = np.where(masters == points.block_m[facets], -1.0, 1.0) * friction.stick_stiffness
+    result = np.empty((points.n_facets, 4, 3))
+    result[facets[:, None], begins] = sign[:, None, None] * traction
     return result
 
 
@@ -319,7 +262,7 @@ def _unit_arrays(pairs: tuple[AlikePairs, ...], bodies: tuple[Body, ...]) -> Uni
         real=np.concatenate(exists).astype(np.float64),
         rotation=np.array([result.rotation for result in pairs]),
         corners=np.concatenate([corners for _, _, corners in ordered]),
-        weights=np.concatenate([np.linalg.norm(result.area_vectors(), axis=2) for result in pairs]),
+        weights=np.concatenate([result.weights for result in pairs]),
         copies=np.ascontiguousarray(np.concatenate(copies).T),
         lanes=np.array([body.lanes for body in bodies], dtype=np.int64),
     )

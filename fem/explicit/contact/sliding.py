@@ -34,7 +34,6 @@ from fem.explicit.contact.sliding_kernel import (
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.state import State
 from fem.explicit.step import System
-from fem.system.state import ContactState, searched_state
 from geometry.mesh import FloatArray, IntArray
 
 #: Motion of two blocks together after which cuts follow it, over the skin of the search.
@@ -62,34 +61,30 @@ class SlidingContact(ExplicitContact):
     symmetry: int = 1
     """Order of the sector; 1: every block is computed."""
 
-    def touched_nodes(self, group: int) -> IntArray:
-        """Mesh nodes of the group on which contact may act, (n,)."""
-        members = [s.nodes for s in self.surfaces if s.group == group]
-        return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *members]))
-
-    def nodal_areas(self, group: int) -> FloatArray | None:
-        """`nodal_stiffness` for a law of stiffness one, largest of all copies; (n_nodes,) [mm²]."""
-        members = [s for s in self.surfaces if s.group == group]
-        if not members:
-            return None
-        moving = min(2, sum(s.group >= 0 for s in self.surfaces))
-        largest = np.zeros(self.n_nodes[group])
-        for surface in members:
-            total = np.zeros(self.n_nodes[group])
-            area = np.linalg.norm(facet_area_vectors(surface.reference[surface.quads]), axis=1)
-            np.add.at(total, surface.nodes[surface.quads], 0.25 * area[:, None])
-            largest = np.maximum(largest, total)
-        return moving * largest
-
     @cached_property
-    def at_start(self) -> ContactState:
-        """What faces what before any displacement, in the sector that is computed; no pressures."""
-        points = points_of_search(_points(self), self.clearance)
-        return searched_state(points, np.zeros_like(points.corners), None)
+    def at_start(self) -> SearchedPoints:
+        """What faces what before any displacement, in the sector that is computed."""
+        return points_of_search(_points(self), self.clearance)
 
     def bind(self, bodies: tuple[Body, ...]) -> BoundContact:
         """Prepare the force for the loop."""
         return BoundSlidingContact(self, bodies)
+
+
+def surface_areas(
+    surfaces: tuple[BlockSurface, ...], n_nodes: tuple[int, ...]
+) -> tuple[FloatArray, ...]:
+    """`ExplicitContact.areas` of surfaces of groups whose blocks have so many nodes each."""
+    moving = min(2, sum(s.group >= 0 for s in surfaces))
+    largest = tuple(map(np.zeros, n_nodes))
+    for surface in surfaces:
+        if surface.group >= 0:
+            area = np.linalg.norm(facet_area_vectors(surface.reference[surface.quads]), axis=1)
+            corners = np.broadcast_to(0.25 * moving * area[:, None], surface.quads.shape)
+            at = surface.nodes[surface.quads].ravel()
+            total = np.bincount(at, corners.ravel(), n_nodes[surface.group])
+            np.maximum(largest[surface.group], total, out=largest[surface.group])
+    return largest
 
 
 @dataclass(frozen=True)

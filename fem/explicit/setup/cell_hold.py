@@ -10,9 +10,8 @@ from fem.explicit.body import Body
 from fem.explicit.kernels.layout import to_lanes
 from fem.explicit.state import State
 from fem.explicit.step import Interaction, System, placed_internal_force
-from fem.system.build import DeformableAssembly
-from fem.system.sector import Orbits
-from fem.system.system import free_motions, system_of
+from fem.system.system import System as StaticSystem
+from fem.system.system import free_motions
 from geometry.mesh import FloatArray, IntArray
 
 
@@ -86,26 +85,21 @@ def _applied_row(body: Body) -> IntArray:
     return body.applied_row.astype(np.int64)
 
 
-def cell_hold(
-    deformable: DeformableAssembly, orbits: Orbits, blocks: list[IntArray]
-) -> CellHold | None:
+def cell_hold(system: StaticSystem, blocks: tuple[IntArray, ...]) -> CellHold | None:
     """Hold of a periodic cell; None for what its supports hold.
 
     Parameters
     ----------
-    deformable, orbits
+    system
         The cell and its symmetry.
     blocks
         Representatives of each group in the order of their copies.
     """
-    if deformable.assembly.image_of is None:
-        return None
-    system = system_of(deformable, orbits)
     everywhere = free_motions(system)
     contact = np.isin(np.arange(system.n_nodes), system.points.rows)
     at_contacts = free_motions(system, lambda moved: moved * contact[:, None])
-    assert everywhere is not None
-    assert at_contacts is not None
+    if everywhere is None or at_contacts is None:
+        return None
 
     def by_group(motions: FloatArray) -> tuple[FloatArray, ...]:
         slots = [system.slot_of[mine] for mine in blocks]

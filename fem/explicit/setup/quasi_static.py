@@ -15,20 +15,15 @@ modulus, so that a stiff contact does not promise a frequency that no elastic bl
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
 
-from fem.contact.law import ContactLaw
 from fem.contact.surfaces import ContactError
-from fem.element.facet import FACET_VALUES
-from fem.explicit.contact.alike_pairs import AlikePairs
-from fem.explicit.contact.paired import FaceContact
-from fem.explicit.contact.sliding import SlidingContact
 from fem.explicit.solve import ExplicitResult
-from fem.system.model import BlockGroup, Model, rigid_motions
+from fem.system.model import BlockGroup, rigid_motions
+from fem.system.system import System
 from geometry.mesh import FloatArray, IntArray
 
 #: Modes below this share of the highest frequency are taken for motions nothing resists.
@@ -67,141 +62,74 @@ def _centre(group: BlockGroup) -> tuple[FloatArray, float]:
     return centroid, float(radius)
 
 
-def block_frequencies(model: Model, pressure: float) -> BlockFrequencies:
-    """Estimate the lowest frequencies about a state of uniform contact pressure.
+def block_frequencies(system: System, pressure: float) -> BlockFrequencies:
+    """Estimate the lowest frequencies about a state of uniform contact pressure [MPa].
 
     Parameters
     ----------
-    model
-        Blocks with `FaceContact`, or `SlidingContact` as it stands before any displacement;
-        blocks move as far as their supports let them.
+    system
+        Blocks with contact on their facets, or on the points of a search as it stands before any
+        displacement; blocks move as far as their supports let them.
     """
-    first = np.cumsum([0, *(g.n_copies for g in model.groups)])
-    size = 6 * int(first[-1])
-    stiffness, mass, load = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size)
-    for number, group in enumerate(model.groups):
-        motions = motions_about_centroid(group, group.mesh.nodes)
-        one = np.einsum("n,nij,nik->jk", group.lumped_mass, motions, motions)
-        for copy in range(group.n_copies):
-            rows = slice(6 * (first[number] + copy), 6 * (first[number] + copy + 1))
-            mass[rows, rows] = one
-            if group.springs is not None:
-                flat = motions.reshape(-1, 6)
-                stiffness[rows, rows] += flat.T @ (group.springs.stiffness @ flat)
-        load += _generalised_load(model, number, motions, int(first[number]), size)
-    for interaction in model.interactions:
-        if isinstance(interaction, FaceContact):
-            for pairs in interaction.pairs:
-                law = interaction.law.on(*pairs.blocks[:1].T)
-                tangent = _tangent(law, pressure, model, pairs.groups)
-                _add_contact(stiffness, model, pairs, tangent, first)
-        if isinstance(interaction, SlidingContact):
-            _add_sliding(stiffness, model, interaction, pressure, first)
-    free = _free_motions(model, first, size)
+    motions, n = np.zeros((system.n_nodes + 1, 3, 6)), system.n_slots
+    mass, stiffness = np.zeros((n, 6, 6)), np.zeros((n + 1, n + 1, 6, 6))
+    for slot in range(n):
+        group, rows = system.group(slot), system.nodes_of(slot)
+        motions[rows] = motions_about_centroid(group, group.mesh.nodes)
+        mass[slot] = np.einsum("n,nij,nik->jk", group.lumped_mass, motions[rows], motions[rows])
+        if group.springs is not None:
+            flat = motions[rows].reshape(-1, 6)
+            stiffness[slot, slot] += flat.T @ (group.springs.stiffness @ flat)
+    _add_contact(stiffness, system, motions, pressure)
+    block_of = np.repeat(np.arange(n), np.diff(system.node_start))
+    load = np.zeros((n, 6))
+    np.add.at(load, block_of, np.einsum("nij,ni->nj", motions[:-1], system.loads))
+    free = _free_motions(system, motions, block_of)
     if not free.shape[1]:  # blocks only deform between their supports
-        lowest = min(map(_bar_frequency, model.groups))
+        lowest = min(map(_bar_frequency, system.deformable.model.groups))
         return BlockFrequencies(lowest, lowest)
-    squares, modes = scipy.linalg.eigh(free.T @ stiffness @ free, free.T @ mass @ free)
+    whole = stiffness[:-1, :-1].swapaxes(1, 2).reshape(6 * n, 6 * n)
+    squares, modes = scipy.linalg.eigh(
+        free.T @ whole @ free, free.T @ scipy.linalg.block_diag(*mass) @ free
+    )
     resisted = squares > _FREE_MOTION**2 * squares[-1]
     if not resisted.any():
-        raise ContactError(f"no contact resists any motion of the {int(first[-1])} blocks")
+        raise ContactError(f"no contact resists any motion of the {n} blocks")
     squares, modes = squares[resisted], modes[:, resisted]
-    work = (modes.T @ (free.T @ load)) ** 2 / squares
+    work = (modes.T @ (free.T @ load.ravel())) ** 2 / squares
     excited = work > _EXCITED * work.sum() if work.sum() > 0.0 else np.ones_like(work, np.bool_)
     hertz = np.sqrt(squares) / (2.0 * np.pi)
     return BlockFrequencies(lowest=float(hertz[0]), excited=float(hertz[excited][0]))
 
 
-def _generalised_load(
-    model: Model, number: int, motions: FloatArray, first: int, size: int
-) -> FloatArray:
-    """Loads of one group at amplitude one on the rigid motions of its copies, (size,)."""
-    total = np.zeros(size)
-    group = model.groups[number]
-    for load in model.loads:
-        if load.group == number:
-            local = np.einsum("nij,ni->nj", group.rotations[load.copies], load.forces)
-            each = np.einsum("nij,ni->nj", motions[load.nodes], local)
-            np.add.at(total.reshape(-1, 6), first + load.copies, each)
-    return total
-
-
 def _add_contact(
-    stiffness: FloatArray, model: Model, pairs: AlikePairs, tangent: float, first: IntArray
+    stiffness: FloatArray, system: System, motions: FloatArray, pressure: float
 ) -> None:
-    """Add w k g gᵀ of all points of alike pairs, g the gap of a unit motion."""
-    vectors = pairs.area_vectors()
-    weights = np.linalg.norm(vectors, axis=2)
-    normal = (vectors / weights[:, :, None]).reshape(-1, 3)
-    rows = []
-    for side, sign, turn in ((0, -1.0, np.eye(3)), (1, 1.0, pairs.rotation)):
-        group = pairs.groups[side]
-        if group < 0:
-            rows.append(np.zeros((len(normal), 6)))
-            continue
-        corners = model.groups[group].mesh.nodes[pairs.nodes[pairs.corners, side]]
-        points = np.einsum("pa,fai->fpi", FACET_VALUES, corners).reshape(-1, 3)
-        motions = motions_about_centroid(model.groups[group], points)
-        rows.append(sign * np.einsum("pi,pij->pj", normal @ turn, motions))
-    gap = np.concatenate(rows, axis=1)
-    block = gap.T @ (tangent * weights.reshape(-1, 1) * gap)
-    for copies in pairs.copies:
-        where = [6 * (first[max(g, 0)] + c) for g, c in zip(pairs.groups, copies, strict=True)]
-        for i, row in enumerate(where):
-            for j, column in enumerate(where):
-                part = block[6 * i : 6 * i + 6, 6 * j : 6 * j + 6]
-                stiffness[row : row + 6, column : column + 6] += part
+    """Add w k g gᵀ of all points to the 6 × 6 blocks of two slots, g the gap of a unit motion.
+
+    k is the stiffness of the law in series with that of the blocks on its sides.
+    """
+    points, law = system.points, system.law.law
+    rigid = points.with_reference_normals.kinematics(np.zeros((*points.rows.shape, 3)))
+    split = rigid.gradient.reshape(*points.weights.shape, 2, -1, 3)
+    nodes = motions[points.rows].reshape(len(split), 2, -1, 3, 6)
+    gaps = np.einsum("fpbai,fbik,fbakj->fpbj", split, points.axes, nodes, optimize=True)
+    sides = np.stack([system.slot_of[points.block_m], system.slot_of[points.block_s]], axis=1)
+    groups = map(system.group, range(system.n_slots))
+    yields = [_centre(group)[1] / group.material.young_modulus for group in groups]
+    compliance = 1.0 / law.stiffness(law.overclosure(pressure))
+    compliance = compliance + np.array([*yields, 0.0])[sides].sum(axis=1)
+    weights = points.weights / np.reshape(compliance, (-1, 1))
+    for one, two in np.ndindex(2, 2):
+        block = np.einsum("fp,fpj,fpk->fjk", weights, gaps[:, :, one], gaps[:, :, two])
+        np.add.at(stiffness, (sides[:, one], sides[:, two]), block)
 
 
-def _tangent(law: ContactLaw, pressure: float, model: Model, groups: Iterable[int]) -> float:
-    """Stiffness of a joint [MPa/mm]: the law's in series with that of the blocks on its sides."""
-    compliance = 1.0 / float(law.stiffness(law.overclosure(pressure)))
-    for group in (model.groups[g] for g in groups if g >= 0):
-        compliance += _centre(group)[1] / group.material.young_modulus
-    return 1.0 / compliance
-
-
-def _add_sliding(
-    stiffness: FloatArray, model: Model, contact: SlidingContact, pressure: float, first: IntArray
-) -> None:
-    """Add w k g gᵀ of all points that face a facet at the start, block pair by block pair."""
-    state = contact.at_start
-    surfaces = {surface.block: surface for surface in contact.surfaces}
-    pairs, which = np.unique(
-        np.column_stack([state.block_m, state.block_s]), axis=0, return_inverse=True
-    )
-    for number, (m, s) in enumerate(pairs.tolist()):
-        points = np.flatnonzero(which.ravel()[state.facet] == number)
-        rows, gaps = [], []
-        for block, sign in ((m, -1.0), (s, 1.0)):
-            surface = surfaces[block]
-            if surface.group < 0:
-                continue
-            group = model.groups[surface.group]
-            turn = surface.rotation
-            shift = surface.reference[0] - turn @ group.mesh.nodes[surface.nodes[0]]
-            shift = shift + surface.origin
-            motions = motions_about_centroid(group, (state.positions[points] - shift) @ turn)
-            gaps.append(sign * np.einsum("pi,pij->pj", state.normals[points] @ turn, motions))
-            rows.append(6 * (first[surface.group] + surface.copy) + np.arange(6))
-        gap, where = np.concatenate(gaps, axis=1), np.concatenate(rows)
-        sides = (surfaces[m].group, surfaces[s].group)
-        law = contact.law.on(np.array([m]), np.array([s]))
-        weights = _tangent(law, pressure, model, sides) * state.point_areas[points]
-        # In a sector both may be images of one block.
-        np.add.at(stiffness, np.ix_(where, where), gap.T @ (weights[:, None] * gap))
-
-
-def _free_motions(model: Model, first: IntArray, size: int) -> FloatArray:
-    """Rigid motions of all blocks that supports leave, orthonormal columns, (size, n)."""
-    squares = np.zeros((size // 6, 6, 6))
-    for support in model.supports:
-        group = model.groups[support.group]
-        motions = motions_about_centroid(group, group.mesh.nodes[support.nodes])
-        local = np.einsum("nij,ni->nj", group.rotations[support.copies], support.directions)
-        held = np.einsum("nij,ni->nj", motions, local)
-        blocks = first[support.group] + support.copies
-        np.add.at(squares, blocks, held[:, :, None] * held[:, None, :])
+def _free_motions(system: System, motions: FloatArray, block_of: IntArray) -> FloatArray:
+    """Rigid motions of all blocks that supports leave, orthonormal columns, (6 n_slots, n)."""
+    squares, held = np.zeros((system.n_slots, 6, 6)), system.held
+    along = np.einsum("nij,ni->nj", motions[held.row], held.direction)
+    np.add.at(squares, block_of[held.row], along[:, :, None] * along[:, None, :])
     parts = []
     for square in squares:
         sizes, axes = np.linalg.eigh(square)
@@ -258,14 +186,16 @@ class RecommendedTimes:
     """Latest end of a run that stops when it is static [s]."""
 
 
-def recommended_times(model: Model, *, damped: bool, closing: bool = False) -> RecommendedTimes:
+def recommended_times(
+    system: System, *, damped: bool, closing: bool = False
+) -> RecommendedTimes:
     """Recommend times from the lowest frequency of rigid blocks on their contacts.
 
     With friction the static state depends on the way there: the ramp is slower then.
 
     Parameters
     ----------
-    model
+    system
         Blocks with contact.
     damped
         Whether mass damping adapts to the motion (`static`), or hardly damps (`paper`).
@@ -277,11 +207,10 @@ def recommended_times(model: Model, *, damped: bool, closing: bool = False) -> R
     ValueError
         No contact resists any motion.
     """
-    frequencies = block_frequencies(model, REFERENCE_PRESSURE)
+    frequencies = block_frequencies(system, REFERENCE_PRESSURE)
     period = 1.0 / frequencies.excited
     periods = _RAMP_PERIODS[damped]
-    contacts = [i for i in model.interactions if isinstance(i, FaceContact | SlidingContact)]
-    if any(contact.friction is not None for contact in contacts):
+    if system.deformable.contact.friction is not None:
         slow = _RAMP_PERIODS_CLOSING if closing else _RAMP_PERIODS_WITH_FRICTION
         periods = max(periods, slow)
     ramp = periods * period

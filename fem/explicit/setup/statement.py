@@ -7,7 +7,6 @@ no static state is expected: nothing is recommended, and the ramp takes half of 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -17,7 +16,7 @@ from fem.contact.search import SearchedPoints, points_of_search
 from fem.contact.surfaces import ContactError, ContactNormals, ContactPoints, refuse_overlap
 from fem.explicit.contact.alike_pairs import alike_pairs
 from fem.explicit.contact.paired import FaceContact, paired_frictions
-from fem.explicit.contact.sliding import SlidingContact
+from fem.explicit.contact.sliding import SlidingContact, surface_areas
 from fem.explicit.setup.cell_hold import cell_hold
 from fem.explicit.setup.quasi_static import (
     FRACTION_WHILE_LOADING,
@@ -31,7 +30,6 @@ from fem.system.forces import SmoothStepAmplitude, TabularAmplitude
 from fem.system.model import (
     Amplitude,
     BlockGroup,
-    InteractionModel,
     Model,
     NodalLoad,
     Support,
@@ -49,8 +47,9 @@ from fem.system.state import (
     block_surfaces,
     contact_state,
     facing_points,
+    searched_state,
 )
-from fem.system.system import FreeMotions, System, free_motions, system_of
+from fem.system.system import System, free_motions, system_of
 from fem.system.time_step import TimeStepError, scale_masses
 from geometry.mesh import FloatArray, IntArray
 
@@ -76,12 +75,10 @@ _APART = 1e-6
 class ExplicitStatement:
     """The explicit problem of an assembly, one copy for each representative, and its times."""
 
-    deformable: DeformableAssembly
-    """The whole assembly."""
-    orbits: Orbits
-    """Which blocks are represented by which."""
-    copy_of: IntArray
-    """Copy of the model that stands for each block, -1 for rigid ones, (n_blocks,)."""
+    system: System
+    """The blocks that are computed, with their contact, loads and supports."""
+    blocks: tuple[IntArray, ...]
+    """Block of each copy of the model's groups."""
     model: Model
     """Representative blocks with contact, loads and supports in time."""
     recommended: RecommendedTimes | None
@@ -103,7 +100,7 @@ class ExplicitStatement:
 
         A run whose contact outgrows its time step starts again with it.
         """
-        law = self.deformable.contact.law
+        law = self.system.deformable.contact.law
         now = counted_stiffness(law, self.counted_pressure)
         for pressure in _COUNTED_PRESSURES:
             counted = counted_stiffness(law, pressure)
@@ -137,7 +134,8 @@ class ExplicitStatement:
             Points and elastic slips of the run there (`fem.explicit.step.Interaction.contact`).
             None: points are searched, and no friction acts.
         """
-        whole, full = self.deformable, self.expand(displacements)
+        system, full = self.system, self.expand(displacements)
+        whole, orbits = system.deformable, system.orbits
         friction = whole.contact.friction
         surfaces: ContactPoints = whole.surfaces
         traction = None
@@ -146,15 +144,16 @@ class ExplicitStatement:
                 clearance = whole.surfaces.clearance
                 surfaces = points_of_search(facing_points(whole, full), clearance)
             else:
-                surfaces = searched_in_all_sectors(whole, self.orbits, searched)
+                surfaces = searched_in_all_sectors(whole, orbits, searched)
             if friction is not None and slips is not None:
                 traction = -friction.stick_stiffness * slips[:, None]
-                traction = vectors_in_all_sectors(whole, self.orbits, traction, surfaces)
+                traction = vectors_in_all_sectors(whole, orbits, traction, surfaces)
         elif friction is not None and slips is not None:
             contact = self.contact
             assert isinstance(contact, FaceContact)
-            traction = paired_frictions(whole, self.orbits, contact.pairs, full, slips)
-            traction = vectors_in_all_sectors(whole, self.orbits, traction, None)
+            here = self._in_system(displacements)
+            traction = paired_frictions(system, contact.pairs, here, slips)
+            traction = vectors_in_all_sectors(whole, orbits, traction, None)
         return contact_state(whole, full, surfaces, traction)
 
     def expand(self, displacements: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
@@ -168,32 +167,22 @@ class ExplicitStatement:
         Returns
         -------
         tuple[FloatArray, ...]
-            Of the groups of `deformable`, all copies; of a periodic cell without its motion as
+            Of the groups of the whole, all copies; of a periodic cell without its motion as
             a whole, as `fem.static.solve` gives them.
         """
-        whole = self.deformable
-        turns = whole.assembly.rotations
-        result = [np.zeros((g.n_copies, g.n_nodes, 3)) for g in whole.model.groups]
-        for block in whole.deformable_blocks:
-            source = int(self.orbits.representative[block])
-            group = int(whole.group_of[block])
-            turn = turns[block] @ turns[source].T
-            moved = displacements[group][self.copy_of[block]]
-            result[group][whole.copy_of[block]] = moved if source == block else moved @ turn.T
-        if self._free is None:
-            return tuple(result)
-        system, free = self._free
-        return tuple(system.expand(free.without(system.localised(tuple(result)))))
-
-    @cached_property
-    def _free(self) -> tuple[System, FreeMotions] | None:
-        """Motions of a periodic cell as a whole; None for what is held."""
-        if self.deformable.assembly.image_of is None:
-            return None
-        system = system_of(self.deformable, no_symmetry(self.deformable))
+        system, moved = self.system, self._in_system(displacements)
         free = free_motions(system)
-        assert free is not None
-        return system, free
+        return tuple(system.expand(moved if free is None else free.without(moved)))
+
+    def _in_system(self, displacements: tuple[FloatArray, ...]) -> FloatArray:
+        """The same of the nodes of the system, block frames, (n_nodes, 3) [mm]."""
+        result = np.empty((self.system.n_nodes, 3))
+        turns = self.system.deformable.assembly.rotations
+        for blocks, moved in zip(self.blocks, displacements, strict=True):
+            for block, world in zip(blocks.tolist(), moved, strict=True):
+                slot = int(self.system.slot_of[block])
+                result[self.system.nodes_of(slot)] = world @ turns[block]
+        return result
 
 
 def explicit_statement(
@@ -250,16 +239,19 @@ def explicit_statement(
     at_start = max(float(law.pressure(before)) for law in deformable.contact.law.members)
     counted_pressure = max(counted_pressure, 2.0 * at_start)
     effects = _with_gravity(effects, deformable.gravity)
-    model, copy_of = _representative_model(deformable, orbits, effects, counted_pressure)
-    times, ramp, end = _times(deformable, model, ramp_time, end_time)
+    system, blocks = system_of(deformable, orbits), _representatives(deformable, orbits)
+    contact = _contact(system, blocks, counted_pressure) if deformable.meets else None
+    if isinstance(contact, SlidingContact):
+        system = system_of(deformable, orbits, contact.at_start)
+    model = _representative_model(system, blocks, effects, contact)
+    times, ramp, end = _times(system, effects, ramp_time, end_time)
     moved = _end_of_motion(deformable, ramp)
     if end_time is None:
         end += max(moved - ramp, 0.0)
     model = _in_time(model, ramp, rubs=deformable.contact.friction is not None)
     return ExplicitStatement(
-        deformable=deformable,
-        orbits=orbits,
-        copy_of=copy_of,
+        system=system,
+        blocks=blocks,
         model=model,
         recommended=times,
         ramp_time=ramp,
@@ -283,46 +275,44 @@ def _end_of_motion(deformable: DeformableAssembly, ramp: float) -> float:
 
 
 def _times(
-    deformable: DeformableAssembly, model: Model, ramp_time: float | None, end_time: float | None
+    system: System, effects: Effects, ramp_time: float | None, end_time: float | None
 ) -> tuple[RecommendedTimes | None, float, float]:
     """Times that are recommended, where any are; ramp and end of the run [s]."""
+    deformable, points = system.deformable, system.points
     if not deformable.meets:
         if end_time is None:
             raise TimeStepError(
                 "fem.end_time is missing: an explicit run of single bodies needs its end in seconds"
             )
         return None, 0.5 * end_time if ramp_time is None else ramp_time, end_time
-    contact = model.interactions[0]
-    if isinstance(contact, SlidingContact):
-        start = contact.at_start
+    if isinstance(points, SearchedPoints):
+        start = searched_state(points, np.zeros_like(points.corners), None)
         reach = deformable.contact.law.allowed_overclosure(deformable.surfaces.clearance)
         refuse_overlap(start.block_m, start.block_s, start.deepest, reach)
-    closing = _apart(deformable, contact)
-    damped = model.effects.adaptive_mass_damping is not None
-    times = recommended_times(model, damped=damped, closing=closing)
+    damped = effects.adaptive_mass_damping is not None
+    times = recommended_times(system, damped=damped, closing=_apart(system))
     ramp = times.ramp_time if ramp_time is None else ramp_time
     return times, ramp, ramp + times.end_time - times.ramp_time if end_time is None else end_time
 
 
-def _apart(deformable: DeformableAssembly, contact: InteractionModel) -> bool:
+def _apart(system: System) -> bool:
     """Whether two blocks that face each other are apart before any load acts.
 
     A clearance, a spacing or the placement of the blocks makes the gap. With a search, a free block
     that faces nothing is apart as well.
     """
-    if isinstance(contact, SlidingContact):
-        start = contact.at_start
-        block_m, block_s, gaps = start.block_m, start.block_s, -start.deepest
-        moving = [s.block for s in contact.surfaces if s.group >= 0]
-        if not np.isin(moving, np.concatenate([block_m, block_s])).all():
+    deformable, points = system.deformable, system.points
+    sides = np.stack([points.block_m, points.block_s], axis=1)
+    if deformable.contact.finite_sliding:
+        shapes = deformable.assembly.shapes
+        can_touch = np.array([len(shape.contact_quads) > 0 for shape in shapes])
+        moving = system.blocks[can_touch[deformable.assembly.shape_of[system.blocks]]]
+        if not np.isin(system.slot_of[moving], system.slot_of[sides]).all():
             return True
-    else:
-        state = deformable.surfaces
-        block_m, block_s, gaps = state.block_m, state.block_s, state.initial_gaps.min(axis=1)
-    pairs = np.column_stack([np.minimum(block_m, block_s), np.maximum(block_m, block_s)])
-    _, joint = np.unique(pairs, axis=0, return_inverse=True)
+    closed = points.overclosures(np.zeros((*points.rows.shape, 3)))
+    _, joint = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
     smallest = np.full(joint.max(initial=-1) + 1, np.inf)
-    np.minimum.at(smallest, joint.ravel(), gaps)
+    np.minimum.at(smallest, joint.ravel(), -closed.max(axis=1))
     return bool((smallest > _APART * deformable.assembly.characteristic_length).any())
 
 
@@ -340,27 +330,22 @@ def _with_gravity(effects: Effects | None, gravity: FloatArray | None) -> Effect
 
 
 def _representative_model(
-    deformable: DeformableAssembly, orbits: Orbits, effects: Effects, counted_pressure: float
-) -> tuple[Model, IntArray]:
-    """Model of representative blocks, without times; and the copy that stands for each block."""
-    chosen = _representatives(deformable, orbits)
-    copy = np.full(deformable.assembly.n_blocks, -1, dtype=np.int64)
-    for blocks in chosen:
-        copy[blocks] = np.arange(len(blocks))
-    copy_of = copy[orbits.representative]
-    whole = deformable.model
-    copies = [deformable.copy_of[blocks] for blocks in chosen]
-    counted = counted_stiffness(deformable.contact.law, counted_pressure)
-    contact = _contact(deformable, orbits, copy_of, counted) if deformable.meets else None
-    hold = cell_hold(deformable, orbits, chosen)
-    model = Model(
+    system: System,
+    blocks: tuple[IntArray, ...],
+    effects: Effects,
+    contact: FaceContact | SlidingContact | None,
+) -> Model:
+    """Model of representative blocks, without times."""
+    whole = system.deformable.model
+    copies = [system.deformable.copy_of[mine] for mine in blocks]
+    hold = cell_hold(system, blocks)
+    return Model(
         groups=tuple(_some_copies(g, k) for g, k in zip(whole.groups, copies, strict=True)),
         supports=tuple(_some(s, copies[s.group]) for s in whole.supports),
         loads=tuple(_some(f, copies[f.group]) for f in whole.loads),
         effects=effects,
         interactions=tuple(i for i in (contact, hold) if i is not None),
     )
-    return model, copy_of
 
 
 def _in_time(model: Model, ramp: float, *, rubs: bool) -> Model:
@@ -388,9 +373,10 @@ def _in_time(model: Model, ramp: float, *, rubs: bool) -> Model:
 
 
 def _contact(
-    deformable: DeformableAssembly, orbits: Orbits, copy_of: IntArray, counted: float
+    system: System, blocks: tuple[IntArray, ...], counted_pressure: float
 ) -> FaceContact | SlidingContact:
     """Contact of the representatives: on matched facets, or where a search finds them."""
+    deformable, orbits = system.deformable, system.orbits
     contact = deformable.contact
     sliding = contact.finite_sliding
     if sliding and contact.normals is ContactNormals.REFERENCE:
@@ -398,18 +384,38 @@ def _contact(
             "normals: got reference normals with finite sliding, which an explicit run measures "
             "along current ones; expected ContactNormals.CURRENT, or a static run"
         )
+    copy = np.full(deformable.assembly.n_blocks, -1, dtype=np.int64)
+    for mine in blocks:
+        copy[mine] = np.arange(len(mine))
+    copy_of = copy[orbits.representative]
     common: dict[str, Any] = {
-        "n_nodes": tuple(group.n_nodes for group in deformable.model.groups),
         "law": contact.law,
         "clearance": deformable.surfaces.clearance,
-        "counted_stiffness": counted,
+        "counted_stiffness": counted_stiffness(contact.law, counted_pressure),
         "friction": contact.friction,
     }
     if sliding:
         surfaces = block_surfaces(deformable, orbits, copy_of)
-        return SlidingContact(surfaces=surfaces, symmetry=orbits.order, **common)
-    pairs = alike_pairs(deformable, orbits, copy_of)
-    return FaceContact(pairs=pairs, normals=contact.normals, **common)
+        areas = surface_areas(surfaces, tuple(g.n_nodes for g in deformable.model.groups))
+        return SlidingContact(surfaces=surfaces, areas=areas, symmetry=orbits.order, **common)
+    return FaceContact(
+        pairs=alike_pairs(system, copy_of),
+        areas=_areas(system, blocks),
+        normals=contact.normals,
+        **common,
+    )
+
+
+def _areas(system: System, blocks: tuple[IntArray, ...]) -> tuple[FloatArray, ...]:
+    """`ExplicitContact.areas` of matched facets."""
+    points = system.points
+    sides = np.stack([points.block_m, points.block_s])
+    moving = (system.slot_of[sides] >= 0).sum(axis=0)
+    each = np.einsum("f,fp,fpa->fa", moving, points.weights, np.abs(points.functions))
+    total: FloatArray = np.bincount(points.rows.ravel(), each.ravel(), system.n_nodes + 1)
+    slots = [system.slot_of[mine].tolist() for mine in blocks]
+    by_copy = [np.array([total[system.nodes_of(slot)] for slot in mine]) for mine in slots]
+    return tuple(areas.max(axis=0) for areas in by_copy)
 
 
 def counted_stiffness(law: ContactLaw, pressure: float = COUNTED_PRESSURE) -> float:
@@ -427,7 +433,7 @@ def _counted(law: ContactLaw, pressure: float) -> float:
     return there if there < largest else TOUCHES * largest
 
 
-def _representatives(deformable: DeformableAssembly, orbits: Orbits) -> list[IntArray]:
+def _representatives(deformable: DeformableAssembly, orbits: Orbits) -> tuple[IntArray, ...]:
     """Representative blocks of each group in the order of their copies.
 
     Blocks at the same place in every second layer follow each other: then so do the blocks
@@ -443,7 +449,7 @@ def _representatives(deformable: DeformableAssembly, orbits: Orbits) -> list[Int
     order = np.lexsort((assembly.layer, place, assembly.layer % 2))
     stands = order[orbits.representative[order] == order]
     groups = deformable.group_of[stands]
-    return [stands[groups == g] for g in range(len(deformable.model.groups))]
+    return tuple(stands[groups == g] for g in range(len(deformable.model.groups)))
 
 
 def _some_copies(group: BlockGroup, copies: IntArray) -> BlockGroup:
