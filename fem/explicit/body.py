@@ -26,14 +26,12 @@ from fem.explicit.kernels.layout import (
     runs,
 )
 from fem.system.effects import BulkViscosity
-from fem.system.held import Held
+from fem.system.held import held_rows
 from fem.system.model import (
     Amplitude,
     BlockGroup,
     Model,
-    ModelError,
     NodalLoad,
-    Support,
 )
 from fem.system.time_step import characteristic_length
 from geometry.mesh import FloatArray, IntArray
@@ -125,37 +123,32 @@ class BodyLoad:
 
 
 @dataclass(frozen=True)
-class HeldComponents:
-    """Displacement components, along the axes of the placement frame, that stay zero."""
+class HeldLanes:
+    """Prescribed displacement components of one group: `fem.system.held.Held` in lanes.
 
-    runs: Runs
-    """Flat positions."""
-    mass: FloatArray
-    """Of the nodes, (n,) [t]."""
+    Those along the axes of the placement frame that stay zero are ``still``; all others move or lie
+    across these axes.
+    """
 
-
-@dataclass(frozen=True)
-class BodySupport:
-    """Prescribed components that move or lie across the axes of the placement frame."""
-
+    still: Runs
+    """Flat positions of those that stay zero."""
+    still_mass: FloatArray
+    """Of their nodes, (n_still,) [t]."""
     base: IntArray
-    """Flat position of the x component of each entry's node, (n,)."""
+    """Flat position of the x component of the node of each other one, (n,)."""
     direction: FloatArray
-    """Unit vectors in the placement frame, (n, 3)."""
-    displacement: FloatArray
-    """Value at amplitude one, (n,) [mm]."""
-    amplitude_of: IntArray
-    """Which of `amplitudes` applies, (n,)."""
-    amplitudes: tuple[Amplitude | None, ...]
-    """Factors in time."""
+    """Unit vectors in the placement frame, orthonormal at each node, (n, 3)."""
+    ways: FloatArray
+    """Displacement by each table, then what none moves, (n, n_tables + 1) [mm]."""
+    tables: tuple[Amplitude, ...]
+    """Share of their way as functions of time [s]."""
     mass: FloatArray
     """Of the node, (n,) [t]."""
 
     def prescribed(self, time: float) -> FloatArray:
         """Return the prescribed displacement components, (n,) [mm]; at rest before time 0."""
-        clipped = max(time, 0.0)
-        factor = np.array([1.0 if a is None else a(clipped) for a in self.amplitudes])
-        return factor[self.amplitude_of] * self.displacement
+        shares = [table(max(time, 0.0)) for table in self.tables]
+        return self.ways @ np.array([*shares, 1.0])
 
 
 @dataclass(frozen=True)
@@ -181,10 +174,8 @@ class Body:
     """Rows of the applied force."""
     loads: tuple[BodyLoad, ...]
     """Loads on this group."""
-    held: HeldComponents | None
-    """Components that stay zero."""
-    support: BodySupport | None
-    """Other prescribed components."""
+    held: HeldLanes | None
+    """Prescribed components; None: none."""
     acceleration: LaneArray | None
     """Gravity in the placement frames, (3, lanes) [mm/s²]."""
     viscosity: ElementViscosity | None
@@ -198,11 +189,10 @@ class Body:
     @cached_property
     def supported(self) -> IntArray:
         """Flat positions of all components of nodes that are held or moved, (n,)."""
-        held = np.empty(0, np.int64) if self.held is None else self.held.runs.index
-        if self.support is None:
-            return held
-        moved = self.support.base[:, None] + self.lanes * np.arange(3)
-        return np.union1d(held, moved)
+        if self.held is None:
+            return np.empty(0, np.int64)
+        moved = self.held.base[:, None] + self.lanes * np.arange(3)
+        return np.union1d(self.held.still.index, moved)
 
     @cached_property
     def second_moment(self) -> FloatArray:
@@ -241,14 +231,12 @@ def make_body(model: Model, number: int, *, touched_nodes: Sequence[IntArray] = 
     lanes = padded_lanes(group.n_copies)
     rows = block_rows(group.stiffness, lanes=lanes)
     loads = [load for load in model.loads if load.group == number]
-    supports = [s for s in model.supports if s.group == number]
     touched = np.unique(
         np.concatenate([np.empty(0, np.int64), *touched_nodes, *(load.nodes for load in loads)])
     ).astype(np.int64)
     applied = _applied_rows(rows, touched)
     centroid = group.lumped_mass @ group.mesh.nodes / group.lumped_mass.sum()
     hourglass = group.hourglass_stiffness
-    held, support = _body_supports(group, rows, lanes, supports)
     viscosity = model.effects.bulk_viscosity
     return Body(
         group=group,
@@ -260,8 +248,7 @@ def make_body(model: Model, number: int, *, touched_nodes: Sequence[IntArray] = 
         applied_row=applied if len(touched) else None,
         n_applied=len(touched),
         loads=tuple(_body_load(group, rows, applied, lanes, load) for load in loads),
-        held=held,
-        support=support,
+        held=_held_lanes(model, number, rows, lanes),
         acceleration=_lane_gravity(group, model.effects.gravity, lanes),
         viscosity=None if viscosity is None else element_viscosity(group, rows.row, viscosity),
     )
@@ -308,62 +295,28 @@ def _lane_gravity(group: BlockGroup, gravity: FloatArray | None, lanes: int) -> 
     return local
 
 
-def _body_supports(
-    group: BlockGroup, rows: BlockRows, lanes: int, supports: list[Support]
-) -> tuple[HeldComponents | None, BodySupport | None]:
-    """Split the supports of a group in what is simply held and what must be computed."""
-    if not supports:
-        return None, None
-    copies = np.concatenate([s.copies for s in supports])
-    nodes = np.concatenate([s.nodes for s in supports])
-    world = np.concatenate([s.directions for s in supports])
-    value = np.concatenate([s.displacement for s in supports])
-    which = np.repeat(np.arange(len(supports)), [len(s.copies) for s in supports])
-    if not Held(copies * group.n_nodes + nodes, world, value, which * 0 - 1).once:
-        raise ModelError(
-            f"supports: nodes of {group.name} are held in directions that are not orthonormal; "
-            "expected each component to be prescribed once"
-        )
-    local = np.einsum("nij,ni->nj", group.rotations[copies], world)
-    local, order = _axes_of_held_nodes(copies, nodes, local, value)
-    base = rows.row[nodes] * (3 * lanes) + copies
-    mass = group.lumped_mass[nodes]
-    axis = np.argmax(np.abs(local), axis=1)
-    along = (np.abs(local).sum(axis=1) == 1.0) & (np.abs(local).max(axis=1) == 1.0)
-    simple = along & (value == 0.0)
-    still, moving = order[simple[order]], order[~simple[order]]
-    positions, sorting = runs(base[still] + lanes * axis[still])
-    held = HeldComponents(positions, mass[still][sorting])
-    support = BodySupport(
-        base=base[moving],
-        direction=np.ascontiguousarray(local[moving]),
-        displacement=value[moving],
-        amplitude_of=which[moving],
-        amplitudes=tuple(s.amplitude for s in supports),
-        mass=mass[moving],
+def _held_lanes(model: Model, number: int, rows: BlockRows, lanes: int) -> HeldLanes | None:
+    """Supports of one group of a model; None: none."""
+    group = model.groups[number]
+    first = [np.full(g.n_copies, -1) for g in model.groups]
+    first[number] = group.n_nodes * np.arange(group.n_copies)
+    held = held_rows(model, first)
+    node, axis = np.nonzero(held.held)
+    if not len(node):
+        return None
+    copies, nodes = np.divmod(held.nodes[node], group.n_nodes)
+    direction = held.axes[node, :, axis]
+    ways = np.einsum("nti,ni->nt", held.ways[node], direction)
+    base, mass = rows.row[nodes] * (3 * lanes) + copies, group.lumped_mass[nodes]
+    along = np.abs(direction)
+    still = (along.max(axis=1) == 1.0) & ~ways.any(axis=1)
+    positions, order = runs((base + lanes * along.argmax(axis=1))[still])
+    return HeldLanes(
+        still=positions,
+        still_mass=mass[still][order],
+        base=base[~still],
+        direction=np.ascontiguousarray(direction[~still]),
+        ways=ways[~still],
+        tables=held.tables,
+        mass=mass[~still],
     )
-    return held if len(still) else None, support if len(moving) else None
-
-
-def _axes_of_held_nodes(
-    copies: IntArray, nodes: IntArray, local: FloatArray, value: FloatArray
-) -> tuple[FloatArray, IntArray]:
-    """Order the entries node by node; nodes held in all directions are held along their axes.
-
-    Then a held node does not move by a single bit, in whatever direction its block is placed.
-
-    Returns
-    -------
-    tuple[FloatArray, IntArray]
-        Directions (n, 3) and the order of the entries (n,).
-    """
-    order = np.lexsort((nodes, copies))
-    same = (np.diff(copies[order]) == 0) & (np.diff(nodes[order]) == 0)
-    starts = np.flatnonzero(np.concatenate([[True], ~same]))
-    counts = np.diff(np.append(starts, len(order)))
-    result = local.copy()
-    for axis in range(3):
-        entries = order[starts[counts == 3] + axis]
-        held = (value[order[starts[counts == 3][:, None] + np.arange(3)]] == 0.0).all(axis=1)
-        result[entries[held]] = np.eye(3)[axis]
-    return result, order

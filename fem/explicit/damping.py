@@ -74,22 +74,19 @@ def gravity_forces(system: System, body: Body, time: float) -> FloatArray | floa
 
 def free_part(body: Body, force: FloatArray) -> FloatArray:
     """Forces without their components along supports, (n_rows, 3, lanes)."""
-    support = body.support
-    if support is None and body.held is None:
+    held = body.held
+    if held is None:
         return force
     free = force.copy()
     flat = free.ravel()
-    if body.held is not None:
-        flat[body.held.runs.index] = 0.0
-    if support is None:
-        return free
+    flat[held.still.index] = 0.0
     for axis in range(3):
         # Orthonormal directions of one node may be removed together: each from the original.
-        index = support.base + axis * body.lanes
+        index = held.base + axis * body.lanes
         along = sum(
-            support.direction[:, j] * force.ravel()[support.base + j * body.lanes] for j in range(3)
+            held.direction[:, j] * force.ravel()[held.base + j * body.lanes] for j in range(3)
         )
-        np.subtract.at(flat, index, support.direction[:, axis] * along)
+        np.subtract.at(flat, index, held.direction[:, axis] * along)
     return free
 
 

@@ -296,16 +296,14 @@ def acceleration(
 def _stop_supported(body: Body, now: BodyState) -> None:
     """Remove the supported components of the first velocity: supports start from rest."""
     flat = now.velocity.ravel()
-    if body.held is not None:
-        held = body.held.runs.index
-        flat[held] = 0.0
-        now.displacement.ravel()[held] = 0.0
-    support = body.support
-    if support is None:
+    held = body.held
+    if held is None:
         return
-    index = support.base[:, None] + body.lanes * np.arange(3)
+    flat[held.still.index] = 0.0
+    now.displacement.ravel()[held.still.index] = 0.0
+    index = held.base[:, None] + body.lanes * np.arange(3)
     for k in range(len(index)):
-        n = support.direction[k]
+        n = held.direction[k]
         flat[index[k]] -= n * (n @ flat[index[k]])
 
 

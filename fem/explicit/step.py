@@ -111,7 +111,7 @@ def step(system: System, state: State, *, sample: bool = False) -> None:
         if ramped is not None:
             before += ramped_gravity_power(body, now, ramped)
         advance(system, body, now, state.mass_damping, falling, sample=sample)
-        if body.held is not None or body.support is not None:
+        if body.held is not None:
             enforce_support(system, body, now, state)
         if body.loads:
             after = load_power(body, now, time, moved=True)
@@ -361,21 +361,22 @@ def enforce_support(system: System, body: Body, now: BodyState, state: State) ->
     loss = None if state.mass_damping is None else 0.5 * state.mass_damping * system.time_step
     u, v = now.displacement.ravel(), now.velocity.ravel()
     lost_before = lost_after = 0.0
-    if body.held is not None:
-        runs = body.held.runs
-        lost_after += hold(runs.start, runs.pointer, body.held.mass, loss, u, v)
-    support = body.support
-    if support is not None:
+    held = body.held
+    assert held is not None
+    if len(held.still_mass):
+        runs = held.still
+        lost_after += hold(runs.start, runs.pointer, held.still_mass, loss, u, v)
+    if len(held.base):
         time, dt = system.time(state), system.time_step
-        last, current, following = (support.prescribed(time + k * dt) for k in (-1, 0, 1))
+        last, current, following = (held.prescribed(time + k * dt) for k in (-1, 0, 1))
         before, after, more_before, more_after = enforce(
-            support.base,
+            held.base,
             body.lanes,
-            support.direction,
+            held.direction,
             following,
             (following - current) / dt,
             (current - last) / dt,
-            support.mass,
+            held.mass,
             0.0 if loss is None else loss,
             u,
             v,

@@ -7,6 +7,7 @@ prescribed, and u = axes v makes every prescribed component one variable.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,7 +15,7 @@ import numpy as np
 from scipy.sparse import bsr_array, csr_array
 
 from fem.system.build import DeformableAssembly
-from fem.system.model import Amplitude, ModelError
+from fem.system.model import Amplitude, Model, ModelError
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Prescribed displacements are met to this share of the largest displacement.
@@ -47,7 +48,7 @@ class Held:
     """Where rows that move begin, (n,) [mm]."""
 
     def __post_init__(self) -> None:
-        there = np.einsum("rti,ri->rt", self._ways[self._number], self.direction)
+        there = np.einsum("rti,ri->rt", self.ways[self._number], self.direction)
         for table, value in self._parts:
             there[np.arange(len(self.row)), table] -= value
         wrong = np.abs(there).max(axis=1, initial=0.0)
@@ -82,11 +83,6 @@ class Held:
         """Which components of v are prescribed, (n_held, 3)."""
         return self._eigen[0] > _SAME
 
-    @property
-    def once(self) -> bool:
-        """Whether directions of a node are orthonormal: each component is prescribed once."""
-        return bool((np.abs(self._eigen[0] - self.held) < _SAME).all())
-
     @cached_property
     def axes(self) -> FloatArray:
         """Orthonormal axes of each node in the block frame as columns, (n_held, 3, 3).
@@ -103,7 +99,7 @@ class Held:
         return (self.table, self.value - still), (np.full_like(self.table, -1), still)
 
     @cached_property
-    def _ways(self) -> FloatArray:
+    def ways(self) -> FloatArray:
         """Displacements by each table, then of what none moves, (n_held, n_tables + 1, 3) [mm]."""
         pulled = np.zeros((len(self.nodes), len(self.tables) + 1, 3))
         for table, value in self._parts:
@@ -115,7 +111,7 @@ class Held:
     @property
     def moving(self) -> tuple[tuple[Amplitude, FloatArray], ...]:
         """Tables and the ways that they move the nodes, block frames, (n_held, 3) [mm]."""
-        return tuple(zip(self.tables, np.moveaxis(self._ways, 1, 0), strict=False))
+        return tuple(zip(self.tables, np.moveaxis(self.ways, 1, 0), strict=False))
 
     def at(self, time: float | None) -> FloatArray:
         """Prescribed displacements at a time [s], block frames, (n_held, 3) [mm].
@@ -123,7 +119,7 @@ class Held:
         None: every support has moved all its way.
         """
         shares = [1.0 if time is None else table(time) for table in self.tables]
-        return np.einsum("t,nti->ni", [*shares, 1.0], self._ways)
+        return np.einsum("t,nti->ni", [*shares, 1.0], self.ways)
 
     def transform(self, n_nodes: int) -> tuple[csr_array, IntArray]:
         """T of u = T v with every prescribed component one variable, and the free variables.
@@ -160,20 +156,31 @@ class Held:
 
 def held_of(deformable: DeformableAssembly, blocks: IntArray, node_start: IntArray) -> Held:
     """Supports of some blocks (n,) whose first nodes are ``node_start``."""
-    supports = deformable.model.supports
+    first = [np.full(group.n_copies, -1) for group in deformable.model.groups]
+    for block, node in zip(blocks.tolist(), node_start.tolist(), strict=False):
+        first[deformable.group_of[block]][deformable.copy_of[block]] = node
+    return held_rows(deformable.model, first)
+
+
+def held_rows(model: Model, first: Sequence[IntArray]) -> Held:
+    """Supports of the copies of each group of a model.
+
+    ``first`` are the rows of their first nodes, (n_copies,) each; -1: of a copy that is left out.
+    """
+    supports = model.supports
     tables = tuple(
         dict.fromkeys(s.amplitude for s in supports if s.displacement.any() and s.amplitude)
     )
-    parts = []
+    none = np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64)
+    parts = [none]
     for support in supports:
-        turns = deformable.model.groups[support.group].rotations[support.copies]
+        turns = model.groups[support.group].rotations[support.copies]
         local = np.einsum("nij,ni->nj", turns, support.directions)
         moves = support.displacement.any() and support.amplitude is not None
         table = np.full(len(local), tables.index(support.amplitude) if moves else -1)
-        for slot in np.flatnonzero(deformable.group_of[blocks] == support.group):
-            mine = support.copies == deformable.copy_of[blocks[slot]]
-            columns = support.nodes + node_start[slot], local, support.displacement, table
-            parts.append([values[mine] for values in columns])
-    none = np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64)
-    row, direction, value, table = (np.concatenate(of) for of in zip(none, *parts, strict=True))
+        start = first[support.group][support.copies]
+        mine = start >= 0
+        row = (start + support.nodes)[mine]
+        parts.append((row, local[mine], support.displacement[mine], table[mine]))
+    row, direction, value, table = (np.concatenate(of) for of in zip(*parts, strict=True))
     return Held(row, direction, value, table, tables)

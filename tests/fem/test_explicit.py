@@ -25,6 +25,7 @@ from fem.system.effects import (
 from fem.system.forces import SmoothStepAmplitude
 from fem.system.model import Model, ModelError, block_group, fixed_nodes, nodal_load
 from fem.system.time_step import TimeStepError, critical_time_step
+from tests.support.blocks import random_rotation
 from tests.support.cantilever import EVERYTHING, HELD, MESH, cantilever
 from tests.support.fem_problems import CONCRETE, degrees_of_freedom, static_displacement
 
@@ -89,7 +90,8 @@ def test_killed_process_continues_to_the_same_bits(tmp_path):
     file = tmp_path / "run.npz"
     script = """
         import os, sys, pathlib
-        from tests.support.cantilever import cantilever, EVERYTHING
+        from tests.support.blocks import random_rotation
+from tests.support.cantilever import cantilever, EVERYTHING
         from fem.explicit.solve import Output, solve
 
         def die(told):
@@ -286,9 +288,24 @@ def test_bad_models_are_refused():
         Model((group,), supports=(jump,))
     with pytest.raises(ModelError, match="not finite"):
         Model((group,), loads=(nodal_load(0, np.full((63, 3), np.nan)),))
-    twice = (fixed_nodes(0, HELD), fixed_nodes(0, HELD[:1]))
-    with pytest.raises(ModelError, match="prescribed once"):
-        solve(Model((group,), supports=twice), end_time=1e-4)
+    moves = fixed_nodes(0, HELD[:1], displacement=np.ones(3), amplitude=SmoothStepAmplitude(1e-5))
+    with pytest.raises(ModelError, match="moved in two ways"):
+        solve(Model((group,), supports=(fixed_nodes(0, HELD), moves)), end_time=1e-4)
+
+
+def test_directions_of_supports_may_be_oblique_or_stated_twice():
+    """Along x and along x + y, along x again: as along x and y (rounding of all steps)."""
+    group = block_group(MESH, CONCRETE, rotations=random_rotation(1)[None])
+    plain = fixed_nodes(0, HELD, components=(0, 1))
+    tilted = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    oblique = replace(plain, directions=plain.directions @ tilted)
+    supports = (oblique, fixed_nodes(0, HELD[:2], components=(0,)))
+    load = nodal_load(0, np.ones((group.n_nodes, 3)))
+    one, two = (
+        solve(Model((group,), supports=held, loads=(load,)), end_time=1e-4).displacements[0]
+        for held in ((plain,), supports)
+    )
+    np.testing.assert_allclose(two, one, rtol=0.0, atol=1e-10 * np.abs(one).max())
 
 
 def test_amplitudes_are_part_of_the_fingerprint(tmp_path):

@@ -23,6 +23,7 @@ import scipy.linalg
 from fem.contact.surfaces import ContactError
 from fem.explicit.solve import ExplicitResult
 from fem.system.model import BlockGroup, rigid_motions
+from fem.system.sector import local_loads
 from fem.system.system import System
 from geometry.mesh import FloatArray, IntArray
 
@@ -83,7 +84,7 @@ def block_frequencies(system: System, pressure: float) -> BlockFrequencies:
     _add_contact(stiffness, system, motions, pressure)
     block_of = np.repeat(np.arange(n), np.diff(system.node_start))
     load = np.zeros((n, 6))
-    np.add.at(load, block_of, np.einsum("nij,ni->nj", motions[:-1], system.loads))
+    np.add.at(load, block_of, np.einsum("nij,ni->nj", motions[:-1], _loads(system)))
     free = _free_motions(system, motions, block_of)
     if not free.shape[1]:  # blocks only deform between their supports
         lowest = min(map(_bar_frequency, system.deformable.model.groups))
@@ -100,6 +101,13 @@ def block_frequencies(system: System, pressure: float) -> BlockFrequencies:
     excited = work > _EXCITED * work.sum() if work.sum() > 0.0 else np.ones_like(work, np.bool_)
     hertz = np.sqrt(squares) / (2.0 * np.pi)
     return BlockFrequencies(lowest=float(hertz[0]), excited=float(hertz[excited][0]))
+
+
+def _loads(system: System) -> FloatArray:
+    """Loads without weight, block frames, (n_nodes, 3) [N]."""
+    whole, forces = system.deformable, local_loads(system.deformable)
+    where = zip(whole.group_of[system.blocks], whole.copy_of[system.blocks], strict=True)
+    return np.concatenate([forces[group][copy] for group, copy in where])
 
 
 def _add_contact(
@@ -186,9 +194,7 @@ class RecommendedTimes:
     """Latest end of a run that stops when it is static [s]."""
 
 
-def recommended_times(
-    system: System, *, damped: bool, closing: bool = False
-) -> RecommendedTimes:
+def recommended_times(system: System, *, damped: bool, closing: bool = False) -> RecommendedTimes:
     """Recommend times from the lowest frequency of rigid blocks on their contacts.
 
     With friction the static state depends on the way there: the ramp is slower then.

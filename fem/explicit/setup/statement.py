@@ -242,7 +242,7 @@ def explicit_statement(
     system, blocks = system_of(deformable, orbits), _representatives(deformable, orbits)
     contact = _contact(system, blocks, counted_pressure) if deformable.meets else None
     if isinstance(contact, SlidingContact):
-        system = system_of(deformable, orbits, contact.at_start)
+        system = system.on(contact.at_start)
     model = _representative_model(system, blocks, effects, contact)
     times, ramp, end = _times(system, effects, ramp_time, end_time)
     moved = _end_of_motion(deformable, ramp)
