@@ -117,10 +117,11 @@ def _add_contact(
 
     k is the stiffness of the law in series with that of the blocks on its sides.
     """
-    points, law = system.points, system.law.law
+    points, law = system.points, system.law.normal
     rigid = points.with_reference_normals.kinematics(np.zeros((*points.rows.shape, 3)))
-    split = rigid.gradient.reshape(*points.weights.shape, 2, -1, 3)
-    nodes = motions[points.rows].reshape(len(split), 2, -1, 3, 6)
+    per_side = points.rows.shape[1] // 2
+    split = rigid.gradient.reshape(*points.weights.shape, 2, per_side, 3)
+    nodes = motions[points.rows].reshape(-1, 2, per_side, 3, 6)
     gaps = np.einsum("fpbai,fbik,fbakj->fpbj", split, points.axes, nodes, optimize=True)
     sides = np.stack([system.slot_of[points.block_m], system.slot_of[points.block_s]], axis=1)
     groups = map(system.group, range(system.n_slots))
