@@ -90,8 +90,7 @@ def test_killed_process_continues_to_the_same_bits(tmp_path):
     file = tmp_path / "run.npz"
     script = """
         import os, sys, pathlib
-        from tests.support.blocks import random_rotation
-from tests.support.cantilever import cantilever, EVERYTHING
+        from tests.support.cantilever import cantilever, EVERYTHING
         from fem.explicit.solve import Output, solve
 
         def die(told):
