@@ -9,10 +9,13 @@ import typer
 
 from validation.cli.options import (
     JsonOption,
+    MaxWorkOption,
     SceneArgument,
     SetOption,
     folder_option,
+    method_fields,
     scene_outputs,
+    with_fields,
 )
 
 
@@ -58,6 +61,7 @@ def effects(
             metavar="1%", help="Change above which an effect is significant; by default 1%."
         ),
     ] = None,
+    max_work: MaxWorkOption = None,
     json: JsonOption = None,
     output: Annotated[Path | None, folder_option("the figure", "out/SCENE")] = None,
 ) -> None:
@@ -70,7 +74,7 @@ def effects(
     from validation.study.effects import report
     from validation.study.effects.costs import effect_costs
 
-    file = load_case(scene, settings or ())
+    file = with_fields(load_case(scene, settings or ()), method_fields(max_work=max_work))
     checked = require_deformable(file, "effects")
     bound = report.bound(checked, tolerance)
     with scene_outputs(file, json, output, (report.PICTURE,)) as outputs:

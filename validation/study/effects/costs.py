@@ -205,10 +205,12 @@ def _answer(scene: DeformableScene, name: str, *, arrives: bool = False) -> Numb
     found = deformable_answer(on_its_mesh(scene_case(scene, name))).details
     result = found.explicit
     assert result is not None
-    if arrives and str(result.status) != "converged":
+    stopped = str(result.status) == "stopped"
+    if stopped or (arrives and str(result.status) != "converged"):
+        remedy = "a larger limit of work (fem.max_work)" if stopped else "a larger fem.end_time"
         raise InputError(
-            f"{name}: the scene without effects did not arrive at its static state by "
-            f"{result.time:.3g} s; expected a larger fem.end_time, or none"
+            f"{name}: a run did not arrive at its static state by {result.time:.3g} s; expected "
+            f"{remedy}, or none"
         )
     return numbers_of(found)
 
