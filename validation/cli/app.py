@@ -82,7 +82,7 @@ def _refuse_key(option: str, value: str) -> None:
 
 _HELP = (
     "Structural analysis of topological interlocking assemblies: kinematics, contact pressures, "
-    "stresses."
+    "stresses. SCENE is a built-in scene or your TOML file: tubelock mbd arch"
 )
 _EPILOG = (
     "Exit status: 0 done; 1 a robustness case failed (`stability`) or a file has faults (`check`); "
@@ -127,6 +127,7 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "show": look.show,
         "mbd": rigid.mbd,
         "fem": fem.fem,
+        "compare": compare.compare,
         "report": look.report,
         "explore": look.explore,
         "sweep": study.sweep,
@@ -136,7 +137,6 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "deck": decks.deck,
     },
     "How far to believe it": {
-        "compare": compare.compare,
         "effects": trust.effects,
         "cost": cost.cost,
         "stability": trust.stability,

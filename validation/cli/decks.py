@@ -120,7 +120,7 @@ def check(
         ),
     ] = None,
 ) -> None:
-    """Check the blocks of a file: faults, overlaps, gaps; repair them.
+    """Check a file of blocks: faults, overlaps, gaps; repair it.
 
     Of a scene of an earlier version, print the file as this version has it.
     """

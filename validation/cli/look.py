@@ -142,7 +142,7 @@ def report(
     max_seconds: MaxSecondsOption = None,
     max_memory: MaxMemoryOption = None,
 ) -> None:
-    """Write one page about a scene that can be sent: pictures, verdicts, error bars, loads, tables.
+    """Write one HTML page to send: verdicts, pictures, tables.
 
     The page needs no network. Loads side by side are the combinations of the scene, if it has any.
     """
@@ -188,7 +188,7 @@ def explore(
         int, typer.Option(metavar="N", min=0, max=65535, help="Port; 0: a free one.")
     ] = 0,
 ) -> None:
-    """Serve a page on this machine: sliders, contact pressures that follow, downloads. Ctrl-C ends.
+    """Serve a page with sliders on this machine; Ctrl-C ends it.
 
     Rigid blocks follow the sliders; a button solves deformable ones.
     """

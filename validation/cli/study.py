@@ -169,7 +169,7 @@ def sensitivity(
         Path | None, folder_option("table and picture", "out/SCENE-sensitivity")
     ] = None,
 ) -> None:
-    """Derivatives of the measures with respect to the parameters of a scene.
+    """Derivatives of the results by the parameters of a scene.
 
     Each comes with its elasticity and the error of the difference quotient.
     """
@@ -208,7 +208,9 @@ def optimise(
     scheduler: SchedulerOption = None,
     json: JsonOption = None,
 ) -> None:
-    """Find the best design: one measure, or two (Pareto front), under limits.
+    """Find the best design under limits.
+
+    It minimises one measure, or two (Pareto front).
 
     An interrupted search continues with the same command.
     """
