@@ -82,22 +82,28 @@ class Measure:
 
     @property
     def value_words(self) -> str:
-        """Value with its error and unit: digits that the error leaves out are not printed.
+        """Value with its error and unit: no digits that the error leaves out, five at most.
 
         A value that the mesh does not resolve, or whose error bar is wide, is no number to use.
         """
         value, error = self.value, self.error
-        if not self.resolved:
-            return f"not resolved on this mesh: at least {value:.2g} {self.unit}"
-        if self.remark:
-            return self.remark
-        if error is not None and error > WIDEST * abs(value):
-            share = f"± {100 * error / abs(value):.0f} %" if value else f"± {error:.2g} {self.unit}"
-            return f"not resolved on this mesh: {value:.2g} {self.unit} {share}"
+        if not self.is_number:
+            return self.remark or f"not resolved on this mesh: {self._unresolved}"
         if error is None or not error > 0.0:
             return f"{value:.5g} {self.unit}"
+        if error < 1e-5 * abs(value):
+            return f"{value:.5g} {self.unit} ± {100 * error / abs(value):.1g} %"
         digits = max(0, 1 - int(np.floor(np.log10(error))))
         return f"{value:.{digits}f} ± {error:.{digits}f} {self.unit}"
+
+    @property
+    def _unresolved(self) -> str:
+        """What is known of a value that is no number to use."""
+        value, error = self.value, self.error
+        if not self.resolved or error is None:
+            return f"at least {value:.2g} {self.unit}"
+        share = f"{100 * error / abs(value):.0f} %" if value else f"{error:.2g} {self.unit}"
+        return f"{value:.2g} {self.unit} ± {share}"
 
     @property
     def place_words(self) -> str:
@@ -107,11 +113,11 @@ class Measure:
             return ""
         if "displacement" in where:
             return f"{where['support']}, after {where['displacement']:.4g} mm"
-        blocks = " and ".join(str(b) for b in where["blocks"])
+        blocks = " and ".join(map(str, where.get("names") or where["blocks"]))
         words = f"block{'s' if len(where['blocks']) > 1 else ''} {blocks}"
-        if where["layer"] is not None:
+        if where["layer"] is not None and "radius" in where:
             words += f", layer {where['layer']}"
-        if where["face"] is not None:
+        if where["face"] not in (None, "surface"):
             words += f", face {where['face']}"
         if where.get("moved"):
             words += " (elsewhere than under the load as stated)"
@@ -201,17 +207,27 @@ def by_size(measures: Mapping[str, Measure]) -> list[str]:
 
 
 def measure_rows(measures: Mapping[str, Measure]) -> list[tuple[str, str]]:
-    """Measures in words, a row each: title; value, error, unit, remark and place."""
-    result = []
+    """Measures in words, a row each: title; value, error, unit, remark and place.
+
+    Those that no mesh resolves share a row.
+    """
+    result, unresolved = [], dict[str, list[str]]()
     names = [*EVERY_TITLE, *(name for name in measures if name not in EVERY_TITLE)]
     first = names.index(next(iter(FACTORS)))
     names[first : first + len(FACTORS)] = by_size(measures)
     for name in names:
         if name in measures:
             measure, title = measures[name], EVERY_TITLE.get(name, Title(name))
+            if name in TITLES and not measure.is_number:
+                known = title.words if measure.remark else f"{title.words} ({measure._unresolved})"
+                unresolved.setdefault(measure.remark, []).append(known)
+                continue
             reported = "" if measure.remark else title.remark.format(**(measure.place or {}))
             words = f"{measure.value_words} {reported}{measure.place_words}".rstrip()
             result.append((title.words, words.removesuffix(";")))
+    for remark, titles in unresolved.items():
+        why = remark.removeprefix("not resolved ").strip("()")
+        result.append(("not resolved on this mesh", f"{'; '.join(titles)}{why and f': {why}'}"))
     return result
 
 
@@ -571,6 +587,8 @@ def place(
         "face": face,
         "position": position.tolist(),
     }
+    if assembly.names:
+        result["names"] = [assembly.named(block) for block in blocks]
     if not isinstance(assembly, Assembly):
         return result
     result["layer"] = int(assembly.layer[blocks[0]])

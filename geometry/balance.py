@@ -207,7 +207,7 @@ def reaction_rows(reactions: Mapping[str, Mapping[str, Any]], most: int = 6) -> 
     for name in (name for name in reactions if name in chosen):
         one, words = reactions[name], ""
         if size[name] > 1e-9 * largest:
-            words = f" at ({shown(one['point'], 1e-6)}) mm, horizontal "
+            words = f" at ({shown(one['point'], 1e-6)}) mm, horizontal thrust "
             words += f"{shown([one['horizontal']], 1e-9 * largest)} N"
         rows.append(f"{name}: ({shown(one['force'], 1e-9 * largest)}) N{words}")
     left = len(reactions) - len(rows)

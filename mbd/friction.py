@@ -358,7 +358,8 @@ def frictional_equilibrium(
     forces, residual, direction = _least_forces(contacts, unit, weights)
     answer = partial(FrictionalEquilibrium, forces=size * forces, residual=residual)
     if residual <= EQUILIBRIUM_TOLERANCE:
-        return answer(holds=True, status=f"statically admissible, relative residual {residual:.1e}")
+        status = "forces within the friction cones balance the load (statically admissible), "
+        return answer(holds=True, status=f"{status}relative residual {residual:.1e}")
     for candidate in (direction, -direction):
         checked = _checked_mechanism(contacts, candidate, unit)
         if checked is not None:

@@ -111,9 +111,9 @@ class Classification:
         certificate = self.certificate
         if isinstance(certificate, SelfStress):
             return (
-                "self-stress state λ ≥ 1, equilibrium error ‖Gλ‖/‖λ‖ = "
-                f"{certificate.residual:.1e}, σ_min/σ_max = "
-                f"{certificate.smallest_singular_value:.1e}"
+                "forces that press in every joint balance (‖Gλ‖/‖λ‖ = "
+                f"{certificate.residual:.1e}), and no motion is free (σ_min/σ_max = "
+                f"{certificate.smallest_singular_value:.1e})"
             )
         if isinstance(certificate, Mechanism):
             return (

@@ -145,13 +145,13 @@ class FrictionSet:
     @property
     def rows(self) -> list[tuple[str, str]]:
         """The load path of the answer, and how much another path changes it."""
-        words = f"not unique; this state: {self.member}; change on the overload-and-unload path"
+        words = f"the load path counts (here {self.member}): loading to 150 % and back changes"
         shown = ", ".join(
             f"{title} {100 * self.width[name]:+.2g} %"
             for name, title in _WIDTHS.items()
             if name in self.width
         )
-        return [("friction", f"{words} (150 %): {shown or 'none'} ({self.remark})")]
+        return [("friction", f"{words} {shown or 'nothing known'} ({self.remark})")]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""

@@ -14,6 +14,7 @@ from fem.system.ball_averages import ball_averages
 from fem.system.peaks import joint_forces, largest_pressure, stress_peaks
 from fem.system.state import contact_state
 from geometry import Answer, Measure
+from geometry.answer import TITLES, measure_rows
 from tests.support.answers import on_its_mesh
 from tests.support.own_blocks import column
 
@@ -151,6 +152,8 @@ def test_values_print_the_digits_their_error_leaves() -> None:
     assert Measure(1.2345, "MPa", 0.3).value_words == "1.23 ± 0.30 MPa"
     assert Measure(123.45, "MPa", 23.0).value_words == "123 ± 23 MPa"
     assert Measure(0.5, "MPa").value_words == "0.5 MPa"
+    # A bar far below the fifth digit is a share; the value has no more digits than anyone reads.
+    assert Measure(0.0018906899, "mm", 7.5e-9).value_words == "0.0018907 mm ± 0.0004 %"
     # An error bar wider than 30 % of the value is no number to use.
     wide = Measure(1.2345, "MPa", 4.0).value_words
     assert wide == "not resolved on this mesh: 1.2 MPa ± 324 %"
@@ -159,4 +162,14 @@ def test_values_print_the_digits_their_error_leaves() -> None:
 def test_places_are_printed(pressed: Answer) -> None:
     text = str(pressed)
     assert "largest contact pressure at a point" in text
-    assert "blocks 0 and 1, layer 0" in text or "blocks 1 and 2, layer" in text
+    assert "blocks 0 and 1," in text or "blocks 1 and 2," in text
+    assert "layer" not in text, "layers are those of tubes"
+
+
+def test_values_that_no_mesh_resolves_share_a_row() -> None:
+    wide, grows = Measure(1.0, "MPa", 4.0), Measure(2.0, "MPa", remark="grows at this edge")
+    known = {"p_max_point": wide, "p_max_facet": Measure(0.5, "MPa", 0.01)}
+    rows = dict(measure_rows(known | {"sigma_1_max": grows, "mises_max": grows}))
+    assert list(rows) == [TITLES["p_max_facet"].words, "not resolved on this mesh"]
+    both = f"{TITLES['sigma_1_max'].words}; {TITLES['mises_max'].words}: grows at this edge"
+    assert rows["not resolved on this mesh"] == both

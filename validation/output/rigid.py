@@ -152,12 +152,12 @@ def _add_parts(table: Table, answer: Answer, names: tuple[str, ...] | list[str])
 
 def _add_verdict(table: Table, answer: Answer) -> None:
     """Add what was asked first: the verdict with friction, else that of the class."""
-    result, rubbing = answer.details, answer.details.friction is not None
-    _add_parts(table, answer, ("friction",))
+    result, rubbing = answer.details, answer.parts.get("friction")
+    if rubbing is not None:
+        table.add_row(*rubbing.rows[0])
     if not is_meshed(answer):
-        table.add_row(
-            "without friction" if rubbing else "verdict (frictionless)", verdict_words(answer)
-        )
+        if rubbing is None:
+            table.add_row("verdict (frictionless)", verdict_words(answer))
         return
     table.add_row("kinematics (end rings fixed)", verdict_words(answer))
     if result.supported_classification is not result.classification:
@@ -203,6 +203,10 @@ def _add_first_rows(table: Table, answer: Answer) -> None:
     if "total_reaction" in measures:
         table.add_row("total reaction", reaction_words(measures, answer.report["reaction"]))
         add_reactions(table, answer.report)
+    for row in answer.parts["friction"].rows[1:] if result.friction is not None else ():
+        table.add_row(*row)
+    if result.friction is not None and not is_meshed(answer):
+        table.add_row("without friction", verdict_words(answer))
     if result.holds and not result.shown:
         table.add_row("forces", "none of the load alone: they follow from what presses before")
 
@@ -226,11 +230,12 @@ def pressure_words(peak: Measure) -> str:
 
 def joint_force_words(found: Mapping[str, Measure], assembly: AnyBlocks) -> str:
     """Least and largest normal force between two blocks, and which blocks."""
-    parts = []
+    parts, noise = [], _NOISE * found["largest_joint_force"].value
     for word, name in (("least", "least_joint_force"), ("largest", "largest_joint_force")):
         where = found[name].place or {}
         joint = "–".join(map(assembly.named, where["blocks"]))
-        parts.append(f"{word} {found[name].value_words} (joint {joint})")
+        force = found[name].value_words if abs(found[name].value) > noise else "0 N"
+        parts.append(f"{word} {force} (joint {joint})")
     return ", ".join(parts)
 
 
@@ -268,9 +273,7 @@ def add_paper_rows(table: Table, found: Measures, norm: Norm) -> None:
         "p_eff (tables)",
         f"{found.p_eff_pooled:.5g} MPa, mean over the effective facets of all blocks",
     )
-    table.add_row(
-        "p_max", f"{found.p_max:.5g} MPa, mean of the blocks' largest pressures (not the maximum)"
-    )
+    table.add_row("p_max", f"{found.p_max:.5g} MPa, mean of the block maxima")
     table.add_section()
 
 

@@ -68,7 +68,7 @@ def _locked(rigid: Answer) -> Verdict:
     """Say whether a mechanism exists."""
     found = rigid.details.classification
     words = verdict_words(rigid)
-    lines = [f"Proof: {found.proof}."]
+    lines = []
     supported = rigid.details.supported_classification
     if supported is not found:
         lines.append(f"With the supports of this load: {supported.mechanism.words}.")
@@ -135,7 +135,10 @@ def _how_sure(fem: Answer | None) -> Verdict:
     else:
         named = [measures[name] for name in _SHOWN if name in measures]
         sure = sum(measure.is_number for measure in named)
-        words = f"{sure} of the {len(named)} numbers above have usable error bars"
+        words = f"{sure} of the {len(named)} numbers above are resolved"
+        if sure == len(named):
+            worst = max((m.error or 0.0) / abs(m.value) for m in named if m.value)
+            words = f"all numbers above are known to {100 * worst:.2g} %"
         tone = GOOD if sure == len(named) else OPEN
     return Verdict("How sure is it?", words, tone, tuple(lines))
 
@@ -170,9 +173,9 @@ def strength_verdict(
             f"--set material.{key}={value}"
         )
     if not factors:
-        return Verdict("When does it crack?", "not computed", OPEN, tuple(lines))
+        return Verdict("When does it crack or crush?", "not computed", OPEN, tuple(lines))
     words = lines.pop(0)
-    return Verdict("When does it crack?", words, tone, tuple(lines))
+    return Verdict("When does it crack or crush?", words, tone, tuple(lines))
 
 
 def castable(scene: DeformableScene, answer: Answer) -> Verdict:

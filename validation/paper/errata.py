@@ -134,8 +134,8 @@ def _ingredient(ingredient: Ingredient) -> Erratum:
         place, error = max(among.items(), key=lambda item: abs(item[1]))
         more = "" if ingredient.more is None else f"; {ingredient.more(evidence.rigid)}"
         return Shown(
-            f"{whole.to_the_digit} of {whole.of} numbers to the last digit with it, "
-            f"{without.to_the_digit} without: it moves {len(moved)}, {place} from "
+            f"without this assumption {without.to_the_digit} instead of {whole.to_the_digit} of "
+            f"{whole.of} values agree to the last digit: it moves {len(moved)}, {place} from "
             f"{100 * whole.differences[place]:+.1f} to {100 * error:+.1f} % off{more}",
             {"with": asdict(whole), "without": asdict(without), "moved": moved},
         )

@@ -66,8 +66,8 @@ def implausible(scene: BaseModel, accept: tuple[str, ...]) -> str | None:
         pulls = key == "load.pressure" and size < 0.0 and _case(scene) == "tunnel"
         if pulls and key not in accept:
             return (
-                f"{place}: got {size:g} MPa, a suction, which turns the load around; expected a "
-                f'positive one; outside pressure is load.case = "tunnel"{_if_meant(key)}'
+                f"{place}: got {size:g} MPa; a positive pressure presses a tunnel from outside; "
+                f'expected one, or load.case = "pipe" for pressure from inside{_if_meant(key)}'
             )
         expected = table.get(key)
         if expected is not None and key not in accept:

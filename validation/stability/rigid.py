@@ -77,7 +77,7 @@ def piped(assembly: Assembly) -> LoadCase:
     return named_case(assembly, "pipe", PRESSURE)
 
 
-CERTIFIED = "class and equilibrium under pipe pressure multiply out with G"
+CERTIFIED = "products with the contact matrix confirm class and forces under pipe pressure"
 
 
 #: Tubes at the edge of what can be built: what is unusual about each, and what builds it.
@@ -274,7 +274,7 @@ def _incomplete_frame() -> Finding:
 
 CASES.case(
     "frame-open",
-    "The same with open faces allowed: its class and forces multiply out",
+    "The same with open faces allowed: products confirm its class and forces",
     _piped,
     partial(_without_top_block, unmatched_allowed=True),
 )

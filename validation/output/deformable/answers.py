@@ -37,6 +37,7 @@ from validation.output.pictures.energies import draw_energies
 from validation.output.pictures.motions import draw_motions
 from validation.run.cell import CellError
 from validation.scene.family import RoundScene
+from validation.scene.polyhedra import PolyhedralScene
 from validation.solving import solve
 
 if TYPE_CHECKING:
@@ -44,6 +45,8 @@ if TYPE_CHECKING:
     from fem.explicit.solve import ExplicitResult
     from fem.system.reactions import PushCurve
 
+#: Measures that answer what is asked first: pressure, tension, displacement.
+_FIRST = ("p_max_point", "sigma_1_averaged", "max_displacement")
 #: Files of a run.
 FILES = (
     *answer_files.FILES,
@@ -193,21 +196,30 @@ def _curve_words(curve: PushCurve) -> str:
 def print_run(answer: Answer, console: Console) -> None:
     """Print the result of a run, its evidence, and how it was computed."""
     table = two_columns(answer.title)
-    measures = answer.measures
-    add_measures(table, {name: m for name, m in measures.items() if name not in PAPER})
-    _add_part(table, answer, "sections")
-    _add_supports(table, answer)
+    if verdict := _verdict(answer):
+        table.add_row("verdict", verdict)
+    measures = {name: m for name, m in answer.measures.items() if name not in PAPER}
+    governing = {name: m for name, m in measures.items() if name in _FIRST and m.is_number}
+    others = {name: m for name, m in measures.items() if name not in governing}
+    own = isinstance(answer.case.scene, PolyhedralScene)
+    add_measures(table, governing)
+    if own:
+        _add_supports(table, answer)
+    add_measures(table, others)
+    if not own:
+        _add_supports(table, answer)
     _add_motion(table, answer)
+    if measures and not any(m.error is not None for m in answer.measures.values()):
+        table.add_row("error bars", _why_no_bars(answer))
+    _add_part(table, answer, "sections")
     table.add_section()
     _add_part(table, answer, "accuracy")
     if answer.details.deformable.meets:
         _add_contact(table, answer)
     if answer.details.explicit is not None:
         _add_explicit(table, answer, answer.details.explicit)
-    if answer.details.residual is not None:
+    if answer.details.explicit is not None and answer.details.residual is not None:
         table.add_row("force residual", f"{answer.details.residual:.2e}")
-    if answer.details.static is not None and answer.details.deformable.meets:
-        table.add_row("Newton iterations", f"{answer.details.static.newton_iterations}")
     _add_part(table, answer, "notes")
     deformable = answer.details.deformable
     model = deformable.model
@@ -228,6 +240,24 @@ def print_run(answer: Answer, console: Console) -> None:
     reference = answer.parts.get("static_reference")
     if isinstance(reference, StaticReference):
         _print_reference(answer, reference, console)
+
+
+def _verdict(answer: Answer) -> str:
+    """Whether the state is one of equilibrium; empty for motions that are none."""
+    if answer.details.static is not None:
+        return str(answer.details.static.status)
+    state = answer.details.quasi_static
+    return "" if state is None or answer.details.statement.recommended is None else state.verdict
+
+
+def _why_no_bars(answer: Answer) -> str:
+    """Why no value has an error bar, and what gives them one."""
+    limit = answer.report.get("work", {}).get("stopped_by")
+    if limit is not None:
+        return f"none: the limit of {limit} ended the run before the meshes that they need"
+    if not answer.case.method.error_estimate:
+        return "none: fem.error_estimate = false"
+    return "none of this kind of run"
 
 
 def _add_part(table: Table, answer: Answer, name: str) -> None:
@@ -293,7 +323,6 @@ def _add_explicit(table: Table, answer: Answer, result: ExplicitResult) -> None:
             "rms velocity, remaining displacement",
             f"{state.velocity_norm:.3g} mm/s, {100 * state.settling:.2g} %",
         )
-        table.add_row("verdict", state.verdict)
     elif result.energies is not None:
         values = asdict(result.energies).items()
         shown = [f"{key.replace('_', ' ')} {value:.5g}" for key, value in values if value != 0.0]
@@ -308,17 +337,21 @@ def _add_contact(table: Table, answer: Answer) -> None:
     facets = answer.parts.get("facets")
     _add_part(table, answer, "facets")
     table.add_row("contact search", answer.report["contact_search"])
-    measures = answer.measures
-    add_measures(table, {name: measures[name] for name in PAPER if name in measures})
     _add_part(table, answer, "friction")
     _add_slip(table, answer.details.slip)
     contact = contact_on(answer.details, facets.of if isinstance(facets, MeshFacets) else None)
-    table.add_row("p_eff over all blocks (tables)", f"{contact.p_eff_pooled:.5g} MPa")
-    table.add_row("effective contact elements", f"{contact.effective_count_percent:.2f} %")
     if answer.details.cap is not None:
         table.add_row("contact stiffness cap", cap_words(answer.details.cap))
     overclosure = contact.mean_overclosure
     table.add_row("mean penetration", f"{overclosure:.4g} mm over the closed contacts")
+    if not isinstance(answer.case.scene, PolyhedralScene):
+        table.add_section()
+        table.add_row("the paper's measures", "means over facets and blocks")
+        measures = answer.measures
+        add_measures(table, {name: measures[name] for name in PAPER if name in measures})
+        table.add_row("p_eff over all blocks (tables)", f"{contact.p_eff_pooled:.5g} MPa")
+        table.add_row("effective contact elements", f"{contact.effective_count_percent:.2f} %")
+        table.add_section()
 
 
 def _start_words(share: float) -> str:
