@@ -166,7 +166,8 @@ def test_meshes_in_memory_give_the_answer_of_their_file(seed: int, tmp_path: Pat
         "[effects]\ngravity = [0, 0, -9810]\nfriction = 0.6\n"
     )
     there = solve(load_case(scene, method="rigid"))
-    blocks = geometry.blocks(meshes, fixed=[0])
+    names = [f"block {k}" for k in range(len(meshes))]
+    blocks = geometry.blocks(meshes, names=names, fixed=[0])
     here = analyse(Problem(blocks, None, concrete, friction=0.6, gravity=(0, 0, -9810)))
     assert here["least_joint_force"].value > 0.0
     assert {k: m.as_json() for k, m in here.measures.items()} == {

@@ -62,7 +62,6 @@ def test_normals_that_measure_gaps_are_named(tmp_path):
     assert "normals" in printed
 
 
-@later
 @pytest.mark.parametrize("flavour", ["calculix"])
 def test_a_deck_that_is_read_and_written_is_read_again(tmp_path, flavour):
     """Export, read, write and read: the identity."""
