@@ -92,7 +92,7 @@ def _facets(shape: Block) -> _Facets:
 
 
 @dataclass(frozen=True)
-class _Placement:
+class Placement:
     """Two shapes beside each other: s placed in the frame of m, and the pairs where that occurs."""
 
     shape_m: int
@@ -135,23 +135,39 @@ def _near_pairs(facets: Sequence[_Facets], blocks: _Blocks) -> IntArray:
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
 
 
-def _placements(pairs: IntArray, size: float, blocks: _Blocks) -> list[_Placement]:
-    """Distinct ways in which the blocks of pairs lie beside each other."""
+def placements(
+    pairs: IntArray,
+    shape_of: IntArray,
+    rotations: FloatArray,
+    translations: FloatArray,
+    *,
+    size: float,
+    same: float = _SAME_PLACEMENT,
+) -> list[Placement]:
+    """Distinct ways in which the blocks of pairs (m, s), (n, 2), lie beside each other.
+
+    Parameters
+    ----------
+    pairs
+        Numbers of the blocks.
+    shape_of, rotations, translations
+        As in `geometry.assembly.PlacedBlocks`.
+    size, same
+        Placements are one where rotations, and translations over the size [mm], differ by less.
+    """
     if not len(pairs) or size == 0.0:  # no block has a face that can meet another one
         return []
     m, s = pairs.T
-    shape_of = blocks.shape_of
-    back = blocks.rotations[m].transpose(0, 2, 1)
-    turn = back @ blocks.rotations[s]
-    apart = blocks.translations[s] - blocks.translations[m]
-    move = np.einsum("pij,pj->pi", back, apart)
-    rounded = np.column_stack([turn.reshape(-1, 9), move / size]) / _SAME_PLACEMENT
+    back = rotations[m].transpose(0, 2, 1)
+    turn = back @ rotations[s]
+    move = np.einsum("pij,pj->pi", back, translations[s] - translations[m])
+    rounded = np.column_stack([turn.reshape(-1, 9), move / size]) / same
     key = np.column_stack([shape_of[m], shape_of[s], np.rint(rounded).astype(np.int64)])
     _, first, member = np.unique(key, axis=0, return_index=True, return_inverse=True)
     order = np.argsort(member.ravel(), kind="stable")
     groups = np.split(order, np.cumsum(np.bincount(member.ravel()))[:-1])
     return [
-        _Placement(int(shape_of[m[i]]), int(shape_of[s[i]]), turn[i], move[i], group)
+        Placement(int(shape_of[m[i]]), int(shape_of[s[i]]), turn[i], move[i], group)
         for i, group in zip(first.tolist(), groups, strict=True)
     ]
 
@@ -166,7 +182,7 @@ def _align_corners(corners_m: FloatArray, corners_s: FloatArray) -> tuple[IntArr
     return orders[best], distance[best, np.arange(len(best))]
 
 
-def _match(m: _Facets, s: _Facets, placement: _Placement, tolerance: float) -> _Match:
+def _match(m: _Facets, s: _Facets, placement: Placement, tolerance: float) -> _Match:
     """Find the facets of s, placed, that coincide with facets of m."""
     if not len(s.quads):
         none = np.zeros(0, dtype=np.int64)
@@ -201,24 +217,21 @@ def match_facets(
     size = max(f.radius for f in facets)
     blocks = _Blocks(shape_of, rotations, translations)
     pairs = _near_pairs(facets, blocks)
-    placements = _placements(pairs, size, blocks)
-    matches = [
-        _match(facets[placement.shape_m], facets[placement.shape_s], placement, tolerance)
-        for placement in placements
-    ]
-    return _gather(facets, pairs, placements, matches, blocks)
+    placed = placements(pairs, shape_of, rotations, translations, size=size)
+    matches = [_match(facets[one.shape_m], facets[one.shape_s], one, tolerance) for one in placed]
+    return _gather(facets, pairs, placed, matches, blocks)
 
 
 def _gather(
     facets: Sequence[_Facets],
     pairs: IntArray,
-    placements: Sequence[_Placement],
+    placed: Sequence[Placement],
     matches: Sequence[_Match],
     blocks: _Blocks,
 ) -> Interfaces:
     """Turn each match to the pairs where its placement occurs."""
     count = np.zeros(len(pairs), dtype=np.int64)
-    for placement, match in zip(placements, matches, strict=True):
+    for placement, match in zip(placed, matches, strict=True):
         count[placement.pairs] = len(match.facet_m)
     start = np.concatenate([[0], np.cumsum(count)])
     total = int(start[-1])
@@ -226,7 +239,7 @@ def _gather(
     facet = [np.empty(total, dtype=np.int64) for _ in range(2)]
     centroids, normals, areas = np.empty((total, 3)), np.empty((total, 3)), np.empty(total)
     number = np.zeros(len(pairs), dtype=np.int64)
-    for n, (placement, match) in enumerate(zip(placements, matches, strict=True)):
+    for n, (placement, match) in enumerate(zip(placed, matches, strict=True)):
         number[placement.pairs] = n
         if not len(match.facet_m):
             continue

@@ -30,6 +30,7 @@ ROOMS = {
     "study": ("validation.study", "validation.run.probe"),
     "pages": ("validation.pages", "validation.output"),
     "robustness": ("validation.stability",),
+    "cli/test_explode.py": (*_LAWS, "validation.run.rigid.explosion"),
     "cli": ("validation.cli", "validation.scene", "validation.output"),
     # The one file that knows where tests find CalculiX, which they compare with.
     "support/ccx.py": (*_LAWS, "validation.study.comparison.calculix"),

@@ -9,8 +9,11 @@ from scipy.spatial import cKDTree
 
 from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block
+from geometry.interface import placements
 from geometry.mesh import HEX_TETRAHEDRA, BoolArray, FloatArray
 
+#: Relative placements that differ by less, in sizes of the assembly, are one.
+_SAME_PLACEMENT = 1e-7
 #: Points of two meshes that lie closer than this share of a block are one.
 _SAME = 1e-9
 
@@ -29,23 +32,22 @@ def check_overlaps(assembly: Assembly, tolerance: float) -> None:
         ]
     )
     low, high = boxes[:, 0] + 0.5 * tolerance, boxes[:, 1] - 0.5 * tolerance
-    size = float(np.ptp(boxes.reshape(-1, 3), axis=0).max())
-    known: dict[tuple[int, ...], float] = {}
-    result: list[tuple[float, int, int]] = []
+    near = [np.zeros((0, 2), dtype=np.int64)]
     for a in range(assembly.n_blocks - 1):
         later = np.arange(a + 1, assembly.n_blocks)
         share = (low[a] < high[later]).all(axis=1) & (low[later] < high[a]).all(axis=1)
-        for b in later[share & ~(assembly.fixed[a] & assembly.fixed[later])].tolist():
-            turn = assembly.rotations[a].T @ assembly.rotations[b]
-            shift = assembly.rotations[a].T @ (assembly.translations[b] - assembly.translations[a])
-            kinds = int(assembly.shape_of[a]), int(assembly.shape_of[b])
-            rounded = np.round(1e7 * np.concatenate([turn.ravel(), shift / size]))
-            key = (*kinds, *rounded.astype(np.int64).tolist())
-            if key not in known:
-                one, other = (solids[k] for k in kinds)
-                of_b, of_a = other.points @ turn.T + shift, (one.points - shift) @ turn
-                known[key] = max(one.depth(of_b), other.depth(of_a))
-            result.append((known[key], a, b))
+        later = later[share & ~(assembly.fixed[a] & assembly.fixed[later])]
+        near.append(np.column_stack([np.full_like(later, a), later]))
+    pairs = np.concatenate(near)
+    size = float(np.ptp(boxes.reshape(-1, 3), axis=0).max())
+    placed = assembly.shape_of, assembly.rotations, assembly.translations
+    result: list[tuple[float, int, int]] = []
+    for way in placements(pairs, *placed, size=size, same=_SAME_PLACEMENT):
+        one, other = solids[way.shape_m], solids[way.shape_s]
+        of_b = other.points @ way.rotation.T + way.translation
+        of_a = (one.points - way.translation) @ way.rotation
+        depth = max(one.depth(of_b), other.depth(of_a))
+        result += [(depth, m, s) for m, s in pairs[way.pairs].tolist()]
     depth, a, b = max(result, default=(0.0, 0, 0))
     if depth > tolerance:
         n = sum(one[0] > tolerance for one in result)

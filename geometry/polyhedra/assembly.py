@@ -19,6 +19,7 @@ from geometry.assembly import (
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.polyhedra.facet_contact import ContactPoints, find_contacts
 from geometry.polyhedra.options import DetectionOptions
+from geometry.polyhedra.placed import PlacedShapes
 from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_block
 
 #: Default contact tolerance in block lengths ∛V.
@@ -55,17 +56,16 @@ class PolyhedralAssembly(PlacedBlocks[Polyhedron]):
         """Contacts between blocks, found once."""
         return self.contacts_within(self.tolerance)
 
+    def placed(self, tolerance: float) -> PlacedShapes:
+        """Triangles where they stand, for searches within a tolerance [mm]."""
+        return PlacedShapes(
+            self.shapes, self.shape_of, self.rotations, self.translations, tolerance
+        )
+
     def contacts_within(self, tolerance: float) -> ContactPoints:
         """Contacts found with another tolerance [mm]."""
-        return find_contacts(
-            self.shapes,
-            self.shape_of,
-            self.rotations,
-            self.translations,
-            tolerance=tolerance,
-            angle=self.detection.angle,
-            placement=self.detection.points,
-        )
+        found = self.detection
+        return find_contacts(self.placed(tolerance), angle=found.angle, placement=found.points)
 
     def with_faces_alone(self) -> PolyhedralAssembly:
         """The same blocks, which touch where contacts have an area and nowhere else."""

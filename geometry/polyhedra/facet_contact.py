@@ -14,7 +14,6 @@ faces one point at the *centroid* of each polygon converges faster and is what t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -25,7 +24,7 @@ from geometry.mesh import BoolArray, FloatArray, IntArray, run_starts
 from geometry.polyhedra.options import ContactPlacement
 from geometry.polyhedra.placed import PlacedShapes
 from geometry.polyhedra.point_contact import PointContacts, crossing_edges, standing_corners
-from geometry.polyhedra.polyhedron import Polyhedron, widths
+from geometry.polyhedra.polyhedron import widths
 from geometry.polyhedra.triangle_kernels import MOST_CORNERS, clip_pairs, hulls
 from geometry.polyhedra.triangle_search import ASKEW, distinct_rows
 
@@ -249,27 +248,12 @@ def _in_patches(world: PlacedShapes, pairs: IntArray, areas: FloatArray) -> Bool
 
 
 def find_contacts(
-    shapes: Sequence[Polyhedron],
-    shape_of: IntArray,
-    rotations: FloatArray,
-    translations: FloatArray,
-    *,
-    tolerance: float,
-    angle: float | None,
-    placement: ContactPlacement,
+    world: PlacedShapes, *, angle: float | None, placement: ContactPlacement
 ) -> ContactPoints:
-    """Find where blocks touch.
+    """Find where blocks touch: their tolerance is the largest gap or overlap of touching facets.
 
-    Parameters
-    ----------
-    shapes, shape_of, rotations, translations
-        As in `geometry.polyhedra.assembly.PolyhedralAssembly`.
-    tolerance
-        Largest gap or overlap of touching facets [mm].
-    angle, placement
-        As in `geometry.polyhedra.options.DetectionOptions`.
+    Angle and placement are those of `geometry.polyhedra.options.DetectionOptions`.
     """
-    world = PlacedShapes(shapes, shape_of, rotations, translations, tolerance)
     pairs = _opposing(world, angle)
     corners, count, area = _clipped(world, pairs)
     least = np.minimum(world.areas[pairs[:, 0]], world.areas[pairs[:, 1]])
@@ -314,7 +298,7 @@ def find_contacts(
         faces = world.faces[triangle][first][flat_contacts.patch[narrow]]
         flat_contacts.bears[narrow] |= world.within(flat_contacts.centroids[narrow], faces)
     for kind, result in ((CROSSING_EDGES, crossing_edges), (STANDING_CORNER, standing_corners)):
-        flat_contacts = _with_points(flat_contacts, result(world), kind, tolerance)
+        flat_contacts = _with_points(flat_contacts, result(world), kind, world.tolerance)
     return flat_contacts
 
 

@@ -10,7 +10,6 @@ from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.facet_contact import facing_areas
 from geometry.polyhedra.overlap import SignedDistance
-from geometry.polyhedra.placed import PlacedShapes
 
 #: Faces farther apart than this many contact tolerances do not face each other.
 _REACH = 100.0
@@ -51,14 +50,7 @@ def facing_surfaces(assembly: PolyhedralAssembly) -> FacingSurfaces:
 
     Pairs of two fixed blocks do not count.
     """
-    world = PlacedShapes(
-        assembly.shapes,
-        assembly.shape_of,
-        assembly.rotations,
-        assembly.translations,
-        _REACH * assembly.tolerance,
-    )
-    pairs, facing = facing_areas(world, _ANGLE)
+    pairs, facing = facing_areas(assembly.placed(_REACH * assembly.tolerance), _ANGLE)
     free = ~assembly.fixed[pairs].all(axis=1)
     patches, n = assembly.interfaces.patches, assembly.n_blocks
     key = pairs[:, 0] * n + pairs[:, 1]

@@ -20,9 +20,11 @@ import numpy as np
 
 from geometry.assembly import AssemblyError
 from geometry.files.vtu import as_array, as_surface
+from geometry.interface import placements
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.box_tree import overlapping_boxes
+from geometry.polyhedra.placed import PlacedShapes
 from geometry.polyhedra.polyhedron import Polyhedron
 from geometry.polyhedra.triangle_search import Surface, enclosed, segment_piercings
 
@@ -45,6 +47,8 @@ _INSIDE = {
 }
 #: Blocks of more planes than this have curved faces, of small facets: their middles are enough.
 _CURVED = 60
+#: Relative placements that differ by less, in sizes of the assembly, are one.
+_SAME_PLACEMENT = 1e-7
 #: Part of the tolerance within which a point that is deeper can be moved and stays inside.
 _SURELY = 0.9
 
@@ -237,62 +241,31 @@ def penetration(
     return depth, where
 
 
-def find_overlaps(
-    shapes: tuple[Polyhedron, ...],
-    shape_of: IntArray,
-    rotations: FloatArray,
-    translations: FloatArray,
-    tolerance: float,
-) -> list[Overlap]:
-    """Pairs of blocks that are deeper than a tolerance in each other, deepest first.
+def find_overlaps(blocks: PlacedShapes) -> list[Overlap]:
+    """Pairs of blocks that are deeper in each other than their tolerance, deepest first.
 
     Pairs of equal shapes in equal relative positions are looked at once.
-
-    Parameters
-    ----------
-    shapes, shape_of, rotations, translations
-        As in `geometry.polyhedra.assembly.PolyhedralAssembly`.
-    tolerance
-        Depth that is still a touch [mm].
     """
-    n = len(shape_of)
-    boxes = np.empty((n, 2, 3))
-    for block in range(n):
-        points = shapes[shape_of[block]].points @ rotations[block].T + translations[block]
-        boxes[block] = points.min(axis=0), points.max(axis=0)
-    low, high = boxes[:, 0] + 0.5 * tolerance, boxes[:, 1] - 0.5 * tolerance
+    tolerance, (least, most) = blocks.tolerance, blocks.block_boxes
+    low, high = least + 0.5 * tolerance, most - 0.5 * tolerance
     pairs = overlapping_boxes(low, high, low, high)
     pairs = pairs[pairs[:, 0] < pairs[:, 1]]
-    distances = {int(k): SignedDistance(shapes[k]) for k in np.unique(shape_of)}
-    size = float(np.ptp(boxes.reshape(-1, 3), axis=0).max(initial=0.0))
-    known: dict[tuple[int, ...], tuple[float, FloatArray]] = {}
+    distances = {int(k): SignedDistance(blocks.shapes[k]) for k in np.unique(blocks.shape_of)}
+    size = float((most.max(axis=0) - least.min(axis=0)).max())
+    placed = blocks.shape_of, blocks.rotations, blocks.translations
     overlaps = []
-    for i, j in pairs.tolist():
-        rotation = rotations[i].T @ rotations[j]
-        translation = rotations[i].T @ (translations[j] - translations[i])
-        kinds = int(shape_of[i]), int(shape_of[j])
-        rounded = np.concatenate([rotation.ravel() * 1e7, translation * (1e7 / max(size, 1e-300))])
-        key = (*kinds, *np.round(rounded).astype(np.int64).tolist())
-        if key not in known:
-            known[key] = penetration(
-                shapes[kinds[0]],
-                shapes[kinds[1]],
-                (rotation, translation),
-                tolerance,
-                (distances[kinds[0]], distances[kinds[1]]),
-            )
-        depth, where = known[key]
-        if depth > tolerance:
-            point = rotations[i] @ where + translations[i]
-            inside = [
-                bool(distances[outer](points).max() <= tolerance)
-                for outer, points in (
-                    (kinds[0], shapes[kinds[1]].points @ rotation.T + translation),
-                    (kinds[1], (shapes[kinds[0]].points - translation) @ rotation),
-                )
-            ]
-            overlaps.append(Overlap(i, j, depth, point, _INSIDE[inside[0], inside[1]]))
-    return sorted(overlaps, key=lambda overlap: -overlap.depth)
+    for one in placements(pairs, *placed, size=size, same=_SAME_PLACEMENT):
+        a, b = blocks.shapes[one.shape_m], blocks.shapes[one.shape_s]
+        of_a, of_b = distances[one.shape_m], distances[one.shape_s]
+        depth, where = penetration(a, b, (one.rotation, one.translation), tolerance, (of_a, of_b))
+        if depth <= tolerance:
+            continue
+        b_in_a = of_a(b.points @ one.rotation.T + one.translation).max() <= tolerance
+        a_in_b = of_b((a.points - one.translation) @ one.rotation).max() <= tolerance
+        words = _INSIDE[bool(b_in_a), bool(a_in_b)]
+        for i, j in pairs[one.pairs].tolist():
+            overlaps.append(Overlap(i, j, depth, blocks.placed(where, i), words))
+    return sorted(overlaps, key=lambda overlap: (-overlap.depth, overlap.block_a, overlap.block_b))
 
 
 #: Largest tolerance, in block lengths ∛V.
@@ -349,13 +322,7 @@ def check_overlaps(assembly: PolyhedralAssembly) -> None:
     AssemblyError
         Naming the pairs, deepest first, how deep and where.
     """
-    overlaps = find_overlaps(
-        assembly.shapes,
-        assembly.shape_of,
-        assembly.rotations,
-        assembly.translations,
-        assembly.tolerance,
-    )
+    overlaps = find_overlaps(assembly.placed(assembly.tolerance))
     if not overlaps:
         return
     pairs = "; ".join(

@@ -34,6 +34,12 @@ class PlacedShapes:
     tolerance: float
     """Distance within which triangles are near each other [mm]."""
 
+    @cached_property
+    def block_boxes(self) -> tuple[FloatArray, FloatArray]:
+        """Corners of the boxes round blocks, (n_blocks, 3) each [mm]."""
+        points = [self.placed(self.shapes[k].points, b) for b, k in enumerate(self.shape_of)]
+        return np.array([p.min(axis=0) for p in points]), np.array([p.max(axis=0) for p in points])
+
     def of_blocks(self, one: Callable[[Polyhedron, int], Values]) -> Values:
         """What is found for each block's shape and number, one block after the other."""
         return np.concatenate([one(self.shapes[k], b) for b, k in enumerate(self.shape_of)])

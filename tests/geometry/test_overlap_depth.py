@@ -22,8 +22,7 @@ def _assembly(blocks: list[Drawn], seed: int = 0) -> PolyhedralAssembly:
 
 
 def _only(assembly: PolyhedralAssembly) -> Overlap:
-    placed = assembly.shapes, assembly.shape_of, assembly.rotations, assembly.translations
-    (overlap,) = find_overlaps(*placed, assembly.tolerance)
+    (overlap,) = find_overlaps(assembly.placed(assembly.tolerance))
     return overlap
 
 

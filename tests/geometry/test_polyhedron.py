@@ -21,6 +21,7 @@ from geometry.polyhedra.box_tree import overlapping_boxes
 from geometry.polyhedra.facet_contact import ContactPolygons
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import check_assembly, find_overlaps
+from geometry.polyhedra.placed import PlacedShapes
 from geometry.polyhedra.polyhedron import (
     Polyhedron,
     convex_polyhedron,
@@ -176,13 +177,15 @@ def test_an_inside_out_surface_is_the_same_solid() -> None:
 def test_depth_of_crossed_bars(shift: list[float], depth: float) -> None:
     long, wide = box((20.0, 2.0, 2.0)), box((2.0, 20.0, 2.0))
     places = np.array([[-10.0, -1.0, -1.0], [-1.0, -10.0, -1.0]]) + np.array([[0.0] * 3, shift])
-    found = find_overlaps((long, wide), np.array([0, 1]), np.array([I, I]), places, 1e-6)
+    bars = PlacedShapes((long, wide), np.array([0, 1]), np.array([I, I]), places, 1e-6)
+    found = find_overlaps(bars)
     assert [o.depth for o in found] == ([] if depth == 0.0 else [pytest.approx(depth, rel=0.2)])
 
 
 def test_coincident_blocks_overlap() -> None:
     shape = box((2.0, 2.0, 2.0))
-    found = find_overlaps((shape,), np.zeros(2, int), np.array([I, I]), np.zeros((2, 3)), 1e-6)
+    twice = PlacedShapes((shape,), np.zeros(2, int), np.array([I, I]), np.zeros((2, 3)), 1e-6)
+    found = find_overlaps(twice)
     assert len(found) == 1
     assert found[0].depth > 0.5
 

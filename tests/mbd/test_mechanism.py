@@ -19,7 +19,6 @@ from mbd import MechanismClass, RigidResult, analyse, contact_jacobian
 from mbd.answer import placed_motion
 from mbd.contact_jacobian import MatrixJacobian, contact_wrenches
 from mbd.equilibrium import newton_equilibrium
-from mbd.margin import FirstOrderExplosion
 from mbd.mechanism import Mechanism, SelfStress, classify
 from tests.support.blocks import random_rotation, tsb
 from tests.support.linear_programs import solve_linear_programs
@@ -234,17 +233,6 @@ def test_motions_of_placed_blocks_are_in_mm_and_in_radians(small_tube: Assembly)
     length = small_tube.characteristic_length
     assert found[free] == pytest.approx(given / np.repeat([1.0, length], 3))
     assert (found[small_tube.fixed] == 0.0).all()
-
-
-@pytest.mark.parametrize("rate", [-0.5, -1e-3, 0.0, 0.5])
-def test_an_explosion_is_admissible_where_no_contact_closes(rate: float) -> None:
-    explosion = FirstOrderExplosion(
-        smallest_gap_rate=rate,
-        closing_area_percent=0.0,
-        opening_area_percent=0.0,
-        push=None,  # type: ignore[arg-type]
-    )
-    assert explosion.admissible == (rate >= 0.0)
 
 
 def test_contacts_push_both_blocks_by_one_force(small_tube: Assembly) -> None:

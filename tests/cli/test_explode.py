@@ -15,11 +15,15 @@ from geometry.families.hexagon_block import HexagonBlockDivisions
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import HexagonTube, SineTube
 from geometry.polyhedra.assembly import as_polyhedral
-from geometry.polyhedra.explosion import follow_explosion, outward_directions
-from mbd.margin import first_order_explosion
 from tests.support.blocks import tsb
 from tests.support.commands import command
 from validation import load_case, solve
+from validation.run.rigid.explosion import (
+    FirstOrderExplosion,
+    first_order_explosion,
+    follow_explosion,
+    outward_directions,
+)
 
 HEXAGONS = HexagonTube(
     HexagonBlockParameters(4, 120.0, 40.0), HexagonBlockDivisions(6, 3), 1
@@ -91,3 +95,14 @@ def test_what_is_no_tube_is_refused() -> None:
         status, _, said = command("mbd", scene, "--disassemble")
         assert (status, said.count("\n")) == (2, 1)
         assert words in said
+
+
+@pytest.mark.parametrize("rate", [-0.5, -1e-3, 0.0, 0.5])
+def test_an_explosion_is_admissible_where_no_contact_closes(rate: float) -> None:
+    explosion = FirstOrderExplosion(
+        smallest_gap_rate=rate,
+        closing_area_percent=0.0,
+        opening_area_percent=0.0,
+        push=None,  # type: ignore[arg-type]
+    )
+    assert explosion.admissible == (rate >= 0.0)
