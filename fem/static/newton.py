@@ -22,7 +22,6 @@ with the exact tangent (`fem.static.energy_descent`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -63,7 +62,7 @@ _OVERSHOOT = 0.1
 #: Where stick was softened none is cut whose residual grows by no more than this factor.
 _GROWS = 2.0
 #: A linear solution farther away than this many block lengths is a motion that nothing resists.
-FARTHEST = 100.0
+_FARTHEST = 100.0
 #: Contact forces count this much in the size against which the residual is measured.
 _CONTACT_SHARE = 1e-2
 _EPSILON = float(np.finfo(np.float64).eps)
@@ -317,12 +316,13 @@ def _moved(
     share: float,
 ) -> StaticState:
     """The state after a share of the way to the linear solution."""
-    displacement = state.displacement + share * (trial - state.displacement)
+    way = trial - state.displacement
+    displacement = trial if share == 1.0 else state.displacement + share * way
     gaps = problem.system.points.gaps(displacement)
     at = bounded(problem, state, gaps.x)
     if share == 1.0:
-        way = problem.system.points.gather(linear.gradient, displacement)
-        tangent = linear.tractions(linear.constant + way)
+        moved = problem.system.points.gather(linear.gradient, displacement)
+        tangent = linear.tractions(linear.constant + moved)
         at = _after_full_step(problem.system.law, state, tangent, at)
     state = replace(
         state,
@@ -419,11 +419,11 @@ def _solve(
 
 def _check_near(system: System, displacement: FloatArray) -> None:
     """Raise `UnheldBlocksError` where a displacement is no small motion."""
-    farthest = FARTHEST * system.deformable.assembly.characteristic_length
+    farthest = _FARTHEST * system.deformable.assembly.characteristic_length
     if np.abs(displacement).max() > farthest:
         raise UnheldBlocksError(
             f"a block would move by {np.abs(displacement).max():.3g} mm, more than "
-            f"{FARTHEST:g} block lengths",
+            f"{_FARTHEST:g} block lengths",
             (),
         )
 
@@ -478,11 +478,6 @@ def _step_share(problem: StaticProblem, state: StaticState, trial: FloatArray) -
         traction, _ = problem.system.law.tractions(before + share * change, state.anchor)
         return start + share * growth + float(np.vdot(weighted, traction))
 
-    return least_share(slope)
-
-
-def least_share(slope: Callable[[float], float]) -> float:
-    """Share of a way at which an energy of some slope is least; 1 unless it rises steeply there."""
     first = slope(0.0)
     if not first < 0.0 or slope(1.0) <= -_OVERSHOOT * first:
         return 1.0
@@ -569,23 +564,14 @@ def _relative(
     contact_forces: FloatArray,
     supports: float | None = None,
 ) -> float:
-    if problem.free is not None:
-        unbalanced = problem.free.without(unbalanced)
-    return relative_residual(problem.system, unbalanced, contact_forces, supports)
-
-
-def relative_residual(
-    system: System,
-    unbalanced: FloatArray,
-    contact_forces: FloatArray,
-    supports: float | None = None,
-) -> float:
     """Norm of unbalanced nodal forces over that of the loads, or 1 % of the contacts' [-].
 
     ``supports`` is that of the forces of supports that move [N]; None: none does.
     """
+    if problem.free is not None:
+        unbalanced = problem.free.without(unbalanced)
     size = max(
-        *(float(np.linalg.norm(load)) for load in system.loads),
+        *(float(np.linalg.norm(load)) for load in problem.system.loads),
         _CONTACT_SHARE * float(np.linalg.norm(contact_forces)),
         supports or 0.0,
     )

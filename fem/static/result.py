@@ -93,8 +93,6 @@ class StaticResult(ReadOnlyArrays):
     (n_facets, n_points, 3) [MPa]; None without friction."""
     curves: tuple[PushCurve, ...] = ()
     """Forces of supports that move in the last stage of a history (`fem.static.history`)."""
-    in_contact_forces: bool = False
-    """Whether the unknowns were the forces of contact points (`fem.static.contact_forces`)."""
 
     @property
     def surfaces(self) -> ContactPoints:

@@ -18,9 +18,9 @@ from functools import partial
 import numpy as np
 
 from fem.contact.search import FacingPoints, SearchedPoints, points_of_search
-from fem.static.contact_forces import grid_blocks, solve_in_contact_forces
 from fem.static.linear_step.condensed import CondensedStep
 from fem.static.linear_step.flexibility import FlexibilityStore
+from fem.static.linear_step.grid import GridStep, grid_blocks
 from fem.static.linear_step.grid_block import GridBlock
 from fem.static.linear_step.linearisation import LinearStep, SparseStep
 from fem.static.linear_step.reduced import ReducedStep, is_smaller
@@ -44,7 +44,7 @@ from fem.static.path import (
     follow,
     load_path,
 )
-from fem.static.result import StaticError, StaticResult, load_factors, refined
+from fem.static.result import StaticError, StaticResult, refined
 from fem.system.build import DeformableAssembly
 from fem.system.model import Model
 from fem.system.reactions import moving_supports
@@ -153,27 +153,24 @@ def _load(
 ) -> StaticResult:
     """Apply the load in the requested parts; states under some loads may be ``known`` nearly."""
     clock = time.process_time()
-    like, contact = options.like, deformable.contact
-    in_forces = options.method is StaticMethod.CONDENSED and (not like or like.in_contact_forces)
-    grids = grid_blocks(deformable) if in_forces else None
-    if grids is not None:
-        orbits = _orbits(deformable, options.symmetry, half_turn=True)
-        # What it does not solve, the general solver may.
-        with contextlib.nullcontext() if like else contextlib.suppress(StaticError):
-            return _in_contact_forces(system_of(deformable, orbits), options, grids, start)
     # Points of a search are those of a sector; states of least energy may be less symmetric.
-    half_turn = contact.friction is not None and not contact.finite_sliding
+    contact = deformable.contact
+    rough = contact.friction is not None and not contact.finite_sliding
+    half_turn = rough or _grids(deformable, options) is not None
     orbits = _orbits(deformable, options.symmetry, half_turn=half_turn)
     problem, search = beginning(system_of(deformable, orbits), options, store, start)
     ready = time.process_time()
     before = None if start is None else localised(problem.system, start)
     first = start_state(problem.system, before)
+    if isinstance(problem.step, GridStep):  # which knows points alone, no facets
+        first = replace(first, coarse_iterations=0)
     if search is not None and slips_from_rest:
         search.begin = np.zeros_like(first.displacement)
     again = None if search is None else replace(search)
     path = load_path(problem, options, options.load_steps)
     problem, state = follow(problem, first, path, options, known=known, search=search)
-    more = options.load_steps < _FALLBACK_LOAD_STEPS and options.load_path is None and like is None
+    once_only = options.load_path is not None or options.like is not None
+    more = options.load_steps < _FALLBACK_LOAD_STEPS and not once_only
     if more and not state.converged:
         once, first = (problem, state), replace(first, residuals=state.residuals)
         if again is not None:
@@ -218,13 +215,14 @@ def beginning(
     deformable = system.deformable
     if not deformable.meets:
         require_held(system)
+    near = None if start is None else localised(system, start)
     if not deformable.contact.finite_sliding:
-        return problem_of(system, options, store), None
+        return problem_of(system, options, store, near), None
     moved = None if start is None else start.displacements
     points = facing_points(deformable, moved, system.orbits)
     anew = partial(_searched_anew, options=options, points=points, store=store)
     problem = problem_of(system.on(_found(points, system)), options, store)
-    begin = np.zeros((system.n_nodes, 3)) if start is None else localised(system, start)
+    begin = np.zeros((system.n_nodes, 3)) if near is None else near
     return problem, Search(points, anew, ElasticSlips.none(points), begin)
 
 
@@ -245,49 +243,34 @@ def _closer(
     return once[0], replace(first, residuals=(*last.residuals, first.residuals[-1]))
 
 
-def _in_contact_forces(
+def problem_of(
     system: System,
     options: StaticOptions,
-    grids: tuple[GridBlock, ...],
-    start: StaticResult | None,
-) -> StaticResult:
-    """Solve frictionless structured blocks in their contact forces: no history, no load steps."""
-    clock = time.process_time()
-    solve = partial(solve_in_contact_forces, system, grids, tolerance=options.tolerance)
-    before = None if start is None else localised(system, start)
-    result = solve(start=before)
-    path = []
-    if options.keep_steps:
-        factors = options.load_path or load_factors(options.load_steps, friction=False)
-        for factor in factors[:-1]:
-            path.append((factor, solve(start=factor * result.displacement, load_factor=factor)))
-    state = replace(
-        start_state(system, None),
-        residuals=result.residuals,
-        converged=True,
-        path=(*((share, step.displacement) for share, step in path), (1.0, result.displacement)),
-    )
-    spent = time.process_time() - clock
-    seconds = {"setup": 0.0, "newton": spent, "recovery": 0.0, "total": spent}
-    outcome = _Outcome(result.displacement, result.internal_force, state, seconds)
-    return replace(_result(system, options, outcome), in_contact_forces=True)
-
-
-def problem_of(system: System, options: StaticOptions, store: FlexibilityStore) -> StaticProblem:
-    """The system with its linear step."""
+    store: FlexibilityStore,
+    near: FloatArray | None = None,
+) -> StaticProblem:
+    """The system with its linear step; displacements ``near`` its solution, (n_nodes, 3) [mm]."""
     friction = system.has_friction
     step: LinearStep
     # On searched points limits of friction follow the pressures, in displacements alone.
     in_displacements = isinstance(system.points, SearchedPoints) and friction
     whole = options.method is StaticMethod.SPARSE or not system.deformable.meets
     whole |= _most_held(system) > _MOST_HELD
-    if whole or (in_displacements and not is_smaller(system)):
+    grids = _grids(system.deformable, options)
+    if grids is not None:
+        step = GridStep(system, grids, near)
+    elif whole or (in_displacements and not is_smaller(system)):
         step = SparseStep(system, options.sparse_solver)
     elif in_displacements:
         step = ReducedStep(system, store, options.sparse_solver)
     else:
         step = CondensedStep(system, store, friction=friction)
     return StaticProblem(system, step, options.tolerance, options.max_iterations)
+
+
+def _grids(deformable: DeformableAssembly, options: StaticOptions) -> tuple[GridBlock, ...] | None:
+    """Structured blocks, where these are solved in the forces of their contact points."""
+    return grid_blocks(deformable) if options.method is StaticMethod.CONDENSED else None
 
 
 def _most_held(system: System) -> int:

@@ -3,11 +3,9 @@
 About a displacement with motions α₀ of the blocks, and with forces q of the points, the overclosure
 and the balance of the motions are those of reference normals and
 
-    δ + D (α - α₀),      Dᵀ q + T (α - α₀)      with  D = ∂x/∂α - ∂x_ref/∂α,  T = Σ q ∂²x/∂α².
+    D (α - α₀),      Dᵀ q + T (α - α₀)      with  D = ∂x/∂α - ∂x_ref/∂α,  T = Σ q ∂²x/∂α².
 
-δ is what the displacement itself changes of x. Elastic deformations turn normals too, a share of
-1e-3 or less: in δ and in the nodal forces that is taken from the iteration before. T is what holds
-blocks that slide in their gaps: no other stiffness resists such motions.
+T is what holds blocks that slide in their gaps: no other stiffness resists such motions.
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fem.contact.surfaces import Gaps, motion_derivatives
+from fem.contact.surfaces import motion_derivatives
 from fem.system.system import System
 from geometry.mesh import FloatArray
 
@@ -26,10 +24,6 @@ from geometry.mesh import FloatArray
 class Turned:
     """What normals change at one displacement; joints are the block pairs of the surfaces."""
 
-    overclosure: FloatArray
-    """δ of every point, (n,) [mm]."""
-    forces: FloatArray
-    """Change of the forces on the nodes, (n_nodes, 3) [N]."""
     by_motions: FloatArray
     """D by the motions of both blocks, (2, n, 6)."""
     stiffness: FloatArray
@@ -46,20 +40,13 @@ class TurningNormals:
 
     def __init__(self, system: System, motions: FloatArray) -> None:
         """Take displacements of all nodes by unit motions of their blocks, (6, n_nodes, 3)."""
-        self._system, self._surfaces = system, system.points
-        self._n = self._surfaces.weights.size
+        self._surfaces = system.points
         each = np.stack([self._surfaces.moved(moved) for moved in motions], axis=3)
         # By the six motions of the first block, then by those of the second.
         half = each.shape[1] // 2
         self._corners = np.zeros((*each.shape[:3], 12))
         self._corners[:, :half, :, :6] = each[:, :half]
         self._corners[:, half:, :, 6:] = each[:, half:]
-
-    @cached_property
-    def _reference(self) -> FloatArray:
-        """Gradients in block frames."""
-        at_rest = np.zeros((self._system.n_nodes, 3))
-        return self._surfaces.with_reference_normals.gaps(at_rest).gradient
 
     @cached_property
     def _straight(self) -> FloatArray:
@@ -72,42 +59,17 @@ class TurningNormals:
     def none(self) -> Turned:
         """Of reference normals."""
         n_joints = len(self._surfaces.pair_start) - 1
-        return Turned(
-            np.zeros(self._n),
-            np.zeros((self._system.n_nodes, 3)),
-            np.zeros((2, self._n, 6)),
-            np.zeros((n_joints, 2, 6, 2, 6)),
-        )
+        by_motions = np.zeros((2, self._surfaces.weights.size, 6))
+        return Turned(by_motions, np.zeros((n_joints, 2, 6, 2, 6)))
 
-    def turned(
-        self,
-        displacement: FloatArray,
-        gaps: Gaps,
-        straight: FloatArray,
-        forces: FloatArray,
-    ) -> Turned:
-        """Return what normals change at a displacement.
+    def turned(self, displacement: FloatArray, forces: FloatArray) -> Turned:
+        """What normals change at a displacement in block frames, (n_nodes, 3) [mm].
 
-        Parameters
-        ----------
-        displacement
-            In block frames, (n_nodes, 3) [mm].
-        gaps
-            There, with current normals.
-        straight
-            Overclosures there with reference normals, (n,) [mm].
-        forces
-            Of the points, (n,) [N].
+        From the forces of the points, (n_facets, n_points) [N].
         """
-        change = gaps.gradient - self._reference
         corners = self._surfaces.moved(displacement)
         first, second = motion_derivatives(self._surfaces, corners, self._corners)
-        by_motions = (first - self._straight).reshape(self._n, 2, 6)
-        of_facets = np.einsum("fp,fpkl->fkl", forces.reshape(first.shape[:2]), second)
+        by_motions = (first - self._straight).reshape(-1, 2, 6)
+        of_facets = np.einsum("fp,fpkl->fkl", forces, second)
         stiffness = np.add.reduceat(of_facets, self._surfaces.pair_start[:-1])
-        return Turned(
-            gaps.x.ravel() - straight,
-            self._surfaces.scatter(change, forces),
-            by_motions.transpose(1, 0, 2),
-            stiffness.reshape(-1, 2, 6, 2, 6),
-        )
+        return Turned(by_motions.transpose(1, 0, 2), stiffness.reshape(-1, 2, 6, 2, 6))

@@ -134,7 +134,6 @@ def test_contact_forces_come_to_rest_in_gaps_at_a_minimum(clearance):
     """
     deformable = tunnel(clearance, (12, 1, 2), degree=2)
     found = solve_static(deformable)
-    assert found.in_contact_forces
     system = system_of(deformable, largest_cyclic_orbits(deformable))
     size = np.linalg.norm(system.external_force)
     descent = minimise_energy(

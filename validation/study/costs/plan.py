@@ -14,7 +14,7 @@ import numpy as np
 from fem.accuracy.converge import MOST_SECONDS, why_not_refined
 from fem.accuracy.ladder import LADDER, on_rung
 from fem.element.hexahedron import ElementType
-from fem.static.contact_forces import grid_blocks
+from fem.static.linear_step.grid import grid_blocks
 from fem.system.build import DeformableAssembly
 from fem.system.sector import largest_cyclic_orbits
 from geometry.work import SECONDS, Operation

@@ -1,0 +1,518 @@
+"""One iteration of frictionless structured blocks of higher degree, in the forces of their points.
+
+Every block is reduced to the flexibility between its contact points
+(`fem.static.linear_step.grid_block`), whatever the degree of its elements. With reference normals
+the overclosure of a point is the sum of the outward displacements of its two sides,
+
+    x = Σ ν · u - gap = -A q + H + M α - gap,      Mᵀ q = Rᵀ f,
+
+with A, H and M summed over the blocks in contact. Normals turn with the motions of the blocks
+(`fem.static.turning`). Elastic deformations turn them by a share of 1e-3 or less of that, as they
+did at the displacement before.
+
+Points whose contact is soft against the block may keep the force of the linearisation; the others
+are the unknowns, level by level a chain of dense blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import pairwise, permutations
+from typing import TypeAlias
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from fem.contact.surfaces import MatchedFacets
+from fem.static.linear_step.block_tridiagonal import (
+    Level,
+    UnresistedMotionError,
+    factor_chain,
+)
+from fem.static.linear_step.condensed import levels_of
+from fem.static.linear_step.grid_block import GridBlock, PointFlexibility, grid_block
+from fem.static.linear_step.linearisation import Linearisation, UnheldBlocksError
+from fem.static.result import StaticError
+from fem.static.turning import Turned, TurningNormals
+from fem.system.build import DeformableAssembly
+from fem.system.system import NodalInverse, System, at_share
+from geometry.mesh import BoolArray, FloatArray, IntArray
+
+#: Contact is soft below this share of the stiffness of a block, Young's modulus over its size, …
+_SOFT = 0.02
+#: … as long as the contact between two blocks has no more of its stiffness in soft points.
+_SOFT_SHARE = 0.05
+#: Stiffness of open points over that at first touch below which they are left out.
+_LEAST_STIFFNESS = 1e-12
+#: Distance of a point of a facet from that of its block, over the size of the block.
+_SAME_POINT = 1e-7
+
+
+def grid_blocks(deformable: DeformableAssembly) -> tuple[GridBlock, ...] | None:
+    """Structured blocks of all groups; None where this step does not take the problem.
+
+    It takes frictionless contact of one law between matched facets, of blocks without supports of
+    their own.
+    """
+    contact, model = deformable.contact, deformable.model
+    if contact.friction is not None or contact.finite_sliding or model.supports:
+        return None
+    if len(contact.law.members) > 1:
+        return None
+    if not deformable.meets or deformable.assembly.image_of is not None:
+        return None
+    result = []
+    for number, group in enumerate(model.groups):
+        block = int(np.flatnonzero(deformable.group_of == number)[0])
+        quads = _touching_quads(deformable, number)
+        shape = deformable.assembly.shape(block)
+        grid = grid_block(shape.mesh, group.material, quads) if len(quads) else None
+        if grid is None:
+            return None
+        result.append(grid)
+    return tuple(result)
+
+
+def _touching_quads(deformable: DeformableAssembly, number: int) -> IntArray:
+    """Nodes of the facets on which copies of a group are in contact, (n, n_nodes of a facet)."""
+    surfaces, of = deformable.surfaces, deformable.group_of
+    mine = [
+        quads[of[blocks] == number]
+        for blocks, quads in (
+            (surfaces.block_m, surfaces.quads_m),
+            (surfaces.block_s, surfaces.quads_s),
+        )
+    ]
+    return np.unique(np.concatenate(mine), axis=0)
+
+
+#: Displacements, and forces of points on the nodes: see `GridStep._factored`.
+_Solve: TypeAlias = Callable[
+    [FloatArray, FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]
+]
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Points of one level on one side of one block: which, and which of the block's own."""
+
+    level: int
+    points: IntArray
+    """Each once, (n,)."""
+    local: IntArray
+    """(n,)"""
+    side: int
+    """Whether the block is the first or the second one of its facets."""
+
+
+class GridStep:
+    """A `LinearStep` in the forces of contact points; it keeps the displacements of all nodes.
+
+    The points asked for at first are those that are stiff at a ``start``, displacements near the
+    solution (n_nodes, 3) [mm]; without one all, and none is soft.
+    """
+
+    def __init__(
+        self, system: System, grids: tuple[GridBlock, ...], start: FloatArray | None = None
+    ) -> None:
+        self._system = system
+        self._grids = [grids[int(system.deformable.group_of[block])] for block in system.blocks]
+        self._place_points()
+        self._softest, asked = 0.0, np.ones(self._n, dtype=np.bool_)
+        if start is not None:
+            self._softest = _SOFT * min(
+                grid.material.young_modulus / float(np.ptp(grid.nodes, axis=0).max())
+                for grid in self._grids
+            )
+            gaps = system.points.gaps(start).overclosure
+            asked = ~self._soft(system.law.normal.stiffness(gaps).ravel())
+        kinds: dict[int, PointFlexibility] = {}
+        for grid in self._grids:
+            if id(grid) not in kinds:
+                alike = [
+                    part.local[asked[part.points]]
+                    for other, parts in zip(self._grids, self._parts, strict=True)
+                    for part in parts
+                    if other is grid
+                ]
+                kinds[id(grid)] = PointFlexibility(grid, np.concatenate(alike))
+        self._blocks = [kinds[id(grid)] for grid in self._grids]
+        #: Slots of each level, and of each slot its level and its columns among the motions there.
+        self._members = [
+            np.flatnonzero(self._slot_level == k).tolist()
+            for k in range(int(self._slot_level.max()) + 1)
+        ]
+        self._span = {
+            slot: (k, slice(6 * column, 6 * column + 6))
+            for k, slots in enumerate(self._members)
+            for column, slot in enumerate(slots)
+        }
+        units = [self._of_motions(np.tile(one, (len(self._grids), 1))) for one in np.eye(6)]
+        self._turning = TurningNormals(system, np.stack(units))
+        #: Displacements whose K u is known.
+        self._known: list[tuple[FloatArray, FloatArray]] = []
+
+    def _place_points(self) -> None:
+        """Find which points of each block those of the facets are, and levels of both."""
+        system, surfaces = self._system, self._system.points
+        assert isinstance(surfaces, MatchedFacets)
+        self._weights: FloatArray = surfaces.weights.ravel()
+        #: ∂x/∂u with reference normals.
+        rest = np.zeros((system.n_nodes, 3))
+        self._reference = surfaces.with_reference_normals.gaps(rest).gradient
+        self._n = len(self._weights)
+        self._slot_level = levels_of(system)
+        n_facets, per_facet = surfaces.weights.shape
+        slots = np.stack([system.slot_of[surfaces.block_m], system.slot_of[surfaces.block_s]])
+        far = np.iinfo(np.int64).max
+        of_side = np.where(slots >= 0, self._slot_level[slots], far)
+        low, high = of_side.min(axis=0), of_side.max(axis=0)
+        self._level = np.repeat(low, per_facet)
+        self._shared = np.repeat((high != far) & (high > low), per_facet)
+        #: Slots of both blocks of each point, (2, n), and of each joint; -1: a rigid block.
+        self._slots: IntArray = np.repeat(slots, per_facet, axis=1)
+        self._joint_slots: list[list[int]] = slots[:, surfaces.pair_start[:-1]].T.tolist()
+        blocks = np.stack([surfaces.block_m, surfaces.block_s])
+        pair = np.unique(blocks, axis=1, return_inverse=True)[1]
+        self._joint = np.repeat(np.asarray(pair).ravel(), per_facet)
+        self._parts: list[list[_Part]] = [[] for _ in self._grids]
+        quads = np.split(surfaces.rows, 2, axis=1)
+        numbers = np.arange(self._n).reshape(n_facets, per_facet)
+        for slot, grid in enumerate(self._grids):
+            tree = cKDTree(grid.positions)
+            for side in range(2):
+                mine = np.flatnonzero(slots[side] == slot)
+                corners = grid.nodes[quads[side][mine] - system.node_start[slot]]
+                places = np.einsum("pa,fai->fpi", surfaces.basis.values, corners)
+                away, nearest = tree.query(places.reshape(-1, 3))
+                away, local = np.asarray(away), np.asarray(nearest, dtype=np.int64)
+                if away.max(initial=0.0) > _SAME_POINT * np.ptp(grid.positions, axis=0).max():
+                    raise StaticError("contact points do not lie on the sides of the block")
+                for level in np.unique(low[mine]):
+                    rows = np.repeat(low[mine] == level, per_facet)
+                    points = numbers[mine].ravel()[rows]
+                    self._parts[slot].append(_Part(int(level), points, local[rows], side))
+
+    def _among(self, points: IntArray) -> list[list[_Part]]:
+        """Parts of all slots with the rows of their points among some, (n,), ascending."""
+        row = np.full(self._n, -1, dtype=np.int64)
+        row[points] = np.arange(len(points))
+
+        def kept(part: _Part) -> _Part:
+            rows = row[part.points]
+            return replace(part, points=rows[rows >= 0], local=part.local[rows >= 0])
+
+        return [[kept(part) for part in parts] for parts in self._parts]
+
+    # ---- the linear problem
+
+    def __call__(
+        self, linear: Linearisation, before: FloatArray, holding: float = 0.0
+    ) -> FloatArray:
+        """Displacements (n_nodes, 3) [mm].
+
+        Raises
+        ------
+        UnheldBlocksError
+            Blocks that nothing holds.
+        """
+        facets, slope = self._system.points, linear.slope[..., 0, 0].ravel()
+        forces = linear.weights * linear.traction[..., 0]
+        stiff = np.flatnonzero(self._presses(slope) & ~self._soft(slope))
+        given = forces.ravel().copy()
+        given[stiff] = 0.0
+        change, motions = linear.gradient - self._reference, self._motions_in(before)
+        turned = self._turning.turned(before, forces) if change.any() else self._turning.none
+        # About the displacement before, normals turn with the motions alone.
+        rest = (linear.constant - linear.at + facets.gather(change, before)).ravel()
+        rest -= self._moved(turned.by_motions, motions)
+        rest = rest[stiff] + linear.traction.ravel()[stiff] / slope[stiff]
+        load = self.load(linear.load_factor) + facets.scatter(self._reference, given)
+        bending, lever = facets.scatter(change, forces), self._on_motions(turned.by_motions, given)
+        points = stiff, 1.0 / (self._weights[stiff] * slope[stiff])
+        try:
+            solve = self._factored(points, turned, motions, holding)
+        except UnheldBlocksError:
+            # Far from rest turning normals may push: what resists without them leads there.
+            solve = self._factored(points, turned.without_stiffness, motions, holding)
+        displacement, pushed = solve(load, bending, rest, lever)
+        self._known = [
+            *((u, force) for u, force in self._known if u is before),
+            (displacement, self._balanced(load + bending + pushed)),
+        ]
+        return displacement
+
+    def inverse(self, linear: Linearisation, holding: float = 0.0) -> NodalInverse:
+        """Inverse of K + Σ w k ∂x/∂u ∂x/∂uᵀ, with reference normals.
+
+        Raises
+        ------
+        UnheldBlocksError
+            Blocks that nothing holds.
+        """
+        slope = linear.slope[..., 0, 0].ravel()
+        stiff = np.flatnonzero(self._presses(slope))
+        points = stiff, 1.0 / (self._weights[stiff] * slope[stiff])
+        motions, bending = np.zeros((len(self._grids), 6)), np.zeros((self._system.n_nodes, 3))
+        solve = self._factored(points, self._turning.none, motions, holding)
+        return lambda force: solve(force, bending, np.zeros(len(stiff)), motions)[0]
+
+    def _factored(
+        self,
+        points: tuple[IntArray, FloatArray],
+        turned: Turned,
+        before: FloatArray,
+        holding: float,
+    ) -> _Solve:
+        """Factor the chain of some points, each with its softness [mm/N].
+
+        Springs hold the motions ``before``, (n_slots, 6). The result takes nodal forces, and those
+        that bend blocks alone, (n_nodes, 3) [N]; overclosures of the points (n,) [mm] and forces on
+        the motions (n_slots, 6). It returns the displacements, and the forces of the points on the
+        nodes.
+        """
+        facets, (stiff, softness) = self._system.points, points
+        levels, members = self._chain(stiff, softness, holding)
+        self._turn(levels, members, turned, stiff)
+        held = self._held(levels, before)
+        try:
+            factor = factor_chain(levels)
+        except (UnresistedMotionError, np.linalg.LinAlgError) as error:
+            raise UnheldBlocksError(f"contact forces: {error}", ()) from None
+
+        def solve(
+            load: FloatArray, bending: FloatArray, rest: FloatArray, lever: FloatArray
+        ) -> tuple[FloatArray, FloatArray]:
+            loaded = self._displacements(load + bending)
+            right = rest + facets.gather(self._reference, loaded).ravel()[stiff]
+            balance = lever - self._in_motions(load) - held
+            sides = [
+                (right[m], balance[slots].ravel())
+                for m, slots in zip(members, self._members, strict=True)
+            ]
+            forces, motions = np.zeros(self._n), np.zeros_like(held)
+            for k, (result, alpha) in enumerate(factor.solve(sides)):
+                forces[stiff[members[k]]] = result
+                motions[self._members[k]] = alpha.reshape(-1, 6)
+            pushed = facets.scatter(self._reference, forces)
+            return loaded + self._displacements(pushed) + self._of_motions(motions), pushed
+
+        return solve
+
+    def _presses(self, slope: FloatArray) -> BoolArray:
+        """Points that are not open, by the slopes of their pressures, (n,)."""
+        law = self._system.deformable.contact.law
+        result: BoolArray = slope > _LEAST_STIFFNESS * law.touching_stiffness
+        return result
+
+    def _soft(self, stiffness: FloatArray) -> BoolArray:
+        """Points softer than a block that carry little of the stiffness of their joint, (n,)."""
+        slope = self._weights * stiffness
+        order = np.lexsort((slope, self._joint))
+        sums = np.cumsum(slope[order])
+        joint = self._joint[order]
+        first = np.searchsorted(joint, np.arange(int(joint[-1]) + 1))
+        before = np.concatenate([[0.0], sums])[first]
+        total = np.diff([*before, sums[-1]])
+        little = np.empty(self._n, dtype=np.bool_)
+        little[order] = sums - before[joint] <= _SOFT_SHARE * total[joint]
+        return little & (stiffness < self._softest)
+
+    def _chain(
+        self, stiff: IntArray, softness: FloatArray, holding: float
+    ) -> tuple[list[Level], list[IntArray]]:
+        """The chain, and its points: of each level those of its blocks alone, then those shared."""
+        mine = self._among(stiff)
+        level, shared = self._level[stiff], self._shared[stiff]
+        order = np.lexsort((shared, level))
+        starts = np.searchsorted(level[order], np.arange(len(self._members) + 1))
+        members = [order[a:b] for a, b in pairwise(starts)]
+        place = _places(members, len(stiff))
+        levels = []
+        for k, m in enumerate(members):
+            first, after = int((~shared[m]).sum()), k + 1 < len(members)
+            width = 6 * len(self._members[k])
+            n_after = len(members[k + 1]) if after else 0
+            width_after = 6 * len(self._members[k + 1]) if after else 0
+            levels.append(
+                Level(
+                    flexibility=np.asfortranarray(np.diag(softness[m])),
+                    motions=np.zeros((len(m), width)),
+                    holding=holding * np.eye(width),
+                    first_shared=first,
+                    next_flexibility=np.zeros((len(m) - first, n_after)),
+                    next_motions=np.zeros((len(m) - first, width_after)),
+                    next_holding=np.zeros((width, width_after)),
+                )
+            )
+        for slot, parts in enumerate(mine):
+            for part in parts:
+                self._blocks[slot].include(part.local)
+        for k, slots in enumerate(self._members):
+            for slot in slots:
+                span = self._span[slot][1]
+                _add_block(levels, k, self._blocks[slot], span, mine[slot], place)
+        return levels, members
+
+    def _turn(
+        self,
+        levels: list[Level],
+        members: list[IntArray],
+        turned: Turned,
+        stiff: IntArray,
+    ) -> None:
+        """Add to the levels what motions change by turning normals."""
+        place = _places(members, len(stiff))
+        for slot, parts in enumerate(self._among(stiff)):
+            own, span = self._span[slot]
+            for part in parts:
+                level, rows = levels[part.level], place[part.points]
+                change = turned.by_motions[part.side, stiff[part.points]]
+                if part.level == own:
+                    level.motions[rows, span] += change
+                else:
+                    level.next_motions[rows - level.first_shared, span] += change
+        for slots, stiffness in zip(self._joint_slots, turned.stiffness, strict=True):
+            ends = [(k, self._span[slot]) for k, slot in enumerate(slots) if slot >= 0]
+            for a, (low, lines) in ends:
+                for b, (high, columns) in ends:
+                    if low == high:
+                        levels[low].holding[lines, columns] += stiffness[a, :, b]
+                    elif low < high:
+                        levels[low].next_holding[lines, columns] += stiffness[a, :, b]
+
+    def _held(self, levels: list[Level], motions: FloatArray) -> FloatArray:
+        """Product of `Level.holding` of all levels with motions, (n_slots, 6)."""
+        result = np.zeros_like(motions)
+        for level, slots in zip(levels, self._members, strict=True):
+            result[slots] += (level.holding @ motions[slots].ravel()).reshape(-1, 6)
+        for level, (slots, after) in zip(levels, pairwise(self._members), strict=False):
+            result[slots] += (level.next_holding @ motions[after].ravel()).reshape(-1, 6)
+            result[after] += (level.next_holding.T @ motions[slots].ravel()).reshape(-1, 6)
+        return result
+
+    def _moved(self, by_motions: FloatArray, motions: FloatArray) -> FloatArray:
+        """Sum over both blocks of derivatives (2, n, 6) times their motions (n_slots, 6), (n,)."""
+        padded = np.concatenate([motions, np.zeros((1, 6))])
+        return np.asarray(np.einsum("bnm,bnm->n", by_motions, padded[self._slots]))
+
+    def _on_motions(self, by_motions: FloatArray, forces: FloatArray) -> FloatArray:
+        """Forces of the points (n,) on the motions of their blocks, (n_slots, 6)."""
+        result = np.zeros((len(self._grids) + 1, 6))
+        np.add.at(result, self._slots, by_motions * forces[:, None])
+        return result[:-1]
+
+    # ---- blocks
+
+    def _on_grid(self, slot: int, nodal: FloatArray) -> FloatArray:
+        """Values of all nodes (n_nodes, 3) at those of the grid of a slot."""
+        return nodal[self._system.nodes_of(slot)][self._grids[slot].numbers.ravel()]
+
+    def _to_nodes(self, on_grids: list[FloatArray]) -> FloatArray:
+        """Values at the nodes of the grids of all slots as those of all nodes, (n_nodes, 3)."""
+        nodal = np.empty((self._system.n_nodes, 3))
+        for slot, (grid, values) in enumerate(zip(self._grids, on_grids, strict=True)):
+            nodal[self._system.nodes_of(slot)][grid.numbers.ravel()] = values.reshape(-1, 3)
+        return nodal
+
+    def _displacements(self, forces: FloatArray) -> FloatArray:
+        """G of nodal forces, (n_nodes, 3) [mm], of congruent blocks at once."""
+        on_grids = [np.empty(0)] * len(self._blocks)
+        for block in set(self._blocks):
+            slots = [slot for slot, other in enumerate(self._blocks) if other is block]
+            moved = block.displacements(np.stack([self._on_grid(s, forces) for s in slots]))
+            for slot, own in zip(slots, moved, strict=True):
+                on_grids[slot] = own
+        return self._to_nodes(on_grids)
+
+    def _motions_in(self, displacement: FloatArray) -> FloatArray:
+        """Motions of the blocks in displacements (n_nodes, 3) [mm], (n_slots, 6)."""
+        pairs = enumerate(self._blocks)
+        return np.stack([b.motion_in(self._on_grid(s, displacement)) for s, b in pairs])
+
+    def _in_motions(self, forces: FloatArray) -> FloatArray:
+        """Rᵀ f of nodal forces (n_nodes, 3) [N], (n_slots, 6)."""
+        each = enumerate(self._grids)
+        return np.stack([grid.rigid.T @ self._on_grid(s, forces).ravel() for s, grid in each])
+
+    def _of_motions(self, motions: FloatArray) -> FloatArray:
+        """R α of motions (n_slots, 6), (n_nodes, 3) [mm]."""
+        each = zip(self._grids, motions, strict=True)
+        return self._to_nodes([grid.rigid @ motion for grid, motion in each])
+
+    def _balanced(self, forces: FloatArray) -> FloatArray:
+        """Nodal forces (n_nodes, 3) [N] without those on motions of the blocks."""
+        shares = zip(self._grids, self._in_motions(forces), strict=True)
+        on_motions = [np.linalg.solve(grid.rigid.T @ grid.rigid, share) for grid, share in shares]
+        return forces - self._of_motions(np.stack(on_motions))
+
+    # ---- what all steps have
+
+    def internal_force(self, displacement: FloatArray) -> FloatArray:
+        """K u, (n_nodes, 3) [N]; of what was solved for, and of the way there, from its balance."""
+        for known, force in self._known:
+            if known is displacement:
+                return force
+        for (end, at_end), (begin, at_begin) in permutations(self._known, 2):
+            if np.array_equal(displacement, end - begin):
+                return at_end - at_begin
+        result, system = np.empty_like(displacement), self._system
+        for slot in range(system.n_slots):
+            nodes, block = system.nodes_of(slot), system.group(slot).reference
+            result[nodes] = block.internal_force(displacement[nodes][None])[0]
+        self._known.append((displacement, result))
+        return result
+
+    def load(self, share: float) -> FloatArray:
+        """Loads at a share of a path, (n_nodes, 3) [N]."""
+        return at_share(self._system.loads, share)
+
+    def kept(self, displacement: FloatArray) -> FloatArray:
+        """Displacements of all nodes."""
+        return displacement
+
+    def complete(self, displacement: FloatArray, share: float) -> FloatArray:  # noqa: ARG002
+        """Displacements of all nodes: they are there already."""
+        return displacement
+
+
+def _add_block(  # noqa: PLR0917
+    levels: list[Level],
+    own: int,
+    block: PointFlexibility,
+    span: slice,
+    parts: list[_Part],
+    place: IntArray,
+) -> None:
+    """Add the responses of a block of a level at its points to forces on them.
+
+    ``span`` are the columns of its motions, ``place`` the row of each point in its level.
+    """
+    for number, part in enumerate(parts):
+        rows, level = place[part.points], levels[part.level]
+        if part.level == own:
+            level.motions[rows, span] += block.motions[part.local]
+        else:
+            level.next_motions[rows - level.first_shared, span] += block.motions[part.local]
+        for other in parts[: number + 1]:
+            flexible = block.between(part.local, other.local)
+            if part.level == other.level:
+                columns = place[other.points]
+                level.flexibility[np.ix_(rows, columns)] += flexible
+                if other is not part:
+                    level.flexibility[np.ix_(columns, rows)] += flexible.T
+                continue
+            lower, upper = sorted((part, other), key=lambda p: p.level)
+            below = levels[lower.level]
+            shared = place[lower.points] - below.first_shared
+            response = flexible if lower is part else flexible.T
+            below.next_flexibility[np.ix_(shared, place[upper.points])] += response
+
+
+def _places(members: list[IntArray], n: int) -> IntArray:
+    """Row of each of n points in its level, (n,)."""
+    place = np.empty(n, dtype=np.int64)
+    for rows in members:
+        place[rows] = np.arange(len(rows))
+    return place
