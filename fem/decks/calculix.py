@@ -110,10 +110,6 @@ def check_calculix(deck: Deck) -> None:
             "fem.method: CalculiX's explicit dynamics has no contact law but a linear penalty; "
             "expected a static step where blocks meet"
         )
-    if joint is not None and joint.friction is not None and joint.stick_stiffness is None:
-        raise DeckError(
-            "effects.friction.stick_stiffness is missing: CalculiX has no default for it [MPa/mm]"
-        )
     if deck.clearance < 0.0:
         _check_interference(deck)
     if explicit and rayleigh is not None and rayleigh.stiffness_proportional:

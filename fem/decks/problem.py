@@ -9,7 +9,6 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from fem.contact.friction import CoulombFriction
 from fem.contact.law import LinearPenalty
 from fem.decks.abaqus import check_abaqus
 from fem.decks.calculix import check_calculix
@@ -312,11 +311,11 @@ def support_notes(deck: Deck) -> list[str]:
 
 def joint_of(problem: Problem) -> Joint:
     """How faces that meet act on each other."""
-    given, friction = problem.friction, problem.coulomb
+    friction = problem.coulomb
     return Joint(
         problem.contact_law,
         None if friction is None else friction.coefficient,
-        given.stick_stiffness if isinstance(given, CoulombFriction) else None,
+        None if friction is None else friction.stick_stiffness,
         problem.finite_sliding,
         () if friction is None else friction.of_pairs,
         presses_on_faces(problem),

@@ -335,13 +335,16 @@ def _consistent_forces(case: LoadCase) -> NodalForceLoad:
     """Loads as consistent forces on nodes."""
     assembly = cast("Assembly", case.assembly)
     blocks, nodes, forces = [], [], []
+    size = float(np.abs(case.facet_forces).max(initial=0.0)) or 1.0
     for block in np.unique(case.block).tolist():
         local = block_load_forces(assembly, case, block)
         assert local is not None
         where = np.flatnonzero(local.any(axis=1))
         blocks.append(np.full(len(where), block))
         nodes.append(where)
-        forces.append(local[where] @ assembly.rotations[block].T)
+        # Rounded, so that what is read and written again is the same.
+        world = local[where] @ assembly.rotations[block].T
+        forces.append(np.round(world, 13 - int(np.ceil(np.log10(size)))) + 0.0)
     return NodalForceLoad(np.concatenate(blocks), np.concatenate(nodes), np.concatenate(forces))
 
 

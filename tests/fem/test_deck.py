@@ -16,7 +16,7 @@ from fem.decks.problem import element_time_step, problem_deck
 from fem.decks.read.cards import Card, read_cards
 from fem.decks.statement import Flavour, NodalForceLoad
 from fem.system.effects import SAFETY_FACTOR
-from geometry.loads import CASES, CircumferentialLoad
+from geometry.loads import CircumferentialLoad
 from tests.support.commands import command
 from tests.support.decks import exported
 from validation import InputError, load_case
@@ -142,41 +142,6 @@ def test_twelve_layers_are_three_parts(tmp_path: Path) -> None:
     keywords = Counter(line.split(",")[0] for line in path.read_text().splitlines())
     assert keywords["*Instance"] == 56
     assert keywords["*Part"] == 3
-
-
-ONE_LAYER = ["mesh.around=12", "mesh.radial=1", "mesh.axial=1", "assembly.layers=1"]
-SCENES = {
-    **{f"{block}-{case}": ONE_LAYER for block in ("tsb1", "tsb2") for case in CASES},
-    **{name: [] for name in ("cantilever", "column", "column-nonmatching")},
-}
-
-
-@pytest.mark.parametrize(("number", "scene"), list(enumerate(SCENES)), ids=SCENES)
-def test_a_deck_of_a_scene_is_read_back_as_its_problem(
-    number: int, scene: str, tmp_path: Path
-) -> None:
-    """Blocks, materials, contact, supports and loads, in one flavour after the other.
-
-    Coordinates have 14 digits, CalculiX' table is off by 7e-4 of pressures above 1e-3 MPa.
-    """
-    flavour = list(Flavour)[number % 3]
-    path = exported(tmp_path / "a.inp", scene, SCENES[scene], flavour=flavour)
-    stated, read = load_case(scene, SCENES[scene]).problem, read_deck(path).problem()
-    assert read.blocks.n_blocks == stated.blocks.n_blocks
-    assert read.blocks.volumes.sum() == pytest.approx(stated.blocks.volumes.sum(), rel=1e-10)
-    assert set(read.materials) == set(stated.materials)
-    assert [read.friction, read.clearance] == [stated.friction, stated.clearance]
-    assert read.deformable.meets == stated.deformable.meets
-    if stated.deformable.meets:
-        overclosure = np.linspace(-2e-3, 2e-3, 9)
-        ours, theirs = (one.contact_law.pressure(overclosure) for one in (stated, read))
-        assert theirs == pytest.approx(ours, rel=1e-3, abs=1e-6)
-    resultants = []
-    for load in (stated.load_case, read.load_case):
-        moments = np.cross(load.centroids, load.facet_forces)
-        resultants.append(np.concatenate([load.facet_forces.sum(axis=0), moments.sum(axis=0)]))
-    size = np.abs(np.cross(stated.load_case.centroids, stated.load_case.facet_forces)).sum()
-    assert resultants[1] == pytest.approx(resultants[0], abs=1e-9 * (size or 1.0))
 
 
 def test_shaft_is_a_traction_for_abaqus_and_nodal_forces_for_converters() -> None:

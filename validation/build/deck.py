@@ -22,7 +22,7 @@ from fem.decks.problem import (
     with_notes,
     with_time_step,
 )
-from fem.decks.statement import Deck, DeckStep, Flavour, Joint, Procedure
+from fem.decks.statement import Deck, DeckStep, Flavour, Procedure
 from fem.element.hexahedron import ElementType
 from fem.system.effects import Effects
 from geometry.assembly import Assembly
@@ -77,8 +77,6 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
         ),
         name=name,
     )
-    if deck.joint is not None:
-        deck = replace(deck, joint=_as_written(deck.joint, effects))
     notes = elements + contact_notes(deck, static=static)
     if scene.meets and not static and not effects.finite_rotation:
         notes.append("large rotations: nlgeom=YES, though effects.finite_rotation is off")
@@ -92,13 +90,6 @@ def _deck(name: str, scene: DeformableScene, flavour: Flavour | None) -> Deck:
         deck = with_time_step(deck, fem.safety_factor)
     notes += _step_notes(scene, flavour, static=static)
     return with_notes(deck, notes)
-
-
-def _as_written(joint: Joint, effects: EffectsSection) -> Joint:
-    """Leave to the program what the scene does not say."""
-    friction = effects.friction
-    stick = None if friction is None else friction.stick_stiffness
-    return replace(joint, stick_stiffness=stick)
 
 
 def _with_mass_scaling(deck: Deck, factor: float) -> Deck:

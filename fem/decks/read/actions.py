@@ -283,7 +283,7 @@ def _where(blocks: Blocks, block: int, nodes: IntArray, name: str) -> Where:
     solid, rows = blocks.solid(block), blocks.whole_sides(block, nodes)
     corners = solid.nodes[np.unique(solid.outer[rows])]
     if np.isin(np.setdiff1d(nodes, solid.others), corners).all():
-        face = face_name(f"{name}-{block + 1}")
+        face = face_name(_of_block(blocks.name(block), name))
         while not np.array_equal(blocks.faces[block].get(face, rows), rows):
             face += "x"
         blocks.add_face(block, face, rows)
@@ -293,6 +293,12 @@ def _where(blocks: Blocks, block: int, nodes: IntArray, name: str) -> Where:
     return Points(blocks.coordinates(block, np.union1d(nodes, corners)))
 
 
+def _of_block(block: str, name: str) -> str:
+    """Name of nodes without that of their block, as the sets of our decks have it."""
+    own = name.removeprefix(f"{block.lower()}.").removeprefix(f"{block.lower()}_")
+    return own.removesuffix("-nodes")
+
+
 def _springs(actions: Actions) -> list[HeldFace]:
     """Springs between nodes and the ground: SPRING1, a component and a stiffness of each set."""
     nodes: dict[str, list[tuple[int, int]]] = {}
@@ -300,7 +306,8 @@ def _springs(actions: Actions) -> list[HeldFace]:
     for card in actions.model.other:
         if card.keyword == "ELEMENT":
             for line, row in card.rows():
-                if len(row) != 2 or not all(text.isdigit() for text in row) or row[0] in known:
+                numbers = [row[0], *(text.rpartition(".")[2] for text in row[1:])]
+                if len(row) != 2 or not all(map(str.isdigit, numbers)) or row[0] in known:
                     raise DeckError(
                         f"{card.at(line)}: got {', '.join(row)}; expected a number of its own and "
                         "a node"

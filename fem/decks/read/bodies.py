@@ -361,8 +361,9 @@ class Blocks:
             key = id(solid), b"|".join(f.encode() + faces[f].tobytes() for f in sorted(faces))
             keys.append(key)
             if key not in shapes:
+                alike = sum(shape.mesh is solid.mesh for shape in shapes.values())
                 shapes[key] = Block(
-                    f"{solid.name}-{len(shapes) + 1}",
+                    f"{solid.name}-{alike + 1}" if alike else solid.name,
                     solid.mesh,
                     {SURFACE: solid.outer}
                     | {face: solid.outer[rows] for face, rows in faces.items()},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -30,8 +30,8 @@ class _Row:
     card: Card
     line: int
     row: list[str]
-    position: int
-    """Among the lines of its card."""
+    position: tuple[int, int]
+    """Of its card among those of all loads, and among the lines of its card."""
 
     @property
     def key(self) -> tuple[str, ...]:
@@ -42,7 +42,8 @@ class _Row:
     @property
     def name(self) -> str:
         """Of the face it acts on."""
-        return f"load-{self.card.line}-{self.position + 1}"
+        card, line = self.position
+        return f"load-{card + 1}-{line + 1}"
 
 
 def read_loads(actions: Actions) -> None:
@@ -55,14 +56,16 @@ def read_loads(actions: Actions) -> None:
     """
     readers = {"CLOAD": _cload, "DLOAD": _dload, "DSLOAD": _dsload}
     acting: list[_Row] = []
+    count = 0
     for number, step in enumerate(actions.steps):
         cards = [card for card in step.cards if card.keyword in readers]
         new = {card.keyword for card in cards if card.option("OP") == "NEW"}
         rows = [
-            _Row(number, step, card, line, row, position)
-            for card in cards
+            _Row(number, step, card, line, row, (of, position))
+            for of, card in enumerate(cards, start=count)
             for position, (line, row) in enumerate(card.rows())
         ]
+        count += len(cards)
         anew = {row.key for row in rows}
         if actions.blocks.places.each_once:
             _check_gone(row for row in acting if row.card.keyword in new and row.key not in anew)
@@ -141,7 +144,7 @@ def _dload(actions: Actions, stated: _Row) -> None:
     elements = places.elements if whole else places.members(card, line, row[0], nodes=False)
     if kind.startswith("P") and kind[1:].isdigit():
         faces = actions.blocks.sides(card, line, elements, kind)
-        _press(actions, faces, stated.name, value)
+        _act(actions, faces, stated.name, PressureLoad, value, actions.step.large_rotations)
     elif kind in {"BX", "BY", "BZ"}:
         force = np.zeros(3)
         force["XYZ".index(kind[1])] = value
@@ -173,22 +176,27 @@ def _gravity_share(actions: Actions, stated: _Row) -> float:
     return 1.0
 
 
-def _press(actions: Actions, faces: dict[int, IntArray], name: str, pressure: float) -> None:
-    turns = actions.step.large_rotations
+def _act(
+    actions: Actions,
+    faces: dict[int, IntArray],
+    name: str,
+    kind: type[PressureLoad | TractionLoad | CircumferentialLoad],
+    *values: float | bool | FloatArray,
+) -> None:
+    """Load facets of blocks: the same load of one card on many blocks is one load."""
+    blocks = sorted(faces)
     last = actions.faces[-1] if actions.faces else None
-    blocks = list(faces)
     if (
-        isinstance(last, PressureLoad)
-        and last.pressure == pressure
+        type(last) is kind
+        and all(map(np.array_equal, [getattr(last, f.name) for f in fields(last)[2:]], values))
         and str(last.face).rpartition("-")[0] == name.rpartition("-")[0]
         and not np.isin(blocks, last.blocks).any()
     ):
-        # The same pressure on many blocks is one load.
-        name, blocks = str(last.face), [*last.blocks.tolist(), *blocks]
+        name, blocks = str(last.face), sorted([*last.blocks.tolist(), *blocks])
         actions.faces.pop()
     for block, rows in faces.items():
         actions.blocks.add_face(block, name, rows)
-    actions.faces.append(PressureLoad(np.array(sorted(blocks)), name, pressure, turns))
+    actions.faces.append(kind(np.array(blocks), name, *values))  # type: ignore[arg-type]
 
 
 def _dsload(actions: Actions, stated: _Row) -> None:
@@ -197,7 +205,7 @@ def _dsload(actions: Actions, stated: _Row) -> None:
     value = share * card.number(line, row[2]) if kind else 0.0
     faces = actions.blocks.surface(card, line, row[0])
     if kind == "P":
-        _press(actions, faces, stated.name, value)
+        _act(actions, faces, stated.name, PressureLoad, value, actions.step.large_rotations)
         return
     along = np.array([card.number(line, text) for text in row[3:]])
     if kind != "TRVEC" or along.shape != (3,) or not along.any():
@@ -207,14 +215,11 @@ def _dsload(actions: Actions, stated: _Row) -> None:
         )
     if card.option("FOLLOWER") != "NO" and actions.step.large_rotations:
         actions.model.note("loads: a traction keeps its direction, blocks turn little")
-    for block, rows in faces.items():
-        actions.blocks.add_face(block, stated.name, rows)
     along *= value / np.linalg.norm(along)
-    chosen = np.array(sorted(faces))
     if "ORIENTATION" not in card.parameters:
-        actions.faces.append(TractionLoad(chosen, stated.name, along))
+        _act(actions, faces, stated.name, TractionLoad, along)
     elif along[0] == along[2] == 0.0:
-        actions.faces.append(CircumferentialLoad(chosen, stated.name, float(along[1])))
+        _act(actions, faces, stated.name, CircumferentialLoad, float(along[1]))
     else:
         raise DeckError(
             f"{card.at(line)}: got the direction {row[3:]} in an orientation; expected the "

@@ -15,6 +15,7 @@ from fem.decks.read.cards import Card
 from fem.decks.read.words import Dialect
 from fem.element.material import Material
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
+from fem.system.forces import SmoothStepAmplitude
 from geometry.mesh import FloatArray
 
 _Stated = TypeVar("_Stated")
@@ -394,6 +395,10 @@ def turning_times(path: FloatArray) -> FloatArray:
     return np.asarray(path[moving[np.flatnonzero(np.diff(way[moving]))] + 1, 0])
 
 
+#: Table that differs from a smooth step by less at its points is one, as our decks for CalculiX.
+_SAMPLED = 1e-9
+
+
 def smooth_time(model: ModelLines, card: Card) -> float | None:
     """Length of the smooth step by which what a card states grows [s]; None: it names no step.
 
@@ -408,6 +413,9 @@ def smooth_time(model: ModelLines, card: Card) -> float | None:
     stated, kind, table = amplitude
     if kind == "SMOOTH STEP" and np.array_equal(table[[0, 0, 1], [0, 1, 1]], (0, 0, 1)):
         return float(table[1, 0])
+    smooth = SmoothStepAmplitude(float(table[-1, 0])) if table[-1, 0] > 0.0 else None
+    if smooth and np.abs([smooth(time) for time in table[:, 0]] - table[:, 1]).max() < _SAMPLED:
+        return float(table[-1, 0])
     if card.keyword == "BOUNDARY" and kind == "TABULAR":
         return None
     raise DeckError(

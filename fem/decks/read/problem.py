@@ -45,6 +45,11 @@ from geometry.polyhedra.assembly import (
 
 #: Surfaces without a contact pair that are closer than this, in edges of their facets, could touch.
 _NEAR = 0.5
+#: The same in ∛V of the smallest block: no other block has room between.
+_THIN = 0.25
+#: Distance of the centres of such facets at most, in edges: those that meet along an edge alone are
+#: farther apart.
+_ASIDE = 0.75
 #: Cosine of the angle between facets that face each other, at least.
 _FACING = 0.7
 #: Tetrahedra of ten nodes up to which their hexahedra are of degree 2: more take gigabytes.
@@ -572,7 +577,8 @@ def _check_unpaired(blocks: Blocks, contact: _Contact, assembly: Assembly) -> No
     """Reject surfaces that face each other and have no contact pair: here they would press."""
     if contact.everywhere is not None:
         return
-    reach = _NEAR * _facet_size(assembly)
+    size = _facet_size(assembly)
+    reach = min(_NEAR * size, _THIN * float(np.cbrt(assembly.volumes.min())))
     near = {}
     for block in range(assembly.n_blocks):
         shape = assembly.shape(block)
@@ -580,12 +586,16 @@ def _check_unpaired(blocks: Blocks, contact: _Contact, assembly: Assembly) -> No
             corners = assembly.nodes(block)[shape.faces[CONTACT]]
             normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
             normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-            near[block] = KDTree(corners.reshape(-1, 3)), np.repeat(normals, 4, axis=0)
+            near[block] = KDTree(corners.mean(axis=1)), normals
     for (a, (one, normal)), (b, (other, opposite)) in combinations(near.items(), 2):
         if (a, b) in contact.pairs or (assembly.fixed[a] and assembly.fixed[b]):
             continue
-        close = enumerate(one.query_ball_tree(other, reach))
-        if any((opposite[there] @ normal[k] < -_FACING).any() for k, there in close if there):
+        close = one.query_ball_tree(other, _ASIDE * size)
+        close_by = [(k, of) for k, there in enumerate(close) for of in there]
+        pairs = np.array(close_by, dtype=np.int64).reshape(-1, 2)
+        along, against = normal[pairs[:, 0]], opposite[pairs[:, 1]]
+        apart = np.abs(((other.data[pairs[:, 1]] - one.data[pairs[:, 0]]) * along).sum(axis=1))
+        if ((along * against).sum(axis=1) < -_FACING)[apart <= reach].any():
             raise DeckError(
                 f"{assembly.name}: surfaces of {blocks.name(a)} and {blocks.name(b)} face each "
                 "other, touch or nearly so, and no *Contact Pair has both; expected one, or "
