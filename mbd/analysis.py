@@ -29,6 +29,7 @@ from geometry.system import one_thread_of_blas
 from geometry.work import budget, clock
 from mbd.contact_jacobian import contact_jacobian
 from mbd.equilibrium import Equilibrium, column_weights, equilibrium
+from mbd.margin import Pushes
 from mbd.mechanism import (
     MANY_BLOCKS,
     Classification,
@@ -39,8 +40,8 @@ from mbd.mechanism import (
     judged,
 )
 from mbd.options import Norm, Rigid, Solver
-from mbd.parts import ByFaces, Friction, Push, Pushes, Question
-from mbd.push import push_limit
+from mbd.parts import ByFaces, Friction, Question
+from mbd.push import Push, push_limit
 
 if TYPE_CHECKING:
     from geometry.polyhedra.assembly import PolyhedralAssembly
@@ -297,7 +298,7 @@ def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) 
     balance = result.equilibrium
     if coulomb is None and balance.holds and not result.supported_classification.locked:
         alone = bool(np.any(dead)) and not np.any(live)
-        parts = {"pushes": Pushes(blocks, whole, balance, result.norm, alone), **parts}
+        parts = {"pushes": Pushes(blocks, whole, result.norm, balance, alone), **parts}
     if pushed is not live_case:
         load_of_push = pushed if weight is None else with_body_wrenches(pushed, weight)
         parts["push_limit"] = _push(blocks, load_of_push, coulomb)

@@ -16,8 +16,9 @@ Blocks that carry a load are held one way and not another: a small push along ea
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -140,41 +141,82 @@ _PUSH = 1e-3
 _WAYS = ("+x", "-x", "+y", "-y", "+z", "-z")
 
 
-def held_against(
-    assembly: AnyBlocks,
-    load: LoadCase,
-    norm: Norm = Norm.FORCE,
-    known: Equilibrium | None = None,
-) -> dict[str, bool]:
-    """Whether blocks without friction stay where a small push acts beside their load.
+@dataclass(frozen=True)
+class Pushes:
+    """Small pushes on all blocks together that are resisted beside the load, without friction."""
 
-    All free blocks are pushed at once, each by its volume. By duality a push that is not carried
-    drives a motion that the load does not hinder: along it the blocks are free, however well the
-    load is carried. Keys are +x, -x and so on; a direction that is neither proved held nor free is
-    left out. ``known`` is the equilibrium under the load in that norm: most pushes change its
-    forces a little.
-    """
-    contacts = contact_jacobian(assembly, load.fixed, load.held)
-    force = contacts.rows(load.wrenches)
-    size = float(np.linalg.norm(force)) or 1.0
-    pushes = _pushes(assembly, contacts, _PUSH * size)
-    weights = column_weights(norm, contacts.areas)
-    proved, start = np.zeros(len(_WAYS), dtype=np.bool_), None
-    if known is not None:
-        start = known.multiplier
-        tolerance = EQUILIBRIUM_TOLERANCE * _PUSH * size
-        proved = carried_beside(contacts.jacobian, known.forces, pushes, tolerance)
-    held = {}
-    for name, push, carried in zip(_WAYS, pushes, proved, strict=True):
-        if carried:
-            held[name] = True
-            continue
-        equilibrium = newton_equilibrium(
-            contacts.jacobian, force + push, weights=weights, start=start
-        )
-        if equilibrium.holds or equilibrium.mechanism is not None:
-            held[name] = equilibrium.holds
-    return held
+    blocks: AnyBlocks
+    load: LoadCase
+    norm: Norm = Norm.FORCE
+    balance: Equilibrium | None = None
+    """Equilibrium under the load in that norm: most pushes change its forces a little."""
+    weighs_alone: bool = False
+    """Whether the load is weight and nothing else."""
+
+    @cached_property
+    def _contacts(self) -> Contacts:
+        return contact_jacobian(self.blocks, self.load.fixed, self.load.held)
+
+    @cached_property
+    def held(self) -> dict[str, bool]:
+        """Whether blocks without friction stay where a small push acts beside their load.
+
+        All free blocks are pushed at once, each by its volume. By duality a push that is not
+        carried drives a motion that the load does not hinder: along it the blocks are free, however
+        well the load is carried. Keys are +x, -x and so on; a direction that is neither proved held
+        nor free is left out.
+        """
+        contacts, known = self._contacts, self.balance
+        force = contacts.rows(self.load.wrenches)
+        size = float(np.linalg.norm(force)) or 1.0
+        pushes = _pushes(self.blocks, contacts, _PUSH * size)
+        weights = column_weights(self.norm, contacts.areas)
+        proved, start = np.zeros(len(_WAYS), dtype=np.bool_), None
+        if known is not None:
+            start = known.multiplier
+            tolerance = EQUILIBRIUM_TOLERANCE * _PUSH * size
+            proved = carried_beside(contacts.jacobian, known.forces, pushes, tolerance)
+        held = {}
+        for name, push, carried in zip(_WAYS, pushes, proved, strict=True):
+            if carried:
+                held[name] = True
+                continue
+            equilibrium = newton_equilibrium(
+                contacts.jacobian, force + push, weights=weights, start=start
+            )
+            if equilibrium.holds or equilibrium.mechanism is not None:
+                held[name] = equilibrium.holds
+        return held
+
+    @cached_property
+    def by_load(self) -> tuple[str, ...]:
+        """Directions in which nothing but the load holds the blocks: they would be lifted."""
+        pushes = dict(zip(_WAYS, _pushes(self.blocks, self._contacts, 1.0), strict=True))
+        ways = [way for way, holds in self.held.items() if holds]
+        alone = {way: newton_equilibrium(self._contacts.jacobian, pushes[way]) for way in ways}
+        return tuple(way for way in ways if not alone[way].holds)
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """Axes along which the assembly resists, is held by its load, and slides freely."""
+        down = "held down by its weight" if self.weighs_alone else "held by its load"
+        words = []
+        for title, axes in (
+            (
+                "resists pushes along",
+                [way for way in self.held if self.held[way] and way not in self.by_load],
+            ),
+            (f"{down} against pushes along", list(self.by_load)),
+            ("slides freely along", [way for way in self.held if not self.held[way]]),
+        ):
+            if axes:
+                words.append(f"{title} {', '.join(axes)}")
+        words[-1:] = [f"{words[-1]} (all blocks together, frictionless)"]
+        return [("resistance to pushes", "; ".join(words))]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data."""
+        return {"held_against": self.held, "held_by_load": list(self.by_load)}
 
 
 def _pushes(assembly: AnyBlocks, contacts: Contacts, size: float) -> FloatArray:
@@ -184,15 +226,3 @@ def _pushes(assembly: AnyBlocks, contacts: Contacts, size: float) -> FloatArray:
     for k in range(len(_WAYS)):
         pushes[k, :, k // 2] = (-1.0) ** k * size * volumes / np.linalg.norm(volumes)
     return np.array([contacts.jacobian.admissible(push.ravel()) for push in pushes])
-
-
-def held_by_load(assembly: AnyBlocks, load: LoadCase, held: Mapping[str, bool]) -> tuple[str, ...]:
-    """Directions of `held_against` in which nothing but the load holds the blocks.
-
-    Contacts do not carry the push alone: blocks lie there and would be lifted.
-    """
-    contacts = contact_jacobian(assembly, load.fixed, load.held)
-    ways = [way for way, holds in held.items() if holds]
-    pushes = _pushes(assembly, contacts, 1.0)
-    alone = {way: newton_equilibrium(contacts.jacobian, pushes[_WAYS.index(way)]) for way in ways}
-    return tuple(way for way in ways if not alone[way].holds)

@@ -18,7 +18,7 @@ from geometry.loads import LoadCase
 from geometry.mesh import BoolArray, FloatArray
 from geometry.parts.pairs import OfPairs, pair_values
 from mbd.contact_jacobian import Contacts, contact_jacobian
-from mbd.equilibrium import Equilibrium, column_weights, equilibrium
+from mbd.equilibrium import column_weights, equilibrium
 from mbd.force_range import ForceRanges, PlaneProblem, force_ranges, plane_problem
 from mbd.friction import (
     CollapseLoad,
@@ -31,10 +31,9 @@ from mbd.friction import (
     frictional_contacts,
     frictional_equilibrium,
 )
-from mbd.margin import held_against, held_by_load, interlocking_margin
+from mbd.margin import interlocking_margin
 from mbd.mechanism import Classification
 from mbd.options import Rigid
-from mbd.push import PushLimit
 from mbd.sliding_collapse import SlidingCollapse, sliding_collapse, sliding_state
 from mbd.squeeze import Squeeze, squeeze
 
@@ -180,101 +179,6 @@ class ByFaces:
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
         return self.classification.as_json()
-
-
-@dataclass(frozen=True)
-class Push:
-    """Largest force with which a support that moves pushes its block, by faces alone."""
-
-    friction: float
-    """Coefficient under which it is pushed [-]."""
-    limit: PushLimit | str
-    """Or why there is none."""
-
-    @property
-    def associated(self) -> float | None:
-        """With associated friction [N]; None where there is none."""
-        return None if isinstance(self.limit, str) else finite(self.limit.associated.factor)
-
-    @property
-    def words(self) -> str:
-        """Force at which the block moves with associated friction, and without dilation."""
-        if isinstance(self.limit, str):
-            return self.limit
-        most, slides = self.limit.associated, self.limit.sliding
-        words = f"{most.factor:.5g} N with associated friction"
-        if np.isinf(most.factor):
-            words = "unbounded with associated friction: faces jam"
-        elif not most.certified:
-            words += " (not certified)"
-        if slides.certified:
-            words += f"; slides without dilation from {abs(slides.factor):.5g} N on"
-            return f"{words} (friction pyramid)"
-        return f"{words}; no certified state slides without dilation"
-
-    @property
-    def rows(self) -> list[tuple[str, str]]:
-        """The force."""
-        return [("limit of the push", f"{self.words} (by faces alone)")]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return plain data: forces in N; None where friction jams and there is no limit."""
-        if isinstance(self.limit, str):
-            return {"friction": self.friction, "status": self.limit}
-        most, slides = self.limit.associated, self.limit.sliding
-        return {
-            "friction": self.friction,
-            "associated": finite(most.factor),
-            "upper_bound": finite(most.upper_bound),
-            "certified": most.certified,
-            "unbounded": bool(np.isinf(most.factor)),
-            "non_associated": finite(slides.factor) if slides.certified else None,
-            "status": self.words,
-        }
-
-
-@dataclass(frozen=True)
-class Pushes:
-    """Small pushes on all blocks together that are resisted beside the load, without friction."""
-
-    blocks: AnyBlocks
-    load: LoadCase
-    balance: Equilibrium
-    norm: Any
-    weighs_alone: bool
-    """Whether the load is weight and nothing else."""
-
-    @cached_property
-    def held(self) -> dict[str, bool]:
-        """Whether each push is held, by its axis."""
-        return held_against(self.blocks, self.load, self.norm, self.balance)
-
-    @cached_property
-    def by_load(self) -> tuple[str, ...]:
-        """Those that nothing but the load resists."""
-        return held_by_load(self.blocks, self.load, self.held)
-
-    @property
-    def rows(self) -> list[tuple[str, str]]:
-        """Axes along which the assembly resists, is held by its load, and slides freely."""
-        down = "held down by its weight" if self.weighs_alone else "held by its load"
-        words = []
-        for title, axes in (
-            (
-                "resists pushes along",
-                [way for way in self.held if self.held[way] and way not in self.by_load],
-            ),
-            (f"{down} against pushes along", list(self.by_load)),
-            ("slides freely along", [way for way in self.held if not self.held[way]]),
-        ):
-            if axes:
-                words.append(f"{title} {', '.join(axes)}")
-        words[-1:] = [f"{words[-1]} (all blocks together, frictionless)"]
-        return [("resistance to pushes", "; ".join(words))]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return plain data."""
-        return {"held_against": self.held, "held_by_load": list(self.by_load)}
 
 
 # ---------------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from mbd.friction import (
     CollapseLoad,
     FrictionalContacts,
     collapse_load,
+    finite,
     frictional_contacts,
 )
 from mbd.options import FrictionLaw
@@ -56,6 +58,57 @@ class PushLimit(ReadOnlyArrays):
         """
         pyramid = replace(self.contacts, law=FrictionLaw.PYRAMID)
         return sliding_collapse(pyramid, self.dead, self.live)
+
+
+@dataclass(frozen=True)
+class Push:
+    """Largest force with which a support that moves pushes its block, by faces alone."""
+
+    friction: float
+    """Coefficient under which it is pushed [-]."""
+    limit: PushLimit | str
+    """Or why there is none."""
+
+    @property
+    def associated(self) -> float | None:
+        """With associated friction [N]; None where there is none."""
+        return None if isinstance(self.limit, str) else finite(self.limit.associated.factor)
+
+    @property
+    def words(self) -> str:
+        """Force at which the block moves with associated friction, and without dilation."""
+        if isinstance(self.limit, str):
+            return self.limit
+        most, slides = self.limit.associated, self.limit.sliding
+        words = f"{most.factor:.5g} N with associated friction"
+        if np.isinf(most.factor):
+            words = "unbounded with associated friction: faces jam"
+        elif not most.certified:
+            words += " (not certified)"
+        if slides.certified:
+            words += f"; slides without dilation from {abs(slides.factor):.5g} N on"
+            return f"{words} (friction pyramid)"
+        return f"{words}; no certified state slides without dilation"
+
+    @property
+    def rows(self) -> list[tuple[str, str]]:
+        """The force."""
+        return [("limit of the push", f"{self.words} (by faces alone)")]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data: forces in N; None where friction jams and there is no limit."""
+        if isinstance(self.limit, str):
+            return {"friction": self.friction, "status": self.limit}
+        most, slides = self.limit.associated, self.limit.sliding
+        return {
+            "friction": self.friction,
+            "associated": finite(most.factor),
+            "upper_bound": finite(most.upper_bound),
+            "certified": most.certified,
+            "unbounded": bool(np.isinf(most.factor)),
+            "non_associated": finite(slides.factor) if slides.certified else None,
+            "status": self.words,
+        }
 
 
 def at_rest(load: LoadCase) -> LoadCase:

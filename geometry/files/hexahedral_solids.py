@@ -51,6 +51,7 @@ from geometry.polyhedra.assembly import (
 )
 from geometry.polyhedra.overlap import check_assembly
 from geometry.polyhedra.polyhedron import Polyhedron
+from geometry.polyhedra.triangle_search import directed_edges
 
 #: Face of a block made of hexahedra without names: its whole surface.
 SURFACE = "surface"
@@ -351,7 +352,7 @@ def flat_side(solid: Polyhedron, plane: int) -> list[int]:
 def side_outline(solid: Polyhedron, plane: int) -> list[int]:
     """Points of one flat side in order round it; empty where it is no simple polygon."""
     triangles = solid.triangles[solid.plane_of == plane]
-    edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    edges = directed_edges(triangles)
     known = {(a, b) for a, b in edges.tolist()}
     following = {a: b for a, b in known if (b, a) not in known}
     if not following:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from geometry.mesh import FloatArray, IntArray
-from geometry.polyhedra.triangle_search import distinct_rows
+from geometry.polyhedra.triangle_search import directed_edges, distinct_rows, undirected_edges
 
 #: Largest distance of a hole's corners from its plane, in sizes of the hole.
 _FLAT = 1e-3
@@ -81,9 +81,9 @@ def turned_alike(triangles: IntArray) -> IntArray:
 
 def _without_holes(points: FloatArray, triangles: IntArray) -> tuple[FloatArray, IntArray, int]:
     """Close holes whose edge is one flat loop by triangles round its middle; how many were."""
-    directed = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    _, edge, count = distinct_rows(np.sort(directed, axis=1))
-    follows = {int(end): int(start) for start, end in directed[count[edge] == 1]}
+    _, edge, count = undirected_edges(triangles)
+    once = directed_edges(triangles)[count[edge] == 1]
+    follows = {int(end): int(start) for start, end in once}
     filled = [triangles]
     middles: list[FloatArray] = []
     while follows:

@@ -24,12 +24,14 @@ from geometry.polyhedra.solids import across_matter
 from geometry.polyhedra.triangle_search import (
     Surface,
     coplanar_groups,
+    directed_edges,
     distinct_rows,
+    grouped_edges,
     joined,
     piercings,
     ridges,
     smooth_groups,
-    surface_edges,
+    undirected_edges,
 )
 
 #: Edges flatter than this are the facets of a curved face, not edges [°].
@@ -110,7 +112,7 @@ class Polyhedron:
     @cached_property
     def edges(self) -> IntArray:
         """Undirected edges, (n_edges, 2)."""
-        return surface_edges(self.triangles)
+        return undirected_edges(self.triangles)[0]
 
     @cached_property
     def plane_of(self) -> IntArray:
@@ -130,15 +132,11 @@ class Polyhedron:
     @cached_property
     def face_borders(self) -> tuple[IntArray, IntArray]:
         """Edges round each face, one face after the other, (n, 2), and the first of each face."""
-        t, face = self.triangles, np.repeat(self.face_of, 3)
-        ends = np.sort(t[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-        first, edge_of, _ = distinct_rows(ends)
-        between = np.zeros(len(first), dtype=np.bool_)
-        between[edge_of[face != face[first][edge_of]]] = True
-        border = np.flatnonzero(between[edge_of])
+        edges, edge_of, own = grouped_edges(self.triangles, self.face_of)
+        face, border = np.repeat(self.face_of, 3), np.flatnonzero(own[edge_of] < 0)
         border = border[np.argsort(face[border], kind="stable")]
         faces = np.arange(int(face.max(initial=-1)) + 2)
-        return ends[border], np.searchsorted(face[border], faces)
+        return edges[edge_of[border]], np.searchsorted(face[border], faces)
 
     @cached_property
     def surface(self) -> Surface:
@@ -285,12 +283,11 @@ def widths(corners: FloatArray, group: IntArray) -> FloatArray:
 
 def _edge_uses(triangles: IntArray) -> tuple[IntArray, IntArray]:
     """Undirected edges (n, 2), and +1/-1 uses summed and counted: (n, 2) [balance, count]."""
-    directed = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    directed = directed_edges(triangles)
     sign = np.where(directed[:, 0] < directed[:, 1], 1, -1)
-    ends = np.sort(directed, axis=1)
-    first, inverse, count = distinct_rows(ends)
-    balance = np.bincount(inverse, weights=sign, minlength=len(first)).astype(np.int64)
-    return ends[first], np.column_stack([balance, count])
+    edges, inverse, count = undirected_edges(triangles)
+    balance = np.bincount(inverse, weights=sign, minlength=len(edges)).astype(np.int64)
+    return edges, np.column_stack([balance, count])
 
 
 def is_closed(triangles: IntArray) -> bool:

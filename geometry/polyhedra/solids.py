@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError
-from geometry.polyhedra.triangle_search import distinct_rows, in_one_piece, joined
+from geometry.polyhedra.triangle_search import distinct_rows, in_one_piece, joined, undirected_edges
 
 #: Faces within this angle round their edge lie on each other [rad].
 _SAME_PLACE = 1e-3
@@ -131,8 +131,7 @@ def across_matter(name: str, points: FloatArray, triangles: IntArray) -> IntArra
     if plain is not None:
         return plain
     _check_distinct(name, points, triangles)
-    directed = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    _, edge, count = distinct_rows(np.sort(directed, axis=1))
+    _, edge, count = undirected_edges(triangles)
     order = np.argsort(edge, kind="stable")  # uses of each edge one after the other
     start = np.cumsum(count) - count
     twice = order[start[count == 2][:, None] + np.arange(2)] // 3

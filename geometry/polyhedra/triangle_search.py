@@ -76,7 +76,7 @@ def ridges(triangles: IntArray, plane_of: IntArray) -> tuple[IntArray, IntArray]
     one, side, two = one[between], side[between], two[between]
     ends = np.column_stack([triangles[one, side], triangles[one, (side + 1) % 3]])
     if not plain:
-        every = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        every = np.sort(directed_edges(triangles), axis=1)
         _, edge, count = distinct_rows(np.concatenate([np.sort(ends, axis=1), every]))
         count -= np.bincount(edge[: len(ends)], minlength=len(count))
         single = count[edge[: len(ends)]] == 2
@@ -154,11 +154,25 @@ def smooth_groups(triangles: IntArray, normals: FloatArray, angle: float) -> Int
     return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
-def surface_edges(triangles: IntArray) -> IntArray:
-    """Undirected edges of a triangulated surface, (n_edges, 2)."""
-    directed = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    ends = np.sort(directed, axis=1)
-    return ends[distinct_rows(ends)[0]]
+def directed_edges(triangles: IntArray) -> IntArray:
+    """Sides of triangles as each has them, one triangle after the other, (3 n_triangles, 2)."""
+    return triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+
+
+def undirected_edges(triangles: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    """Edges (n_edges, 2), the one of each of `directed_edges`, and how many of those it is."""
+    ends = np.sort(directed_edges(triangles), axis=1)
+    first, edge_of, count = distinct_rows(ends)
+    return ends[first], edge_of, count
+
+
+def grouped_edges(triangles: IntArray, group: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    """Edges, the one of each side, and the group of triangles that each is in; -1 between two."""
+    edges, edge_of, _ = undirected_edges(triangles)
+    of_side, own = np.repeat(group, 3), np.empty(len(edges), dtype=np.int64)
+    own[edge_of] = of_side
+    own[edge_of[of_side != own[edge_of]]] = -1
+    return edges, edge_of, own
 
 
 @dataclass(frozen=True)
@@ -229,14 +243,8 @@ def piercings(points: FloatArray, surface: Surface, planes: IntArray, margin: fl
     margin
         Crossings shallower than this are touches [mm].
     """
-    ends = np.sort(surface.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    first, edge_of, _ = distinct_rows(ends)
-    plane = np.repeat(planes, 3)
-    between = np.zeros(len(first), dtype=bool)
-    between[edge_of[plane != plane[first][edge_of]]] = True
-    edges = ends[first]
+    edges, _, own_plane = grouped_edges(surface.triangles, planes)
     start, end = points[edges].swapaxes(0, 1)
-    own_plane = np.where(between, -1, plane[first])
     pairs, position = segment_piercings(start, end, surface, margin, (edges, own_plane))
     first = pairs[:, 0]
     return start[first] + position[:, None] * (end - start)[first]

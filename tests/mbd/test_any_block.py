@@ -38,7 +38,7 @@ from mbd.friction import (
     frictional_contacts,
     frictional_equilibrium,
 )
-from mbd.margin import held_against, interlocking_margin
+from mbd.margin import Pushes, interlocking_margin
 from mbd.mechanism import Classification, Mechanism, SelfStress, classify
 from tests.support.blocks import random_rotation, tsb
 from tests.support.linear_programs import solve_linear_programs
@@ -449,7 +449,7 @@ def test_what_weighs_on_a_floor_in_a_corner_is_held_against_what_it_leans_on() -
     weight = np.zeros((3, 6))
     weight[2, :3] = DOWN
     load = LoadCase(assembly, "weight", (), assembly.fixed, body_wrenches=weight)
-    held = held_against(assembly, load)
+    held = Pushes(assembly, load).held
     assert held == {"+x": True, "-x": False, "+y": False, "-y": False, "+z": True, "-z": True}
     assert str(analyse(assembly, load=load).details.mechanism) == "suppressed"
     turn = Rotation.from_euler("z", 90.0, degrees=True).as_matrix()
@@ -458,7 +458,7 @@ def test_what_weighs_on_a_floor_in_a_corner_is_held_against_what_it_leans_on() -
         rotations=turn @ assembly.rotations,
         translations=assembly.translations @ turn.T,
     )
-    assert [axis for axis, found in held_against(aside, load).items() if found] == [
+    assert [axis for axis, found in Pushes(aside, load).held.items() if found] == [
         "+y",
         "+z",
         "-z",

@@ -22,7 +22,7 @@ from mbd import contact_jacobian
 from mbd.equilibrium import newton_equilibrium
 from mbd.force_range import PlaneProblem, force_ranges, plane_problem
 from mbd.friction import FrictionError, frictional_contacts
-from mbd.margin import held_against
+from mbd.margin import Pushes
 from mbd.options import FrictionLaw
 from mbd.sliding_collapse import SlidingCheck, SlidingCollapse
 from tests.support.blocks import random_rotation
@@ -231,10 +231,15 @@ def test_weight_in_a_shallow_groove_holds_against_a_small_push(degrees: float) -
     )
     weight = np.zeros((3, 6))
     weight[2, :3] = DOWN
-    held = held_against(
-        assembly, LoadCase(assembly, "weight", (), assembly.fixed, body_wrenches=weight)
-    )
-    assert held == {"+x": True, "-x": True, "+y": False, "-y": False, "+z": True, "-z": True}
+    load = LoadCase(assembly, "weight", (), assembly.fixed, body_wrenches=weight)
+    assert Pushes(assembly, load).held == {
+        "+x": True,
+        "-x": True,
+        "+y": False,
+        "-y": False,
+        "+z": True,
+        "-z": True,
+    }
 
 
 def plane_wall() -> tuple[PlaneProblem, FloatArray]:

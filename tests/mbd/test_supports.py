@@ -18,7 +18,7 @@ from geometry.polyhedra.assembly import as_polyhedral
 from mbd import MechanismClass, analyse, contact_jacobian
 from mbd.force_range import force_ranges
 from mbd.friction import collapse_load, frictional_contacts, frictional_equilibrium
-from mbd.margin import held_against, interlocking_margin
+from mbd.margin import Pushes, interlocking_margin
 from mbd.sliding_collapse import sliding_collapse
 from mbd.supports import RigidSupportError
 
@@ -194,12 +194,12 @@ def test_friction_limits_and_ranges_count_rollers():
 
 def test_resistance_to_pushes_counts_rollers(stack):
     load = case(stack, weight=10.0)
-    free = held_against(stack, load)
+    free = Pushes(stack, load).held
     assert not free["+x"]
     held = replace(load, held=(roller(stack, 1, -X),))
-    assert held_against(stack, held)["+x"]
-    assert held_against(stack, held)["-x"]
-    assert not held_against(stack, held)["+y"]
+    assert Pushes(stack, held).held["+x"]
+    assert Pushes(stack, held).held["-x"]
+    assert not Pushes(stack, held).held["+y"]
     contacts = contact_jacobian(stack, held.fixed, held.held)
     margin = interlocking_margin(contacts)
     assert np.isinf(margin.areas[0, 0]).all()
