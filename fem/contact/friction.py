@@ -16,7 +16,7 @@ return.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -158,10 +158,6 @@ class Coulomb:
         """Pressure at which contacts begin to press, one number or one for each facet [MPa]."""
         law = self.normal
         return np.maximum(law.pressure(0.0), _TOUCHING * law.touching_stiffness)
-
-    def softened(self, share: float) -> Coulomb:
-        """The same with a share of the stick stiffness."""
-        return replace(self, stick=share * self.stick)
 
 
 def coulomb(

@@ -22,7 +22,6 @@ with the exact tangent (`fem.static.energy_descent`).
 from __future__ import annotations
 
 import math
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -59,8 +58,6 @@ _MAX_RESCUES = 30
 _COARSE_ITERATIONS = 3
 #: A step is cut when the energy slope at its end exceeds this share of the slope at its start.
 _OVERSHOOT = 0.1
-#: Where stick was softened none is cut whose residual grows by no more than this factor.
-_GROWS = 2.0
 #: A linear solution farther away than this many block lengths is a motion that nothing resists.
 _FARTHEST = 100.0
 #: Contact forces count this much in the size against which the residual is measured.
@@ -70,13 +67,6 @@ _EPSILON = float(np.finfo(np.float64).eps)
 _NOTHING = 1e-6
 #: Pressure of a light touch over that at which contacts begin to press.
 LIGHT_TOUCH = 10.0
-#: With friction iterations after which stick is softened to these shares of its stiffness, those of
-#: them that may bring no better residual, and that at which the next share follows. Stick is
-#: hundreds of times stiffer than contact that hardly presses: of many points some turn back in each
-#: step, and lines of least energy end there.
-_BEFORE_SOFTENING, _PATIENCE_BEFORE = 20, 8
-_SOFT_STICK = (0.01, 0.1, 1.0)
-_SOFT_TOLERANCE = 1e-2
 #: Iterations that may bring no better residual, before and after the best is below _NEAR.
 _PATIENCE = 40
 _PATIENCE_NEAR = 10
@@ -118,8 +108,6 @@ class StaticState:
     """Largest pressure at the end of the step before, where supports move [MPa]."""
     rescues: int = 0
     coarse_iterations: int = 0
-    softened: bool = False
-    """Whether a load step did not end soon with the stick of the problem."""
     dissipation: float = 0.0
     residuals: tuple[float, ...] = ()
     converged: bool = False
@@ -196,64 +184,16 @@ def localised(system: System, start: StaticResult) -> FloatArray:
     return system.localised(start.displacements)
 
 
-def converge(
-    problem: StaticProblem, state: StaticState, begin: FloatArray | None = None
-) -> StaticState:
-    """Iterate to an equilibrium, or until nothing improves any more.
-
-    ``begin`` are displacements at which a load step with friction begins: where the iteration does
-    not end soon, stick is softened first. None: the state is near its equilibrium.
-    """
-    state = _with_slips(state, state.gaps.x[..., 1:])
-    if begin is None or not problem.system.has_friction:
-        return _iterated(problem, state)
-    if not state.softened:
-        few = min(_BEFORE_SOFTENING, problem.max_iterations)
-        with suppress(StaticError):
-            limited = replace(problem, max_iterations=few)
-            reached = _iterated(limited, state, _PATIENCE_BEFORE)
-            if reached.converged or few == problem.max_iterations:
-                return reached
-            state = replace(state, residuals=reached.residuals)
-    return _stiffened(problem, replace(state, softened=True), begin)
-
-
-def _with_slips(state: StaticState, slips: FloatArray) -> StaticState:
-    """Linearise friction at slips, (n_facets, n_points, 0 or 2) [mm]."""
-    return replace(state, at=np.concatenate([state.at[..., :1], slips], axis=2))
-
-
-def _stiffened(problem: StaticProblem, state: StaticState, begin: FloatArray) -> StaticState:
-    """Find equilibria with softer stick, then with that of the problem.
-
-    Each keeps the tractions of the load step's start, and the next is linearised at its tractions.
-    """
-    start, anchor, before = problem.system.points.gaps(begin).x[..., 1:], state.anchor, None
-    for share in _SOFT_STICK:
-        softer, own = problem.system.law.softened(share), start + (anchor - start) / share
-        if before is not None:
-            x = state.gaps.x
-            traction, moved = before.tractions(x, state.anchor)
-            sticks = (moved == state.anchor).all(axis=2, keepdims=True)
-            alike = own + traction[..., 1:] / softer.stick
-            state = _with_slips(state, np.where(sticks, alike, x[..., 1:]))
-        tolerance = problem.tolerance if share == 1.0 else _SOFT_TOLERANCE
-        system = replace(problem.system, law=softer)
-        softened = replace(problem, system=system, tolerance=tolerance)
-        few = _PATIENCE_NEAR if share < 1.0 else _PATIENCE
-        state = _iterated(softened, replace(state, anchor=own, converged=False), few)
-        before = softer
-    return state
-
-
-def _iterated(problem: StaticProblem, state: StaticState, patience: int = _PATIENCE) -> StaticState:
-    """Iterate until the residual is small, or nothing has improved for a while."""
+def converge(problem: StaticProblem, state: StaticState) -> StaticState:
+    """Iterate to an equilibrium, or until nothing has improved for a while."""
+    slips = state.gaps.x[..., 1:]
+    state = replace(state, at=np.concatenate([state.at[..., :1], slips], axis=2))
     least, since = math.inf, 0
     for _ in range(problem.max_iterations):
         state = _iterate(problem, state)
         since = 0 if state.residuals[-1] < 0.9 * least else since + 1
         least = min(least, state.residuals[-1])
-        if state.converged or since > (_PATIENCE_NEAR if least < _NEAR else patience):
+        if state.converged or since > (_PATIENCE_NEAR if least < _NEAR else _PATIENCE):
             break
     return state
 
@@ -300,10 +240,6 @@ def _iterate(problem: StaticProblem, state: StaticState) -> StaticState:
     # One pressure a facet at first.
     simple = coarsened(linear) if state.coarse_iterations > 0 else linear
     trial, state = _solve(problem, simple, state)
-    if state.softened:
-        full = _moved(problem, linear, state, trial, 1.0)
-        if full.residuals[-1] < _GROWS * _residual(problem, state):
-            return full  # friction has no energy: where work is least says little
     share = _step_share(problem, state, trial)
     return _moved(problem, linear, state, trial, share)
 

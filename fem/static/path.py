@@ -208,7 +208,7 @@ def _equilibrium(
     """
     if search is not None:
         return search.equilibrium(problem, state, begin)
-    reached = converge(problem, state, begin)
+    reached = converge(problem, state)
     if problem.system.has_friction and reached.residuals[-1] > _HISTORY:
         # What follows would start from a history that no equilibrium has.
         return problem, reached, False
@@ -306,7 +306,7 @@ class Search:
                 converged=False,
             )
             before = state.displacement
-            state = converge(problem, state, None if search else begin)
+            state = converge(problem, state)
             moved = float(np.abs(state.displacement - before).max())
             if not state.converged and aim[1] is None and moved > points.skin and tries:
                 # Where blocks move to, others may stop them.

@@ -1,4 +1,4 @@
-"""Panels of truncated tetrahedra with friction: softened stick, coarser meshes, joint forces."""
+"""Panels of truncated tetrahedra with friction: coarser meshes, joint forces."""
 
 from __future__ import annotations
 
@@ -7,12 +7,7 @@ import pytest
 
 from fem import Problem, Static, solve_static
 from fem.accuracy.ladder import coarser
-from fem.static import newton
-from fem.static import solve as static
-from fem.static.solve import StaticOptions
 from validation import load_case
-
-ONE_STEP = StaticOptions(load_steps=1)
 
 
 def panel(divisions: int = 1) -> Problem:
@@ -25,21 +20,6 @@ def panel(divisions: int = 1) -> Problem:
         "effects.friction.coefficient": 0.6,
     }
     return load_case("tetrahedra", settings).problem
-
-
-def test_stick_that_is_softened_first_ends_at_the_same_state(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Softer stick is a way to the state of the law, not another law: residuals are 1e-8 of it."""
-    stated = panel().deformable
-    plain = static.solve_static(stated, ONE_STEP)
-    monkeypatch.setattr(newton, "_BEFORE_SOFTENING", 1)
-    softened = static.solve_static(stated, ONE_STEP)
-    assert plain.converged
-    assert softened.converged
-    assert softened.residuals[:3] != plain.residuals[:3]
-    assert softened.max_displacement == pytest.approx(plain.max_displacement, rel=1e-6)
-    assert softened.pressures.max() == pytest.approx(plain.pressures.max(), rel=1e-5)
 
 
 def test_six_sided_solids_have_coarser_meshes() -> None:
