@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -22,6 +23,12 @@ def finished(*arguments: str, **options: object) -> subprocess.CompletedProcess[
     return subprocess.run([*COMMAND, *arguments], check=False, **options)  # type: ignore[call-overload]
 
 
+def told(done: subprocess.CompletedProcess[bytes]) -> list[bytes]:
+    """Lines on standard error but progress, which a slow machine prints; in ASCII or not."""
+    progress = rb" (\xe2\x80\xa6|\\u2026) [\d.]+ \w+$"
+    return [line for line in done.stderr.splitlines() if not re.search(progress, line)]
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_a_full_device_loses_the_table_and_no_file(tmp_path: Path) -> None:
     with open("/dev/full", "wb") as full:
@@ -37,15 +44,15 @@ def test_a_reader_that_goes_away_loses_no_file_and_hears_nothing(tmp_path: Path)
     os.close(reading)
     done = finished(*RIGID, "-o", str(tmp_path / "o"), stdout=writing, stderr=subprocess.PIPE)
     os.close(writing)
-    assert (done.returncode, done.stderr) == (141, b"")
+    assert (done.returncode, told(done)) == (141, [])
     assert {p.name for p in (tmp_path / "o").iterdir()} == FILES
 
 
 def test_characters_that_the_output_lacks_are_replaced(tmp_path: Path) -> None:
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}
     done = finished(*(*RIGID, "-o", str(tmp_path / "o")), env=environment, capture_output=True)
-    assert (done.returncode, done.stderr) == (0, b"")
-    assert b"self-stress" in done.stdout
+    assert (done.returncode, told(done)) == (0, [])
+    assert b"locked" in done.stdout
     assert {p.name for p in (tmp_path / "o").iterdir()} == FILES
 
 

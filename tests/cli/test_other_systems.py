@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -65,10 +66,13 @@ def tubelock(*words: str, cwd: Path, env: dict[str, str]) -> subprocess.Complete
 
 
 def reported(done: subprocess.CompletedProcess[str]) -> list[str]:
-    """Lines on standard error but the one that a first run of its kind prints while it compiles."""
-    return [line for line in done.stderr.splitlines() if not line.startswith("compiling ")]
+    """Lines on standard error but those of progress, and of a first run while it compiles."""
+    lines = done.stderr.splitlines()
+    return [n for n in lines if not (n.startswith("compiling ") or re.search(PROGRESS, n))]
 
 
+#: End of a line that a run of more than two seconds prints, here or on a slower machine.
+PROGRESS = r" … [\d.]+ \w+$"
 SMALL = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
 
 
