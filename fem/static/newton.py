@@ -54,7 +54,8 @@ _LEAST_IN_MOTION = 1e-4
 _RESCUE_HOLDING = 1e-3
 #: Rescues after which the blocks are reported as unheld.
 _MAX_RESCUES = 30
-#: First iterations with one pressure for each facet: nearly every point is still in contact then.
+#: First iterations with one pressure for each facet of elements of degree 1: nearly every point is
+#: still in contact then.
 _COARSE_ITERATIONS = 3
 #: A step is cut when the energy slope at its end exceeds this share of the slope at its start.
 _OVERSHOOT = 0.1
@@ -127,6 +128,7 @@ def start_state(system: System, start: FloatArray | None = None) -> StaticState:
     """
     friction, points = system.has_friction, system.points
     displacement = np.zeros((system.n_nodes, 3)) if start is None else start
+    flat = all(system.group(slot).element.degree == 1 for slot in range(system.n_slots))
     area = float(points.areas.sum())
     load = float(np.linalg.norm(system.external_force, axis=1).sum())
     touching = system.law.touching_pressure
@@ -146,7 +148,7 @@ def start_state(system: System, start: FloatArray | None = None) -> StaticState:
         first_holding=holding,
         holding=holding,
         # Without friction blocks that only friction holds would move far away.
-        coarse_iterations=_COARSE_ITERATIONS if start is None and not friction else 0,
+        coarse_iterations=_COARSE_ITERATIONS if start is None and flat and not friction else 0,
     )
 
 

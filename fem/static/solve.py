@@ -20,7 +20,6 @@ import numpy as np
 from fem.contact.search import FacingPoints, SearchedPoints, points_of_search
 from fem.static.linear_step.condensed import CondensedStep
 from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.linear_step.grid import GridStep, grid_blocks
 from fem.static.linear_step.grid_block import GridBlock
 from fem.static.linear_step.linearisation import LinearStep, SparseStep
 from fem.static.linear_step.reduced import ReducedStep, is_smaller
@@ -162,8 +161,6 @@ def _load(
     ready = time.process_time()
     before = None if start is None else localised(problem.system, start)
     first = start_state(problem.system, before)
-    if isinstance(problem.step, GridStep):  # which knows points alone, no facets
-        first = replace(first, coarse_iterations=0)
     if search is not None and slips_from_rest:
         search.begin = np.zeros_like(first.displacement)
     again = None if search is None else replace(search)
@@ -258,6 +255,8 @@ def problem_of(
     whole |= _most_held(system) > _MOST_HELD
     grids = _grids(system.deformable, options)
     if grids is not None:
+        from fem.static.linear_step.grid import GridStep
+
         step = GridStep(system, grids, near)
     elif whole or (in_displacements and not is_smaller(system)):
         step = SparseStep(system, options.sparse_solver)
@@ -270,7 +269,12 @@ def problem_of(
 
 def _grids(deformable: DeformableAssembly, options: StaticOptions) -> tuple[GridBlock, ...] | None:
     """Structured blocks, where these are solved in the forces of their contact points."""
-    return grid_blocks(deformable) if options.method is StaticMethod.CONDENSED else None
+    curved = any(group.element.degree > 1 for group in deformable.model.groups)
+    if options.method is StaticMethod.SPARSE or not curved:
+        return None
+    from fem.static.linear_step.grid import grid_blocks
+
+    return grid_blocks(deformable)
 
 
 def _most_held(system: System) -> int:
