@@ -129,52 +129,75 @@ class Measure:
 
 @dataclass(frozen=True)
 class Title:
-    """How a measure is named where people read."""
+    """How a measure is named where people read, its unit, and which end of its values governs."""
 
     words: str
+    unit: str = ""
+    """Empty where it has none."""
     remark: str = ""
     """Remark on the measure; may contain numbers of its place."""
+    least: bool = False
+    """Whether the least value governs; else the largest in size."""
 
 
 #: Measures in the order of a table: what most come for stands first.
 TITLES = {
-    "p_max_point": Title("largest contact pressure at a point"),
+    "p_max_point": Title("largest contact pressure at a point", "MPa"),
     "sigma_1_averaged": Title(
-        "max. principal stress, averaged", "over a sphere of radius {averaging_radius:g} mm; "
+        "max. principal stress, averaged",
+        "MPa",
+        "over a sphere of radius {averaging_radius:g} mm; ",
     ),
-    "max_displacement": Title("largest displacement"),
-    "sigma_1_max": Title("max. principal stress σ₁ at a point"),
-    "sigma_3_min": Title("min. principal stress σ₃ at a point"),
-    "mises_max": Title("von Mises stress at a point"),
-    "p_max_facet": Title("largest mean pressure of a facet"),
-    "p_max": Title("p_max of the paper", "mean over blocks of their largest facet mean"),
-    "p_eff": Title("p_eff of the paper", "mean over the effective facets"),
+    "max_displacement": Title("largest displacement", "mm"),
+    "sigma_1_max": Title("max. principal stress σ₁ at a point", "MPa"),
+    "sigma_3_min": Title("min. principal stress σ₃ at a point", "MPa"),
+    "mises_max": Title("von Mises stress at a point", "MPa"),
+    "p_max_facet": Title("largest mean pressure of a facet", "MPa"),
+    "p_max": Title("p_max of the paper", "MPa", "mean over blocks of their largest facet mean"),
+    "p_eff": Title("p_eff of the paper", "MPa", "mean over the effective facets"),
 }
 #: Those of the paper are means over facets and blocks: a peak hardly shows, so they come last.
 PAPER = ("p_max", "p_eff")
 #: Measures that rigid answers have beside pressures.
 FORCES = {
-    "least_joint_force": Title("least normal force of a joint"),
-    "largest_joint_force": Title("largest normal force of a joint"),
-    "total_reaction": Title("total reaction"),
+    "least_joint_force": Title("least normal force of a joint", "N", least=True),
+    "largest_joint_force": Title("largest normal force of a joint", "N"),
+    "total_reaction": Title("total reaction", "N"),
 }
 
 #: Measures that answers have whose supports move.
 MOTIONS = {
-    "push_peak": Title("largest force of the moving support"),
-    "push_stiffness": Title("its stiffness in the first step"),
-    "push_work": Title("its work"),
+    "push_peak": Title("largest force of the moving support", "N"),
+    "push_stiffness": Title("its stiffness in the first step", "N/mm"),
+    "push_work": Title("its work", "N mm"),
 }
 
 #: Measures that static answers have of materials with strengths.
 FACTORS = {
-    "cracking_factor": Title("load factor at first cracking"),
-    "crushing_factor": Title("load factor at first crushing", "by {stress}; "),
+    "cracking_factor": Title("load factor at first cracking", least=True),
+    "crushing_factor": Title("load factor at first crushing", "", "by {stress}; ", least=True),
+}
+
+#: What is built, means of rigid blocks and differences of fields: columns of studies.
+OTHERS = {
+    "pressure_l2": Title("contact pressure field, L2", "MPa"),
+    "volume": Title("volume", "mm³"),
+    "least_wall": Title("least wall", "mm", least=True),
+    "steepest_joint": Title("steepest joint", "degrees"),
+    "p_eff_pooled": Title("p eff pooled", "MPa"),
+    "effective_count_percent": Title("effective count percent", "%"),
+    "effective_area_percent": Title("effective area percent", "%"),
 }
 
 #: Every measure that has a title, in the order of a table.
 EVERY_TITLE = {name: title for name, title in TITLES.items() if name not in PAPER}
-EVERY_TITLE |= FACTORS | FORCES | MOTIONS | {name: TITLES[name] for name in PAPER}
+EVERY_TITLE |= FACTORS | FORCES | MOTIONS | {name: TITLES[name] for name in PAPER} | OTHERS
+
+
+def title_of(measure: str) -> Title:
+    """Title of a measure; of one that has none, its name."""
+    return EVERY_TITLE.get(measure, Title(measure))
+
 
 #: Other names of measures.
 ALIASES = {"u": "max_displacement"}
@@ -217,7 +240,7 @@ def measure_rows(measures: Mapping[str, Measure]) -> list[tuple[str, str]]:
     names[first : first + len(FACTORS)] = by_size(measures)
     for name in names:
         if name in measures:
-            measure, title = measures[name], EVERY_TITLE.get(name, Title(name))
+            measure, title = measures[name], title_of(name)
             if name in TITLES and not measure.is_number:
                 known = title.words if measure.remark else f"{title.words} ({measure._unresolved})"
                 unresolved.setdefault(measure.remark, []).append(known)

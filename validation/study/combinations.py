@@ -6,21 +6,17 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from rich.console import Console
 
-from geometry.answer import EVERY_TITLE, FACTORS, Answer, Measure, Title
+from geometry.answer import Answer, Measure, title_of
 from validation.case import Case
 from validation.errors import InputError
 from validation.output.console import add_dimensions, listing, two_columns
 from validation.output.files import write_csv
 from validation.scene.combinations import combined
-
-#: Measures that govern where they are small.
-_LEAST = (*FACTORS, "least_joint_force")
-#: What answers of blocks are asked for.
-Kind = Literal["rigid", "fem"]
+from validation.study.study import Quantity
 
 
 def combination_answers(
@@ -45,7 +41,7 @@ def combination_answers(
         yield name, repeatable(solve(one))
 
 
-def answer_to(file: Case, kind: Kind) -> Answer:
+def answer_to(file: Case, kind: Quantity) -> Answer:
     """Answer to a scene, as `tubelock mbd` or `fem` gives it."""
     from validation.solving import repeatable, solve
 
@@ -61,7 +57,7 @@ def envelope(answers: Mapping[str, Answer]) -> dict[str, tuple[str, Measure]]:
     result = {}
     for measure in names:
         having = {name: a.measures[measure] for name, a in answers.items() if measure in a.measures}
-        if measure in _LEAST:
+        if title_of(measure).least:
             # A load factor that is no number is none, and governs last.
             factors = {name: (math.isnan(m.value), m.value) for name, m in having.items()}
             governing = min(factors, key=lambda name: factors[name])
@@ -101,7 +97,7 @@ def combination_rows(answers: Mapping[str, Answer]) -> Iterator[list[str]]:
             a.measures[measure].value_words if measure in a.measures else "–"
             for a in answers.values()
         ]
-        yield [EVERY_TITLE.get(measure, Title(measure)).words, *values, governing]
+        yield [title_of(measure).words, *values, governing]
 
 
 def write_combinations(answers: Mapping[str, Answer], path: Path) -> None:

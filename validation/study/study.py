@@ -27,9 +27,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
-from geometry.answer import ALIASES, EVERY_TITLE, FACTORS, TITLES, Title
+from geometry.answer import ALIASES, EVERY_TITLE, FACTORS, TITLES, title_of
 from geometry.errors import unreadable
-from geometry.parts.dimensions import UNITS as DIMENSIONS
 from validation.case import Case, scene_case
 from validation.errors import InputError
 from validation.scene.builtin import builtin_text
@@ -72,15 +71,6 @@ COLUMNS: dict[Quantity, dict[str, str]] = {
 MEASURES: dict[Quantity, tuple[str, ...]] = {
     "rigid": ("p_max", "p_eff", "effective_area_percent"),
     "fem": ("p_max_point", "sigma_1_averaged", "max_displacement", "p_eff"),
-}
-#: Units of columns; what is not named has none.
-UNITS = {
-    **{name: "mm" if name == "max_displacement" else "MPa" for name in TITLES},
-    "p_eff_pooled": "MPa",
-    "effective_count_percent": "%",
-    "effective_area_percent": "%",
-    "cpu_seconds": "s",
-    **{name: DIMENSIONS[name] for name in BUILT},
 }
 #: Relative error bars of deformable designs where the study states none [-]: enough to rank them.
 RANKING = 0.1
@@ -153,14 +143,14 @@ class Study:
 
     def label(self, column: str) -> str:
         """Words for a measure with its unit, as on the axis of a picture."""
-        words = EVERY_TITLE.get(column, Title(column.replace("_", " "))).words
+        words = title_of(column).words if column in EVERY_TITLE else column.replace("_", " ")
         return self._with_unit(words, column)
 
     def _with_unit(self, words: str, column: str) -> str:
-        unit = UNITS.get(column.removesuffix("_error"))
-        if unit is None and "." in column:
+        unit = "s" if column == "cpu_seconds" else title_of(column.removesuffix("_error")).unit
+        if "." in column:
             of_key = unit_of_key(self.scene_file(0).scene, column)
-            unit = None if of_key is None else of_key.name
+            unit = "" if of_key is None else of_key.name
         return f"{words} [{unit}]" if unit else words
 
     @property

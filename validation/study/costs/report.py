@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from geometry.answer import title_of
 from validation.output.console import listing
 from validation.output.pictures.gallery import save_figure, subplots, twos_and_fives
 from validation.output.pictures.scales import BLUE, GREEN, ORANGE, VERMILION
@@ -14,18 +15,10 @@ from validation.output.provenance import Provenance
 from validation.study.costs.measure import SCALARS
 from validation.study.costs.plan import QUANTITIES
 from validation.study.costs.study import TARGETS, CostStudy, Row, answer, percent
-from validation.study.study import UNITS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_TITLES = {
-    "p_max_point": "p_max_point, largest pressure at a point",
-    "p_eff": "p_eff, effective mean pressure",
-    "sigma_1_averaged": "max. principal stress, averaged over a sphere",
-    "max_displacement": "largest displacement",
-    "pressure_l2": "contact pressure field, L2",
-}
 #: Curves of the figure by method: name and colour; each shows the best settings of its method.
 #: Rigid blocks are in the tables: their error does not shrink with the mesh.
 _CURVES = {
@@ -109,8 +102,11 @@ def _print_reference(study: CostStudy, console: Console) -> None:
         how = "not extrapolated, follows no order" if order is None else f"order {order:.2g}"
         if not judges[q].extrapolated:
             how = "as its error bar says"
-        value = "" if q not in SCALARS else f"{float(study.reference[q].value[0]):.5g} {UNITS[q]} "
-        console.print(f"  {_TITLES[q]}: {value}± {percent(study.reference_errors[q])} ({how})")
+        number = float(study.reference[q].value[0])
+        value = f"{number:.5g} {title_of(q).unit} " if q in SCALARS else ""
+        console.print(
+            f"  {title_of(q).words}: {value}± {percent(study.reference_errors[q])} ({how})"
+        )
 
 
 def _print_fronts(study: CostStudy, console: Console) -> None:
@@ -211,7 +207,7 @@ def _draw_panel(axes: Axes, study: CostStudy, quantity: str) -> None:
             _name_ends(axes, best, points, colour, above=method == "explicit")
     axes.set_ylim(bottom, 1.6 * max(errors))
     axes.margins(x=0.08)
-    axes.set_title(_TITLES[quantity], fontsize=11, loc="left")
+    axes.set_title(title_of(quantity).words, fontsize=11, loc="left")
     axes.grid(which="major", alpha=0.3)
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 * value:g}"))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

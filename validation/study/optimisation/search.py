@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from geometry.answer import title_of
 from validation.errors import InputError
 from validation.study.design import Row
 from validation.study.optimisation.statement import Limit, Optimisation
@@ -18,8 +19,6 @@ from validation.study.rowfile import StudyRows
 from validation.study.run import Runner, Tally, sweep
 
 Places = tuple[int, ...]
-#: Measures of which the least value is the worst one.
-_LEAST_COUNTS = ("cracking_factor", "crushing_factor", "least_wall")
 #: Designs at random before the sampler learns, and those that all fail before a search ends.
 _STARTS, _ALL_FAILED = 10, 20
 #: Part of the evaluations that the sampler chooses; the others lie near the best design.
@@ -73,7 +72,7 @@ def worst_of(rows: list[Mapping[str, Any]]) -> dict[str, Any]:
         if None in values:
             result |= {name: None} | ({f"{name}_error": None} if f"{name}_error" in result else {})
             continue
-        of = (min if name in _LEAST_COUNTS else max)(range(len(rows)), key=lambda k: values[k])
+        of = (min if title_of(name).least else max)(range(len(rows)), key=lambda k: values[k])
         result[name] = values[of]
         if f"{name}_error" in result:
             result[f"{name}_error"] = rows[of][f"{name}_error"]

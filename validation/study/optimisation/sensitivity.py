@@ -13,11 +13,11 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from rich.console import Console
 
-from geometry.answer import EVERY_TITLE, Measure, Title
+from geometry.answer import Measure, title_of
 from geometry.errors import RefusedError
 from validation.case import Case, require_deformable
 from validation.errors import InputError
@@ -27,8 +27,8 @@ from validation.output.pictures.gallery import save_figure, subplots
 from validation.output.pictures.scales import BLUE, VERMILION
 from validation.scene.keys.quantities import unit_of_key
 from validation.study.combinations import answer_to
+from validation.study.study import Quantity
 
-Method = Literal["rigid", "fem"]
 Values = dict[str, Measure]
 #: Measures in the order of the table.
 _MEASURES = (
@@ -94,7 +94,7 @@ class Sensitivity:
     """Derivatives of all measures of a scene."""
 
     name: str
-    method: Method
+    method: Quantity
     slopes: tuple[Slope, ...]
     failed: Mapping[str, str]
     """Parameters without a derivative, and why."""
@@ -105,7 +105,9 @@ class Sensitivity:
         for measure in dict.fromkeys(s.measure for s in self.slopes):
             of = self.of(measure)
             unit = of[0].measure_unit
-            words = f"{self.name} ({self.method}): {_words(measure)} = {of[0].base:.5g} {unit}"
+            words = (
+                f"{self.name} ({self.method}): {title_of(measure).words} = {of[0].base:.5g} {unit}"
+            )
             table = listing(words, *heads[:1], numbers=heads[1:5])
             table.add_column(heads[5])
             for slope in of:
@@ -186,7 +188,7 @@ class Sensitivity:
                 capsize=3,
             )
             panel.axvline(0.0, color="black", linewidth=0.8)
-            panel.set_title(_words(measure), loc="left")
+            panel.set_title(title_of(measure).words, loc="left")
             panel.set_xlabel("elasticity [-]")
             panel.grid(alpha=0.3, axis="x")
         figure.suptitle(f"{self.name}: what matters ({self.method} blocks)", x=0.02, ha="left")
@@ -200,10 +202,6 @@ class Sensitivity:
             for s in self.slopes
         ]
         return "\n".join([*lines, f"± {self.covered}"])
-
-
-def _words(measure: str) -> str:
-    return EVERY_TITLE.get(measure, Title(measure)).words
 
 
 def _with_error(value: float, error: float) -> str:
@@ -222,7 +220,7 @@ def _with_error(value: float, error: float) -> str:
 
 def sensitivity_of(
     file: Case,
-    method: Method = "rigid",
+    method: Quantity = "rigid",
     parameters: list[str] | None = None,
     step: float = 0.01,
     tell: Callable[[str], None] | None = None,
@@ -261,7 +259,7 @@ def sensitivity_of(
     return Sensitivity(file.name, method, tuple(slopes), failed)
 
 
-def _numbers_of(file: Case, method: Method) -> list[str]:
+def _numbers_of(file: Case, method: Quantity) -> list[str]:
     """All numbers of the sections that describe a block, in the order of the scene."""
     result = []
     for name in _SECTIONS[method]:
@@ -289,7 +287,7 @@ def _number(file: Case, path: str) -> float:
     return value
 
 
-def answers_at(file: Case, method: Method, meshes: int = 2) -> list[Values]:
+def answers_at(file: Case, method: Quantity, meshes: int = 2) -> list[Values]:
     """Measures on so many meshes from coarse to fine; rigid blocks have the scene's own."""
     if method == "fem":
         return list(_deformable(file, meshes))
@@ -353,7 +351,9 @@ class _Parameter:
         return Slope(*known, derivative, error, remark)
 
 
-def _slopes(file: Case, method: Method, path: str, share: float, base: list[Values]) -> list[Slope]:
+def _slopes(
+    file: Case, method: Quantity, path: str, share: float, base: list[Values]
+) -> list[Slope]:
     """Derivatives with respect to one parameter."""
     value = _number(file, path)
     unit = unit_of_key(file.scene, path)
