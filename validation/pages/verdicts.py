@@ -9,7 +9,7 @@ from typing import Any
 from rich.table import Table
 
 from fem.accuracy.parts import Accuracy
-from geometry.answer import EVERY_TITLE, FACTORS, Answer, Measure, measure_rows
+from geometry.answer import FACTORS, Answer, Measure, measure_rows, title_of
 from mbd import MechanismClass
 from validation.output.console import add_dimensions
 from validation.output.rigid import OF_RIGID_BLOCKS, verdict_words
@@ -146,7 +146,7 @@ def _how_sure(fem: Answer | None) -> Verdict:
 def _reached(accuracy: Accuracy) -> list[str]:
     """Repeat each request with its error bar, by the title of its measure."""
     rows = (row.partition("=") for row in accuracy.request_rows())
-    return [f"{EVERY_TITLE[name].words}, requested ± {rest}" for name, _, rest in rows]
+    return [f"{title_of(name).words}, requested ± {rest}" for name, _, rest in rows]
 
 
 def strength_verdict(

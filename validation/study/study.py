@@ -27,8 +27,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
-from geometry.answer import ALIASES, EVERY_TITLE, FACTORS, TITLES, title_of
-from geometry.errors import unreadable
+from geometry.answer import EVERY_TITLE, FACTORS, TITLES, title_of
+from geometry.errors import RefusedError, unreadable
 from validation.case import Case, scene_case
 from validation.errors import InputError
 from validation.scene.builtin import builtin_text
@@ -344,13 +344,13 @@ def _accuracy(name: str, given: Any, quantity: Quantity) -> float | dict[str, fl
 
 def _shares(given: Mapping[str, Any]) -> dict[str, float] | None:
     """Read shares by measure; None where a name or a share is wrong, or none is given."""
-    result: dict[str, float] = {}
-    for name, value in given.items():
-        measure, share = ALIASES.get(name, name), parse_share(value)
-        if measure not in TITLES or measure in result or share is None:
-            return None
-        result[measure] = share
-    return result or None
+    from fem.accuracy.converge import checked_targets
+
+    try:
+        result = checked_targets({name: parse_share(value) for name, value in given.items()})  # type: ignore[misc]
+    except RefusedError:
+        return None
+    return result if 0 < len(result) == len(given) else None
 
 
 def value_text(value: Value) -> str:
