@@ -16,11 +16,11 @@ from tests.verification.evidence import (
     synthetic_study,
 )
 from validation import InputError, load_case, solve
-from validation.paper.claims.claim import Truth
 from validation.paper.claims.judge import claims, judge_claims
 from validation.paper.errata import errata, show_errata
 from validation.paper.evidence import Evidence, StudyTable
 from validation.paper.reading import SharedTubes, ingredients, sensitivity, to_the_digit
+from validation.paper.statement import Truth
 from validation.paper.tables import compute_tables
 
 # ---------------------------------------------------------------------------------------------
@@ -148,7 +148,7 @@ def test_there_are_enough_claims_and_every_one_says_where_it_stands() -> None:
     found = claims()
     assert len(found) >= 20
     assert len({claim.name for claim in found}) == len(found)
-    assert all(claim.statement and claim.place for claim in found)
+    assert all(claim.text["statement"] and claim.text["place"] for claim in found)
     with pytest.raises(InputError, match="expected one of locked"):
         judge_claims(Evidence(Path(), Console(quiet=True)), ["lockd"])
 

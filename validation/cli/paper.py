@@ -85,7 +85,7 @@ def claims(
     from validation.output.progress import following
     from validation.paper.claims import judge
     from validation.paper.evidence import Evidence
-    from validation.paper.naming import chosen_by_name
+    from validation.paper.statement import chosen_by_name
 
     chosen_by_name(judge.claims(), names, "claim")
     with Outputs(json, _DATA, ("*.jsonl",)) as outputs:
@@ -129,7 +129,7 @@ def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
     from validation.output.progress import following
     from validation.paper import errata
     from validation.paper.evidence import Evidence
-    from validation.paper.naming import chosen_by_name
+    from validation.paper.statement import chosen_by_name
 
     chosen_by_name(errata.errata(), names, "erratum")
     with Outputs(json, _DATA, ("*.jsonl",)) as outputs:

@@ -20,10 +20,10 @@ from validation.errors import InputError
 from validation.output.console import listing, tabled
 from validation.output.pictures.gallery import save_figure, subplots
 from validation.output.pictures.scales import OF_LINES
-from validation.paper.claims.claim import Truth, Verdict, judged
 from validation.paper.claims.rigid import RIGID_CLAIMS
 from validation.paper.evidence import PATHS, Design, Evidence, StudyTable
 from validation.paper.figures import draw_parameter_study
+from validation.paper.statement import Truth, Verdict, judged
 from validation.study.rowfile import read_csv
 
 RIGID, DEFORMABLE = "paper-480", "paper-480-fem"
@@ -147,10 +147,10 @@ def judge_geometry(compared: Compared) -> list[dict[str, Any]]:
     for name in GEOMETRIC:
         for measure, (title, _) in JUDGED.items():
             verdict = _verdict(claims[name].judge, compared, measure)
-            result.append(_row(name, claims[name].statement, title, verdict))
+            result.append(_row(name, claims[name].text["statement"], title, verdict))
     for measure, (title, _) in JUDGED.items():
         verdict = _best(compared, measure)
-        result.append(_row("best", claims["best"].statement, title, verdict))
+        result.append(_row("best", claims["best"].text["statement"], title, verdict))
     return result
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -20,51 +19,14 @@ from mbd.mechanism import classify
 from validation.case import load_case
 from validation.output.console import listing, two_columns
 from validation.paper.evidence import Evidence, p_max
-from validation.paper.naming import chosen_by_name
 from validation.paper.reading import Ingredient, ingredients, sensitivity
-from validation.paper.reference import reference, statements
+from validation.paper.reference import reference
+from validation.paper.statement import Statement, Statements, Truth, Verdict, chosen_by_name
 from validation.paper.tables import number
 from validation.scene.read import TubeScene
 
-
-@dataclass(frozen=True)
-class Shown:
-    """What a demonstration computed."""
-
-    words: str
-    """The numbers, in words."""
-    values: dict[str, Any]
-    """The same as data."""
-
-
-@dataclass(frozen=True)
-class Erratum:
-    """A slip of the paper."""
-
-    name: str
-    """Short, for the command line."""
-    printed: str
-    """What the paper prints."""
-    meant: str
-    """What it can only mean, and what tubelock does."""
-    show: Callable[[Evidence], Shown]
-    """Computes the demonstration."""
-
-
-# ---------------------------------------------------------------------------------------------
-# Demonstrations
-
-
 #: In the order of their demonstrations.
-_ERRATA: list[Erratum] = []
-_Show = Callable[[Evidence], Shown]
-
-
-def _erratum(show: _Show) -> _Show:
-    """List the erratum of ``statements.toml`` that a function shows: ``_one_wave``, one-wave."""
-    name = show.__name__.strip("_").replace("_", "-")
-    _ERRATA.append(Erratum(name, show=show, **statements()["erratum"][name]))
-    return show
+_ERRATA = Statements("erratum")
 
 
 def solve_printed_program(transpose: sp.csr_array) -> tuple[float, float]:
@@ -106,8 +68,8 @@ def _most(n: int, n_bounded: int, **constraints: Any) -> Any:
     return result
 
 
-@_erratum
-def _degenerate_program(_: Evidence) -> Shown:
+@_ERRATA.add
+def _degenerate_program(_: Evidence) -> Verdict:
     settings = ["assembly.layers=2", "mesh.around=24", "mesh.radial=3", "mesh.axial=6"]
     tube = load_case("tsb1-pipe", settings).problem.blocks
     contacts = contact_jacobian(tube)
@@ -117,30 +79,33 @@ def _degenerate_program(_: Evidence) -> Shown:
     opening = solve_corrected_program(transpose)
     force = contacts.rows(named_case(tube, "pipe", 0.01).wrenches)
     mechanism = classify(contacts.jacobian, force).mechanism
-    return Shown(
+    return Verdict(
+        Truth.TRUE,
         f"TSB1, two layers, N_b = {n // 6}: HiGHS finds z* = {optimum:g} = 6 N_b with "
         f"max |δq| = {motion:.1e}; the corrected program gives {abs(opening):.1e}: {mechanism}",
         {"z": optimum, "6 N_b": n, "largest_motion": motion, "corrected": opening},
     )
 
 
-def _ingredient(ingredient: Ingredient) -> Erratum:
+def _ingredient(ingredient: Ingredient) -> Statement:
     """Erratum of one ingredient of the reading that gives the tables."""
 
-    def show(evidence: Evidence) -> Shown:
+    def show(evidence: Evidence) -> Verdict:
         whole, without = sensitivity(evidence.rigid, [ingredient])
         moved = without.moved(whole)
         among = moved or without.differences
         place, error = max(among.items(), key=lambda item: abs(item[1]))
         more = "" if ingredient.more is None else f"; {ingredient.more(evidence.rigid)}"
-        return Shown(
+        return Verdict(
+            Truth.TRUE,
             f"without this assumption {without.to_the_digit} instead of {whole.to_the_digit} of "
             f"{whole.of} values agree to the last digit: it moves {len(moved)}, {place} from "
             f"{100 * whole.differences[place]:+.1f} to {100 * error:+.1f} % off{more}",
             {"with": asdict(whole), "without": asdict(without), "moved": moved},
         )
 
-    return Erratum(ingredient.name, ingredient.text, ingredient.tables, show)
+    text = {"printed": ingredient.text, "meant": ingredient.tables}
+    return Statement(ingredient.name, text, show)
 
 
 def _tsb1() -> SineBlockParameters:
@@ -149,8 +114,8 @@ def _tsb1() -> SineBlockParameters:
     return scene.stated.block
 
 
-@_erratum
-def _density_unit(evidence: Evidence) -> Shown:
+@_ERRATA.add
+def _density_unit(evidence: Evidence) -> Verdict:
     fem = reference()["fem"]
     run = evidence.case("TSB1", "pipe")
     volume = float(run.details.blocks.volumes[run.details.blocks.free_blocks[0]])
@@ -159,7 +124,8 @@ def _density_unit(evidence: Evidence) -> Shown:
         "kg/mm³": np.sqrt(fem["young_modulus"] / (1e-3 * fem["density"])) / 1e6,
         "t/mm³": np.sqrt(fem["young_modulus"] / fem["density"]) / 1e6,
     }
-    return Shown(
+    return Verdict(
+        Truth.TRUE,
         f"a block of {volume / 1e6:.2f} dm³ would weigh {kilograms['kg/mm³']:.4f} kg as printed, "
         f"{kilograms['t/mm³']:.1f} kg with t/mm³; waves would run at {speed['kg/mm³']:.0f} km/s as "
         f"printed, {speed['t/mm³']:.1f} km/s with t/mm³ (concrete: 3 to 4)",
@@ -167,8 +133,8 @@ def _density_unit(evidence: Evidence) -> Shown:
     )
 
 
-@_erratum
-def _friction(evidence: Evidence) -> Shown:
+@_ERRATA.add
+def _friction(evidence: Evidence) -> Verdict:
     run = evidence.case("TSB1", "pipe")
     coefficient = reference()["fem"]["friction_coefficient"]
     block = int(run.details.blocks.free_blocks[len(run.details.blocks.free_blocks) // 2])
@@ -179,7 +145,8 @@ def _friction(evidence: Evidence) -> Shown:
         np.linalg.norm(run.details.load.facet_forces[run.details.load.block == block].sum(axis=0))
     )
     share = coefficient * normal / load
-    return Shown(
+    return Verdict(
+        Truth.TRUE,
         f"one block of TSB1, pipe: contact forces {normal:.0f} N for a load of {load:.0f} N; "
         f"friction of {coefficient:g} can carry at most {100 * share:.1f} % of the load: small, "
         "not zero",
@@ -187,8 +154,8 @@ def _friction(evidence: Evidence) -> Shown:
     )
 
 
-@_erratum
-def _half_block(_: Evidence) -> Shown:
+@_ERRATA.add
+def _half_block(_: Evidence) -> Verdict:
     block = _tsb1()
     half = block.inner_radius * np.sqrt(2 * (1 - np.cos(np.pi / block.blocks_per_layer)))
     whole = 2 * block.inner_radius * np.sin(np.pi / block.blocks_per_layer)
@@ -199,7 +166,8 @@ def _half_block(_: Evidence) -> Shown:
         refusal = repr(load_case("tsb1-pipe", ["block.frequency=0.75"]).problem)
     except RefusedError as error:
         refusal = str(error).split(";")[0]
-    return Shown(
+    return Verdict(
+        Truth.TRUE,
         f"printed ℓ = {half:.1f} mm, a block's chord is {whole:.1f} mm; f = 1.5 on ℓ gives the "
         f"{valleys} valleys per block that the paper counts; f = 1.5 on the whole block would be "
         f"f = 0.75 on ℓ: {refusal}",
@@ -207,8 +175,8 @@ def _half_block(_: Evidence) -> Shown:
     )
 
 
-@_erratum
-def _layer_shift(_: Evidence) -> Shown:
+@_ERRATA.add
+def _layer_shift(_: Evidence) -> Verdict:
     block = _tsb1()
     across = np.linspace(0.0, 1.0, 3001)
     outer = np.full_like(across, block.outer_radius)
@@ -218,20 +186,22 @@ def _layer_shift(_: Evidence) -> Shown:
         return float(np.abs(above - below).max())
 
     third = waves_of_turn(block, LayerTurn.HALF_BLOCK) / block.waves_per_block
-    return Shown(
+    return Verdict(
+        Truth.TRUE,
         f"TSB1: turned by half a block the faces miss each other by up to {misfit(0.5):.1f} mm; "
         f"turned by {third:.3f} of a block (one wave) by {misfit(third):.1e} mm",
         {"half_block": misfit(0.5), "whole_waves": misfit(third), "turn": third},
     )
 
 
-@_erratum
-def _one_wave(evidence: Evidence) -> Shown:
+@_ERRATA.add
+def _one_wave(evidence: Evidence) -> Verdict:
     """Three designs of the study with either turn: what the paper says holds for one of them."""
     result = {f: p_max(evidence.tsb((0.0, f, 6, 30.0, 25.0))) for f in (1.0, 1.5, 2.0)}
     other = replace(evidence, turn=LayerTurn.HALF_BLOCK)
     half = p_max(other.tsb((0.0, 2.0, 6, 30.0, 25.0)))
-    return Shown(
+    return Verdict(
+        Truth.TRUE,
         "n = 6, a = 25, t = 30: turned by one wave p_max is "
         + ", ".join(f"{p:.3f} (f = {f:g})" for f, p in result.items())
         + f" MPa, it rises with f as the paper says; turned by half a block it is {half:.3f} at "
@@ -240,19 +210,19 @@ def _one_wave(evidence: Evidence) -> Shown:
     )
 
 
-@_erratum
-def _pillar_frames(evidence: Evidence) -> Shown:
+@_ERRATA.add
+def _pillar_frames(evidence: Evidence) -> Verdict:
     words, values = [], {}
     for block in ("TSB1", "TSB2", "THB0"):
         result = evidence.case(block, "pillar").details
         held, free = str(result.mechanism), str(result.supported_classification.mechanism)
         words.append(f"{block}: {held} with both frames held, {free} with the top frame free")
         values[block] = {"held": held, "released": free}
-    return Shown("; ".join(words), values)
+    return Verdict(Truth.TRUE, "; ".join(words), values)
 
 
-@_erratum
-def _rotation_variation(_: Evidence) -> Shown:
+@_ERRATA.add
+def _rotation_variation(_: Evidence) -> Verdict:
     rng = np.random.default_rng(0)
     axis = rng.standard_normal(3)
     skew = np.cross(np.eye(3), axis / np.linalg.norm(axis))
@@ -264,24 +234,26 @@ def _rotation_variation(_: Evidence) -> Shown:
     size = float(np.linalg.norm(body))
     wrong = float(np.linalg.norm(body - printed)) / size
     right = float(np.linalg.norm(body - spatial)) / size
-    return Shown(
+    return Verdict(
+        Truth.TRUE,
         f"a turn of 1 rad, random vectors: R [δθ]ₓ s differs from δθ × R s by {100 * wrong:.0f} %, "
         f"from (R δθ) × R s by {right:.0e}; at R = I, where everything is evaluated, both agree",
         {"printed": wrong, "spatial": right},
     )
 
 
-@_erratum
-def _captions(_: Evidence) -> Shown:
+@_ERRATA.add
+def _captions(_: Evidence) -> Verdict:
     principal = np.linalg.eigvalsh(np.diag([2.0, -1.0, 0.5]))[::-1]
-    return Shown(
+    return Verdict(
+        Truth.TRUE,
         f"σ₁, σ₂, σ₃ of diag(2, -1, 0.5) = {', '.join(f'{v:g}' for v in principal)}: the smallest "
         "is σ₃; ten planes are announced, four heights are printed",
         {"principal": principal.tolist()},
     )
 
 
-def errata() -> list[Erratum]:
+def errata() -> list[Statement]:
     """Return all errata, those of the tables' reading after the first."""
     return [_ERRATA[0], *(_ingredient(ingredient) for ingredient in ingredients()), *_ERRATA[1:]]
 
@@ -290,10 +262,10 @@ def show_errata(evidence: Evidence, names: list[str] | None = None) -> list[dict
     """Demonstrate all errata, or some by name (`chosen_by_name`), with the command that does it."""
     result = []
     for erratum in chosen_by_name(errata(), names, "erratum"):
-        shown = erratum.show(evidence)
-        stated = {key: getattr(erratum, key) for key in ("name", "printed", "meant")}
+        verdict = erratum.judge(evidence)
+        found = {"shown": verdict.number, "values": verdict.values}
         command = f"tubelock reproduce errata {erratum.name}"
-        result.append(stated | {"shown": shown.words, "values": shown.values, "command": command})
+        result.append({"name": erratum.name, **erratum.text, **found, "command": command})
     return result
 
 

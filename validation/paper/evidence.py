@@ -23,6 +23,7 @@ from validation.case import load_case
 from validation.errors import InputError
 from validation.output.progress import following
 from validation.paper.reading import MESH_OF_TABLES, SharedTubes, solve_row
+from validation.solving import solve
 from validation.study.report import sweep_progress
 from validation.study.rowfile import StudyRows
 from validation.study.run import LocalRunner, sweep
@@ -193,18 +194,13 @@ class Evidence:
         self, block: str, case: str, settings: Iterable[str] = (), words: str = ""
     ) -> Answer:
         """Static state on a mesh of its own; one sector where the load is cyclic."""
-        from validation.run.deformable import deformable_answer, on_its_mesh
-        from validation.scene.read import DeformableScene
-
         around, radial, axial = self.fem_mesh(case)
         symmetry = "none" if case == "beam" else "sector"
         name = f"{block.lower()}-{case}"
         mesh = (f"mesh.around={around}", f"mesh.radial={radial}", f"mesh.axial={axial}")
-        own = ("fem.method=static", f"fem.symmetry={symmetry}", *mesh)
-        file = load_case(name, [*own, *settings])
-        assert isinstance(file.scene, DeformableScene)
+        own = ("fem.method=static", "fem.mesh=scene", "fem.error_estimate=false")
         with following(f"deformable blocks: {name} {words}"):
-            answer = deformable_answer(on_its_mesh(file))
+            answer = solve(load_case(name, [*own, f"fem.symmetry={symmetry}", *mesh, *settings]))
         label = f"fem {name} {around} × {radial} × {axial} {words}".strip()
         self.cpu_seconds[label] = answer.report["cpu_seconds"]["total"]
         return answer

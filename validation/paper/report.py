@@ -21,12 +21,12 @@ from validation.output.pictures.view_3d import View3d, viewer_page
 from validation.output.provenance import Provenance, stamped
 from validation.pages.page import page_text
 from validation.pages.views import pressure_view, stress_view
-from validation.paper.claims.claim import Truth
 from validation.paper.claims.judge import claims, judge_claims
 from validation.paper.errata import show_errata
 from validation.paper.evidence import Evidence
 from validation.paper.figures import CostRow, FigureFile, cost_rows, draw_figures
 from validation.paper.reading import Sensitivity, sensitivity
+from validation.paper.statement import Truth
 from validation.paper.tables import compute_tables, count_words, lines_by_block
 
 

@@ -14,12 +14,12 @@ from fem.system.recovery import recover
 from geometry.answer import Answer
 from geometry.measures import between_layers
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from validation.paper.claims.claim import Claims, Truth, Verdict, judged
 from validation.paper.evidence import Evidence
+from validation.paper.statement import Statements, Truth, Verdict, judged
 from validation.scene.read import TubeScene
 from validation.study.comparison.agreement import effective_region
 
-FEM_CLAIMS = Claims()
+FEM_CLAIMS = Statements("claim")
 
 
 BLOCKS = ("TSB1", "TSB2")

@@ -8,14 +8,13 @@ from typing import Any
 from rich.console import Console
 
 from validation.output.console import tabled
-from validation.paper.claims.claim import NOT_COMPUTED, Claim, Truth, Verdict
 from validation.paper.claims.deformable import FEM_CLAIMS
 from validation.paper.claims.rigid import RIGID_CLAIMS
 from validation.paper.evidence import Evidence
-from validation.paper.naming import chosen_by_name
+from validation.paper.statement import NOT_COMPUTED, Statement, Truth, Verdict, chosen_by_name
 
 
-def claims() -> list[Claim]:
+def claims() -> list[Statement]:
     """Return all claims, in the order of the paper."""
     return [*RIGID_CLAIMS, *FEM_CLAIMS]
 
@@ -25,13 +24,12 @@ def judge_claims(evidence: Evidence, names: list[str] | None = None) -> list[dic
     result = []
     for claim in chosen_by_name(claims(), names, "claim"):
         verdict = _verdict(claim, evidence)
-        row = {"name": claim.name, "statement": claim.statement, "place": claim.place}
         judged = {"verdict": str(verdict.truth), "number": verdict.number}
-        result.append({**row, **judged, "values": verdict.values})
+        result.append({"name": claim.name, **claim.text, **judged, "values": verdict.values})
     return result
 
 
-def _verdict(claim: Claim, evidence: Evidence) -> Verdict:
+def _verdict(claim: Statement, evidence: Evidence) -> Verdict:
     """Judge one claim; where it holds for one turn of the layers alone, say so."""
     if claim.deformable and not evidence.deformable:
         return NOT_COMPUTED

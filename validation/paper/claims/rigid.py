@@ -10,11 +10,11 @@ import numpy as np
 from geometry.answer import Answer
 from geometry.mesh import FloatArray, IntArray
 from mbd import contact_jacobian
-from validation.paper.claims.claim import Claims, Truth, Verdict, judged
 from validation.paper.evidence import Design, Evidence, measures_of, p_max
 from validation.paper.reference import reference
+from validation.paper.statement import Statements, Truth, Verdict, judged
 
-RIGID_CLAIMS = Claims()
+RIGID_CLAIMS = Statements("claim")
 
 
 #: What "approximately", "comparable", "minor" and "marginal" may mean here.

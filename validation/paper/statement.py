@@ -6,11 +6,12 @@ given a number by those who judge, and the number is part of the verdict.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, TypeAlias
 
+from validation.errors import InputError
 from validation.paper.evidence import Evidence
 from validation.paper.reference import statements
 
@@ -41,15 +42,13 @@ Judge: TypeAlias = Callable[[Evidence], Verdict]
 
 
 @dataclass(frozen=True)
-class Claim:
-    """A statement of the paper and how it is judged."""
+class Statement:
+    """A claim of the paper and how it is judged, or an erratum and what shows it."""
 
     name: str
     """Short, for the command line."""
-    statement: str
-    """What the paper says."""
-    place: str
-    """Label of the section, table or figure."""
+    text: Mapping[str, str]
+    """Of a claim ``statement`` and ``place``, of an erratum what is ``printed`` and ``meant``."""
     judge: Judge
     """Computes and judges."""
     deformable: bool = False
@@ -58,14 +57,31 @@ class Claim:
     """Whether the layers' turn may decide: judged with the half-block turn too."""
 
 
-class Claims(list[Claim]):
-    """Claims in the order in which their judges stand."""
+class Statements(list[Statement]):
+    """Statements in the order in which their judges stand."""
+
+    def __init__(self, kind: str) -> None:
+        """Start a list of the section ``claim`` or ``erratum`` of ``statements.toml``."""
+        self._stated = statements()[kind]
 
     def add(self, judge: Judge, name: str = "") -> Judge:
-        """List the claim of ``statements.toml`` that a function judges, which names it."""
+        """List the statement that a function judges, which names it: ``_one_wave``, one-wave."""
         name = name or judge.__name__.strip("_").replace("_", "-")
-        self.append(Claim(name, judge=judge, **statements()["claim"][name]))
+        text = dict(self._stated[name])
+        flags = {key: text.pop(key) for key in ("deformable", "of_turn") if key in text}
+        self.append(Statement(name, text, judge, **flags))
         return judge
+
+
+def chosen_by_name(
+    items: Iterable[Statement], names: list[str] | None, kind: str
+) -> list[Statement]:
+    """Return the statements of some names, in that order, or all of them."""
+    known = {item.name: item for item in items}
+    for name in names or ():
+        if name not in known:
+            raise InputError(f"{kind} {name!r}: expected one of {', '.join(known)}")
+    return [known[name] for name in names or known]
 
 
 NOT_COMPUTED = Verdict(Truth.NOT_COMPUTED, "needs the deformable run: add --fem", {})
