@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -183,23 +183,65 @@ def _load(
 def solved(
     problem: StaticProblem, state: StaticState, options: StaticOptions, clocks: tuple[float, float]
 ) -> StaticResult:
-    """Result of a state; ``clocks`` are the CPU times at which the run and its path began [s]."""
+    """Result of a state in the whole assembly.
+
+    ``clocks`` are the CPU times at which the run and its path began [s].
+    """
     (clock, ready), done = clocks, time.process_time()
     system, step, share = problem.system, problem.step, state.load_factor
-    displacement = completed(problem, state)
-    forces = support_forces(problem, state) if len(system.held.nodes) else None
-    whole = free_motions(system)
+    deformable, orbits = system.deformable, system.orbits
+    displacement, whole = completed(problem, state), free_motions(system)
     if whole is not None:
         displacement = whole.without(displacement)
     require_near(system, displacement)
+    displacements = tuple(system.expand(displacement))
+    searched, friction = None, frictions(problem, state)
+    if isinstance(system.points, SearchedPoints):
+        searched = searched_in_all_sectors(deformable, orbits, system.points)
+        overclosure = searched.overclosures(searched.moved(displacement))
+    else:
+        overclosure = system.points.gaps(displacement).overclosure.ravel()[orbits.point_of]
+    if friction is not None:
+        friction = vectors_in_all_sectors(deformable, orbits, friction, searched)
+    surfaces = searched or deformable.surfaces
+    law = deformable.contact.law.on(surfaces.block_m, surfaces.block_s)
+    pressures, loose = law.pressure(overclosure), np.zeros(0, dtype=np.int64)
+    if deformable.contact.friction is None:
+        loose = loose_blocks(deformable, displacements, pressures, surfaces, orbits.representative)
+    held = system.expand(support_forces(problem, state)) if len(system.held.nodes) else ()
+    # Condensing takes from the loads what inner nodes hand on; there K u is the load.
+    internal = at_share(system.loads, share) - step.load(share)
+    internal += step.internal_force(state.displacement)
+    copies = _copies(system)
+    strain, work = 0.5 * displacement * internal, displacement * system.external_force
     seconds = {"setup": ready - clock, "newton": done - ready}
     seconds["recovery"] = time.process_time() - done
-    seconds["total"] = time.process_time() - clock
-    # Condensing takes from the loads what inner nodes hand on; there K u is the load.
-    condensed = step.internal_force(state.displacement) - step.load(share)
-    internal = at_share(system.loads, share) + condensed
-    outcome = _Outcome(displacement, internal, state, seconds, forces, frictions(problem, state))
-    return _result(system, options, outcome)
+    return StaticResult(
+        deformable=deformable,
+        displacements=displacements,
+        overclosures=overclosure,
+        pressures=pressures,
+        residual=state.residuals[-1],
+        converged=state.converged,
+        status=_status(deformable, state, options, loose),
+        reached=state.stopped is None,
+        steps=tuple((factor, tuple(system.expand(u))) for factor, u in state.path),
+        support_forces=tuple(held),
+        pushed=tuple((time, tuple(system.expand(force))) for time, force in state.pushed),
+        loose_blocks=loose,
+        residuals=state.residuals,
+        strain_energy=float(copies @ strain.sum(axis=1)),
+        contact_energy=float((surfaces.weights * law.stored_energy(overclosure)).sum()),
+        external_work=float(copies @ work.sum(axis=1)) * (1.0 if deformable.meets else 0.5),
+        frictional_dissipation=state.dissipation,
+        symmetry=orbits.order,
+        representative=orbits.representative,
+        n_unknowns=displacement.size,
+        load_steps=options.load_steps,
+        cpu_seconds=seconds | {"total": sum(seconds.values())},
+        searched=searched,
+        frictions=friction,
+    )
 
 
 def beginning(
@@ -315,76 +357,6 @@ def placed(problem: StaticProblem, state: StaticState, displacement: FloatArray)
 
 # ---------------------------------------------------------------------------------------------
 # Result
-
-
-@dataclass(frozen=True)
-class _Outcome:
-    """What a solver found on the representative blocks."""
-
-    displacement: FloatArray
-    """Of all nodes in block frames, (n_nodes, 3) [mm]."""
-    internal_force: FloatArray
-    """K u, (n_nodes, 3) [N]."""
-    state: StaticState
-    """Residuals, dissipation and load steps."""
-    seconds: dict[str, float]
-    """CPU time by stage [s]."""
-    support_forces: FloatArray | None = None
-    """Of the supports on the nodes, (n_nodes, 3) [N]; None: nothing is held."""
-    frictions: FloatArray | None = None
-    """On block s at the points of the system, (n_facets, n_points, 3) [MPa]; None: none acts."""
-
-
-def _result(system: System, options: StaticOptions, outcome: _Outcome) -> StaticResult:
-    """Expand a solution to the whole assembly."""
-    state, displacement = outcome.state, outcome.displacement
-    deformable, orbits = system.deformable, system.orbits
-    displacements = tuple(system.expand(displacement))
-    searched, friction = None, outcome.frictions
-    if isinstance(system.points, SearchedPoints):
-        searched = searched_in_all_sectors(deformable, orbits, system.points)
-        overclosure = searched.overclosures(searched.moved(displacement))
-    else:
-        overclosure = system.points.gaps(displacement).overclosure.ravel()[orbits.point_of]
-    if friction is not None:
-        friction = vectors_in_all_sectors(deformable, orbits, friction, searched)
-    surfaces = searched or deformable.surfaces
-    law = deformable.contact.law.on(surfaces.block_m, surfaces.block_s)
-    share = _copies(system)
-    pressures = law.pressure(overclosure)
-    loose = np.zeros(0, dtype=np.int64)
-    if deformable.contact.friction is None:
-        loose = loose_blocks(deformable, displacements, pressures, surfaces, orbits.representative)
-    held = outcome.support_forces
-    strain = 0.5 * displacement * outcome.internal_force
-    work = displacement * system.external_force
-    stored = surfaces.weights * law.stored_energy(overclosure)
-    return StaticResult(
-        deformable=deformable,
-        displacements=displacements,
-        overclosures=overclosure,
-        pressures=pressures,
-        residual=state.residuals[-1],
-        converged=state.converged,
-        status=_status(deformable, state, options, loose),
-        reached=state.stopped is None,
-        steps=tuple((factor, tuple(system.expand(u))) for factor, u in state.path),
-        support_forces=() if held is None else tuple(system.expand(held)),
-        pushed=tuple((time, tuple(system.expand(force))) for time, force in state.pushed),
-        loose_blocks=loose,
-        residuals=state.residuals,
-        strain_energy=float(share @ strain.sum(axis=1)),
-        contact_energy=float(stored.sum()),
-        external_work=float(share @ work.sum(axis=1)) * (1.0 if deformable.meets else 0.5),
-        frictional_dissipation=state.dissipation,
-        symmetry=orbits.order,
-        representative=orbits.representative,
-        n_unknowns=displacement.size,
-        load_steps=options.load_steps,
-        cpu_seconds=outcome.seconds,
-        searched=searched,
-        frictions=friction,
-    )
 
 
 def _copies(system: System) -> FloatArray:
