@@ -10,9 +10,11 @@ from rich.table import Table
 
 from fem.accuracy.parts import Accuracy
 from geometry.answer import FACTORS, Answer, Measure, measure_rows, title_of
+from geometry.balance import reaction_rows
 from mbd import MechanismClass
 from validation.output.console import add_dimensions
 from validation.output.rigid import OF_RIGID_BLOCKS, verdict_words
+from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene
 
 #: Whether an answer is good news, bad news, neither, or good on a condition, as pages colour it.
@@ -49,6 +51,8 @@ def verdicts(
 ) -> list[Verdict]:
     """Answer the questions of a reader; ``failed`` says why an answer is missing, by its kind."""
     result = [] if rigid is None else [_locked(rigid), _carried(rigid)]
+    if isinstance(scene, PolyhedralScene):
+        result.reverse()  # of masonry the first question is whether it stands
     if "rigid" in failed:
         result.append(Verdict("Rigid blocks?", "no answer", OPEN, (failed["rigid"],)))
     if "fem" in failed:
@@ -84,6 +88,8 @@ def _carried(rigid: Answer) -> Verdict:
         lines.append(f"Rigid blocks without friction: {result.equilibrium.status}.")
     else:
         lines.append(f"Rigid blocks: {result.words}.")
+    if result.holds and isinstance(rigid.case.scene, PolyhedralScene):
+        lines += [f"Reaction of {row}." for row in reaction_rows(rigid.report.get("reactions", {}))]
     for name in ("collapse", "sliding"):
         for title, words in rigid.parts[name].rows if name in rigid.parts else ():
             lines.append(f"{title.capitalize()}: {words}.")
@@ -173,9 +179,9 @@ def strength_verdict(
             f"--set material.{key}={value}"
         )
     if not factors:
-        return Verdict("When does it crack or crush?", "not computed", OPEN, tuple(lines))
+        return Verdict("When does it fail first?", "not computed", OPEN, tuple(lines))
     words = lines.pop(0)
-    return Verdict("When does it crack or crush?", words, tone, tuple(lines))
+    return Verdict("When does it fail first?", words, tone, tuple(lines))
 
 
 def castable(scene: DeformableScene, answer: Answer) -> Verdict:
