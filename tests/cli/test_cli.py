@@ -53,7 +53,7 @@ def test_json_of_mbd_has_the_promised_keys_in_full_precision(tubelock) -> None:
     "word",
     [
         *("clearance", "cell", "convergence", "peaks", "combinations", "schema", "studies"),
-        *("repair", "explode", "demo", "plot", "solve"),
+        *("repair", "rescue", "explode", "demo", "plot", "solve"),
     ],
 )
 def test_a_word_that_is_no_command_names_the_one_to_type(tubelock, word) -> None:
