@@ -29,7 +29,6 @@ from geometry.system import one_thread_of_blas
 from geometry.work import budget, clock
 from mbd.contact_jacobian import contact_jacobian
 from mbd.equilibrium import Equilibrium, column_weights, equilibrium
-from mbd.margin import Pushes
 from mbd.mechanism import (
     MANY_BLOCKS,
     Classification,
@@ -41,7 +40,7 @@ from mbd.mechanism import (
 )
 from mbd.options import Norm, Rigid, Solver
 from mbd.parts import ByFaces, Friction, Question
-from mbd.push import Push, push_limit
+from mbd.pushes import Push, Pushes, push_limit
 
 if TYPE_CHECKING:
     from geometry.polyhedra.assembly import PolyhedralAssembly

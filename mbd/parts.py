@@ -31,9 +31,9 @@ from mbd.friction import (
     frictional_contacts,
     frictional_equilibrium,
 )
-from mbd.margin import interlocking_margin
 from mbd.mechanism import Classification
 from mbd.options import Rigid
+from mbd.pushes import interlocking_margin
 from mbd.sliding_collapse import SlidingCollapse, sliding_collapse, sliding_state
 from mbd.squeeze import Squeeze, squeeze
 

@@ -18,7 +18,7 @@ from geometry.families.platonic_layers import tetrahedron
 from mbd import contact_jacobian
 from mbd.force_range import force_ranges
 from mbd.friction import frictional_contacts, frictional_equilibrium
-from mbd.push import at_rest
+from mbd.pushes import at_rest
 from tests.support.commands import command
 from validation import Case, load_case, solve
 

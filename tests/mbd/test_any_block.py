@@ -38,8 +38,8 @@ from mbd.friction import (
     frictional_contacts,
     frictional_equilibrium,
 )
-from mbd.margin import Pushes, interlocking_margin
 from mbd.mechanism import Classification, Mechanism, SelfStress, classify
+from mbd.pushes import Pushes, interlocking_margin
 from tests.support.blocks import random_rotation, tsb
 from tests.support.linear_programs import solve_linear_programs
 from validation import load_case, solve

@@ -22,8 +22,8 @@ from mbd import contact_jacobian
 from mbd.equilibrium import newton_equilibrium
 from mbd.force_range import PlaneProblem, force_ranges, plane_problem
 from mbd.friction import FrictionError, frictional_contacts
-from mbd.margin import Pushes
 from mbd.options import FrictionLaw
+from mbd.pushes import Pushes
 from mbd.sliding_collapse import SlidingCheck, SlidingCollapse
 from tests.support.blocks import random_rotation
 

@@ -12,7 +12,7 @@ from geometry.parts.regions import Box, Plane
 from geometry.parts.supports import HeldFace
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
 from mbd.friction import FrictionError
-from mbd.push import push_limit
+from mbd.pushes import push_limit
 from mbd.supports import RigidSupportError
 
 pytestmark = pytest.mark.quick

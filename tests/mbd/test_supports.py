@@ -18,7 +18,7 @@ from geometry.polyhedra.assembly import as_polyhedral
 from mbd import MechanismClass, analyse, contact_jacobian
 from mbd.force_range import force_ranges
 from mbd.friction import collapse_load, frictional_contacts, frictional_equilibrium
-from mbd.margin import Pushes, interlocking_margin
+from mbd.pushes import Pushes, interlocking_margin
 from mbd.sliding_collapse import sliding_collapse
 from mbd.supports import RigidSupportError
 

@@ -12,8 +12,8 @@ from mbd import contact_jacobian
 from mbd.equilibrium import newton_equilibrium
 from mbd.force_range import force_ranges
 from mbd.friction import frictional_contacts, frictional_equilibrium
-from mbd.margin import interlocking_margin
 from mbd.programs import Work
+from mbd.pushes import interlocking_margin
 from mbd.sliding_collapse import sliding_collapse
 from mbd.squeeze import squeeze
 from tests.verification import printed_numbers
