@@ -36,11 +36,13 @@ from fem.system.model import (
 )
 from fem.system.sector import (
     Orbits,
+    SymmetryError,
     largest_cyclic_orbits,
     no_symmetry,
     require_sector,
     searched_in_all_sectors,
     vectors_in_all_sectors,
+    with_half_turn,
 )
 from fem.system.state import (
     ContactState,
@@ -207,7 +209,8 @@ def explicit_statement(
         static state it grows with the loads, else it acts at once, as in Abaqus' steps.
     symmetry
         ``none``: every block is computed; ``sector``: it must be possible that one block of each
-        layer stands for all; else that is done where it is exact.
+        layer stands for all; ``auto``: that is done where it is exact, with a half turn as well
+        where facets are matched.
     ramp_time, end_time
         [s]; None: recommended. The load stays as long after another ramp.
     mass_scaling
@@ -229,11 +232,7 @@ def explicit_statement(
     """
     if mass_scaling is not None:
         deformable = replace(deformable, model=scale_masses(deformable.model, mass_scaling))
-    orbits = no_symmetry(deformable)
-    if symmetry != "none" and deformable.meets:
-        orbits = largest_cyclic_orbits(deformable)
-    if symmetry == "sector":
-        require_sector(deformable)
+    orbits = _orbits(deformable, symmetry, motion)
     # What presses before any load acts is counted too.
     before = -deformable.surfaces.clearance
     at_start = max(float(law.pressure(before)) for law in deformable.contact.law.members)
@@ -260,6 +259,29 @@ def explicit_statement(
         velocities=None if motion is None else motion.velocities(model),
         settled_after=max(ramp, moved),
     )
+
+
+def _orbits(
+    deformable: DeformableAssembly,
+    symmetry: Literal["auto", "none", "sector"],
+    motion: Motion | None,
+) -> Orbits:
+    """Blocks that shape, loads, supports and motion at the start make equal."""
+    if symmetry == "none" or not deformable.meets:
+        return no_symmetry(deformable)
+    moving = [] if motion is None else [motion.velocity, motion.angular_velocity]
+    if any(np.abs(np.cross(deformable.assembly.axis, way)).max() > 0.0 for way in moving):
+        if symmetry == "sector":
+            raise SymmetryError(
+                'symmetry: got "sector", but blocks move across the axis at the start; expected '
+                '"auto" or "none"'
+            )
+        return no_symmetry(deformable)
+    if symmetry == "sector":
+        require_sector(deformable)
+    orbits = largest_cyclic_orbits(deformable)
+    half = symmetry == "auto" and motion is None and not deformable.contact.finite_sliding
+    return with_half_turn(deformable, orbits) if half else orbits
 
 
 def _end_of_motion(deformable: DeformableAssembly, ramp: float) -> float:
@@ -400,22 +422,24 @@ def _contact(
         return SlidingContact(surfaces=surfaces, areas=areas, symmetry=orbits.order, **common)
     return FaceContact(
         pairs=alike_pairs(system, copy_of),
-        areas=_areas(system, blocks),
+        areas=_areas(system),
         normals=contact.normals,
         **common,
     )
 
 
-def _areas(system: System, blocks: tuple[IntArray, ...]) -> tuple[FloatArray, ...]:
+def _areas(system: System) -> tuple[FloatArray, ...]:
     """`ExplicitContact.areas` of matched facets."""
     points = system.points
     sides = np.stack([points.block_m, points.block_s])
     moving = (system.slot_of[sides] >= 0).sum(axis=0)
     each = np.einsum("f,fp,fpa->fa", moving, points.weights, np.abs(points.functions))
     total: FloatArray = np.bincount(points.rows.ravel(), each.ravel(), system.n_nodes + 1)
-    slots = [system.slot_of[mine].tolist() for mine in blocks]
-    by_copy = [np.array([total[system.nodes_of(slot)] for slot in mine]) for mine in slots]
-    return tuple(areas.max(axis=0) for areas in by_copy)
+    areas = tuple(np.zeros(group.n_nodes) for group in system.deformable.model.groups)
+    for block in system.deformable.deformable_blocks.tolist():
+        largest = areas[system.deformable.group_of[block]]
+        np.maximum(largest, total[system.rows.of_block(block)], out=largest)
+    return areas
 
 
 def counted_stiffness(law: ContactLaw, pressure: float = COUNTED_PRESSURE) -> float:
