@@ -7,8 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from geometry.answer import title_of
 from geometry.measures import Resultants, SectionError, block_measures, measures, planes
 from geometry.polyhedra.facet_contact import ContactPoints
+from validation import load_case, solve
 
 pytestmark = pytest.mark.quick
 
@@ -157,3 +159,15 @@ def test_planes_take_normals_of_any_length_and_one_for_all() -> None:
     found = planes([[0.0, 0.0, 1.0], [0.0, 0.0, 2.0]], [0.0, 3.0, 4.0])
     assert found.normals.tolist() == [[0.0, 0.6, 0.8]] * 2
     assert found.names == ("0", "1")
+
+
+def test_measures_have_the_units_of_their_table() -> None:
+    """Of rigid and of deformable blocks."""
+    tube = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 2}
+    answers = [
+        solve(load_case("tsb1-pipe", tube | {"fem.mesh": "scene"})),
+        solve(load_case("tsb1-pipe", tube, method="rigid")),
+    ]
+    units = {name: m.unit for answer in answers for name, m in answer.measures.items()}
+    assert len(units) >= 9
+    assert units == {name: title_of(name).unit for name in units}

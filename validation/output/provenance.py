@@ -19,15 +19,13 @@ if TYPE_CHECKING:
 JSON_VERSION = 4
 #: Libraries whose versions can move the last digits of an answer.
 _LIBRARIES = ("numpy", "scipy", "numba")
-#: What answers depend on; pictures, tables and commands may change.
-_PACKAGES = (
-    "geometry",
-    "mbd",
-    "fem",
-    "validation.scene",
-    "validation.build",
-    "validation.run",
-)
+#: Sources that answers depend on; pictures, tables and commands may change.
+_SOURCES = {
+    "geometry": ("**/*.py",),
+    "mbd": ("**/*.py",),
+    "fem": ("**/*.py",),
+    "validation": ("scene/**/*.py", "build/**/*.py", "run/**/*.py", "*.py", "study/design.py"),
+}
 
 
 def version() -> str:
@@ -42,9 +40,10 @@ def version() -> str:
 def program() -> str:
     """Version and digest of the sources that answers come from, such as ``0.1.0+3f2a9c0d17b4``."""
     digest = hashlib.sha256()
-    for package in _PACKAGES:
+    for package, patterns in _SOURCES.items():
         folder = Path(str(resources.files(package)))
-        texts = {path.relative_to(folder).as_posix(): path for path in folder.rglob("*.py")}
+        found = (path for pattern in patterns for path in folder.glob(pattern))
+        texts = {path.relative_to(folder).as_posix(): path for path in found}
         for name, path in sorted(texts.items()):
             digest.update(f"{package}/{name}".encode())
             digest.update(path.read_bytes())
