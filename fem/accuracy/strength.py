@@ -81,7 +81,7 @@ def strength_factors(
     if not any(strengths.values()):
         return {}
     store = FlexibilityStore()
-    options = replace(options or StaticOptions(), load_path=None, like=solution.static)
+    options = replace(options or StaticOptions(), load_path=None, once=True)
 
     last, state, solved = 1.0, solution.static, {1.0: solution}
     path_counts = solution.deformable.contact.friction is not None

@@ -26,7 +26,7 @@ from fem.static.newton import (
     held_in_motion,
     support_forces,
 )
-from fem.static.result import StaticError, StaticResult, load_factors
+from fem.static.result import StaticError, load_factors
 from fem.system.forces import TabularAmplitude
 from geometry.errors import is_number
 from geometry.mesh import FloatArray, IntArray
@@ -96,9 +96,9 @@ class StaticOptions:
     motion_steps: int | None = None
     """Parts of the way of supports that move, after the load; the times of their tables come on
     top. None: all their way at once, with the load."""
-    like: StaticResult | None = None
-    """A result whose solver alone is used, once. None: what does not converge is tried in other
-    ways, in smaller load steps or along the energy, which takes long."""
+    once: bool = False
+    """Whether what does not converge is given up, not tried in smaller load steps or along the
+    energy, which takes long."""
 
     def __post_init__(self) -> None:
         if not (is_number(self.tolerance) and self.tolerance > 0.0):
@@ -212,7 +212,7 @@ def _equilibrium(
     if problem.system.has_friction and reached.residuals[-1] > _HISTORY:
         # What follows would start from a history that no equilibrium has.
         return problem, reached, False
-    if not reached.converged and options.like is None and has_potential(problem):
+    if not reached.converged and not options.once and has_potential(problem):
         reached = descend(problem, replace(state, residuals=reached.residuals))
     return problem, _advance_friction(problem, reached, begin), True
 

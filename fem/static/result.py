@@ -104,11 +104,6 @@ class StaticResult(ReadOnlyArrays):
         """Linear problems solved."""
         return len(self.residuals)
 
-    @property
-    def facet_pressures(self) -> FloatArray:
-        """Force over area of every facet of `contact_state`, (n_facets,) [MPa]."""
-        return self.contact_state.pressures
-
     @cached_property
     def contact_state(self) -> ContactState:
         """Contact facet by facet."""
@@ -148,8 +143,7 @@ def path_change(coarse: StaticResult, fine: StaticResult) -> float:
     """
 
     def numbers(result: StaticResult) -> tuple[float, float, float]:
-        pressures = result.facet_pressures
-        areas = result.contact_state.areas
+        pressures, areas = result.contact_state.pressures, result.contact_state.areas
         mean = float(np.sqrt(areas @ pressures**2 / max(float(areas.sum()), 1e-300)))
         return result.max_displacement, float(result.pressures.max(initial=0.0)), mean
 

@@ -166,9 +166,8 @@ def _load(
     again = None if search is None else replace(search)
     path = load_path(problem, options, options.load_steps)
     problem, state = follow(problem, first, path, options, known=known, search=search)
-    once_only = options.load_path is not None or options.like is not None
-    more = options.load_steps < _FALLBACK_LOAD_STEPS and not once_only
-    if more and not state.converged:
+    more = options.load_steps < _FALLBACK_LOAD_STEPS and options.load_path is None
+    if more and not options.once and not state.converged:
         once, first = (problem, state), replace(first, residuals=state.residuals)
         if again is not None:
             problem, first = again.anew(problem, first)

@@ -188,7 +188,7 @@ def test_hexagon_blocks_have_a_cell() -> None:
     assert run.details.static.converged
     sparse = solve_static(run.details.deformable, StaticOptions(method=StaticMethod.SPARSE))
     np.testing.assert_allclose(
-        sparse.facet_pressures,
+        sparse.contact_state.pressures,
         run.details.contact_state.pressures,
         rtol=0,
         atol=1e-4 * run.details.contact.p_max,

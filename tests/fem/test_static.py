@@ -303,7 +303,7 @@ def rigid_limit(divisions):
     rigid = analyse(assembly, Rigid(norm=Norm.PRESSURE), load=load).details
     ours = contact_measures(model.assembly, result.contact_state)
     where = np.searchsorted(model.surfaces.facet, rigid.contact_index)
-    correlation = np.corrcoef(result.facet_pressures[where], rigid.contact_pressures)[0, 1]
+    correlation = np.corrcoef(result.contact_state.pressures[where], rigid.contact_pressures)[0, 1]
     assert rigid.measures is not None
     return (
         ours.p_eff / rigid.measures.p_eff - 1,
