@@ -31,6 +31,8 @@ from fem.system.forces import TabularAmplitude
 from geometry.errors import is_number
 from geometry.mesh import FloatArray, IntArray
 
+#: Residual of a body without contact that is round-off: its equilibrium is one linear solution.
+_ROUND_OFF = 1e-6
 #: Residual of a load step on the way above which its slips are no history to go on with: what load
 #: steps are doubled for. Blocks that hardly touch yet under a hundredth of the load may not come to
 #: the tolerance, which is of all of it.
@@ -209,6 +211,9 @@ def _equilibrium(
     if search is not None:
         return search.equilibrium(problem, state, begin)
     reached = converge(problem, state)
+    if not reached.gaps.x.size:  # linear: what more steps change is the round-off of slender blocks
+        within = reached.residuals[-1] <= _ROUND_OFF
+        return problem, replace(reached, converged=reached.converged or within), True
     if problem.system.has_friction and reached.residuals[-1] > _HISTORY:
         # What follows would start from a history that no equilibrium has.
         return problem, reached, False

@@ -29,8 +29,8 @@ from tests.support.ccx import calculix_available, run_calculix
 from tests.support.commands import command
 from tests.support.cubes_deck import CUBES, changed, changed_lines
 from tests.support.decks import exported, solved, written_again
-from tests.support.slender_beam import beam_lines
 from tests.verification.deck_press_fit import MU, STICK, block, block_pressure
+from tests.verification.macneal_harder import beam_lines, solved_lines, tip_moves
 from validation import load_case
 
 pytestmark = pytest.mark.quick
@@ -188,6 +188,13 @@ def test_a_mesh_that_cannot_bend_is_named(shape, kind, coarse, tmp_path: Path) -
     status, said, wrong = command("deck", str(path), "--run", "--json", "-")
     assert status == 0, wrong
     assert any("mesh: too coarse" in note for note in json.loads(said)["remarks"]) is coarse
+
+
+def test_a_slender_body_ends_at_the_round_off_of_its_stiffness() -> None:
+    """C3D20 out of plane, 0.1 of 6 mm thick: the residual is above 1e-8, the answer within 3 %."""
+    lines = beam_lines("regular", "C3D20", 3)
+    moved, _, _ = solved_lines(lines, judged=False)
+    assert tip_moves(lines, moved, 3) == pytest.approx(0.4321, rel=0.03)
 
 
 def test_a_clearance_is_closed_first() -> None:
