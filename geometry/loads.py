@@ -257,6 +257,16 @@ class LoadCase(ReadOnlyArrays):
             wrench[:, k] += np.bincount(self.block, column, n)
         return wrench
 
+    def with_wrenches(self, wrenches: FloatArray | None) -> LoadCase:
+        """Return the load with forces and moments on whole blocks on top; None: itself.
+
+        About each block's mass centroid, (n_blocks, 6) [N, N mm].
+        """
+        if wrenches is None:
+            return self
+        there = self.body_wrenches
+        return replace(self, body_wrenches=wrenches if there is None else there + wrenches)
+
     @property
     def on_regions(self) -> bool:
         """Whether loads or supports lie on planes, in boxes or on lines.
@@ -342,15 +352,6 @@ def surface_means(assembly: Assembly) -> FloatArray:
     local = np.array([s.mesh.nodes[s.surface_nodes].mean(axis=0) for s in assembly.shapes])
     turned = np.einsum("bij,bj->bi", assembly.rotations, local[assembly.shape_of])
     return turned + assembly.translations
-
-
-def with_body_wrenches(load: LoadCase, wrenches: FloatArray) -> LoadCase:
-    """Return the load with forces and moments on whole blocks on top.
-
-    About each block's mass centroid, (n_blocks, 6) [N, N mm].
-    """
-    there = load.body_wrenches
-    return replace(load, body_wrenches=wrenches if there is None else there + wrenches)
 
 
 def face_pressure(assembly: Assembly, blocks: IntArray, face: str, pressure: float) -> LoadCase:

@@ -14,7 +14,7 @@ import scipy.spatial  # noqa: F401 - what matches facets, loaded before the cloc
 from geometry.answer import Part
 from geometry.assembly import AnyBlocks, Assembly, PlacedBlocks
 from geometry.errors import RefusedError
-from geometry.loads import LoadCase, with_body_wrenches
+from geometry.loads import LoadCase
 from geometry.measures import (
     BlockMeasures,
     JointResultants,
@@ -275,7 +275,7 @@ def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) 
     if any(support.is_push for support in live_case.held):
         held = tuple(support for support in live_case.held if not support.is_push)
         live_case = replace(live_case, held=held)
-    whole = live_case if weight is None else with_body_wrenches(live_case, weight)
+    whole = live_case.with_wrenches(weight)
     tell(f"{int((~whole.fixed).sum())} free blocks: equilibrium and mechanisms")
     result = frictionless_result(blocks, whole, method.norm, method.solver)
     start = time.process_time()
@@ -299,8 +299,7 @@ def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) 
         alone = bool(np.any(dead)) and not np.any(live)
         parts = {"pushes": Pushes(blocks, whole, result.norm, balance, alone), **parts}
     if pushed is not live_case:
-        load_of_push = pushed if weight is None else with_body_wrenches(pushed, weight)
-        parts["push_limit"] = _push(blocks, load_of_push, coulomb)
+        parts["push_limit"] = _push(blocks, pushed.with_wrenches(weight), coulomb)
     if sum(result.bare_contacts.values()):
         tell("class by faces alone")
         parts["by_faces_alone"] = ByFaces(class_by_faces(result))

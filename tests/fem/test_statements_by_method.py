@@ -27,7 +27,6 @@ from fem.decks.problem import problem_deck
 from fem.decks.statement import Flavour
 from fem.problem import Motion
 from geometry import Answer, HeldFace, LineLoad, LoadCase, PressureLoad, RefusedError
-from geometry.loads import with_body_wrenches
 from mbd import analyse
 from tests.support.ccx import calculix_available
 from tests.support.supports import ONE, TWO, A, X, Y, Z, case, pulled, roller, side
@@ -82,7 +81,7 @@ STATEMENTS: dict[str, tuple[LoadCase, dict[str, Any]]] = {
     "pressure on a region": (_loaded(faces=(PRESSURE,)), {}),
     "traction on a region": (_loaded(), {}),
     "line load": (case(TWO, (), GUIDES, [MIDDLE]), {}),
-    "force and moment on a block": (with_body_wrenches(_loaded(faces=()), PUSH), {}),
+    "force and moment on a block": (_loaded(faces=()).with_wrenches(PUSH), {}),
     "gravity": (_loaded(faces=()), {"gravity": (0.0, 0.0, -9810.0)}),
     "friction": (_loaded(), {"friction": 0.3}),
     "contact law of a pair": (_loaded(), {"law": LAWS}),

@@ -14,7 +14,6 @@ from geometry.loads import (
     LoadCase,
     PressureLoad,
     TractionLoad,
-    with_body_wrenches,
 )
 from geometry.mesh import FloatArray, IntArray, QuadSurface
 from geometry.parts.chosen import chosen_block, chosen_blocks
@@ -73,7 +72,7 @@ def stated_load(scene: DeformableScene, assembly: AnyBlocks, load: LoadCase) -> 
             _add_force(assembly, one, wrenches, place)
     result = replace(load, faces=tuple(faces), lines=tuple(lines), held=(*load.held, *held))
     if wrenches.any():
-        result = with_body_wrenches(result, wrenches)
+        result = result.with_wrenches(wrenches)
     _refuse_taken(assembly, result)
     return result
 

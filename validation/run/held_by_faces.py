@@ -15,7 +15,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from geometry.assembly import Assembly
-from geometry.loads import with_body_wrenches
 from geometry.mesh import FloatArray
 from geometry.parts.pairs import pair_values
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral
@@ -63,8 +62,7 @@ def _faces(scene: DeformableScene, assembly: Assembly) -> _Faces | None:
     if any(isinstance(held.face, str) for held in load.held):
         return None  # surfaces have no names
     contacts = contact_jacobian(bare, load.fixed, load.held)
-    load = load if weight is None else with_body_wrenches(load, weight)
-    return _Faces(bare, contacts, contacts.rows(load.wrenches))
+    return _Faces(bare, contacts, contacts.rows(load.with_wrenches(weight).wrenches))
 
 
 def _frictional(scene: DeformableScene, faces: _Faces) -> FrictionalContacts:

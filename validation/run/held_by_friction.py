@@ -18,7 +18,7 @@ from fem.contact.friction import CoulombFriction
 from fem.element.facet import FACET_CORNERS, bilinear
 from geometry.assembly import Assembly
 from geometry.interface import Interfaces
-from geometry.loads import LoadCase, with_body_wrenches
+from geometry.loads import LoadCase
 from geometry.mesh import FloatArray
 from mbd import contact_jacobian
 from mbd.contact_jacobian import Contacts
@@ -107,8 +107,7 @@ def _moving_words(name: str, scene: DeformableScene, natural: float) -> str | No
     if assembly.unmatched or not load.fixed.any():
         return None
     friction, weight = build_friction(scene, assembly, sliding=False), build_weight(scene, assembly)
-    load = load if weight is None else with_body_wrenches(load, weight)
-    return sliding_words(assembly, load, friction, natural)
+    return sliding_words(assembly, load.with_wrenches(weight), friction, natural)
 
 
 def mechanism_words(name: str, scene: DeformableScene) -> str | None:
