@@ -11,19 +11,21 @@ import numpy as np
 
 from fem.contact.law import LinearPenalty
 from fem.decks.abaqus import check_abaqus
-from fem.decks.calculix import check_calculix
+from fem.decks.calculix import CALCULIX_ELEMENTS, check_calculix
 from fem.decks.keywords import DeckError, safe_names
 from fem.decks.laws import law_notes
 from fem.decks.meshes import serendipity_block
 from fem.decks.model import as_nodal_forces, deck_model
 from fem.decks.placement import canonical
 from fem.decks.statement import (
+    ELEMENT_NAMES,
     Deck,
     DeckStep,
     Flavour,
     Hold,
     Joint,
     Procedure,
+    element_name,
     loads_of_case,
 )
 from fem.decks.supports import holds_on, springs_on_ground
@@ -467,6 +469,21 @@ def _gap_notes(deck: Deck) -> list[str]:
     ]
 
 
+def _mesh_notes(deck: Deck) -> list[str]:
+    """Which mesh a deck has, and how its error is learnt."""
+    names = CALCULIX_ELEMENTS if deck.flavour is Flavour.CALCULIX else ELEMENT_NAMES
+    count: dict[str, int] = {}
+    for block in range(deck.assembly.n_blocks):
+        shape = deck.assembly.shape(block)
+        name = element_name(deck, names, shape) if deck.element in names else deck.element.value
+        count[name] = count.get(name, 0) + shape.mesh.n_elements
+    mesh = ", ".join(f"{number} {name}" for name, number in count.items())
+    return [
+        f"mesh: {mesh}; tubelock's own answer refines it until its error bars are narrow",
+        "mesh: `tubelock deck FILE --run` solves it and prints its error bars",
+    ]
+
+
 def with_notes(deck: Deck, notes: list[str]) -> Deck:
     """Attach the notes, and refuse what no deck of this flavour can say.
 
@@ -475,7 +492,7 @@ def with_notes(deck: Deck, notes: list[str]) -> Deck:
     DeckError
         By name.
     """
-    notes = [*notes, *_gap_notes(deck), *_increment_notes(deck)]
+    notes = [*_mesh_notes(deck), *notes, *_gap_notes(deck), *_increment_notes(deck)]
     lines = [line for note in notes for line in textwrap.wrap(note.strip(), _NOTE_WIDTH)]
     deck = replace(deck, notes=tuple(lines))
     if deck.flavour is Flavour.CALCULIX:

@@ -140,7 +140,6 @@ def test_meshio_reads_the_flat_deck(tmp_path: Path) -> None:
     ("changes", "message"),
     [
         ({"element": ElementType.B_BAR}, "fem.element: got 'b-bar'"),
-        ({"joint": Joint(ExponentialLaw(), 0.01)}, "stick_stiffness"),
         ({"motion": Motion(np.ones(3), np.zeros(3))}, "initial motion"),
     ],
 )

@@ -285,6 +285,14 @@ def test_explicit_box_for_calculix_gets_a_stable_time_step(tmp_path: Path) -> No
     assert 0 < float(cards["DYNAMIC"].data[0].split(",")[0]) < 1e-5
 
 
+def test_heading_counts_the_elements_and_says_how_their_error_is_learnt(tmp_path: Path) -> None:
+    path = exported(tmp_path / "a.inp", "tsb1-pipe", COARSE, flavour="standard")
+    blocks = load_case("tsb1-pipe", COARSE).problem.blocks
+    count = sum(blocks.shape(b).mesh.n_elements for b in range(blocks.n_blocks))
+    assert f"mesh: {count} C3D8I" in said(path)
+    assert "`tubelock deck FILE --run`" in said(path)
+
+
 def test_header_lists_every_difference(tubelock) -> None:
     tubelock("export", "tsb1-shaft", *SMALL, "-o", "c.inp", "--flavour", "calculix")
     text = heading("c.inp")
