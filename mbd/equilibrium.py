@@ -26,7 +26,7 @@ import scipy.sparse as sp
 from geometry.mesh import BoolArray, FloatArray, ReadOnlyArrays
 from mbd.contact_jacobian import ContactJacobian
 from mbd.options import Norm, Solver
-from mbd.programs import least_conic
+from mbd.programs import least_quadratic
 
 #: Relative residual above which nothing is called equilibrium (the paper's tolerance).
 EQUILIBRIUM_TOLERANCE = 1e-6
@@ -62,7 +62,7 @@ class Equilibrium(ReadOnlyArrays):
     mechanism: FloatArray | None
     """Load-activated d with Gᵀd >= 0, fᵀd > 0, ‖d‖ = 1, (n_rows,); None in equilibrium."""
     iterations: int
-    """Newton (or interior-point) iterations."""
+    """Of Newton's method; 0 by an interior-point method, whose count is not told."""
     multiplier: FloatArray
     """Dual variable y, (n_rows,); a warm start."""
     status: str
@@ -360,14 +360,12 @@ def clarabel_equilibrium(
     *,
     weights: FloatArray | None = None,
 ) -> Equilibrium:
-    """Solve the same problem by clarabel's interior-point method.
+    """Solve the same problem by clarabel's interior-point method through qpsolvers.
 
     Parameters and result as in `newton_equilibrium`. Where clarabel finds no equilibrium, the
     mechanism comes from the projection min ½‖G λ + f‖², λ >= 0, solved by clarabel too: its
     residual is a load-activated mechanism.
     """
-    import clarabel
-
     n_rows, n_contacts = jacobian.shape
     size = load_size(load)
     known = _at_once(jacobian, load, size)
@@ -375,38 +373,28 @@ def clarabel_equilibrium(
         return known
     column = np.ones(n_contacts) if weights is None else weights
     matrix = jacobian.to_matrix() * column[None, :]
-    unit_load, eye = load / size, sp.eye_array(n_contacts, format="csc")
-    cones = [clarabel.NonnegativeConeT(n_contacts)]
-    solution = least_conic(
-        quadratic=eye,
-        cost=np.zeros(n_contacts),
-        equal=matrix,
-        target=-unit_load,
-        rows=eye,
-        cones=cones,
-        tolerance=1e-12,
-        work=None,
+    unit_load, none = load / size, np.zeros(n_contacts)
+    solution = least_quadratic(
+        sp.eye_array(n_contacts), equal=matrix, target=-unit_load, lower=none, tolerance=1e-12
     )
     # An infeasible problem still returns a vector: the residual, not the status alone, decides.
-    mu = np.maximum(np.asarray(solution.x), 0.0)
+    mu = none if solution.x is None else np.maximum(np.asarray(solution.x), 0.0)
     residual = float(np.linalg.norm(matrix @ mu + unit_load))
-    direction, multiplier = None, -size * np.asarray(solution.z)[:n_rows]
-    if not residual <= EQUILIBRIUM_TOLERANCE:
+    direction, multiplier = None, np.zeros(n_rows)
+    if residual <= EQUILIBRIUM_TOLERANCE:
+        multiplier = -size * np.asarray(solution.y)
+    else:
         # Variables (μ, r) with r = G μ + f keep the problem as sparse as G.
-        none = sp.csc_array((n_contacts, n_rows))
-        solution = least_conic(
-            quadratic=sp.block_diag([sp.csc_array((n_contacts, n_contacts)), sp.eye_array(n_rows)]),
-            cost=np.zeros(n_contacts + n_rows),
+        solution = least_quadratic(
+            sp.block_diag([sp.csc_array((n_contacts, n_contacts)), sp.eye_array(n_rows)]),
             equal=sp.hstack([matrix, -sp.eye_array(n_rows)]),
             target=-unit_load,
-            rows=sp.hstack([eye, none]),
-            cones=cones,
+            lower=np.concatenate([none, np.full(n_rows, -np.inf)]),
             tolerance=1e-8,
-            work=None,
         )
-        mu = np.maximum(np.asarray(solution.x)[:n_contacts], 0.0)
+        mu = none if solution.x is None else np.maximum(np.asarray(solution.x)[:n_contacts], 0.0)
         imbalance = matrix @ mu + unit_load
-        residual, multiplier = float(np.linalg.norm(imbalance)), np.zeros(n_rows)
+        residual = float(np.linalg.norm(imbalance))
         if residual > EQUILIBRIUM_TOLERANCE:
             direction = imbalance / residual
     return Equilibrium(
@@ -414,7 +402,7 @@ def clarabel_equilibrium(
         forces=size * column * mu,
         residual=residual,
         mechanism=direction,
-        iterations=int(solution.iterations),
+        iterations=0,
         multiplier=multiplier,
         status=_balanced(residual) if direction is None else _infeasible_status(),
     )

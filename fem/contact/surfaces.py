@@ -89,6 +89,13 @@ class ContactPoints(ReadOnlyArrays):
     n_rows: int = field(default=0, kw_only=True)
     """Rows of the state."""
 
+    def __post_init__(self) -> None:
+        if len(self.axes) != (n := len(self.block_m)):  # of no system: nothing moves
+            nodes = self.functions.shape[-1]
+            vars(self)["axes"] = np.broadcast_to(np.eye(3), (n, 2, 3, 3))
+            vars(self)["rows"] = np.zeros((n, nodes), np.int64)
+        super().__post_init__()
+
     @property
     def n_facets(self) -> int:
         """Number of matched facet pairs."""

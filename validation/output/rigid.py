@@ -248,11 +248,10 @@ def _add_mesh(table: Table, answer: Answer) -> None:
     table.add_row(
         "model", f"{result.n_blocks} free blocks, {result.n_contacts} contact facet pairs"
     )
-    table.add_row(
-        "solution",
-        f'minimum-norm contact forces (norm = "{result.norm}"), solver "{case.method.solver}": '
-        f"{result.equilibrium.iterations} iterations",
-    )
+    words = f'minimum-norm contact forces (norm = "{result.norm}"), solver "{case.method.solver}"'
+    if result.equilibrium.iterations:
+        words += f": {result.equilibrium.iterations} iterations"
+    table.add_row("solution", words)
 
 
 def add_paper_rows(table: Table, found: Measures, norm: Norm) -> None:
