@@ -15,7 +15,7 @@ from fem.explicit.kernels import add_at
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.state import BodyState, State, world_vectors
 from fem.explicit.step import (
-    System,
+    ExplicitSystem,
     damped_internal_force,
     gravity_at,
     load_factor,
@@ -64,7 +64,7 @@ def load_forces(body: Body, now: BodyState, time: float) -> FloatArray:
     return force
 
 
-def gravity_forces(system: System, body: Body, time: float) -> FloatArray | float:
+def gravity_forces(system: ExplicitSystem, body: Body, time: float) -> FloatArray | float:
     """Weight of the rows at a time, (n_rows, 3, lanes) [N]."""
     falling = None if body.acceleration is None else gravity_at(system, body, time)
     if falling is None:
@@ -90,7 +90,7 @@ def free_part(body: Body, force: FloatArray) -> FloatArray:
     return free
 
 
-def residual(system: System, state: State) -> Residual:
+def residual(system: ExplicitSystem, state: State) -> Residual:
     """Force residual at the time of the last forces (the beginning of the last step)."""
     time = (state.step - 1) * system.time_step
     unbalanced = loads = internal = 0.0
@@ -104,7 +104,7 @@ def residual(system: System, state: State) -> Residual:
     return Residual(math.sqrt(unbalanced), math.sqrt(loads or internal))
 
 
-def round_off(system: System, state: State) -> float:
+def round_off(system: ExplicitSystem, state: State) -> float:
     """Estimate the force residual that round-off leaves, relative to the loads.
 
     Every product k_ij u_j of the internal force is off by the last digit of u_j, independently
@@ -127,7 +127,7 @@ def _square(array: FloatArray | LaneArray) -> float:
     return float(np.vdot(array, array))
 
 
-def settling(system: System, state: State) -> float | None:
+def settling(system: ExplicitSystem, state: State) -> float | None:
     """Way still to go over the way gone, ‖v‖ / (ω ‖u‖) in the norm of the masses [-].
 
     A critically damped motion of frequency ω ends about v/ω from where it is. ω is half the
@@ -146,13 +146,13 @@ def settling(system: System, state: State) -> float | None:
     return math.sqrt(speed / moved) / frequency
 
 
-def restoring_forces(system: System, body: Body, now: BodyState, time: float) -> FloatArray:
+def restoring_forces(system: ExplicitSystem, body: Body, now: BodyState, time: float) -> FloatArray:
     """Internal minus contact forces, free components, (n_rows, 3, lanes) [N]."""
     contact = applied_forces(body, now) - load_forces(body, now, time)
     return free_part(body, damped_internal_force(system, body, now) - contact)
 
 
-def remember(system: System, state: State) -> None:
+def remember(system: ExplicitSystem, state: State) -> None:
     """Keep displacements and restoring forces for the next estimate."""
     time = (state.step - 1) * system.time_step
     for body, now in zip(system.bodies, state.bodies, strict=True):
@@ -161,7 +161,7 @@ def remember(system: System, state: State) -> None:
         now.remembered[1] = restoring_forces(system, body, now, time)
 
 
-def active_frequency(system: System, state: State) -> float | None:
+def active_frequency(system: ExplicitSystem, state: State) -> float | None:
     """Frequency of the present motion by the Rayleigh quotient [rad/s].
 
     ω² = Δu · Δf / Δu · M Δu with the changes of displacement and restoring force since
@@ -180,7 +180,7 @@ def active_frequency(system: System, state: State) -> float | None:
     return math.sqrt(stiffness / inertia)
 
 
-def adapt(system: System, state: State, effect: AdaptiveMassDamping) -> None:
+def adapt(system: ExplicitSystem, state: State, effect: AdaptiveMassDamping) -> None:
     """Set mass damping to critical damping of the active frequency, at most `CAP` / Δt."""
     frequency = active_frequency(system, state)
     if frequency is not None:

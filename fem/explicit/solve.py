@@ -38,7 +38,7 @@ from fem.explicit.output.energy import Energies, History, copy_energies, energie
 from fem.explicit.output.support_forces import support_forces
 from fem.explicit.state import BodyState, State, initial_body_state, world_vectors
 from fem.explicit.step import (
-    System,
+    ExplicitSystem,
     damped_internal_force,
     gravity_at,
     placed_internal_force,
@@ -207,7 +207,7 @@ def prepare(
     *,
     time_step: float,
     threads: int = 1,
-) -> System:
+) -> ExplicitSystem:
     """Make a model ready for the loop with a time step [s].
 
     With one thread in the serial loops, with more in shared rows.
@@ -222,11 +222,11 @@ def prepare(
     )
     kernels = SERIAL if threads == 1 else PARALLEL
     interactions = tuple(i.bind(bodies) for i in model.interactions)
-    return System(model, bodies, time_step, kernels, interactions)
+    return ExplicitSystem(model, bodies, time_step, kernels, interactions)
 
 
 def initial_state(
-    system: System,
+    system: ExplicitSystem,
     *,
     displacements: Sequence[FloatArray] | None = None,
     velocities: Sequence[FloatArray] | None = None,
@@ -445,7 +445,7 @@ def solve(
 class _Run:
     """The loop around the step: samples, watchdog, frames, checkpoints."""
 
-    system: System
+    system: ExplicitSystem
     state: State
     history: History
     output: Output
@@ -587,7 +587,7 @@ class _Run:
             self.last_checkpoint = now
 
 
-def displacements_of(system: System, state: State) -> tuple[FloatArray, ...]:
+def displacements_of(system: ExplicitSystem, state: State) -> tuple[FloatArray, ...]:
     """Displacements of each group in world axes, (n_copies, n_nodes, 3) [mm]."""
     pairs = zip(system.bodies, state.bodies, strict=True)
     return tuple(world_vectors(body, now.displacement) for body, now in pairs)
@@ -651,7 +651,7 @@ def _round_off_energy(result: ExplicitResult) -> float:
     return total
 
 
-def _forces_at_end(system: System, state: State) -> dict[str, Any]:
+def _forces_at_end(system: ExplicitSystem, state: State) -> dict[str, Any]:
     """Forces of the displacements that a state has, from the step that they begin."""
     time, before = system.time(state), [now.velocity.copy() for now in state.bodies]
     step(system, state)
@@ -676,7 +676,7 @@ def _forces_at_end(system: System, state: State) -> dict[str, Any]:
     }
 
 
-def watch(system: System, state: State, history: History) -> None:
+def watch(system: ExplicitSystem, state: State, history: History) -> None:
     """Stop a run whose energy is not finite or far beyond what was put in."""
     for interaction in system.interactions:
         fault = interaction.fault(system)

@@ -41,7 +41,7 @@ class Interaction(ABC):
     """
 
     @abstractmethod
-    def add_force(self, system: System, state: State) -> None:
+    def add_force(self, system: ExplicitSystem, state: State) -> None:
         """Add forces of the current positions to the applied forces of the bodies."""
 
     def touched_points(self) -> float:
@@ -60,7 +60,7 @@ class Interaction(ABC):
         """Points that a search found, and elastic slips, of the last force evaluation; or None."""
         return None, None
 
-    def fault(self, system: System) -> str | None:  # noqa: ARG002 - most have none
+    def fault(self, system: ExplicitSystem) -> str | None:  # noqa: ARG002 - most have none
         """What makes the run unstable and what to do, where the time step is too large; or None."""
         return None
 
@@ -70,7 +70,7 @@ class Interaction(ABC):
 
 
 @dataclass(frozen=True)
-class System:
+class ExplicitSystem:
     """A model made ready for the loop."""
 
     model: Model
@@ -89,7 +89,7 @@ class System:
         return state.step * self.time_step
 
 
-def step(system: System, state: State, *, sample: bool = False) -> None:
+def step(system: ExplicitSystem, state: State, *, sample: bool = False) -> None:
     """Advance by one time step.
 
     With ``sample`` the energies at the time of the forces (the beginning of the step) are left
@@ -122,7 +122,7 @@ def step(system: System, state: State, *, sample: bool = False) -> None:
     state.step += 1
 
 
-def set_internal_force(system: System, body: Body, now: BodyState, *, sample: bool) -> None:
+def set_internal_force(system: ExplicitSystem, body: Body, now: BodyState, *, sample: bool) -> None:
     """Stress divergence f = K u in the block frame, with the viscous terms that act on it."""
     frame, kernels = now.frame, system.kernels
     if frame is not None:
@@ -162,7 +162,7 @@ def stiffness_force(
     )
 
 
-def add_stiffness_damping(system: System, body: Body, now: BodyState) -> None:
+def add_stiffness_damping(system: ExplicitSystem, body: Body, now: BodyState) -> None:
     """F += β K v in the block frame, as (β/Δt)(K u_n - K u_{n-1})."""
     damping, frame = now.stiffness_damping, now.frame
     coefficient = system.model.effects.stiffness_damping
@@ -184,7 +184,7 @@ def add_stiffness_damping(system: System, body: Body, now: BodyState) -> None:
     )
 
 
-def damping_ratio(system: System, now: BodyState) -> Any:
+def damping_ratio(system: ExplicitSystem, now: BodyState) -> Any:
     """β/Δt where `update` makes the damping force; or None."""
     if now.elastic_before is None:
         return None
@@ -200,7 +200,7 @@ def placed_internal_force(body: Body, now: BodyState) -> LaneArray:
     return block_frame.placed_force(body, now.frame, now.internal_force)
 
 
-def damped_internal_force(system: System, body: Body, now: BodyState) -> LaneArray:
+def damped_internal_force(system: ExplicitSystem, body: Body, now: BodyState) -> LaneArray:
     """Return the same with all viscous terms, (n_rows, 3, lanes) [N]."""
     if now.elastic_before is None:
         return placed_internal_force(body, now)
@@ -209,7 +209,11 @@ def damped_internal_force(system: System, body: Body, now: BodyState) -> LaneArr
 
 
 def add_bulk_viscosity(
-    system: System, body: Body, now: BodyState, displacement: LaneArray, torque: LaneArray | None
+    system: ExplicitSystem,
+    body: Body,
+    now: BodyState,
+    displacement: LaneArray,
+    torque: LaneArray | None,
 ) -> None:
     """F += Bᵀ q (see `fem.explicit.body`)."""
     data, viscous = body.viscosity, now.viscous
@@ -234,7 +238,7 @@ def add_bulk_viscosity(
     system.kernels.add_viscous_force(body.lanes, body.rows.chunks, u, force, _flat(torque), *rows)
 
 
-def set_applied_force(system: System, body: Body, now: BodyState, time: float) -> None:
+def set_applied_force(system: ExplicitSystem, body: Body, now: BodyState, time: float) -> None:
     """Loads at ``time``; contact adds to them."""
     force, loads = now.applied_force, now.loads
     if force is None:
@@ -290,7 +294,7 @@ def load_power(body: Body, now: BodyState, time: float, *, moved: bool = False) 
     return power
 
 
-def gravity_at(system: System, body: Body, time: float) -> LaneArray | None:
+def gravity_at(system: ExplicitSystem, body: Body, time: float) -> LaneArray | None:
     """Acceleration of gravity at a time, (3, lanes) [mm/s²]; None without."""
     amplitude = system.model.effects.gravity_amplitude
     if body.acceleration is None or amplitude is None:
@@ -313,7 +317,7 @@ def ramped_gravity_power(
 
 
 def advance(
-    system: System,
+    system: ExplicitSystem,
     body: Body,
     now: BodyState,
     mass_damping: float | None,
@@ -354,7 +358,7 @@ def _flat(array: LaneArray | None) -> LaneArray | None:
     return None if array is None else array.ravel()
 
 
-def enforce_support(system: System, body: Body, now: BodyState, state: State) -> None:
+def enforce_support(system: ExplicitSystem, body: Body, now: BodyState, state: State) -> None:
     """Prescribed components of displacement and velocity, and the work of moving supports."""
     damper = now.elastic_before
     viscous_before = 0.0 if damper is None else supported_viscous_power(system, body, now)
@@ -391,7 +395,7 @@ def enforce_support(system: System, body: Body, now: BodyState, state: State) ->
         damper.support_loss.add(0.0, 0.5 * change)
 
 
-def supported_viscous_power(system: System, body: Body, now: BodyState) -> float:
+def supported_viscous_power(system: ExplicitSystem, body: Body, now: BodyState) -> float:
     """Power of the damping force of `update` at supported nodes [N mm/s]; 0 where there is none."""
     before = now.elastic_before
     if before is None or not len(body.supported):

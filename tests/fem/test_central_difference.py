@@ -14,7 +14,7 @@ from fem.explicit.kernels.layout import aligned_zeros, to_lanes
 from fem.explicit.output.energy import History, energies
 from fem.explicit.solve import Frame, Output, UnstableRun, initial_state, prepare, solve, watch
 from fem.explicit.state import State
-from fem.explicit.step import System, step
+from fem.explicit.step import ExplicitSystem, step
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
 from fem.system.forces import SmoothStepAmplitude
 from fem.system.model import BlockGroup, Model, block_group, fixed_nodes, nodal_load
@@ -359,7 +359,7 @@ def test_critical_time_step_is_sharp(name):
         watched_steps(system, state, 3000)
 
 
-def watched_steps(system: System, state: State, n_steps: int) -> None:
+def watched_steps(system: ExplicitSystem, state: State, n_steps: int) -> None:
     history = History()
     for _ in range(n_steps):
         step(system, state, sample=True)

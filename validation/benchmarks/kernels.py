@@ -13,7 +13,7 @@ from typing import TypeAlias
 
 from fem.explicit.state import State
 from fem.explicit.step import (
-    System,
+    ExplicitSystem,
     add_bulk_viscosity,
     add_stiffness_damping,
     advance,
@@ -29,7 +29,7 @@ from validation.benchmarks.stopwatch import best_cpu_seconds
 _CORNERS = 8
 
 
-Kernel: TypeAlias = Callable[[System, State], None]
+Kernel: TypeAlias = Callable[[ExplicitSystem, State], None]
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def _frame_work(group: BlockGroup) -> Work:
 def kernel_rows(
     group: BlockGroup,
     machine: Roofline,
-    ready: Callable[[Effects], tuple[System, State]],
+    ready: Callable[[Effects], tuple[ExplicitSystem, State]],
 ) -> list[KernelRow]:
     """Time the kernels of a step, one thread.
 
@@ -117,25 +117,25 @@ def _row(
     return KernelRow(name, 1e9 * seconds, count.flops, count.bytes, share)
 
 
-def _product(system: System, state: State) -> None:
+def _product(system: ExplicitSystem, state: State) -> None:
     body, now = system.bodies[0], state.bodies[0]
     stiffness_force(body, now.displacement, now.internal_force, system.kernels)
 
 
-def _advance(system: System, state: State) -> None:
+def _advance(system: ExplicitSystem, state: State) -> None:
     advance(system, system.bodies[0], state.bodies[0], None, None, sample=False)
 
 
-def _viscosity(system: System, state: State) -> None:
+def _viscosity(system: ExplicitSystem, state: State) -> None:
     now = state.bodies[0]
     add_bulk_viscosity(system, system.bodies[0], now, now.displacement, None)
 
 
-def _damping(system: System, state: State) -> None:
+def _damping(system: ExplicitSystem, state: State) -> None:
     add_stiffness_damping(system, system.bodies[0], state.bodies[0])
 
 
-def _rotating_force(system: System, state: State) -> None:
+def _rotating_force(system: ExplicitSystem, state: State) -> None:
     set_internal_force(system, system.bodies[0], state.bodies[0], sample=False)
 
 

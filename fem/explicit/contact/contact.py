@@ -11,7 +11,7 @@ from fem.contact.friction import CoulombFriction, FrictionError
 from fem.contact.law import ContactLaw
 from fem.explicit.body import Body
 from fem.explicit.contact.compiled_law import compiled_law
-from fem.explicit.step import Interaction, System
+from fem.explicit.step import ExplicitSystem, Interaction
 from fem.system.time_step import critical_time_step
 from geometry.mesh import FloatArray, IntArray
 
@@ -85,7 +85,7 @@ class BoundContact(Interaction):
     def _deepest(self) -> tuple[int, float, int, int] | None:
         """Where contact is stiffest: unit or point, gap [mm] and the two blocks; None: nowhere."""
 
-    def fault(self, system: System) -> str | None:
+    def fault(self, system: ExplicitSystem) -> str | None:
         """Where the stiffness of the law exceeds what the time step allows, and the remedy."""
         counted = self._statement.counted_stiffness
         laws = self._statement.law.members
@@ -106,7 +106,7 @@ class BoundContact(Interaction):
             "contact.maximum_stiffness"
         )
 
-    def _largest_stiffness(self, system: System) -> float:
+    def _largest_stiffness(self, system: ExplicitSystem) -> float:
         """Stiffness of a law that is stable: (ω_bulk² + ω_contact²)/4 = 1/Δt² [MPa/mm]."""
         if self._allowed is None:
             bulk = critical_time_step(replace(system.model, interactions=()))

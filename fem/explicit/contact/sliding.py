@@ -33,7 +33,7 @@ from fem.explicit.contact.sliding_kernel import (
 )
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.state import State
-from fem.explicit.step import System
+from fem.explicit.step import ExplicitSystem
 from geometry.mesh import FloatArray, IntArray
 
 #: Motion of two blocks together after which cuts follow it, over the skin of the search.
@@ -130,7 +130,7 @@ class BoundSlidingContact(BoundContact):
         self._gap = np.full(room, np.inf)
         self._slip = None if self._rubs is None else np.zeros((room, 3))
 
-    def add_force(self, system: System, state: State) -> None:
+    def add_force(self, system: ExplicitSystem, state: State) -> None:
         """Add contact forces at the current positions to the applied forces."""
         points = self.points
         self._follow(state)

@@ -22,7 +22,7 @@ from scipy.sparse import bsr_array
 
 from fem.explicit.output.energy import COLUMNS, History
 from fem.explicit.state import State
-from fem.explicit.step import System
+from fem.explicit.step import ExplicitSystem
 from geometry.errors import RefusedError, unreadable
 from geometry.system import stop_signals
 
@@ -39,7 +39,7 @@ class OtherProblemError(CheckpointError):
     """A whole checkpoint, but of another model or time step."""
 
 
-def write_checkpoint(path: Path, system: System, state: State, history: History) -> None:
+def write_checkpoint(path: Path, system: ExplicitSystem, state: State, history: History) -> None:
     """Write state and history; atomically replaces an older file."""
     path = Path(path)
     initial = np.nan if history.initial_total is None else history.initial_total
@@ -62,7 +62,7 @@ def write_checkpoint(path: Path, system: System, state: State, history: History)
     temporary.replace(path)
 
 
-def read_checkpoint(path: Path, system: System, state: State) -> History:
+def read_checkpoint(path: Path, system: ExplicitSystem, state: State) -> History:
     """Fill ``state`` from a checkpoint and return the history up to it.
 
     Nothing of the state changes unless the whole checkpoint fits.
@@ -132,7 +132,7 @@ def content_digest(contents: Mapping[str, np.ndarray[Any, Any]]) -> str:
     return digest.hexdigest()
 
 
-def state_arrays(system: System, state: State) -> dict[str, np.ndarray[Any, Any]]:
+def state_arrays(system: ExplicitSystem, state: State) -> dict[str, np.ndarray[Any, Any]]:
     """Every array of the state and of the interactions, by a path of names."""
     arrays: dict[str, np.ndarray[Any, Any]] = {}
     _collect(state, "state", arrays, np.ndarray)
@@ -169,7 +169,7 @@ def set_state_number(state: State, path: str, number: float | int) -> None:
     setattr(owner, name, number)
 
 
-def fingerprint(system: System) -> str:
+def fingerprint(system: ExplicitSystem) -> str:
     """Hash of everything that decides the bits of a run."""
     digest = hashlib.sha256()
     _hash(digest, system.model)

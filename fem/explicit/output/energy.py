@@ -15,7 +15,7 @@ from fem.explicit.body import Body
 from fem.explicit.kernels import dot_lanes
 from fem.explicit.kernels.layout import aligned_zeros
 from fem.explicit.state import BodyState, State
-from fem.explicit.step import System
+from fem.explicit.step import ExplicitSystem
 from geometry.mesh import FloatArray
 
 
@@ -73,7 +73,7 @@ class Energies:
 ENERGY_NAMES = tuple(f.name for f in fields(Energies))
 
 
-def energies(system: System, state: State) -> Energies:
+def energies(system: ExplicitSystem, state: State) -> Energies:
     """Energies at the beginning of the step that was just done with ``sample``."""
     pairs = list(zip(system.bodies, state.bodies, strict=True))
     # `update` left ½ v₋ · M v₊ with the v₊ before the supports corrected it.
@@ -104,7 +104,7 @@ def _mass_damping(now: BodyState) -> float:
     return float(work[:, 0].sum() - work[:, 1].sum()) + now.support_loss.now
 
 
-def _stiffness_damping(system: System, now: BodyState) -> float:
+def _stiffness_damping(system: ExplicitSystem, now: BodyState) -> float:
     before, damping = now.elastic_before, now.stiffness_damping
     if before is not None:
         done = float(before.work[:, 0].sum() - before.work[:, 1].sum())
@@ -116,7 +116,7 @@ def _stiffness_damping(system: System, now: BodyState) -> float:
     return scale * float(damping.dissipated.sum())
 
 
-def gravity_work(system: System, body: Body, now: BodyState) -> float:
+def gravity_work(system: ExplicitSystem, body: Body, now: BodyState) -> float:
     """Work of gravity since the undeformed state, Σ m g · u_n [N mm].
 
     Gravity that changes in time has no potential: its work is with that of the loads.
@@ -129,7 +129,7 @@ def gravity_work(system: System, body: Body, now: BodyState) -> float:
     return float((moved * body.acceleration).sum())
 
 
-def hourglass_energy(system: System, body: Body, now: BodyState) -> float:
+def hourglass_energy(system: ExplicitSystem, body: Body, now: BodyState) -> float:
     """½ u · K_hourglass u, of the displacement in the block frame [N mm].
 
     The displacement of small rotation has moved on by one step since the forces were taken:

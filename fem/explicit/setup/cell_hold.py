@@ -9,9 +9,8 @@ import numpy as np
 from fem.explicit.body import Body
 from fem.explicit.kernels.layout import to_lanes
 from fem.explicit.state import State
-from fem.explicit.step import Interaction, System, placed_internal_force
-from fem.system.system import System as StaticSystem
-from fem.system.system import free_motions
+from fem.explicit.step import ExplicitSystem, Interaction, placed_internal_force
+from fem.system.system import System, free_motions
 from geometry.mesh import FloatArray, IntArray
 
 
@@ -60,7 +59,7 @@ class _BoundHold(Interaction):
         self._forces = [f[:, rows].reshape(n, -1) for f, rows in zip(forces, touched, strict=True)]
         self._all = [m.reshape(n, -1) for m in self._all]
 
-    def add_force(self, system: System, state: State) -> None:
+    def add_force(self, system: ExplicitSystem, state: State) -> None:
         """Take from the applied forces what moves the cell as a whole."""
         share = np.zeros(len(self._inverse))
         for k, now in enumerate(state.bodies):
@@ -85,7 +84,7 @@ def _applied_row(body: Body) -> IntArray:
     return body.applied_row.astype(np.int64)
 
 
-def cell_hold(system: StaticSystem, blocks: tuple[IntArray, ...]) -> CellHold | None:
+def cell_hold(system: System, blocks: tuple[IntArray, ...]) -> CellHold | None:
     """Hold of a periodic cell; None for what its supports hold.
 
     Parameters

@@ -20,7 +20,7 @@ from fem.explicit.output.checkpoint import state_arrays
 from fem.explicit.setup.statement import ExplicitStatement
 from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import State
-from fem.explicit.step import System, step
+from fem.explicit.step import ExplicitSystem, step
 from fem.system.effects import PAPER_RAYLEIGH
 from fem.system.time_step import critical_time_step
 from validation.build.cell import refuse_cell
@@ -115,7 +115,7 @@ def _stated(scene: DeformableScene, name: str) -> ExplicitStatement:
         return stated_run(scene_problem(scene, name), scene.in_time)
 
 
-def ready(scene: DeformableScene, name: str) -> tuple[System, State]:
+def ready(scene: DeformableScene, name: str) -> tuple[ExplicitSystem, State]:
     """Model of a scene at its first step."""
     statement = _stated(scene, name)
     model = statement.model
@@ -123,7 +123,7 @@ def ready(scene: DeformableScene, name: str) -> tuple[System, State]:
     return system, initial_state(system)
 
 
-def advance(system: System, state: State) -> float:
+def advance(system: ExplicitSystem, state: State) -> float:
     """Do some steps; CPU seconds of one."""
     start = time.thread_time()
     for _ in range(TIMED_STEPS):
@@ -137,7 +137,7 @@ def _bits(scene: DeformableScene, name: str) -> bytes:
     return b"".join(now.displacement.tobytes() for now in state.bodies)
 
 
-def _bytes(system: System, state: State) -> int:
+def _bytes(system: ExplicitSystem, state: State) -> int:
     arrays = sum(a.nbytes for a in state_arrays(system, state).values())
     return arrays + sum(body.constant_bytes for body in system.bodies)
 
