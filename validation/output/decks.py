@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.spatial import KDTree
 
-from fem.decks.problem import increments, needs_double, problem_deck
+from fem.decks.problem import increments, needs_double, problem_deck, with_notes
 from fem.decks.read.deck import InputDeck, read_deck
 from fem.decks.read.words import Dialect
 from fem.decks.statement import Deck, Flavour, element_name
@@ -33,6 +33,8 @@ from validation.case import Case
 from validation.errors import InputError, named
 from validation.output.console import two_columns
 from validation.output.files import prepare_file
+from validation.scene.deformable import Method
+from validation.solving import solve
 
 #: Largest strain, and rotation [rad] where it is linear: their products are a fiftieth of them.
 LARGEST_STRAIN = 0.02
@@ -40,6 +42,8 @@ LARGEST_STRAIN = 0.02
 _CHECKED_NODES = 50_000
 #: Change of displacements by that degree from which a mesh is called coarse [-].
 _COARSE = 0.1
+#: Limit of work for answers on the mesh of a deck and on finer ones [s of the reference machine].
+_LITTLE_WORK = 2.0
 #: Time that an explicit program takes for an element and an increment, by experience [s].
 _ELEMENT_INCREMENT = 1.0e-6
 
@@ -66,7 +70,32 @@ def export_deck(file: Case, flavour: Flavour | None, path: Path) -> WrittenDeck:
     if path.suffix.lower() != ".inp":
         raise InputError(f"-o {path}: expected a file name that ends in .inp")
     deck = build_deck(file, flavour)
-    return _write(deck, path, start)
+    return _write(with_notes(deck, [distance_of_mesh(file)]), path, start)
+
+
+def distance_of_mesh(file: Case) -> str:
+    """How far static answers on the mesh of a scene are from the converged one, in words.
+
+    Both are solved, where that is little work.
+    """
+    little = {"fem.max_work": _LITTLE_WORK, "fem.error_estimate": False}
+    unknown = "mesh: how far its answer is from the converged one is not known: "
+    if file.scene.fem is None or file.scene.fem.method is not Method.STATIC:
+        return f"{unknown}the scene is not static"
+    try:
+        here = solve(file.changed({**little, "fem.mesh": "scene"}))
+        there = solve(file.changed({"fem.max_work": _LITTLE_WORK, "fem.mesh": "converged"}))
+    except RefusedError as error:
+        return f"{unknown}{str(error).removeprefix(f'{file.name}: ')}"
+    names = {"max_displacement": "u", "p_max_facet": "largest mean pressure of a facet"}
+    changes = [
+        f"{words} {100.0 * (here[name].value / there[name].value - 1.0):+.2g} %"
+        for name, words in names.items()
+        if name in here.measures and name in there.measures and there[name].value
+    ]
+    if not changes:
+        return f"{unknown}no measure has a value on both"
+    return f"mesh: {', '.join(changes)} from the converged answer"
 
 
 def _elements(deck: Deck) -> str:
