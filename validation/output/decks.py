@@ -80,7 +80,7 @@ def distance_of_mesh(file: Case) -> str:
     """
     little = {"fem.max_work": _LITTLE_WORK, "fem.error_estimate": False}
     unknown = "mesh: how far its answer is from the converged one is not known: "
-    if file.scene.fem is None or file.scene.fem.method is not Method.STATIC:
+    if file.scene.fem.method is not Method.STATIC:
         return f"{unknown}the scene is not static"
     try:
         here = solve(file.changed({**little, "fem.mesh": "scene"}))
