@@ -276,7 +276,7 @@ def test_stages_of_a_run_leave_compilation_out() -> None:
     ("command", "module"),
     [
         (["mbd", "tsb1-pipe"], "validation.solving"),
-        (["fem", "tsb1-pipe", "--accuracy", "u=50%"], "fem.static.contact_forces"),
+        (["fem", "tsb1-pipe", "--accuracy", "u=50%"], "fem.static.linear_step.grid"),
     ],
 )
 def test_rigid_and_curved_blocks_load_no_compiler(command: list[str], module: str) -> None:
