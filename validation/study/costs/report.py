@@ -14,7 +14,7 @@ from validation.output.pictures.scales import BLUE, GREEN, ORANGE, VERMILION
 from validation.output.provenance import Provenance
 from validation.study.costs.measure import SCALARS
 from validation.study.costs.plan import QUANTITIES
-from validation.study.costs.study import TARGETS, CostStudy, Row, answer, percent
+from validation.study.costs.study import CostStudy, Row, answers, percent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -70,7 +70,7 @@ def study_json(study: CostStudy) -> dict[str, Any]:
             }
             for family, rows in study.families().items()
         },
-        "answers": [answer(study, q, target) for q in QUANTITIES for target in TARGETS],
+        "answers": answers(study),
     }
 
 
@@ -83,9 +83,8 @@ def print_study(study: CostStudy, console: Console) -> None:
         console.print(f"no answer from {setting}: {why}")
     console.print("Errors smaller than the error of the reference are not significant.")
     console.print("CPU time to reach an accuracy (errors include the error of the reference):")
-    for quantity in QUANTITIES:
-        for target in TARGETS:
-            console.print(f"• {answer(study, quantity, target)}")
+    for words in answers(study):
+        console.print(f"• {words}")
 
 
 def _print_reference(study: CostStudy, console: Console) -> None:
