@@ -41,8 +41,8 @@ from fem.system.sector import searched_in_all_sectors
 from geometry.answer import Answer, Measure, Notes, Part
 from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
-from geometry.system import one_thread_of_blas
-from geometry.work import budget, clock, require_memory
+from geometry.machine.system import one_thread_of_blas
+from geometry.machine.work import budget, clock, require_memory
 
 #: Frames are parts of this part of the longest run, where it may end early and has no ramp.
 _FINE = 200.0

@@ -17,7 +17,7 @@ import numpy as np
 
 from fem.contact.facet_peaks import LARGEST_FACTOR
 from fem.solution import Solution
-from fem.system.peaks import (
+from fem.stresses.peaks import (
     Peak,
     largest_displacement,
     largest_pressure,
@@ -36,8 +36,8 @@ from geometry.answer import (
     place,
 )
 from geometry.assembly import Assembly
-from geometry.measures import facet_measures, first_largest
 from geometry.mesh import FloatArray
+from geometry.parts.measures import facet_measures, first_largest
 
 #: Changes by load steps below which no stresses are searched: a hundredth of those tolerated [-].
 _NEGLIGIBLE = 1e-4

@@ -18,7 +18,7 @@ from fem.system.effects import (
     RayleighDamping,
 )
 from geometry.mesh import FloatArray
-from geometry.options import OptionError, check
+from geometry.parts.options import OptionError, check
 
 #: Largest number of load steps, and of frames.
 _MOST = 10_000

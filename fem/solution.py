@@ -14,11 +14,11 @@ import numpy as np
 from fem.element.stress import principal_stress
 from fem.static.loose import loose_blocks
 from fem.static.result import StaticResult
+from fem.stresses.peaks import StressPeaks, joint_forces, moved_blocks, stress_peaks
+from fem.stresses.recovery import Recovered, internal_forces, recover
+from fem.stresses.sections import SolvedState, section_forces
 from fem.system.build import DeformableAssembly
-from fem.system.peaks import StressPeaks, joint_forces, moved_blocks, stress_peaks
 from fem.system.reactions import PushCurve, push_curves, reactions
-from fem.system.recovery import Recovered, internal_forces, recover
-from fem.system.sections import SolvedState, section_forces
 from fem.system.sector import local_forces
 from fem.system.state import (
     CapAction,
@@ -28,10 +28,10 @@ from fem.system.state import (
     contact_measures,
     corner_displacements,
 )
-from geometry.balance import Imbalance, imbalance, of_fixed_blocks, together
 from geometry.errors import RefusedError
-from geometry.measures import JointResultants, Planes, SectionForces
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
+from geometry.parts.balance import Imbalance, imbalance, of_fixed_blocks, together
+from geometry.parts.measures import JointResultants, Planes, SectionForces
 
 if TYPE_CHECKING:
     from fem.explicit.setup.quasi_static import QuasiStaticReport
@@ -257,7 +257,7 @@ class Solution(ReadOnlyArrays):
 
     @cached_property
     def reactions(self) -> dict[str, dict[str, Any]]:
-        """Resultants of supports and of rigid blocks by name: `geometry.balance.Reactions`."""
+        """Resultants of supports and rigid blocks by name: `geometry.parts.balance.Reactions`."""
         whole, forces = self.deformable, self.solver.support_forces
         result = reactions(whole.model, forces, self.group_displacements)
         if whole.meets:
@@ -388,7 +388,7 @@ class Solution(ReadOnlyArrays):
         Raises
         ------
         SectionError
-            As `fem.system.sections.section_forces`.
+            As `fem.stresses.sections.section_forces`.
         """
         return section_forces(self._state, cut)
 

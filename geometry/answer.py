@@ -18,8 +18,8 @@ import numpy.typing as npt
 
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.errors import RefusedError
-from geometry.measures import Planes, SectionError, SectionForces, first_largest, planes
 from geometry.mesh import FloatArray, IntArray, read_only
+from geometry.parts.measures import Planes, SectionError, SectionForces, first_largest, planes
 
 if TYPE_CHECKING:
     import pyvista as pv

@@ -15,18 +15,18 @@ from geometry.answer import Part
 from geometry.assembly import AnyBlocks, Assembly, PlacedBlocks
 from geometry.errors import RefusedError
 from geometry.loads import LoadCase
-from geometry.measures import (
+from geometry.machine.system import one_thread_of_blas
+from geometry.machine.work import budget, clock
+from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
+from geometry.parts.measures import (
     BlockMeasures,
     JointResultants,
     Measures,
     facet_measures,
     joint_resultants,
 )
-from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 from geometry.parts.pairs import OfPairs
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
-from geometry.system import one_thread_of_blas
-from geometry.work import budget, clock
 from mbd.contact_jacobian import contact_jacobian
 from mbd.equilibrium import Equilibrium, column_weights, equilibrium
 from mbd.mechanism import (

@@ -21,9 +21,11 @@ from geometry.answer import (
     place,
 )
 from geometry.assembly import AnyBlocks, Assembly
-from geometry.balance import Imbalance, Reactions, imbalance, of_fixed_blocks, together
 from geometry.loads import LoadCase
-from geometry.measures import (
+from geometry.mesh import FloatArray, IntArray
+from geometry.parts.balance import Imbalance, Reactions, imbalance, of_fixed_blocks, together
+from geometry.parts.dimensions import dimensions
+from geometry.parts.measures import (
     JointResultants,
     Measures,
     Planes,
@@ -32,8 +34,6 @@ from geometry.measures import (
     first_largest,
     sections_through_joints,
 )
-from geometry.mesh import FloatArray, IntArray
-from geometry.parts.dimensions import dimensions
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
 from mbd.analysis import AnalysisError, RigidResult, RigidStatement, as_statement, rigid_result
 from mbd.contact_jacobian import contact_wrenches

@@ -230,7 +230,7 @@ def force_ranges(
     progress
         Called with the number of joints that are done and that of all.
     limit
-        Reference seconds (`geometry.work`) after which no joint is asked any more.
+        Reference seconds (`geometry.machine.work`) after which no joint is asked any more.
 
     Returns
     -------

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 
 from annotated_types import Gt
 
-from geometry.options import check
+from geometry.parts.options import check
 
 
 class Solver(StrEnum):

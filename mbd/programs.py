@@ -1,7 +1,7 @@
 """Linear and cone programs of rigid analyses, and the work that they may take.
 
 Linear programs count the iterations of the simplex method times the entries of their matrix,
-cone programs those of the interior-point method: see `geometry.work`.
+cone programs those of the interior-point method: see `geometry.machine.work`.
 
 References: Huangfu and Hall, "Parallelizing the dual revised simplex method", Math. Program.
 Comput. 10 (2018) (HiGHS); Goulart and Chen, "Clarabel: an interior-point solver for conic programs
@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from geometry.machine.work import SECONDS, LimitError, Operation, allowance, count
 from geometry.mesh import FloatArray
-from geometry.work import SECONDS, LimitError, Operation, allowance, count
 
 #: Imbalance over the load above which a linear program's answer is not believed.
 _BALANCED = 1e-6

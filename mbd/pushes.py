@@ -29,8 +29,8 @@ import numpy as np
 
 from geometry.assembly import AnyBlocks
 from geometry.loads import LoadCase
-from geometry.measures import first_largest
 from geometry.mesh import FloatArray, ReadOnlyArrays
+from geometry.parts.measures import first_largest
 from geometry.parts.pairs import OfPairs, pair_values
 from geometry.parts.regions import region_points
 from geometry.parts.supports import HeldFace
@@ -113,7 +113,7 @@ def interlocking_margin(
     """Carry unit forces and couples, both ways, on each free block in turn.
 
     Costs twelve equilibria for each free block. No further load is asked after a limit of reference
-    seconds (`geometry.work`). ``progress`` gets the number of unit loads that were asked.
+    seconds (`geometry.machine.work`). ``progress`` gets the number of unit loads that were asked.
     """
     jacobian, areas = contacts.jacobian, contacts.areas
     n_rows, n_contacts = jacobian.shape

@@ -351,7 +351,7 @@ def sliding_collapse(
     judged, by the cone: forces inside the pyramid reach it where joints slide along their
     tangents, as in plane walls and arches; elsewhere the state may fail to be certified. Dead and
     live load are generalized forces, (n_rows,) [N]. ``limit`` is in reference seconds
-    (`geometry.work`); ``progress`` gets the number of programs solved.
+    (`geometry.machine.work`); ``progress`` gets the number of programs solved.
 
     Raises
     ------

@@ -25,8 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from geometry.measures import first_largest
 from geometry.mesh import BoolArray, FloatArray
+from geometry.parts.measures import first_largest
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
 from mbd.force_range import DETERMINED
@@ -96,8 +96,8 @@ def squeeze(
     weights
         Column scaling of `mbd.equilibrium.column_weights`, (n_contacts,): w is its square.
     limit
-        Reference seconds (`geometry.work`) that may be spent; the least force of joints needs some
-        more.
+        Reference seconds (`geometry.machine.work`) that may be spent; the least force of joints
+        needs some more.
     progress
         Called with the number of programs solved.
     """

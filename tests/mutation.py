@@ -93,7 +93,7 @@ SUBJECTS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         (
             "geometry/mesh.py",
             "geometry/interface.py",
-            "geometry/measures.py",
+            "geometry/parts/measures.py",
             "geometry/families/sine_block.py",
             "geometry/polyhedra/facet_contact.py",
         ),

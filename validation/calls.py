@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from fem.problem import Problem
     from geometry.answer import Answer
-    from geometry.measures import SectionForces
+    from geometry.parts.measures import SectionForces
     from validation.study.comparison.report import Comparison
     from validation.study.costs.study import CostStudy
     from validation.study.optimisation.report import SearchResult

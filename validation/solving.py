@@ -17,7 +17,7 @@ from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 if TYPE_CHECKING:
     from fem.explicit.solve import Frame
     from geometry.answer import Answer, Part
-    from geometry.work import Budget
+    from geometry.machine.work import Budget
     from mbd.analysis import RigidStatement
 
 #: Load cases that put the ring of a tube under pressure: the loaded face, and what the ring gets.

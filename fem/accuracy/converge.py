@@ -33,9 +33,7 @@ from fem.static.solve import StaticOptions
 from geometry.answer import ALIASES, TITLES, Measure, Part
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError, is_number
-from geometry.mesh import FloatArray
-from geometry.meshing.refinement import charts_of
-from geometry.work import (
+from geometry.machine.work import (
     SECONDS,
     Budget,
     LimitError,
@@ -46,6 +44,8 @@ from geometry.work import (
     memory_limit,
     stop,
 )
+from geometry.mesh import FloatArray
+from geometry.meshing.refinement import charts_of
 
 #: Relative error bars that an answer has by default [-].
 TARGETS: Mapping[str, float] = {
@@ -166,7 +166,7 @@ def converge(
 ) -> Converged:
     """Solve on finer and finer meshes until the error bars are as narrow as requested.
 
-    Or until a limit of `geometry.work.budget` is reached, or Ctrl-C: the last mesh that was
+    Or until a limit of `geometry.machine.work.budget` is reached, or Ctrl-C: the last mesh that was
     finished is the answer then.
 
     Parameters

@@ -24,7 +24,7 @@ from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
 from geometry.errors import RefusedError
-from geometry.work import LIMITS, LimitError, allowance, budget
+from geometry.machine.work import LIMITS, LimitError, allowance, budget
 
 #: Load factors of the path past the load and back.
 PAST_AND_BACK = (0.09, 0.38, 0.84, 1.5, 1.25, 1.0)

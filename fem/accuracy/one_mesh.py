@@ -25,8 +25,8 @@ from fem.static.solve import StaticOptions, solve_static
 from fem.system.build import DeformableAssembly
 from geometry.block import Block
 from geometry.errors import RefusedError
-from geometry.system import one_thread_of_blas
-from geometry.work import Budget, allowance
+from geometry.machine.system import one_thread_of_blas
+from geometry.machine.work import Budget, allowance
 
 #: Elements along an edge of the coarser meshes over those of the run.
 SHARES = (2.0 / 3.0, 0.5)

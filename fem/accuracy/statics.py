@@ -40,9 +40,9 @@ from fem.system.sector import require_sector
 from geometry.answer import Answer, Lazy, Measure, Notes, Part
 from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
+from geometry.machine.system import one_thread_of_blas
+from geometry.machine.work import LIMITS, Budget, LimitError, budget, clock, unlimited
 from geometry.mesh import FloatArray
-from geometry.system import one_thread_of_blas
-from geometry.work import LIMITS, Budget, LimitError, budget, clock, unlimited
 
 if TYPE_CHECKING:
     from fem.explicit.solve import Frame

@@ -20,8 +20,8 @@ from fem.contact.edge_points import ending_edges, matching_facets
 from fem.contact.surfaces import ContactNormals, ContactPoints
 from fem.element.facet import FACET_CORNERS, bilinear, facet_areas, facet_functions
 from fem.element.functions import lobatto_points
+from geometry.machine.work import Operation, count
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.work import Operation, count
 
 #: Skin of the search over the shortest mean edge of a facet.
 _SKIN = 0.1

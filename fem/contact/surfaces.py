@@ -33,8 +33,8 @@ from fem.contact.law import ContactLaw
 from fem.element.facet import FacetBasis, basis_of
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
+from geometry.machine.work import Operation, count
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, cross_matrix, run_starts
-from geometry.work import Operation, count
 
 
 class ContactError(RefusedError):

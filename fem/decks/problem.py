@@ -39,8 +39,8 @@ from fem.system.time_step import characteristic_time_step, critical_time_step
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.loads import CircumferentialLoad
+from geometry.machine.system import write_whole
 from geometry.mesh import IntArray
-from geometry.system import write_whole
 
 #: Explicit run to a static state where nobody names times [s]: with the paper's damping of 2 /s,
 #: amplitudes have fallen to e⁻⁶ = 0.25 % six seconds after the ramp.

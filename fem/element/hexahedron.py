@@ -14,6 +14,7 @@ import numpy as np
 
 from fem.element.functions import gauss_functions
 from fem.element.material import Material
+from geometry.machine.work import Operation, count
 from geometry.mesh import (
     CORNERS,
     FloatArray,
@@ -23,7 +24,6 @@ from geometry.mesh import (
     shape_gradients,
     shape_values,
 )
-from geometry.work import Operation, count
 
 #: Hourglass stiffness relative to the shear modulus, C = scale · mu · V · B:B on vectors of
 #: entries ± 1. The factor is the default that Abaqus documents for first-order solids,

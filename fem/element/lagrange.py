@@ -21,8 +21,8 @@ from fem.element.functions import (
 from fem.element.hexahedron import chunks, symmetric
 from fem.element.material import Material
 from fem.element.stress import stress_of_gradient
+from geometry.machine.work import Operation, count
 from geometry.mesh import CORNERS, FloatArray, IntArray, MeshError, grid_points
-from geometry.work import Operation, count
 
 #: Pairs of functions whose stiffness is computed at a time: what a cache holds.
 _AT_ONCE = 1 << 14

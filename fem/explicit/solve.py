@@ -52,8 +52,8 @@ from fem.system.reactions import MovingSupport, PushCurve, moving_supports
 from fem.system.time_step import CriticalTimeStep, TimeStepError, critical_time_step
 from geometry.compilation.clocks import compiling
 from geometry.errors import RefusedError
+from geometry.machine.work import Budget, Operation, budget, count
 from geometry.mesh import FloatArray
-from geometry.work import Budget, Operation, budget, count
 
 #: A block that holds this many times the energy put into the whole model runs away.
 RUNAWAY = 100.0
@@ -394,8 +394,8 @@ def solve(
     stop
         Stop early at the static state.
     max_work, max_seconds
-        Work of the loop (`geometry.work`) [reference s], and its CPU time [s]: after the next
-        sample it ends as by Ctrl-C, with `Status.STOPPED`.
+        Work of the loop (`geometry.machine.work`) [reference s], and its CPU time [s]: after the
+        next sample it ends as by Ctrl-C, with `Status.STOPPED`.
     output
         Callbacks and checkpoint.
     resume

@@ -45,7 +45,7 @@ class Interaction(ABC):
         """Add forces of the current positions to the applied forces of the bodies."""
 
     def touched_points(self) -> float:
-        """Points of contact, counted as `geometry.work.Operation.TOUCH`."""
+        """Points of contact, counted as `geometry.machine.work.Operation.TOUCH`."""
         return 0.0
 
     def energy(self) -> float:

@@ -29,8 +29,8 @@ from fem.static.linear_step.linearisation import (
     UnheldBlocksError,
 )
 from fem.system.system import NodalInverse, System
+from geometry.machine.work import Operation, count
 from geometry.mesh import FloatArray
-from geometry.work import Operation, count
 
 #: Conjugate gradients stop at this share of the unbalanced force, or its root when it is small …
 _FORCING = 0.1

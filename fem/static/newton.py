@@ -38,8 +38,8 @@ from fem.static.linear_step.linearisation import (
 )
 from fem.static.result import StaticError, StaticResult
 from fem.system.system import FreeMotions, System, free_motions
+from geometry.machine.work import Operation, count
 from geometry.mesh import FloatArray
-from geometry.work import Operation, count
 
 #: First holding springs relative to the tangent contact stiffness on a block at the start.
 _FIRST_HOLDING = 0.25

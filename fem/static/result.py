@@ -24,8 +24,8 @@ from fem.system.state import (
     contact_state,
 )
 from geometry.errors import RefusedError
+from geometry.machine.work import LimitError
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
-from geometry.work import LimitError
 
 
 class StaticError(RefusedError):

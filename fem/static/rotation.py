@@ -16,6 +16,7 @@ import numpy as np
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.result import StaticError, StaticResult
 from fem.static.solve import StaticOptions, solve_static
+from fem.stresses.recovery import block_displacements, internal_forces, turned_rigidly
 from fem.system.build import DeformableAssembly
 from fem.system.model import (
     Model,
@@ -23,7 +24,6 @@ from fem.system.model import (
     nodal_load,
     refuse_turning_springs,
 )
-from fem.system.recovery import block_displacements, internal_forces, turned_rigidly
 from fem.system.sector import local_forces
 from geometry.mesh import FloatArray
 

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from fem.system.model import Model, Support
-from geometry.balance import Reactions, of_supports
 from geometry.mesh import FloatArray, ReadOnlyArrays
+from geometry.parts.balance import Reactions, of_supports
 
 #: Share of a way from which its stiffness is taken: a smooth step begins with none.
 _FIRST = 0.01

@@ -24,8 +24,8 @@ from fem.element.facet import facet_areas, facet_functions
 from fem.system.build import DeformableAssembly
 from fem.system.sector import Orbits
 from geometry.assembly import Assembly
-from geometry.measures import BlockMeasures, block_measures, measures
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays, structured_quads
+from geometry.parts.measures import BlockMeasures, block_measures, measures
 
 
 def block_surfaces(

@@ -39,7 +39,7 @@ from numba.misc.appdirs import AppDirs
 
 from geometry.compilation.clocks import CLOCKS
 from geometry.compilation.started import STARTED
-from geometry.system import release
+from geometry.machine.system import release
 
 _LOG = logging.getLogger(__name__)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from geometry.assembly import Assembly, AssemblyError, UnmatchedJoint, matched_area
 from geometry.block import Block, box_block
-from geometry.options import Count, Divisions, Options, Size
+from geometry.parts.options import Count, Divisions, Options, Size
 
 _FACES = {"y-": "inner", "y+": "outer", "x-": "left", "x+": "right", "z-": "bottom", "z+": "top"}
 

@@ -34,7 +34,7 @@ from geometry.mesh import (
     structured_quads,
 )
 from geometry.meshing.charts import Charts, Lines
-from geometry.options import Count, Length, Options
+from geometry.parts.options import Count, Length, Options
 
 #: Names of the six sides, edge by edge.
 EDGE_NAMES = tuple(f"edge{k}" for k in range(6))

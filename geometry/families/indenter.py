@@ -12,7 +12,7 @@ from geometry.assembly import Assembly, AssemblyError, UnmatchedJoint
 from geometry.block import Block
 from geometry.families.round_bodies import Plan, quarter_disc, round_ended, strip
 from geometry.mesh import boundary_quads
-from geometry.options import Count, Length, Options
+from geometry.parts.options import Count, Length, Options
 
 #: The round body ends so far from its axis, in its radius.
 _TRIMMED = 0.8

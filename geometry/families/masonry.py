@@ -11,7 +11,7 @@ from annotated_types import Ge, Gt, Le
 
 from geometry.assembly import AssemblyError, require_size
 from geometry.mesh import HexMesh, boundary_quads, structured_hexahedra
-from geometry.options import Count, Length, Options, Size
+from geometry.parts.options import Count, Length, Options, Size
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_quads

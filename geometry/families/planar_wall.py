@@ -22,7 +22,7 @@ from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block, mapped_block
 from geometry.families.sine_block import LEAST_REACHED, check_shift
 from geometry.mesh import FloatArray
-from geometry.options import Count, Divisions, Length, NonNegative, Options
+from geometry.parts.options import Count, Divisions, Length, NonNegative, Options
 
 #: Height of a joint above its mean plane at (x from the block's middle, y from the inner face).
 Profile = Callable[[FloatArray, FloatArray], FloatArray]

@@ -22,7 +22,7 @@ from annotated_types import Ge, Gt, Le
 from geometry.block import Block, mapped_block
 from geometry.errors import RefusedError, is_number
 from geometry.mesh import FloatArray
-from geometry.options import Count, Length, NonNegative, Options
+from geometry.parts.options import Count, Length, NonNegative, Options
 
 #: Grid directions (radial, around, axial) are right-handed in this order.
 _FACE_NAMES = {

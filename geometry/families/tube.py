@@ -30,7 +30,7 @@ from geometry.families.sine_block import (
     waves_of_turn,
 )
 from geometry.mesh import FloatArray
-from geometry.options import Count, Options
+from geometry.parts.options import Count, Options
 
 
 def is_count(value: object) -> bool:

@@ -12,7 +12,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from geometry.options import Count, Length, Options
+from geometry.parts.options import Count, Length, Options
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, polyhedron

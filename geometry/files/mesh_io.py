@@ -16,8 +16,8 @@ import numpy.typing as npt
 from geometry.assembly import Assembly
 from geometry.errors import unreadable
 from geometry.files.vtu import as_grid, write_vtu
+from geometry.machine.system import cpu_limit, write_whole
 from geometry.mesh import FloatArray, HexMesh, IntArray, MeshError, QuadSurface
-from geometry.system import cpu_limit, write_whole
 
 if TYPE_CHECKING:
     import pyvista as pv

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from geometry.machine.system import write_whole
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.polyhedron import Polyhedron
-from geometry.system import write_whole
 
 #: Suffixes of the formats.
 SOLID_SUFFIXES = {".obj", ".json"}

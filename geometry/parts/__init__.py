@@ -1,1 +1,1 @@
-"""Parts of assemblies that a problem names: regions of surfaces, supports, pairs of blocks."""
+"""What an assembly has beside its blocks: regions, supports, pairs, balance, measures, options."""

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from annotated_types import Gt, Le
 
-from geometry.options import Length, Options
+from geometry.parts.options import Length, Options
 
 
 class ContactPlacement(StrEnum):

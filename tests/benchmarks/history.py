@@ -24,7 +24,7 @@ from typing import Any
 from fem.system.effects import Effects
 from fem.system.model import BlockGroup, Model
 from fem.system.time_step import critical_time_step
-from geometry.system import write_whole
+from geometry.machine.system import write_whole
 from tests.benchmarks import contact, rigid
 from validation import InputError
 from validation.benchmarks import explicit

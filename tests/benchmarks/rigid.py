@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from geometry.loads import named_case
-from geometry.system import peak_memory_mb
+from geometry.machine.system import peak_memory_mb
 from mbd import contact_jacobian
 from mbd.equilibrium import clarabel_equilibrium, newton_equilibrium
 from mbd.mechanism import classify

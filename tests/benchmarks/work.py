@@ -1,4 +1,4 @@
-"""What runs take, beside what `geometry.work` counts of them: one line for each.
+"""What runs take, beside what `geometry.machine.work` counts of them: one line for each.
 
 ``python -m tests.benchmarks.work [--fit] [--no-record] [NAME ...]`` (in ``make bench``)
 
@@ -6,7 +6,7 @@ CPU time and peak memory are those of a process of its own, the answer included 
 The first ratio is the counted work over the CPU time: the speed of this machine over the reference
 machine, the same for all lines where the count is good. The second one is the CPU time over that of
 the run before. ``--fit`` prints what an operation takes on this machine, by non-negative least
-squares on relative errors: a new table for `geometry.work.SECONDS`, once and on purpose.
+squares on relative errors: a new table for `geometry.machine.work.SECONDS`, once and on purpose.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import nnls
 
-from geometry.system import peak_memory_mb, write_whole
-from geometry.work import SECONDS, Operation, budget
+from geometry.machine.system import peak_memory_mb, write_whole
+from geometry.machine.work import SECONDS, Operation, budget
 from validation import Case, load_case, solve
 
 LAST = Path(__file__).with_name("work.json")

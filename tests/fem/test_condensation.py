@@ -24,8 +24,8 @@ from geometry import Assembly
 from geometry.block import box_block
 from geometry.files.hexahedral_solids import hexahedral_block
 from geometry.loads import LoadCase
+from geometry.machine.work import LimitError, Operation, budget
 from geometry.mesh import HexMesh
-from geometry.work import LimitError, Operation, budget
 
 pytestmark = pytest.mark.quick
 

@@ -13,7 +13,7 @@ from fem.answer import answer_of
 from fem.static import newton
 from fem.static.result import StaticError
 from geometry import SineBlock, pipe, tube
-from geometry.balance import joint_wrenches
+from geometry.parts.balance import joint_wrenches
 
 BLOCK = SineBlock(
     height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40

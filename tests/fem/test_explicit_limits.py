@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fem import Explicit, solve_explicit
-from geometry.work import SECONDS, LimitError, Operation
+from geometry.machine.work import SECONDS, LimitError, Operation
 from tests.support.commands import command
 from validation import load_case
 

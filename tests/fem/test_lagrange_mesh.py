@@ -30,9 +30,9 @@ from fem.element.kinds import block_lumped_mass
 from fem.element.lagrange_mesh import LagrangeMesh, in_pieces, with_degree
 from fem.problem import ProblemError
 from fem.static.solve import StaticMethod, StaticOptions
+from fem.stresses.peaks import largest_pressure
 from fem.system.forces import pressure_forces
 from fem.system.model import block_group
-from fem.system.peaks import largest_pressure
 from fem.system.sector import local_forces
 from fem.system.state import corner_displacements
 from geometry.block import Block

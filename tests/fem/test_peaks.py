@@ -10,8 +10,8 @@ import pytest
 from fem.contact.surfaces import ContactNormals, corner_overclosures
 from fem.element.facet import FACET_VALUES
 from fem.element.kinds import integration_points
-from fem.system.ball_averages import ball_averages
-from fem.system.peaks import joint_forces, largest_pressure, stress_peaks
+from fem.stresses.ball_averages import ball_averages
+from fem.stresses.peaks import joint_forces, largest_pressure, stress_peaks
 from fem.system.state import contact_state
 from geometry import Answer, Measure
 from geometry.answer import TITLES, measure_rows

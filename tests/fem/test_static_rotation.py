@@ -13,8 +13,8 @@ from fem.static import rotation
 from fem.static.result import StaticError
 from fem.static.rotation import solve_static_with_rotation
 from fem.static.solve import StaticOptions, solve_static
+from fem.stresses.recovery import block_displacements, turned_rigidly
 from fem.system.effects import AdaptiveMassDamping, Effects
-from fem.system.recovery import block_displacements, turned_rigidly
 from geometry import HexagonBlock as HexagonBlockParameters
 from geometry import SineBlock as SineBlockParameters
 from geometry.families.boxes import ColumnBox, box_column

@@ -40,7 +40,7 @@ from dataclasses import dataclass
 
 from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
 from geometry.families.tube import SineTube
-from geometry.options import Count, Length, Options
+from geometry.parts.options import Count, Length, Options
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from geometry.answer import title_of
-from geometry.measures import Resultants, SectionError, block_measures, measures, planes
+from geometry.parts.measures import Resultants, SectionError, block_measures, measures, planes
 from geometry.polyhedra.facet_contact import ContactPoints
 from validation import load_case, solve
 

@@ -11,7 +11,7 @@ import pytest
 from fem import Problem, concrete, write_deck
 from geometry import ColumnBox, LoadCase, PressureLoad, box_block, box_column
 from geometry.files.mesh_io import write_hex_mesh
-from geometry.system import write_whole
+from geometry.machine.system import write_whole
 
 pytestmark = pytest.mark.quick
 

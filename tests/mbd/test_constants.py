@@ -13,8 +13,8 @@ from geometry import Assembly
 from geometry.block import box_block
 from geometry.families.masonry import RunningBondWall, box
 from geometry.loads import LoadCase
-from geometry.measures import block_measures
 from geometry.mesh import FloatArray
+from geometry.parts.measures import block_measures
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import ContactPlacement, DetectionOptions
 from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron

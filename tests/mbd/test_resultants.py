@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from geometry.families.masonry import CircularArch
-from geometry.measures import (
+from geometry.parts.measures import (
     JointResultants,
     chain,
     joint_resultants,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from geometry import Answer, CircularArch, Polyhedron, convex_polyhedron
-from geometry.measures import first_largest
+from geometry.parts.measures import first_largest
 from mbd import contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from mbd.options import FrictionLaw

@@ -7,7 +7,7 @@ import pytest
 
 from geometry.families.masonry import RunningBondWall
 from geometry.families.platonic_layers import OctahedraLayer
-from geometry.work import SECONDS, Operation, budget, count, memory_limit, unlimited
+from geometry.machine.work import SECONDS, Operation, budget, count, memory_limit, unlimited
 from mbd import contact_jacobian
 from mbd.equilibrium import newton_equilibrium
 from mbd.force_range import force_ranges

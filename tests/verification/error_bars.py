@@ -26,7 +26,7 @@ from fem.accuracy.converge import TARGETS, converge, usual_work
 from fem.accuracy.errors import OnMesh, growing, is_reached, sequence_bars, unresolved
 from fem.accuracy.ladder import Rung, ladder_for
 from geometry import Measure
-from geometry.work import budget
+from geometry.machine.work import budget
 from tests.verification.error_problems import FINER_THAN, Case, cases, twelve_tubes
 
 #: Meshes of the default.

@@ -15,7 +15,7 @@ from importlib.resources import files
 import pytest
 
 from geometry.answer import ALIASES
-from geometry.system import children_cpu_seconds
+from geometry.machine.system import children_cpu_seconds
 
 TWO, TWELVE = "assembly.layers = 2", "assembly.layers = 12"
 #: Layers, what is asked [%], and CPU seconds that it should take on one core.

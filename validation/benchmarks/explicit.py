@@ -28,7 +28,7 @@ from fem.system.effects import BulkViscosity, Effects, RayleighDamping
 from fem.system.model import BlockGroup, Model, block_group, fixed_nodes, nodal_load
 from fem.system.time_step import critical_time_step
 from geometry.block import box_block
-from geometry.system import peak_memory_mb
+from geometry.machine.system import peak_memory_mb
 from validation.benchmarks.kernels import KernelRow, kernel_rows
 from validation.benchmarks.kernels import table as kernel_table
 from validation.benchmarks.roofline import Roofline, roofline

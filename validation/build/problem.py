@@ -16,9 +16,9 @@ from fem.problem import Problem
 from fem.system.build import Frames
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase
-from geometry.measures import Planes, planes
+from geometry.machine.work import LimitError, budget
 from geometry.parts.chosen import chosen_blocks
-from geometry.work import LimitError, budget
+from geometry.parts.measures import Planes, planes
 from validation.build.cell import build_cell
 from validation.build.materials import build_materials, friction_of_pairs, laws_of_pairs
 from validation.build.polyhedra import build_live_load, build_polyhedra
@@ -205,7 +205,7 @@ def scene_problem(scene: DeformableScene, name: str) -> Problem:
         problem = build_problem(scene, name, load)
         cut = scene_planes(scene, problem.blocks)
         if cut is not None:
-            from fem.system.sections import check_planes
+            from fem.stresses.sections import check_planes
 
             check_planes(problem.blocks, cut, ~problem.deforming)
         return problem

@@ -29,7 +29,7 @@ def _repeat_lost_interruption(lost: UnraisableHookArgs) -> None:
     if not issubclass(lost.exc_type, KeyboardInterrupt):
         sys.__unraisablehook__(lost)
     elif not sys.is_finalizing():
-        from geometry.system import interrupt
+        from geometry.machine.system import interrupt
 
         threading.Timer(0.01, interrupt).start()
 

@@ -34,7 +34,7 @@ def compare(
 
     Prints tables, the influence of each modelling assumption, and a conclusion.
     """
-    from geometry.system import peak_memory_mb
+    from geometry.machine.system import peak_memory_mb
     from validation.build.cell import refuse_cell
     from validation.calls import compare as compared
     from validation.case import load_case, require_deformable, with_auto

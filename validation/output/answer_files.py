@@ -14,8 +14,8 @@ import numpy as np
 from geometry.answer import Answer, Contacts, Measure, known
 from geometry.errors import unreadable
 from geometry.files.mesh_io import write_hex_mesh, write_surface, write_triangles
+from geometry.machine.system import write_whole
 from geometry.mesh import HexMesh, QuadSurface
-from geometry.system import write_whole
 from validation.errors import InputError
 from validation.output.files import prepare_folder, write_json
 

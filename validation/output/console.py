@@ -11,7 +11,7 @@ from typing import IO, TYPE_CHECKING, Any, TypeVar
 from rich.console import Console
 from rich.table import Table
 
-from geometry.system import children_cpu_seconds, peak_memory_mb
+from geometry.machine.system import children_cpu_seconds, peak_memory_mb
 from validation.output.files import prepare_json
 
 if TYPE_CHECKING:

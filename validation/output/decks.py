@@ -26,8 +26,8 @@ from fem.method import Explicit, Static
 from fem.problem import Problem
 from geometry.answer import Answer
 from geometry.errors import RefusedError
+from geometry.machine.system import write_whole
 from geometry.mesh import FloatArray
-from geometry.system import write_whole
 from validation.build.deck import build_deck
 from validation.case import Case
 from validation.errors import InputError, named

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from geometry.system import write_whole
+from geometry.machine.system import write_whole
 from validation.errors import InputError
 
 if TYPE_CHECKING:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from geometry.balance import reaction_rows
 from geometry.files.mesh_io import write_points
-from geometry.measures import JointResultants, SectionForces
 from geometry.mesh import FloatArray
+from geometry.parts.balance import reaction_rows
+from geometry.parts.measures import JointResultants, SectionForces
 from validation.output.files import write_csv
 from validation.output.outputs import Outputs
 

@@ -16,7 +16,7 @@ from geometry.assembly import AnyBlocks, Assembly
 from geometry.files.block_files import SURFACES_ALONE
 from geometry.files.hexahedral_solids import six_sided_hexahedra
 from geometry.files.mesh_io import write_triangles
-from geometry.measures import JointResultants, Measures, SectionForces
+from geometry.parts.measures import JointResultants, Measures, SectionForces
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
 from mbd.options import Norm
 from validation.output import answer_files

@@ -11,7 +11,7 @@ from typing import Any
 
 from geometry.answer import Answer
 from geometry.errors import RefusedError
-from geometry.system import write_whole
+from geometry.machine.system import write_whole
 from validation.case import Case
 from validation.errors import InputError
 from validation.output.deformable.answers import print_run, run_pictures

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from fem.accuracy.parts import Accuracy
 from geometry.answer import FACTORS, Answer, Measure, measure_rows, title_of
-from geometry.balance import reaction_rows
+from geometry.parts.balance import reaction_rows
 from mbd import MechanismClass
 from validation.output.console import add_dimensions
 from validation.output.rigid import OF_RIGID_BLOCKS, verdict_words

@@ -18,7 +18,7 @@ from rich.console import Console
 
 from geometry.answer import Answer
 from geometry.families.sine_block import LayerTurn
-from geometry.measures import Measures
+from geometry.parts.measures import Measures
 from validation.case import load_case
 from validation.errors import InputError
 from validation.output.progress import following

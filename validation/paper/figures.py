@@ -12,8 +12,8 @@ import numpy as np
 from rich.console import Console
 
 from geometry.answer import Answer
-from geometry.measures import between_layers
 from geometry.mesh import IntArray
+from geometry.parts.measures import between_layers
 from validation.output.console import listing
 from validation.output.files import write_csv
 from validation.output.pictures.bodies import EYE, far_side, interface_facets, steep

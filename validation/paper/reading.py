@@ -17,7 +17,7 @@ import numpy as np
 from geometry.answer import Answer
 from geometry.assembly import Assembly
 from geometry.loads import LoadCase, PressureLoad, TractionLoad, surface_means
-from geometry.measures import Measures
+from geometry.parts.measures import Measures
 from mbd import analyse
 from validation.build.problem import rigid_problem
 from validation.case import load_case

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from geometry.system import write_whole
+from geometry.machine.system import write_whole
 from validation.output.files import prepare_folder, write_json
 from validation.output.pictures.view_3d import View3d, viewer_page
 from validation.output.provenance import Provenance, stamped

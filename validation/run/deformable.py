@@ -18,9 +18,9 @@ from fem.static.linear_step.flexibility import FlexibilityStore
 from geometry.answer import Answer, Notes, Part
 from geometry.compilation.clocks import stages, summed
 from geometry.errors import RefusedError
-from geometry.measures import SectionError
+from geometry.machine.system import peak_memory_mb
+from geometry.parts.measures import SectionError
 from geometry.polyhedra.assembly import bare_joints
-from geometry.system import peak_memory_mb
 from validation.build.doubts import doubts
 from validation.build.polyhedra import build_polyhedra
 from validation.build.problem import fem_section, scene_planes

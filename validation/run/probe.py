@@ -12,7 +12,7 @@ from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
 from geometry.errors import RefusedError
-from geometry.work import LimitError
+from geometry.machine.work import LimitError
 from validation.build.problem import scene_problem
 from validation.errors import InputError, named
 from validation.scene.deformable import Method

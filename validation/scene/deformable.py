@@ -22,7 +22,7 @@ from fem.element.hexahedron import ElementType
 from fem.method import Explicit, Static
 from fem.system.effects import BulkViscosity, RayleighDamping
 from geometry.errors import is_number
-from geometry.options import OptionError
+from geometry.parts.options import OptionError
 from validation.scene.contact import ContactSection, gap_words
 from validation.scene.keys.docstrings import (
     ACCELERATION,

@@ -17,7 +17,7 @@ from pydantic import BaseModel
 
 from fem.element.material import FASTEST_SOUND, SLOWEST_SOUND
 from geometry.assembly import AnyBlocks, AssemblyError, check_size
-from geometry.work import beyond_memory
+from geometry.machine.work import beyond_memory
 from validation.scene.keys.docstrings import YOUNG_MODULUS, Range, ranges
 from validation.scene.sections import WholeScene
 

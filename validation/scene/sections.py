@@ -19,7 +19,7 @@ from pydantic import (
 )
 
 from geometry.loads import CASES
-from geometry.options import option_fields
+from geometry.parts.options import option_fields
 from mbd.options import Rigid
 from validation.errors import InputError, one_line
 from validation.scene.keys.docstrings import FRICTION, PRESSURE, field_docstrings, leaves

@@ -12,7 +12,7 @@ import numpy as np
 from fem.explicit.output.checkpoint import CheckpointError
 from fem.explicit.solve import ExplicitResult, Output, Progress, solve
 from fem.system.time_step import critical_time_step
-from geometry.system import KILL
+from geometry.machine.system import KILL
 from validation.stability.case import Cases, Check, Finding, refusal
 from validation.stability.explicit import free_cube, noise
 
@@ -24,7 +24,7 @@ _STEPS = 300
 _VICTIM = """
 import os, sys
 from pathlib import Path
-from geometry.system import KILL
+from geometry.machine.system import KILL
 from validation.stability.process import whole_run
 
 def die(told):

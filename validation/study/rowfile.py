@@ -27,7 +27,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from geometry.errors import unreadable
-from geometry.system import release
+from geometry.machine.system import release
 from validation.errors import InputError
 from validation.output.files import prepare_file
 from validation.output.files import write_csv as write_table

@@ -21,7 +21,7 @@ from itertools import chain, islice
 from multiprocessing.synchronize import Event
 from typing import Any, Protocol
 
-from geometry.system import available_cores, interrupts_blocked
+from geometry.machine.system import available_cores, interrupts_blocked
 from validation.errors import InputError
 from validation.study.design import Row, failed_row, run_design
 from validation.study.rowfile import StudyRows

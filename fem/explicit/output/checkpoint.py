@@ -24,7 +24,7 @@ from fem.explicit.output.energy import COLUMNS, History
 from fem.explicit.state import State
 from fem.explicit.step import ExplicitSystem
 from geometry.errors import RefusedError, unreadable
-from geometry.system import stop_signals
+from geometry.machine.system import stop_signals
 
 FORMAT = 2
 

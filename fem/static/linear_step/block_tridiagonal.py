@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy.linalg
 
+from geometry.machine.work import count_elimination
 from geometry.mesh import FloatArray
-from geometry.work import count_elimination
 
 #: Forces and motions of a level, or their right-hand sides.
 Side = tuple[FloatArray, FloatArray]

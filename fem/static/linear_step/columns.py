@@ -29,8 +29,8 @@ import scipy.linalg.blas
 from scipy.sparse import csr_array
 
 from fem.static.linear_step.condensation import Elimination
+from geometry.machine.work import count_elimination
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.work import count_elimination
 
 #: Columns are congruent where nodes map onto each other to this part of their size.
 _CONGRUENT = 1e-9

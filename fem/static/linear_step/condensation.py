@@ -21,8 +21,8 @@ import scipy.linalg.blas
 
 from fem.system.model import BlockGroup
 from geometry.compilation import njit
+from geometry.machine.work import Operation, count, count_elimination
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.work import Operation, count, count_elimination
 
 #: Elements of a part that is not bisected further: smaller costs calls, larger costs products.
 _LEAF_ELEMENTS = 48

@@ -48,8 +48,8 @@ from fem.static.linear_step.linearisation import Linearisation, UnheldBlocksErro
 from fem.static.linear_step.pairs import NodePairs
 from fem.static.linear_step.row_laws import Bound, PairLaw, PointLaw, point_law
 from fem.system.system import NodalInverse, System, at_share
+from geometry.machine.work import Operation, count, hold, require_memory
 from geometry.mesh import FloatArray, IntArray
-from geometry.work import Operation, count, hold, require_memory
 
 #: Points count as open when their stiffness is below this share of that at first touch: their
 #: pressure is far below rounding of any other, while their flexibility would drown the rest.

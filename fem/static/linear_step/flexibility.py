@@ -13,8 +13,8 @@ from scipy.sparse import csr_array
 from fem.static.linear_step.condensation import CondensedBlock, condense
 from fem.static.linear_step.linearisation import UnheldBlocksError
 from fem.system.model import BlockGroup, rigid_motions
+from geometry.machine.work import Operation, count
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.work import Operation, count
 
 #: Energy of a rigid motion of order one over that of a block strained as much, below which no
 #: spring resists it: what rounding leaves.

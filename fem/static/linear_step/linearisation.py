@@ -20,8 +20,8 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from fem.system.system import NodalInverse, System, at_share
 from geometry.errors import RefusedError
+from geometry.machine.work import Operation, count, hold, memory_limit, require_memory
 from geometry.mesh import FloatArray, IntArray
-from geometry.work import Operation, count, hold, memory_limit, require_memory
 
 Solve = Callable[[FloatArray], FloatArray]
 

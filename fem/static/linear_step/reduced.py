@@ -14,8 +14,8 @@ from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.linear_step.linearisation import SparseSolver, SparseStep
 from fem.system.model import BlockGroup
 from fem.system.system import System, at_share
+from geometry.machine.work import Operation, count
 from geometry.mesh import FloatArray, IntArray
-from geometry.work import Operation, count
 
 
 class ReducedStep(SparseStep):

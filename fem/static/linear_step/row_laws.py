@@ -21,8 +21,8 @@ from scipy.sparse import csr_array
 from fem.contact.surfaces import ContactPoints
 from fem.static.linear_step.block_tridiagonal import Leaning, Level
 from fem.static.linear_step.linearisation import Linearisation
+from geometry.machine.work import Operation, count
 from geometry.mesh import FloatArray, IntArray
-from geometry.work import Operation, count
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ from fem.measures import contact_on
 from fem.system.state import CapAction
 from fem.system.time_step import added_mass_share
 from geometry.answer import PAPER, Answer, Measure, measure_rows
-from geometry.measures import SectionForces
-from geometry.system import write_whole
+from geometry.machine.system import write_whole
+from geometry.parts.measures import SectionForces
 from validation.output import answer_files
 from validation.output.console import add_dimensions, cpu_words, listing, two_columns
 from validation.output.deformable.cell import cell_table

@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fem.element.stress import von_mises
-from fem.system.build import DeformableAssembly
-from fem.system.model import BlockGroup
-from fem.system.recovery import (
+from fem.stresses.recovery import (
     Recovered,
     block_displacements,
     cells_of,
@@ -21,9 +19,11 @@ from fem.system.recovery import (
     moved_bodies,
     recover,
 )
+from fem.system.build import DeformableAssembly
+from fem.system.model import BlockGroup
 from geometry.files.mesh_io import write_hex_mesh, write_lagrange_cells
+from geometry.machine.system import write_whole
 from geometry.mesh import FloatArray, HexMesh
-from geometry.system import write_whole
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -13,8 +13,8 @@ from geometry.assembly import AnyBlocks, Assembly
 from geometry.block import Block
 from geometry.files.mesh_io import interface_surface
 from geometry.loads import LoadCase
-from geometry.measures import facets_between, first_largest
 from geometry.mesh import FloatArray, IntArray
+from geometry.parts.measures import facets_between, first_largest
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from validation.output.pictures.canvas import (
     Direction,

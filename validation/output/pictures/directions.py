@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from fem.element.stress import stress_tensor
-from fem.system.ball_averages import one_of_each_cube
+from fem.stresses.ball_averages import one_of_each_cube
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 from validation.output.pictures.bodies import (
     above_and_below,

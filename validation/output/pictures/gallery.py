@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from geometry.machine.system import write_whole
 from geometry.mesh import FloatArray
-from geometry.system import write_whole
 from validation.output.pictures.canvas import LARGEST, View
 from validation.output.pictures.look import look, settings
 from validation.output.pictures.scales import VERMILION, Scale

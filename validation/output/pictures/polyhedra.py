@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from geometry.answer import Answer
-from geometry.measures import chain
 from geometry.mesh import FloatArray
+from geometry.parts.measures import chain
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.box_tree import overlapping_boxes
 from geometry.polyhedra.overlap import SignedDistance

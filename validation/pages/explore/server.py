@@ -23,7 +23,7 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from geometry.answer import Answer
 from geometry.errors import RefusedError
-from geometry.system import stop_signals
+from geometry.machine.system import stop_signals
 from validation.case import Case
 from validation.errors import InputError
 from validation.pages.explore.answers import (

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fem.system.recovery import recover
+from fem.stresses.recovery import recover
 from geometry.answer import Answer
-from geometry.measures import between_layers
 from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.parts.measures import between_layers
 from validation.paper.evidence import Evidence
 from validation.paper.statement import Statements, Truth, Verdict, judged
 from validation.scene.read import TubeScene

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from geometry.answer import TITLES, Answer, Array
-from geometry.measures import facets_between
 from geometry.mesh import FloatArray, IntArray
+from geometry.parts.measures import facets_between
 from validation.errors import InputError
 from validation.study.comparison.agreement import agreement
 from validation.study.comparison.decomposition import decompose, is_refined

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from geometry.machine.system import children_cpu_seconds
 from geometry.mesh import FloatArray, IntArray
-from geometry.system import children_cpu_seconds
 
 PROGRAM = "ccx"
 

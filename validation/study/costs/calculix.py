@@ -17,10 +17,10 @@ import numpy as np
 from fem.decks.model import deck_assembly
 from fem.decks.statement import Deck, Flavour
 from fem.decks.write import write_deck
-from fem.system.peaks import stress_peaks
+from fem.stresses.peaks import stress_peaks
 from geometry.assembly import Assembly
-from geometry.measures import block_measures
 from geometry.mesh import FloatArray, IntArray
+from geometry.parts.measures import block_measures
 from validation.build.deck import build_deck
 from validation.case import scene_case
 from validation.errors import InputError

@@ -18,8 +18,8 @@ from fem.dynamics import stated_run
 from fem.solution import Solution
 from geometry.answer import Answer
 from geometry.families.sine_block import SineBlockDivisions
+from geometry.machine.work import budget
 from geometry.mesh import FloatArray
-from geometry.work import budget
 from validation.build.problem import build_assembly, scene_problem
 from validation.case import scene_case
 from validation.errors import InputError, named

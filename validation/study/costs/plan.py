@@ -17,7 +17,7 @@ from fem.element.hexahedron import ElementType
 from fem.static.linear_step.grid import grid_blocks
 from fem.system.build import DeformableAssembly
 from fem.system.sector import largest_cyclic_orbits
-from geometry.work import SECONDS, Operation
+from geometry.machine.work import SECONDS, Operation
 from mbd.options import Norm
 from validation.build.cell import refuse_cell
 from validation.build.problem import fem_section, scene_problem

@@ -20,7 +20,7 @@ from fem.method import Static
 from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
 from geometry.errors import RefusedError
-from geometry.work import LimitError, budget
+from geometry.machine.work import LimitError, budget
 from validation.build.problem import fem_section, scene_problem
 from validation.errors import InputError
 from validation.run.probe import (

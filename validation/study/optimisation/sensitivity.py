@@ -306,8 +306,8 @@ def _deformable(file: Case, meshes: int) -> Iterator[Values]:
     from fem.accuracy.statics import static_options
     from fem.accuracy.strength import strength_factors
     from fem.method import Static
+    from geometry.machine.work import budget
     from geometry.parts.dimensions import dimensions
-    from geometry.work import budget
     from validation.build.problem import fem_section
     from validation.errors import named
 

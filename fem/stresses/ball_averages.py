@@ -22,11 +22,11 @@ from fem.element.functions import line_basis
 from fem.element.hexahedron import point_volumes
 from fem.element.lagrange import adjugates
 from fem.element.stress import largest_tension, principal_stress, stress_of_gradient
+from fem.stresses.recovery import MovedBodies
 from fem.system.model import BlockGroup
-from fem.system.recovery import MovedBodies
-from geometry.measures import first_largest
+from geometry.machine.work import Operation, count
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.work import Operation, count
+from geometry.parts.measures import first_largest
 
 #: Size of cells over the radius of a ball.
 _CELL = 0.3

@@ -31,13 +31,13 @@ from fem.element.stress import (
     principal_stress,
     von_mises,
 )
-from fem.system.ball_averages import averaged_tension, ball_averages
+from fem.stresses.ball_averages import averaged_tension, ball_averages
+from fem.stresses.recovery import block_displacements, moved_bodies
 from fem.system.build import DeformableAssembly
 from fem.system.model import BlockGroup
-from fem.system.recovery import block_displacements, moved_bodies
 from fem.system.state import ContactState
-from geometry.measures import JointResultants, first_largest, summed_by_joint
 from geometry.mesh import HEX_FACES, FloatArray, IntArray, ReadOnlyArrays
+from geometry.parts.measures import JointResultants, first_largest, summed_by_joint
 
 #: Part of a peak that polynomials may miss, over (d/ℓ)², and at most: 1.15, 1.2 and 0.19 were
 #: observed.

@@ -17,7 +17,7 @@ from enum import StrEnum
 from typing import Any, Literal, NamedTuple, NoReturn, TypeAlias
 
 from geometry.errors import RefusedError
-from geometry.system import machine_memory
+from geometry.machine.system import machine_memory
 
 
 class Operation(StrEnum):

@@ -21,13 +21,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from fem.stresses.recovery import block_displacements
 from fem.system.build import DeformableAssembly
-from fem.system.recovery import block_displacements
 from fem.system.sector import NodeMap
 from fem.system.state import ContactState, corner_displacements
 from geometry.assembly import Assembly
-from geometry.measures import Planes, SectionError, SectionForces, nothing_cut, section_rows
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays
+from geometry.parts.measures import Planes, SectionError, SectionForces, nothing_cut, section_rows
 
 #: Nodes at this share of the size of a block from a plane lie on it.
 _ON_PLANE = 1e-7

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from geometry.assembly import AnyBlocks
-from geometry.measures import JointResultants, Resultants
 from geometry.mesh import FloatArray, IntArray
+from geometry.parts.measures import JointResultants, Resultants
 
 #: Direction that is vertical where thrusts are horizontal.
 _UP = np.array([0.0, 0.0, 1.0])

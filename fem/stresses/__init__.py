@@ -1,0 +1,1 @@
+"""Stresses from displacements: at nodes and integration points, their peaks, averages, sections."""
