@@ -484,6 +484,12 @@ def _mesh_notes(deck: Deck) -> list[str]:
     ]
 
 
+def noted(deck: Deck, notes: list[str]) -> Deck:
+    """Add notes to those that a deck has, in lines of its heading."""
+    lines = [line for note in notes for line in textwrap.wrap(note.strip(), _NOTE_WIDTH)]
+    return replace(deck, notes=(*deck.notes, *lines))
+
+
 def with_notes(deck: Deck, notes: list[str]) -> Deck:
     """Attach the notes, and refuse what no deck of this flavour can say.
 
@@ -493,8 +499,7 @@ def with_notes(deck: Deck, notes: list[str]) -> Deck:
         By name.
     """
     notes = [*_mesh_notes(deck), *notes, *_gap_notes(deck), *_increment_notes(deck)]
-    lines = [line for note in notes for line in textwrap.wrap(note.strip(), _NOTE_WIDTH)]
-    deck = replace(deck, notes=tuple(lines))
+    deck = noted(replace(deck, notes=()), notes)
     if deck.flavour is Flavour.CALCULIX:
         check_calculix(deck)
     else:

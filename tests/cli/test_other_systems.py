@@ -151,4 +151,4 @@ def test_what_differs_between_systems_is_imported_in_one_file() -> None:
             modules = [name.name for name in node.names] if isinstance(node, ast.Import) else []
             modules += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             users |= {path.relative_to(root)} if posix & set(modules) else set()
-    assert users == {Path("geometry", "system.py")}
+    assert users == {Path("geometry", "machine", "system.py")}

@@ -14,9 +14,9 @@ from fem.element.lagrange import Lagrange
 from fem.element.lagrange_mesh import LagrangeMesh, with_degree
 from fem.static.linear_step.grid_block import windows
 from fem.static.solve import StaticOptions
+from fem.stresses import ball_averages
 from fem.stresses.ball_averages import _Cells, _tension, averaged_tension
 from fem.stresses.recovery import MovedBodies, cells_of, grid_places
-from fem.system import ball_averages
 from fem.system.model import block_group
 from geometry.files.mesh_io import write_lagrange_cells
 from geometry.mesh import FloatArray

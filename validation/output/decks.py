@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy.spatial import KDTree
 
-from fem.decks.problem import increments, needs_double, problem_deck, with_notes
+from fem.decks.problem import increments, needs_double, noted, problem_deck
 from fem.decks.read.deck import InputDeck, read_deck
 from fem.decks.read.words import Dialect
 from fem.decks.statement import Deck, Flavour, element_name
@@ -70,7 +70,7 @@ def export_deck(file: Case, flavour: Flavour | None, path: Path) -> WrittenDeck:
     if path.suffix.lower() != ".inp":
         raise InputError(f"-o {path}: expected a file name that ends in .inp")
     deck = build_deck(file, flavour)
-    return _write(with_notes(deck, [distance_of_mesh(file)]), path, start)
+    return _write(noted(deck, [distance_of_mesh(file)]), path, start)
 
 
 def distance_of_mesh(file: Case) -> str:
