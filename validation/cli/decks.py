@@ -46,7 +46,15 @@ def export(
             ],
         ),
     ] = None,
+    *,
     settings: SetOption = None,
+    distance: Annotated[
+        bool,
+        typer.Option(
+            help="Say in the heading how far the answer of the deck's mesh is from the converged "
+            "one, where both are little work."
+        ),
+    ] = True,
     verbose: Annotated[
         bool, typer.Option("-v", "--verbose", help="Print how often each keyword occurs.")
     ] = False,
@@ -69,7 +77,8 @@ def export(
         _export_blocks(file, output)
         return
     with Outputs(files={"-o": output}, scene=file) as outputs:
-        written = export_deck(file, None if flavour is None else Flavour(flavour), output)
+        kind = None if flavour is None else Flavour(flavour)
+        written = export_deck(file, kind, output, distance=distance)
         print_export(written, outputs.console, verbose=verbose)
         step = "static" if written.deck.step.procedure is Procedure.STATIC else "explicit"
         outputs.tell_keys(f"{step} deck")

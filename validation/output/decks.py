@@ -64,13 +64,20 @@ class WrittenDeck:
     """CPU time of building and writing it."""
 
 
-def export_deck(file: Case, flavour: Flavour | None, path: Path) -> WrittenDeck:
-    """Write the deck of a scene, whole or not at all."""
+def export_deck(
+    file: Case, flavour: Flavour | None, path: Path, *, distance: bool = False
+) -> WrittenDeck:
+    """Write the deck of a scene, whole or not at all.
+
+    With ``distance`` its heading says how far the answer of its mesh is from the converged one.
+    """
     start = time.process_time()
     if path.suffix.lower() != ".inp":
         raise InputError(f"-o {path}: expected a file name that ends in .inp")
     deck = build_deck(file, flavour)
-    return _write(noted(deck, [distance_of_mesh(file)]), path, start)
+    if distance:
+        deck = noted(deck, [distance_of_mesh(file)])
+    return _write(deck, path, start)
 
 
 def distance_of_mesh(file: Case) -> str:
