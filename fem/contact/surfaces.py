@@ -93,7 +93,7 @@ class ContactPoints(ReadOnlyArrays):
         if len(self.axes) != (n := len(self.block_m)):  # of no system: nothing moves
             nodes = self.functions.shape[-1]
             vars(self)["axes"] = np.broadcast_to(np.eye(3), (n, 2, 3, 3))
-            vars(self)["rows"] = np.zeros((n, nodes), np.int64)
+            vars(self)["rows"] = np.broadcast_to(np.zeros((), np.int64), (n, nodes))
         super().__post_init__()
 
     @property

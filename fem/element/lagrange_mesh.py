@@ -23,6 +23,7 @@ from geometry.mesh import (
     structured_hexahedra,
     structured_quads,
 )
+from geometry.meshing.charts import facet_corners
 
 #: Shares of corners in a node are told apart to this, far above rounding.
 _SHARE = 1e-6
@@ -57,8 +58,7 @@ class LagrangeMesh(HexMesh):
 
         The first direction, slow, runs from corner 0 to 1, the second from corner 0 to 3.
         """
-        element = self.face_elements(quads)
-        corners = (self.elements[element][:, None] == quads[:, :, None]).argmax(axis=2)
+        element, corners = facet_corners(self, quads)
         ways, way = np.unique(corners, axis=0, return_inverse=True)
         nodes = Lagrange(self.degree).face_nodes(ways)
         return self.members[element[:, None], nodes[way.ravel()]]

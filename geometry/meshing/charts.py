@@ -138,6 +138,11 @@ def facet_elements(mesh: HexMesh, quads: IntArray) -> tuple[IntArray, FloatArray
     tuple[IntArray, FloatArray]
         (n,) and (n, 4, 3).
     """
-    element = mesh.face_elements(quads)
-    corner = (mesh.elements[element][:, None, :] == quads[:, :, None]).argmax(axis=2)
+    element, corner = facet_corners(mesh, quads)
     return element, CORNERS[corner]
+
+
+def facet_corners(mesh: HexMesh, quads: IntArray) -> tuple[IntArray, IntArray]:
+    """Element of facets of a mesh (n, 4), and which of its corners theirs are: (n,) and (n, 4)."""
+    element = mesh.face_elements(quads)
+    return element, (mesh.elements[element][:, None] == quads[:, :, None]).argmax(axis=2)

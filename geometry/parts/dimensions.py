@@ -16,7 +16,8 @@ import numpy as np
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.block import Block
 from geometry.files.vtu import as_surface
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.meshing.charts import facet_corners
 from geometry.polyhedra.polyhedron import Polyhedron
 
 #: Units of `Dimensions` as plain data.
@@ -116,33 +117,36 @@ def _volume(shape: Any) -> float:
     """Volume of a solid [mm³]: a third of the flux of its points through its surface."""
     if not isinstance(shape, Block) or shape.curve is None:
         return float(shape.volume)
-    points, vectors = _gauss_points(shape, shape.boundary)
+    points, vectors = _gauss_points(_exact(shape, shape.boundary), len(shape.boundary))
     return float(np.einsum("nqi,nqi->", points, vectors)) / 3.0
 
 
 def _contact_area(blocks: AnyBlocks) -> float:
     """Area of the joints of an assembly that are not between two fixed blocks [mm²]."""
     if not isinstance(blocks, Assembly):
-        patches = blocks.interfaces
-        held = blocks.fixed[patches.block_m] & blocks.fixed[patches.block_s]
-        return float(patches.areas[~held].sum())
-    joints = blocks.interfaces
-    counts = ~(blocks.fixed[joints.block_m] & blocks.fixed[joints.block_s])
+        return float(blocks.interfaces.areas[_of_free_blocks(blocks)].sum())
+    joints, counts = blocks.interfaces, _of_free_blocks(blocks)
     area, shape_of = 0.0, blocks.shape_of[joints.block_m]
     for number in np.unique(shape_of[counts]).tolist():
         shape = blocks.shapes[number]
-        _, vectors = _gauss_points(shape, shape.contact_quads)
+        quads = shape.contact_quads
+        _, vectors = _gauss_points(_exact(shape, quads), len(quads))
         each = np.linalg.norm(vectors, axis=2).sum(axis=1)
         area += float(each[joints.facet_m[counts & (shape_of == number)]].sum())
     return area
+
+
+def _of_free_blocks(blocks: AnyBlocks) -> BoolArray:
+    """Whether one block at least of each contact is free, (n_contacts,)."""
+    joints = blocks.interfaces
+    return np.asarray(~(blocks.fixed[joints.block_m] & blocks.fixed[joints.block_s]))
 
 
 def _exact(shape: Block, quads: IntArray) -> Callable[[FloatArray], FloatArray]:
     """Map places (n, q, 2) of facets, -1 to 1, to points of the shape, (n, q, 3) [mm]."""
     corners = shape.mesh.nodes[quads]
     if shape.curve is not None:
-        element = shape.mesh.face_elements(quads)
-        corner = (shape.mesh.elements[element][:, None] == quads[:, :, None]).argmax(axis=2)
+        element, corner = facet_corners(shape.mesh, quads)
         corners = shape.curve.parameters()[element[:, None], corner]
 
     def points(places: FloatArray) -> FloatArray:
@@ -166,11 +170,12 @@ def _vectors(points: Callable[[FloatArray], FloatArray], places: FloatArray) -> 
     return np.cross(along, across)
 
 
-def _gauss_points(shape: Block, quads: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Points of facets of the exact shape, and the vectors of their areas, (n, q, 3) each."""
+def _gauss_points(
+    points: Callable[[FloatArray], FloatArray], n: int
+) -> tuple[FloatArray, FloatArray]:
+    """Points of n facets of the exact shape, and the vectors of their areas, (n, q, 3) each."""
     at, weights = np.polynomial.legendre.leggauss(_GAUSS)
-    places = np.broadcast_to(_square(at, at), (len(quads), _GAUSS**2, 2))
-    points = _exact(shape, quads)
+    places = np.broadcast_to(_square(at, at), (n, _GAUSS**2, 2))
     return points(places), np.outer(weights, weights).ravel()[:, None] * _vectors(points, places)
 
 
@@ -248,22 +253,23 @@ def steepest_joint(shape: Any, axis: FloatArray) -> float | None:
 
 def _steepest(shape: Block, quads: IntArray, axis: FloatArray) -> float:
     """Largest angle of a face to its mean plane [degrees]."""
-    mean = _units(_gauss_points(shape, quads)[1].sum(axis=(0, 1)))
+    every = _exact(shape, quads)
+    mean = _units(_gauss_points(every, len(quads))[1].sum(axis=(0, 1)))
     if abs(mean @ axis) > _NEARLY:
         mean = axis
 
-    def steepness(quads: IntArray, places: FloatArray) -> FloatArray:
-        normals = _units(_vectors(_exact(shape, quads), places))
+    def steepness(points: Callable[[FloatArray], FloatArray], places: FloatArray) -> FloatArray:
+        normals = _units(_vectors(points, places))
         return np.asarray(np.linalg.norm(np.cross(normals, mean), axis=2))
 
     looked = np.linspace(-1.0, 1.0, _LOOKED)
     places = np.broadcast_to(_square(looked, looked), (len(quads), _LOOKED**2, 2))
-    sines = steepness(quads, places)
+    sines = steepness(every, places)
     facet, best = np.unravel_index(sines.argmax(), sines.shape)
-    at, half = places[facet, best], looked[1] - looked[0]
+    at, half, one = places[facet, best], looked[1] - looked[0], _exact(shape, quads[[facet]])
     for _ in range(_CLOSER):
         near = np.clip(at + half * _square(looked, looked), -1.0, 1.0)[None]
-        sines = steepness(quads[[facet]], near)
+        sines = steepness(one, near)
         at, half = near[0, sines[0].argmax()], half * (looked[1] - looked[0])
     largest = float(sines.max())
     return float(np.degrees(np.arcsin(min(largest, 1.0)))) if largest > _FLAT else 0.0

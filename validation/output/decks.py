@@ -95,14 +95,15 @@ def distance_of_mesh(file: Case) -> str:
     except RefusedError as error:
         return f"{unknown}{str(error).removeprefix(f'{file.name}: ')}"
     names = {"max_displacement": "u", "p_max_facet": "largest mean pressure of a facet"}
-    changes = [
-        f"{words} {100.0 * (here[name].value / there[name].value - 1.0):+.2g} %"
-        for name, words in names.items()
-        if name in here.measures and name in there.measures and there[name].value
-    ]
+    changes = []
+    for name, words in names.items():
+        if name in here.measures and name in there.measures and there[name].value:
+            value, bar = there[name].value, there[name].error
+            known = f"known to {100.0 * bar / abs(value):.2g} %" if bar else "without an error bar"
+            changes.append(f"{words} {100.0 * (here[name].value / value - 1.0):+.2g} % ({known})")
     if not changes:
         return f"{unknown}no measure has a value on both"
-    return f"mesh: {', '.join(changes)} from the converged answer"
+    return f"mesh: its answer differs from the converged answer: {', '.join(changes)}"
 
 
 def _elements(deck: Deck) -> str:

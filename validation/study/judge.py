@@ -10,9 +10,9 @@ from rich.console import Console
 
 from validation.errors import InputError
 from validation.output.console import tabled
-from validation.study.report import cell, lines_of_head
+from validation.study.report import cell, lines_of_head, overlap
 from validation.study.rowfile import StudyRows
-from validation.study.run import Runner, sweep
+from validation.study.run import Runner, computed
 from validation.study.study import Study
 
 #: Factor by which values of rigid blocks must differ before deformable ones tell the same order: √2
@@ -65,11 +65,8 @@ def judge(rows: StudyRows, runner: Callable[[Study], Runner], console: Console) 
         )
     name, *chosen = found
     study = replace(rows.study, quantity="fem")
-    deformable = StudyRows(rows.path, study)
     numbers = [row["number"] for row in chosen]
-    sweep(deformable, runner(study), numbers=iter(numbers))
-    by_number = {row["number"]: row for row in deformable.rows()}
-    judged = [by_number[number] for number in numbers]
+    judged = computed(StudyRows(rows.path, study), runner(study), numbers)
     columns: dict[str, Any] = {"design": cell("number")}
     columns |= {lines_of_head(study, path): cell(path) for path in study.varied}
     of_rigid = dict(zip(numbers, (row[name] for row in chosen), strict=True))
@@ -79,10 +76,11 @@ def judge(rows: StudyRows, runner: Callable[[Study], Runner], console: Console) 
         columns["message"] = cell("message")
     title = f"{study.name}: best and worst design of rigid blocks, solved with deformable ones"
     console.print(tabled(title, judged, columns))
-    best, worst = (row[name] for row in judged)
-    if best is None or worst is None:
+    best, worst = judged
+    if best[name] is None or worst[name] is None:
         return
-    words = "the same order" if best < worst else "the other order: choose no design by this study"
-    if abs(worst - best) <= sum(row[f"{name}_error"] or 0.0 for row in judged):
+    same = best[name] < worst[name]
+    words = "the same order" if same else "the other order: choose no design by this study"
+    if overlap(best, worst, name):
         words = "their error bars tell no order"
     console.print(f"deformable blocks: {words}")

@@ -177,6 +177,12 @@ def cell(name: str) -> Callable[[Mapping[str, Any]], str]:
     return words
 
 
+def overlap(one: Mapping[str, Any], other: Mapping[str, Any], name: str) -> bool:
+    """Whether the error bars of a measure do not tell two rows apart."""
+    bars = sum(row.get(f"{name}_error") or 0.0 for row in (one, other))
+    return bool(abs(other[name] - one[name]) <= bars)
+
+
 def summary(results: StudyRows, tally: Tally, wall_seconds: float) -> dict[str, Any]:
     """Return what a sweep did as plain data."""
     total, failed = results.counts()

@@ -103,6 +103,14 @@ def sweep(
     return tally
 
 
+def computed(results: StudyRows, runner: Runner, numbers: Iterable[int]) -> list[dict[str, Any]]:
+    """Rows of some designs, in their order; those that the result file lacks are computed."""
+    numbers = list(numbers)
+    sweep(results, runner, numbers=iter(numbers))
+    by_number = {row["number"]: row for row in results.rows()}
+    return [by_number[number] for number in numbers]
+
+
 # ---------------------------------------------------------------------------------------------
 # This machine
 

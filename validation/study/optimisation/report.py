@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
@@ -17,7 +17,7 @@ from validation.output.pictures.gallery import save_figure, subplots
 from validation.output.pictures.scales import BLUE, VERMILION
 from validation.study.optimisation.search import Point, Search, judged, run_search
 from validation.study.optimisation.statement import Optimisation
-from validation.study.report import cell, lines_of_head
+from validation.study.report import cell, lines_of_head, overlap
 from validation.study.rowfile import StudyRows
 from validation.study.run import Runner
 from validation.study.study import Study
@@ -125,7 +125,7 @@ class SearchResult:
         best = answered[0]
         at = ", ".join(f"{path} = {cell(path)(best)}" for path, _ in stated.variables)
         words = f"best: {at}; {name} {cell(name)(best)}"
-        close = [row for row in answered[1:] if _overlap(best, row, name)]
+        close = [row for row in answered[1:] if overlap(best, row, name)]
         if close:
             words += f"; error bars do not tell it from {len(close)} of the others"
         return f"{words}\n{self._order}" if len(self.final) > 1 else words
@@ -169,11 +169,6 @@ class SearchResult:
         """Return what `print` prints."""
         self.print(plain_console(text := StringIO()))
         return text.getvalue().rstrip()
-
-
-def _overlap(one: Mapping[str, Any], other: Mapping[str, Any], name: str) -> bool:
-    bars = sum(row.get(f"{name}_error") or 0.0 for row in (one, other))
-    return bool(other[name] - one[name] <= bars)
 
 
 def _draw_front(search: Search, axes: Any) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any
 
 from geometry.answer import title_of
@@ -16,7 +17,7 @@ from validation.errors import InputError
 from validation.study.design import Row
 from validation.study.optimisation.statement import Limit, Optimisation
 from validation.study.rowfile import StudyRows
-from validation.study.run import Runner, Tally, sweep
+from validation.study.run import Runner, Tally, computed, sweep
 
 Places = tuple[int, ...]
 #: Designs at random before the sampler learns, and those that all fail before a search ends.
@@ -360,11 +361,8 @@ def judged(search: Search, results: StudyRows, runner: Runner) -> list[Point]:
     stated = search.stated
     wanted = [p.places for p in search.finalists]
     numbers = [number for places in wanted for number in stated.numbers(places)]
-    sweep(results, runner, numbers=iter(numbers))
-    rows = {row["number"]: row for row in results.rows()}
-    points = [
-        Point(places, worst_of([rows[n] for n in stated.numbers(places)]), ()) for places in wanted
-    ]
+    rows = iter(computed(results, runner, numbers))
+    points = [Point(places, worst_of(list(islice(rows, stated.n_cases))), ()) for places in wanted]
     return sorted(
         points, key=lambda p: (p.scores(stated.measures) is None, p.scores(stated.measures) or ())
     )
