@@ -195,7 +195,8 @@ class LocalRunner:
         )
         pending: dict[Future[Row], int] = {}
         try:
-            self._submit(pool, pending, numbers, window)
+            with interrupts_blocked():  # processes start here and inherit it: ending them is ours
+                self._submit(pool, pending, numbers, window)
             while pending:
                 finished, _ = wait(pending, return_when=FIRST_COMPLETED)
                 for future in finished:
@@ -223,7 +224,7 @@ class LocalRunner:
             # Noted before it is handed over: a pool that breaks here loses nothing.
             placeholder: Future[Row] = Future()
             pending[placeholder] = number
-            with interrupts_blocked(), _main_left_out():  # stopping them is ours
+            with _main_left_out():
                 future = pool.submit(run_design, self.study, number)
             del pending[placeholder]
             pending[future] = number
