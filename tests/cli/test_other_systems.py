@@ -5,20 +5,20 @@ from __future__ import annotations
 import ast
 import os
 import re
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
+from tests.support import endless
+
 PACKAGES = ("geometry", "mbd", "fem", "validation")
 #: Loaded by every Python process of a test, workers too: takes away what Windows lacks. Libraries
 #: keep their modules: they ask for the system by its name. With an environment variable a process
-#: is interrupted soon after it catches SIGTERM.
+#: is interrupted when it catches interruptions and SIGTERM.
 HIDING = """
-import builtins, os, psutil, signal, threading
+import builtins, os, psutil, signal
 
 MODULES = {"resource", "fcntl", "pwd", "grp", "termios", "tty", "pty", "posix"}
 NAMES = {
@@ -39,22 +39,23 @@ def hiding(name, globals=None, *rest, **options):
     return load(name, globals, *rest, **options)
 
 def interrupting(number, handler):
+    before = catch(number, handler)
     if number == signal.SIGTERM and callable(handler):
-        threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGINT)).start()
-    return catch(number, handler)
+        signal.raise_signal(signal.SIGINT)
+    return before
 
 builtins.__import__ = hiding
 if "INTERRUPTED" in os.environ:
     signal.signal = interrupting
 """
+START = f"PACKAGES = {PACKAGES}\n{HIDING}"
 
 
 @pytest.fixture
 def poor(tmp_path: Path) -> dict[str, str]:
     """Environment of processes that lack what POSIX alone has."""
     (tmp_path / "hiding").mkdir()
-    text = f"PACKAGES = {PACKAGES}\n{HIDING}"
-    (tmp_path / "hiding" / "sitecustomize.py").write_text(text, encoding="utf-8")
+    (tmp_path / "hiding" / "sitecustomize.py").write_text(START, encoding="utf-8")
     return os.environ | {"PYTHONPATH": str(tmp_path / "hiding")}
 
 
@@ -99,46 +100,14 @@ def test_an_interrupted_run_goes_on(tmp_path: Path, poor: dict[str, str]) -> Non
     assert fields[0] == fields[1]
 
 
-STUDY = """
-scene = "brick-stack"
-[parameters]
-load.pressure = { from = 0.01, to = 0.4, step = 0.01 }
-[settings]
-load.case = "beam"
-mesh.divisions = [16, 12, 12]
-assembly = { columns = 2, layers = 3 }
-"""
-
-
-def rows(path: Path) -> int:
-    """Rows in a file of results; 0 before it is there."""
-    return path.read_bytes().count(b"\n") if path.exists() else 0
-
-
 def test_an_interrupted_study_goes_on(tmp_path: Path, poor: dict[str, str]) -> None:
-    (tmp_path / "many.toml").write_text(STUDY, encoding="utf-8")
-    words = ("sweep", "many.toml", "-o", "many.jsonl", "--workers", "2")
-    command = [sys.executable, "-m", "validation.cli", *words]
-    with subprocess.Popen(
-        command,
-        cwd=tmp_path,
-        env=poor,
-        stderr=subprocess.PIPE,
-        encoding="utf-8",
-        start_new_session=True,
-    ) as process:
-        end = time.monotonic() + 120
-        while not rows(tmp_path / "many.jsonl") and time.monotonic() < end:
-            time.sleep(0.01)
-        os.killpg(process.pid, signal.SIGINT)
-        said = process.communicate(timeout=120)[1]
-    assert process.returncode == 130
-    assert "run the same command to go on" in said
-    assert "Traceback" not in said
-    assert 1 <= rows(tmp_path / "many.jsonl") < 40
-    done = tubelock(*words, cwd=tmp_path, env=poor)
-    assert (done.returncode, rows(tmp_path / "many.jsonl")) == (0, 40)
-    assert {path.name for path in tmp_path.iterdir()} == {"many.toml", "many.jsonl", "hiding"}
+    with endless.endless_sweep(tmp_path, start=START + endless.ENDLESS) as process:
+        endless.interrupted(process)
+    assert 1 <= endless.rows(tmp_path) <= 3
+    done = tubelock(*endless.COMMAND, cwd=tmp_path, env=poor)
+    assert (done.returncode, endless.rows(tmp_path)) == (0, 20)
+    files = {path.name for path in tmp_path.iterdir()}
+    assert files == {"many.toml", "many.jsonl", "hiding", "start"}
 
 
 @pytest.mark.quick

@@ -189,7 +189,8 @@ class LocalRunner:
     ) -> Generator[Row, None, list[int]]:
         """Rows of one pool of processes; returns the designs in its hands if it broke."""
         context = multiprocessing.get_context("spawn")
-        stop = context.Event()
+        with interrupts_blocked():  # a helper process of the library starts here
+            stop = context.Event()
         pool = ProcessPoolExecutor(
             workers, mp_context=context, initializer=_start_worker, initargs=(stop,)
         )
