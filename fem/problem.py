@@ -107,7 +107,8 @@ class Problem:
     ----------
     blocks
         All blocks, fixed ones included: of `geometry.tube`, any `geometry.Assembly`, or solids such
-        as those of `geometry.blocks`, which deformable answers and decks mesh (`meshed`).
+        as those of `geometry.Assembly.from_blocks`, which deformable answers and decks mesh
+        (`meshed`).
     load
         Loads and fixed blocks: a load case such as `geometry.pipe`, or a
         `geometry.loads.LoadCase` for facets of one's own. None: none but gravity, and the fixed

@@ -14,7 +14,10 @@ What most need::
 |---|---|
 | `SineBlock`, `HexagonBlock` | parameters of a block of a tube |
 | `tube` | layers of such blocks between two frames |
-| `blocks` | blocks of meshes in memory: trimesh, pyvista, compas, vertices and faces |
+| `Assembly.from_blocks` | blocks of any shape: solids, trimesh, pyvista, compas, arrays |
+| `read_blocks` | blocks of a file: STL, OBJ, STEP and more |
+| `convex_polyhedron`, `Polyhedron` | a block of flat faces |
+| `PolyhedralAssembly` | such blocks, placed, with their contacts |
 | `DetectionOptions` | what counts as contact of such blocks |
 | `Assembly` | any blocks with hexahedra, placed by rigid motions |
 | `PlanarSineWall`, `OsteomorphicWall`, `BrickStack` | walls of hexahedra, by `.build()` |
@@ -29,9 +32,6 @@ What most need::
 | `HeldFace` | a face that is held, moved or on springs |
 | `Box`, `Plane` | parts of surfaces by their place |
 | `box_block`, `Block` of a `HexMesh` | a box, any block of hexahedra |
-| `convex_polyhedron`, `Polyhedron` | a block of flat faces |
-| `polyhedral_assembly`, `PolyhedralAssembly` | such blocks, placed, with their contacts |
-| `read_blocks` | blocks of a file: STL, OBJ, STEP and more |
 | `Answer`, `Measure` | what a solver returns, and one number of it |
 | `RefusedError` | what is wrong with an input, in one line: every error of the packages is one |
 | `contact_mesh` | contact facets of an assembly as a pyvista mesh |
@@ -58,7 +58,6 @@ if TYPE_CHECKING:
     from geometry.families.versatile_panel import VersatilePanel
     from geometry.families.voxels import VoxelPuzzle
     from geometry.files.block_files import read_blocks
-    from geometry.files.memory import blocks
     from geometry.files.mesh_io import contact_mesh
     from geometry.loads import (
         LineLoad,
@@ -75,7 +74,7 @@ if TYPE_CHECKING:
     from geometry.mesh import HexMesh
     from geometry.parts.regions import Box, Plane
     from geometry.parts.supports import HeldFace
-    from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
+    from geometry.polyhedra.assembly import PolyhedralAssembly
     from geometry.polyhedra.options import DetectionOptions
     from geometry.polyhedra.polyhedron import Polyhedron, convex_polyhedron
 
@@ -113,14 +112,12 @@ __all__ = [
     "VersatilePanel",
     "VoxelPuzzle",
     "beam",
-    "blocks",
     "box_block",
     "box_column",
     "contact_mesh",
     "convex_polyhedron",
     "pillar",
     "pipe",
-    "polyhedral_assembly",
     "read_blocks",
     "shaft",
     "tube",
@@ -162,14 +159,12 @@ _PLACES = {
     "VersatilePanel": ("geometry.families.versatile_panel", "VersatilePanel"),
     "VoxelPuzzle": ("geometry.families.voxels", "VoxelPuzzle"),
     "beam": ("geometry.loads", "beam"),
-    "blocks": ("geometry.files.memory", "blocks"),
     "box_block": ("geometry.block", "box_block"),
     "box_column": ("geometry.families.boxes", "box_column"),
     "contact_mesh": ("geometry.files.mesh_io", "contact_mesh"),
     "convex_polyhedron": ("geometry.polyhedra.polyhedron", "convex_polyhedron"),
     "pillar": ("geometry.loads", "pillar"),
     "pipe": ("geometry.loads", "pipe"),
-    "polyhedral_assembly": ("geometry.polyhedra.assembly", "polyhedral_assembly"),
     "read_blocks": ("geometry.files.block_files", "read_blocks"),
     "shaft": ("geometry.loads", "shaft"),
     "tube": ("geometry.families.tube", "tube"),

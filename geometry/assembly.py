@@ -6,9 +6,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
 
@@ -16,6 +17,10 @@ from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.interface import Interfaces, match_facets
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays
+
+if TYPE_CHECKING:
+    from geometry.polyhedra.assembly import PolyhedralAssembly
+    from geometry.polyhedra.options import DetectionOptions
 
 #: Blocks smaller or larger than this (∛V) are drawn in other units than millimetres [mm].
 SMALLEST_BLOCK, LARGEST_BLOCK = 1.0, 1e5
@@ -245,6 +250,70 @@ class Assembly(PlacedBlocks[Block]):
     image_of: IntArray | None = None
     """Block whose translated image each block is, itself where it is none, (n_blocks,): what a
     periodic cell meets at its end. None: no images."""
+
+    @staticmethod
+    def from_blocks(
+        blocks: Iterable[Any],
+        *,
+        names: Sequence[str] | None = None,
+        fixed: int | str | Iterable[int | str] | None = (),
+        units: str = "mm",
+        up: Literal["y", "z"] = "z",
+        repair: bool = False,
+        detection: DetectionOptions | None = None,
+    ) -> PolyhedralAssembly:
+        """Assemble blocks of any shape, which solvers of deformable blocks fill with hexahedra.
+
+        Parameters
+        ----------
+        blocks
+            Solids as `geometry.read_blocks` and `geometry.convex_polyhedron` make them [mm], or
+            closed surfaces: objects with ``vertices`` or ``points`` and ``faces`` (trimesh,
+            pyvista), with ``to_vertices_and_faces`` (compas), or pairs of vertices (n, 3) and
+            faces, triangles or polygons. Each closed part of a surface is a block; one that faces
+            inward is turned.
+        names
+            Of the blocks; by default those of their file, or none.
+        fixed
+            Blocks that do not move: their numbers, counted from 0, or names; supports of a file are
+            fixed too. None: no other block is, for supports of the load hold parts of free blocks.
+        units
+            Of the vertices of surfaces: mm, cm, m or inch.
+        up
+            Axis that points up; y becomes z.
+        repair
+            Whether to drop triangles of surfaces that are there twice, to turn those that face the
+            wrong way and to close flat holes.
+        detection
+            Tolerances of contact detection.
+
+        Raises
+        ------
+        MeshError
+            What is no block, or a surface that bounds no solid: open, folded, cutting through
+            itself.
+        AssemblyError
+            Names that are there twice, blocks to fix that are not there, nothing fixed or
+            everything, blocks of an implausible size, that overlap, or that touch no other.
+        """
+        # Loaded here: tubes need no contact detection.
+        from geometry.files.memory import fixed_among, rotation_to_z, solids_of
+        from geometry.polyhedra.assembly import polyhedral_assembly
+        from geometry.polyhedra.overlap import check_assembly
+
+        solids, turn = solids_of(blocks, names, units=units, repair=repair), rotation_to_z(up)
+        given = tuple(solid.given_name for solid in solids)
+        assembly = polyhedral_assembly(
+            "own blocks",
+            [(solid, turn, np.zeros(3)) for solid in solids],
+            fixed_among(solids, fixed),
+            detection,
+            given if any(given) else (),
+            supported=fixed is None,
+        )
+        check_size(assembly)
+        check_assembly(assembly, np.arange(len(solids)) if fixed is None else None)
+        return assembly
 
     def __repr__(self) -> str:
         """Name and size: arrays are not printed."""

@@ -1,120 +1,92 @@
-"""Blocks of meshes in memory: of trimesh, pyvista, compas, or plain arrays."""
+"""Solids of meshes in memory: of trimesh, pyvista, compas, or plain arrays."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from operator import index
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from geometry.assembly import AssemblyError, check_size
+from geometry.assembly import AssemblyError
 from geometry.files.block_files import millimetres, surface_blocks
 from geometry.files.named_surfaces import Y_UP, NamedSurface, by_corners
-from geometry.mesh import IntArray, MeshError
+from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError
 from geometry.parts.chosen import numbers_of
-from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
-from geometry.polyhedra.options import DetectionOptions
-from geometry.polyhedra.overlap import check_assembly
+from geometry.polyhedra.polyhedron import Polyhedron
 
 _EXPECTED = (
-    "expected a trimesh.Trimesh, a pyvista.PolyData, a compas Mesh, or a pair (vertices, faces)"
+    "expected a solid of read_blocks, a trimesh.Trimesh, a pyvista.PolyData, a compas Mesh, or a "
+    "pair (vertices, faces)"
 )
 
 
-def blocks(
-    meshes: Iterable[Any],
-    *,
-    names: Sequence[str] | None = None,
-    fixed: int | str | Iterable[int | str] | None = (),
-    units: str = "mm",
-    up: Literal["y", "z"] = "z",
-    repair: bool = False,
-    detection: DetectionOptions | None = None,
-) -> PolyhedralAssembly:
-    """Blocks of closed surface meshes, with the checks and repairs of blocks from files.
-
-    Parameters
-    ----------
-    meshes
-        Closed surfaces: objects with ``vertices`` or ``points`` and ``faces`` (trimesh, pyvista),
-        with ``to_vertices_and_faces`` (compas), or pairs of vertices (n, 3) and faces, triangles or
-        polygons. Each closed part of a mesh is a block; a surface that faces inward is turned.
-    names
-        Of the meshes; by default they have none.
-    fixed
-        Blocks that do not move: their numbers, counted from 0, or names. None: no block is, for
-        supports of the load hold parts of free blocks.
-    units
-        Of the vertices: mm, cm, m or inch.
-    up
-        Axis of the vertices that points up; y becomes z.
-    repair
-        Whether to drop triangles that are there twice, to turn those that face the wrong way and to
-        close flat holes.
-    detection
-        Tolerances of contact detection.
+def solids_of(
+    blocks: Iterable[Any], names: Sequence[str] | None, *, units: str, repair: bool
+) -> list[Polyhedron]:
+    """Solids of `geometry.Assembly.from_blocks`, each closed part of a surface one.
 
     Raises
     ------
     MeshError
-        What is no mesh, or a surface that bounds no solid: open, folded, cutting through itself.
-    AssemblyError
-        Names that are there twice, blocks to fix that are not there, nothing fixed or everything,
-        blocks of an implausible size, that overlap, or that touch no other.
-    OptionError
-        Tolerances that cannot be used.
+        As there.
     """
-    scale, surfaces = millimetres(units), _surfaces(meshes, names)
+    scale = millimetres(units)
+    return [
+        solid
+        for k, (one, name) in enumerate(_named(blocks, names))
+        for solid in (
+            [replace(one, given_name=name or one.given_name)]
+            if isinstance(one, Polyhedron)
+            else surface_blocks(
+                f"blocks[{k}]", _surface(f"blocks[{k}]", one, name), scale=scale, repair=repair
+            )
+        )
+    ]
+
+
+def rotation_to_z(up: str) -> FloatArray:
+    """Rotation after which an axis, y or z, points up, (3, 3)."""
     if up not in ("y", "z"):
         raise MeshError(f"up: got {up!r}; expected 'y' or 'z'")
-    solids = [
-        block
-        for place, surface in enumerate(surfaces)
-        for block in surface_blocks(f"meshes[{place}]", surface, scale=scale, repair=repair)
-    ]
-    given = tuple(solid.given_name for solid in solids)
-    held = np.zeros(len(solids), dtype=np.bool_)
+    return Y_UP if up == "y" else np.eye(3)
+
+
+def fixed_among(
+    solids: Sequence[Polyhedron], fixed: int | str | Iterable[int | str] | None
+) -> BoolArray:
+    """Whether each solid is fixed, by its number or name or as a support of its file, (n,)."""
+    held = np.array([solid.held for solid in solids], dtype=np.bool_)
+    names = [solid.given_name for solid in solids]
     for one in _chosen(fixed):
-        held[numbers_of("fixed", one, given)] = True
-    turn = Y_UP if up == "y" else np.eye(3)
-    assembly = polyhedral_assembly(
-        "own blocks",
-        [(solid, turn, np.zeros(3)) for solid in solids],
-        held,
-        detection,
-        given if any(given) else (),
-        supported=fixed is None,
-    )
-    check_size(assembly)
-    check_assembly(assembly, np.arange(len(solids)) if fixed is None else None)
-    return assembly
+        held[numbers_of("fixed", one, names)] = True
+    return held
 
 
-def _surfaces(meshes: Any, names: Any) -> list[NamedSurface]:
-    """Surface of each mesh, under its name."""
-    if not isinstance(meshes, Iterable) or hasattr(meshes, "faces") or isinstance(meshes, str):
-        raise MeshError(f"meshes: got a {type(meshes).__name__}; expected a list of meshes")
-    listed = list(meshes)
+def _named(blocks: Any, names: Any) -> list[tuple[Any, str]]:
+    """Each block with its name."""
+    alone = hasattr(blocks, "faces") or isinstance(blocks, str | Polyhedron)
+    if alone or not isinstance(blocks, Iterable):
+        raise MeshError(f"blocks: got a {type(blocks).__name__}; expected a list of blocks")
+    listed = list(blocks)
     if names is None:
         titles = [""] * len(listed)
     elif isinstance(names, str) or not all(isinstance(name, str) and name for name in names):
-        raise AssemblyError(f"names: got {names!r}; expected a list of names, one for each mesh")
+        raise AssemblyError(f"names: got {names!r}; expected a list of names, one for each block")
     else:
         titles = list(names)
         if len(titles) != len(listed):
             raise AssemblyError(
-                f"names: got {len(titles)} for {len(listed)} meshes; expected one for each"
+                f"names: got {len(titles)} for {len(listed)} blocks; expected one for each"
             )
         twice = [name for name, count in Counter(titles).items() if count > 1]
         if twice:
             raise AssemblyError(
                 f"names: {twice[0]!r} is there {titles.count(twice[0])} times; expected each once"
             )
-    return [
-        _surface(f"meshes[{k}]", *one) for k, one in enumerate(zip(listed, titles, strict=True))
-    ]
+    return list(zip(listed, titles, strict=True))
 
 
 def _surface(place: str, mesh: Any, name: str) -> NamedSurface:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import geometry
 from fem import (
     LinearPenalty,
     Material,
@@ -20,7 +19,17 @@ from fem import (
     solve_static,
     write_deck,
 )
-from geometry import DetectionOptions, HeldFace, LoadCase, Plane, RefusedError, TractionLoad, pipe
+from geometry import (
+    Assembly,
+    DetectionOptions,
+    HeldFace,
+    LoadCase,
+    Plane,
+    RefusedError,
+    TractionLoad,
+    pipe,
+    read_blocks,
+)
 from mbd import analyse
 from validation import load_case, solve
 
@@ -78,10 +87,10 @@ def test_every_kind_of_mesh_gives_the_same_blocks(up: Any) -> None:
         pyvista.PolyData(np.array(top.vertices), flat),
         compas.Mesh.from_vertices_and_faces(top.vertices.tolist(), top.faces.tolist()),
     ]
-    first = geometry.blocks([base, kinds[0]], fixed=[0], up=up)
+    first = Assembly.from_blocks([base, kinds[0]], fixed=[0], up=up)
     assert first.interfaces.areas.sum() == pytest.approx(SIZE**2)
     for kind in kinds:
-        same = geometry.blocks([base, kind], fixed=[0], up=up)
+        same = Assembly.from_blocks([base, kind], fixed=[0], up=up)
         np.testing.assert_array_equal(same.points(1), first.points(1))
         np.testing.assert_array_equal(same.interfaces.centroids, first.interfaces.centroids)
 
@@ -91,7 +100,9 @@ def test_units_up_and_surfaces_that_face_inward() -> None:
     top.invert()
     for mesh in (base, top):
         mesh.apply_scale(1e-3)
-    blocks = geometry.blocks([base, top], names=["base", "top"], fixed="base", units="m", up="y")
+    blocks = Assembly.from_blocks(
+        [base, top], names=["base", "top"], fixed="base", units="m", up="y"
+    )
     np.testing.assert_allclose(blocks.volumes, SIZE**3)
     np.testing.assert_allclose(blocks.centroids, [[0, 0, 0], [0, 0, SIZE]], atol=1e-9 * SIZE)
     assert blocks.fixed.tolist() == [True, False]
@@ -101,10 +112,10 @@ def test_units_up_and_surfaces_that_face_inward() -> None:
 def test_holes_are_closed_and_parts_are_blocks() -> None:
     base, top = box(0.0, 0.0, 0.0), box(0.0, 0.0, SIZE)
     top.update_faces(np.arange(len(top.faces)) != 3)
-    mended = geometry.blocks([base, top], fixed=[0], repair=True)
+    mended = Assembly.from_blocks([base, top], fixed=[0], repair=True)
     np.testing.assert_allclose(mended.volumes, SIZE**3)
     both = trimesh.util.concatenate([box(0.0, 0.0, 0.0), box(0.0, 0.0, SIZE)])
-    parts = geometry.blocks([both], names=["pair"], fixed=["pair part 0"])
+    parts = Assembly.from_blocks([both], names=["pair"], fixed=["pair part 0"])
     assert parts.names == ("pair part 0", "pair part 1")
 
 
@@ -116,17 +127,17 @@ OPEN.update_faces(np.arange(len(OPEN.faces)) != 3)
 @pytest.mark.parametrize(
     ("meshes", "options", "words"),
     [
-        (BASE, {}, "meshes: got a Trimesh; expected a list of meshes"),
-        ([BASE, 3], {}, r"meshes\[1\]: got a int; expected a trimesh.Trimesh, a pyvista.PolyData"),
+        (BASE, {}, "blocks: got a Trimesh; expected a list of blocks"),
+        ([BASE, 3], {}, r"blocks\[1\]: got a int; expected a solid of read_blocks, a trimesh"),
         ([BASE, (TOP.vertices, TOP.faces + 1)], {}, "a face has vertex 8; expected .* 0 to 7"),
-        ([BASE, (TOP.vertices, TOP.faces + 0.5)], {}, r"meshes\[1\]: cannot be read"),
+        ([BASE, (TOP.vertices, TOP.faces + 0.5)], {}, r"blocks\[1\]: cannot be read"),
         ([BASE, (TOP.vertices[:, :2], TOP.faces)], {}, r"shape \(8, 2\); expected \(n, 3\)"),
-        ([BASE, (TOP.vertices, [])], {}, r"meshes\[1\]: got no faces"),
-        ([BASE, (np.nan * TOP.vertices, TOP.faces)], {}, r"meshes\[1\]: a vertex is not finite"),
-        ([BASE, OPEN], {}, r"meshes\[1\]: the surface is open: 3 edges .* repair = true"),
-        ([BASE, OPEN], {"names": ["low", "high"]}, r"meshes\[1\]: high: the surface is open"),
+        ([BASE, (TOP.vertices, [])], {}, r"blocks\[1\]: got no faces"),
+        ([BASE, (np.nan * TOP.vertices, TOP.faces)], {}, r"blocks\[1\]: a vertex is not finite"),
+        ([BASE, OPEN], {}, r"blocks\[1\]: the surface is open: 3 edges .* repair = true"),
+        ([BASE, OPEN], {"names": ["low", "high"]}, r"blocks\[1\]: high: the surface is open"),
         ([BASE, TOP], {"names": ["a", "a"]}, "names: 'a' is there 2 times; expected each once"),
-        ([BASE, TOP], {"names": ["a"]}, "names: got 1 for 2 meshes"),
+        ([BASE, TOP], {"names": ["a"]}, "names: got 1 for 2 blocks"),
         ([BASE, TOP], {"names": "ab"}, "names: got 'ab'; expected a list of names"),
         ([BASE, TOP], {"fixed": ()}, "no block is fixed"),
         ([BASE, TOP], {"fixed": [0, 1]}, "all 2 blocks are fixed"),
@@ -144,7 +155,7 @@ def test_bad_input_is_rejected_in_one_line(
     meshes: Any, options: dict[str, Any], words: str
 ) -> None:
     with pytest.raises(RefusedError, match=words) as error:
-        geometry.blocks(meshes, **{"fixed": [0]} | options)
+        Assembly.from_blocks(meshes, **{"fixed": [0]} | options)
     assert "\n" not in str(error.value)
 
 
@@ -167,7 +178,10 @@ def test_meshes_in_memory_give_the_answer_of_their_file(seed: int, tmp_path: Pat
     )
     there = solve(load_case(scene, method="rigid"))
     names = [f"block {k}" for k in range(len(meshes))]
-    blocks = geometry.blocks(meshes, names=names, fixed=[0])
+    blocks = Assembly.from_blocks(meshes, names=names, fixed=[0])
+    solids = Assembly.from_blocks(read_blocks(tmp_path / "stack.obj"), fixed="block 0")
+    assert solids.names == blocks.names
+    np.testing.assert_array_equal(solids.interfaces.centroids, blocks.interfaces.centroids)
     here = analyse(Problem(blocks, None, concrete, friction=0.6, gravity=(0, 0, -9810)))
     assert here["least_joint_force"].value > 0.0
     assert {k: m.as_json() for k, m in here.measures.items()} == {
@@ -192,7 +206,7 @@ def test_any_solid_deforms_as_that_of_its_file(tmp_path: Path) -> None:
         '[fem]\nmesh = "scene"\nerror_estimate = false\n'
     )
     there = solve(load_case(scene, method="static"))
-    blocks = geometry.blocks(meshes, fixed=[0])
+    blocks = Assembly.from_blocks(meshes, fixed=[0])
     problem = Problem(blocks, None, concrete, gravity=(0, 0, -9810), size=60.0)
     here = solve_static(problem, Static(mesh="scene", error_estimate=False))
     assert here.problem.degree == there.problem.degree == 2
@@ -223,7 +237,7 @@ def test_six_lines_of_the_manual_give_a_table_of_forces() -> None:
 
 def test_solids_deform_and_are_written(tmp_path: Path) -> None:
     """One problem: both joints of a stack carry what lies on them, by every method."""
-    blocks = geometry.blocks([box(0.0, 0.0, k * SIZE) for k in range(3)], fixed=[0])
+    blocks = Assembly.from_blocks([box(0.0, 0.0, k * SIZE) for k in range(3)], fixed=[0])
     stone = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.0)
     top = Plane(np.array([0.0, 0.0, 2.5 * SIZE]), np.array([0.0, 0.0, 1.0]))
     loads = (TractionLoad(np.array([2]), top, np.array([0.0, 0.0, -0.01])),)
@@ -247,7 +261,7 @@ def test_solids_deform_and_are_written(tmp_path: Path) -> None:
 
 def test_solids_on_springs_sink_by_their_weight() -> None:
     """p = ρ g h over the stiffness of the bed; nothing else is fixed."""
-    blocks = geometry.blocks([box(0.0, 0.0, 0.0), box(0.0, 0.0, SIZE)], fixed=None)
+    blocks = Assembly.from_blocks([box(0.0, 0.0, 0.0), box(0.0, 0.0, SIZE)], fixed=None)
     floor = Plane(np.array([0.0, 0.0, -0.5 * SIZE]), np.array([0.0, 0.0, 1.0]))
     bed = HeldFace(0, floor, spring=0.1)
     load = LoadCase(blocks, "bed", (), blocks.fixed, held=(bed,))
@@ -274,7 +288,7 @@ def test_statements_that_solids_do_not_have_are_rejected(
     changes: dict[str, Any], words: str
 ) -> None:
     stated: dict[str, Any] = {
-        "blocks": geometry.blocks([BASE, TOP], fixed=[0]),
+        "blocks": Assembly.from_blocks([BASE, TOP], fixed=[0]),
         "load": None,
         "material": concrete,
     }

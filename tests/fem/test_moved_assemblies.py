@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fem import Problem, Static, concrete, solve_static
-from geometry import blocks
+from geometry import Assembly
 from validation import load_case
 
 pytestmark = pytest.mark.quick
@@ -57,7 +57,7 @@ def test_gmsh_fills_a_solid_alike_wherever_it_stands() -> None:
     meshes = []
     for way in ([0.0, 0.0, 0.0], [1.0, -2.0, 3.0], [1000.1, -2000.2, 3000.3]):
         stack = [(points + way, faces), (points + way + [3.0, 2.0, 30.0], faces)]
-        solids = blocks(stack, fixed=[0])
+        solids = Assembly.from_blocks(stack, fixed=[0])
         meshed = Problem(solids, None, concrete, gravity=(0.0, 0.0, -9810.0)).meshed.blocks
         meshes.append([(shape.mesh.elements, shape.mesh.nodes - way) for shape in meshed.shapes])
     for other in meshes[1:]:
