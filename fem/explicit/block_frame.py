@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fem.explicit.body import Body
+from fem.explicit.body import LaneBody
 from fem.explicit.kernels import KernelSet, fit_frames, place_force, set_spins
 from fem.explicit.kernels.layout import LaneArray, aligned_zeros
 from geometry.mesh import FloatArray
@@ -55,7 +55,7 @@ class BlockFrame:
         set_spins(self.torque, self.compliance, self.placing[3])
 
 
-def block_frame(body: Body, *, keep_increment: bool) -> BlockFrame:
+def block_frame(body: LaneBody, *, keep_increment: bool) -> BlockFrame:
     """Frames of undeformed blocks."""
     lanes, n_chunks = body.lanes, len(body.rows.chunks) - 1
     shape = (body.n_rows, 3, lanes)
@@ -73,7 +73,7 @@ def block_frame(body: Body, *, keep_increment: bool) -> BlockFrame:
     )
 
 
-def fit(body: Body, frame: BlockFrame, displacement: LaneArray, kernels: KernelSet) -> None:
+def fit(body: LaneBody, frame: BlockFrame, displacement: LaneArray, kernels: KernelSet) -> None:
     """Turn the frames to the deformed shape and see the displacement from them."""
     kernels.displacement_moments(
         body.rows.chunks,
@@ -105,7 +105,7 @@ def fit(body: Body, frame: BlockFrame, displacement: LaneArray, kernels: KernelS
     )
 
 
-def placed_force(body: Body, frame: BlockFrame, force: LaneArray) -> LaneArray:
+def placed_force(body: LaneBody, frame: BlockFrame, force: LaneArray) -> LaneArray:
     """Forces of each block made torque-free and turned to the placement axes."""
     result = np.empty_like(force)
     place_force(
@@ -119,7 +119,7 @@ def placed_force(body: Body, frame: BlockFrame, force: LaneArray) -> LaneArray:
     return result
 
 
-def start_frames(frame: BlockFrame, displacement: LaneArray, body: Body) -> None:
+def start_frames(frame: BlockFrame, displacement: LaneArray, body: LaneBody) -> None:
     """Fit frames to a displacement that may be turned by any angle (start of a run).
 
     A singular value decomposition finds the best proper rotation from nowhere; the fit of

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -25,19 +24,12 @@ from fem.explicit.kernels.layout import (
     padded_lanes,
     runs,
 )
+from fem.system.body import Body
 from fem.system.effects import BulkViscosity
 from fem.system.held import held_rows
-from fem.system.model import (
-    Amplitude,
-    BlockGroup,
-    Model,
-    NodalLoad,
-)
+from fem.system.model import Amplitude, Model, NodalLoad
 from fem.system.time_step import characteristic_length
 from geometry.mesh import FloatArray, IntArray
-
-if TYPE_CHECKING:
-    from fem.system.model import BlockGroup
 
 
 @dataclass(frozen=True)
@@ -71,9 +63,7 @@ class ElementViscosity:
     """8 · element + corner for every corner at a row, (8 n_elements,)."""
 
 
-def element_viscosity(
-    group: BlockGroup, row: IntArray, coefficients: BulkViscosity
-) -> ElementViscosity:
+def element_viscosity(group: Body, row: IntArray, coefficients: BulkViscosity) -> ElementViscosity:
     """Gather gradients and coefficients of a reference block; ``row`` is that of each mesh node."""
     mesh, material = group.mesh, group.material
     mean, volume = mean_gradients(*gauss_gradients(mesh.nodes[mesh.elements]))
@@ -152,10 +142,10 @@ class HeldLanes:
 
 
 @dataclass(frozen=True)
-class Body:
-    """One group of congruent blocks inside the solver."""
+class LaneBody:
+    """A body inside the explicit loop, its copies in lanes."""
 
-    group: BlockGroup
+    group: Body
     """The group as the user stated it."""
     rows: BlockRows
     """Stiffness in the solver's node order."""
@@ -222,7 +212,7 @@ class Body:
         return self.rows.n_nodes
 
 
-def make_body(model: Model, number: int, *, touched_nodes: Sequence[IntArray] = ()) -> Body:
+def make_body(model: Model, number: int, *, touched_nodes: Sequence[IntArray] = ()) -> LaneBody:
     """Prepare group ``number`` of a model.
 
     ``touched_nodes`` are further nodes on which forces will be applied (contact).
@@ -238,7 +228,7 @@ def make_body(model: Model, number: int, *, touched_nodes: Sequence[IntArray] = 
     centroid = group.lumped_mass @ group.mesh.nodes / group.lumped_mass.sum()
     hourglass = group.hourglass_stiffness
     viscosity = model.effects.bulk_viscosity
-    return Body(
+    return LaneBody(
         group=group,
         rows=rows,
         hourglass=None if hourglass is None else block_rows(hourglass, lanes=lanes),
@@ -267,7 +257,7 @@ def _components(base: IntArray, lanes: int) -> IntArray:
 
 
 def _body_load(
-    group: BlockGroup,
+    group: Body,
     rows: BlockRows,
     applied: npt.NDArray[np.int32],
     lanes: int,
@@ -287,7 +277,7 @@ def _body_load(
     )
 
 
-def _lane_gravity(group: BlockGroup, gravity: FloatArray | None, lanes: int) -> LaneArray | None:
+def _lane_gravity(group: Body, gravity: FloatArray | None, lanes: int) -> LaneArray | None:
     if gravity is None:
         return None
     local = np.zeros((3, lanes))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fem.explicit.body import Body
+from fem.explicit.body import LaneBody
 from fem.explicit.kernels import add_at
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.state import BodyState, State, world_vectors
@@ -45,7 +45,7 @@ class Residual:
         return self.unbalanced / self.reference
 
 
-def applied_forces(body: Body, now: BodyState) -> FloatArray:
+def applied_forces(body: LaneBody, now: BodyState) -> FloatArray:
     """Loads and contact on all rows, (n_rows, 3, lanes) [N], without gravity."""
     force = np.zeros((body.n_rows, 3, body.lanes))
     if body.applied_row is not None and now.applied_force is not None:
@@ -54,7 +54,7 @@ def applied_forces(body: Body, now: BodyState) -> FloatArray:
     return force
 
 
-def load_forces(body: Body, now: BodyState, time: float) -> FloatArray:
+def load_forces(body: LaneBody, now: BodyState, time: float) -> FloatArray:
     """Loads alone, (n_rows, 3, lanes) [N]."""
     force = np.zeros((body.n_rows, 3, body.lanes))
     flat = force.ravel()
@@ -64,7 +64,7 @@ def load_forces(body: Body, now: BodyState, time: float) -> FloatArray:
     return force
 
 
-def gravity_forces(system: ExplicitSystem, body: Body, time: float) -> FloatArray | float:
+def gravity_forces(system: ExplicitSystem, body: LaneBody, time: float) -> FloatArray | float:
     """Weight of the rows at a time, (n_rows, 3, lanes) [N]."""
     falling = None if body.acceleration is None else gravity_at(system, body, time)
     if falling is None:
@@ -72,7 +72,7 @@ def gravity_forces(system: ExplicitSystem, body: Body, time: float) -> FloatArra
     return body.mass[:, None, None] * falling
 
 
-def free_part(body: Body, force: FloatArray) -> FloatArray:
+def free_part(body: LaneBody, force: FloatArray) -> FloatArray:
     """Forces without their components along supports, (n_rows, 3, lanes)."""
     held = body.held
     if held is None:
@@ -146,7 +146,9 @@ def settling(system: ExplicitSystem, state: State) -> float | None:
     return math.sqrt(speed / moved) / frequency
 
 
-def restoring_forces(system: ExplicitSystem, body: Body, now: BodyState, time: float) -> FloatArray:
+def restoring_forces(
+    system: ExplicitSystem, body: LaneBody, now: BodyState, time: float
+) -> FloatArray:
     """Internal minus contact forces, free components, (n_rows, 3, lanes) [N]."""
     contact = applied_forces(body, now) - load_forces(body, now, time)
     return free_part(body, damped_internal_force(system, body, now) - contact)

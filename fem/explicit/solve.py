@@ -14,7 +14,7 @@ import numba
 import numpy as np
 
 from fem.contact.search import SearchedPoints
-from fem.explicit.body import Body, make_body
+from fem.explicit.body import LaneBody, make_body
 from fem.explicit.damping import (
     adapt,
     applied_forces,
@@ -46,8 +46,9 @@ from fem.explicit.step import (
     set_internal_force,
     step,
 )
+from fem.system.body import Body
 from fem.system.effects import SAFETY_FACTOR
-from fem.system.model import BlockGroup, Model
+from fem.system.model import Model
 from fem.system.reactions import MovingSupport, PushCurve, moving_supports
 from fem.system.time_step import CriticalTimeStep, TimeStepError, critical_time_step
 from geometry.compilation.clocks import compiling
@@ -112,7 +113,7 @@ class Frame:
     """0, 1, 2, …"""
     time: float
     """[s]"""
-    groups: tuple[BlockGroup, ...]
+    groups: tuple[Body, ...]
     """Congruent blocks with their mesh."""
     displacements: tuple[FloatArray, ...]
     """Of each group, (n_copies, n_nodes, 3) [mm]."""
@@ -280,7 +281,7 @@ def forget_rates(now: BodyState) -> None:
 
 
 def acceleration(
-    body: Body, now: BodyState, mass_damping: float | None, falling: LaneArray | None
+    body: LaneBody, now: BodyState, mass_damping: float | None, falling: LaneArray | None
 ) -> FloatArray:
     """Accelerations of the forces that the state holds, placement frame, (n_rows, 3, lanes)."""
     inner = placed_internal_force(body, now)
@@ -293,7 +294,7 @@ def acceleration(
     return result
 
 
-def _stop_supported(body: Body, now: BodyState) -> None:
+def _stop_supported(body: LaneBody, now: BodyState) -> None:
     """Remove the supported components of the first velocity: supports start from rest."""
     flat = now.velocity.ravel()
     held = body.held

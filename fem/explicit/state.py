@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fem.explicit.block_frame import BlockFrame, block_frame, start_frames
-from fem.explicit.body import Body
+from fem.explicit.body import LaneBody
 from fem.explicit.kernels.layout import LaneArray, aligned_zeros, from_lanes, to_lanes
 from fem.system.effects import Effects
 from geometry.errors import RefusedError
@@ -147,7 +147,7 @@ class State:
 
 
 def initial_body_state(
-    body: Body,
+    body: LaneBody,
     effects: Effects,
     displacement: FloatArray | None = None,
     velocity: FloatArray | None = None,
@@ -188,7 +188,7 @@ def initial_body_state(
     return state
 
 
-def _placement_lanes(body: Body, world: FloatArray | None, name: str) -> LaneArray:
+def _placement_lanes(body: LaneBody, world: FloatArray | None, name: str) -> LaneArray:
     shape = (body.n_copies, body.group.n_nodes, 3)
     if world is None:
         return aligned_zeros((body.n_rows, 3, body.lanes))
@@ -201,7 +201,7 @@ def _placement_lanes(body: Body, world: FloatArray | None, name: str) -> LaneArr
     return to_lanes(local, body.rows.order)
 
 
-def _viscous_state(body: Body) -> ViscousState | None:
+def _viscous_state(body: LaneBody) -> ViscousState | None:
     if body.viscosity is None:
         return None
     n_chunks = len(body.viscosity.element_chunks) - 1
@@ -213,7 +213,7 @@ def _viscous_state(body: Body) -> ViscousState | None:
     )
 
 
-def _elastic_force_before(body: Body) -> ElasticForceBefore:
+def _elastic_force_before(body: LaneBody) -> ElasticForceBefore:
     n_chunks = len(body.rows.chunks) - 1
     return ElasticForceBefore(
         force=aligned_zeros((body.n_rows, 3, body.lanes)),
@@ -222,7 +222,7 @@ def _elastic_force_before(body: Body) -> ElasticForceBefore:
     )
 
 
-def _stiffness_damping_state(body: Body) -> StiffnessDampingState:
+def _stiffness_damping_state(body: LaneBody) -> StiffnessDampingState:
     shape = (body.n_rows, 3, body.lanes)
     return StiffnessDampingState(
         elastic=aligned_zeros(shape),
@@ -231,7 +231,7 @@ def _stiffness_damping_state(body: Body) -> StiffnessDampingState:
     )
 
 
-def world_vectors(body: Body, lanes: LaneArray) -> FloatArray:
+def world_vectors(body: LaneBody, lanes: LaneArray) -> FloatArray:
     """Placement-frame lanes (n_rows, 3, lanes) as world vectors, (n_copies, n_nodes, 3)."""
     local = from_lanes(lanes, body.rows.row, body.n_copies)
     return np.einsum("cij,cnj->cni", body.group.rotations, local)

@@ -17,7 +17,7 @@ import numpy as np
 
 from fem.contact.search import SearchedPoints
 from fem.explicit import block_frame
-from fem.explicit.body import Body, BodyLoad
+from fem.explicit.body import BodyLoad, LaneBody
 from fem.explicit.kernels import (
     KernelSet,
     add_at,
@@ -75,7 +75,7 @@ class ExplicitSystem:
 
     model: Model
     """The statement."""
-    bodies: tuple[Body, ...]
+    bodies: tuple[LaneBody, ...]
     """Its groups in lanes."""
     time_step: float
     """[s]"""
@@ -122,7 +122,9 @@ def step(system: ExplicitSystem, state: State, *, sample: bool = False) -> None:
     state.step += 1
 
 
-def set_internal_force(system: ExplicitSystem, body: Body, now: BodyState, *, sample: bool) -> None:
+def set_internal_force(
+    system: ExplicitSystem, body: LaneBody, now: BodyState, *, sample: bool
+) -> None:
     """Stress divergence f = K u in the block frame, with the viscous terms that act on it."""
     frame, kernels = now.frame, system.kernels
     if frame is not None:
@@ -145,7 +147,7 @@ def set_internal_force(system: ExplicitSystem, body: Body, now: BodyState, *, sa
 
 
 def stiffness_force(
-    body: Body,
+    body: LaneBody,
     displacement: LaneArray,
     force: LaneArray,
     kernels: KernelSet,
@@ -162,7 +164,7 @@ def stiffness_force(
     )
 
 
-def add_stiffness_damping(system: ExplicitSystem, body: Body, now: BodyState) -> None:
+def add_stiffness_damping(system: ExplicitSystem, body: LaneBody, now: BodyState) -> None:
     """F += β K v in the block frame, as (β/Δt)(K u_n - K u_{n-1})."""
     damping, frame = now.stiffness_damping, now.frame
     coefficient = system.model.effects.stiffness_damping
@@ -193,14 +195,14 @@ def damping_ratio(system: ExplicitSystem, now: BodyState) -> Any:
     return coefficient / system.time_step
 
 
-def placed_internal_force(body: Body, now: BodyState) -> LaneArray:
+def placed_internal_force(body: LaneBody, now: BodyState) -> LaneArray:
     """Internal force of the last step in the placement axes, (n_rows, 3, lanes) [N]."""
     if now.frame is None:
         return now.internal_force
     return block_frame.placed_force(body, now.frame, now.internal_force)
 
 
-def damped_internal_force(system: ExplicitSystem, body: Body, now: BodyState) -> LaneArray:
+def damped_internal_force(system: ExplicitSystem, body: LaneBody, now: BodyState) -> LaneArray:
     """Return the same with all viscous terms, (n_rows, 3, lanes) [N]."""
     if now.elastic_before is None:
         return placed_internal_force(body, now)
@@ -210,7 +212,7 @@ def damped_internal_force(system: ExplicitSystem, body: Body, now: BodyState) ->
 
 def add_bulk_viscosity(
     system: ExplicitSystem,
-    body: Body,
+    body: LaneBody,
     now: BodyState,
     displacement: LaneArray,
     torque: LaneArray | None,
@@ -238,7 +240,7 @@ def add_bulk_viscosity(
     system.kernels.add_viscous_force(body.lanes, body.rows.chunks, u, force, _flat(torque), *rows)
 
 
-def set_applied_force(system: ExplicitSystem, body: Body, now: BodyState, time: float) -> None:
+def set_applied_force(system: ExplicitSystem, body: LaneBody, now: BodyState, time: float) -> None:
     """Loads at ``time``; contact adds to them."""
     force, loads = now.applied_force, now.loads
     if force is None:
@@ -270,7 +272,7 @@ def load_values(load: BodyLoad, now: BodyState) -> FloatArray:
     return turned.ravel()[following.order]
 
 
-def load_power(body: Body, now: BodyState, time: float, *, moved: bool = False) -> float:
+def load_power(body: LaneBody, now: BodyState, time: float, *, moved: bool = False) -> float:
     """Power of the loads at the velocity that the state holds [N mm/s].
 
     Parameters
@@ -294,7 +296,7 @@ def load_power(body: Body, now: BodyState, time: float, *, moved: bool = False) 
     return power
 
 
-def gravity_at(system: ExplicitSystem, body: Body, time: float) -> LaneArray | None:
+def gravity_at(system: ExplicitSystem, body: LaneBody, time: float) -> LaneArray | None:
     """Acceleration of gravity at a time, (3, lanes) [mm/s²]; None without."""
     amplitude = system.model.effects.gravity_amplitude
     if body.acceleration is None or amplitude is None:
@@ -303,7 +305,7 @@ def gravity_at(system: ExplicitSystem, body: Body, time: float) -> LaneArray | N
 
 
 def ramped_gravity_power(
-    body: Body, now: BodyState, falling: LaneArray, *, moved: bool = False
+    body: LaneBody, now: BodyState, falling: LaneArray, *, moved: bool = False
 ) -> float:
     """Power of a gravity that changes in time [N mm/s]; another one has a potential.
 
@@ -318,7 +320,7 @@ def ramped_gravity_power(
 
 def advance(
     system: ExplicitSystem,
-    body: Body,
+    body: LaneBody,
     now: BodyState,
     mass_damping: float | None,
     falling: LaneArray | None,
@@ -358,7 +360,7 @@ def _flat(array: LaneArray | None) -> LaneArray | None:
     return None if array is None else array.ravel()
 
 
-def enforce_support(system: ExplicitSystem, body: Body, now: BodyState, state: State) -> None:
+def enforce_support(system: ExplicitSystem, body: LaneBody, now: BodyState, state: State) -> None:
     """Prescribed components of displacement and velocity, and the work of moving supports."""
     damper = now.elastic_before
     viscous_before = 0.0 if damper is None else supported_viscous_power(system, body, now)
@@ -395,7 +397,7 @@ def enforce_support(system: ExplicitSystem, body: Body, now: BodyState, state: S
         damper.support_loss.add(0.0, 0.5 * change)
 
 
-def supported_viscous_power(system: ExplicitSystem, body: Body, now: BodyState) -> float:
+def supported_viscous_power(system: ExplicitSystem, body: LaneBody, now: BodyState) -> float:
     """Power of the damping force of `update` at supported nodes [N mm/s]; 0 where there is none."""
     before = now.elastic_before
     if before is None or not len(body.supported):

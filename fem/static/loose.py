@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from fem.contact.surfaces import ContactPoints
+from fem.system.body import ModelError, rigid_motions
 from fem.system.build import DeformableAssembly
-from fem.system.model import ModelError, rigid_motions
 from fem.system.state import corner_displacements
 from fem.system.system import System
 from geometry.mesh import FloatArray, IntArray

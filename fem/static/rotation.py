@@ -135,7 +135,7 @@ def _strain_energy(deformable: DeformableAssembly, displacements: tuple[FloatArr
     energy = 0.0
     for group, moved in zip(deformable.model.groups, displacements, strict=True):
         local, _ = block_displacements(group, moved, finite_rotation=True)
-        energy += 0.5 * float(np.vdot(local, group.reference.internal_force(local)))
+        energy += 0.5 * float(np.vdot(local, group.internal_force(local)))
     return energy
 
 

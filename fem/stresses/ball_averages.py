@@ -23,7 +23,7 @@ from fem.element.hexahedron import point_volumes
 from fem.element.lagrange import adjugates
 from fem.element.stress import largest_tension, principal_stress, stress_of_gradient
 from fem.stresses.recovery import MovedBodies
-from fem.system.model import BlockGroup
+from fem.system.body import Body
 from geometry.machine.work import Operation, count
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.parts.measures import first_largest
@@ -371,7 +371,7 @@ class BallAverages:
         return np.stack([self.weights @ (self.cells @ copy) for copy in stress])
 
 
-def ball_averages(group: BlockGroup, points: FloatArray, radius: float) -> BallAverages:
+def ball_averages(group: Body, points: FloatArray, radius: float) -> BallAverages:
     """Balls around centres of elements, a quarter of the radius apart or an element's size.
 
     Parameters

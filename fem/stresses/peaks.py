@@ -33,8 +33,8 @@ from fem.element.stress import (
 )
 from fem.stresses.ball_averages import averaged_tension, ball_averages
 from fem.stresses.recovery import block_displacements, moved_bodies
+from fem.system.body import Body
 from fem.system.build import DeformableAssembly
-from fem.system.model import BlockGroup
 from fem.system.state import ContactState
 from geometry.mesh import HEX_FACES, FloatArray, IntArray, ReadOnlyArrays
 from geometry.parts.measures import JointResultants, first_largest, summed_by_joint
@@ -311,7 +311,7 @@ def _group_peaks(
     return StressPeaks(first, third, mises, averaged, radius, *at_corners)
 
 
-def _corner_extremes(group: BlockGroup, stress: FloatArray) -> tuple[float, float, float]:
+def _corner_extremes(group: Body, stress: FloatArray) -> tuple[float, float, float]:
     """Largest σ₁, least σ₃ and largest von Mises stress at corners of elements.
 
     Of those elements that hold half of the extreme inside.

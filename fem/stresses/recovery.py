@@ -16,7 +16,7 @@ from fem.element.functions import TensorPoints, tensor_points
 from fem.element.lagrange import Lagrange
 from fem.element.material import Material
 from fem.element.stress import principal_stress, rotate_stress
-from fem.system.model import BlockGroup
+from fem.system.body import Body
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, cross_matrix
 
 
@@ -28,7 +28,7 @@ class Recovered(ReadOnlyArrays):
     """At nodes, Voigt order of `fem.element.material`, world axes, (n_copies, n_nodes, 6) [MPa]."""
     principal: FloatArray
     """σ₁ >= σ₂ >= σ₃ at nodes, (n_copies, n_nodes, 3) [MPa]."""
-    group: BlockGroup
+    group: Body
     local: FloatArray
     """Displacements in block frames, (n_copies, n_nodes, 3) [mm]."""
 
@@ -38,7 +38,7 @@ class Recovered(ReadOnlyArrays):
         return principal_stress(self.group.point_stress(self.local))
 
 
-def best_turns(group: BlockGroup, displacement: FloatArray) -> FloatArray:
+def best_turns(group: Body, displacement: FloatArray) -> FloatArray:
     """R - 1 of each copy, of the rotation that fits its displacement best, (n_copies, 3, 3).
 
     Kabsch's polar fit weighted by mass: R maximises Σ m (x - x̄) · R (X - X̄), from placed blocks to
@@ -63,7 +63,7 @@ def best_turns(group: BlockGroup, displacement: FloatArray) -> FloatArray:
     return result
 
 
-def _arms(group: BlockGroup) -> FloatArray:
+def _arms(group: Body) -> FloatArray:
     """Nodes of the reference block from its centre of mass, (n_nodes, 3) [mm]."""
     mass, nodes = group.lumped_mass, group.mesh.nodes
     result: FloatArray = nodes - mass @ nodes / mass.sum()
@@ -79,7 +79,7 @@ def _turn(vectors: FloatArray) -> FloatArray:
     return result
 
 
-def turned_rigidly(group: BlockGroup, displacement: FloatArray) -> FloatArray:
+def turned_rigidly(group: Body, displacement: FloatArray) -> FloatArray:
     """Displacements whose linear rotation of each block becomes a finite one with its tangent.
 
     A linear rotation ω × x stretches a block by ω²/2: far more than its strains. World axes, of
@@ -98,7 +98,7 @@ def turned_rigidly(group: BlockGroup, displacement: FloatArray) -> FloatArray:
 
 
 def block_displacements(
-    group: BlockGroup, displacement: FloatArray, *, finite_rotation: bool
+    group: Body, displacement: FloatArray, *, finite_rotation: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Displacements in each block's own frame, and the frames.
 
@@ -119,18 +119,16 @@ def block_displacements(
     return back @ frames, frames + turn @ frames
 
 
-def internal_forces(
-    group: BlockGroup, displacement: FloatArray, *, finite_rotation: bool
-) -> FloatArray:
+def internal_forces(group: Body, displacement: FloatArray, *, finite_rotation: bool) -> FloatArray:
     """K u of each copy, world axes, (n_copies, n_nodes, 3) [N], springs included.
 
     With finite rotation f_frame(u), by the formula of `fem.explicit.block_frame`.
     """
     if not finite_rotation:
-        forces = group.reference.internal_force(displacement @ group.rotations)
+        forces = group.internal_force(displacement @ group.rotations)
         return forces @ group.rotations.transpose(0, 2, 1)
     local, frames = block_displacements(group, displacement, finite_rotation=True)
-    mass, forces = group.lumped_mass, group.reference.internal_force(local)
+    mass, forces = group.lumped_mass, group.internal_force(local)
     arms = _arms(group)
     fit = np.einsum("n,cni,nj->cij", mass, arms + local, arms)
     inertia = np.trace(fit, axis1=1, axis2=2)[:, None, None] * np.eye(3) - fit
@@ -154,7 +152,7 @@ class MovedBodies:
     """Of the nodes of every body, (n_bodies, n_nodes, 3) [mm]."""
 
 
-def moved_bodies(group: BlockGroup, local: FloatArray) -> MovedBodies:
+def moved_bodies(group: Body, local: FloatArray) -> MovedBodies:
     """Copies of a group with elements of a degree above 1.
 
     Displacements are those in block frames, (n_copies, n_nodes, 3) [mm].
@@ -163,9 +161,7 @@ def moved_bodies(group: BlockGroup, local: FloatArray) -> MovedBodies:
     return MovedBodies(element, group.material, mesh.nodes, mesh.connectivity, local)
 
 
-def recover(
-    group: BlockGroup, displacement: FloatArray, *, finite_rotation: bool = False
-) -> Recovered:
+def recover(group: Body, displacement: FloatArray, *, finite_rotation: bool = False) -> Recovered:
     """Stresses of all copies of a group.
 
     From displacements in world axes, (n_copies, n_nodes, 3) [mm]; with finite rotation the rigid

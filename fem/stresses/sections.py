@@ -15,7 +15,7 @@ Contact forces are those of the points that were solved, friction included.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -94,7 +94,7 @@ class SolvedState(ReadOnlyArrays):
         group, copy = self._of(block)
         (local, frames), model = self.local[group], self.deformable.model.groups[group]
         moved = local[copy][model.mesh.connectivity[some]]
-        stiffness = replace(model.reference, springs=None).of_elements(some)
+        stiffness = model.element_stiffness(some, springs=False)
         result = np.einsum("eij,ej->ei", stiffness, moved.reshape(len(some), -1))
         return result.reshape(moved.shape) @ frames[copy].T
 

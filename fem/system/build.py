@@ -26,6 +26,7 @@ from fem.element.hexahedron import ElementType
 from fem.element.kinds import block_lumped_mass, element_of
 from fem.element.lagrange_mesh import in_pieces, with_degree
 from fem.element.material import Material
+from fem.system.body import Body, ModelError, placed_body
 from fem.system.forces import (
     TabularAmplitude,
     edge_forces,
@@ -33,16 +34,7 @@ from fem.system.forces import (
     traction_forces,
     wrench_forces,
 )
-from fem.system.model import (
-    Amplitude,
-    BlockGroup,
-    Model,
-    ModelError,
-    NodalLoad,
-    Support,
-    block_group,
-    fixed_nodes,
-)
+from fem.system.model import Amplitude, Model, NodalLoad, Support, fixed_nodes
 from fem.system.springs import Springs, springs_on
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
@@ -149,7 +141,7 @@ class DeformableAssembly:
         of_group = np.array([group.material.density for group in self.model.groups])
         return np.where(self.group_of < 0, 0.0, of_group[self.group_of])
 
-    def group(self, block: int) -> BlockGroup:
+    def group(self, block: int) -> Body:
         """Return the group of a deformable block."""
         return self.model.groups[int(self.group_of[block])]
 
@@ -218,7 +210,7 @@ def block_groups(
     element: ElementType,
     *,
     held: tuple[HeldFace, ...] = (),
-) -> tuple[tuple[BlockGroup, ...], IntArray, IntArray]:
+) -> tuple[tuple[Body, ...], IntArray, IntArray]:
     """One group for each shape and material that deforms, copies in the order of the blocks.
 
     ``materials`` are those of all blocks, (n_blocks,).
@@ -227,12 +219,12 @@ def block_groups(
 
     Returns
     -------
-    tuple[tuple[BlockGroup, ...], IntArray, IntArray]
+    tuple[tuple[Body, ...], IntArray, IntArray]
         The groups; group and copy of each block, -1 for rigid ones, (n_blocks,).
     """
     group_of = np.full(assembly.n_blocks, -1, dtype=np.int64)
     copy_of = np.full(assembly.n_blocks, -1, dtype=np.int64)
-    groups: list[BlockGroup] = []
+    groups: list[Body] = []
     kinds, springs = _springs(assembly, held)
     alike: dict[tuple[int, int, Material], list[int]] = {}
     for block in np.flatnonzero(deformable).tolist():
@@ -243,7 +235,7 @@ def block_groups(
         group_of[blocks] = len(groups)
         copy_of[blocks] = np.arange(len(blocks))
         groups.append(
-            block_group(
+            placed_body(
                 shape.mesh,
                 material,
                 element=element_of(shape.mesh, element),

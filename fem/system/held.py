@@ -14,8 +14,9 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import bsr_array, csr_array
 
+from fem.system.body import ModelError
 from fem.system.build import DeformableAssembly
-from fem.system.model import Amplitude, Model, ModelError
+from fem.system.model import Amplitude, Model
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Prescribed displacements are met to this share of the largest displacement.

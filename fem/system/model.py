@@ -7,182 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.sparse import bsr_array
 
-from fem.element.kinds import (
-    Element,
-    block_hourglass_stiffness,
-    block_internal_force,
-    block_lumped_mass,
-    block_stiffness,
-    element_of,
-    nodal_stress,
-    point_stress,
-)
-from fem.element.material import Material
+from fem.system.body import Body, ModelError
 from fem.system.effects import Effects
-from fem.system.springs import Springs
-from geometry.errors import RefusedError
-from geometry.mesh import FloatArray, HexMesh, IntArray, ReadOnlyArrays
+from geometry.mesh import FloatArray, IntArray
 
 Amplitude = Callable[[float], float]
 """Factor of a load or a displacement as a function of time [s]."""
-
-
-class ModelError(RefusedError):
-    """A model no solver can use: the message says what was got, what was expected."""
-
-
-@dataclass(frozen=True)
-class ReferenceBlock:
-    """Stiffness of a block, assembled at first use."""
-
-    mesh: HexMesh
-    """[mm]."""
-    material: Material
-    element: Element
-    springs: Springs | None = None
-    """Between its surface and the ground; None: none."""
-
-    def of_elements(self, some: IntArray) -> FloatArray:
-        """Stiffness matrices of some elements, springs included, (m, 3 n, 3 n) [N/mm]."""
-        coordinates = self.mesh.nodes[self.mesh.connectivity[some]]
-        result = self.element.stiffness(coordinates, self.material)
-        return result if self.springs is None else self.springs.added(some, result)
-
-    @cached_property
-    def stiffness(self) -> bsr_array:
-        """Springs included, (3 n_nodes, 3 n_nodes) [N/mm]."""
-        result = block_stiffness(self.mesh, self.material, self.element)
-        if self.springs is None:
-            return result
-        return bsr_array((result + self.springs.stiffness).tocsr(), blocksize=(3, 3))
-
-    def internal_force(self, displacement: FloatArray) -> FloatArray:
-        """K u of copies, springs included, (n_copies, n_nodes, 3) [mm] to the same [N]."""
-        flat = displacement.reshape(len(displacement), -1).T
-        if self.element.degree == 1:
-            return np.asarray((self.stiffness @ flat).T.reshape(displacement.shape))
-        force = block_internal_force(self.mesh, self.material, displacement)
-        if self.springs is not None:
-            force += (self.springs.stiffness @ flat).T.reshape(displacement.shape)
-        return force
-
-    @cached_property
-    def hourglass_stiffness(self) -> bsr_array | None:
-        """The part of `stiffness` that controls hourglass modes; None where there are none."""
-        return block_hourglass_stiffness(self.mesh, self.material, self.element)
-
-
-@dataclass(frozen=True)
-class BlockGroup(ReadOnlyArrays):
-    """Congruent copies of one meshed block: x = rotation @ X + translation."""
-
-    name: str
-    """Name in messages; a copy is ``name[k]``."""
-    mesh: HexMesh
-    """Reference block [mm]."""
-    material: Material
-    """Elastic constants and density."""
-    element: Element
-    rotations: FloatArray
-    """Rigid placement of each copy, (n_copies, 3, 3)."""
-    translations: FloatArray
-    """(n_copies, 3) [mm]."""
-    reference: ReferenceBlock
-    """Stiffness of one copy in its reference position."""
-    lumped_mass: FloatArray
-    """(n_nodes,) [t]."""
-    added_mass: float = 0.0
-    """Part of the lumped mass of one copy that mass scaling added [t]."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _check_group(self)
-
-    @property
-    def stiffness(self) -> bsr_array:
-        """Of the reference block, (3 n_nodes, 3 n_nodes) [N/mm]."""
-        return self.reference.stiffness
-
-    @property
-    def springs(self) -> Springs | None:
-        """Between the surface of each copy and the ground; None: none."""
-        return self.reference.springs
-
-    @property
-    def hourglass_stiffness(self) -> bsr_array | None:
-        """The part of `stiffness` that controls hourglass modes, for their energy."""
-        return self.reference.hourglass_stiffness
-
-    @property
-    def n_copies(self) -> int:
-        """Number of copies."""
-        return len(self.rotations)
-
-    @property
-    def n_nodes(self) -> int:
-        """Nodes of one copy."""
-        return self.mesh.n_nodes
-
-    def point_stress(self, local: FloatArray) -> FloatArray:
-        """Stress at the points of the elements, (n_copies, n_points, 6) [MPa].
-
-        From displacements in the axes of the reference block, (n_copies, n_nodes, 3) [mm].
-        """
-        return point_stress(self.mesh, self.material, self.element, local)
-
-    def nodal_stress(self, local: FloatArray) -> FloatArray:
-        """The same at the nodes, (n_copies, n_nodes, 6) [MPa]."""
-        return nodal_stress(self.mesh, self.material, self.element, local)
-
-    def reference_positions(self) -> FloatArray:
-        """Undeformed nodes of all copies in world axes, (n_copies, n_nodes, 3) [mm]."""
-        turned = np.einsum("cij,nj->cni", self.rotations, self.mesh.nodes)
-        return turned + self.translations[:, None]
-
-
-def block_group(
-    mesh: HexMesh,
-    material: Material,
-    *,
-    element: Element | None = None,
-    rotations: FloatArray | None = None,
-    translations: FloatArray | None = None,
-    springs: Springs | None = None,
-    name: str = "block",
-) -> BlockGroup:
-    """Assemble the reference block and place its copies.
-
-    ``element`` is that of the mesh; None: `fem.element.kinds.element_of`. Copies are placed by
-    rotations (n_copies, 3, 3) and translations (n_copies, 3) [mm]; by default one copy is in its
-    reference position.
-
-    Raises
-    ------
-    MeshError, ModelError
-        An unusable mesh or placement.
-    """
-    if rotations is None:
-        count = 1 if translations is None else len(translations)
-        rotations = np.tile(np.eye(3), (count, 1, 1))
-    if translations is None:
-        translations = np.zeros((len(rotations), 3))
-    chosen = element_of(mesh) if element is None else element
-    return BlockGroup(
-        name=name,
-        mesh=mesh,
-        material=material,
-        element=chosen,
-        rotations=rotations,
-        translations=translations,
-        reference=ReferenceBlock(mesh, material, chosen, springs),
-        lumped_mass=block_lumped_mass(mesh, material.density),
-    )
 
 
 @dataclass(frozen=True)
@@ -310,7 +144,7 @@ class InteractionModel(Protocol):
 class Model:
     """Deformable blocks with supports, loads and effects."""
 
-    groups: tuple[BlockGroup, ...]
+    groups: tuple[Body, ...]
     """Distinct block shapes with their copies."""
     supports: tuple[Support, ...] = ()
     """Prescribed displacements."""
@@ -344,42 +178,13 @@ class Model:
         return sum(g.n_nodes * g.n_copies for g in self.groups)
 
 
-def refuse_turning_springs(groups: Sequence[BlockGroup]) -> None:
+def refuse_turning_springs(groups: Sequence[Body]) -> None:
     """Reject springs of blocks that may turn by any angle."""
     if any(group.springs is not None for group in groups):
         raise ModelError(
             "springs: got blocks that may turn by any angle, which springs to the ground do not "
             "follow; expected small rotations (finite_rotation off, pressures that do not turn "
             "with their block)"
-        )
-
-
-def _check_group(group: BlockGroup) -> None:
-    n = group.n_nodes
-    copies = len(group.rotations)
-    if copies == 0 or group.rotations.shape != (copies, 3, 3):
-        raise ModelError(
-            f"{group.name}: got rotations of shape {group.rotations.shape}, "
-            "expected (n_copies, 3, 3) with at least one copy"
-        )
-    if group.translations.shape != (copies, 3) or not np.isfinite(group.translations).all():
-        raise ModelError(
-            f"{group.name}: got translations of shape {group.translations.shape}, "
-            f"expected {(copies, 3)} finite numbers"
-        )
-    product = np.einsum("cij,ckj->cik", group.rotations, group.rotations)
-    proper = np.abs(product - np.eye(3)).max(axis=(1, 2)) < 1e-9
-    proper &= np.linalg.det(group.rotations) > 0.0
-    if not proper.all():
-        bad = int(np.flatnonzero(~proper)[0])
-        raise ModelError(f"{group.name}[{bad}]: placement is not a rotation (R Rᵀ = 1, det R = 1)")
-    if group.lumped_mass.shape != (n,):
-        raise ModelError(f"{group.name}: got mass {group.lumped_mass.shape} for {n} nodes")
-    if not (group.lumped_mass > 0.0).all():
-        bad = int(np.flatnonzero(~(group.lumped_mass > 0.0))[0])
-        raise ModelError(
-            f"{group.name}: node {bad} has mass {group.lumped_mass[bad]} t; expected positive "
-            "masses (every node belongs to an element, and elements are less distorted)"
         )
 
 
@@ -413,15 +218,3 @@ def _check_load(k: int, load: NodalLoad, effects: Effects) -> None:
         raise ModelError(
             f"load {k}: follows_block needs finite rotation; set effects.finite_rotation"
         )
-
-
-def rigid_motions(arms: FloatArray) -> FloatArray:
-    """Unit translations and turns of points about an origin, (n, 3, 6).
-
-    ``arms`` are the points from the origin, (n, 3), over a length that makes all six of order one.
-    """
-    motions = np.zeros((len(arms), 3, 6))
-    for axis in range(3):
-        motions[:, axis, axis] = 1.0
-        motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arms)
-    return motions

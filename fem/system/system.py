@@ -15,9 +15,9 @@ from scipy.sparse import block_diag, csr_array
 
 from fem.contact.friction import Coulomb, coulomb
 from fem.contact.surfaces import ContactPoints
+from fem.system.body import Body
 from fem.system.build import DeformableAssembly
 from fem.system.held import Held, held_of
-from fem.system.model import BlockGroup
 from fem.system.sector import NodeMap, Orbits, local_forces
 from geometry.mesh import FloatArray, IntArray
 
@@ -68,7 +68,7 @@ class System:
         """Whether contact has friction."""
         return self.points.sides.shape[2] > 0
 
-    def group(self, slot: int) -> BlockGroup:
+    def group(self, slot: int) -> Body:
         """Return the group of a slot."""
         return self.deformable.group(int(self.blocks[slot]))
 

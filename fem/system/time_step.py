@@ -29,8 +29,9 @@ from fem.element.hexahedron import (
 )
 from fem.element.kinds import Element
 from fem.element.material import Material
+from fem.system.body import Body, ModelError
 from fem.system.effects import Effects
-from fem.system.model import BlockGroup, Model, ModelError
+from fem.system.model import Model
 from geometry.errors import RefusedError
 from geometry.mesh import HEX_FACES, FloatArray, HexMesh
 
@@ -117,7 +118,7 @@ def largest_mode(matrix: csr_array | LinearOperator) -> tuple[float, FloatArray]
     return float(value[0] + residual), x
 
 
-def viscosity_matrix(group: BlockGroup, linear_bulk_viscosity: float) -> csr_array:
+def viscosity_matrix(group: Body, linear_bulk_viscosity: float) -> csr_array:
     """Damping matrix of the linear bulk viscosity, Σ V b₁ ρ c L B Bᵀ; (3 n, 3 n) [N s/mm]."""
     mesh, material = group.mesh, group.material
     mean, volume = mean_gradients(*gauss_gradients(mesh.nodes[mesh.elements]))
@@ -131,7 +132,7 @@ def viscosity_matrix(group: BlockGroup, linear_bulk_viscosity: float) -> csr_arr
     return csr_array(divergence.T @ diags_array(weight) @ divergence)
 
 
-def damping_matrix(group: BlockGroup, effects: Effects) -> csr_array | None:
+def damping_matrix(group: Body, effects: Effects) -> csr_array | None:
     """Damping that acts on the velocity half a step earlier, (3 n, 3 n) [N s/mm]; or None."""
     total: csr_array | None = None
     if effects.stiffness_damping is not None:
@@ -148,7 +149,7 @@ def stable_step_of_mode(stiffness: float, damping: float) -> float:
 
 
 def group_critical_time_step(
-    group: BlockGroup, effects: Effects, *, extra_stiffness: FloatArray | None = None
+    group: Body, effects: Effects, *, extra_stiffness: FloatArray | None = None
 ) -> CriticalTimeStep:
     """Critical time step of one free reference block; supports only raise the limit.
 
@@ -242,7 +243,7 @@ def scale_masses(model: Model, factor: float) -> Model:
     )
 
 
-def _scaled_group(group: BlockGroup, factors: FloatArray) -> BlockGroup:
+def _scaled_group(group: Body, factors: FloatArray) -> Body:
     """Block whose elements have ``factors`` times their mass, (n_elements,)."""
     mesh = group.mesh
     added = np.zeros(mesh.n_nodes)
@@ -251,15 +252,11 @@ def _scaled_group(group: BlockGroup, factors: FloatArray) -> BlockGroup:
         mass = group.element.mass(mesh.nodes[nodes], group.material.density)
         more = (factors[part] - 1.0)[:, None] * mass
         added += np.bincount(nodes.ravel(), more.ravel(), minlength=mesh.n_nodes)
-    return replace(
-        group,
-        lumped_mass=group.lumped_mass + added,
-        added_mass=group.added_mass + float(added.sum()),
-    )
+    return group.with_same_stiffness(added_mass=group.added_mass + added)
 
 
 def added_mass_share(model: Model) -> float:
     """Mass that scaling added over the mass that was there, all copies [-]."""
-    added = sum(g.n_copies * g.added_mass for g in model.groups)
+    added = sum(g.n_copies * float(np.sum(g.added_mass)) for g in model.groups)
     total = sum(g.n_copies * float(g.lumped_mass.sum()) for g in model.groups)
     return added / (total - added)

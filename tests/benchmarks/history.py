@@ -21,8 +21,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from fem.system.body import Body
 from fem.system.effects import Effects
-from fem.system.model import BlockGroup, Model
+from fem.system.model import Model
 from fem.system.time_step import critical_time_step
 from geometry.machine.system import write_whole
 from tests.benchmarks import contact, rigid
@@ -128,7 +129,7 @@ def falls(before: Entry, now: Entry) -> list[str]:
 # What is measured
 
 
-def _works(group: BlockGroup) -> tuple[Work, Work]:
+def _works(group: Body) -> tuple[Work, Work]:
     """Internal force and whole step of a group."""
     force = internal_force_work(group)
     return force, force + update_work(group)

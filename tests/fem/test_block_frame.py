@@ -8,9 +8,10 @@ from fem.explicit import kernels
 from fem.explicit.kernels import SERIAL
 from fem.explicit.solve import initial_state, prepare, solve
 from fem.explicit.step import placed_internal_force
+from fem.system.body import ModelError, placed_body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
 from fem.system.forces import SmoothStepAmplitude
-from fem.system.model import Model, ModelError, block_group, nodal_load
+from fem.system.model import Model, nodal_load
 from fem.system.time_step import critical_time_step
 from tests.support.fem_problems import CONCRETE, distorted_box
 
@@ -19,7 +20,7 @@ PLACEMENTS = Rotation.from_rotvec([[0, 0, 0], [0, 0, 1.0], [0.6, -1.0, 0.3]]).as
 
 
 def group_of(n_copies=3):
-    return block_group(distorted_box((3, 2, 2)), CONCRETE, rotations=PLACEMENTS[:n_copies])
+    return placed_body(distorted_box((3, 2, 2)), CONCRETE, rotations=PLACEMENTS[:n_copies])
 
 
 def rigid_displacement(group, angle: float, axis, shift) -> np.ndarray:
@@ -164,7 +165,7 @@ def test_small_motions_agree_with_the_small_rotation_path():
 def test_following_load_turns_with_the_block():
     # A force along the axis of a freely spinning, stiff block stays along the block: after a
     # quarter turn it pushes along y. Without following it keeps pushing along x.
-    group = block_group(distorted_box((3, 2, 2)), CONCRETE)
+    group = placed_body(distorted_box((3, 2, 2)), CONCRETE)
     mass = group.lumped_mass
     centre = mass @ group.mesh.nodes / mass.sum()
     spin = 2e4

@@ -15,9 +15,10 @@ from fem.explicit.output.energy import History, energies
 from fem.explicit.solve import Frame, Output, UnstableRun, initial_state, prepare, solve, watch
 from fem.explicit.state import State
 from fem.explicit.step import ExplicitSystem, step
+from fem.system.body import Body, placed_body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
 from fem.system.forces import SmoothStepAmplitude
-from fem.system.model import BlockGroup, Model, block_group, fixed_nodes, nodal_load
+from fem.system.model import Model, fixed_nodes, nodal_load
 from fem.system.time_step import critical_time_step
 from geometry.block import box_block
 from geometry.mesh import CORNERS, HexMesh
@@ -30,10 +31,10 @@ def cube(n: int = 2, size: float = 10.0) -> HexMesh:
     return box_block((size,) * 3, (n,) * 3).mesh
 
 
-def bar(n: int, length: float = 100.0, width: float = 1.0, **options) -> BlockGroup:
+def bar(n: int, length: float = 100.0, width: float = 1.0, **options) -> Body:
     """Slender bar along x without lateral contraction: a rod in one dimension."""
     material = Material(density=1e-9, young_modulus=1000.0, poisson_ratio=0.0)
-    return block_group(box_block((length, width, width), (n, 1, 1)).mesh, material, **options)
+    return placed_body(box_block((length, width, width), (n, 1, 1)).mesh, material, **options)
 
 
 def short(model: Model, n_steps: int, factor: float = 0.9) -> dict:
@@ -42,7 +43,7 @@ def short(model: Model, n_steps: int, factor: float = 0.9) -> dict:
     return {"time_step": time_step, "end_time": n_steps * time_step}
 
 
-def modes(group: BlockGroup, held: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+def modes(group: Body, held: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies [rad/s] and mass-normalised shapes (n, n_nodes, 3) with ``held`` nodes fixed."""
     fixed = np.empty(0, int) if held is None else (3 * held[:, None] + np.arange(3)).ravel()
     free = np.setdiff1d(np.arange(3 * group.n_nodes), fixed)
@@ -82,7 +83,7 @@ def test_patch_affine_state_stays_at_rest(element):
     mesh = distorted_box((3, 3, 3))
     gradient = 1e-4 * np.array([[1.0, 0.4, -0.3], [0.2, -0.8, 0.5], [0.1, 0.6, 0.7]])
     affine = mesh.nodes @ gradient.T
-    group = block_group(mesh, CONCRETE, element=element, rotations=PLACEMENTS)
+    group = placed_body(mesh, CONCRETE, element=element, rotations=PLACEMENTS)
     reaction = (group.stiffness @ affine.ravel()).reshape(-1, 3)
     turned = np.einsum("cij,nj->cni", PLACEMENTS, reaction)
     model = Model((group,), loads=(nodal_load(0, turned, copies=[0, 1, 2]),))
@@ -97,7 +98,7 @@ def test_patch_affine_state_stays_at_rest(element):
 
 def test_a_mode_rings_at_the_frequency_of_central_differences():
     # sin(ω' Δt / 2) = ω Δt / 2 exactly; the recurrence is solved to round-off.
-    group = block_group(distorted_box((2, 2, 2)), CONCRETE)
+    group = placed_body(distorted_box((2, 2, 2)), CONCRETE)
     model = Model((group,))
     omega, shapes = modes(group)
     for k in (6, 20, -1):
@@ -141,7 +142,7 @@ def test_fixed_free_bar_converges_to_the_closed_form_in_the_mesh_size():
 def test_cantilever_released_from_its_mode_keeps_the_fixed_end_still():
     # The dynamic run against the eigenproblem of the supported body, in every placement.
     mesh = box_block((20.0, 4.0, 4.0), (6, 2, 2)).mesh
-    group = block_group(mesh, CONCRETE, rotations=PLACEMENTS)
+    group = placed_body(mesh, CONCRETE, rotations=PLACEMENTS)
     held = np.flatnonzero(mesh.nodes[:, 0] == 0.0)
     omega, shapes = modes(group, held)
     support = fixed_nodes(0, held, copies=[0, 1, 2])
@@ -190,7 +191,7 @@ def test_wave_speed():
 )
 def test_prescribed_motion_follows_its_amplitude_and_its_work_is_counted(rayleigh):
     mesh = box_block((20.0, 4.0, 4.0), (4, 1, 1)).mesh
-    group = block_group(mesh, CONCRETE, rotations=PLACEMENTS[2:])
+    group = placed_body(mesh, CONCRETE, rotations=PLACEMENTS[2:])
     held = np.flatnonzero(mesh.nodes[:, 0] == 0.0)
     pulled = np.flatnonzero(mesh.nodes[:, 0] == 20.0)
     move = np.array([1e-3, -2e-3, 5e-4])
@@ -228,7 +229,7 @@ EFFECTS = {
 def test_energy_is_conserved_to_round_off(name):
     # Work and dissipation use the mean velocity of the two half steps: for a linear body the
     # sum is an identity of the scheme, whatever the step; round-off grows as √n_steps.
-    group = block_group(distorted_box((3, 2, 2)), CONCRETE, rotations=PLACEMENTS)
+    group = placed_body(distorted_box((3, 2, 2)), CONCRETE, rotations=PLACEMENTS)
     rng = np.random.default_rng(0)
     force = rng.standard_normal(group.mesh.nodes.shape)
     load = nodal_load(0, force, copies=[0, 2], amplitude=SmoothStepAmplitude(1e-5))
@@ -247,7 +248,7 @@ def test_energy_is_conserved_to_round_off(name):
 def test_a_body_that_starts_strained_and_at_rest_has_no_viscous_force(name, turning):
     # Dampers see rates, and at rest there is none: -½ Δt a_0 is that of the elastic force alone,
     # to the round-off of one product. Before, the whole strain counted as one step's rate.
-    group = block_group(distorted_box((2, 2, 2)), CONCRETE)
+    group = placed_body(distorted_box((2, 2, 2)), CONCRETE)
     start = 1e-4 * np.random.default_rng(3).standard_normal((1, *group.mesh.nodes.shape))
     velocities = []
     for effects in (Effects(gravity=EFFECTS[name].gravity), EFFECTS[name]):
@@ -262,7 +263,7 @@ def test_a_body_that_starts_strained_and_at_rest_has_no_viscous_force(name, turn
 @pytest.mark.slow
 def test_energy_does_not_drift(n_steps, bound):
     # The issue asks for 1e-3 over 1e5 steps; round-off alone gives 1e-16 · n at the very worst.
-    group = block_group(cube(1), CONCRETE)
+    group = placed_body(cube(1), CONCRETE)
     rng = np.random.default_rng(0)
     velocity = rng.standard_normal((1, 8, 3))
     velocity[0, :3] = 0.0
@@ -278,7 +279,7 @@ def test_energy_does_not_drift(n_steps, bound):
 def test_rayleigh_damping_ratio(alpha, beta):
     # ξ = ½ (α/ω + β ω); the scheme adds errors of order ω Δt · ξ (stiffness damping lags half
     # a step) and (ω Δt)².
-    group = block_group(distorted_box((2, 2, 2)), CONCRETE)
+    group = placed_body(distorted_box((2, 2, 2)), CONCRETE)
     omega, shapes = modes(group)
     model = Model((group,), effects=Effects(rayleigh=RayleighDamping(alpha, beta)))
     options = short(model, 400, factor=0.2)
@@ -304,7 +305,7 @@ def test_bulk_viscosity_damps_the_dilatational_mode_of_one_element_by_b1():
     # Uniaxial strain of a cube: ω = 2 c / h, C / M = 4 b₁ c / h, hence ξ = b₁ (linear part).
     # The viscous force lags half a step: relative error of order ω Δt.
     mesh = cube(1)
-    group = block_group(mesh, CONCRETE)
+    group = placed_body(mesh, CONCRETE)
     c, h, b1 = CONCRETE.dilatational_wave_speed, 10.0, 0.06
     effects = Effects(bulk_viscosity=BulkViscosity(b1, 0.0))
     sides = fixed_nodes(0, np.arange(8), components=(1, 2))
@@ -321,7 +322,7 @@ def test_bulk_viscosity_damps_the_dilatational_mode_of_one_element_by_b1():
 
 def test_quadratic_bulk_viscosity_acts_in_compression_only():
     mesh = cube(1)
-    group = block_group(mesh, CONCRETE)
+    group = placed_body(mesh, CONCRETE)
     model = Model((group,), effects=Effects(bulk_viscosity=BulkViscosity(0.0, 1.2)))
     stretch = (mesh.nodes - 5.0)[None]
     rate = 1.0
@@ -347,7 +348,7 @@ def test_quadratic_bulk_viscosity_acts_in_compression_only():
 def test_critical_time_step_is_sharp(name):
     # A random start has all modes: bounded just below the limit; 1 % above it the worst mode
     # grows by e^(0.28) per step and the watchdog stops it.
-    group = block_group(distorted_box((2, 2, 2)), CONCRETE)
+    group = placed_body(distorted_box((2, 2, 2)), CONCRETE)
     model = Model((group,), effects=EFFECTS[name])
     velocity = np.random.default_rng(0).standard_normal((1, 27, 3))
     stable = solve(model, velocities=[velocity], **short(model, 3000, factor=0.999))
@@ -372,7 +373,7 @@ def test_hourglass_modes_do_not_grow():
     # strain energy of a mode peaks at its share over 1 - (ω Δt / 2)², and ω Δt / 2 <= factor.
     factor = 0.3
     mesh = cube(3)
-    group = block_group(mesh, CONCRETE, element=ElementType.REDUCED)
+    group = placed_body(mesh, CONCRETE, element=ElementType.REDUCED)
     signs = np.prod(np.where(np.round(mesh.nodes / (10 / 3)).astype(int) % 2 == 0, 1, -1), axis=1)
     velocity = np.zeros((1, mesh.n_nodes, 3))
     velocity[0, :, 0] = signs
@@ -387,7 +388,7 @@ def test_hourglass_modes_do_not_grow():
 
 
 def test_effects_that_are_off_leave_the_bits_of_the_bare_loop():
-    group = block_group(distorted_box((3, 2, 2)), CONCRETE, translations=np.zeros((5, 3)))
+    group = placed_body(distorted_box((3, 2, 2)), CONCRETE, translations=np.zeros((5, 3)))
     velocity = np.random.default_rng(0).standard_normal((5, group.n_nodes, 3))
     model = Model((group,))
     system = prepare(model, time_step=0.9 * critical_time_step(model).critical_time_step)
@@ -418,7 +419,7 @@ def test_threads_copies_and_samples_do_not_change_a_bit(name):
     velocity = rng.standard_normal((4, mesh.n_nodes, 3))
     results = []
     for n_copies, threads, interval in ((2, 1, 50), (2, 2, 50), (4, 1, 3)):
-        group = block_group(mesh, CONCRETE, rotations=PLACEMENTS[[0, 1, 2, 0]][:n_copies])
+        group = placed_body(mesh, CONCRETE, rotations=PLACEMENTS[[0, 1, 2, 0]][:n_copies])
         model = Model((group,), effects=effects)
         results.append(
             solve(
@@ -439,7 +440,7 @@ def test_one_copy_gives_the_answer_of_many():
     velocity = np.random.default_rng(0).standard_normal((2, mesh.n_nodes, 3))
     found = []
     for n in (1, 2):
-        group = block_group(mesh, CONCRETE, rotations=PLACEMENTS[1 : 1 + n])
+        group = placed_body(mesh, CONCRETE, rotations=PLACEMENTS[1 : 1 + n])
         model = Model((group,))
         found.append(
             solve(model, velocities=[velocity[:n]], **short(model, 100)).displacements[0][0]
@@ -451,7 +452,7 @@ def test_one_copy_gives_the_answer_of_many():
 
 def test_gravity_gives_free_fall():
     # u = ½ g t² exactly for a constant acceleration from rest.
-    group = block_group(cube(2), CONCRETE, rotations=PLACEMENTS)
+    group = placed_body(cube(2), CONCRETE, rotations=PLACEMENTS)
     g = np.array([0.0, 3.0, -9810.0])
     model = Model((group,), effects=Effects(gravity=g))
     result = solve(model, **short(model, 500))

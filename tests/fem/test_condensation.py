@@ -19,7 +19,7 @@ from fem.static.linear_step.block_tridiagonal import (
 from fem.static.linear_step.condensation import condense
 from fem.static.linear_step.flexibility import block_motions
 from fem.static.linear_step.linearisation import SparseSolver, SparseSolverError, factorize, fill_in
-from fem.system.model import block_group
+from fem.system.body import placed_body
 from geometry import Assembly
 from geometry.block import box_block
 from geometry.files.hexahedral_solids import hexahedral_block
@@ -34,7 +34,7 @@ pytestmark = pytest.mark.quick
 def distorted(request):
     box = box_block((10.0, 8.0, 6.0), (6, 4, 3))
     nodes = box.mesh.nodes + 0.2 * np.random.default_rng(0).standard_normal(box.mesh.nodes.shape)
-    return block_group(
+    return placed_body(
         HexMesh(nodes, box.mesh.elements),
         Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2),
         element=request.param,

@@ -11,9 +11,10 @@ import pytest
 
 from fem import ElementType
 from fem.explicit import block_frame, damping, solve, step
+from fem.system.body import placed_body
 from fem.system.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from fem.system.forces import SmoothStepAmplitude
-from fem.system.model import Model, block_group, fixed_nodes, nodal_load
+from fem.system.model import Model, fixed_nodes, nodal_load
 from fem.system.springs import springs_on
 from fem.system.time_step import critical_time_step
 from geometry.mesh import boundary_quads
@@ -74,7 +75,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 @pytest.mark.parametrize("name", EFFECTS)
 def test_no_step_calls_an_effect_that_is_off(calls: Counter[str], name: str, loaded: bool) -> None:
     effects, on = EFFECTS[name]
-    group = block_group(distorted_box((2, 2, 2)), CONCRETE, element=ElementType.INCOMPATIBLE)
+    group = placed_body(distorted_box((2, 2, 2)), CONCRETE, element=ElementType.INCOMPATIBLE)
     force = np.ones(group.mesh.nodes.shape)
     parts: dict[str, Any] = {}
     expected = {"adaptive mass damping" if effect == "adaptive" else effect for effect in on}
@@ -102,7 +103,7 @@ def test_springs_to_the_ground_are_stiffness_of_their_block(calls: Counter[str])
     mesh = distorted_box((2, 2, 2))
     quads = boundary_quads(mesh)[:2]
     springs = springs_on(mesh, [("bed", quads, 5.0, np.eye(3))])
-    model = Model((block_group(mesh, CONCRETE, springs=springs),))
+    model = Model((placed_body(mesh, CONCRETE, springs=springs),))
     time_step = 0.5 * critical_time_step(model).critical_time_step
     solve.solve(model, time_step=time_step, end_time=20.5 * time_step, sample_interval=7)
     assert not calls

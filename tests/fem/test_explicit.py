@@ -15,6 +15,7 @@ from fem.explicit import solve as explicit
 from fem.explicit.output.checkpoint import CheckpointError, content_digest
 from fem.explicit.solve import Output, Status, StopCriterion, UnstableRun, solve
 from fem.explicit.state import StateError
+from fem.system.body import ModelError, placed_body
 from fem.system.effects import (
     AdaptiveMassDamping,
     BulkViscosity,
@@ -23,7 +24,7 @@ from fem.system.effects import (
     RayleighDamping,
 )
 from fem.system.forces import SmoothStepAmplitude
-from fem.system.model import Model, ModelError, block_group, fixed_nodes, nodal_load
+from fem.system.model import Model, fixed_nodes, nodal_load
 from fem.system.time_step import TimeStepError, critical_time_step
 from tests.support.blocks import random_rotation
 from tests.support.cantilever import EVERYTHING, HELD, MESH, cantilever
@@ -181,13 +182,13 @@ def test_an_array_that_does_not_fit_is_never_put_into_the_state(tmp_path, change
 
 def test_unstable_run_stops_before_anything_not_finite_is_passed_on():
     # A stiffer block than the critical time step was computed for: ω Δt = 4.
-    group = block_group(MESH, CONCRETE)
+    group = placed_body(MESH, CONCRETE)
     force = np.zeros((group.n_nodes, 3))
     force[-1] = 1.0
     model = Model((group,), loads=(nodal_load(0, force),))
     frames = []
     dt = critical_time_step(model).critical_time_step
-    stiffer = block_group(MESH, replace(CONCRETE, young_modulus=4.0 * CONCRETE.young_modulus))
+    stiffer = placed_body(MESH, replace(CONCRETE, young_modulus=4.0 * CONCRETE.young_modulus))
     wild = Model((stiffer,), loads=model.loads)
     output = Output(on_frame=frames.append, frame_interval=10 * dt, progress=frames.append)
     patched = pytest.MonkeyPatch()
@@ -273,11 +274,11 @@ def test_bad_effects_are_refused(make):
 
 
 def test_bad_models_are_refused():
-    group = block_group(MESH, CONCRETE)
+    group = placed_body(MESH, CONCRETE)
     with pytest.raises(ModelError, match="at least one group"):
         Model(())
     with pytest.raises(ModelError, match="not a rotation"):
-        block_group(MESH, CONCRETE, rotations=-np.eye(3)[None])
+        placed_body(MESH, CONCRETE, rotations=-np.eye(3)[None])
     with pytest.raises(ModelError, match="node 63 to 63"):
         Model((group,), supports=(fixed_nodes(0, np.array([63])),))
     with pytest.raises(ModelError, match="group 1"):
@@ -294,7 +295,7 @@ def test_bad_models_are_refused():
 
 def test_directions_of_supports_may_be_oblique_or_stated_twice():
     """Along x and along x + y, along x again: as along x and y (rounding of all steps)."""
-    group = block_group(MESH, CONCRETE, rotations=random_rotation(1)[None])
+    group = placed_body(MESH, CONCRETE, rotations=random_rotation(1)[None])
     plain = fixed_nodes(0, HELD, components=(0, 1))
     tilted = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
     oblique = replace(plain, directions=plain.directions @ tilted)
@@ -322,7 +323,7 @@ def test_amplitudes_are_part_of_the_fingerprint(tmp_path):
 
 @pytest.mark.parametrize("element", list(ElementType))
 def test_every_element_runs_to_the_same_bending_sign(element):
-    group = block_group(MESH, CONCRETE, element=element)
+    group = placed_body(MESH, CONCRETE, element=element)
     force = np.zeros((group.n_nodes, 3))
     force[np.flatnonzero(MESH.nodes[:, 0] == 40.0), 2] = 0.5
     model = Model(

@@ -10,7 +10,7 @@ from scipy.linalg import eigh
 
 from fem import Explicit, Problem, Static, concrete, solve_explicit, solve_static
 from fem.problem import Motion
-from fem.system.model import ModelError
+from fem.system.body import ModelError
 from fem.system.sector import SymmetryError
 from fem.system.time_step import TimeStepError, critical_time_step
 from geometry import SineBlock, pipe, tube

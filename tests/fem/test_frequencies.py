@@ -9,13 +9,13 @@ from scipy.sparse import diags_array
 from scipy.sparse.linalg import eigsh
 
 from fem import ElementType, Material
-from fem.system.model import BlockGroup, block_group
+from fem.system.body import Body, placed_body
 from geometry.block import box_block
 
 SOLID = Material(density=2e-9, young_modulus=1000.0, poisson_ratio=0.3)
 
 
-def nearest_mode(group: BlockGroup, omega: float, shape: np.ndarray) -> float:
+def nearest_mode(group: Body, omega: float, shape: np.ndarray) -> float:
     """Frequency of the mode nearest to ω that looks like ``shape``."""
     mass = np.repeat(group.lumped_mass, 3)
     square, modes = eigsh(
@@ -36,7 +36,7 @@ def test_lame_mode_of_a_free_cube_converges_with_order_two(element):
         shape = np.column_stack([np.cos(x) * np.sin(y), -np.sin(x) * np.cos(y), 0.0 * x])
         exact = math.sqrt(2.0) * math.pi * math.sqrt(SOLID.shear_modulus / SOLID.density)
         error.append(
-            nearest_mode(block_group(mesh, SOLID, element=element), exact, shape) / exact - 1
+            nearest_mode(placed_body(mesh, SOLID, element=element), exact, shape) / exact - 1
         )
     order = math.log(error[0] / error[1]) / math.log(12 / 8)
     # The next term of the error, (π h)⁴, is still a tenth of it here.
@@ -50,7 +50,7 @@ def test_cantilever_bends_at_the_frequency_of_the_beam():
     length, height = 50.0, 2.0
     mesh = box_block((length, height, height), (25, 2, 2)).mesh
     material = Material(density=2e-9, young_modulus=1000.0, poisson_ratio=0.0)
-    group = block_group(mesh, material)
+    group = placed_body(mesh, material)
     free = np.setdiff1d(np.arange(group.n_nodes), np.flatnonzero(mesh.nodes[:, 0] == 0.0))
     dofs = (3 * free[:, None] + np.arange(3)).ravel()
     stiffness = group.stiffness.tocsr()[dofs][:, dofs].toarray()
@@ -76,7 +76,7 @@ def test_free_cube_has_the_frequencies_of_scikit_fem():
     density = skfem.BilinearForm(lambda u, v, _: 2e-9 * dot(u, v)).assemble(basis)
     lumped = np.asarray(density.sum(axis=1)).ravel()
     theirs = eigh(stiffness.toarray(), np.diag(lumped), eigvals_only=True)
-    group = block_group(box_block((1.0, 1.0, 1.0), (3, 3, 3)).mesh, SOLID, element=ElementType.FULL)
+    group = placed_body(box_block((1.0, 1.0, 1.0), (3, 3, 3)).mesh, SOLID, element=ElementType.FULL)
     ours = eigh(
         group.stiffness.toarray(), np.diag(np.repeat(group.lumped_mass, 3)), eigvals_only=True
     )

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from fem.static.solve import StaticOptions, solve_static
+from fem.system.body import ModelError
 from fem.system.held import Held
-from fem.system.model import ModelError, Support
+from fem.system.model import Support
 from geometry.mesh import FloatArray
 from validation import load_case
 

@@ -16,8 +16,8 @@ from fem.explicit.kernels.layout import (
     runs,
     to_lanes,
 )
+from fem.system.body import placed_body
 from fem.system.effects import BulkViscosity
-from fem.system.model import block_group
 from tests.support import reference_kernels as reference
 from tests.support.fem_problems import CONCRETE, distorted_box
 
@@ -241,7 +241,7 @@ def test_held_components_are_put_back_and_their_damping_is_given():
 def test_effects_are_their_plain_statements(n_copies):
     # Sums of at most a few hundred products of numbers below 10, each rounded once or twice.
     tolerance = 300 * 100 * EPS
-    group = block_group(
+    group = placed_body(
         distorted_box((4, 3, 2)), Material(density=1.0, young_modulus=1.0, poisson_ratio=0.3)
     )
     rows = block_rows(group.stiffness, lanes=padded_lanes(n_copies))
@@ -307,7 +307,7 @@ def test_effects_are_their_plain_statements(n_copies):
 def test_block_frames_are_their_plain_statements(n_copies):
     tolerance = 300 * 100 * EPS
     mesh = distorted_box((4, 3, 2))
-    group = block_group(mesh, CONCRETE)
+    group = placed_body(mesh, CONCRETE)
     rows = block_rows(group.stiffness, lanes=padded_lanes(n_copies))
     u, f, before = (random_lanes(rows, n_copies, seed) for seed in range(3))
     lanes, rng = u.shape[2], np.random.default_rng(9)

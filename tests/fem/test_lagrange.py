@@ -19,7 +19,7 @@ from fem.element.lagrange import Lagrange, adjugates
 from fem.element.lagrange_mesh import LagrangeMesh, with_degree
 from fem.static.linear_step.columns import alike_lengths, flexible_block
 from fem.static.linear_step.grid_block import GridBlock, grid_block
-from fem.system.model import block_group
+from fem.system.body import placed_body
 from fem.system.sector import local_forces
 from geometry import SineBlock, pipe, tube
 from geometry.mesh import FloatArray, MeshError, boundary_quads, grid_points
@@ -104,7 +104,7 @@ def test_affine_states_are_exact(degree: int) -> None:
     np.testing.assert_allclose(
         stress, np.broadcast_to(expected, stress.shape), atol=1e-11 * 33e3 * 1e-4 * 100
     )
-    force = (block_group(mesh, CONCRETE).stiffness @ u.ravel()).reshape(-1, 3)
+    force = (placed_body(mesh, CONCRETE).stiffness @ u.ravel()).reshape(-1, 3)
     boundary = np.unique(mesh.facet_nodes(boundary_quads(mesh)))
     inside = np.setdiff1d(np.arange(len(force)), boundary)
     assert len(inside) > 0
@@ -172,7 +172,7 @@ def test_columns_answer_as_the_whole_block(counts: tuple[int, int, int]) -> None
     # Conditions of the held stiffness of some 1e5.
     precision, n = 1e-9, rigid.shape[0]
     unknowns = (3 * grid.numbers.ravel()[:, None] + np.arange(3)).ravel()
-    whole = block_group(mesh_of(2, counts), CONCRETE).stiffness.toarray()
+    whole = placed_body(mesh_of(2, counts), CONCRETE).stiffness.toarray()
     whole = whole[np.ix_(unknowns, unknowns)]
     inverse = np.linalg.inv(whole + whole.diagonal().mean() * rigid @ rigid.T)
     motions_of_points = grid.outward @ grid.rigid

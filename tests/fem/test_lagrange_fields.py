@@ -17,7 +17,7 @@ from fem.static.solve import StaticOptions
 from fem.stresses import ball_averages
 from fem.stresses.ball_averages import _Cells, _tension, averaged_tension
 from fem.stresses.recovery import MovedBodies, cells_of, grid_places
-from fem.system.model import block_group
+from fem.system.body import placed_body
 from geometry.files.mesh_io import write_lagrange_cells
 from geometry.mesh import FloatArray
 from geometry.meshing.charts import Places
@@ -60,7 +60,7 @@ def test_affine_fields_are_exact_at_any_place(degree: int) -> None:
         np.broadcast_to(expected, cells.principal.shape), abs=1e-9
     )
     assert cells.displacement[0] == pytest.approx(cells.positions @ GRADIENT.T, abs=1e-14)
-    nodal = block_group(shape.mesh, CONCRETE).nodal_stress(state.displacements)
+    nodal = placed_body(shape.mesh, CONCRETE).nodal_stress(state.displacements)
     voigt = stress[[0, 1, 2, 0, 1, 2], [0, 1, 2, 1, 2, 0]]
     assert nodal == pytest.approx(np.broadcast_to(voigt, nodal.shape), abs=1e-9)
 

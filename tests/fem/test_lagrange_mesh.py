@@ -31,8 +31,8 @@ from fem.element.lagrange_mesh import LagrangeMesh, in_pieces, with_degree
 from fem.problem import ProblemError
 from fem.static.solve import StaticMethod, StaticOptions
 from fem.stresses.peaks import largest_pressure
+from fem.system.body import placed_body
 from fem.system.forces import pressure_forces
-from fem.system.model import block_group
 from fem.system.sector import local_forces
 from fem.system.state import corner_displacements
 from geometry.block import Block
@@ -65,7 +65,7 @@ def hydrostatic_error(block: Block, degree: int) -> float:
     """K u of a uniform contraction against the forces of the pressure that makes it, relative."""
     mesh = with_degree(block, degree).mesh
     bulk = CONCRETE.young_modulus / (3.0 * (1.0 - 2.0 * CONCRETE.poisson_ratio))
-    found = block_group(mesh, CONCRETE).stiffness @ (mesh.nodes / (-3.0 * bulk)).ravel()
+    found = placed_body(mesh, CONCRETE).stiffness @ (mesh.nodes / (-3.0 * bulk)).ravel()
     quads = mesh.facet_nodes(boundary_quads(mesh))
     pressed = pressure_forces(mesh.nodes, quads, 1.0)
     return float(np.abs(found.reshape(-1, 3) - pressed).max() / np.abs(pressed).max())
@@ -123,7 +123,7 @@ def test_a_quadratic_element_is_that_of_another_library() -> None:
     lame = lame_parameters(CONCRETE.young_modulus, CONCRETE.poisson_ratio)
     expected = np.linalg.eigvalsh(linear_elasticity(*lame).assemble(basis).toarray())
     block = Block("box", mesh, {})
-    ours = block_group(with_degree(block, 2).mesh, CONCRETE).stiffness.toarray()
+    ours = placed_body(with_degree(block, 2).mesh, CONCRETE).stiffness.toarray()
     np.testing.assert_allclose(np.linalg.eigvalsh(ours), expected, atol=1e-11 * expected[-1])
 
 
@@ -141,7 +141,7 @@ def test_displacements_converge_with_one_order_more_than_the_degree(degree: int)
             [np.exp(x) * np.cos(y), -np.exp(x) * np.sin(y), np.zeros(len(x))]
         )
         held = degrees_of_freedom(np.unique(mesh.facet_nodes(boundary_quads(mesh))))
-        stiffness = block_group(mesh, CONCRETE).stiffness
+        stiffness = placed_body(mesh, CONCRETE).stiffness
         u = static_displacement(stiffness, np.zeros(exact.size), held, exact.ravel()[held])
         mass = block_lumped_mass(mesh, 1.0)
         error = ((u.reshape(-1, 3) - exact) ** 2).sum(axis=1)

@@ -14,7 +14,7 @@ from scipy.sparse import csr_array
 from fem import Material, Problem, Static, solve_static
 from fem.element.kinds import block_lumped_mass
 from fem.element.lagrange_mesh import LagrangeMesh, with_degree
-from fem.system.model import block_group
+from fem.system.body import placed_body
 from geometry import Block, LoadCase, read_blocks
 from geometry.files.hexahedral_solids import file_blocks
 from geometry.files.quadratic import NATURAL
@@ -161,7 +161,7 @@ def test_twenty_nodes_bend_as_those_of_calculix(tmp_path: Path) -> None:
     (tmp_path / "bar.inp").write_text("\n".join(rows))
     found = run_calculix(tmp_path / "bar.inp").displacements
     spread = np.kron(follow, np.eye(3))
-    stiffness = csr_array(spread.T @ (block_group(mesh, CONCRETE).stiffness @ spread))
+    stiffness = csr_array(spread.T @ (placed_body(mesh, CONCRETE).stiffness @ spread))
     assert isinstance(mesh, LagrangeMesh)
     weight = np.outer(follow.T @ block_lumped_mass(mesh, 2.4e-9), [0.0, 0.0, -9810.0])
     expected = static_displacement(stiffness, weight.ravel(), degrees_of_freedom(held))

@@ -18,9 +18,10 @@ from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, so
 from fem.explicit.state import world_vectors
 from fem.explicit.step import step
 from fem.static.solve import solve_static
+from fem.system.body import placed_body
 from fem.system.effects import AdaptiveMassDamping, Effects
 from fem.system.forces import TabularAmplitude, pressure_forces
-from fem.system.model import Model, block_group, fixed_nodes, nodal_load
+from fem.system.model import Model, fixed_nodes, nodal_load
 from fem.system.state import searched_state
 from geometry import Assembly
 from geometry.block import box_block
@@ -69,8 +70,8 @@ def two_boxes(upper, pressure):
     upper_box = box_block((20.0, 20.0, 10.0), (upper, upper, 1))
     place = np.array([0.0, 0.0, 10.0])
     groups = (
-        block_group(lower_box.mesh, CONCRETE, name="lower"),
-        block_group(upper_box.mesh, CONCRETE, translations=place[None], name="upper"),
+        placed_body(lower_box.mesh, CONCRETE, name="lower"),
+        placed_body(upper_box.mesh, CONCRETE, translations=place[None], name="upper"),
     )
     law = ExponentialLaw()
     bound = contact(
@@ -153,7 +154,7 @@ def hertz(cells, radius=1000.0, load=4000.0, size=150.0):
     nodes[:, 2] = bottom + depth * (1.0 - bottom / size)
     mesh = HexMesh(nodes, box.mesh.elements)
     material = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.0)
-    groups = (block_group(mesh, material),)
+    groups = (placed_body(mesh, material),)
     floor = box_block((3.0 * size, 3.0, 5.0), (1, 1, 1))
     law = LinearPenalty(1e5)
     statement = contact(
@@ -212,7 +213,7 @@ def sliding_block(speed=1000.0, friction=None, law=None):
     floor = box_block((100.0, 40.0, 10.0), (10, 4, 1))
     sink = 2.4e-9 * 9810.0 * 10.0 / 100.0
     place = np.array([5.0, 7.0, 10.0 - sink])
-    groups = (block_group(brick.mesh, CONCRETE, translations=place[None]),)
+    groups = (placed_body(brick.mesh, CONCRETE, translations=place[None]),)
     statement = contact(
         [
             surface(0, brick.mesh, brick.faces["z-"], group=0, at=place),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fem import LinearPenalty, Material, Problem, Static, solve_static
-from fem.system.model import ModelError
+from fem.system.body import ModelError
 from geometry import (
     Assembly,
     Block,

@@ -5,8 +5,9 @@ import pytest
 from scipy.linalg import eigh
 
 from fem import ElementType
+from fem.system.body import placed_body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
-from fem.system.model import Model, block_group
+from fem.system.model import Model
 from fem.system.time_step import (
     critical_time_step,
     damping_matrix,
@@ -28,7 +29,7 @@ def dense_frequency(group) -> float:
 @pytest.mark.parametrize("element", list(ElementType))
 def test_lanczos_finds_the_largest_frequency_from_above(element):
     # The residual is added: never below, and Lanczos to 1e-6 is that close.
-    group = block_group(distorted_box((3, 3, 2)), CONCRETE, element=element)
+    group = placed_body(distorted_box((3, 3, 2)), CONCRETE, element=element)
     exact = dense_frequency(group)
     found = critical_time_step(Model((group,)))
     assert exact <= found.max_frequency * (1 + 1e-12)
@@ -48,7 +49,7 @@ def test_damped_step_of_one_mode_is_belytschkos():
 @pytest.mark.parametrize("beta", [1e-9, 1e-7, 1e-6])
 def test_stiffness_damping_shrinks_the_step_by_belytschkos_factor(beta):
     # All modes share ξ = β ω / 2, so the highest one governs.
-    group = block_group(distorted_box((3, 3, 2)), CONCRETE)
+    group = placed_body(distorted_box((3, 3, 2)), CONCRETE)
     damped = group_critical_time_step(group, Effects(RayleighDamping(None, beta)))
     omega = dense_frequency(group)
     ratio = 0.5 * beta * omega
@@ -57,7 +58,7 @@ def test_stiffness_damping_shrinks_the_step_by_belytschkos_factor(beta):
 
 
 def test_mass_damping_leaves_the_step_as_it_is():
-    group = block_group(distorted_box((3, 3, 2)), CONCRETE)
+    group = placed_body(distorted_box((3, 3, 2)), CONCRETE)
     plain = group_critical_time_step(group, Effects())
     damped = group_critical_time_step(group, Effects(RayleighDamping(1e6)))
     assert damped.critical_time_step == plain.critical_time_step
@@ -65,7 +66,7 @@ def test_mass_damping_leaves_the_step_as_it_is():
 
 def test_mixed_damping_is_the_worst_of_all_modes():
     # The smallest Δt at which Δt² K + 2 Δt C reaches 4 M, by dense eigenvalues.
-    group = block_group(distorted_box((2, 2, 2)), CONCRETE)
+    group = placed_body(distorted_box((2, 2, 2)), CONCRETE)
     effects = Effects(RayleighDamping(None, 3e-8), BulkViscosity(0.3, 1.2))
     found = group_critical_time_step(group, effects).critical_time_step
     mass = np.diag(np.repeat(group.lumped_mass, 3))
@@ -77,7 +78,7 @@ def test_mixed_damping_is_the_worst_of_all_modes():
 
 
 def test_extra_stiffness_counts_as_springs_to_ground():
-    group = block_group(box_block((10.0,) * 3, (2,) * 3).mesh, CONCRETE)
+    group = placed_body(box_block((10.0,) * 3, (2,) * 3).mesh, CONCRETE)
     stiff = np.zeros(group.n_nodes)
     stiff[:5] = 1e7
     found = group_critical_time_step(group, Effects(), extra_stiffness=stiff)
@@ -88,8 +89,8 @@ def test_extra_stiffness_counts_as_springs_to_ground():
 
 
 def test_the_smallest_step_of_all_groups_governs_and_l_over_c_is_reported():
-    coarse = block_group(box_block((10.0,) * 3, (2,) * 3).mesh, CONCRETE, name="coarse")
-    fine = block_group(box_block((10.0,) * 3, (4,) * 3).mesh, CONCRETE, name="fine")
+    coarse = placed_body(box_block((10.0,) * 3, (2,) * 3).mesh, CONCRETE, name="coarse")
+    fine = placed_body(box_block((10.0,) * 3, (4,) * 3).mesh, CONCRETE, name="fine")
     found = critical_time_step(Model((coarse, fine)))
     assert found.group == "fine"
     expected = 2.5 / CONCRETE.dilatational_wave_speed

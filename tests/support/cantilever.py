@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fem.system.body import placed_body
 from fem.system.effects import (
     AdaptiveMassDamping,
     BulkViscosity,
@@ -11,7 +12,7 @@ from fem.system.effects import (
     RayleighDamping,
 )
 from fem.system.forces import SmoothStepAmplitude
-from fem.system.model import Model, block_group, fixed_nodes, nodal_load
+from fem.system.model import Model, fixed_nodes, nodal_load
 from geometry.block import box_block
 from tests.support.fem_problems import CONCRETE
 
@@ -22,7 +23,7 @@ HELD = np.flatnonzero(MESH.nodes[:, 0] == 0.0)
 
 
 def cantilever(effects: Effects | None = None, *, ramp: float = 2e-4, n_copies: int = 2) -> Model:
-    group = block_group(MESH, CONCRETE, translations=np.zeros((n_copies, 3)))
+    group = placed_body(MESH, CONCRETE, translations=np.zeros((n_copies, 3)))
     force = np.zeros((group.n_nodes, 3))
     force[np.flatnonzero(MESH.nodes[:, 0] == 40.0), 2] = 0.5
     copies = np.arange(n_copies)

@@ -29,9 +29,10 @@ from fem import CoulombFriction, LinearPenalty, Material, Problem
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.result import StaticResult
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
+from fem.system.body import placed_body
 from fem.system.build import DeformableAssembly
 from fem.system.forces import SmoothStepAmplitude
-from fem.system.model import Support, block_group, fixed_nodes
+from fem.system.model import Support, fixed_nodes
 from fem.system.state import corner_displacements
 from geometry import Assembly, Block, LoadCase
 from geometry.families.round_bodies import quarter_disc, round_ended, strip
@@ -148,7 +149,7 @@ def _bodies(
         assembly, nothing, materials[0], law=law, finite_sliding=True, check_units=False
     ).deformable
     groups = tuple(
-        block_group(g.mesh, m, rotations=g.rotations, translations=g.translations, name=g.name)
+        placed_body(g.mesh, m, rotations=g.rotations, translations=g.translations, name=g.name)
         for g, m in zip(found.model.groups, materials, strict=True)
     )
     found = replace(found, model=replace(found.model, groups=groups))

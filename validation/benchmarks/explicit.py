@@ -24,8 +24,9 @@ from fem.explicit.output.checkpoint import state_arrays
 from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import State
 from fem.explicit.step import ExplicitSystem, step, stiffness_force
+from fem.system.body import Body, placed_body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
-from fem.system.model import BlockGroup, Model, block_group, fixed_nodes, nodal_load
+from fem.system.model import Model, fixed_nodes, nodal_load
 from fem.system.time_step import critical_time_step
 from geometry.block import box_block
 from geometry.machine.system import peak_memory_mb
@@ -71,14 +72,14 @@ class Row:
     """Evolving arrays and stiffness over all nodes of all copies."""
 
 
-def benchmark_group(divisions: tuple[int, int, int], copies: int) -> BlockGroup:
+def benchmark_group(divisions: tuple[int, int, int], copies: int) -> Body:
     """Copies of a box of concrete, edges of 10 mm."""
     size = (10.0 * divisions[0], 10.0 * divisions[1], 10.0 * divisions[2])
     mesh = box_block(size, divisions).mesh
-    return block_group(mesh, CONCRETE, translations=np.zeros((copies, 3)))
+    return placed_body(mesh, CONCRETE, translations=np.zeros((copies, 3)))
 
 
-def loaded_model(group: BlockGroup) -> Model:
+def loaded_model(group: Body) -> Model:
     """Every copy held at one face and pushed on the opposite one."""
     nodes = group.mesh.nodes
     force = np.zeros_like(nodes)
@@ -116,7 +117,7 @@ def seconds_of_step(system: ExplicitSystem, state: State, threads: int, repeats:
     return best(lambda: step(system, state), repeats=repeats if threads == 1 else 1)
 
 
-def row(group: BlockGroup, time_step: float, threads: int) -> Row:
+def row(group: Body, time_step: float, threads: int) -> Row:
     """Measure one case."""
     system, state = ready(loaded_model(group), time_step, threads=threads)
     updates = group.mesh.n_elements * group.n_copies
@@ -136,7 +137,7 @@ def row(group: BlockGroup, time_step: float, threads: int) -> Row:
     )
 
 
-def effect_costs(group: BlockGroup, time_step: float) -> dict[str, float]:
+def effect_costs(group: Body, time_step: float) -> dict[str, float]:
     """Per cent that each effect adds to a step, and what a step adds to its two kernels.
 
     Each pair is measured in turns, so that a busy machine disturbs both alike.
@@ -198,7 +199,7 @@ def bare_seconds(system: ExplicitSystem, state: State) -> float:
     return best_cpu_seconds(work, repeats=2)
 
 
-def peers(group: BlockGroup) -> dict[str, float]:
+def peers(group: Body) -> dict[str, float]:
     """Million element updates per CPU second of plain ways to the same internal force."""
     mesh, copies = group.mesh, group.n_copies
     u = np.random.default_rng(0).standard_normal((3 * mesh.n_nodes, copies))
@@ -252,12 +253,12 @@ def benchmark() -> dict[str, Any]:
     }
 
 
-def flops_per_element(group: BlockGroup) -> float:
+def flops_per_element(group: Body) -> float:
     """Operations of the internal force per element and copy."""
     return 18.0 * len(group.stiffness.indices) / group.mesh.n_elements
 
 
-def internal_force_limit(group: BlockGroup, limits: Roofline) -> float:
+def internal_force_limit(group: Body, limits: Roofline) -> float:
     """Million element updates per second if every cycle did its multiply-adds."""
     return limits.peak_float64_gflops * 1e3 / flops_per_element(group)
 

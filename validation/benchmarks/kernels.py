@@ -20,8 +20,8 @@ from fem.explicit.step import (
     set_internal_force,
     stiffness_force,
 )
+from fem.system.body import Body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
-from fem.system.model import BlockGroup
 from validation.benchmarks.roofline import Roofline, Work
 from validation.benchmarks.stopwatch import best_cpu_seconds
 
@@ -47,32 +47,32 @@ class KernelRow:
     """Rate over what the roofline allows [-]."""
 
 
-def node_work(group: BlockGroup, flops: float, streams: float) -> Work:
+def node_work(group: Body, flops: float, streams: float) -> Work:
     """Work on the nodes: operations of a node, and passes of an array (n_nodes, 3)."""
     nodes = group.n_nodes / group.mesh.n_elements
     return Work(flops * nodes, 24.0 * streams * nodes)
 
 
-def internal_force_work(group: BlockGroup) -> Work:
+def internal_force_work(group: Body) -> Work:
     """Product K u: reads u and writes f, whose lines are read first."""
     blocks = len(group.stiffness.indices) / group.mesh.n_elements
     stiffness = blocks * (9.0 * 8.0 + 4.0) / group.n_copies
     return node_work(group, 0.0, 3.0) + Work(18.0 * blocks, stiffness)
 
 
-def update_work(group: BlockGroup) -> Work:
+def update_work(group: Body) -> Work:
     """Central difference: reads f, u and v, writes u and v; a division for each node."""
     return node_work(group, 15.0, 5.0)
 
 
-def _viscosity_work(group: BlockGroup) -> Work:
+def _viscosity_work(group: Body) -> Work:
     """Mean gradients on displacements and on stresses; strain and stress of the elements."""
     gradient = Work(2.0 * 3.0 * _CORNERS, 3.0 * _CORNERS * 8.0 / group.n_copies)
     elements = Work(10.0, 5.0 * 8.0)  # strain and stress read and written, stress read again
     return gradient + gradient + elements + node_work(group, 3.0, 3.0)
 
 
-def _frame_work(group: BlockGroup) -> Work:
+def _frame_work(group: Body) -> Work:
     """Moments, the view from the frame, the torque of K u, and the way back."""
     moments = node_work(group, 24.0, 1.0)
     view = node_work(group, 24.0, 3.0)
@@ -81,7 +81,7 @@ def _frame_work(group: BlockGroup) -> Work:
 
 
 def kernel_rows(
-    group: BlockGroup,
+    group: Body,
     machine: Roofline,
     ready: Callable[[Effects], tuple[ExplicitSystem, State]],
 ) -> list[KernelRow]:
@@ -110,7 +110,7 @@ def kernel_rows(
 
 
 def _row(
-    name: str, work: Callable[[], None], count: Work, group: BlockGroup, machine: Roofline
+    name: str, work: Callable[[], None], count: Work, group: Body, machine: Roofline
 ) -> KernelRow:
     seconds = best_cpu_seconds(work, repeats=10) / (group.mesh.n_elements * group.n_copies)
     share = 1e-6 / seconds / count.limit(machine)

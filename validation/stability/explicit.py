@@ -21,9 +21,10 @@ from fem.explicit.solve import (
 )
 from fem.explicit.solve import watch as watch_energy
 from fem.explicit.step import step as central_difference_step
+from fem.system.body import placed_body
 from fem.system.build import DeformableAssembly
 from fem.system.effects import AdaptiveMassDamping, Effects
-from fem.system.model import Model, block_group, fixed_nodes
+from fem.system.model import Model, fixed_nodes
 from fem.system.state import contact_state
 from fem.system.time_step import TimeStepError, critical_time_step
 from geometry.block import box_block
@@ -49,7 +50,7 @@ IMPACT_STIFFNESS = 1000.0
 
 def free_cube(effects: Effects | None = None) -> Model:
     """A cube of 10 mm that nothing holds, eight elements."""
-    group = block_group(box_block((10.0, 10.0, 10.0), (2, 2, 2)).mesh, CONCRETE)
+    group = placed_body(box_block((10.0, 10.0, 10.0), (2, 2, 2)).mesh, CONCRETE)
     return Model((group,), effects=Effects() if effects is None else effects)
 
 
@@ -197,7 +198,7 @@ def _revolution() -> Finding:
 
 @CASES.add("steps-1e6", "A million steps of a held element: energy is kept", slow=True)
 def _million() -> Finding:
-    group = block_group(box_block((10.0, 10.0, 10.0), (1, 1, 1)).mesh, CONCRETE)
+    group = placed_body(box_block((10.0, 10.0, 10.0), (1, 1, 1)).mesh, CONCRETE)
     held = np.flatnonzero(group.mesh.nodes[:, 2] == 0.0)
     model = Model((group,), supports=(fixed_nodes(0, held),))
     critical = critical_time_step(model).critical_time_step

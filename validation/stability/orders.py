@@ -18,7 +18,8 @@ from fem.element.hexahedron import ElementType
 from fem.element.kinds import block_lumped_mass, block_stiffness
 from fem.element.material import Material
 from fem.explicit.solve import solve
-from fem.system.model import Model, block_group, fixed_nodes
+from fem.system.body import placed_body
+from fem.system.model import Model, fixed_nodes
 from geometry.block import box_block
 from geometry.mesh import FloatArray
 from validation.stability.case import Cases, Check, Finding
@@ -102,7 +103,7 @@ def time_step_curve(fractions: tuple[float, ...] = (0.9, 0.45, 0.225)) -> dict[s
     """
     mesh = box_block(SIZE, (20, 2, 2)).mesh
     omega, mode = cantilever_frequency(2, ElementType.INCOMPATIBLE)
-    group = block_group(mesh, MATERIAL, element=ElementType.INCOMPATIBLE)
+    group = placed_body(mesh, MATERIAL, element=ElementType.INCOMPATIBLE)
     held = np.flatnonzero(mesh.nodes[:, 0] == 0.0)
     model = Model(groups=(group,), supports=(fixed_nodes(0, held),))
     start = 1e-3 * mode / np.abs(mode).max()

@@ -11,8 +11,8 @@ from fem.contact.surfaces import ContactNormals
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.problem import Problem
+from fem.system.body import placed_body
 from fem.system.build import DeformableAssembly
-from fem.system.model import block_group
 from geometry.assembly import Assembly
 from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import TSB1, SineBlockDivisions
@@ -79,7 +79,7 @@ def with_last_material(stated: DeformableAssembly, material: Material) -> Deform
     (group,) = stated.model.groups
     (load,) = stated.model.loads
     first = replace(group, rotations=group.rotations[:-1], translations=group.translations[:-1])
-    own = block_group(
+    own = placed_body(
         group.mesh,
         material,
         element=group.element,

@@ -9,7 +9,7 @@ import numpy as np
 
 from fem.contact.friction import CoulombFriction, FrictionError
 from fem.contact.law import ContactLaw
-from fem.explicit.body import Body
+from fem.explicit.body import LaneBody
 from fem.explicit.contact.compiled_law import compiled_law
 from fem.explicit.step import ExplicitSystem, Interaction
 from fem.system.time_step import critical_time_step
@@ -54,7 +54,7 @@ class ExplicitContact(ABC):
         return self.counted_stiffness * self.areas[group]
 
     @abstractmethod
-    def bind(self, bodies: tuple[Body, ...]) -> BoundContact:
+    def bind(self, bodies: tuple[LaneBody, ...]) -> BoundContact:
         """Prepare the force for the loop."""
 
 

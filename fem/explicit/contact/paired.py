@@ -15,7 +15,7 @@ from fem.contact.friction import FrictionError, slip_sides
 from fem.contact.search import SearchedPoints
 from fem.contact.surfaces import ContactNormals, MatchedFacets
 from fem.element.facet import FACET_CORNERS
-from fem.explicit.body import Body
+from fem.explicit.body import LaneBody
 from fem.explicit.contact.alike_pairs import WIDEST, AlikePairs, unit_widths
 from fem.explicit.contact.contact import BoundContact, ExplicitContact
 from fem.explicit.contact.paired_kernel import (
@@ -49,7 +49,7 @@ class FaceContact(ExplicitContact):
                 "effects.friction: got contact with reference normals, expected current normals"
             )
 
-    def bind(self, bodies: tuple[Body, ...]) -> BoundContact:
+    def bind(self, bodies: tuple[LaneBody, ...]) -> BoundContact:
         """Prepare the force for the loop."""
         return _BoundFaces(self, bodies)
 
@@ -57,7 +57,7 @@ class FaceContact(ExplicitContact):
 class _BoundFaces(BoundContact):
     """Arrays of one run."""
 
-    def __init__(self, statement: FaceContact, bodies: tuple[Body, ...]) -> None:
+    def __init__(self, statement: FaceContact, bodies: tuple[LaneBody, ...]) -> None:
         super().__init__(statement)
         self._pairs = statement.pairs
         self._blocks = [
@@ -234,7 +234,7 @@ class _Collection:
     entries: IntArray
 
 
-def _unit_arrays(pairs: tuple[AlikePairs, ...], bodies: tuple[Body, ...]) -> UnitArrays:
+def _unit_arrays(pairs: tuple[AlikePairs, ...], bodies: tuple[LaneBody, ...]) -> UnitArrays:
     """Cut alike pairs into units and number their arrays."""
     ordered = [_in_row_order(result, bodies) for result in pairs]
     units, copies, exists = [], [], []
@@ -285,7 +285,7 @@ def _unit_slices(n_pairs: int) -> list[tuple[int, int]]:
 
 
 def _in_row_order(
-    pairs: AlikePairs, bodies: tuple[Body, ...]
+    pairs: AlikePairs, bodies: tuple[LaneBody, ...]
 ) -> tuple[IntArray, IntArray, IntArray]:
     """Order the node pairs as the rows of a body lie in memory.
 
@@ -301,7 +301,9 @@ def _in_row_order(
     return rows[order], order, number[pairs.corners]
 
 
-def _first_copies(pairs: AlikePairs, chosen: IntArray, bodies: tuple[Body, ...]) -> tuple[int, int]:
+def _first_copies(
+    pairs: AlikePairs, chosen: IntArray, bodies: tuple[LaneBody, ...]
+) -> tuple[int, int]:
     """First copy of each side where a vector of lanes holds copies that follow each other.
 
     Padded lanes may run on into copies that exist or into padding of the bodies, whose forces
@@ -317,7 +319,7 @@ def _first_copies(pairs: AlikePairs, chosen: IntArray, bodies: tuple[Body, ...])
     return first[0], first[1]
 
 
-def _rows(pairs: AlikePairs, bodies: tuple[Body, ...]) -> IntArray:
+def _rows(pairs: AlikePairs, bodies: tuple[LaneBody, ...]) -> IntArray:
     """Body rows of the node pairs, (n_nodes, 2); -1 for rigid blocks."""
     rows = np.full(pairs.nodes.shape, -1, dtype=np.int64)
     for side, group in enumerate(pairs.groups):
@@ -343,7 +345,7 @@ def _reference_normals(pairs: tuple[AlikePairs, ...]) -> FloatArray:
 
 
 def _collections(
-    data: UnitArrays, one_side: int, bodies: tuple[Body, ...]
+    data: UnitArrays, one_side: int, bodies: tuple[LaneBody, ...]
 ) -> tuple[_Collection | None, ...]:
     """List for each applied row of each group what acts on it; ``one_side`` counts its forces."""
     rows, entries, groups = [], [], []

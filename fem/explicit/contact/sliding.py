@@ -23,7 +23,7 @@ from fem.contact.search import (
     points_of_search,
 )
 from fem.element.facet import facet_functions
-from fem.explicit.body import Body
+from fem.explicit.body import LaneBody
 from fem.explicit.contact.contact import BoundContact, ExplicitContact
 from fem.explicit.contact.sliding_kernel import (
     add_travel,
@@ -66,7 +66,7 @@ class SlidingContact(ExplicitContact):
         """What faces what before any displacement, in the sector that is computed."""
         return points_of_search(_points(self), self.clearance)
 
-    def bind(self, bodies: tuple[Body, ...]) -> BoundContact:
+    def bind(self, bodies: tuple[LaneBody, ...]) -> BoundContact:
         """Prepare the force for the loop."""
         return BoundSlidingContact(self, bodies)
 
@@ -104,7 +104,7 @@ class _Group:
 class BoundSlidingContact(BoundContact):
     """Arrays of one run."""
 
-    def __init__(self, statement: SlidingContact, bodies: tuple[Body, ...]) -> None:
+    def __init__(self, statement: SlidingContact, bodies: tuple[LaneBody, ...]) -> None:
         super().__init__(statement)
         self.points = _points(statement)
         points = self.points
@@ -318,7 +318,7 @@ def _points(statement: SlidingContact) -> FacingPoints:
     )
 
 
-def _group(points: FacingPoints, number: int, body: Body) -> _Group:
+def _group(points: FacingPoints, number: int, body: LaneBody) -> _Group:
     """Collect the surface nodes of one group, which follow each other."""
     surfaces = points.surfaces
     members = [k for k, s in enumerate(surfaces) if s.group == number]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from fem.explicit.body import Body
+from fem.explicit.body import LaneBody
 from fem.explicit.kernels import dot_lanes
 from fem.explicit.kernels.layout import aligned_zeros
 from fem.explicit.state import BodyState, State
@@ -116,7 +116,7 @@ def _stiffness_damping(system: ExplicitSystem, now: BodyState) -> float:
     return scale * float(damping.dissipated.sum())
 
 
-def gravity_work(system: ExplicitSystem, body: Body, now: BodyState) -> float:
+def gravity_work(system: ExplicitSystem, body: LaneBody, now: BodyState) -> float:
     """Work of gravity since the undeformed state, Σ m g · u_n [N mm].
 
     Gravity that changes in time has no potential: its work is with that of the loads.
@@ -129,7 +129,7 @@ def gravity_work(system: ExplicitSystem, body: Body, now: BodyState) -> float:
     return float((moved * body.acceleration).sum())
 
 
-def hourglass_energy(system: ExplicitSystem, body: Body, now: BodyState) -> float:
+def hourglass_energy(system: ExplicitSystem, body: LaneBody, now: BodyState) -> float:
     """½ u · K_hourglass u, of the displacement in the block frame [N mm].
 
     The displacement of small rotation has moved on by one step since the forces were taken:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fem.explicit.body import Body
+from fem.explicit.body import LaneBody
 from fem.explicit.kernels.layout import to_lanes
 from fem.explicit.state import State
 from fem.explicit.step import ExplicitSystem, Interaction, placed_internal_force
@@ -38,7 +38,7 @@ class CellHold:
         """No stiffness: a constraint only removes motions."""
         return None
 
-    def bind(self, bodies: tuple[Body, ...]) -> Interaction:
+    def bind(self, bodies: tuple[LaneBody, ...]) -> Interaction:
         """Prepare the force for the loop."""
         return _BoundHold(self, bodies)
 
@@ -46,7 +46,7 @@ class CellHold:
 class _BoundHold(Interaction):
     """Arrays of one run, in lanes."""
 
-    def __init__(self, statement: CellHold, bodies: tuple[Body, ...]) -> None:
+    def __init__(self, statement: CellHold, bodies: tuple[LaneBody, ...]) -> None:
         self._all = [_lanes(m, body) for m, body in zip(statement.motions, bodies, strict=True)]
         forces = [_lanes(f, body) for f, body in zip(statement.forces, bodies, strict=True)]
         work = sum(np.einsum("knil,mnil->km", m, f) for m, f in zip(self._all, forces, strict=True))
@@ -74,12 +74,12 @@ class _BoundHold(Interaction):
             now.applied_force -= (size @ forces).reshape(now.applied_force.shape)
 
 
-def _lanes(motions: FloatArray, body: Body) -> FloatArray:
+def _lanes(motions: FloatArray, body: LaneBody) -> FloatArray:
     lanes = [to_lanes(motion, body.rows.order) for motion in motions]
     return np.stack(lanes)
 
 
-def _applied_row(body: Body) -> IntArray:
+def _applied_row(body: LaneBody) -> IntArray:
     assert body.applied_row is not None
     return body.applied_row.astype(np.int64)
 

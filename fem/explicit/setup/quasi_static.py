@@ -22,7 +22,7 @@ import scipy.linalg
 
 from fem.contact.surfaces import ContactError
 from fem.explicit.solve import ExplicitResult
-from fem.system.model import BlockGroup, rigid_motions
+from fem.system.body import Body, rigid_motions
 from fem.system.sector import local_loads
 from fem.system.system import System
 from geometry.mesh import FloatArray, IntArray
@@ -47,7 +47,7 @@ class BlockFrequencies:
     """Lowest of those that the loads excite [Hz]; `lowest` when nothing is loaded."""
 
 
-def motions_about_centroid(group: BlockGroup, points: FloatArray) -> FloatArray:
+def motions_about_centroid(group: Body, points: FloatArray) -> FloatArray:
     """Displacements of points by unit translations and turns about the mass centroid.
 
     Turns are scaled by the radius of inertia, so all six columns are lengths; (n, 3, 6).
@@ -56,7 +56,7 @@ def motions_about_centroid(group: BlockGroup, points: FloatArray) -> FloatArray:
     return rigid_motions((points - centroid) / radius)
 
 
-def _centre(group: BlockGroup) -> tuple[FloatArray, float]:
+def _centre(group: Body) -> tuple[FloatArray, float]:
     mass, nodes = group.lumped_mass, group.mesh.nodes
     centroid: FloatArray = mass @ nodes / mass.sum()
     radius = np.sqrt((mass @ (nodes - centroid) ** 2).sum() / mass.sum())
@@ -147,7 +147,7 @@ def _free_motions(system: System, motions: FloatArray, block_of: IntArray) -> Fl
     return np.asarray(scipy.linalg.block_diag(*parts))
 
 
-def _bar_frequency(group: BlockGroup) -> float:
+def _bar_frequency(group: Body) -> float:
     """Lowest frequency of a bar as long as a block that is held at one end [Hz]."""
     longest = float(np.ptp(group.mesh.nodes, axis=0).max())
     return group.material.bar_wave_speed / (4.0 * longest)

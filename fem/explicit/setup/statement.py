@@ -27,13 +27,7 @@ from fem.problem import Motion
 from fem.system.build import ALL_THE_WAY, DeformableAssembly
 from fem.system.effects import EffectError, Effects
 from fem.system.forces import SmoothStepAmplitude, TabularAmplitude
-from fem.system.model import (
-    Amplitude,
-    BlockGroup,
-    Model,
-    NodalLoad,
-    Support,
-)
+from fem.system.model import Amplitude, Model, NodalLoad, Support
 from fem.system.sector import (
     Orbits,
     SymmetryError,
@@ -362,7 +356,10 @@ def _representative_model(
     copies = [system.deformable.copy_of[mine] for mine in blocks]
     hold = cell_hold(system, blocks)
     return Model(
-        groups=tuple(_some_copies(g, k) for g, k in zip(whole.groups, copies, strict=True)),
+        groups=tuple(
+            g.with_same_stiffness(rotations=g.rotations[k], translations=g.translations[k])
+            for g, k in zip(whole.groups, copies, strict=True)
+        ),
         supports=tuple(_some(s, copies[s.group]) for s in whole.supports),
         loads=tuple(_some(f, copies[f.group]) for f in whole.loads),
         effects=effects,
@@ -474,12 +471,6 @@ def _representatives(deformable: DeformableAssembly, orbits: Orbits) -> tuple[In
     stands = order[orbits.representative[order] == order]
     groups = deformable.group_of[stands]
     return tuple(stands[groups == g] for g in range(len(deformable.model.groups)))
-
-
-def _some_copies(group: BlockGroup, copies: IntArray) -> BlockGroup:
-    return replace(
-        group, rotations=group.rotations[copies], translations=group.translations[copies]
-    )
 
 
 def _new_numbers(copies: IntArray, kept: IntArray) -> tuple[IntArray, IntArray]:

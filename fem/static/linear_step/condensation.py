@@ -19,7 +19,7 @@ import numpy as np
 import scipy.linalg
 import scipy.linalg.blas
 
-from fem.system.model import BlockGroup
+from fem.system.body import Body
 from geometry.compilation import njit
 from geometry.machine.work import Operation, count, count_elimination
 from geometry.mesh import BoolArray, FloatArray, IntArray
@@ -114,7 +114,7 @@ class CondensedBlock:
         return springs
 
 
-def condense(group: BlockGroup, retained: IntArray) -> CondensedBlock:
+def condense(group: Body, retained: IntArray) -> CondensedBlock:
     """Eliminate all nodes of a block but the retained ones, (n_c,), sorted and unique."""
     elements_of, n_nodes = group.mesh.connectivity, group.n_nodes
     uses = np.bincount(elements_of.ravel(), minlength=n_nodes)
@@ -127,7 +127,7 @@ def condense(group: BlockGroup, retained: IntArray) -> CondensedBlock:
     def visit(elements: IntArray) -> tuple[IntArray, IntArray, FloatArray]:
         """Boundary nodes of a set of elements, their uses in it, condensed stiffness (lower)."""
         if len(elements) <= leaf:
-            pieces = _element_pieces(elements_of[elements], group.reference.of_elements(elements))
+            pieces = _element_pieces(elements_of[elements], group.element_stiffness(elements))
         else:
             pieces = [visit(half) for half in _halves(elements, elements_of, centres)]
         nodes = np.unique(np.concatenate([own for own, _, _ in pieces]))

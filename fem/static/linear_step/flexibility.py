@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 
 from fem.static.linear_step.condensation import CondensedBlock, condense
 from fem.static.linear_step.linearisation import UnheldBlocksError
-from fem.system.model import BlockGroup, rigid_motions
+from fem.system.body import Body, rigid_motions
 from geometry.machine.work import Operation, count
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
@@ -37,7 +37,7 @@ class Flexibility:
     """Rigid motions that the supports leave, rotations times ℓ; (n_free, 0 … 6)."""
 
 
-def block_motions(group: BlockGroup, nodes: IntArray) -> FloatArray:
+def block_motions(group: Body, nodes: IntArray) -> FloatArray:
     """Translations, and rotations about the mean of all nodes times ℓ, at nodes; (3 n, 6).
 
     That mean, not the mass centroid: no bit of a static answer shall hang on the density. ℓ is the
@@ -76,7 +76,7 @@ def _unresisted(stiffness: FloatArray, rigid: FloatArray) -> FloatArray:
 
 
 def flexibility_of(
-    group: BlockGroup, condensed: CondensedBlock, axes: csr_array | None, is_free: BoolArray
+    group: Body, condensed: CondensedBlock, axes: csr_array | None, is_free: BoolArray
 ) -> Flexibility:
     """Return the flexibility of a block on its retained variables.
 
@@ -120,7 +120,7 @@ class FlexibilityStore:
             self._kept[key] = make()
         return self._kept[key]
 
-    def condensed(self, group: BlockGroup, nodes: IntArray) -> CondensedBlock:
+    def condensed(self, group: Body, nodes: IntArray) -> CondensedBlock:
         """Return a block condensed on nodes (n,), sorted, and on those it was before."""
         key = content_of(group)
         before = self._condensed.get(key)
@@ -130,7 +130,7 @@ class FlexibilityStore:
         return self._condensed[key]
 
 
-def content_of(group: BlockGroup) -> bytes:
+def content_of(group: Body) -> bytes:
     """Digest of all of a block that its flexibility depends on."""
     digest = hashlib.sha256()
     for array in (group.mesh.nodes, group.mesh.connectivity):

@@ -459,7 +459,7 @@ class GridStep:
                 return at_end - at_begin
         result, system = np.empty_like(displacement), self._system
         for slot in range(system.n_slots):
-            nodes, block = system.nodes_of(slot), system.group(slot).reference
+            nodes, block = system.nodes_of(slot), system.group(slot)
             result[nodes] = block.internal_force(displacement[nodes][None])[0]
         self._known.append((displacement, result))
         return result

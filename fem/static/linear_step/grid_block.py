@@ -21,7 +21,7 @@ from fem.element.functions import TensorPoints, gauss_functions
 from fem.element.lagrange import Lagrange
 from fem.element.material import Material
 from fem.static.linear_step.columns import ColumnBlock, flexible_block
-from fem.system.model import rigid_motions
+from fem.system.body import rigid_motions
 from geometry.mesh import CUBE, FloatArray, HexMesh, IntArray, structured_hexahedra
 
 #: Sides of a grid by direction and end: the lower and the upper one first, then the ends round it.

@@ -12,7 +12,7 @@ from scipy.sparse import coo_array, csr_array
 from fem.static.linear_step.condensation import CondensedBlock
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.linear_step.linearisation import SparseSolver, SparseStep
-from fem.system.model import BlockGroup
+from fem.system.body import Body
 from fem.system.system import System, at_share
 from geometry.machine.work import Operation, count
 from geometry.mesh import FloatArray, IntArray
@@ -88,7 +88,7 @@ def is_smaller(system: System) -> bool:
     return entries < 0.0
 
 
-def _touched(system: System) -> list[tuple[BlockGroup, IntArray, int]]:
+def _touched(system: System) -> list[tuple[Body, IntArray, int]]:
     """Groups, nodes of points and supports of any of their blocks, and number of these."""
     touched = np.unique(np.append(system.points.rows, system.held.nodes))
     ends = np.searchsorted(touched, system.node_start)

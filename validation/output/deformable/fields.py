@@ -19,8 +19,8 @@ from fem.stresses.recovery import (
     moved_bodies,
     recover,
 )
+from fem.system.body import Body
 from fem.system.build import DeformableAssembly
-from fem.system.model import BlockGroup
 from geometry.files.mesh_io import write_hex_mesh, write_lagrange_cells
 from geometry.machine.system import write_whole
 from geometry.mesh import FloatArray, HexMesh
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from fem.solution import Solution
 
 
-def groups_mesh(groups: Sequence[BlockGroup]) -> HexMesh:
+def groups_mesh(groups: Sequence[Body]) -> HexMesh:
     """All copies of all groups as one mesh, undeformed, world axes."""
     nodes, elements, offset = [], [], 0
     for group in groups:
@@ -62,7 +62,7 @@ def field_data(
 
 def write_curved(
     path: Path,
-    groups: Sequence[BlockGroup],
+    groups: Sequence[Body],
     displacements: Sequence[FloatArray],
     owners: Mapping[str, NDArray[np.int32]],
     *,
@@ -87,7 +87,7 @@ def write_curved(
 
 def write_fields(
     path: Path,
-    groups: Sequence[BlockGroup],
+    groups: Sequence[Body],
     displacements: Sequence[FloatArray],
     *,
     finite_rotation: bool,
@@ -126,9 +126,7 @@ def write_solution(found: Solution, path: Path) -> None:
     )
 
 
-def point_data(
-    groups: Sequence[BlockGroup], recovered: Sequence[Recovered]
-) -> dict[str, NDArray[Any]]:
+def point_data(groups: Sequence[Body], recovered: Sequence[Recovered]) -> dict[str, NDArray[Any]]:
     """Principal stresses at the integration points of each element, (n_elements, n_points)."""
     rows = [
         result.point_principal.reshape(group.n_copies * group.mesh.n_elements, -1, 3)
