@@ -117,8 +117,9 @@ class Classification:
             )
         if isinstance(certificate, Mechanism):
             return (
-                "mechanism δq, smallest gap rate min Gᵀδq = "
-                f"{certificate.smallest_gap_rate:.1e}, work fᵀδq/‖f‖ = {certificate.work:.3g}"
+                "a motion that closes no joint (smallest gap rate "
+                f"{certificate.smallest_gap_rate:.1e}); work of the load on it, over its size: "
+                f"{certificate.work:.3g}"
             )
         return "none"
 

@@ -7,6 +7,7 @@ import io
 import json
 import re
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO, get_args, get_origin
@@ -53,11 +54,13 @@ def run_command(command: Callable[[], object]) -> None:
     What cannot be printed ends no command (`LastingOutput`): its files are written, and
     the exit status tells.
     """
+    start = time.monotonic()
     try:
         with lasting_output() as output:
             status = _status(command)
-    except KeyboardInterrupt:
-        _stop("interrupted", INTERRUPTED)
+    except KeyboardInterrupt as stop:
+        kept = stop.args[0] if stop.args else "nothing was saved"
+        _stop(f"stopped after {time.monotonic() - start:.0f} s: {kept}", INTERRUPTED)
     failure = None if output is None else output.failure
     if isinstance(failure, BrokenPipeError):
         status = status or READER_GONE
@@ -89,9 +92,17 @@ def _status(command: Callable[[], object]) -> int | str | None:
         )
     except SystemExit as end:
         if end.code == INTERRUPTED:  # typer has caught it
-            _stop("interrupted", INTERRUPTED)
+            raise _behind(end) from None
         return end.code
     return None
+
+
+def _behind(end: SystemExit) -> KeyboardInterrupt:
+    """Interruption that ended a command; its words are what was saved."""
+    error: BaseException | None = end
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error or KeyboardInterrupt()
 
 
 # ---------------------------------------------------------------------------------------------

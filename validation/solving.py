@@ -70,7 +70,10 @@ def solve(
         answer = deformable_answer(case, follower, otherwise=otherwise)
         run = answer.details.explicit
         if checkpoint is None and run is not None and run.status == "interrupted":
-            raise KeyboardInterrupt(f"stopped at step {run.n_steps}: no checkpoint was written")
+            raise KeyboardInterrupt(
+                f"{run.n_steps} time steps were done; no checkpoint was written: -o names a folder "
+                "for one"
+            )
         answer = _with_cell_error(case, answer)
     return replace(answer, case=case)
 

@@ -1,8 +1,8 @@
 """How wide the set of answers with friction is.
 
-Forces and displacements under the same load depend on the path to it. One end is the state that
-the load reaches straight up; the other one is sought by loading past by half and coming back,
-which turns the slips at all joints that slide around. Both are solved by the static solver on a
+Forces and displacements under the same load depend on the load path. One bound is the state of
+monotonic loading; the other is sought by overload to 150 % and unload, which reverses the slip of
+all joints that slide. Both are solved by the static solver on a
 coarse mesh; their ratio counts.
 
 Reference: Barber, Klarbring, Ciavarella, Shakedown in frictional contact problems for the

@@ -137,7 +137,7 @@ class FrictionSet:
     """Of each measure when half as many load steps are taken, in its unit; empty where only one
     number of them was solved."""
     width: Mapping[str, float]
-    """Of each measure after the path past the load and back, relative to that straight up, less
+    """Of each measure after the overload-and-unload path, relative to the monotonic path, less
     one [-]; empty where that path has no end."""
     remark: str
     """Why there is no width, or where it was found."""

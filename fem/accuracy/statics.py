@@ -414,7 +414,7 @@ def _write_frames(
     options: StaticOptions,
     follower: _Follower,
 ) -> None:
-    """Call back with so many states on the way to the load: the answer does not depend on them.
+    """Call back with so many states of the load path: the answer does not depend on them.
 
     With friction they are those of the load steps, of which there may be fewer.
     """

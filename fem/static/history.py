@@ -2,8 +2,8 @@
 
 A stage is a problem with the loads and supports at its end. From the state before it, forces and
 prescribed displacements change in equal increments; each begins where the one before ended, with
-its slips. What is held no longer lets go at the beginning. Increments that find no equilibrium are
-halved.
+its slips. A support that ends is released at the start of its stage. Increments that do not
+converge are halved.
 """
 
 from __future__ import annotations

@@ -33,8 +33,8 @@ from geometry.mesh import FloatArray, IntArray
 
 #: Residual of a body without contact that is round-off: its equilibrium is one linear solution.
 _ROUND_OFF = 1e-6
-#: Residual of a load step on the way above which its slips are no history to go on with: what load
-#: steps are doubled for. Blocks that hardly touch yet under a hundredth of the load may not come to
+#: Residual of an intermediate load step above which its slips are no usable history: load steps are
+#: doubled then. Blocks that hardly touch yet under a hundredth of the load may not come to
 #: the tolerance, which is of all of it.
 _HISTORY = 1e-2
 #: Share of the time of all motions below which a step is cut no more.
@@ -49,7 +49,7 @@ _ON_THE_WAY = 0.02
 #: where surfaces end then come and go, and further searches lead around.
 _AROUND = 2
 _SHORTER = 0.9
-#: Searches on the way of blocks that nothing holds, for each joint that they find.
+#: Searches along the motion of loose blocks, for each joint that they find.
 _MAX_TRIES = 2
 
 
@@ -91,7 +91,7 @@ class StaticOptions:
     """With friction the parts are doubled until that changes displacements and pressures by less
     [-]; None: they stay as they are, and so they do from a given start."""
     load_path: tuple[float, ...] | None = None
-    """Load factors at the ends of the load steps, the last one 1; None: straight up, in
+    """Load factors at the ends of the load steps, the last one 1; None: monotonic, in
     `load_steps` of `load_factors`."""
     keep_steps: bool = False
     """Whether the result holds the state after each of them."""

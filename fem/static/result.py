@@ -1,9 +1,9 @@
 """What a static solution is, and how much of it is due to the parts in which its load was applied.
 
-Without friction the state does not depend on the way, and the load comes at once. With friction
-it does: where a point slips first, and what pressed on it then, is history. Most of that history
-lies under small loads, where contact by an exponential law is soft and blocks still move by much
-of their way: load factors are squares of equal parts, (k/n)², so that four of them do what
+Without friction the state does not depend on the load path, and the load is applied at once. With
+friction it does: where a point slips first, and under which pressure, is history. Most of that
+history lies under small loads, where contact by an exponential law is soft and blocks make most of
+their motion: load factors are squares of equal parts, (k/n)², so that four of them do what
 sixteen equal ones did. Twice as many parts show the error of the first half (step doubling).
 """
 

@@ -145,9 +145,9 @@ def check_planes(assembly: Assembly, cut: Planes, rigid: BoolArray) -> None:
         through = among[rigid[among] & (least < -tolerance) & (most > tolerance)]
         if len(through):
             raise SectionError(
-                f"section {cut.names[k]}: the plane passes through block {through[0]}, which is "
-                "rigid and has no forces inside; expected a plane through blocks that deform or "
-                "through joints, or such blocks alone"
+                f"section {cut.names[k]}: the plane cuts block {through[0]}, which is rigid, so "
+                "there are no stresses in it; expected a plane through deformable blocks or "
+                "joints, or the `blocks` of this section, all of them deformable"
             )
 
 

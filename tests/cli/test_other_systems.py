@@ -69,7 +69,7 @@ def tubelock(*words: str, cwd: Path, env: dict[str, str]) -> subprocess.Complete
 def reported(done: subprocess.CompletedProcess[str]) -> list[str]:
     """Lines on standard error but those of progress, and of a first run while it compiles."""
     lines = done.stderr.splitlines()
-    return [n for n in lines if not (n.startswith("compiling ") or re.search(PROGRESS, n))]
+    return [n for n in lines if not ("compiling machine code" in n or re.search(PROGRESS, n))]
 
 
 #: End of a line that a run of more than two seconds prints, here or on a slower machine.

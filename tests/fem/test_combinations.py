@@ -48,7 +48,7 @@ def test_a_sector_gives_the_energies_of_the_whole(setting: str, method: str) -> 
 
 @pytest.mark.parametrize("case", ["tsb1-pipe", "tsb1-tunnel"])
 def test_explicit_friction_follows_slow_loading(case: str) -> None:
-    # What slides depends on the way to the load. The static solver in 16 load steps is within
+    # Slip depends on the load path. The static solver in 16 load steps is within
     # 1e-4 of its limit; a ramp of four periods leaves inertia of (1/4)²/4 of the slips' share of
     # the answer, a tenth: 2e-3. After a quarter of a period the pipe was 13 % off.
     friction = "effects.friction.coefficient=0.05"

@@ -1,4 +1,4 @@
-"""Other people's files: formats, names, supports, which way is up, what is wrong and its repair."""
+"""Imported files: formats, names, supports, the vertical axis, faults and their repair."""
 
 from __future__ import annotations
 

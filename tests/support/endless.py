@@ -84,7 +84,7 @@ def interrupted(process: subprocess.Popen[str]) -> str:
     os.killpg(process.pid, signal.SIGINT)
     printed, told = process.communicate()
     assert (process.returncode, printed) == (130, "")
-    assert "of 20 designs are in many.jsonl: run the same command to go on" in told
+    assert "of 20 designs are in many.jsonl; run the same command to go on" in told
     assert "Traceback" not in told
     return told
 

@@ -44,5 +44,5 @@ def main() -> None:
 
         run()
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
+        print("stopped: nothing was saved", file=sys.stderr)
         raise SystemExit(130) from None

@@ -109,7 +109,7 @@ def fem(
             line = shlex.join(["tubelock", "fem", scene, *words])
             outputs.console.print(f"for tighter error bars: {line}", soft_wrap=True)
         if answer.report["status"] == "stopped":
-            _print_resumption(answer, outputs)
+            outputs.console.print(_resumption(answer, outputs))
         elif outputs.folder is not None:
             outputs.path(CHECKPOINT).unlink(missing_ok=True)
     exit_by(answer, case.method)
@@ -144,23 +144,17 @@ def _solved(case: Case, outputs: Outputs, resume: Path | None) -> Answer:
             outputs.folder, case.scene.fem.frames, finite_rotation=turning, resumed=resumed
         )
         files = {"checkpoint": outputs.path(CHECKPOINT), "on_frame": frames}
-    try:
-        with solver_progress(case.name) as show:
-            answer = solve(case, show, resume=resume, **files)
-            show.end(answer)
-    except KeyboardInterrupt as stop:
-        if stop.args:
-            outputs.console.print(f"{stop}: -o names a folder for one")
-        raise
+    with solver_progress(case.name) as show:
+        answer = solve(case, show, resume=resume, **files)
+        show.end(answer)
     if answer.report["status"] == "interrupted":
-        _print_resumption(answer, outputs)
-        raise KeyboardInterrupt
+        raise KeyboardInterrupt(_resumption(answer, outputs))
     return answer
 
 
-def _print_resumption(answer: Answer, outputs: Outputs) -> None:
-    """Print how a run that was cut short continues."""
+def _resumption(answer: Answer, outputs: Outputs) -> str:
+    """How a run that was cut short continues."""
     how = "no checkpoint was written: -o names a folder for one"
     if outputs.folder is not None:
         how = f"continue with --resume {outputs.path(CHECKPOINT)}"
-    outputs.console.print(f"stopped at step {answer.report['n_steps']}: {how}")
+    return f"{answer.report['n_steps']} time steps are done; {how}"

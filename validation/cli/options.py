@@ -242,7 +242,7 @@ def exit_by(answer: Answer, method: Method) -> None:
     run = answer.details.explicit
     stopped_by = answer.report.get("work", {}).get("stopped_by")
     if stopped_by == "interrupt" or (run is not None and run.status == "interrupted"):
-        raise KeyboardInterrupt
+        raise KeyboardInterrupt("the files have what was computed until then")
     missed = isinstance(method, Static) and method.accuracy and not_reached(answer)
     if missed or not answer.details.reached or (run is not None and run.status == "stopped"):
         raise typer.Exit(NOT_REACHED)

@@ -96,6 +96,9 @@ class Outputs:
         trace: TracebackType | None,
     ) -> None:
         self._open.__exit__(kind, error, trace)
+        keeps_rows = self.stores or any(name.endswith(".jsonl") for name in self.names)
+        if isinstance(error, KeyboardInterrupt) and not error.args and keeps_rows:
+            error.args = ("finished rows are kept; run the same command to go on",)
         if self.exit_line and kind is None:
             self.console.print(f"{'process':9} {process_words()}")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -86,9 +85,11 @@ class Expected:
         if expected < _SHORT or not changed or not measured:
             return ""
         self._told, count = expected, len(self._seconds)
-        which = "the first one took" if count == 1 else f"the median of {count} is"
-        words = f"expected: {duration_words(expected)} of CPU time for {self._total} designs ("
-        words += f"{which} {duration_words(usual)})"
+        words = f"about {duration_words(expected)} of CPU time for {self._total} designs"
+        if count == 1:
+            words += f", often less: the first one took {duration_words(usual)}"
+        else:
+            words += f": half of {count} took less than {duration_words(usual)} each"
         if expected > LONG:
             words += "; Ctrl-C stops it and keeps all rows, and the same command continues"
         return words
@@ -99,12 +100,11 @@ def goes_on(results: StudyRows) -> Iterator[None]:
     """Print how to continue where a sweep is interrupted."""
     try:
         yield
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         total, _ = results.counts()
-        print(
-            f"{total} of {results.study.n_designs} designs are in {results.path}: "
+        stop.args = (
+            f"{total} of {results.study.n_designs} designs are in {results.path}; "
             "run the same command to go on",
-            file=sys.stderr,
         )
         raise
 

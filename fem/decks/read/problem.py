@@ -270,13 +270,13 @@ def _note_steps(model: ModelLines, steps: tuple[Step, ...], problem: Problem) ->
         )
     if problem.after is not None:
         model.note(
-            f"steps: the way to the end in {len(problem.stages)} stages, each from the state and "
+            f"steps: the load path in {len(problem.stages)} stages, each from the state and "
             "the slips of the one before"
         )
     elif len(steps) > 1:
         model.note(
             f"steps: the state at the end of step {len(steps)}; without friction it does not "
-            "depend on the way there"
+            "depend on the load path"
         )
 
 

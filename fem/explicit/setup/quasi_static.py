@@ -198,7 +198,7 @@ class RecommendedTimes:
 def recommended_times(system: System, *, damped: bool, closing: bool = False) -> RecommendedTimes:
     """Recommend times from the lowest frequency of rigid blocks on their contacts.
 
-    With friction the static state depends on the way there: the ramp is slower then.
+    With friction the static state depends on the load path: the ramp is slower then.
 
     Parameters
     ----------
