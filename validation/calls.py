@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -157,8 +158,6 @@ def cost(
     InputError
         A scene that no method can solve.
     """
-    from tempfile import TemporaryDirectory
-
     from validation.study.costs.plan import full_plan, quick_plan, require_cost_scene
     from validation.study.costs.study import run_cost
     from validation.study.rowfile import RowFile
@@ -166,8 +165,7 @@ def cost(
     file = _case(case, settings)
     checked = require_cost_scene(file.scene, file.name)
     plan = (quick_plan if quick else full_plan)(file.name, checked, others=False)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "cost.jsonl" if store is None else Path(store)
+    with _store(store) as path:
         return run_cost(file.name, checked, plan, RowFile(path))
 
 
@@ -206,7 +204,9 @@ class SweepResult:
     study: Study
     """What was requested."""
     table: str
-    """Designs and measures as `tubelock sweep` prints them."""
+    """Designs and measures as `tubelock sweep` prints them, and the verdict on them."""
+    judged: tuple[dict[str, Any], ...] = ()
+    """With ``judge`` rows of deformable blocks: best and worst design by rigid ones."""
 
     def plot(self, parameter: str, measure: str) -> Any:
         """Draw a measure against a parameter, one curve for each combination of the others.
@@ -240,6 +240,7 @@ def sweep(
     accuracy: float | None = None,
     store: str | Path | None = None,
     workers: int = 1,
+    judge: bool = False,
 ) -> SweepResult:
     """Compute a scene with every combination of some values; what a store holds is not repeated.
 
@@ -261,27 +262,66 @@ def sweep(
     store
         File of the results (JSON lines), which a later call goes on with; None: nothing is kept.
     workers
-        Processes.
+        Processes; 1: this one.
+    judge
+        Solve the best and the worst design of rigid blocks with deformable ones too.
 
     Raises
     ------
     InputError
         Parameters that a scene does not have, or a store that is no file of results.
     """
+    from functools import partial
     from io import StringIO
-    from tempfile import TemporaryDirectory
     from time import perf_counter
 
     from validation.output.console import plain_console
-    from validation.study.judge import doubt
+    from validation.study import judge as judges
     from validation.study.report import print_table, summary
     from validation.study.rowfile import StudyRows
-    from validation.study.run import LocalRunner
+    from validation.study.run import runner_for
     from validation.study.run import sweep as run_study
-    from validation.study.study import check_study
 
     if callable(case):
-        return _swept(case, parameters, method, store)
+        study = _study_of_function(case, parameters, method, store, workers)
+    else:
+        study = _study_of_scene(case, parameters, settings, quantity, accuracy)
+    with _store(store) as path:
+        results, start = StudyRows(path, study), perf_counter()
+        runner = partial(runner_for, workers=workers)
+        tally = run_study(results, runner(study))
+        reported = summary(results, tally, perf_counter() - start)
+        print_table(results, console := plain_console(table := StringIO()))
+        judged: tuple[dict[str, Any], ...] = ()
+        if judge:
+            judgement = judges.judge(results, runner)
+            judgement.print(console)
+            judged = judgement.rows
+        else:
+            console.print(judges.doubt(results), end="")
+        rows = tuple(results.rows())
+        return SweepResult(rows, reported, study, table.getvalue().rstrip(), judged)
+
+
+@contextmanager
+def _store(path: str | Path | None) -> Iterator[Path]:
+    """File of rows: the one that is named, or one that goes at the end."""
+    from tempfile import TemporaryDirectory
+
+    with TemporaryDirectory() as folder:
+        yield Path(folder) / "rows.jsonl" if path is None else Path(path)
+
+
+def _study_of_scene(
+    case: str | Path | Case,
+    parameters: Mapping[str, Sequence[Any]],
+    settings: Settings,
+    quantity: str,
+    accuracy: float | None,
+) -> Study:
+    """Study of a scene, as its file would state it."""
+    from validation.study.study import check_study
+
     data: dict[str, Any] = {
         "scene": str(case) if isinstance(case, str | Path) else _case(case, ()).keys,
         "quantity": quantity,
@@ -289,15 +329,7 @@ def sweep(
     }
     if accuracy is not None:
         data["accuracy"] = accuracy
-    study = check_study(data, "sweep", None, settings_words(settings))
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "sweep.jsonl" if store is None else Path(store)
-        results, start = StudyRows(path, study), perf_counter()
-        tally = run_study(results, LocalRunner(study, workers))
-        reported = summary(results, tally, perf_counter() - start)
-        print_table(results, console := plain_console(table := StringIO()))
-        console.print(doubt(results), end="")
-        return SweepResult(tuple(results.rows()), reported, study, table.getvalue().rstrip())
+    return check_study(data, "sweep", None, settings_words(settings))
 
 
 def _listed(values: Any) -> Any:
@@ -307,25 +339,26 @@ def _listed(values: Any) -> Any:
     return values.tolist() if hasattr(values, "tolist") else list(values)
 
 
-def _swept(
+def _study_of_function(
     make: Callable[..., Problem],
     parameters: Mapping[str, Sequence[Any]],
     method: Method | None,
     store: str | Path | None,
-) -> SweepResult:
-    """Sweep over the problems of a function."""
-    from validation.study.functions import sweep_function
+    workers: int,
+) -> Study:
+    """Study of the problems of a function."""
+    from mbd.options import Rigid
+    from validation.study.functions import FunctionStudy
 
-    if method is None or store is not None:
+    if method is None or store is not None or workers != 1:
         raise InputError(
             "sweep: a function makes problems, which have no method and no keys to store rows by; "
-            "expected method=Rigid() or Static(), and no store"
+            "expected method=Rigid() or Static(), no store, and one worker"
         )
-    study, rows = sweep_function(make, parameters, method)
-    failed = sum(row["status"] == "failed" for row in rows)
-    spent = sum(row["cpu_seconds"] for row in rows)
-    reported = {"n_designs": len(rows), "n_failed": failed, "cpu_seconds": spent}
-    return SweepResult(tuple(rows), reported, study, "\n".join(map(str, rows)))
+    stated = tuple((key, tuple(_listed(values))) for key, values in parameters.items())
+    name = getattr(make, "__name__", "function")
+    kind: Literal["rigid", "fem"] = "rigid" if isinstance(method, Rigid) else "fem"
+    return FunctionStudy(name, kind, stated, make=make, method=method)
 
 
 def sensitivity(
@@ -387,7 +420,7 @@ def optimise(
     InputError
         A search that is not stated well, or no design that meets its limits.
     """
-    from tempfile import TemporaryDirectory
+    from functools import partial
 
     from validation.study.optimisation import report, statement
     from validation.study.run import runner_for
@@ -396,6 +429,5 @@ def optimise(
         checked = statement.check_optimisation(stated)
     else:
         checked = statement.load_optimisation(str(stated))
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "search.jsonl" if store is None else Path(store)
-        return report.optimise(checked, path, lambda study: runner_for(study, workers))
+    with _store(store) as path:
+        return report.optimise(checked, path, partial(runner_for, workers=workers))

@@ -14,7 +14,6 @@ from fem import Explicit, Problem, Static, concrete, solve_explicit, solve_stati
 from geometry import Answer, SineBlock, pipe, tube
 from mbd import Rigid, analyse
 from tests.fixtures.commands import small_meshes
-from tests.study.designs import Here
 from validation import compare, cost, load_case, plot, read_answer, sweep, write
 
 COARSE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 2}
@@ -198,8 +197,7 @@ def test_a_sweep_is_a_call(tmp_path: Path) -> None:
     ]
 
 
-def test_a_function_that_makes_problems_is_swept_as_a_scene_is(monkeypatch) -> None:
-    monkeypatch.setattr("validation.study.run.LocalRunner", lambda study, _: Here(study))
+def test_a_function_that_makes_problems_is_swept_as_a_scene_is() -> None:
     block = SineBlock(
         height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
     )
@@ -218,6 +216,10 @@ def test_a_function_that_makes_problems_is_swept_as_a_scene_is(monkeypatch) -> N
     assert curve.lines[0].get_xydata().tolist() == [
         [row["amplitude"], row["p_max"]] for row in of_function.rows
     ]
+    # Both go through one study: the same columns, printed in the same table.
+    kept = {"number", "status", "message", "cpu_seconds", "amplitude", "block.amplitude"}
+    assert set(of_function.rows[0]) - kept == set(of_scene.rows[0]) - kept
+    assert all(f"{row['p_max']:.5g}" in repr(of_function) for row in of_function.rows)
     (failed,) = sweep(made, {"amplitude": [-1.0]}, method=Rigid()).rows
     assert failed["status"] == "failed"
     with pytest.raises(ValueError, match="expected method"):

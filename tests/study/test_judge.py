@@ -49,6 +49,12 @@ def test_the_judge_prints_the_answers_of_deformable_blocks(tmp_path) -> None:
         case = load_case("tsb1-tunnel", SETTINGS | {"load.pressure": pressure})
         assert f"{solve(case)['p_max'].value:.5g}" in printed
     assert "deformable blocks: the same order" in printed
+    # The same door in Python, on the same rows.
+    values = {"load.pressure": [0.012, 0.01]}
+    study = sweep("tsb1-tunnel", values, SETTINGS, store=store, judge=True)
+    assert [row["load.pressure"] for row in study.judged] == [0.01, 0.012]
+    assert "deformable blocks: the same order" in repr(study)
+    assert study.summary["this_run"]["computed"] == 0
 
 
 def test_a_judge_needs_two_designs_of_rigid_blocks(tmp_path) -> None:

@@ -19,7 +19,7 @@ from validation import InputError
 from validation.study import rowfile
 from validation.study.rowfile import RowFile, StudyRows, write_csv
 from validation.study.run import sweep
-from validation.study.study import Study, check_study, content_digest, load_study
+from validation.study.study import SceneStudy, Study, check_study, content_digest, load_study
 
 pytestmark = pytest.mark.quick
 
@@ -281,10 +281,10 @@ def test_another_mesh_file_is_another_question(tmp_path, monkeypatch) -> None:
     """A study of own blocks asks anew where the file of a block has other content."""
     monkeypatch.chdir(tmp_path)
     scene = {"block": {"type": "mesh"}, "parts": [{"file": "block.stl"}]}
-    study = Study("own", "rigid", scene, (("effects.friction", (0.5,)),))
+    study = SceneStudy("own", "rigid", (("effects.friction", (0.5,)),), scene)
     digests = set()
     for text in ("one", "one", "two"):
         Path("block.stl").write_text(text)
-        fresh = Study(study.name, study.quantity, study.scene, study.parameters)
+        fresh = SceneStudy(study.name, study.quantity, study.parameters, study.scene)
         digests.add(fresh.digest)
     assert len(digests) == 2

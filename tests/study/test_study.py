@@ -25,7 +25,6 @@ import pytest
 from tests.study.designs import WALLS, Here, content
 from tests.support import endless
 from validation import InputError
-from validation.study import run as study_run
 from validation.study.design import Row, run_design
 from validation.study.rowfile import StudyRows, write_csv
 from validation.study.run import DaskRunner, LocalRunner, sweep
@@ -422,7 +421,7 @@ def test_a_script_without_a_main_guard_sweeps(tmp_path) -> None:
     script.write_text(
         "from validation import load_case, sweep\n"
         'wall = load_case("brick-stack", {"mesh.divisions": [2, 1, 1], "assembly.layers": 1})\n'
-        'study = sweep(wall, {"load.pressure": [0.01, 0.02]})\n'
+        'study = sweep(wall, {"load.pressure": [0.01, 0.02]}, workers=2)\n'
         'print([row["status"] for row in study.rows], __file__)\n'
     )
     ran = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True)
@@ -517,9 +516,8 @@ def scheduler_address(path: Path) -> str:
 # Command line
 
 
-def test_sweep_on_the_command_line(walls, reference, tmp_path, monkeypatch, tubelock) -> None:
-    monkeypatch.setattr(study_run, "LocalRunner", lambda study, _: Here(study))
-    status, out, _ = tubelock("sweep", "walls.toml", "--json", "-")
+def test_sweep_on_the_command_line(walls, reference, tmp_path, tubelock) -> None:
+    status, out, _ = tubelock("sweep", "walls.toml", "--workers", "1", "--json", "-")
     assert status == 0
     data = json.loads(out)
     assert data["n_designs"] == data["n_rows"] == len(data["rows"]) == 16

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -20,10 +21,6 @@ from validation.cli.options import (
     scene_outputs,
 )
 from validation.errors import InputError
-
-if TYPE_CHECKING:
-    from validation.study.run import Runner
-    from validation.study.study import Study
 
 
 def sweep(
@@ -103,11 +100,7 @@ def sweep(
         # A lost scheduler is told in one line of ours, not in a page of its client's.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
 
-        def runner(of: Study) -> Runner:
-            if scheduler is not None:
-                return runs.DaskRunner(of, scheduler)
-            return runs.LocalRunner(of, workers)
-
+        runner = partial(runs.runner_for, workers=workers, scheduler=scheduler)
         results = StudyRows(path, stated)
         if rows is not None:
             results.take(rows)
@@ -120,7 +113,7 @@ def sweep(
         summary = report.summary(results, tally, time.perf_counter() - start)
         report.print_table(results, outputs.console)
         if judged:
-            judge(results, runner, outputs.console)
+            judge(results, runner).print(outputs.console)
         elif words := doubt(results):
             outputs.console.print(words)
         if picture is not None:
@@ -224,10 +217,7 @@ def optimise(
     path = Path("out") / f"{stated.study.name}.jsonl" if output is None else output
     picture = path.with_suffix(".png")
     stores = {"-o": path}
-
-    def runner(study: Study) -> Runner:
-        return runner_for(study, workers, scheduler)
-
+    runner = partial(runner_for, workers=workers, scheduler=scheduler)
     with Outputs(json, files={"picture": picture}, stores=stores, reads=stated.study.reads) as out:
         with following(stated.study.name) as follow:
             result = report.optimise(stated, path, runner, follow)

@@ -26,8 +26,8 @@ from validation.paper.reading import MESH_OF_TABLES, SharedTubes, solve_row
 from validation.solving import solve
 from validation.study.report import sweep_progress
 from validation.study.rowfile import StudyRows
-from validation.study.run import LocalRunner, sweep
-from validation.study.study import Study, load_study
+from validation.study.run import runner_for, sweep
+from validation.study.study import SceneStudy, load_study
 
 if TYPE_CHECKING:
     from geometry.answer import Answer
@@ -94,6 +94,7 @@ def read_table(results: StudyRows) -> StudyTable:
             "remove the file or use `tubelock sweep --retry-failed`"
         )
     values = dict(results.study.parameters)
+    assert isinstance(results.study, SceneStudy)
     mesh = results.study.scene_file(0).scene.model_dump()["mesh"]
     words = f"{mesh['around']} × {mesh['radial']} × {mesh['axial']}"
     return StudyTable(rows, tuple(tuple(values[path]) for path in PATHS), words)
@@ -142,11 +143,11 @@ class Evidence:
 
     def _swept(self, built_in: str, words: str) -> StudyTable:
         """Rows of a built-in study, computed where the result file lacks them."""
-        study: Study = load_study(built_in, ["mesh.radial=24"] if self.full else [])
+        study = load_study(built_in, ["mesh.radial=24"] if self.full else [])
         name = f"{built_in}{'-full' if self.full else ''}.jsonl"
         results = StudyRows(self.folder / name, study)
         with sweep_progress(results) as show:
-            sweep(results, LocalRunner(study, self.workers), on_row=show)
+            sweep(results, runner_for(study, self.workers), on_row=show)
         table = read_table(results)
         self.cpu_seconds[words] = table.cpu_seconds
         return table

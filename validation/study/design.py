@@ -7,17 +7,14 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import isnan
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from geometry.parts.dimensions import dimensions
 from mbd.options import Rigid
 from validation.case import Case
 from validation.errors import InputError
 from validation.scene.keys.idle import is_idle
-from validation.study.study import BUILT, COLUMNS, RANKING, Study, Value
-
-if TYPE_CHECKING:
-    from geometry.answer import Answer
+from validation.study.study import BUILT, COLUMNS, RANKING, SceneStudy, Study, Value
 
 
 @dataclass(frozen=True)
@@ -60,12 +57,7 @@ def run_design(study: Study, number: int) -> Row:
     start = clock()
     failure, results, remarks = "", dict[str, Any](), list[str]()
     try:
-        file = study.scene_file(number)
-        if rigid:
-            results = _rigid_results(file.with_method("rigid"))
-        else:
-            results, remarks = _fem_results(study, file)
-        remarks += [f"{key}: not used by this method" for key in idle_parameters(study, file)]
+        results, remarks = study.results(number)
     except Exception as error:
         words = " ".join(str(error).split()).removeprefix(f"{study.name}[{number}]: ")
         words = words or "no message"
@@ -81,7 +73,7 @@ def run_design(study: Study, number: int) -> Row:
     )
 
 
-def idle_parameters(study: Study, file: Case) -> list[str]:
+def idle_parameters(study: SceneStudy, file: Case) -> list[str]:
     """Parameters on which no answer of a design's method depends."""
     method = "rigid" if study.quantity == "rigid" else file.method.name
     none = {f"rigid.{name}" for name in _NO_COLUMN} if method == "rigid" else set()
@@ -89,13 +81,12 @@ def idle_parameters(study: Study, file: Case) -> list[str]:
     return [path for path in paths if path in none or is_idle(path, file.scene, method)]
 
 
-def refuse_idle_parameters(study: Study) -> None:
+def refuse_idle_parameters(study: SceneStudy) -> None:
     """Refuse a rigid study that varies what no rigid answer depends on: its rows would be equal."""
     if study.quantity != "rigid":
         return
-    varied = {path for path, values in study.parameters if len(values) > 1}
     try:
-        idle = varied.intersection(idle_parameters(study, study.scene_file(0)))
+        idle = set(study.varied).intersection(study.idle_parameters())
     except ValueError:
         return  # a design that cannot be computed says nothing; its row will say why
     if idle:
@@ -114,13 +105,14 @@ def failed_row(study: Study, number: int, message: str) -> Row:
 _NO_COLUMN = ("collapse", "sliding", "ranges", "margin")
 
 
-def _rigid_results(file: Case) -> dict[str, Any]:
+def rigid_results(case: Case) -> dict[str, Any]:
+    """Results of rigid blocks by the names of `COLUMNS`, and nothing that no column has."""
     from validation.solving import repeatable, solve
 
-    assert isinstance(file.method, Rigid)
+    case = case if isinstance(case.method, Rigid) else case.with_method("rigid")
+    assert isinstance(case.method, Rigid)
     idle: dict[str, Any] = dict.fromkeys(_NO_COLUMN, False)
-    method = replace(file.method, **idle)
-    answer = repeatable(solve(file.with_method(method)))
+    answer = repeatable(solve(case.with_method(replace(case.method, **idle))))
     result, friction = answer.details, answer.details.friction
     # With friction the forces and the verdict are those with it: a load that is carried only if
     # joints were pressed beforehand is not in equilibrium by itself.
@@ -133,9 +125,8 @@ def _rigid_results(file: Case) -> dict[str, Any]:
         "iterations": result.equilibrium.iterations,
         **_built(dimensions(result.blocks).as_json()),
     }
-    if file.scene.material.compressive_strength is not None:
-        crushing = answer.measures.get("crushing_factor")
-        found["crushing_factor"] = None if crushing is None else crushing.value
+    if "crushing_factor" in answer.measures:
+        found["crushing_factor"] = answer["crushing_factor"].value
     measures = result.shown_measures
     names = ("effective_count_percent", "effective_area_percent", "p_eff", "p_eff_pooled", "p_max")
     for name in names:
@@ -148,30 +139,31 @@ def _built(report: Mapping[str, Any]) -> dict[str, Any]:
     return {name: report.get(name) for name in BUILT}
 
 
-def _fem_answer(study: Study, file: Case) -> Answer:
-    """Solve a design as `tubelock fem` does: on finer and finer meshes, or on its own."""
+def stated_accuracy(case: Case, accuracy: float | Mapping[str, float] | None) -> Case:
+    """Case of a scene with the error bars that a study requests; None: without what none needs."""
     from fem.accuracy.converge import TARGETS
-    from validation.solving import repeatable, solve
 
-    stated, scene = study.accuracy, file.scene
-    if isinstance(stated, float):
-        stated = dict.fromkeys(TARGETS, stated)
-    if stated:
-        scene = scene.changed({"fem.accuracy": stated})
-    elif scene.fem.method == "explicit":
-        scene = scene.changed({"fem.static_reference": False})
-    return repeatable(solve(file.stating(scene), otherwise=dict.fromkeys(TARGETS, RANKING)))
+    if isinstance(accuracy, float):
+        accuracy = dict.fromkeys(TARGETS, accuracy)
+    if accuracy:
+        return case.stating(case.scene.changed({"fem.accuracy": accuracy}))
+    if case.scene.fem.method == "explicit":
+        return case.stating(case.scene.changed({"fem.static_reference": False}))
+    return case
 
 
-def _fem_results(study: Study, file: Case) -> tuple[dict[str, Any], list[str]]:
+def fem_results(case: Case) -> tuple[dict[str, Any], list[str]]:
     """Value and error bar of each measure, and what is to be known of them.
 
-    A value that its mesh does not resolve, or that grows with every refinement, is absent.
+    Solved as `tubelock fem` does: on finer and finer meshes, or on its own. A value that its mesh
+    does not resolve, or that grows with every refinement, is absent.
     """
+    from fem.accuracy.converge import TARGETS
     from fem.accuracy.errors import AT_AN_EDGE
     from fem.accuracy.parts import Accuracy
+    from validation.solving import repeatable, solve
 
-    answer = _fem_answer(study, file)
+    answer = repeatable(solve(case, otherwise=dict.fromkeys(TARGETS, RANKING)))
     measures, result = answer.measures, dict[str, Any]()
     named: dict[str, list[str]] = {}
     for name, measure in measures.items():

@@ -1,45 +1,44 @@
-"""A sweep over problems that a function of parameters makes."""
+"""A study of the problems that a function makes of its parameters."""
 
 from __future__ import annotations
 
-import itertools
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from geometry.errors import RefusedError
+from fem.method import Static
 from mbd.options import Rigid
 from validation.case import Case, Method
-from validation.solving import repeatable, solve
-from validation.study.study import Quantity, Study
+from validation.study.study import Study
 
 if TYPE_CHECKING:
     from fem.problem import Problem
 
 
-def sweep_function(
-    make: Callable[..., Problem], parameters: Mapping[str, Sequence[Any]], method: Method
-) -> tuple[Study, list[dict[str, Any]]]:
-    """Answer ``make(**values)`` for every combination of values; the last varies fastest.
+@dataclass(frozen=True)
+class FunctionStudy(Study):
+    """Answers to ``make(**values)`` by one method.
 
-    A row has the parameters, the measures with their error bars, ``status`` and ``message``.
+    A problem has no keys by which rows could be kept: the file of its rows is of one call.
     """
-    name = getattr(make, "__name__", "function")
-    stated = tuple((key, tuple(values)) for key, values in parameters.items())
-    quantity: Quantity = "rigid" if isinstance(method, Rigid) else "fem"
-    study = Study(name=name, quantity=quantity, scene={}, parameters=stated)
-    rows = []
-    for number, chosen in enumerate(itertools.product(*(values for _, values in stated))):
-        values = dict(zip(parameters, chosen, strict=True))
-        start, row = time.process_time(), {"number": number, **values}
-        try:
-            case = Case(name=f"{name}[{number}]", stated=make(**values), method=method)
-            measures = repeatable(solve(case)).measures
-        except RefusedError as error:
-            row |= {"status": "failed", "message": str(error)}
-        else:
-            for key, measure in measures.items():
-                row |= {key: measure.value, f"{key}_error": measure.error}
-            row |= {"status": "ok", "message": ""}
-        rows.append(row | {"cpu_seconds": time.process_time() - start})
-    return study, rows
+
+    make: Callable[..., Problem] = field(kw_only=True)
+    method: Method = field(kw_only=True)
+
+    def deformable(self) -> Study:
+        """Return the same problems in their static state."""
+        return replace(self, quantity="fem", method=Static())
+
+    def content(self, number: int) -> Any:
+        """Return the values of a design."""
+        return self.design(number)
+
+    def results(self, number: int) -> tuple[dict[str, Any], list[str]]:
+        """Make a problem and answer it."""
+        from validation.study.design import fem_results, rigid_results
+
+        stated = self.make(**self.design(number))
+        case = Case(name=f"{self.name}[{number}]", stated=stated, method=self.method)
+        if isinstance(self.method, Rigid):
+            return rigid_results(case), []
+        return fem_results(case)

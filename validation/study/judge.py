@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from rich.console import Console
+from rich.table import Table
 
 from validation.errors import InputError
 from validation.output.console import tabled
@@ -33,10 +34,10 @@ def ends(rows: StudyRows) -> tuple[str, dict[str, Any], dict[str, Any]] | None:
 
 def doubt(rows: StudyRows) -> str:
     """Say where values differ by less than rigid blocks can tell; empty otherwise."""
-    found = ends(rows)
-    if found is None:
+    by_rigid = ends(rows)
+    if by_rigid is None:
         return ""
-    name, best, worst = found
+    name, best, worst = by_rigid
     if worst[name] >= TOLD[name] * best[name] > 0.0:
         return ""
     factor = worst[name] / best[name] if best[name] > 0.0 else 1.0
@@ -47,40 +48,57 @@ def doubt(rows: StudyRows) -> str:
     )
 
 
-def judge(rows: StudyRows, runner: Callable[[Study], Runner], console: Console) -> None:
-    """Solve the best and the worst design with deformable blocks; print them and their order.
+@dataclass(frozen=True)
+class Judgement:
+    """Best and worst design of rigid blocks, solved with deformable ones."""
 
-    Their rows are kept in the same file.
+    rows: tuple[dict[str, Any], ...]
+    """Of deformable blocks: best and worst design by rigid ones."""
+    table: Table
+    verdict: str
+    """Whether both kinds of blocks order them alike; empty where one has no answer."""
+
+    def print(self, console: Console) -> None:
+        """Print table and verdict."""
+        console.print(self.table)
+        if self.verdict:
+            console.print(f"deformable blocks: {self.verdict}")
+
+
+def judge(rows: StudyRows, runner: Callable[[Study], Runner]) -> Judgement:
+    """Solve the best and the worst design with deformable blocks; rows are kept in the same file.
 
     Raises
     ------
     InputError
         Rows that are not of rigid blocks, or fewer than two designs with pressures.
     """
-    found = ends(rows)
-    if found is None:
+    by_rigid = ends(rows)
+    if by_rigid is None:
         raise InputError(
             f"{rows.study.name}: --judge: got {len(rows.status)} rows of a study with quantity = "
             f'"{rows.study.quantity}"; expected two designs or more of rigid blocks with p_max'
         )
-    name, *chosen = found
-    study = replace(rows.study, quantity="fem")
-    numbers = [row["number"] for row in chosen]
-    judged = computed(StudyRows(rows.path, study), runner(study), numbers)
+    name, *chosen = by_rigid
+    study = rows.study.deformable()
+    of_rigid = {row["number"]: row[name] for row in chosen}
+    best, worst = judged = computed(StudyRows(rows.path, study), runner(study), list(of_rigid))
     columns: dict[str, Any] = {"design": cell("number")}
     columns |= {lines_of_head(study, path): cell(path) for path in study.varied}
-    of_rigid = dict(zip(numbers, (row[name] for row in chosen), strict=True))
     columns[f"{lines_of_head(study, name)}\nrigid"] = lambda row: f"{of_rigid[row['number']]:.5g}"
     columns[f"{lines_of_head(study, name)}\ndeformable"] = cell(name)
     if any(row["status"] == "failed" for row in judged):
         columns["message"] = cell("message")
     title = f"{study.name}: best and worst design of rigid blocks, solved with deformable ones"
-    console.print(tabled(title, judged, columns))
-    best, worst = judged
+    return Judgement(tuple(judged), tabled(title, judged, columns), _order(best, worst, name))
+
+
+def _order(best: Mapping[str, Any], worst: Mapping[str, Any], name: str) -> str:
+    """Whether the best of two designs is so by a measure; empty where one has no value."""
     if best[name] is None or worst[name] is None:
-        return
-    same = best[name] < worst[name]
-    words = "the same order" if same else "the other order: choose no design by this study"
+        return ""
     if overlap(best, worst, name):
-        words = "their error bars tell no order"
-    console.print(f"deformable blocks: {words}")
+        return "their error bars tell no order"
+    if best[name] < worst[name]:
+        return "the same order"
+    return "the other order: choose no design by this study"

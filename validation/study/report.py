@@ -20,7 +20,7 @@ from validation.output.console import (
 )
 from validation.output.outputs import Outputs
 from validation.output.progress import LONG, following
-from validation.study.design import Row, idle_parameters
+from validation.study.design import Row
 from validation.study.rowfile import StudyRows, write_csv
 from validation.study.run import Tally
 from validation.study.study import MEASURES, Study
@@ -195,7 +195,7 @@ def summary(results: StudyRows, tally: Tally, wall_seconds: float) -> dict[str, 
         "n_designs": results.study.n_designs,
         "n_rows": total,
         "n_failed": failed,
-        "unused_keys": idle_parameters(results.study, results.study.scene_file(0)),
+        "unused_keys": results.study.idle_parameters(),
         "this_run": {
             "computed": tally.computed,
             "workers": tally.workers,

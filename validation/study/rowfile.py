@@ -34,7 +34,7 @@ from validation.output.files import write_csv as write_table
 from validation.output.provenance import program
 from validation.scene.read import read_text
 from validation.study.design import Row
-from validation.study.study import COLUMNS, MEASURES, Study
+from validation.study.study import MEASURES, Study
 
 #: What a line begins with, and what its digest stands behind.
 _BEGIN, _DIGEST = b'{"question": "', b', "digest": "'
@@ -249,7 +249,7 @@ class StudyRows(RowFile):
     def rows(self) -> Iterator[dict[str, Any]]:
         """All rows by the names of `columns`, in the order of the designs."""
         numbers = sorted(self.status)
-        empty = dict.fromkeys(COLUMNS[self.study.quantity])
+        empty = dict.fromkeys(self.study.columns)
         for number, row in zip(numbers, self.at(map(self.study.question, numbers)), strict=True):
             yield {
                 "number": number,
@@ -265,7 +265,7 @@ class StudyRows(RowFile):
     def first_measure(self) -> str | None:
         """Return the first of the study's `MEASURES` that a row has; None where none has any."""
         measures = MEASURES[self.study.quantity]
-        has = {name for row in self.rows() for name in measures if row[name] is not None}
+        has = {name for row in self.rows() for name in measures if row.get(name) is not None}
         return next(filter(has.__contains__, measures), None)
 
     def ranked(self, most: int, *, status: str) -> list[dict[str, Any]]:

@@ -103,10 +103,15 @@ def sweep(
     return tally
 
 
-def computed(results: StudyRows, runner: Runner, numbers: Iterable[int]) -> list[dict[str, Any]]:
+def computed(
+    results: StudyRows,
+    runner: Runner,
+    numbers: Iterable[int],
+    on_row: Callable[[Row], None] | None = None,
+) -> list[dict[str, Any]]:
     """Rows of some designs, in their order; those that the result file lacks are computed."""
     numbers = list(numbers)
-    sweep(results, runner, numbers=iter(numbers))
+    sweep(results, runner, numbers=iter(numbers), on_row=on_row)
     by_number = {row["number"]: row for row in results.rows()}
     return [by_number[number] for number in numbers]
 
@@ -322,8 +327,11 @@ class DaskRunner:
         return row
 
 
-def runner_for(study: Study, workers: int = 1, scheduler: str | None = None) -> Runner:
-    """Where designs are computed: this process, several of this machine, or a Dask cluster."""
+def runner_for(study: Study, workers: int | None = 1, scheduler: str | None = None) -> Runner:
+    """Where designs are computed: this process, several of this machine, or a Dask cluster.
+
+    None: one process for each core. Rows are the same wherever they are computed.
+    """
     if scheduler is not None:
         return DaskRunner(study, scheduler)
     return SerialRunner(study) if workers == 1 else LocalRunner(study, workers)

@@ -19,13 +19,13 @@ import difflib
 import json
 import math
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from geometry.answer import EVERY_TITLE, FACTORS, TITLES, title_of
 from geometry.errors import RefusedError, unreadable
@@ -35,6 +35,9 @@ from validation.scene.builtin import builtin_text
 from validation.scene.deformable import parse_share
 from validation.scene.keys.quantities import unit_of_key
 from validation.scene.read import apply_overrides, check_scene, read_text, scene_data
+
+if TYPE_CHECKING:
+    from validation.study.design import Row
 
 Quantity = Literal["rigid", "fem"]
 Value = Any
@@ -85,29 +88,51 @@ MOST_DESIGNS, _QUICKEST_DESIGN = 10_000_000, 0.05
 
 @dataclass(frozen=True)
 class Study:
-    """A checked study."""
+    """Numbered designs, of each a row: what is asked, and how it is answered.
+
+    The base of all studies. `validation.study.run` computes rows and keeps them; tables, pictures,
+    searches, derivatives and costs read them. A kind of study states `content` and `results`.
+    """
 
     name: str
-    """Name of the built-in study or stem of the file."""
+    """Name of the built-in study, stem of the file, or name of the scene."""
     quantity: Quantity
     """``rigid`` or ``fem``."""
-    scene: Mapping[str, Any]
-    """Data of the scene, settings applied."""
     parameters: tuple[tuple[str, tuple[Value, ...]], ...]
-    """``section.key`` and its values, in the order of the file."""
-    accuracy: float | Mapping[str, float] | None = None
-    """Requested relative error bars of deformable designs [-], the same for the default measures
-    or by measure; None: `RANKING`, within a limit of work."""
-    reads: tuple[Path, ...] = ()
-    """Files that say what the study is: its own and that of its scene."""
+    """Names and values; designs are all combinations, the last one varies fastest."""
+
+    def content(self, number: int) -> Any:
+        """What a design asks, as plain data: designs of equal content have one row."""
+        raise NotImplementedError
+
+    def results(self, number: int) -> tuple[dict[str, Any], list[str]]:
+        """Answer a design: its results by name, and remarks.
+
+        Raises
+        ------
+        RefusedError
+            A design that cannot be answered.
+        """
+        raise NotImplementedError
+
+    def question(self, number: int) -> str:
+        """Digest of what a design asks, whatever its number is."""
+        return content_digest([self.digest, self.content(number)])
+
+    @cached_property
+    def digest(self) -> str:
+        """Digest of what its designs share."""
+        return content_digest([type(self).__name__, self.quantity])
 
     @property
     def title(self) -> str:
-        """Name, method, and the load where a scene states it and no design changes it."""
-        words = f"{self.name}, {'rigid' if self.quantity == 'rigid' else 'deformable'} blocks"
-        if not self.scene or any(path.startswith("load") for path, _ in self.parameters):
-            return words
-        return f"{words}: {self.scene_file(0).scene.load_words}"
+        """Name and method."""
+        return f"{self.name}, {'rigid' if self.quantity == 'rigid' else 'deformable'} blocks"
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """Results that every row has, be they None, and the kind of each: see `COLUMNS`."""
+        return COLUMNS[self.quantity]
 
     @property
     def n_designs(self) -> int:
@@ -147,16 +172,71 @@ class Study:
         return self._with_unit(words, column)
 
     def _with_unit(self, words: str, column: str) -> str:
-        unit = "s" if column == "cpu_seconds" else title_of(column.removesuffix("_error")).unit
-        if "." in column:
-            of_key = unit_of_key(self.scene_file(0).scene, column)
-            unit = "" if of_key is None else of_key.name
+        unit = self.unit_of(column)
         return f"{words} [{unit}]" if unit else words
+
+    def unit_of(self, column: str) -> str:
+        """Unit of a column; empty where it has none."""
+        return "s" if column == "cpu_seconds" else title_of(column.removesuffix("_error")).unit
 
     @property
     def varied(self) -> list[str]:
         """Parameters of more than one value, the one that varies slowest first."""
         return [path for path, values in self.parameters if len(values) > 1]
+
+    def idle_parameters(self) -> list[str]:
+        """Parameters on which no answer of its method depends."""
+        return []
+
+    def deformable(self) -> Study:
+        """Return the same designs with deformable blocks."""
+        return replace(self, quantity="fem")
+
+    def run(
+        self,
+        store: Path,
+        workers: int | None = 1,
+        *,
+        numbers: Iterable[int] | None = None,
+        on_row: Callable[[Row], None] | None = None,
+    ) -> list[dict[str, Any]]:
+        """Rows of some designs, or of all, in their order.
+
+        Those that the store, a file of rows, lacks are computed: by this process, by so many
+        others, or (None) by one for each core. ``on_row`` is called with each new one.
+        """
+        from validation.study.rowfile import StudyRows
+        from validation.study.run import computed, runner_for
+
+        chosen = range(self.n_designs) if numbers is None else numbers
+        return computed(StudyRows(store, self), runner_for(self, workers), chosen, on_row)
+
+
+@dataclass(frozen=True)
+class SceneStudy(Study):
+    """A checked study of one scene, whose parameters are keys ``section.key``."""
+
+    scene: Mapping[str, Any] = field(default_factory=dict)
+    """Data of the scene, settings applied."""
+    accuracy: float | Mapping[str, float] | None = None
+    """Requested relative error bars of deformable designs [-], the same for the default measures
+    or by measure; None: `RANKING`, within a limit of work."""
+    reads: tuple[Path, ...] = ()
+    """Files that say what the study is: its own and that of its scene."""
+
+    @property
+    def title(self) -> str:
+        """Name, method, and the load where no design changes it."""
+        if any(path.startswith("load") for path, _ in self.parameters):
+            return super().title
+        return f"{super().title}: {self.scene_file(0).scene.load_words}"
+
+    def unit_of(self, column: str) -> str:
+        """Unit of a measure or of a key; empty where it has none."""
+        if "." not in column:
+            return super().unit_of(column)
+        of_key = unit_of_key(self.scene_file(0).scene, column)
+        return "" if of_key is None else of_key.name
 
     def scene_file(self, number: int) -> Case:
         """Checked scene of a design."""
@@ -166,6 +246,29 @@ class Study:
     def _data(self, values: Mapping[str, Value]) -> dict[str, Any]:
         return apply_overrides(self.scene, _assignments(values))
 
+    def results(self, number: int) -> tuple[dict[str, Any], list[str]]:
+        """Answer a design; remarks name parameters on which it does not depend."""
+        from validation.study.design import (
+            fem_results,
+            idle_parameters,
+            rigid_results,
+            stated_accuracy,
+        )
+
+        case, remarks = self.scene_file(number), list[str]()
+        if self.quantity == "rigid":
+            results = rigid_results(case)
+        else:
+            results, remarks = fem_results(stated_accuracy(case, self.accuracy))
+        idle = [f"{key}: not used by this method" for key in idle_parameters(self, case)]
+        return results, [*remarks, *idle]
+
+    def idle_parameters(self) -> list[str]:
+        """Parameters on which no answer of its method depends."""
+        from validation.study.design import idle_parameters
+
+        return idle_parameters(self, self.scene_file(0))
+
     @cached_property
     def digest(self) -> str:
         """Digest of what its designs share: the same for equal studies, however they are written.
@@ -173,6 +276,7 @@ class Study:
         That is the scene as it is stated, without the parameters, and the files of its blocks.
         """
         keys = self.scene_file(0).keys
+        files = digests(Path(part["file"]) for part in self.scene.get("parts", ()))
         paths = [path for path, _ in self.parameters]
         for path in paths:
             *sections, key = path.split(".")
@@ -180,11 +284,7 @@ class Study:
             for name in sections:
                 section = section.get(name, {})
             section.pop(key, None)
-        files = (Path(part["file"]) for part in self.scene.get("parts", ()))
-        read = {
-            str(file): sha256(file.read_bytes()).hexdigest() for file in files if file.is_file()
-        }
-        return content_digest([self.quantity, self.accuracy, keys, sorted(paths), read])
+        return content_digest([self.quantity, self.accuracy, keys, sorted(paths), files])
 
     @cached_property
     def _texts(self) -> list[tuple[str, list[str]]]:
@@ -200,6 +300,17 @@ class Study:
         return content_digest([self.digest, *sorted(values)])
 
 
+def case_content(case: Case) -> list[Any]:
+    """What a case of a scene states: method, keys, and the files of its blocks."""
+    return [case.method.name, case.keys, digests(p for p in case.reads if p != case.source)]
+
+
+def digests(files: Iterable[Path]) -> dict[str, str]:
+    """Digests of the content of files that can be read, by their path."""
+    read = (path for path in files if path.is_file())
+    return {str(path): sha256(path.read_bytes()).hexdigest() for path in read}
+
+
 #: Equal data has equal text.
 _CANONICAL = json.JSONEncoder(sort_keys=True, default=str)
 
@@ -213,7 +324,7 @@ def content_digest(content: Any) -> str:
 # Reading
 
 
-def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
+def load_study(source: str, overrides: Iterable[str] = ()) -> SceneStudy:
     """Read and check a study: a TOML file or a built-in one.
 
     Overrides are ``section.key=value``, applied to the scene after ``[settings]``.
@@ -233,7 +344,7 @@ def load_study(source: str, overrides: Iterable[str] = ()) -> Study:
 
 def check_study(
     data: Mapping[str, Any], name: str, folder: Path | None = None, overrides: Iterable[str] = ()
-) -> Study:
+) -> SceneStudy:
     """Check a study's data; a relative scene file lies in the folder, or in the working one."""
     check_keys(name, data, ("scene", "quantity", "accuracy", "parameters", "settings"))
     scene, quantity = data.get("scene"), data.get("quantity", "rigid")
@@ -267,7 +378,7 @@ def check_study(
     base = apply_overrides(scene, [*_assignments(settings), *overrides])
     files += (Path(part["file"]) for part in base.get("parts", ()))
     reads = tuple(file for file in files if file.is_file())
-    study = Study(name, quantity, base, parameters, accuracy, reads)
+    study = SceneStudy(name, quantity, parameters, base, accuracy, reads)
     _check_count(study)
     _check_values(study)
     return study
@@ -415,7 +526,7 @@ def _check_count(study: Study) -> None:
     )
 
 
-def _check_values(study: Study) -> None:
+def _check_values(study: SceneStudy) -> None:
     """Refuse unknown parameters and values that no scene takes; combinations are tried later.
 
     Of very many values those at the ends and some between them are tried: a scene is read for each.

@@ -32,7 +32,7 @@ from validation.study.study import (
     COLUMNS,
     MEASURES,
     MOST_DESIGNS,
-    Study,
+    SceneStudy,
     check_keys,
     check_study,
     did_you_mean,
@@ -93,7 +93,7 @@ class Limit:
 class Optimisation:
     """A checked search."""
 
-    study: Study
+    study: SceneStudy
     """All designs: cases first, then variables; few of them are computed."""
     cases: tuple[str, ...]
     """Parameters over which the worst answer counts, such as ``load.case``."""
@@ -103,7 +103,7 @@ class Optimisation:
     evaluations: int
     """Designs that are computed at most, of each all cases."""
     seed: int
-    judge: Study | None
+    judge: SceneStudy | None
     """The same designs with the answer that decides; None: the search decides."""
     finalists: int
     """Designs that are computed again by `judge`."""
@@ -237,7 +237,9 @@ def _whole(place: str, value: Any, least: int) -> int:
     return value
 
 
-def _measures(name: str, given: Any, study: Study, judge: Study | None) -> tuple[str, ...]:
+def _measures(
+    name: str, given: Any, study: SceneStudy, judge: SceneStudy | None
+) -> tuple[str, ...]:
     """One or two columns that both the search and the judge have."""
     columns = [
         c
@@ -259,7 +261,7 @@ def _measures(name: str, given: Any, study: Study, judge: Study | None) -> tuple
     return tuple(measures)
 
 
-def _limits(name: str, data: Mapping[str, Any], study: Study) -> tuple[Limit, ...]:
+def _limits(name: str, data: Mapping[str, Any], study: SceneStudy) -> tuple[Limit, ...]:
     result: list[Limit] = []
     for key, given in _section(name, data, "limits").items():
         place = f"{name}: limits.{key}"
@@ -274,7 +276,7 @@ def _limits(name: str, data: Mapping[str, Any], study: Study) -> tuple[Limit, ..
     return tuple(result)
 
 
-def _castable(place: str, given: Any, study: Study) -> list[Limit]:
+def _castable(place: str, given: Any, study: SceneStudy) -> list[Limit]:
     """Limits of the scene for casting."""
     limits = study.scene_file(0).scene.limits
     stated = [
@@ -289,7 +291,7 @@ def _castable(place: str, given: Any, study: Study) -> list[Limit]:
     return [limit for limit in stated if math.isfinite(limit.least) or math.isfinite(limit.most)]
 
 
-def _bound(place: str, key: str, given: Any, study: Study) -> Limit:
+def _bound(place: str, key: str, given: Any, study: SceneStudy) -> Limit:
     columns = [
         c
         for c, kind in COLUMNS[study.quantity].items()
@@ -312,7 +314,7 @@ def _bound(place: str, key: str, given: Any, study: Study) -> Limit:
     return Limit(key, bounds.get("least", -math.inf), bounds.get("most", math.inf))
 
 
-def _require_strength(place: str, factor: str, study: Study) -> None:
+def _require_strength(place: str, factor: str, study: SceneStudy) -> None:
     strength = "tensile_strength" if factor == "cracking_factor" else "compressive_strength"
     material = study.scene_file(0).scene.material
     if getattr(material, strength) is None:
@@ -327,7 +329,7 @@ def _judge(
     stated: Mapping[str, Any],
     folder: Path | None,
     overrides: tuple[str, ...],
-) -> tuple[Study | None, int]:
+) -> tuple[SceneStudy | None, int]:
     """Study of the last few designs, and how many they are; None where the search decides.
 
     Rigid blocks do not decide: without a table of its own their search is judged all the same,
