@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from validation.study.design import run_design
 from validation.study.rowfile import read_csv
+from validation.study.run import run_design
 from validation.study.study import load_study
 
 ROWS = Path(str(resources.files("validation"))) / "studies" / "paper-480-fem.csv"

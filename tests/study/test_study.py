@@ -25,9 +25,9 @@ import pytest
 from tests.study.designs import WALLS, Here, content
 from tests.support import endless
 from validation import InputError
-from validation.study.design import Row, run_design
+from validation.study.design import Row
 from validation.study.rowfile import StudyRows, write_csv
-from validation.study.run import DaskRunner, LocalRunner, sweep
+from validation.study.run import DaskRunner, LocalRunner, run_design, sweep
 from validation.study.study import Study, check_study, load_study
 
 

@@ -81,7 +81,6 @@ def sweep(
     from validation.output.outputs import Outputs
     from validation.study import report
     from validation.study import run as runs
-    from validation.study.design import refuse_idle_parameters
     from validation.study.judge import doubt, judge
     from validation.study.picture import check_axes
     from validation.study.rowfile import StudyRows
@@ -96,7 +95,7 @@ def sweep(
     files = {"--csv": csv, "--plot": picture}
     with Outputs(json, files=files, stores={"-o": path}, reads=reads) as outputs:
         if not path.exists():
-            refuse_idle_parameters(stated)
+            stated.refuse_idle_parameters()
         # A lost scheduler is told in one line of ours, not in a page of its client's.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
 

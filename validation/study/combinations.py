@@ -16,7 +16,7 @@ from validation.errors import InputError
 from validation.output.console import add_dimensions, listing, two_columns
 from validation.output.files import write_csv
 from validation.scene.combinations import combined
-from validation.study.study import Quantity
+from validation.study.design import Quantity
 
 
 def combination_answers(

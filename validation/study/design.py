@@ -1,20 +1,53 @@
-"""One design of a study: its answer as a row."""
+"""One design of a study: the columns of its row, and its answer in them."""
 
 from __future__ import annotations
 
-import os
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import isnan
 from typing import Any, Literal
 
+from geometry.answer import FACTORS, TITLES
 from geometry.parts.dimensions import dimensions
 from mbd.options import Rigid
 from validation.case import Case
-from validation.errors import InputError
-from validation.scene.keys.idle import is_idle
-from validation.study.study import BUILT, COLUMNS, RANKING, SceneStudy, Study, Value
+
+Quantity = Literal["rigid", "fem"]
+
+#: What is built, of every design.
+BUILT = ("volume", "least_wall", "steepest_joint")
+#: Columns of each kind of answer: text, whole or real numbers.
+COLUMNS: dict[Quantity, dict[str, str]] = {
+    "rigid": {
+        "mechanism": "TEXT",
+        "equilibrium": "INTEGER",
+        "residual": "REAL",
+        "effective_count_percent": "REAL",
+        "effective_area_percent": "REAL",
+        "p_eff": "REAL",
+        "p_eff_pooled": "REAL",
+        "p_max": "REAL",
+        "crushing_factor": "REAL",
+        **dict.fromkeys(BUILT, "REAL"),
+        "n_blocks": "INTEGER",
+        "n_contacts": "INTEGER",
+        "iterations": "INTEGER",
+    },
+    "fem": {
+        **{name: "REAL" for of in (*TITLES, *FACTORS) for name in (of, f"{of}_error")},
+        **dict.fromkeys(BUILT, "REAL"),
+        "residual": "REAL",
+        "energy_balance": "REAL",
+        "n_elements": "INTEGER",
+    },
+}
+#: Numbers by which designs are ranked and drawn, the first one first: less is better.
+MEASURES: dict[Quantity, tuple[str, ...]] = {
+    "rigid": ("p_max", "p_eff", "effective_area_percent"),
+    "fem": ("p_max_point", "sigma_1_averaged", "max_displacement", "p_eff"),
+}
+#: Relative error bars of deformable designs where the study states none [-]: enough to rank them.
+RANKING = 0.1
 
 
 @dataclass(frozen=True)
@@ -28,7 +61,7 @@ class Row:
     message: str
     """Why it failed; of an answer, error bars that are wider than requested, values that are not
     to be used, and parameters on which it does not depend."""
-    parameters: dict[str, Value]
+    parameters: dict[str, Any]
     results: dict[str, Any]
     """By the names in `COLUMNS`; empty if failed."""
     cpu_seconds: float
@@ -49,60 +82,8 @@ class Row:
         return {name: getattr(self, name) for name in names} | {"results": self.results | absent}
 
 
-def run_design(study: Study, number: int) -> Row:
-    """Compute one design, counted from 0; whatever goes wrong with it becomes its message."""
-    rigid = study.quantity == "rigid"
-    # Other threads of the process may be at work on other designs; fem may use several itself.
-    clock = time.thread_time if rigid else time.process_time
-    start = clock()
-    failure, results, remarks = "", dict[str, Any](), list[str]()
-    try:
-        results, remarks = study.results(number)
-    except Exception as error:
-        words = " ".join(str(error).split()).removeprefix(f"{study.name}[{number}]: ")
-        words = words or "no message"
-        failure = words if isinstance(error, ValueError) else f"{type(error).__name__}: {words}"
-    return Row(
-        number=number,
-        status="failed" if failure else "ok",
-        message=failure or "; ".join(remarks),
-        parameters=study.design(number),
-        results=results,
-        cpu_seconds=clock() - start,
-        worker=(os.getpid(), time.process_time()),
-    )
-
-
-def idle_parameters(study: SceneStudy, file: Case) -> list[str]:
-    """Parameters on which no answer of a design's method depends."""
-    method = "rigid" if study.quantity == "rigid" else file.method.name
-    none = {f"rigid.{name}" for name in _NO_COLUMN} if method == "rigid" else set()
-    paths = [path for path, _ in study.parameters]
-    return [path for path in paths if path in none or is_idle(path, file.scene, method)]
-
-
-def refuse_idle_parameters(study: SceneStudy) -> None:
-    """Refuse a rigid study that varies what no rigid answer depends on: its rows would be equal."""
-    if study.quantity != "rigid":
-        return
-    try:
-        idle = set(study.varied).intersection(study.idle_parameters())
-    except ValueError:
-        return  # a design that cannot be computed says nothing; its row will say why
-    if idle:
-        raise InputError(
-            f"{study.name}: {', '.join(sorted(idle))}: no answer of rigid blocks depends on it, so "
-            'rows would be equal; remove it from [parameters], or ask quantity = "fem"'
-        )
-
-
-def failed_row(study: Study, number: int, message: str) -> Row:
-    """Row of a design whose process did not live to report it."""
-    return Row(number, "failed", message, study.design(number), {}, 0.0)
-
-
 #: What ``[rigid]`` can ask and no column shows.
-_NO_COLUMN = ("collapse", "sliding", "ranges", "margin")
+NO_COLUMN = ("collapse", "sliding", "ranges", "margin")
 
 
 def rigid_results(case: Case) -> dict[str, Any]:
@@ -111,7 +92,7 @@ def rigid_results(case: Case) -> dict[str, Any]:
 
     case = case if isinstance(case.method, Rigid) else case.with_method("rigid")
     assert isinstance(case.method, Rigid)
-    idle: dict[str, Any] = dict.fromkeys(_NO_COLUMN, False)
+    idle: dict[str, Any] = dict.fromkeys(NO_COLUMN, False)
     answer = repeatable(solve(case.with_method(replace(case.method, **idle))))
     result, friction = answer.details, answer.details.friction
     # With friction the forces and the verdict are those with it: a load that is carried only if

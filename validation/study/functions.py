@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from fem.method import Static
 from mbd.options import Rigid
 from validation.case import Case, Method
+from validation.study.design import fem_results, rigid_results
 from validation.study.study import Study
 
 if TYPE_CHECKING:
@@ -35,8 +36,6 @@ class FunctionStudy(Study):
 
     def results(self, number: int) -> tuple[dict[str, Any], list[str]]:
         """Make a problem and answer it."""
-        from validation.study.design import fem_results, rigid_results
-
         stated = self.make(**self.design(number))
         case = Case(name=f"{self.name}[{number}]", stated=stated, method=self.method)
         if isinstance(self.method, Rigid):

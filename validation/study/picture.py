@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from validation.errors import InputError
 from validation.output.pictures.gallery import subplots
 from validation.output.pictures.scales import OF_LINES
-from validation.study.study import COLUMNS, Study, value_text
+from validation.study.study import Study, value_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +29,7 @@ def check_axes(study: Study, parameter: str, measure: str) -> None:
             f"--plot {parameter} {measure}: {parameter} does not vary in {study.name}; expected "
             f"one of {', '.join(study.varied) or 'none'}, then a measure"
         )
-    numbers = [name for name, kind in COLUMNS[study.quantity].items() if kind != "TEXT"]
+    numbers = [name for name, kind in study.columns.items() if kind != "TEXT"]
     if measure not in numbers:
         raise InputError(
             f"--plot {parameter} {measure}: got {measure}, expected one of {', '.join(numbers)}"

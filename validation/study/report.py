@@ -20,10 +20,10 @@ from validation.output.console import (
 )
 from validation.output.outputs import Outputs
 from validation.output.progress import LONG, following
-from validation.study.design import Row
+from validation.study.design import MEASURES, Row
 from validation.study.rowfile import StudyRows, write_csv
 from validation.study.run import Tally
-from validation.study.study import MEASURES, Study
+from validation.study.study import Study
 
 #: Rows of a table in full, and rows of a longer one: best ones, and failed ones.
 _WHOLE, _BEST, _FAILED = 20, 10, 3

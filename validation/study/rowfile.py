@@ -33,8 +33,8 @@ from validation.output.files import prepare_file
 from validation.output.files import write_csv as write_table
 from validation.output.provenance import program
 from validation.scene.read import read_text
-from validation.study.design import Row
-from validation.study.study import MEASURES, Study
+from validation.study.design import MEASURES, Row
+from validation.study.study import Study
 
 #: What a line begins with, and what its digest stands behind.
 _BEGIN, _DIGEST = b'{"question": "', b', "digest": "'

@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 import threading
+import time
 import uuid
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -23,7 +24,7 @@ from typing import Any, Protocol
 
 from geometry.machine.system import available_cores, interrupts_blocked
 from validation.errors import InputError
-from validation.study.design import Row, failed_row, run_design
+from validation.study.design import Row
 from validation.study.rowfile import StudyRows
 from validation.study.study import Study
 
@@ -35,6 +36,35 @@ _WORKER_DIED = (
     "the worker process died twice on this design (killed, or out of memory); "
     "try a coarser mesh or fewer workers, then --retry-failed"
 )
+
+
+def run_design(study: Study, number: int) -> Row:
+    """Compute one design, counted from 0; whatever goes wrong with it becomes its message."""
+    rigid = study.quantity == "rigid"
+    # Other threads of the process may be at work on other designs; fem may use several itself.
+    clock = time.thread_time if rigid else time.process_time
+    start = clock()
+    failure, results, remarks = "", dict[str, Any](), list[str]()
+    try:
+        results, remarks = study.results(number)
+    except Exception as error:
+        words = " ".join(str(error).split()).removeprefix(f"{study.name}[{number}]: ")
+        words = words or "no message"
+        failure = words if isinstance(error, ValueError) else f"{type(error).__name__}: {words}"
+    return Row(
+        number=number,
+        status="failed" if failure else "ok",
+        message=failure or "; ".join(remarks),
+        parameters=study.design(number),
+        results=results,
+        cpu_seconds=clock() - start,
+        worker=(os.getpid(), time.process_time()),
+    )
+
+
+def failed_row(study: Study, number: int, message: str) -> Row:
+    """Row of a design whose process did not live to report it."""
+    return Row(number, "failed", message, study.design(number), {}, 0.0)
 
 
 class Runner(Protocol):

@@ -19,64 +19,34 @@ import difflib
 import json
 import math
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any
 
-from geometry.answer import EVERY_TITLE, FACTORS, TITLES, title_of
+from geometry.answer import EVERY_TITLE, TITLES, title_of
 from geometry.errors import RefusedError, unreadable
 from validation.case import Case, scene_case
 from validation.errors import InputError
 from validation.scene.builtin import builtin_text
 from validation.scene.deformable import parse_share
+from validation.scene.keys.idle import is_idle
 from validation.scene.keys.quantities import unit_of_key
 from validation.scene.read import apply_overrides, check_scene, read_text, scene_data
+from validation.study.design import (
+    COLUMNS,
+    NO_COLUMN,
+    Quantity,
+    fem_results,
+    rigid_results,
+    stated_accuracy,
+)
 
-if TYPE_CHECKING:
-    from validation.study.design import Row
-
-Quantity = Literal["rigid", "fem"]
 Value = Any
 """A value of a scene: number, string, boolean or a list of them."""
-
-#: What is built, of every design.
-BUILT = ("volume", "least_wall", "steepest_joint")
-#: Columns of each kind of answer: text, whole or real numbers.
-COLUMNS: dict[Quantity, dict[str, str]] = {
-    "rigid": {
-        "mechanism": "TEXT",
-        "equilibrium": "INTEGER",
-        "residual": "REAL",
-        "effective_count_percent": "REAL",
-        "effective_area_percent": "REAL",
-        "p_eff": "REAL",
-        "p_eff_pooled": "REAL",
-        "p_max": "REAL",
-        "crushing_factor": "REAL",
-        **dict.fromkeys(BUILT, "REAL"),
-        "n_blocks": "INTEGER",
-        "n_contacts": "INTEGER",
-        "iterations": "INTEGER",
-    },
-    "fem": {
-        **{name: "REAL" for of in (*TITLES, *FACTORS) for name in (of, f"{of}_error")},
-        **dict.fromkeys(BUILT, "REAL"),
-        "residual": "REAL",
-        "energy_balance": "REAL",
-        "n_elements": "INTEGER",
-    },
-}
-#: Numbers by which designs are ranked and drawn, the first one first: less is better.
-MEASURES: dict[Quantity, tuple[str, ...]] = {
-    "rigid": ("p_max", "p_eff", "effective_area_percent"),
-    "fem": ("p_max_point", "sigma_1_averaged", "max_displacement", "p_eff"),
-}
-#: Relative error bars of deformable designs where the study states none [-]: enough to rank them.
-RANKING = 0.1
 
 #: More values of one parameter than this are a slip of the pen.
 _MOST_VALUES = 100_000
@@ -192,25 +162,6 @@ class Study:
         """Return the same designs with deformable blocks."""
         return replace(self, quantity="fem")
 
-    def run(
-        self,
-        store: Path,
-        workers: int | None = 1,
-        *,
-        numbers: Iterable[int] | None = None,
-        on_row: Callable[[Row], None] | None = None,
-    ) -> list[dict[str, Any]]:
-        """Rows of some designs, or of all, in their order.
-
-        Those that the store, a file of rows, lacks are computed: by this process, by so many
-        others, or (None) by one for each core. ``on_row`` is called with each new one.
-        """
-        from validation.study.rowfile import StudyRows
-        from validation.study.run import computed, runner_for
-
-        chosen = range(self.n_designs) if numbers is None else numbers
-        return computed(StudyRows(store, self), runner_for(self, workers), chosen, on_row)
-
 
 @dataclass(frozen=True)
 class SceneStudy(Study):
@@ -248,26 +199,38 @@ class SceneStudy(Study):
 
     def results(self, number: int) -> tuple[dict[str, Any], list[str]]:
         """Answer a design; remarks name parameters on which it does not depend."""
-        from validation.study.design import (
-            fem_results,
-            idle_parameters,
-            rigid_results,
-            stated_accuracy,
-        )
-
         case, remarks = self.scene_file(number), list[str]()
         if self.quantity == "rigid":
             results = rigid_results(case)
         else:
             results, remarks = fem_results(stated_accuracy(case, self.accuracy))
-        idle = [f"{key}: not used by this method" for key in idle_parameters(self, case)]
+        idle = [f"{key}: not used by this method" for key in self._idle(case)]
         return results, [*remarks, *idle]
 
     def idle_parameters(self) -> list[str]:
         """Parameters on which no answer of its method depends."""
-        from validation.study.design import idle_parameters
+        return self._idle(self.scene_file(0))
 
-        return idle_parameters(self, self.scene_file(0))
+    def _idle(self, case: Case) -> list[str]:
+        """Those on which the answer of one design does not depend."""
+        method = "rigid" if self.quantity == "rigid" else case.method.name
+        none = {f"rigid.{name}" for name in NO_COLUMN} if method == "rigid" else set()
+        paths = [path for path, _ in self.parameters]
+        return [path for path in paths if path in none or is_idle(path, case.scene, method)]
+
+    def refuse_idle_parameters(self) -> None:
+        """Refuse to vary what no answer of rigid blocks depends on: rows would be equal."""
+        if self.quantity != "rigid":
+            return
+        try:
+            idle = set(self.varied).intersection(self.idle_parameters())
+        except ValueError:
+            return  # a design that cannot be computed says nothing; its row will say why
+        if idle:
+            raise InputError(
+                f"{self.name}: {', '.join(sorted(idle))}: no answer of rigid blocks depends on "
+                'it, so rows would be equal; remove it from [parameters], or ask quantity = "fem"'
+            )
 
     @cached_property
     def digest(self) -> str:

@@ -27,7 +27,7 @@ from validation.output.pictures.gallery import save_figure, subplots
 from validation.output.pictures.scales import BLUE, VERMILION
 from validation.scene.keys.quantities import unit_of_key
 from validation.study.combinations import answer_to
-from validation.study.study import Quantity
+from validation.study.design import Quantity
 
 Values = dict[str, Measure]
 #: Measures in the order of the table.

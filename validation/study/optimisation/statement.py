@@ -28,9 +28,8 @@ from typing import Any
 from geometry.answer import FACTORS
 from validation.errors import InputError
 from validation.scene.read import read_text
+from validation.study.design import COLUMNS, MEASURES
 from validation.study.study import (
-    COLUMNS,
-    MEASURES,
     MOST_DESIGNS,
     SceneStudy,
     check_keys,
