@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -160,12 +159,12 @@ def cost(
     """
     from validation.study.costs.plan import full_plan, quick_plan, require_cost_scene
     from validation.study.costs.study import run_cost
-    from validation.study.rowfile import RowFile
+    from validation.study.rowfile import RowFile, store_or_none
 
     file = _case(case, settings)
     checked = require_cost_scene(file.scene, file.name)
     plan = (quick_plan if quick else full_plan)(file.name, checked, others=False)
-    with _store(store) as path:
+    with store_or_none(store) as path:
         return run_cost(file.name, checked, plan, RowFile(path))
 
 
@@ -278,7 +277,7 @@ def sweep(
     from validation.output.console import plain_console
     from validation.study import judge as judges
     from validation.study.report import print_table, summary
-    from validation.study.rowfile import StudyRows
+    from validation.study.rowfile import StudyRows, store_or_none
     from validation.study.run import runner_for
     from validation.study.run import sweep as run_study
 
@@ -286,7 +285,7 @@ def sweep(
         study = _study_of_function(case, parameters, method, store, workers)
     else:
         study = _study_of_scene(case, parameters, settings, quantity, accuracy)
-    with _store(store) as path:
+    with store_or_none(store) as path:
         results, start = StudyRows(path, study), perf_counter()
         runner = partial(runner_for, workers=workers)
         tally = run_study(results, runner(study))
@@ -301,15 +300,6 @@ def sweep(
             console.print(judges.doubt(results), end="")
         rows = tuple(results.rows())
         return SweepResult(rows, reported, study, table.getvalue().rstrip(), judged)
-
-
-@contextmanager
-def _store(path: str | Path | None) -> Iterator[Path]:
-    """File of rows: the one that is named, or one that goes at the end."""
-    from tempfile import TemporaryDirectory
-
-    with TemporaryDirectory() as folder:
-        yield Path(folder) / "rows.jsonl" if path is None else Path(path)
 
 
 def _study_of_scene(
@@ -368,6 +358,8 @@ def sensitivity(
     method: Literal["rigid", "fem"] = "rigid",
     parameters: Sequence[str] | None = None,
     step: float = 0.01,
+    store: str | Path | None = None,
+    workers: int = 1,
 ) -> Sensitivity:
     """Differentiate the measures of a scene with respect to its parameters.
 
@@ -383,6 +375,10 @@ def sensitivity(
         Keys such as ``block.amplitude``; None: all numbers of block, assembly and material.
     step
         Relative step of real parameters [-].
+    store
+        File of the answers (JSON lines), which a later call goes on with; None: nothing is kept.
+    workers
+        Processes; 1: this one.
 
     Raises
     ------
@@ -390,9 +386,11 @@ def sensitivity(
         A key that is no number of the scene, or a scene without an answer.
     """
     from validation.study.optimisation.sensitivity import sensitivity_of
+    from validation.study.rowfile import store_or_none
 
     named = None if parameters is None else list(parameters)
-    return sensitivity_of(_case(case, settings), method, named, step)
+    with store_or_none(store) as path:
+        return sensitivity_of(_case(case, settings), path, method, named, step, workers=workers)
 
 
 def optimise(
@@ -423,11 +421,12 @@ def optimise(
     from functools import partial
 
     from validation.study.optimisation import report, statement
+    from validation.study.rowfile import store_or_none
     from validation.study.run import runner_for
 
     if isinstance(stated, Mapping):
         checked = statement.check_optimisation(stated)
     else:
         checked = statement.load_optimisation(str(stated))
-    with _store(store) as path:
+    with store_or_none(store) as path:
         return report.optimise(checked, path, partial(runner_for, workers=workers))

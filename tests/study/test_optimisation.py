@@ -67,6 +67,20 @@ def test_whole_numbers_and_half_waves_go_by_whole_steps() -> None:
     assert steps["block.blocks_per_layer"].derivative == pytest.approx(central, rel=1e-6)
 
 
+def test_derivatives_go_on_from_the_rows_that_are_left(tmp_path: Path) -> None:
+    """Those of half of the rows are those of a call by itself; a third call computes nothing."""
+    store = tmp_path / "rows.jsonl"
+    parameters = ["block.amplitude", "block.blocks_per_layer"]
+    first = sensitivity("tsb1-pipe", COARSE, parameters=parameters, store=store)
+    lines = store.read_bytes().splitlines(keepends=True)
+    assert len(lines) == 1 + 4 + 2  # as stated, two steps to both sides, one whole step
+    store.write_bytes(b"".join(lines[::2]) + lines[1][:40])
+    for _ in range(2):
+        again = sensitivity("tsb1-pipe", COARSE, parameters=parameters, store=store)
+        assert again == first
+        assert len(store.read_bytes().splitlines()) == len(lines) + 1  # a line was cut
+
+
 def test_a_parameter_that_is_no_number_is_rejected() -> None:
     """One line with the numbers that there are."""
     with pytest.raises(InputError, match=r"block\.type: got 'sine', expected a number"):

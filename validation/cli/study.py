@@ -156,28 +156,33 @@ def sensitivity(
         float, typer.Option(metavar="SHARE", help="Relative step of real parameters.")
     ] = 0.01,
     settings: SetOption = None,
+    workers: Annotated[int, typer.Option(metavar="N", help="Number of processes.")] = 1,
     json: JsonOption = None,
     output: Annotated[
-        Path | None, folder_option("table and picture", "out/SCENE-sensitivity")
+        Path | None, folder_option("table, picture and rows", "out/SCENE-sensitivity")
     ] = None,
 ) -> None:
     """Derivatives of the results by the parameters of a scene.
 
     Each comes with its elasticity and the error of the difference quotient.
+
+    An interrupted call goes on from its rows, in the folder of -o, with the same command.
     """
     from validation.case import load_case
     from validation.output.progress import following
     from validation.study.optimisation import sensitivity as study
+    from validation.study.rowfile import store_or_none
 
     file = load_case(scene, settings or ())
-    names = ("sensitivity.csv", "sensitivity.png")
+    names = ("sensitivity.csv", "sensitivity.png", "sensitivity.jsonl")
     with scene_outputs(file, json, output, names, ending="-sensitivity") as outputs:
-        with following(f"{file.name}: sensitivity") as tell:
-            result = study.sensitivity_of(file, method, of, step, tell)
-        result.print(outputs.console)
-        outputs.write("table", names[0], result.write)
-        outputs.write("picture", names[1], result.draw)
-        outputs.write_json(result.as_json())
+        rows = None if outputs.folder is None else outputs.path(names[2])
+        with following(f"{file.name}: sensitivity") as tell, store_or_none(rows) as path:
+            slopes = study.sensitivity_of(file, path, method, of, step, workers=workers, tell=tell)
+        slopes.print(outputs.console)
+        outputs.write("table", names[0], slopes.write)
+        outputs.write("picture", names[1], slopes.draw)
+        outputs.write_json(slopes.as_json())
 
 
 def optimise(

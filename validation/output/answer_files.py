@@ -112,7 +112,7 @@ def write_contacts(answer: Answer, path: Path) -> None:
     write_surface(path, QuadSurface(corners, np.arange(len(corners)).reshape(-1, 4)), values)
 
 
-def _measure(data: Mapping[str, Any]) -> Measure:
+def measure_of(data: Mapping[str, Any]) -> Measure:
     """Measure of its plain data; one without a number has a remark instead."""
     value = data["value"]
     return Measure(**{**data, "value": math.nan if value is None else value})
@@ -129,7 +129,7 @@ def read_answer(folder: Path) -> Answer:
             )
     try:
         data = json.loads((folder / FILES[0]).read_text("utf-8"))
-        measures = {name: _measure(result) for name, result in data.pop("measures").items()}
+        measures = {name: measure_of(result) for name, result in data.pop("measures").items()}
         title, method = data.pop("title"), data.pop("method")
         with np.load(folder / FILES[1], allow_pickle=False) as result:
             arrays = {name: result[name] for name in result.files}

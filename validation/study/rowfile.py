@@ -22,6 +22,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from io import StringIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from filelock import FileLock, Timeout
@@ -38,6 +39,13 @@ from validation.study.study import Study
 
 #: What a line begins with, and what its digest stands behind.
 _BEGIN, _DIGEST = b'{"question": "', b', "digest": "'
+
+
+@contextmanager
+def store_or_none(path: str | Path | None) -> Iterator[Path]:
+    """File of rows: the one that is named, or one that goes at the end."""
+    with TemporaryDirectory() as folder:
+        yield Path(folder) / "rows.jsonl" if path is None else Path(path)
 
 
 class RowFile:

@@ -9,8 +9,9 @@ between the quotients of both sides.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -21,13 +22,17 @@ from geometry.answer import Measure, title_of
 from geometry.errors import RefusedError
 from validation.case import Case, require_deformable
 from validation.errors import InputError
+from validation.output.answer_files import measure_of
 from validation.output.console import listing
 from validation.output.files import write_csv
 from validation.output.pictures.gallery import save_figure, subplots
 from validation.output.pictures.scales import BLUE, VERMILION
 from validation.scene.keys.quantities import unit_of_key
 from validation.study.combinations import answer_to
-from validation.study.design import Quantity
+from validation.study.design import Quantity, Row
+from validation.study.rowfile import StudyRows
+from validation.study.run import computed, runner_for
+from validation.study.study import Study, case_content, content_digest
 
 Values = dict[str, Measure]
 #: Measures in the order of the table.
@@ -220,9 +225,12 @@ def _with_error(value: float, error: float) -> str:
 
 def sensitivity_of(
     file: Case,
+    store: Path,
     method: Quantity = "rigid",
     parameters: list[str] | None = None,
     step: float = 0.01,
+    *,
+    workers: int | None = 1,
     tell: Callable[[str], None] | None = None,
 ) -> Sensitivity:
     """Differentiate the measures of a scene.
@@ -231,32 +239,124 @@ def sensitivity_of(
     ----------
     file
         The scene.
+    store
+        File of the rows: one for each answer that a difference needs.
     method
         ``rigid`` or ``fem``.
     parameters
         ``section.key`` of numbers; None: all of block, assembly and (deformable) material.
     step
         Relative step of real parameters [-]; of a value of 0 the step itself.
+    workers
+        Processes; 1: this one, None: one for each core.
     tell
-        Called with words before each answer.
+        Called with words after each answer.
     """
     if not 0.0 < step <= 0.2:
         raise InputError(f"--step {step:g}: expected a share above 0 and at most 0.2")
     chosen = _numbers_of(file, method) if parameters is None else parameters
-    for path in chosen:
-        _number(file, path)
-    if tell is not None:
-        tell("as stated")
-    base = answers_at(file, method)
+    values = {path: _number(file, path) for path in chosen}
+    nearby = _Nearby(file, method, store, workers, tell or (lambda _: None))
+    nearby.compute([_BASE, *(p for item in values.items() for p in _first_points(*item, step))])
+    base = nearby.values(_BASE)
     slopes, failed = list[Slope](), dict[str, str]()
-    for number, path in enumerate(chosen, 1):
-        if tell is not None:
-            tell(f"{path}, {number} of {len(chosen)}")
+    for path, value in values.items():
+        unit = unit_of_key(file.scene, path)
+        parameter = _Parameter(path, value, "" if unit is None else unit.name, base)
         try:
-            slopes += _slopes(file, method, path, step, base)
+            slopes += _slopes(parameter, step, nearby)
         except RefusedError as error:
             failed[path] = str(error)
     return Sensitivity(file.name, method, tuple(slopes), failed)
+
+
+#: Key, value and number of meshes, from coarse to fine, of an answer.
+Point = tuple[str, float, int]
+#: Meshes of deformable blocks, and that on which the double step is answered.
+_MESHES, _COARSE = 2, 1
+#: The scene as it is stated.
+_BASE: Point = ("", 0.0, _MESHES)
+
+
+def _small(value: float, share: float) -> float:
+    """Small step of a real value."""
+    return share * abs(value) if value else share
+
+
+def _first_points(path: str, value: float, share: float) -> list[Point]:
+    """Answers that the derivative by a number needs, where none of them is refused."""
+    if isinstance(value, int):
+        return [(path, value + sign, _MESHES) for sign in (-1, 1)]
+    step = _small(value, share)
+    near = [(path, value + sign * step, _MESHES) for sign in (-1, 1)]
+    return [*near, *((path, value + 2 * sign * step, _COARSE) for sign in (-1, 1))]
+
+
+@dataclass(frozen=True)
+class PointStudy(Study):
+    """A scene with one number changed at a time."""
+
+    case: Case = field(kw_only=True)
+
+    @cached_property
+    def digest(self) -> str:
+        """Digest of the scene and its method."""
+        return content_digest([super().digest, case_content(self.case)])
+
+    def content(self, number: int) -> Any:
+        """Return key, value and number of meshes."""
+        return self.design(number)
+
+    def results(self, number: int) -> tuple[dict[str, Any], list[str]]:
+        """Measures on each mesh."""
+        path, value, meshes = self.design(number)["point"]
+        case = self.case
+        if path:
+            name = f"{case.name}, {path} = {value:.6g}"
+            case = replace(case.stating(case.scene.changed({path: value})), name=name)
+        values = answers_at(case, self.quantity, meshes)
+        return {"meshes": [{name: m.as_json() for name, m in v.items()} for v in values]}, []
+
+
+@dataclass
+class _Nearby:
+    """Answers to a scene with one number changed: rows of a `PointStudy`."""
+
+    case: Case
+    method: Quantity
+    store: Path
+    workers: int | None
+    tell: Callable[[str], None]
+    _rows: dict[Point, dict[str, Any]] = field(default_factory=dict)
+
+    def compute(self, points: Sequence[Point]) -> None:
+        """Take rows of some points from the store, and compute those that it lacks."""
+        study = PointStudy(self.case.name, self.method, (("point", tuple(points)),), case=self.case)
+        done = 0
+
+        def follow(row: Row) -> None:
+            nonlocal done
+            done += 1
+            self.tell(f"{row.parameters['point'][0] or 'as stated'}, {done} of {len(points)}")
+
+        rows = StudyRows(self.store, study)
+        runner = runner_for(study, self.workers if len(points) > 1 else 1)
+        self._rows |= zip(points, computed(rows, runner, range(len(points)), follow), strict=True)
+
+    def values(self, point: Point) -> list[Values]:
+        """Measures at a point on its meshes.
+
+        Raises
+        ------
+        InputError
+            A point without an answer.
+        """
+        if point not in self._rows:
+            self.compute([point])
+        row = self._rows[point]
+        if row["status"] == "failed":
+            raise InputError(row["message"])
+        return [{name: measure_of(data) for name, data in mesh.items()} for mesh in row["meshes"]]
 
 
 def _numbers_of(file: Case, method: Quantity) -> list[str]:
@@ -351,46 +451,35 @@ class _Parameter:
         return Slope(*known, derivative, error, remark)
 
 
-def _slopes(
-    file: Case, method: Quantity, path: str, share: float, base: list[Values]
-) -> list[Slope]:
+def _slopes(of: _Parameter, share: float, nearby: _Nearby) -> list[Slope]:
     """Derivatives with respect to one parameter."""
-    value = _number(file, path)
-    unit = unit_of_key(file.scene, path)
-    parameter = _Parameter(path, value, "" if unit is None else unit.name, base)
-
-    def at(other: float, meshes: int = 2) -> list[Values]:
-        changed: float = round(other) if isinstance(value, int) else other
-        name = f"{file.name}, {path} = {changed:.6g}"
-        one = replace(file.stating(file.scene.changed({path: changed})), name=name)
-        return answers_at(one, method, meshes)
-
-    small = share * abs(value) if value else share
     steps: tuple[float, ...] = (1.0,)
     why: RefusedError | None = None
-    if not isinstance(value, int):
+    if not isinstance(of.value, int):
         try:
-            return _of_small_step(parameter, small, at)
+            return _of_small_step(of, _small(of.value, share), nearby)
         except RefusedError as error:
             steps, why = _WHOLE_STEPS, error
     for step in steps:
         sides: list[list[Values] | None] = []
         for sign in (-1, 1):
             try:
-                sides.append(at(value + sign * step))
+                sides.append(nearby.values((of.path, of.value + sign * step, _MESHES)))
             except RefusedError as error:
                 sides.append(None)
                 why = why or error
         if any(sides):
-            return _of_whole_step(parameter, step, sides)
-    raise why or InputError(f"{path}: no step makes a tube")
+            return _of_whole_step(of, step, sides)
+    raise why or InputError(f"{of.path}: no step makes a tube")
 
 
-def _of_small_step(of: _Parameter, step: float, at: Callable[..., list[Values]]) -> list[Slope]:
+def _of_small_step(of: _Parameter, step: float, nearby: _Nearby) -> list[Slope]:
     """Central quotients; the double step, on the coarsest mesh, bounds what the step leaves out."""
     value, base = of.value, of.base
-    low, high = at(value - step), at(value + step)
-    low2, high2 = at(value - 2 * step, 1)[0], at(value + 2 * step, 1)[0]
+    low, high = (nearby.values((of.path, value + sign * step, _MESHES)) for sign in (-1, 1))
+    (low2,), (high2,) = (
+        nearby.values((of.path, value + 2 * sign * step, _COARSE)) for sign in (-1, 1)
+    )
     result = []
     for name in _common(base, low, high):
         quotients = [
