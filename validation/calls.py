@@ -159,13 +159,13 @@ def cost(
     """
     from validation.study.costs.plan import full_plan, quick_plan, require_cost_scene
     from validation.study.costs.study import run_cost
-    from validation.study.rowfile import RowFile, store_or_none
+    from validation.study.rowfile import store_or_none
 
     file = _case(case, settings)
     checked = require_cost_scene(file.scene, file.name)
     plan = (quick_plan if quick else full_plan)(file.name, checked, others=False)
     with store_or_none(store) as path:
-        return run_cost(file.name, checked, plan, RowFile(path))
+        return run_cost(file.name, checked, plan, path)
 
 
 def _answer(answer: object) -> Answer:

@@ -54,7 +54,7 @@ from validation.study.costs.settings import (
     static_setting,
     with_setting,
 )
-from validation.study.costs.study import measurement_key
+from validation.study.costs.study import setting_study
 from validation.study.rowfile import RowFile
 
 SETTINGS = ("--set", "assembly.layers=1")
@@ -192,7 +192,7 @@ def test_a_lone_mesh_is_as_reliable_as_the_family_it_varies() -> None:
     lone = replace(plain[0], family=f"{plain[0].family}, varied")
     two = [graded(setting) for setting in plain]
     nothing: dict[str, object] = {}
-    rows = [cost.Row(setting, nothing, {}) for setting in (*plain, lone, *two)]
+    rows = [cost.CostRow(setting, nothing, {}) for setting in (*plain, lone, *two)]
     assert cost.finer_meshes(rows) == [[1], [], [1], [4], []]
 
 
@@ -282,6 +282,11 @@ def test_every_level_of_the_base_mesh_conforms(frequency: float, blocks: int) ->
 # Cache
 
 
+def question(scene: Any, base: BaseMesh, setting: CostSetting) -> str:
+    """Digest of what a measurement asks."""
+    return setting_study("a", scene, base, [setting]).question(0)
+
+
 def small_plan(scene: Any) -> CostPlan:
     settings = (
         rigid_setting(Norm.PRESSURE, 1),
@@ -315,11 +320,11 @@ def measured_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_hit_gives_the_same_bits_and_no_new_run(tmp_path, monkeypatch, measured_once) -> None:
-    scene, store = tube(), RowFile(tmp_path / "cost.jsonl")
+    scene, store = tube(), tmp_path / "cost.jsonl"
     plan = small_plan(scene)
     first = cost.run_cost("a", scene, plan, store)
     # Two of the three reference meshes are among the settings, the three graded ones are not.
-    assert len(store) == 7
+    assert len(RowFile(store)) == 7
 
     def no_run(*arguments: object) -> None:
         raise AssertionError("a new run")
@@ -354,7 +359,7 @@ def test_rungs_of_curved_elements_are_judged_by_the_finest(
     tiny = replace(ladder[0], degree=2, along=12, across=1, across_grading=1.0, upward_grading=8.0)
     rungs = tuple(replace(tiny, upward=axial) for axial in (2, 4))
     monkeypatch.setattr(costs_measure, "LADDER", rungs)
-    scene, store = tube(), RowFile(tmp_path / "cost.jsonl")
+    scene, store = tube(), tmp_path / "cost.jsonl"
     settings = (rigid_setting(Norm.PRESSURE, 1), curved_setting(1), curved_setting(2))
     plan = CostPlan(base_mesh(scene, "a"), settings, curved_rungs(1, 2))
     found = cost.run_cost("a", scene, plan, store)
@@ -377,7 +382,7 @@ def test_other_families_are_measured_and_say_what_is_left_out(
     name, tmp_path, measured_once
 ) -> None:
     """Without a grading the reference of every quantity is extrapolated from plain meshes."""
-    scene, store = other(name), RowFile(tmp_path / "cost.jsonl")
+    scene, store = other(name), tmp_path / "cost.jsonl"
     left_out = dict(full_plan("a", scene).left_out).keys()
     assert "graded meshes" in left_out
     assert ("mesh sequence of `fem --accuracy`" in left_out) == (name == "thb0-tunnel")
@@ -397,7 +402,7 @@ def test_degrees_judge_points_and_fields_where_there_is_no_ladder(tmp_path, meas
 
     Trilinear blocks of the same mesh are further from it than it is uncertain.
     """
-    scene, store = other("planar-sine"), RowFile(tmp_path / "cost.jsonl")
+    scene, store = other("planar-sine"), tmp_path / "cost.jsonl"
     plan = small_plan(scene)
     plan = replace(
         plan,
@@ -478,7 +483,7 @@ def test_calculix_converges_to_what_we_find() -> None:
 
 
 def test_killed_run_resumes_where_it_was(tmp_path, monkeypatch, measured_once) -> None:
-    scene, store = tube(), RowFile(tmp_path / "cost.jsonl")
+    scene, store = tube(), tmp_path / "cost.jsonl"
     plan = small_plan(scene)
     done: list[str] = []
 
@@ -492,7 +497,7 @@ def test_killed_run_resumes_where_it_was(tmp_path, monkeypatch, measured_once) -
         patch.setattr(cost, "measure", counted)
         with pytest.raises(KeyboardInterrupt):
             cost.run_cost("a", scene, plan, store)
-    assert len(store) == 2
+    assert len(RowFile(store)) == 2
     again: list[str] = []
 
     def told(number: int, total: int, what: str) -> None:
@@ -504,7 +509,7 @@ def test_killed_run_resumes_where_it_was(tmp_path, monkeypatch, measured_once) -
 
 
 def test_a_setting_without_an_answer_is_told_and_the_rest_stands(tmp_path, monkeypatch) -> None:
-    scene, store = tube(), RowFile(tmp_path / "cost.jsonl")
+    scene, store = tube(), tmp_path / "cost.jsonl"
     plan = small_plan(scene)
 
     def broken(name, scene, base, setting):
@@ -521,7 +526,7 @@ def test_a_setting_without_an_answer_is_told_and_the_rest_stands(tmp_path, monke
 def test_a_setting_beyond_the_limit_of_work_is_told_and_the_rest_stands(
     tmp_path, monkeypatch
 ) -> None:
-    scene, store = tube("fem.max_work=0.3"), RowFile(tmp_path / "cost.jsonl")
+    scene, store = tube("fem.max_work=0.3"), tmp_path / "cost.jsonl"
     plan, dear = small_plan(scene), curved_setting(3)
 
     def kept(name, scene, base, setting):
@@ -538,26 +543,26 @@ def test_key_is_the_content(tmp_path) -> None:
     scene = tube()
     setting = static_setting(ElementType.FULL, 2)
     base = base_mesh(scene, "a")
-    key = measurement_key(scene, base, setting)
+    key = question(scene, base, setting)
     # The mesh of the scene is what cost varies; a family's name is only a name.
     same = [
-        measurement_key(tube("mesh.around=24"), base, setting),
-        measurement_key(scene, base, replace(setting, family="another name")),
+        question(tube("mesh.around=24"), base, setting),
+        question(scene, base, replace(setting, family="another name")),
     ]
     other = [
-        measurement_key(tube("load.pressure=0.02"), base, setting),
-        measurement_key(tube("material.poisson_ratio=0.3"), base, setting),
-        measurement_key(tube("contact.clearance=0.01"), base, setting),
-        measurement_key(scene, base, replace(setting, level=3)),
-        measurement_key(scene, base, static_setting(ElementType.B_BAR, 2)),
-        measurement_key(scene, base, replace(setting, ramp_factor=2.0)),
-        measurement_key(scene, base, graded(setting)),
+        question(tube("load.pressure=0.02"), base, setting),
+        question(tube("material.poisson_ratio=0.3"), base, setting),
+        question(tube("contact.clearance=0.01"), base, setting),
+        question(scene, base, replace(setting, level=3)),
+        question(scene, base, static_setting(ElementType.B_BAR, 2)),
+        question(scene, base, replace(setting, ramp_factor=2.0)),
+        question(scene, base, graded(setting)),
     ]
     assert set(same) == {key}
     assert len({key, *other}) == 1 + len(other)
     for plan in (full_plan("a", scene), quick_plan("a", scene)):
         runs = {*plan.settings, *plan.references}
-        assert len({measurement_key(scene, base, s) for s in runs}) == len(runs)
+        assert len({question(scene, base, s) for s in runs}) == len(runs)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -45,7 +45,6 @@ def cost(
     from validation.study.costs.plan import full_plan, quick_plan, require_cost_scene
     from validation.study.costs.report import draw_study, print_study, study_json
     from validation.study.costs.study import run_cost
-    from validation.study.rowfile import RowFile
 
     file = with_fields(load_case(scene, settings or ()), method_fields(max_work=max_work))
     checked = require_cost_scene(file.scene, file.name)
@@ -57,7 +56,7 @@ def cost(
                 file.name,
                 checked,
                 plan,
-                RowFile(store),
+                store,
                 progress=lambda number, total, what: follow(f"{number} of {total}: {what}"),
             )
         print_study(study, outputs.console)

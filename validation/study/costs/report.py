@@ -14,7 +14,7 @@ from validation.output.pictures.scales import BLUE, GREEN, ORANGE, VERMILION
 from validation.output.provenance import Provenance
 from validation.study.costs.measure import SCALARS
 from validation.study.costs.plan import QUANTITIES
-from validation.study.costs.study import CostStudy, Row, answers, percent
+from validation.study.costs.study import CostRow, CostStudy, answers, percent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -218,7 +218,7 @@ def _draw_panel(axes: Axes, study: CostStudy, quantity: str) -> None:
 
 
 def _name_ends(
-    axes: Axes, best: list[Row], points: list[tuple[float, float]], colour: str, *, above: bool
+    axes: Axes, best: list[CostRow], points: list[tuple[float, float]], colour: str, *, above: bool
 ) -> None:
     """Write the meshes of the cheapest and the most accurate setting beside their points."""
     options: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8, "color": colour}

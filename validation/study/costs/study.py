@@ -9,15 +9,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable
-from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fem.accuracy.errors import error_bar
-from geometry.errors import RefusedError
 from geometry.mesh import FloatArray
 from validation.errors import InputError
 from validation.scene.family import AssemblyScene
@@ -34,8 +33,10 @@ from validation.study.costs.analysis import (
 from validation.study.costs.measure import measure, warm_up
 from validation.study.costs.plan import QUANTITIES, CostPlan, Judge
 from validation.study.costs.settings import BaseMesh, CostSetting
-from validation.study.rowfile import RowFile
-from validation.study.study import content_digest
+from validation.study.design import Row
+from validation.study.rowfile import StudyRows
+from validation.study.run import runner_for, sweep
+from validation.study.study import Study
 
 #: What a measurement holds; another number where it holds other things than before.
 _CONTENT = 3
@@ -46,7 +47,7 @@ TARGETS = (0.1, 0.01, 0.001)
 
 
 @dataclass(frozen=True)
-class Row:
+class CostRow:
     """A setting, what it answered, its relative errors."""
 
     setting: CostSetting
@@ -67,7 +68,7 @@ class CostStudy:
 
     name: str
     plan: CostPlan
-    rows: tuple[Row, ...]
+    rows: tuple[CostRow, ...]
     reference: dict[str, Extrapolated]
     """By quantity; the value of the field is its pressures on the partition."""
     reference_errors: dict[str, float]
@@ -84,20 +85,20 @@ class CostStudy:
         days = sorted({row.found["date"] for row in self.rows})
         return " and ".join(processors), " to ".join(dict.fromkeys((days[0], days[-1])))
 
-    def points(self, quantity: str) -> tuple[list[Row], list[Point]]:
+    def points(self, quantity: str) -> tuple[list[CostRow], list[Point]]:
         """Rows that answer a quantity, and where they lie."""
         rows = [row for row in self.rows if quantity in row.errors]
         return rows, [Point(row.cost, row.errors[quantity]) for row in rows]
 
-    def front(self, quantity: str, method: str = "") -> list[Row]:
+    def front(self, quantity: str, method: str = "") -> list[CostRow]:
         """Rows that no other row, of one method or of all, beats, by ascending cost."""
         rows, points = self.points(quantity)
         chosen = [i for i, row in enumerate(rows) if method in ("", row.setting.curve)]
         return [rows[chosen[k]] for k in pareto_front([points[i] for i in chosen])]
 
-    def families(self) -> dict[str, list[Row]]:
+    def families(self) -> dict[str, list[CostRow]]:
         """Rows by family, coarse to fine."""
-        result: dict[str, list[Row]] = {}
+        result: dict[str, list[CostRow]] = {}
         for row in self.rows:
             result.setdefault(row.setting.family, []).append(row)
         return {k: sorted(v, key=lambda row: row.setting.level) for k, v in result.items()}
@@ -121,18 +122,18 @@ class CostStudy:
             )
         return {"against_reference": fitted, "by_itself": own}
 
-    def choose(self, quantity: str, target: float) -> Row | None:
+    def choose(self, quantity: str, target: float) -> CostRow | None:
         """Cheapest setting that reliably keeps an accuracy; None if none is known to."""
         rows, points = self.points(quantity)
         best = cheapest(points, finer_meshes(rows), target, self.reference_errors[quantity])
         return None if best is None else rows[best]
 
-    def best(self, quantity: str) -> Row:
+    def best(self, quantity: str) -> CostRow:
         """Setting of least error."""
         return min(self.points(quantity)[0], key=lambda row: row.errors[quantity])
 
 
-def finer_meshes(rows: list[Row]) -> list[list[int]]:
+def finer_meshes(rows: list[CostRow]) -> list[list[int]]:
     """Positions of the finer meshes of each row's family; of a lone mesh, of what it varies."""
     meshes = Counter(row.setting.family for row in rows)
     result = []
@@ -154,81 +155,89 @@ def scene_content(scene: AssemblyScene) -> dict[str, Any]:
     return scene.model_dump(mode="json", exclude={"mesh", "rigid", "fem"})
 
 
-def measurement_key(scene: AssemblyScene, base: BaseMesh, setting: CostSetting) -> str:
-    """Digest of all that a measurement depends on; the name of a family is not among it."""
-    return content_digest(
-        {
+@dataclass(frozen=True)
+class SettingStudy(Study):
+    """Settings of a scene, each run by itself: its numbers and its CPU time."""
+
+    scene: AssemblyScene = field(kw_only=True)
+    base: BaseMesh = field(kw_only=True)
+    settings: tuple[CostSetting, ...] = field(kw_only=True)
+    _warm: set[tuple[str, ...]] = field(default_factory=set, compare=False, repr=False)
+
+    def content(self, number: int) -> Any:
+        """Return all that a measurement depends on; the name of a family is not among it."""
+        setting, scene = self.settings[number], self.scene
+        return {
             "measurement": _CONTENT,
             "scene": scene_content(scene),
             "solver": scene.rigid.solver,
             "fem": scene.fem.model_dump(mode="json"),
-            "mesh": setting.mesh(base),
+            "mesh": setting.mesh(self.base),
             "elements": setting.mesh_words,
-            "base": base.at(1),
+            "base": self.base.at(1),
             "method": setting.method,
             "changes": sorted(setting.changes),
             "ramp_factor": setting.ramp_factor,
             "hold_periods": setting.hold_periods,
             "damping_ratio": setting.damping_ratio,
         }
-    )
+
+    def results(self, number: int) -> tuple[dict[str, Any], list[str]]:
+        """Run a setting, the first of its kind on the coarsest mesh beforehand: kernels compile."""
+        setting = self.settings[number]
+        kernels = (setting.method, *(v for k, v in setting.changes if k != "fem.residual"))
+        if kernels not in self._warm:
+            self._warm.add(kernels)
+            warm_up(self.name, self.scene, self.base, replace(setting, level=1))
+        return {"measurement": measure(self.name, self.scene, self.base, setting)}, []
+
+
+def setting_study(
+    name: str, scene: AssemblyScene, base: BaseMesh, settings: Iterable[CostSetting]
+) -> SettingStudy:
+    """Study of some settings, each once."""
+    each = tuple(dict.fromkeys(settings))
+    named = (("setting", tuple(setting.name for setting in each)),)
+    return SettingStudy(name, "fem", named, scene=scene, base=base, settings=each)
 
 
 def run_cost(
     name: str,
     scene: AssemblyScene,
     plan: CostPlan,
-    store: RowFile,
+    store: Path,
     *,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> CostStudy:
     """Measure what the store lacks of a scene that `require_cost_scene` lets in, and compare.
 
-    ``progress`` is called before each run with its number, the number of runs, and what it is.
+    ``progress`` is called after each run with its number, the number of runs, and what it was. One
+    runs at a time: others would change its CPU time.
     """
-    runs = dict.fromkeys((*plan.settings, *plan.references))
-    missing = [s for s in runs if store.get(measurement_key(scene, plan.base, s)) is None]
-    warm: set[tuple[str, ...]] = set()
-    failures: dict[str, str] = {}
-    with store.alone() if missing else nullcontext():
-        for number, setting in enumerate(missing):
-            if progress is not None:
-                progress(number + 1, len(missing), setting.name)
-            key = measurement_key(scene, plan.base, setting)
-            if store.get(key) is not None:
-                continue  # by a call that worked on the same scene meanwhile
-            kernels = (setting.method, *(v for k, v in setting.changes if k != "fem.residual"))
-            try:
-                if kernels not in warm:
-                    warm.add(kernels)
-                    warm_up(name, scene, plan.base, replace(setting, level=1))
-                result = measure(name, scene, plan.base, setting)
-            except RefusedError as error:
-                if setting in plan.references:
-                    raise
-                failures[setting.name] = str(error)
-                continue
-            store.put(key, {"scene": name, "setting": setting.name, "measurement": result})
-    study = stored_study(name, scene, plan, store)
-    if study is None:
+    study = setting_study(name, scene, plan.base, (*plan.settings, *plan.references))
+    results = StudyRows(store, study)
+    answered = sum(status == "ok" for status in results.status.values())
+    done, missing = 0, study.n_designs - answered
+
+    def follow(row: Row) -> None:
+        nonlocal done
+        done += 1
+        setting = study.settings[row.number]
+        if row.status == "failed" and setting in plan.references:
+            raise InputError(row.message)
+        if progress is not None:
+            progress(done, missing, setting.name)
+
+    sweep(results, runner_for(study), retry_failed=True, on_row=follow)
+    rows = dict(zip(study.settings, results.rows(), strict=True))
+    known = {s: row["measurement"] for s, row in rows.items() if row["status"] == "ok"}
+    failures = {s.name: row["message"] for s, row in rows.items() if s not in known}
+    of_plan = {setting: known[setting] for setting in plan.settings if setting in known}
+    if not of_plan:
         first = next(iter(failures.values()))
         raise InputError(f"{name}: none of the settings has an answer; the first: {first}")
-    return replace(study, failures=failures)
-
-
-def stored_study(
-    name: str, scene: AssemblyScene, plan: CostPlan, store: RowFile
-) -> CostStudy | None:
-    """Compare what the store holds; None without the reference or without any setting."""
-
-    def found(settings: Iterable[CostSetting]) -> dict[CostSetting, dict[str, Any]]:
-        rows = {s: store.get(measurement_key(scene, plan.base, s)) for s in settings}
-        return {setting: row["measurement"] for setting, row in rows.items() if row is not None}
-
-    references, known = found(plan.references), found(plan.settings)
-    if len(references) < len(plan.references) or not known:
-        return None
-    return compare_settings(name, plan, known, references)
+    references = {setting: known[setting] for setting in plan.references}
+    return replace(compare_settings(name, plan, of_plan, references), failures=failures)
 
 
 def compare_settings(
@@ -253,7 +262,7 @@ def compare_settings(
             for q in QUANTITIES
             if q == "pressure_l2" or q in result["scalars"]
         }
-        rows.append(Row(setting, result, errors))
+        rows.append(CostRow(setting, result, errors))
     return CostStudy(
         name=name,
         plan=plan,
