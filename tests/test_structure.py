@@ -22,7 +22,7 @@ ROOMS = {
     "fem": _LAWS,
     "support": _LAWS,
     # Programs that print tables, and lines of the command at random.
-    "benchmarks": (*_LAWS, "validation.benchmarks", "validation.output"),
+    "benchmarks": (*_LAWS, "validation.output"),
     "fuzz.py": (*_LAWS, "validation.cli"),
     # Searches among designs whose answers are all known are verified there too.
     "verification": (*_LAWS, "validation.paper", "validation.study.optimisation"),

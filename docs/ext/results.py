@@ -32,7 +32,7 @@ _PAGES = (
         "peaks",
         "Convergence of peaks",
         "Pressures and stresses of two layers of TSB1 over the degree of the elements.",
-        "sweep peaks",
+        "sweep degrees",
     ),
 )
 

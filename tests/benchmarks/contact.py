@@ -26,8 +26,8 @@ from fem.system.time_step import critical_time_step
 from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import SineTube
 from geometry.loads import named_case
-from validation.benchmarks.stopwatch import best_cpu_seconds
-from validation.output.console import measuring, tabled
+from tests.benchmarks.stopwatch import best_cpu_seconds, measuring
+from validation.output.console import tabled
 from validation.output.files import write_json
 
 #: Elements round, through and along one block.

@@ -26,11 +26,10 @@ from fem.system.effects import Effects
 from fem.system.model import Model
 from fem.system.time_step import critical_time_step
 from geometry.machine.system import write_whole
-from tests.benchmarks import contact, rigid
+from tests.benchmarks import contact, explicit, rigid
+from tests.benchmarks.kernels import internal_force_work, update_work
+from tests.benchmarks.roofline import Roofline, Work, roofline
 from validation import InputError
-from validation.benchmarks import explicit
-from validation.benchmarks.kernels import internal_force_work, update_work
-from validation.benchmarks.roofline import Roofline, Work, roofline
 from validation.output.files import prepare_file
 from validation.output.provenance import processor, program
 

@@ -16,9 +16,10 @@ from geometry.machine.system import peak_memory_mb
 from mbd import contact_jacobian
 from mbd.equilibrium import clarabel_equilibrium, newton_equilibrium
 from mbd.mechanism import classify
+from tests.benchmarks.stopwatch import measuring
 from tests.support.linear_programs import solve_linear_programs
 from validation import load_case, solve
-from validation.output.console import measuring, tabled
+from validation.output.console import tabled
 from validation.output.files import write_json
 
 

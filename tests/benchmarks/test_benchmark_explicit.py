@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from fem.system.model import Model
-from validation.benchmarks import explicit
-from validation.benchmarks.kernels import kernel_rows
-from validation.benchmarks.roofline import Roofline
+from tests.benchmarks import explicit
+from tests.benchmarks.kernels import kernel_rows
+from tests.benchmarks.roofline import Roofline
 
 
 def test_rows_and_table_on_a_tiny_block():

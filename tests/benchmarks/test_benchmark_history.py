@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from tests.benchmarks import history
+from tests.benchmarks import explicit, history
 from tests.benchmarks.history import Entry, Rate, falls, last_like, read_history
+from tests.benchmarks.kernels import internal_force_work, update_work
+from tests.benchmarks.roofline import Roofline
 from validation import InputError
-from validation.benchmarks import explicit
-from validation.benchmarks.kernels import internal_force_work, update_work
-from validation.benchmarks.roofline import Roofline
 
 MACHINE = Roofline(10.0, 40.0, 100.0)
 

@@ -64,6 +64,8 @@ def test_a_word_that_is_no_command_names_the_one_to_type(tubelock, word) -> None
     assert status == 0
     options = [one.split("=")[0] for one in rest if one.startswith("--")]
     assert [one for one in options if one not in help_text] == []
+    studies = [one for one in rest if first == "sweep" and one.islower()]
+    assert [tubelock("scenes", "--studies", one)[0] for one in studies] == [0] * len(studies)
 
 
 def test_mbd_writes_pressures_and_picture(tubelock) -> None:

@@ -30,7 +30,7 @@ _MEANT = {
     "explode": "mbd SCENE --disassemble",
     "combinations": "fem SCENE --combinations (rigid blocks: mbd)",
     "clearance": "sweep clearance",
-    "peaks": "sweep peaks",
+    "peaks": "sweep degrees",
     "cell": 'fem SCENE --set fem.symmetry="periodic cell"',
     "convergence": "stability --only orders",
     "schema": "scenes --schema",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextvars import ContextVar
@@ -12,7 +11,6 @@ from rich.console import Console
 from rich.table import Table
 
 from geometry.machine.system import children_cpu_seconds, peak_memory_mb
-from validation.output.files import prepare_json
 
 if TYPE_CHECKING:
     from validation.scene.sections import LimitsSection
@@ -59,17 +57,6 @@ def _console(*, stderr: bool = False, file: IO[str] | None = None) -> Console:
 
     console = make(None)
     return console if console.is_terminal else make(_WIDTH)
-
-
-def measuring(about: str | None, width: int, **flags: str) -> tuple[argparse.Namespace, Console]:
-    """What a program that measures is asked, and its console: ``--json FILE|-`` and flags."""
-    parser = argparse.ArgumentParser(description=about)
-    parser.add_argument("--json", metavar="FILE|-")
-    for flag, words in flags.items():
-        parser.add_argument(f"--{flag}", action="store_true", help=words)
-    requested = parser.parse_args()
-    prepare_json(requested.json)
-    return requested, Console(stderr=requested.json == "-", width=width, markup=False)
 
 
 def error_console() -> Console:

@@ -1,9 +1,25 @@
-"""Times that other processes on the machine disturb least."""
+"""Programs that measure: what they are asked, and times that other processes disturb least."""
 
 from __future__ import annotations
 
+import argparse
 import time
 from collections.abc import Callable
+
+from rich.console import Console
+
+from validation.output.files import prepare_json
+
+
+def measuring(about: str | None, width: int, **flags: str) -> tuple[argparse.Namespace, Console]:
+    """What a program that measures is asked, and its console: ``--json FILE|-`` and flags."""
+    parser = argparse.ArgumentParser(description=about)
+    parser.add_argument("--json", metavar="FILE|-")
+    for flag, words in flags.items():
+        parser.add_argument(f"--{flag}", action="store_true", help=words)
+    requested = parser.parse_args()
+    prepare_json(requested.json)
+    return requested, Console(stderr=requested.json == "-", width=width, markup=False)
 
 
 def best_cpu_seconds(work: Callable[[], object], *, repeats: int = 1, trials: int = 12) -> float:

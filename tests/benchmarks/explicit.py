@@ -1,6 +1,6 @@
 """Element updates per CPU second of the explicit solver.
 
-``python -m validation.benchmarks.explicit [--json FILE|-]``
+``python -m tests.benchmarks.explicit [--json FILE|-]``
 
 All rates are millions of element updates per second of CPU time of one core, or of elapsed
 time where two threads share the work; each the best of several short batches.
@@ -30,11 +30,10 @@ from fem.system.model import Model, fixed_nodes, nodal_load
 from fem.system.time_step import critical_time_step
 from geometry.block import box_block
 from geometry.machine.system import peak_memory_mb
-from validation.benchmarks.kernels import KernelRow, kernel_rows
-from validation.benchmarks.kernels import table as kernel_table
-from validation.benchmarks.roofline import Roofline, roofline
-from validation.benchmarks.stopwatch import best_cpu_seconds, best_wall_seconds
-from validation.output.console import measuring
+from tests.benchmarks.kernels import KernelRow, kernel_rows
+from tests.benchmarks.kernels import table as kernel_table
+from tests.benchmarks.roofline import Roofline, roofline
+from tests.benchmarks.stopwatch import best_cpu_seconds, best_wall_seconds, measuring
 from validation.output.files import write_json
 
 CONCRETE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.2)

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from fem.explicit.kernels.lanes import REGISTER_DOUBLES, lane_operations, multiply_add, store
-from validation.benchmarks.stopwatch import best_cpu_seconds
+from tests.benchmarks.stopwatch import best_cpu_seconds
 
 
 @dataclass(frozen=True)

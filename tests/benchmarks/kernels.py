@@ -22,8 +22,8 @@ from fem.explicit.step import (
 )
 from fem.system.body import Body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
-from validation.benchmarks.roofline import Roofline, Work
-from validation.benchmarks.stopwatch import best_cpu_seconds
+from tests.benchmarks.roofline import Roofline, Work
+from tests.benchmarks.stopwatch import best_cpu_seconds
 
 #: Corners of a hexahedron.
 _CORNERS = 8

@@ -1,1 +1,0 @@
-"""Benchmarks: what the solvers cost, measured against what the machine can do."""
