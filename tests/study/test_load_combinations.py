@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from validation import InputError, load_case, solve
-from validation.study.combinations import combination_answers, envelope
+from validation.study.combinations import combination_answers, combination_cases, envelope
 
 BOX: dict[str, Any] = {
     "block": {"type": "box", "size": [100.0, 50.0, 40.0]},
@@ -35,16 +36,25 @@ def test_a_combination_is_the_sum_of_its_loads_times_their_factors() -> None:
 
     weight, load, wind = moved("effects"), moved("load"), moved("loads")
     found = {
-        name: answer.fields["displacement"]
-        for name, answer in combination_answers(load_case(COMBINED))
+        name: solve(case).fields["displacement"]
+        for name, case in combination_cases(load_case(COMBINED)).items()
     }
     np.testing.assert_allclose(found["all"], 1.35 * weight + 1.5 * load - 0.6 * wind, atol=1e-12)
     np.testing.assert_allclose(found["weight"], 2.0 * weight, atol=1e-12)
 
 
-def test_the_envelope_names_the_combination_that_governs() -> None:
-    answers = dict(combination_answers(load_case(COMBINED)))
+def test_the_envelope_names_the_combination_that_governs(tmp_path: Path) -> None:
+    case, store = load_case(COMBINED), tmp_path / "rows.jsonl"
+    answers = combination_answers(case, store)
     assert list(answers) == ["all", "weight"]
+    # Rows are the answers without their fields, and a second call computes none.
+    for name, one in combination_cases(case).items():
+        assert answers[name].measures == solve(one).measures
+    told: list[str] = []
+    assert {n: a.as_dict() for n, a in combination_answers(case, store, told.append).items()} == {
+        name: answer.as_dict() for name, answer in answers.items()
+    }
+    assert not told
     for measure, (name, largest) in envelope(answers).items():
         values = {n: abs(a.measures[measure].value) for n, a in answers.items()}
         assert values[name] == max(values.values()) == abs(largest.value)
@@ -53,9 +63,9 @@ def test_the_envelope_names_the_combination_that_governs() -> None:
 def test_a_factor_of_no_load_is_rejected() -> None:
     case = load_case(COMBINED | {"combinations": {"all": {"snow": 1.0}}})
     with pytest.raises(InputError, match=r"combinations.all.snow: .* weight, load, wind"):
-        next(combination_answers(case))
+        combination_cases(case)
     with pytest.raises(InputError, match="combinations: got none"):
-        next(combination_answers(load_case(BOX)))
+        combination_cases(load_case(BOX))
 
 
 @pytest.mark.parametrize("factors", [{"held": 1.0}, {"supports": ["held"]}, {"push": {}}])
@@ -64,4 +74,4 @@ def test_combinations_of_other_supports_are_rejected_by_name(factors: dict[str, 
     stated = BOX | {"supports": held, "combinations": {"a": {"load": 1.0, **factors}}}
     named = rf"combinations\.a\.{next(iter(factors))}: .* the same supports and motions in all"
     with pytest.raises(InputError, match=named):
-        next(combination_answers(load_case(stated)))
+        combination_cases(load_case(stated))

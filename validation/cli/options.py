@@ -167,20 +167,20 @@ def solve_combinations(
     """
     from validation.output.progress import following
     from validation.study import combinations as study
+    from validation.study.rowfile import store_or_none
 
     for name, given in others.items():
         if given:
             raise InputError(f"--combinations and --{name}: choose one of the two")
-    ending, name = "-combinations", "combinations.csv"
-    with scene_outputs(case, json, output, (name,), ending=ending) as outputs:
-        with following(case.name) as tell:
-            found = study.combination_answers(case, tell)
-            answers = {name: answer.numbers_alone() for name, answer in found}
-            data = study.combinations_json(answers)
+    names = ("combinations.csv", "combinations.jsonl")
+    with scene_outputs(case, json, output, names, ending="-combinations") as outputs:
+        rows = None if outputs.folder is None else outputs.path(names[1])
+        with following(case.name) as tell, store_or_none(rows) as path:
+            answers = study.combination_answers(case, path, tell)
         study.print_combinations(case, answers, outputs.console)
         outputs.tell_keys()
-        outputs.write("table", name, lambda path: study.write_combinations(answers, path))
-        outputs.write_json({"scene": case.name, **data})
+        outputs.write("table", names[0], lambda path: study.write_combinations(answers, path))
+        outputs.write_json({"scene": case.name, **study.combinations_json(answers)})
 
 
 FieldsOption = Annotated[

@@ -25,6 +25,7 @@ FILES = ("answer.json", "answer.npz", "fields.vtu", "contact_pressures.vtu")
 LARGE = (".npz", ".vtu")
 #: What reading a damaged answer raises.
 _DAMAGES = (OSError, ValueError, KeyError, TypeError, EOFError, RecursionError, BadZipFile)
+_HEAD = ("title", "method", "measures")
 _ARRAYS = ("points", "cells", "block_of_point", "layer_of_point")
 
 
@@ -129,31 +130,27 @@ def read_answer(folder: Path) -> Answer:
             )
     try:
         data = json.loads((folder / FILES[0]).read_text("utf-8"))
-        measures = {name: measure_of(result) for name, result in data.pop("measures").items()}
-        title, method = data.pop("title"), data.pop("method")
-        with np.load(folder / FILES[1], allow_pickle=False) as result:
-            arrays = {name: result[name] for name in result.files}
-        own = known({name: arrays[name] for name in _ARRAYS})
-    except (
-        OSError,
-        ValueError,
-        KeyError,
-        TypeError,
-        EOFError,
-        RecursionError,
-        BadZipFile,
-    ) as error:
+        with np.load(folder / FILES[1], allow_pickle=False) as stored:
+            return answer_of(data, {name: stored[name] for name in stored.files})
+    except _DAMAGES as error:
         raise InputError(f"{folder}: holds a damaged answer ({error}); write it again") from None
+
+
+def answer_of(data: Mapping[str, Any], arrays: Mapping[str, Any] | None = None) -> Answer:
+    """Answer of the data of `Answer.as_dict`, with the arrays of `write` or without any."""
+    report = {name: part for name, part in data.items() if name not in _HEAD}
+    measures = {name: measure_of(of) for name, of in data["measures"].items()}
+    stored = dict.fromkeys(_ARRAYS, np.zeros(0)) if arrays is None else arrays
     return Answer(
-        title=title,
-        method=method,
+        title=data["title"],
+        method=data["method"],
         measures=known(measures),
-        fields=known(_named(arrays, "field ")),
-        contacts=Contacts(known(_named(arrays, "contact "))),
-        reported=lambda: data,
-        arrays=own,
+        fields=known(_named(stored, "field ")),
+        contacts=Contacts(known(_named(stored, "contact "))),
+        reported=lambda: report,
+        arrays=known({name: stored[name] for name in _ARRAYS}),
     )
 
 
-def _named(arrays: dict[str, Any], kind: str) -> dict[str, Any]:
+def _named(arrays: Mapping[str, Any], kind: str) -> dict[str, Any]:
     return {name.removeprefix(kind): v for name, v in arrays.items() if name.startswith(kind)}

@@ -4,41 +4,76 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
 from geometry.answer import Answer, Measure, title_of
+from mbd.options import Rigid
 from validation.case import Case
 from validation.errors import InputError
+from validation.output.answer_files import answer_of
 from validation.output.console import add_dimensions, listing, two_columns
 from validation.output.files import write_csv
 from validation.scene.combinations import combined
-from validation.study.design import Quantity
+from validation.study.design import Quantity, Row
+from validation.study.rowfile import StudyRows
+from validation.study.run import computed, runner_for
+from validation.study.study import Study, case_content
 
 
-def combination_answers(
-    file: Case, tell: Callable[[str], None] | None = None
-) -> Iterator[tuple[str, Answer]]:
-    """Answer to each combination of a scene by its method.
+@dataclass(frozen=True)
+class CombinationStudy(Study):
+    """A scene under each of its combinations."""
 
-    ``tell`` is called with a line before each.
-    """
+    cases: tuple[Case, ...] = field(kw_only=True)
+
+    def content(self, number: int) -> Any:
+        """Return what the scene states under a combination."""
+        return case_content(self.cases[number])
+
+    def results(self, number: int) -> tuple[dict[str, Any], list[str]]:
+        """Return the answer without its fields."""
+        from validation.solving import repeatable, solve
+
+        return {"answer": repeatable(solve(self.cases[number])).as_dict()}, []
+
+
+def combination_cases(file: Case) -> dict[str, Case]:
+    """Return a scene under each of its combinations, by their names."""
     if not file.scene.combinations:
         raise InputError(
             f"{file.name}: combinations: got none; expected sections such as [combinations.NAME] "
             "with factors: weight = 1.35, load = 1.5"
         )
-    from validation.solving import repeatable, solve
+    return {
+        name: replace(file.stating(combined(file.scene, name)), name=f"{file.name}, {name}")
+        for name in file.scene.combinations
+    }
 
-    stated = {name: combined(file.scene, name) for name in file.scene.combinations}
-    for number, (name, scene) in enumerate(stated.items(), 1):
+
+def combination_answers(
+    file: Case, store: Path, tell: Callable[[str], None] | None = None
+) -> dict[str, Answer]:
+    """Answers to the combinations of a scene by its method, without their fields.
+
+    The store, a file of rows, keeps them; ``tell`` is called with a line after each that is new.
+    """
+    cases = combination_cases(file)
+    kind: Quantity = "rigid" if isinstance(file.method, Rigid) else "fem"
+    named = (("combination", tuple(cases)),)
+    study = CombinationStudy(file.name, kind, named, cases=tuple(cases.values()))
+
+    def follow(row: Row) -> None:
+        if row.status == "failed":
+            raise InputError(row.message)
         if tell is not None:
-            tell(f"{name}, {number} of {len(stated)}")
-        one = replace(file.stating(scene), name=f"{file.name}, {name}")
-        yield name, repeatable(solve(one))
+            tell(f"{row.parameters['combination']}, {row.number + 1} of {len(cases)}")
+
+    rows = computed(StudyRows(store, study), runner_for(study), range(len(cases)), follow)
+    return {row["combination"]: answer_of(row["answer"]) for row in rows}
 
 
 def answer_to(file: Case, kind: Quantity) -> Answer:
