@@ -33,6 +33,7 @@ What most need::
 | `Box`, `Plane` | parts of surfaces by their place |
 | `box_block`, `Block` of a `HexMesh` | a box, any block of hexahedra |
 | `Answer`, `Measure` | what a solver returns, and one number of it |
+| `effective_facets` | which facets carry, of their pressures |
 | `RefusedError` | what is wrong with an input, in one line: every error of the packages is one |
 | `contact_mesh` | contact facets of an assembly as a pyvista mesh |
 """
@@ -72,6 +73,7 @@ if TYPE_CHECKING:
         tunnel,
     )
     from geometry.mesh import HexMesh
+    from geometry.parts.measures import effective_facets
     from geometry.parts.regions import Box, Plane
     from geometry.parts.supports import HeldFace
     from geometry.polyhedra.assembly import PolyhedralAssembly
@@ -116,6 +118,7 @@ __all__ = [
     "box_column",
     "contact_mesh",
     "convex_polyhedron",
+    "effective_facets",
     "pillar",
     "pipe",
     "read_blocks",
@@ -163,6 +166,7 @@ _PLACES = {
     "box_column": ("geometry.families.boxes", "box_column"),
     "contact_mesh": ("geometry.files.mesh_io", "contact_mesh"),
     "convex_polyhedron": ("geometry.polyhedra.polyhedron", "convex_polyhedron"),
+    "effective_facets": ("geometry.parts.measures", "effective_facets"),
     "pillar": ("geometry.loads", "pillar"),
     "pipe": ("geometry.loads", "pipe"),
     "read_blocks": ("geometry.files.block_files", "read_blocks"),

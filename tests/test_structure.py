@@ -99,3 +99,21 @@ def test_inner_names_are_imported_where_they_are_tested() -> None:
         if is_inner(module)
         and not f"{module}.".startswith(tuple(f"{own}." for own in ROOMS.get(room(path), ())))
     )
+
+
+#: What pictures, tables and pages of the paper are made with: no part of the public face.
+DRAWING = ("validation.output.", "validation.pages.", "geometry.machine.")
+
+
+def test_the_paper_is_computed_from_public_names() -> None:
+    """Tables, claims and errata show that public names suffice; only what is drawn needs more."""
+    paper = TESTS.parent / "validation" / "paper"
+    wrong = {
+        f"{path.relative_to(paper)} imports {module}"
+        for path in paper.rglob("*.py")
+        for module in _modules(ast.parse(path.read_text("utf-8")))
+        if is_inner(module)
+        and not f"{module}.".startswith("validation.paper.")
+        and not (path.parent.name == "shown" and f"{module}.".startswith(DRAWING))
+    }
+    assert wrong == set()

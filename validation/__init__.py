@@ -18,7 +18,8 @@ What most need::
 | `section` | normal force, shear forces and moments through planes |
 | `compare` | answers of several solvers beside each other |
 | `report` | one page about a scene that can be sent |
-| `sweep` | a scene with every combination of some values |
+| `sweep` | a scene with every combination of some values, or a study by its name |
+| `read_rows` | rows of a study from its CSV |
 | `sensitivity` | derivatives of the measures with respect to the parameters |
 | `optimise` | the best design under limits |
 | `cost` | error against CPU time of every method and mesh |
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
         optimise,
         plot,
         read_answer,
+        read_rows,
         report,
         section,
         sensitivity,
@@ -59,6 +61,7 @@ __all__ = [
     "optimise",
     "plot",
     "read_answer",
+    "read_rows",
     "report",
     "section",
     "sensitivity",

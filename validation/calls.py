@@ -49,6 +49,19 @@ def read_answer(folder: str | Path) -> Answer:
     return read(Path(folder))
 
 
+def read_rows(path: str | Path) -> list[dict[str, Any]]:
+    """Read rows of a study from the CSV that `tubelock sweep --csv` writes, by their columns.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read.
+    """
+    from validation.study.rowfile import read_csv
+
+    return list(read_csv(Path(path)))
+
+
 def plot(answer: Answer, field: str, *, layer: int | None = None, unrolled: bool = False) -> Any:
     """Draw a field of an answer: see `validation.output.plot.plot`.
 
@@ -231,15 +244,16 @@ class SweepResult:
 
 def sweep(
     case: str | Path | Case | Callable[..., Problem],
-    parameters: Mapping[str, Sequence[Any]],
+    parameters: Mapping[str, Sequence[Any]] | None = None,
     settings: Settings = (),
     *,
     quantity: Literal["rigid", "fem"] = "rigid",
     method: Method | None = None,
     accuracy: float | None = None,
     store: str | Path | None = None,
-    workers: int = 1,
+    workers: int | None = 1,
     judge: bool = False,
+    progress: Callable[[str, int, int], object] | None = None,
 ) -> SweepResult:
     """Compute a scene with every combination of some values; what a store holds is not repeated.
 
@@ -247,7 +261,8 @@ def sweep(
     ----------
     case
         Name of a built-in scene, a TOML file, a case of `load_case`, or a function that makes a
-        `fem.Problem` of the parameters, such as ``lambda amplitude: Problem(...)``.
+        `fem.Problem` of the parameters, such as ``lambda amplitude: Problem(...)``. Without
+        parameters name or file of a study: what `tubelock sweep` takes.
     parameters
         Values by key, such as ``{"block.amplitude": [0, 10, 20]}``; the last varies fastest.
     settings
@@ -261,9 +276,11 @@ def sweep(
     store
         File of the results (JSON lines), which a later call goes on with; None: nothing is kept.
     workers
-        Processes; 1: this one.
+        Processes; 1: this one; None: one for each core.
     judge
         Solve the best and the worst design of rigid blocks with deformable ones too.
+    progress
+        Called after each row with words, the number of rows so far and that of all designs.
 
     Raises
     ------
@@ -280,15 +297,27 @@ def sweep(
     from validation.study.rowfile import StudyRows, store_or_none
     from validation.study.run import runner_for
     from validation.study.run import sweep as run_study
+    from validation.study.study import load_study
 
+    study: Study
     if callable(case):
-        study = _study_of_function(case, parameters, method, store, workers)
+        study = _study_of_function(case, parameters or {}, method, store, workers)
+    elif parameters is None:
+        study = load_study(str(case), settings_words(settings))
     else:
         study = _study_of_scene(case, parameters, settings, quantity, accuracy)
     with store_or_none(store) as path:
         results, start = StudyRows(path, study), perf_counter()
         runner = partial(runner_for, workers=workers)
-        tally = run_study(results, runner(study))
+        done, total = results.counts()[0], study.n_designs
+
+        def tell(_: object) -> None:
+            nonlocal done
+            done += 1
+            if progress is not None:
+                progress(f"{done} of {total} designs", done, total)
+
+        tally = run_study(results, runner(study), on_row=tell)
         reported = summary(results, tally, perf_counter() - start)
         print_table(results, console := plain_console(table := StringIO()))
         judged: tuple[dict[str, Any], ...] = ()
@@ -334,7 +363,7 @@ def _study_of_function(
     parameters: Mapping[str, Sequence[Any]],
     method: Method | None,
     store: str | Path | None,
-    workers: int,
+    workers: int | None,
 ) -> Study:
     """Study of the problems of a function."""
     from mbd.options import Rigid

@@ -25,6 +25,7 @@ from validation.scene.sections import LimitsSection
 
 if TYPE_CHECKING:
     from fem.problem import Problem
+    from geometry.assembly import Assembly
 
 #: How blocks are answered.
 Method: TypeAlias = Rigid | Static | Explicit
@@ -49,6 +50,9 @@ class Case:
     """Folder that file names in the scene are relative to."""
     source: Path | None = None
     """File that the scene was read from; None: it is built in, or a problem."""
+    blocks: Assembly | None = None
+    """Hexahedral blocks of a case with the same blocks and mesh, taken by rigid-block analysis;
+    None: they are built."""
 
     def __repr__(self) -> str:
         """Name and method."""
@@ -91,7 +95,7 @@ class Case:
         from validation.build.problem import rigid_problem, scene_problem
 
         if isinstance(self.method, Rigid):
-            return rigid_problem(self.stated, self.name, self.folder)
+            return rigid_problem(self.stated, self.name, self.folder, self.blocks)
         return scene_problem(self.stated, self.name)
 
     @property
@@ -131,7 +135,7 @@ class Case:
     def stating(self, scene: DeformableScene) -> Case:
         """Return the case with another scene, and the same kind of method."""
         method = scene.rigid.method if isinstance(self.method, Rigid) else scene.method
-        return replace(self, stated=scene, method=method)
+        return replace(self, stated=scene, method=method, blocks=None)
 
     def with_method(self, method: Method | str) -> Case:
         """Return the case with another method, or with "rigid", "static" or "explicit" as stated.

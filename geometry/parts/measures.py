@@ -24,9 +24,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from geometry.assembly import AnyBlocks, Assembly, ContactSet
+from geometry.assembly import AnyBlocks, ContactSet
 from geometry.errors import RefusedError
-from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
+from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays
 
 #: Pressures below this fraction of the largest are round-off of the solver.
 _ROUND_OFF = 1e-12
@@ -93,6 +93,22 @@ def _block_measures(
     # Ties are ordered by area, so the result does not depend on the numbering.
     order = np.lexsort((-area, -np.round(share, 9)))[:count]
     return count, ratio, float(area[order].sum()), float(pressure[order].mean()), largest
+
+
+def effective_facets(pressures: FloatArray) -> BoolArray:
+    """Whether each facet is among the K that press most, K the participation ratio.
+
+    ``pressures`` are (n,) [MPa], the result (n,) bool.
+    """
+    total = float(pressures.sum())
+    if total <= 0.0:
+        return np.zeros(len(pressures), dtype=bool)
+    # A uniform pressure has a whole participation ratio and no order: neither hangs on round-off.
+    count = int(total**2 / float(pressures @ pressures) * (1.0 + _TIE))
+    alike = np.round(pressures / float(pressures.max()) / _TIE)
+    chosen = np.zeros(len(pressures), dtype=bool)
+    chosen[np.argsort(-alike, kind="stable")[:count]] = True
+    return chosen
 
 
 def block_measures(
@@ -573,14 +589,6 @@ def chain(joints: JointResultants) -> IntArray | None:
         if not following:
             return np.array(order, dtype=np.int64) if len(order) == n else None
         order.append(following[0])
-
-
-def between_layers(assembly: Assembly, contacts: IntArray, lower: int) -> IntArray:
-    """Rows of ``contacts``, places in the interfaces, between a layer and the next one, (n,)."""
-    interfaces = assembly.interfaces
-    return facets_between(
-        assembly.layer, interfaces.block_m[contacts], interfaces.block_s[contacts], lower
-    )
 
 
 def facets_between(layer: IntArray, block_m: IntArray, block_s: IntArray, lower: int) -> IntArray:

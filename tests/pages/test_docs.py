@@ -52,8 +52,19 @@ def _resolves(name: str) -> bool:
         place = ROOT.joinpath(*parts[:end])
         module = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
         if module.is_file():
-            return not parts[end:] or ".".join(parts[end:]) in _defined(module)
+            inside = ".".join(parts[end:])
+            return not inside or inside in _defined(module) or _elsewhere(module, parts[end:])
     return False
+
+
+def _elsewhere(module: Path, parts: list[str]) -> bool:
+    """Whether a module imports the first part from where the others are defined."""
+    places = [
+        n.module
+        for n in ast.walk(ast.parse(module.read_text("utf-8")))
+        if isinstance(n, ast.ImportFrom) and parts[0] in [a.asname or a.name for a in n.names]
+    ]
+    return any(place and _resolves(".".join((place, *parts))) for place in places)
 
 
 @cache

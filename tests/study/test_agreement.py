@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from validation.study.comparison.agreement import agreement, effective_region
+from geometry import effective_facets
+from validation.study.comparison.agreement import agreement
 
 pytestmark = pytest.mark.quick
 
@@ -18,7 +19,7 @@ def test_agreement_of_a_field_with_itself_is_perfect() -> None:
     assert same["correlation"] == pytest.approx(1.0)
     assert same["overlap"] == same["peaks_found"] == 1.0
     assert same["force_ratio"] == pytest.approx(2.0)
-    assert effective_region(np.array([0.0, 5.0, 0.0])).tolist() == [False, True, False]
+    assert effective_facets(np.array([0.0, 5.0, 0.0])).tolist() == [False, True, False]
 
 
 def test_uniform_pressures_agree_whatever_their_round_off() -> None:
@@ -30,7 +31,7 @@ def test_uniform_pressures_agree_whatever_their_round_off() -> None:
     found = agreement("all", uniform[0], uniform[1], centroids=centroids, areas=areas, block=block)
     assert found["correlation"] == 1.0
     assert found["overlap"] == 1.0
-    assert effective_region(uniform[0]).all()
+    assert effective_facets(uniform[0]).all()
     sloped = np.linspace(0.1, 0.3, 60)
     found = agreement("all", uniform[0], sloped, centroids=centroids, areas=areas, block=block)
     assert found["correlation"] == 0.0

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from validation.study.rowfile import read_csv
+from validation import read_rows
 from validation.study.run import run_design
 from validation.study.study import load_study
 
@@ -41,7 +41,7 @@ def test_designs_computed_again_agree_within_their_error_bars(
         "block.thickness": thickness,
         "block.amplitude": 15.0,
     }
-    (stored,) = (row for row in read_csv(ROWS) if design.items() <= row.items())
+    (stored,) = (row for row in read_rows(ROWS) if design.items() <= row.items())
     study = load_study("paper-480-fem")
     row = run_design(study, study.number(design))
     assert row.status == "ok"

@@ -5,8 +5,6 @@ from __future__ import annotations
 import itertools
 from pathlib import Path
 
-from rich.console import Console
-
 from geometry import Answer
 from validation.paper.evidence import Evidence, StudyTable
 
@@ -51,7 +49,7 @@ def coarse_evidence(
     folder: Path, study: StudyTable | None = None, *, deformable: bool = False
 ) -> CoarseEvidence:
     """Evidence whose parameter study is the synthetic one."""
-    evidence = CoarseEvidence(folder, Console(quiet=True), deformable=deformable)
+    evidence = CoarseEvidence(folder, deformable=deformable)
     evidence.__dict__["study"] = synthetic_study() if study is None else study
     evidence.__dict__["half_block"] = evidence.study
     return evidence

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from tests.verification.evidence import (
     CoarseEvidence,
@@ -150,7 +149,7 @@ def test_there_are_enough_claims_and_every_one_says_where_it_stands() -> None:
     assert len({claim.name for claim in found}) == len(found)
     assert all(claim.text["statement"] and claim.text["place"] for claim in found)
     with pytest.raises(InputError, match="expected one of locked"):
-        judge_claims(Evidence(Path(), Console(quiet=True)), ["lockd"])
+        judge_claims(Evidence(Path()), ["lockd"])
 
 
 def test_claims_of_rigid_blocks_are_decided(tmp_path) -> None:
@@ -240,7 +239,7 @@ def test_every_erratum_is_shown_by_its_own_command(tmp_path) -> None:
 
 
 def test_curves_of_the_parameter_study_are_all_there() -> None:
-    from validation.paper.figures import parameter_curves
+    from validation.paper.shown.figures import parameter_curves
 
     study = synthetic_study()
     for shift in (0.0, 0.5):
@@ -253,7 +252,7 @@ def test_curves_of_the_parameter_study_are_all_there() -> None:
 
 def test_ring_pressures_carry_the_load_to_the_frames(tmp_path) -> None:
     """Pillar: the axial load p A passes through every interface, frames included."""
-    from validation.paper.figures import rings
+    from validation.paper.shown.figures import rings
 
     run = coarse_evidence(tmp_path).case("TSB1", "pillar")
     load = np.linalg.norm(run.details.load.facet_forces.sum(axis=0))
@@ -273,7 +272,7 @@ def test_ring_pressures_carry_the_load_to_the_frames(tmp_path) -> None:
 
 
 def test_cost_rows_stand_beside_the_printed_ones(tmp_path) -> None:
-    from validation.paper.figures import cost_rows
+    from validation.paper.shown.figures import cost_rows
 
     rows = cost_rows(coarse_evidence(tmp_path))
     assert rows[0].cpu_hours == 2.7
@@ -286,8 +285,8 @@ def test_cost_rows_stand_beside_the_printed_ones(tmp_path) -> None:
 def test_figures_of_deformable_blocks_are_drawn(
     deformable_evidence, tmp_path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from validation.paper import figures_fem
     from validation.paper.claims.deformable import pressure_pairs
+    from validation.paper.shown import figures_fem
 
     figures_fem.draw_layer_comparison(deformable_evidence, tmp_path / "layer.png")
     assert len(pressure_pairs(deformable_evidence)) == 12

@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from tests.support.chromium import BROWSER, Page
 from tests.support.pixels import open_pixels
 from tests.verification.evidence import coarse_evidence, picture_is_drawn
 from validation.paper.reference import reference
-from validation.paper.report import Extent, report_evidence
+from validation.paper.shown.report import Extent, report_evidence
 
 pytestmark = pytest.mark.slow
 
@@ -23,7 +24,9 @@ pytestmark = pytest.mark.slow
 def report(tmp_path_factory) -> Path:
     """A report of rigid blocks on coarse meshes."""
     folder = tmp_path_factory.mktemp("report")
-    return report_evidence(coarse_evidence(folder), folder, extent=Extent.QUICK)
+    return report_evidence(
+        coarse_evidence(folder), folder, Console(quiet=True), extent=Extent.QUICK
+    )
 
 
 def test_the_page_stands_alone(report) -> None:

@@ -32,10 +32,13 @@ def tables(json: JsonOption = None) -> None:
     Marks the values that match to the printed precision.
     """
     from validation.output.outputs import Outputs
-    from validation.paper.tables import compute_tables, print_tables
+    from validation.output.progress import following
+    from validation.paper.shown.printing import print_tables
+    from validation.paper.tables import compute_tables
 
     with Outputs(json) as outputs:
-        result = compute_tables()
+        with following("tables") as tell:
+            result = compute_tables(tell=tell)
         print_tables(result, outputs.console)
         outputs.write_json(result)
 
@@ -54,11 +57,11 @@ def figures(
     from validation.output.outputs import Outputs
     from validation.output.progress import following
     from validation.paper.evidence import Evidence
-    from validation.paper.figures import cost_rows, draw_figures, print_costs
+    from validation.paper.shown.figures import cost_rows, draw_figures, print_costs
 
     with Outputs(json, output, ("*.png", "*.jsonl")) as outputs:
-        evidence = Evidence(output, outputs.console, deformable=fem, full=full, workers=workers)
-        with following("figures"):
+        with following("figures") as tell:
+            evidence = Evidence(output, tell, deformable=fem, full=full, workers=workers)
             result = draw_figures(evidence, output)
             costs = cost_rows(evidence)
         print_costs(costs, outputs.console)
@@ -85,14 +88,15 @@ def claims(
     from validation.output.progress import following
     from validation.paper.claims import judge
     from validation.paper.evidence import Evidence
+    from validation.paper.shown.printing import print_claims
     from validation.paper.statement import chosen_by_name
 
     chosen_by_name(judge.claims(), names, "claim")
     with Outputs(json, _DATA, ("*.jsonl",)) as outputs:
-        evidence = Evidence(_DATA, outputs.console, deformable=fem, full=full, workers=workers)
-        with following("claims"):
+        with following("claims") as tell:
+            evidence = Evidence(_DATA, tell, deformable=fem, full=full, workers=workers)
             result = judge.judge_claims(evidence, names)
-        judge.print_claims(result, outputs.console)
+        print_claims(result, outputs.console)
         outputs.write_json(result)
 
 
@@ -112,13 +116,15 @@ def deformable(
     """Judge the paper's geometric statements by rigid and by deformable blocks."""
     from validation.output.outputs import Outputs
     from validation.paper import deformable_study as study
+    from validation.paper.shown.deformable_study import draw_study
+    from validation.paper.shown.printing import print_study
 
     reads = () if rows is None else (rows,)
     with Outputs(json, output, ("deformable-study-*.png",), reads=reads) as outputs:
         compared = study.Compared(rows)
         data = study.as_json(compared)
-        study.print_study(data, outputs.console)
-        for name, draw in study.draw_study(compared):
+        print_study(data, outputs.console)
+        for name, draw in draw_study(compared):
             outputs.write("picture", name, draw)
         outputs.write_json(data)
 
@@ -129,13 +135,14 @@ def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
     from validation.output.progress import following
     from validation.paper import errata
     from validation.paper.evidence import Evidence
+    from validation.paper.shown.printing import print_errata
     from validation.paper.statement import chosen_by_name
 
     chosen_by_name(errata.errata(), names, "erratum")
     with Outputs(json, _DATA, ("*.jsonl",)) as outputs:
-        with following("errata"):
-            result = errata.show_errata(Evidence(_DATA, outputs.console), names)
-        errata.print_errata(result, outputs.console)
+        with following("errata") as tell:
+            result = errata.show_errata(Evidence(_DATA, tell), names)
+        print_errata(result, outputs.console)
         outputs.write_json(result)
 
 
@@ -151,7 +158,7 @@ def report(
     if context.invoked_subcommand is not None:
         return  # it stands before every part, and is the whole where none is named
     from validation.output.console import text_console
-    from validation.paper.report import Extent, write_report
+    from validation.paper.shown.report import Extent, write_report
 
     if quick and full:
         raise InputError("--quick and --full: choose one of the two, or none")

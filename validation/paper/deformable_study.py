@@ -7,24 +7,18 @@ the studies. The claims are judged by the judges of `validation.paper.claims`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import partial
+from collections.abc import Callable, Iterable
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
-from validation.errors import InputError
-from validation.output.console import listing, tabled
-from validation.output.pictures.gallery import save_figure, subplots
-from validation.output.pictures.scales import OF_LINES
+from validation import InputError
+from validation import read_rows as csv_rows
 from validation.paper.claims.rigid import RIGID_CLAIMS
 from validation.paper.evidence import PATHS, Design, Evidence, StudyTable
-from validation.paper.figures import draw_parameter_study
 from validation.paper.statement import Truth, Verdict, judged
-from validation.study.rowfile import read_csv
 
 RIGID, DEFORMABLE = "paper-480", "paper-480-fem"
 #: Folder of the built-in studies and their rows.
@@ -59,7 +53,7 @@ Rows = dict[Design, dict[str, Any]]
 def read_rows(path: Path) -> Rows:
     """Rows of a study from the CSV that `tubelock sweep --csv` writes, by design."""
     result: Rows = {}
-    for row in read_csv(path):
+    for row in csv_rows(path):
         try:
             s, f, n, t, a = (float(row[p]) for p in PATHS)
             result[s, f, int(n), t, a] = row
@@ -166,7 +160,7 @@ def _row(name: str, statement: str, title: str, verdict: Verdict) -> dict[str, A
 
 def _verdict(judge: Callable[[Evidence], Verdict], compared: Compared, measure: str) -> Verdict:
     """Judge a claim by another measure; rows that it needs and that are missing leave it open."""
-    evidence = Evidence(Path(), Console(quiet=True))
+    evidence = Evidence(Path())
     evidence.__dict__["study"] = compared.table(measure)
     try:
         return judge(evidence)
@@ -241,84 +235,3 @@ def as_json(compared: Compared) -> dict[str, Any]:
         "effects": effects(compared),
         "rank_correlations": rank_correlations(compared),
     }
-
-
-def print_study(data: Mapping[str, Any], console: Console) -> None:
-    """Print verdicts, effects of parameters and rank correlations."""
-    heads = list(dict.fromkeys(row["measure"] for row in data["claims"]))
-    table = listing("The paper's geometric claims", "claim", *heads, show_lines=True)
-    for name in dict.fromkeys(row["claim"] for row in data["claims"]):
-        rows = [row for row in data["claims"] if row["claim"] == name]
-        table.add_row(
-            f"{name}: {rows[0]['statement']}", *(f"{r['verdict']}: {r['number']}" for r in rows)
-        )
-    console.print(table)
-    columns = {head: f"{{{head}}}" for head in data["effects"][0]}
-    columns["mean ratio"] = "{mean ratio:.3f}"
-    title = "Change by one step of each parameter (deformable: beyond the error bars)"
-    console.print(tabled(title, data["effects"], columns, words=2))
-    ranks = data["rank_correlations"]
-    columns = {"measure": "{measure}"} | {
-        row["measure"]: f"{{{row['measure']}:.2f}}" for row in ranks
-    }
-    console.print(tabled("Spearman's rank correlation", ranks, columns))
-    console.print(data["scope"])
-    for *key, why in data["unresolved"]:
-        console.print(f"not resolved: s, f, n, t, a = {key}: {why}")
-
-
-def draw_study(compared: Compared) -> Iterator[tuple[str, Callable[[Path], object]]]:
-    """Names of the figures and what draws them."""
-    for shift, name in ((0.0, "sine"), (0.5, "cosine")):
-        if shift in compared.axes[0]:
-            tables = compared.table("p_max_fem"), compared.table("p_max")
-            draw = partial(draw_parameter_study, tables[0], shift, dashed=tables[1])
-            yield f"deformable-study-{name}.png", draw
-    yield "deformable-study-ranks.png", partial(draw_ranks, compared)
-
-
-def draw_ranks(compared: Compared, path: Path) -> None:
-    """Draw deformable against rigid p_max, and the averaged tension against both."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    figure, axes = subplots(1, 3, size=(13, 4.4))
-    panels = (
-        ("p_max", "p_max_fem"),
-        ("p_max", "sigma_1_averaged_fem"),
-        ("p_max_fem", "sigma_1_averaged_fem"),
-    )
-    ranks = {row["measure"]: row for row in rank_correlations(compared)}
-    frequencies = [key[1] for key in compared.rows]
-    for panel, (x, y) in zip(axes, panels, strict=True):
-        titles = JUDGED[x][0], JUDGED[y][0]
-        for colour, f in zip(OF_LINES, compared.axes[1], strict=False):
-            mine = [k for k, frequency in enumerate(frequencies) if frequency == f]
-            bars = [
-                list(compared.rows.values())[k][f"{y.removesuffix('_fem')}_error_fem"] for k in mine
-            ]
-            panel.errorbar(
-                compared.values(x)[mine],
-                compared.values(y)[mine],
-                yerr=bars,
-                fmt="o",
-                markersize=3.5,
-                elinewidth=0.8,
-                color=colour,
-                label=f"f = {f:g}",
-            )
-        if y == "p_max_fem":
-            ends = compared.values(x).min(), compared.values(x).max()
-            panel.plot(ends, ends, color="#999999", linewidth=0.8)
-        panel.set_xscale("log")
-        panel.set_yscale("log")
-        for axis in (panel.xaxis, panel.yaxis):
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-            axis.set_minor_formatter(NullFormatter())
-        panel.set_xlabel(f"{titles[0]} [MPa]")
-        panel.set_ylabel(f"{titles[1]} [MPa]")
-        panel.set_title(f"rank correlation {ranks[titles[0]][titles[1]]:.2f}", loc="left")
-        panel.grid(alpha=0.3)
-    axes[0].legend(frameon=False)
-    figure.suptitle(f"{len(compared.rows)} designs under internal pressure", x=0.02, ha="left")
-    save_figure(figure, path)

@@ -8,22 +8,14 @@ from typing import Any
 import numpy as np
 import scipy.optimize
 import scipy.sparse as sp
-from rich.console import Console
-from rich.table import Table
 
-from geometry.errors import RefusedError
-from geometry.families.sine_block import LayerTurn, SineBlockParameters, wave, waves_of_turn
-from geometry.loads import named_case
+from geometry import RefusedError, SineBlock
 from mbd import contact_jacobian
-from mbd.mechanism import classify
-from validation.case import load_case
-from validation.output.console import listing, two_columns
-from validation.paper.evidence import Evidence, p_max
+from validation import load_case, solve
+from validation.paper.evidence import Evidence, FloatArray, p_max, sine_block
 from validation.paper.reading import Ingredient, ingredients, sensitivity
 from validation.paper.reference import reference
 from validation.paper.statement import Statement, Statements, Truth, Verdict, chosen_by_name
-from validation.paper.tables import number
-from validation.scene.read import TubeScene
 
 #: In the order of their demonstrations.
 _ERRATA = Statements("erratum")
@@ -71,14 +63,13 @@ def _most(n: int, n_bounded: int, **constraints: Any) -> Any:
 @_ERRATA.add
 def _degenerate_program(_: Evidence) -> Verdict:
     settings = ["assembly.layers=2", "mesh.around=24", "mesh.radial=3", "mesh.axial=6"]
-    tube = load_case("tsb1-pipe", settings).problem.blocks
-    contacts = contact_jacobian(tube)
+    case = load_case("tsb1-pipe", settings, method="rigid")
+    contacts = contact_jacobian(case.problem.blocks)
     n = 6 * len(contacts.free_blocks)
     transpose = sp.csr_array(contacts.jacobian.to_matrix().T)
     optimum, motion = solve_printed_program(transpose)
     opening = solve_corrected_program(transpose)
-    force = contacts.rows(named_case(tube, "pipe", 0.01).wrenches)
-    mechanism = classify(contacts.jacobian, force).mechanism
+    mechanism = solve(case).details.mechanism
     return Verdict(
         Truth.TRUE,
         f"TSB1, two layers, N_b = {n // 6}: HiGHS finds z* = {optimum:g} = 6 N_b with "
@@ -108,10 +99,10 @@ def _ingredient(ingredient: Ingredient) -> Statement:
     return Statement(ingredient.name, text, show)
 
 
-def _tsb1() -> SineBlockParameters:
-    scene = load_case("tsb1-pipe").scene
-    assert isinstance(scene, TubeScene)
-    return scene.stated.block
+def _wave(block: SineBlock, across: FloatArray) -> FloatArray:
+    """Height of a wavy face at the outer radius, of the place across the block, 0 to 1 [mm]."""
+    phase = 2 * block.frequency * across + block.shift / 2
+    return block.amplitude * np.sin(2 * np.pi * phase)
 
 
 @_ERRATA.add
@@ -156,11 +147,11 @@ def _friction(evidence: Evidence) -> Verdict:
 
 @_ERRATA.add
 def _half_block(_: Evidence) -> Verdict:
-    block = _tsb1()
+    block = sine_block(load_case("tsb1-pipe"))
     half = block.inner_radius * np.sqrt(2 * (1 - np.cos(np.pi / block.blocks_per_layer)))
     whole = 2 * block.inner_radius * np.sin(np.pi / block.blocks_per_layer)
     across = np.linspace(0.0, 1.0, 3001)
-    z = wave(block, across, np.full_like(across, block.outer_radius))
+    z = _wave(block, across)
     valleys = int(((z[1:-1] < z[:-2]) & (z[1:-1] < z[2:])).sum())
     try:
         refusal = repr(load_case("tsb1-pipe", ["block.frequency=0.75"]).problem)
@@ -177,15 +168,13 @@ def _half_block(_: Evidence) -> Verdict:
 
 @_ERRATA.add
 def _layer_shift(_: Evidence) -> Verdict:
-    block = _tsb1()
+    block = sine_block(load_case("tsb1-pipe"))
     across = np.linspace(0.0, 1.0, 3001)
-    outer = np.full_like(across, block.outer_radius)
 
     def misfit(turn: float) -> float:
-        below, above = wave(block, across + turn, outer), wave(block, across, outer)
-        return float(np.abs(above - below).max())
+        return float(np.abs(_wave(block, across) - _wave(block, across + turn)).max())
 
-    third = waves_of_turn(block, LayerTurn.HALF_BLOCK) / block.waves_per_block
+    third = int(block.frequency) / block.waves_per_block
     return Verdict(
         Truth.TRUE,
         f"TSB1: turned by half a block the faces miss each other by up to {misfit(0.5):.1f} mm; "
@@ -198,7 +187,7 @@ def _layer_shift(_: Evidence) -> Verdict:
 def _one_wave(evidence: Evidence) -> Verdict:
     """Three designs of the study with either turn: what the paper says holds for one of them."""
     result = {f: p_max(evidence.tsb((0.0, f, 6, 30.0, 25.0))) for f in (1.0, 1.5, 2.0)}
-    other = replace(evidence, turn=LayerTurn.HALF_BLOCK)
+    other = replace(evidence, turn="half block")
     half = p_max(other.tsb((0.0, 2.0, 6, 30.0, 25.0)))
     return Verdict(
         Truth.TRUE,
@@ -267,40 +256,3 @@ def show_errata(evidence: Evidence, names: list[str] | None = None) -> list[dict
         command = f"tubelock reproduce errata {erratum.name}"
         result.append({"name": erratum.name, **erratum.text, **found, "command": command})
     return result
-
-
-def print_errata(found: list[dict[str, Any]], console: Console) -> None:
-    """Print each erratum with what shows it."""
-    for row in found:
-        table = two_columns(row["name"])
-        for key in ("printed", "meant", "shown", "command"):
-            table.add_row(key, row[key])
-        console.print(table)
-    without = [row for row in found if "without" in row["values"]]
-    if without:
-        console.print(_sensitivity_table(without))
-
-
-def _sensitivity_table(found: list[dict[str, Any]]) -> Table:
-    """One line a number: its error, and the error without each ingredient that moves it."""
-    title = "Errors of the tables' numbers [%], and without an ingredient where that moves them"
-    heads = ("printed", "error", *(row["name"].replace("-", " ") for row in found))
-    table = listing(title, "number", numbers=heads, padding=0)
-    table.columns[0].no_wrap = True
-    whole = found[0]["values"]["with"]
-    table.add_row("printed digits matched", "", *_counts(found))
-    for place, error in whole["differences"].items():
-        block, case, quantity = place.split()
-        moved = [row["values"]["moved"].get(place) for row in found]
-        table.add_row(
-            place,
-            number(quantity, reference()["table"][block][case][quantity]),
-            f"{100 * error:+.1f}",
-            *("" if other is None else f"{100 * other:+.1f}" for other in moved),
-        )
-    return table
-
-
-def _counts(found: list[dict[str, Any]]) -> list[str]:
-    values = [found[0]["values"]["with"], *(row["values"]["without"] for row in found)]
-    return [f"{v['to_the_digit']}/{v['of']}" for v in values]

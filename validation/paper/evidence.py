@@ -7,30 +7,25 @@ stopped. Deformable runs cost minutes; without them the claims that need them ar
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise, product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal, TypeAlias
 
-from rich.console import Console
+import numpy as np
+from numpy.typing import NDArray
 
-from geometry.answer import Answer
-from geometry.families.sine_block import LayerTurn
-from geometry.parts.measures import Measures
-from validation.case import load_case
-from validation.errors import InputError
-from validation.output.progress import following
+from geometry import Answer, SineBlock
+from validation import Case, InputError, load_case, solve, sweep
 from validation.paper.reading import MESH_OF_TABLES, SharedTubes, solve_row
-from validation.solving import solve
-from validation.study.report import sweep_progress
-from validation.study.rowfile import StudyRows
-from validation.study.run import runner_for, sweep
-from validation.study.study import SceneStudy, load_study
 
-if TYPE_CHECKING:
-    from geometry.answer import Answer
+FloatArray: TypeAlias = NDArray[np.float64]
+IntArray: TypeAlias = NDArray[np.int64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+Tell: TypeAlias = Callable[..., object]
+"""Called with what is computed, in words; also with how much of how much is done."""
 
 #: shift, frequency, blocks per layer, thickness [mm], amplitude [mm].
 Design = tuple[float, float, int, float, float]
@@ -84,20 +79,23 @@ def _design(key: Iterable[float]) -> Design:
     return (shift, frequency, int(n), thickness, amplitude)
 
 
-def read_table(results: StudyRows) -> StudyTable:
-    """Read a finished parameter study."""
-    rows = {_design(row[path] for path in PATHS): row for row in results.rows()}
-    failed = next((row for row in rows.values() if row["status"] != "ok"), None)
+def read_table(study: Any, path: Path) -> StudyTable:
+    """Take a finished parameter study, a `validation.sweep`, whose rows are in a file."""
+    rows = {_design(row[path] for path in PATHS): row for row in study.rows}
+    failed = next((row for row in study.rows if row["status"] != "ok"), None)
     if failed is not None:
         raise InputError(
-            f"{results.path}: design {failed['number']} failed: {failed['message']}; "
+            f"{path}: design {failed['number']} failed: {failed['message']}; "
             "remove the file or use `tubelock sweep --retry-failed`"
         )
-    values = dict(results.study.parameters)
-    assert isinstance(results.study, SceneStudy)
-    mesh = results.study.scene_file(0).scene.model_dump()["mesh"]
+    values = dict(study.study.parameters)
+    mesh = study.study.scene_file(0).keys["mesh"]
     words = f"{mesh['around']} × {mesh['radial']} × {mesh['axial']}"
     return StudyTable(rows, tuple(tuple(values[path]) for path in PATHS), words)
+
+
+def nobody(*_: object) -> None:
+    """Print no progress."""
 
 
 @dataclass
@@ -106,8 +104,8 @@ class Evidence:
 
     folder: Path
     """Where the parameter study's result file lies."""
-    console: Console
-    """Progress and notes."""
+    tell: Tell = nobody
+    """Progress."""
     deformable: bool = False
     """Whether deformable runs may be computed."""
     full: bool = False
@@ -116,7 +114,7 @@ class Evidence:
     """Processes of the parameter study; None: one per core."""
     cpu_seconds: dict[str, float] = field(default_factory=dict)
     """CPU time of what was computed, by its name [s]."""
-    turn: LayerTurn = LayerTurn.ONE_WAVE
+    turn: Literal["one wave", "half block"] = "one wave"
     """Turn of every second layer in the parameter study; the paper's, or another reading."""
     _tubes: SharedTubes = field(default_factory=SharedTubes)
     rigid_runs: dict[tuple[str, tuple[str, ...]], Answer] = field(default_factory=dict)
@@ -137,18 +135,23 @@ class Evidence:
 
     def with_half_block(self) -> Evidence:
         """Return the same evidence, the parameter study with the half-block turn."""
-        other = replace(self, turn=LayerTurn.HALF_BLOCK)
+        other = replace(self, turn="half block")
         other.__dict__["study"] = self.half_block
         return other
 
     def _swept(self, built_in: str, words: str) -> StudyTable:
         """Rows of a built-in study, computed where the result file lacks them."""
-        study = load_study(built_in, ["mesh.radial=24"] if self.full else [])
         name = f"{built_in}{'-full' if self.full else ''}.jsonl"
-        results = StudyRows(self.folder / name, study)
-        with sweep_progress(results) as show:
-            sweep(results, runner_for(study, self.workers), on_row=show)
-        table = read_table(results)
+        table = read_table(
+            sweep(
+                built_in,
+                settings=["mesh.radial=24"] if self.full else [],
+                store=self.folder / name,
+                workers=self.workers,
+                progress=lambda state, *share: self.tell(f"{words}: {state}", *share),
+            ),
+            self.folder / name,
+        )
         self.cpu_seconds[words] = table.cpu_seconds
         return table
 
@@ -200,20 +203,25 @@ class Evidence:
         name = f"{block.lower()}-{case}"
         mesh = (f"mesh.around={around}", f"mesh.radial={radial}", f"mesh.axial={axial}")
         own = ("fem.method=static", "fem.mesh=scene", "fem.error_estimate=false")
-        with following(f"deformable blocks: {name} {words}"):
-            answer = solve(load_case(name, [*own, f"fem.symmetry={symmetry}", *mesh, *settings]))
+        self.tell(f"deformable blocks: {name} {words}")
+        answer = solve(load_case(name, [*own, f"fem.symmetry={symmetry}", *mesh, *settings]))
         label = f"fem {name} {around} × {radial} × {axial} {words}".strip()
         self.cpu_seconds[label] = answer.report["cpu_seconds"]["total"]
         return answer
 
 
-def measures_of(run: Answer) -> Measures:
+def sine_block(case: Case) -> SineBlock:
+    """Return the block that the scene of a tube states."""
+    return SineBlock(**{key: value for key, value in case.keys["block"].items() if key != "type"})
+
+
+def measures_of(run: Answer) -> Any:
     """Return the paper's measures of a tube that its contacts hold in equilibrium."""
-    measures: Measures | None = run.details.measures
+    measures = run.details.measures
     assert measures is not None
     return measures
 
 
 def p_max(run: Answer) -> float:
     """Max–mean contact pressure of such a tube [MPa]."""
-    return measures_of(run).p_max
+    return float(measures_of(run).p_max)

@@ -7,23 +7,16 @@ an ingredient shows how many of the printed numbers then still come out to the l
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
-from geometry.answer import Answer
-from geometry.assembly import Assembly
-from geometry.loads import LoadCase, PressureLoad, TractionLoad, surface_means
-from geometry.parts.measures import Measures
+from geometry import Answer, LoadCase, PressureLoad, TractionLoad
 from mbd import analyse
-from validation.build.problem import rigid_problem
-from validation.case import load_case
+from validation import load_case, solve
 from validation.paper.reference import reference
-from validation.scene.family import RoundScene
-from validation.solving import solve, solve_rigid
 
 #: Quantities of a table's row, and the decimals that are printed.
 DECIMALS = {"effective": 1, "p_eff": 3, "p_max": 3}
@@ -55,41 +48,23 @@ def table_settings(block: str) -> tuple[str, ...]:
     return (*MESH_OF_TABLES[block[:3]], "load.as_printed=true")
 
 
-@dataclass
 class SharedTubes:
-    """Tubes built so far, by what their blocks are."""
+    """Tubes built so far, by the sections of their scenes that state blocks."""
 
-    _built: dict[str, tuple[Assembly, float]] = field(default_factory=dict)
+    def __init__(self) -> None:
+        """Begin without a tube."""
+        self._built: dict[str, Any] = {}
 
     def solve(self, scene: str, *settings: str) -> Answer:
-        """Answer a scene by rigid blocks, built once for all scenes that have the same.
+        """Answer a scene by rigid blocks, which are built once for all scenes that have the same.
 
-        The CPU time of building is that of the first of them: what the scene alone would take.
+        `Case.blocks` of such an answer are those of another; of one that built its own it is None.
         """
         case = load_case(scene, settings, method="rigid")
-        tube_scene = case.scene
-        if not isinstance(tube_scene, RoundScene):
-            return solve(case)
-        sections = (tube_scene.block, tube_scene.assembly, tube_scene.mesh)
-        key = "\n".join(section.model_dump_json() for section in sections)
-        if key not in self._built:
-            start = time.process_time()
-            tube = case.problem.blocks
-            assert isinstance(tube, Assembly)
-            _ = tube.interfaces  # found once and kept
-            self._built[key] = tube, time.process_time() - start
-        tube, seconds = self._built[key]
-        answer = solve_rigid(
-            case, lambda _: None, rigid_problem(tube_scene, case.name, case.folder, tube)
-        )
-
-        def reported() -> dict[str, Any]:
-            spent = answer.report["cpu_seconds"]
-            own = {name: spent[name] + seconds for name in ("build", "total")}
-            return answer.report | {"cpu_seconds": spent | own}
-
-        # Tables read measures alone: what a report computes beside them takes longer.
-        return replace(answer, reported=reported)
+        sections = repr([case.keys.get(name) for name in ("block", "assembly", "mesh")])
+        answer = solve(replace(case, blocks=self._built.get(sections)))
+        self._built.setdefault(sections, answer.details.blocks)
+        return answer
 
 
 def solve_row(solve: Solve, block: str, case: str, *settings: str) -> Answer:
@@ -97,7 +72,7 @@ def solve_row(solve: Solve, block: str, case: str, *settings: str) -> Answer:
     return solve(f"{block.lower()}-{case}", *table_settings(block), *settings)
 
 
-def as_read(measures: Measures | None) -> Values:
+def as_read(measures: Any | None) -> Values:
     """Return the numbers of a row as the tables take them: elements counted, p_eff pooled."""
     if measures is None:
         return dict.fromkeys(DECIMALS)
@@ -195,8 +170,9 @@ def _at_mass_centroid(run: Answer) -> LoadCase:
 def _radii(solve: Solve) -> str:
     """Say how far from the axis both points of a block lie."""
     run = solve_row(solve, "TSB1", "shaft")
-    block = int(run.details.load.block[0])
-    points = surface_means(run.details.blocks)[block], run.details.blocks.centroids[block]
+    blocks, block = run.details.blocks, int(run.details.load.block[0])
+    surface = blocks.nodes(block)[blocks.shape(block).surface_nodes]
+    points = surface.mean(axis=0), blocks.centroids[block]
     mean, mass = (float(np.hypot(*point[:2])) for point in points)
     return f"in TSB1 they are {mean:.1f} and {mass:.1f} mm from the axis"
 

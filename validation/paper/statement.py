@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, TypeAlias
 
-from validation.errors import InputError
+from validation import InputError
 from validation.paper.evidence import Evidence
 from validation.paper.reference import statements
 

@@ -5,14 +5,11 @@ Two results for each: with the paper's assumptions (`validation.paper.reading`),
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
-from rich.console import Console
-
-from geometry.answer import Answer
-from validation.output.console import tabled
-from validation.output.progress import following
+from geometry import Answer
+from validation.paper.evidence import Tell, nobody
 from validation.paper.reading import DECIMALS, SharedTubes, Solve, as_read, solve_row, to_the_digit
 from validation.paper.reference import reference
 
@@ -25,7 +22,7 @@ HEADS = {
 }
 
 
-def compute_tables(solve: Solve | None = None) -> dict[str, Any]:
+def compute_tables(solve: Solve | None = None, tell: Tell = nobody) -> dict[str, Any]:
     """Compute every printed row.
 
     By default every scene is solved anew, with the blocks of each table once.
@@ -43,20 +40,19 @@ def compute_tables(solve: Solve | None = None) -> dict[str, Any]:
 
     rows, classes = [], []
     tasks = [(block, case) for block, cases in reference()["table"].items() for case in cases]
-    with following("tables") as follow:
-        for number, (block, case) in enumerate(tasks):
-            follow(f"{block} {case}, {number + 1} of {len(tasks)}", number, len(tasks))
-            printed = reference()["table"][block][case]
-            run = solve_row(solve, block, case)
-            mechanism = str(run.details.mechanism)
-            place = {"block": block, "case": case}
-            classes.append(place | {"paper": printed["mechanism"], "ours": mechanism})
-            if "p_max" in printed:
-                # As physics says, only the shaft's load differs.
-                physical = run
-                if case == "shaft":
-                    physical = solve_row(solve, block, case, "load.as_printed=false")
-                rows += [place | row for row in _rows(printed, run, physical)]
+    for number, (block, case) in enumerate(tasks):
+        tell(f"{block} {case}, {number + 1} of {len(tasks)}", number, len(tasks))
+        printed = reference()["table"][block][case]
+        run = solve_row(solve, block, case)
+        mechanism = str(run.details.mechanism)
+        place = {"block": block, "case": case}
+        classes.append(place | {"paper": printed["mechanism"], "ours": mechanism})
+        if "p_max" in printed:
+            # As physics says, only the shaft's load differs.
+            physical = run
+            if case == "shaft":
+                physical = solve_row(solve, block, case, "load.as_printed=false")
+            rows += [place | row for row in _rows(printed, run, physical)]
     met = sum(row["to_the_digit"] for row in rows)
     return {"to_the_digit": met, "of": len(rows), "rows": rows, "classes": classes}
 
@@ -112,19 +108,3 @@ def lines_by_block(tables: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
                 }
                 lines.append({"case": c["case"]} | words)
     return result
-
-
-def print_tables(tables: dict[str, Any], console: Console) -> None:
-    """Print one table per block: every number on a line of its own, the count at the end."""
-    columns: dict[str, str | Callable[[dict[str, Any]], str]] = {
-        "load case": lambda row: row["case"] if row["quantity"] == HEADS["mechanism"] else "",
-        "quantity": "{quantity}",
-        "paper": "{paper}",
-        "tubelock": "{ours}",
-        "difference": "{difference}",
-        "printed digits": lambda row: "yes" if row["same"] else "no",
-        "consistent load": "{physics}",
-    }
-    for block, lines in lines_by_block(tables).items():
-        console.print(tabled(f"{block}, with the paper's assumptions", lines, columns, words=2))
-    console.print(count_words(tables))

@@ -10,14 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fem.stresses.recovery import recover
-from geometry.answer import Answer
-from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.parts.measures import between_layers
-from validation.paper.evidence import Evidence
+from geometry import Answer, effective_facets
+from validation.paper.evidence import BoolArray, Evidence, FloatArray, sine_block
 from validation.paper.statement import Statements, Truth, Verdict, judged
-from validation.scene.read import TubeScene
-from validation.study.comparison.agreement import effective_region
 
 FEM_CLAIMS = Statements("claim")
 
@@ -32,28 +27,28 @@ _LAYER = 7
 # Fields on the grid of a block
 
 
-def block_grid(answer: Answer, values: FloatArray) -> FloatArray:
-    """Nodal values (n_nodes, …) by position in the block: radial, around, axial."""
-    mesh = _tube(answer).mesh.model_dump()
+def block_grid(answer: Answer, values: FloatArray, block: int) -> FloatArray:
+    """Values of a block, of nodal ones (n_points, …), by position: radial, around, axial."""
+    mesh = answer.case.keys["mesh"]
     shape = (mesh["radial"] + 1, mesh["around"] + 1, mesh["axial"] + 1)
-    return values.reshape(*shape, *values.shape[1:])
+    return values[answer.block_of_point == block].reshape(*shape, *values.shape[1:])
 
 
 def _sigma(answer: Answer, layer: int, component: int = 0, place: int = 0) -> FloatArray:
     """Principal stress (0: σ₁, 2: σ₃) of one block on its grid."""
-    blocks = np.flatnonzero(answer.details.deformable.assembly.layer == layer)
-    return block_grid(answer, answer.details.principal(int(blocks[place]))[:, component])
+    block = int(np.flatnonzero(answer.problem.blocks.layer == layer)[place])
+    return block_grid(answer, answer.fields["principal_stress"][:, component], block)
 
 
 def _volumes(answer: Answer) -> FloatArray:
     """Volume that belongs to each node of the free block, on its grid [mm³]."""
-    block = int(answer.details.deformable.assembly.free_blocks[0])
-    mesh = answer.details.deformable.assembly.shape(block).mesh
-    corners = mesh.nodes[mesh.elements]
+    block = int(answer.problem.blocks.free_blocks[0])
+    corners = answer.points[answer.cells[answer.block_of_point[answer.cells[:, 0]] == block]]
     edges = corners[:, [1, 3, 4]] - corners[:, [0]]
     share = np.repeat(np.abs(np.linalg.det(edges)) / 8, 8)
-    total = np.bincount(mesh.elements.ravel(), share, minlength=len(mesh.nodes))
-    return block_grid(answer, total.astype(np.float64))
+    cells = answer.cells[answer.block_of_point[answer.cells[:, 0]] == block]
+    total = np.bincount(cells.ravel(), share, minlength=len(answer.points))
+    return block_grid(answer, total.astype(np.float64), block)
 
 
 def _apart(one: FloatArray, other: FloatArray) -> float:
@@ -69,8 +64,8 @@ class PressurePair:
     """Contact pressures of one interface from both models, facet by facet."""
 
     name: str
-    contacts: IntArray
-    """Positions in the assembly's interfaces, (n,)."""
+    corners: FloatArray
+    """Of the facets, (n, 4, 3) [mm]."""
     rigid: FloatArray
     """(n,) [MPa]"""
     deformable: FloatArray
@@ -79,7 +74,7 @@ class PressurePair:
     @property
     def effective(self) -> BoolArray:
         """Facets of the effective contact area of rigid blocks, (n,)."""
-        return effective_region(self.rigid)
+        return effective_facets(self.rigid)
 
     @property
     def peak_share(self) -> float:
@@ -109,23 +104,19 @@ def pressure_pairs(evidence: Evidence) -> list[PressurePair]:
 
 
 def _pair(name: str, answer: Answer, rigid: Answer, lower: int) -> PressurePair:
-    assembly = answer.details.deformable.assembly
-    rows = between_layers(assembly, answer.details.contact_state.matched, lower)
-    other = between_layers(rigid.details.blocks, rigid.details.contact_index, lower)
-    contacts = answer.details.contact_state.matched[rows]
-    order = np.argsort(rigid.details.contact_index[other])
-    position = np.searchsorted(rigid.details.contact_index[other][order], contacts)
+    """Pressures between a layer and the next one; both answers have the same facets."""
+    chosen = (np.sort(answer.contacts["layer"], axis=1) == (lower, lower + 1)).all(axis=1)
     return PressurePair(
         name,
-        contacts,
-        rigid.details.contact_pressures[other][order][position],
-        answer.details.contact_state.pressures[rows],
+        answer.contacts["corners"][chosen],
+        rigid.contacts["pressure"][chosen],
+        answer.contacts["pressure"][chosen],
     )
 
 
 def same_mesh(evidence: Evidence, answer: Answer) -> Answer:
     """Rigid-block result on the mesh of a deformable one, with the full load."""
-    mesh = _tube(answer).mesh.model_dump()
+    mesh = answer.case.keys["mesh"]
     return evidence.rigid(answer.case.name, *(f"mesh.{key}={value}" for key, value in mesh.items()))
 
 
@@ -150,7 +141,7 @@ def _peaks_found(evidence: Evidence) -> Verdict:
 def _areas_fem(evidence: Evidence) -> Verdict:
     values, words = {}, []
     for case, target in (("pipe", 30.0), ("tunnel", 50.0)):
-        result = [vars(evidence.fem(b, case).details.contact) for b in BLOCKS]
+        result = [evidence.fem(b, case).report["contact"] for b in BLOCKS]
         counts = [c["effective_count_percent"] for c in result]
         values[case] = counts
         words.append(
@@ -195,10 +186,9 @@ def _under_the_waves(evidence: Evidence) -> Verdict:
     for block in BLOCKS:
         for case in CASES:
             answer = evidence.fem(block, case)
-            free = answer.details.deformable.assembly.free_blocks
-            values = np.array(
-                [block_grid(answer, answer.details.principal(int(b))[:, 0]) for b in free]
-            )
+            tension = answer.fields["principal_stress"][:, 0]
+            free = answer.problem.blocks.free_blocks
+            values = np.array([block_grid(answer, tension, int(b)) for b in free])
             height = np.linspace(0.0, 1.0, values.shape[3])
             high = height[np.nonzero(values > np.quantile(values, 0.99))[3]]
             shares[f"{block} {case}"] = float(((high <= 0.2) | (high >= 0.8)).mean())
@@ -224,10 +214,9 @@ def _favourable(_: Evidence) -> Verdict:
 
 def _monolith(answer: Answer) -> tuple[float, float]:
     """Length [mm] and second moment of area [mm⁴] of a solid tube, clamped at both ends."""
-    scene = _tube(answer)
-    block = scene.stated.block
+    block = sine_block(answer.case)
     bending = np.pi / 4 * (block.outer_radius**4 - block.inner_radius**4)
-    return scene.assembly.layers * block.height, float(bending)
+    return answer.case.keys["assembly"]["layers"] * block.height, float(bending)
 
 
 @FEM_CLAIMS.add
@@ -237,7 +226,7 @@ def _far_side(evidence: Evidence) -> Verdict:
         answer = evidence.fem(name, "beam")
         (length, bending), force = _monolith(answer), _load(answer)
         moment = np.linalg.norm(force) * length / 8
-        expected = moment * _tube(answer).stated.block.outer_radius / bending
+        expected = moment * sine_block(answer.case).outer_radius / bending
         stress = _far_axial_stress(answer, force)
         result[name] = (stress, float(expected))
         words.append(f"{name}: {stress:+.4f} MPa")
@@ -305,7 +294,7 @@ def _peaks(answer: Answer, side: str) -> tuple[FloatArray, FloatArray]:
     tuple
         Peaks [MPa] and distances in wave lengths, from left to right.
     """
-    block = _tube(answer).stated.block
+    block = sine_block(answer.case)
     field, waves = _sigma(answer, _LAYER), block.waves_per_block
     near = field[:, :, -3:] if side == "top" else field[:, :, :3]
     along = near.max(axis=(0, 2))
@@ -425,18 +414,10 @@ def _compressed(evidence: Evidence) -> Verdict:
 # Displacements
 
 
-def _tube(answer: Answer) -> TubeScene:
-    assert isinstance(answer.case.scene, TubeScene)
-    return answer.case.scene
-
-
 def _mean_displacement(answer: Answer) -> float:
-    volumes = _volumes(answer)
-    sizes = [
-        block_grid(answer, np.linalg.norm(answer.details.displacement(int(b)), axis=1))
-        for b in answer.details.deformable.assembly.free_blocks
-    ]
-    return float(np.mean([np.average(size, weights=volumes) for size in sizes]))
+    volumes, size = _volumes(answer), np.linalg.norm(answer.fields["displacement"], axis=1)
+    grids = (block_grid(answer, size, int(b)) for b in answer.problem.blocks.free_blocks)
+    return float(np.mean([np.average(grid, weights=volumes) for grid in grids]))
 
 
 def _smaller_displacement(case: str) -> Callable[[Evidence], Verdict]:
@@ -458,27 +439,21 @@ for _case in ("pipe", "tunnel"):
 
 def _load(answer: Answer) -> FloatArray:
     """Resultant of the load [N]."""
-    load = _tube(answer).build_load(answer.details.deformable.assembly)
-    return load.facet_forces.sum(axis=0)
+    forces: FloatArray = answer.problem.load_case.facet_forces
+    return forces.sum(axis=0)
 
 
 def _far_axial_stress(answer: Answer, force: FloatArray) -> float:
     """Mean σ_zz over the outer surface within 30° of the direction of the load, layers 5 to 9."""
-    assembly, deformable = answer.details.deformable.assembly, answer.details.deformable
-    away = force[:2] / np.linalg.norm(force[:2])
-    groups = deformable.model.groups
-    stress = [
-        recover(group, u, finite_rotation=answer.case.scene.effects.finite_rotation).stress
-        for group, u in zip(groups, answer.details.group_displacements, strict=True)
-    ]
+    blocks, away = answer.problem.blocks, force[:2] / np.linalg.norm(force[:2])
     values = []
-    for block in np.flatnonzero((assembly.layer >= 5) & (assembly.layer <= 9)).tolist():
-        outer = np.unique(assembly.shape(block).faces["outer"])
-        nodes = assembly.nodes(block)[outer]
+    for block in np.flatnonzero((blocks.layer >= 5) & (blocks.layer <= 9)).tolist():
+        outer = np.unique(blocks.shape(block).faces["outer"])
+        nodes = blocks.nodes(block)[outer]
         direction = nodes[:, :2] / np.linalg.norm(nodes[:, :2], axis=1, keepdims=True)
         chosen = direction @ away > np.cos(np.pi / 6)
-        of = stress[int(deformable.group_of[block])][int(deformable.copy_of[block])]
-        values.append(of[outer[chosen], 2])
+        stress = answer.fields["stress"][answer.block_of_point == block]
+        values.append(stress[outer[chosen], 2])
     return float(np.concatenate(values).mean())
 
 
@@ -487,16 +462,17 @@ def _monolithic(evidence: Evidence) -> Verdict:
     ratios = {}
     for name in BLOCKS:
         answer = evidence.fem(name, "beam")
-        (length, bending), material = _monolith(answer), _tube(answer).material
+        (length, bending), material = _monolith(answer), answer.problem.material
         force = float(np.linalg.norm(_load(answer)))
         sag = force * length**3 / (192 * material.young_modulus * bending)
-        ratios[f"{name} beam"] = answer.details.largest_displacement / sag
+        ratios[f"{name} beam"] = answer["max_displacement"].value / sag
         answer = evidence.fem(name, "shaft")
-        block = _tube(answer).stated.block
-        torque = _tube(answer).load.pressure * 2 * np.pi * block.outer_radius**2 * block.height
+        block = sine_block(answer.case)
+        pressure = answer.case.keys["load"]["pressure"]
+        torque = pressure * 2 * np.pi * block.outer_radius**2 * block.height
         shear = material.young_modulus / (2 * (1 + material.poisson_ratio))
         turn = torque / 2 * (length / 2) / (shear * 2 * bending)
-        ratios[f"{name} shaft"] = answer.details.largest_displacement / float(
+        ratios[f"{name} shaft"] = answer["max_displacement"].value / float(
             turn * block.outer_radius
         )
     return judged(

@@ -1,17 +1,14 @@
-"""All of the paper's statements: looked up, judged, printed and as data."""
+"""All of the paper's statements: looked up, judged, as data."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import Any
 
-from rich.console import Console
-
-from validation.output.console import tabled
 from validation.paper.claims.deformable import FEM_CLAIMS
 from validation.paper.claims.rigid import RIGID_CLAIMS
 from validation.paper.evidence import Evidence
-from validation.paper.statement import NOT_COMPUTED, Statement, Truth, Verdict, chosen_by_name
+from validation.paper.statement import NOT_COMPUTED, Statement, Verdict, chosen_by_name
 
 
 def claims() -> list[Statement]:
@@ -45,16 +42,3 @@ def _verdict(claim: Statement, evidence: Evidence) -> Verdict:
             f"{other.number}"
         )
     return replace(verdict, number=number, values=values)
-
-
-def print_claims(found: list[dict[str, Any]], console: Console) -> None:
-    """Print one row per claim and a count."""
-    columns = {
-        "claim": "{name}",
-        "the paper says": "{statement}",
-        "verdict": "{verdict}",
-        "number": "{number}",
-    }
-    console.print(tabled("The paper's claims", found, columns, words=4, show_lines=True))
-    counts = [f"{sum(row['verdict'] == t for row in found)} {t}" for t in Truth]
-    console.print(f"{len(found)} claims: {', '.join(counts)}")

@@ -7,10 +7,16 @@ from itertools import product
 
 import numpy as np
 
-from geometry.answer import Answer
-from geometry.mesh import FloatArray, IntArray
+from geometry import Answer
 from mbd import contact_jacobian
-from validation.paper.evidence import Design, Evidence, measures_of, p_max
+from validation.paper.evidence import (
+    Design,
+    Evidence,
+    FloatArray,
+    IntArray,
+    measures_of,
+    p_max,
+)
 from validation.paper.reference import reference
 from validation.paper.statement import Statements, Truth, Verdict, judged
 

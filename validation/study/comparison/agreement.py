@@ -6,23 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.mesh import FloatArray, IntArray
+from geometry.parts.measures import effective_facets
 
 #: Relative differences of pressures below this are round-off of the solvers (residual 1e-8).
 _UNIFORM = 1e-6
-
-
-def effective_region(pressure: FloatArray) -> BoolArray:
-    """Whether each facet is among the K largest, K the participation ratio; (n,) bool."""
-    total = float(pressure.sum())
-    if total <= 0.0:
-        return np.zeros(len(pressure), dtype=bool)
-    # A uniform pressure has a whole participation ratio and no order: neither hangs on round-off.
-    count = int(total**2 / float(pressure @ pressure) * (1.0 + _UNIFORM))
-    alike = np.round(pressure / float(pressure.max()) / _UNIFORM)
-    chosen = np.zeros(len(pressure), dtype=bool)
-    chosen[np.argsort(-alike, kind="stable")[:count]] = True
-    return chosen
 
 
 def _correlation(a: FloatArray, b: FloatArray, area: FloatArray) -> float:
@@ -64,7 +52,7 @@ def agreement(
     hits = []
     for number in np.unique(block):
         mine = block == number
-        a, b = effective_region(reference[mine]), effective_region(other[mine])
+        a, b = effective_facets(reference[mine]), effective_facets(other[mine])
         union += float(areas[mine][a | b].sum())
         shared += float(areas[mine][a & b].sum())
         highest = float(reference[mine].max())

@@ -8,9 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from geometry.answer import Answer
-from geometry.files.mesh_io import interface_surface
-from geometry.mesh import FloatArray
+from geometry import Answer
 from validation.output.pictures.bodies import EYE
 from validation.output.pictures.canvas import Surface, View, merged
 from validation.output.pictures.gallery import Numbers, Panel, gallery, round_numbers
@@ -28,7 +26,7 @@ from validation.paper.claims.deformable import (
     block_grid,
     pressure_pairs,
 )
-from validation.paper.evidence import Evidence
+from validation.paper.evidence import Evidence, FloatArray
 
 
 def _runs(evidence: Evidence) -> Iterator[tuple[int, int, Answer]]:
@@ -51,8 +49,7 @@ def draw_layer_comparison(evidence: Evidence, path: Path) -> None:
     columns: list[list[Panel]] = [[] for _ in range(4)]
     for number, pair in enumerate(pressure_pairs(evidence)):
         block, case, side = pair.name.split()
-        assembly = evidence.fem(block, case).details.deformable.assembly
-        corners = interface_surface(assembly, pair.contacts).nodes.reshape(-1, 4, 3)
+        corners = pair.corners
         for offset, (words, values) in enumerate(
             (("rigid", pair.rigid), ("deformable", pair.deformable))
         ):
@@ -75,11 +72,12 @@ def outer_surface(
     answer: Answer, component: int
 ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
     """Arc length, height [mm] and principal stress [MPa] of every free block's outer face."""
-    for block in answer.details.deformable.assembly.free_blocks.tolist():
-        nodes = block_grid(answer, answer.details.deformable.assembly.nodes(block))[-1]
+    principal = answer.fields["principal_stress"][:, component]
+    for block in answer.problem.blocks.free_blocks.tolist():
+        nodes = block_grid(answer, answer.points, block)[-1]
         theta = np.unwrap(np.arctan2(nodes[..., 1], nodes[..., 0]), axis=0)
         radius = np.linalg.norm(nodes[..., :2], axis=2)
-        values = block_grid(answer, answer.details.principal(block))[-1, ..., component]
+        values = block_grid(answer, principal, block)[-1]
         yield theta * radius, nodes[..., 2], values
 
 
@@ -90,9 +88,7 @@ def draw_principal(evidence: Evidence, component: int, path: Path) -> None:
     for row, column, answer in _runs(evidence):
         faces = list(outer_surface(answer, component))
         scale = symmetric_scale(f"{symbol} [MPa]", STRESS_MAP, [f[2] for f in faces])
-        circle = (
-            2 * np.pi * float(np.linalg.norm(answer.details.deformable.assembly.nodes(0)[-1, :2]))
-        )
+        circle = 2 * np.pi * float(np.linalg.norm(answer.problem.blocks.nodes(0)[-1, :2]))
         view, numbers = _outer_view(faces, scale, circle)
         name = f"{BLOCKS[row]} {CASES[column]}"
         columns[column].append(Panel(name, view, scale=scale, numbers=numbers))

@@ -18,14 +18,15 @@ from rich.console import Console
 from geometry.machine.system import write_whole
 from validation.output.files import prepare_folder, write_json
 from validation.output.pictures.view_3d import View3d, viewer_page
+from validation.output.progress import following
 from validation.output.provenance import Provenance, stamped
 from validation.pages.page import page_text
 from validation.pages.views import pressure_view, stress_view
 from validation.paper.claims.judge import claims, judge_claims
 from validation.paper.errata import show_errata
 from validation.paper.evidence import Evidence
-from validation.paper.figures import CostRow, FigureFile, cost_rows, draw_figures
 from validation.paper.reading import Sensitivity, sensitivity
+from validation.paper.shown.figures import CostRow, FigureFile, cost_rows, draw_figures
 from validation.paper.statement import Truth
 from validation.paper.tables import compute_tables, count_words, lines_by_block
 
@@ -68,19 +69,19 @@ def write_report(
     Returns the page to open.
     """
     prepare_folder(folder)
-    evidence = Evidence(
-        prepare_folder(folder / "data"),
-        console,
-        deformable=extent is not Extent.QUICK,
-        full=extent is Extent.FULL,
-        workers=workers,
-    )
-    return report_evidence(evidence, folder, extent=extent)
+    with following("report") as tell:
+        evidence = Evidence(
+            prepare_folder(folder / "data"),
+            tell,
+            deformable=extent is not Extent.QUICK,
+            full=extent is Extent.FULL,
+            workers=workers,
+        )
+        return report_evidence(evidence, folder, console, extent=extent)
 
 
-def report_evidence(evidence: Evidence, folder: Path, *, extent: Extent) -> Path:
+def report_evidence(evidence: Evidence, folder: Path, console: Console, *, extent: Extent) -> Path:
     """Judge, draw and write what the evidence allows; return the page to open."""
-    console = evidence.console
     figures, data = prepare_folder(folder / "figures"), prepare_folder(folder / "data")
     start = time.process_time()
     _say(console, "parameter study")

@@ -11,16 +11,14 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from geometry.answer import Answer
-from geometry.mesh import IntArray
-from geometry.parts.measures import between_layers
+from geometry import Answer
 from validation.output.console import listing
 from validation.output.files import write_csv
 from validation.output.pictures.bodies import EYE, far_side, interface_facets, steep
 from validation.output.pictures.canvas import Direction, View
 from validation.output.pictures.gallery import Panel, gallery, save_figure, subplots
 from validation.output.pictures.scales import PRESSURE_MAP, Scale, scale_from_zero
-from validation.paper.evidence import Evidence, StudyTable
+from validation.paper.evidence import Evidence, IntArray, StudyTable
 from validation.paper.reference import reference
 
 #: Okabe–Ito, dark enough on white, and a mark each: readable without colour.
@@ -137,9 +135,10 @@ def rings(run: Answer) -> dict[str, IntArray]:
         f"layers {middle} and {middle + 1}": middle,
         "the bottom frame and layer 1": 0,
     }
-    index = run.details.contact_index
+    layer = np.sort(run.contacts["layer"], axis=1)
     return {
-        title: between_layers(run.details.blocks, index, layer) for title, layer in lower.items()
+        title: np.flatnonzero((layer == (below, below + 1)).all(axis=1))
+        for title, below in lower.items()
     }
 
 
@@ -238,7 +237,11 @@ def draw_cost(evidence: Evidence, path: Path) -> None:
     printed = reference()["cost"]
     rows = list(evidence.study.rows.values())
     figure, panel = subplots(1, 1, size=(8.5, 5.5))
-    fine = [run for run in evidence.rigid_runs.values() if run.details.n_contacts > 20_000]
+    fine = [
+        run
+        for run in evidence.rigid_runs.values()
+        if run.details.n_contacts > 20_000 and run.case.blocks is None
+    ]
     series = (
         (
             [(row["n_contacts"], row["cpu_seconds"]) for row in rows],
@@ -368,7 +371,7 @@ def _draw_paper_sections(run: Answer, path: Path) -> None:
 
 
 def _deformable_figures(evidence: Evidence) -> Iterator[_Drawn]:
-    from validation.paper.figures_fem import (
+    from validation.paper.shown.figures_fem import (
         draw_displacements,
         draw_layer_comparison,
         draw_principal,

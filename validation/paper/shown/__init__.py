@@ -1,0 +1,1 @@
+"""The paper beside our results, as text, figures and a page: all that draws or prints."""
