@@ -22,6 +22,7 @@ from pathlib import Path
 
 import pytest
 
+import validation
 from tests.study.designs import WALLS, Here, content
 from tests.support import endless
 from validation import InputError
@@ -514,6 +515,20 @@ def scheduler_address(path: Path) -> str:
 
 # ---------------------------------------------------------------------------------------------
 # Command line
+
+
+def test_a_study_by_its_file_in_python(walls, reference, tmp_path) -> None:
+    """Its rows are those of the command, each is reported, and a store keeps them."""
+    told: list[tuple[int, int]] = []
+    study = validation.sweep(
+        tmp_path / "walls.toml",
+        store=tmp_path / "rows.jsonl",
+        progress=lambda _, done, total: told.append((done, total)),
+    )
+    assert content(tmp_path / "rows.jsonl", walls) == reference
+    assert told == [(done, 16) for done in range(1, 17)]
+    again = validation.sweep(tmp_path / "walls.toml", store=tmp_path / "rows.jsonl")
+    assert (again.summary["this_run"]["computed"], again.rows) == (0, study.rows)
 
 
 def test_sweep_on_the_command_line(walls, reference, tmp_path, tubelock) -> None:
