@@ -6,16 +6,25 @@ pressure-overclosure relationships" and "Distributed loads" (surface tractions).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import fields
-from functools import partial
+from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
+from fem.decks.deck import (
+    ALL,
+    CONTACT,
+    CYLINDRICAL,
+    FRAME,
+    GAP,
+    HOURGLASS,
+    JOINT,
+    LOADING,
+    Deck,
+    Flavour,
+)
 from fem.decks.faces import ElementFaces, Patches, PatchPair, contact_patches, element_faces
 from fem.decks.keywords import (
-    DeckError,
     element_lines,
     entry_lines,
     keyword,
@@ -25,88 +34,35 @@ from fem.decks.keywords import (
     reals,
 )
 from fem.decks.laws import law_heading, law_lines
+from fem.decks.loads import component_lines, on_faces, step_load_lines
 from fem.decks.placement import placement_rows, rounded
-from fem.decks.statement import (
-    ALL,
-    CONTACT,
-    CYLINDRICAL,
-    ELEMENT_NAMES,
-    FRAME,
-    GAP,
-    HOURGLASS,
-    JOINT,
-    LOADING,
-    BodyForceLoad,
-    Deck,
-    DeckLoad,
-    Flavour,
-    Hold,
-    NodalForceLoad,
-    Procedure,
-    block_label,
-    check_deck,
-    element_name,
-    named_face,
-)
-from fem.decks.supports import (
-    held_lines,
-    in_own_axes,
-    node_entries,
-    path_lines,
-    region_sets,
-    spring_lines,
-    step_support_lines,
-    transform_lines,
-)
+from fem.decks.supports import DeckSupports, node_lines_of, spring_lines
 from fem.element.hexahedron import ElementType
+from fem.method import Explicit
 from geometry.block import Block
-from geometry.loads import CircumferentialLoad, PressureLoad, TractionLoad
-from geometry.mesh import FloatArray, IntArray
+from geometry.loads import CircumferentialLoad
+from geometry.mesh import IntArray
 
 
 def abaqus_lines(deck: Deck) -> Iterator[str]:
     """Lines of a deck with parts and instances, general or standard: see `deck_lines`."""
-    check_abaqus(deck)
-    patches = contact_patches(deck) if _has_patches(deck) else None
+    paired = deck.flavour is Flavour.STANDARD or deck.problem.clearance != 0.0
+    patches = contact_patches(deck) if deck.meets and paired else None
+    supports = DeckSupports(deck)
     yield from heading_lines(deck)
     yield "**"
     yield "** Parts: one for each distinct block"
     for number, shape in enumerate(deck.assembly.shapes):
-        yield from _part(deck, number, shape, patches)
-    yield from _assembly(deck)
-    yield from model_lines(deck)
-    if deck.joint is not None and deck.flavour is Flavour.GENERAL:
+        yield from _part(deck, supports, number, shape, patches)
+    yield from _assembly(deck, supports)
+    yield from _model(deck, supports)
+    if deck.meets and deck.flavour is Flavour.GENERAL:
         yield from _general_contact(deck, patches)
-    yield from boundary_lines(deck)
-    yield from step_lines(deck, patches if deck.flavour is Flavour.STANDARD else None)
-
-
-def check_abaqus(deck: Deck) -> None:
-    """Refuse what Abaqus cannot express.
-
-    Raises
-    ------
-    DeckError
-        By name.
-    """
-    check_deck(deck)
-    if deck.joint is not None and deck.joint.has_pairs and deck.flavour is Flavour.GENERAL:
-        raise DeckError(
-            "contact.pairs: general contact has one friction and one law here; remove them, or "
-            "choose --flavour standard or calculix"
-        )
-    small = deck.joint is not None and not (deck.joint.finite_sliding or deck.searched)
-    if deck.clearance != 0.0 and deck.flavour is Flavour.STANDARD and not small:
-        raise DeckError(
-            f"contact.clearance: got {deck.clearance:g} mm, which contact pairs take in small "
-            "sliding alone (*Clearance), and these blocks slide freely; expected --flavour general "
-            "or calculix, or contact.spacing"
-        )
-
-
-def _has_patches(deck: Deck) -> bool:
-    paired = deck.flavour is Flavour.STANDARD or deck.clearance != 0.0
-    return deck.joint is not None and paired
+    yield from supports.still_lines()
+    if deck.flavour is Flavour.STANDARD and patches is not None:
+        yield from _contact_pairs(deck, patches)
+    for number in range(len(deck.stages)):
+        yield from _step(deck, supports, number)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -133,15 +89,15 @@ def heading_lines(deck: Deck) -> Iterator[str]:
     yield f"open faces: {'allowed' if assembly.unmatched_allowed else 'none'}"
     if deck.searched:
         yield "joints: faces that do not match"
-    reported = None if deck.joint is None else law_heading(deck.joint.law)
+    reported = law_heading(deck.problem.contact_law) if deck.meets else None
     if reported is not None:
         yield reported
-    yield f"clearance along every normal: {real(deck.clearance)}"
-    yield f"spacing of the blocks: {real(deck.spacing)}"
-    if deck.spacing != 0.0:
+    yield f"clearance along every normal: {real(deck.problem.clearance)}"
+    yield f"spacing of the blocks: {real(deck.problem.spacing)}"
+    if deck.problem.spacing != 0.0:
         for block in range(assembly.n_blocks):
             place = reals(assembly.translations[block])
-            yield f"place without spacing: {block_label(deck, block)} {place}"
+            yield f"place without spacing: {deck.labels[block]} {place}"
     for note in deck.notes:
         yield f"note: {note}"
 
@@ -150,14 +106,16 @@ def heading_lines(deck: Deck) -> Iterator[str]:
 # Parts and instances
 
 
-def _part(deck: Deck, number: int, shape: Block, patches: Patches | None) -> Iterator[str]:
+def _part(
+    deck: Deck, supports: DeckSupports, number: int, shape: Block, patches: Patches | None
+) -> Iterator[str]:
     mesh = shape.mesh
     yield "**"
     yield f"** {shape.name}: {np.count_nonzero(deck.assembly.shape_of == number)} instances"
     yield keyword("Part", name=label(shape.name))
     yield keyword("Node")
     yield from node_lines(mesh.nodes[: mesh.n_nodes] + 0.0)
-    yield keyword("Element", type=element_name(deck, ELEMENT_NAMES, shape))
+    yield keyword("Element", type=deck.element_of(shape))
     yield from element_lines(mesh.connectivity)
     yield keyword("Nset", nset=ALL, generate=None)
     yield f"1, {mesh.n_nodes}, 1"
@@ -173,9 +131,10 @@ def _part(deck: Deck, number: int, shape: Block, patches: Patches | None) -> Ite
     if patches is not None:
         for patch in patches.of_shape[number]:
             yield from surface_lines(patch.label, faces[patch.face].select(patch.positions))
-    for name in _held_faces(deck, number):
+    held = {s.face for s in supports.sets if deck.assembly.shape_of[s.block] == number}
+    for name in (name for name in shape.faces if name in held):
         yield keyword("Nset", nset=f"{label(name)}-NODES")
-        yield from node_entries(np.unique(mesh.facet_nodes(shape.faces[name])))
+        yield from node_lines_of(np.unique(mesh.facet_nodes(shape.faces[name])).tolist())
     yield from _section(deck, number)
     yield keyword("End Part")
 
@@ -197,21 +156,18 @@ def _surface_members(name: str, faces: ElementFaces, *, prefix: str = "") -> Ite
         yield f"{prefix}{name}-S{side + 1}, S{side + 1}"
 
 
-def _held_faces(deck: Deck, number: int) -> list[str]:
-    """Faces of a shape whose nodes are held on some block, in the order of the shape's faces."""
-    held = {h.face for h in deck.every_hold if int(deck.assembly.shape_of[h.block]) == number}
-    return [name for name in deck.assembly.shapes[number].faces if name in held]
+def _is_reduced(deck: Deck) -> bool:
+    return deck.problem.element is ElementType.REDUCED
 
 
 def _section(deck: Deck, number: int) -> Iterator[str]:
-    reduced = deck.element is ElementType.REDUCED
-    controls = {"controls": HOURGLASS} if reduced else {}
+    controls = {"controls": HOURGLASS} if _is_reduced(deck) else {}
     name = deck.material_names[deck.materials[number]]
     yield keyword("Solid Section", elset=ALL, material=name, **controls)
     yield ","
 
 
-def _assembly(deck: Deck) -> Iterator[str]:
+def _assembly(deck: Deck, supports: DeckSupports) -> Iterator[str]:
     assembly = deck.assembly
     places = assembly.translations + deck.offsets
     yield "**"
@@ -219,7 +175,7 @@ def _assembly(deck: Deck) -> Iterator[str]:
     yield keyword("Assembly", name=label(assembly.name))
     for block in range(assembly.n_blocks):
         part = label(assembly.shape(block).name)
-        yield keyword("Instance", name=block_label(deck, block), part=part)
+        yield keyword("Instance", name=deck.labels[block], part=part)
         for row in placement_rows(assembly.rotations[block], places[block]):
             yield reals(row)
         yield keyword("End Instance")
@@ -230,14 +186,14 @@ def _assembly(deck: Deck) -> Iterator[str]:
         for kind in ("Elset", "Nset"):
             yield keyword(kind, **{kind.lower(): name})
             yield from _members(deck, blocks)
-    for name, hold in region_sets(deck).items():
-        yield keyword("Nset", nset=name, instance=block_label(deck, hold.block))
-        yield from node_entries(hold.nodes or ())
-    yield from transform_lines(deck, lambda hold: hold.region)
-    yield from spring_lines(
-        deck.springs, 1, lambda block, node: f"{block_label(deck, block)}.{node + 1}"
-    )
-    if any(isinstance(load, CircumferentialLoad) for load in deck.every_load):
+    for held in supports.sets:
+        if held.nodes is not None:
+            yield keyword("Nset", nset=supports.name(held), instance=deck.labels[held.block])
+            yield from node_lines_of(held.nodes)
+    yield from supports.transform_lines()
+    yield from spring_lines(deck, 1)
+    loads = [one for problem in deck.stages for one in on_faces(problem.load_case, deck.flavour)]
+    if any(isinstance(one, CircumferentialLoad) for one in loads):
         yield keyword("Orientation", name=CYLINDRICAL, system="CYLINDRICAL")
         yield reals([*assembly.origin, *(assembly.origin + assembly.axis)])
     yield keyword("End Assembly")
@@ -245,29 +201,29 @@ def _assembly(deck: Deck) -> Iterator[str]:
 
 def _members(deck: Deck, blocks: IntArray) -> Iterator[str]:
     """All elements (or nodes) of some blocks."""
-    return entry_lines(f"{block_label(deck, block)}.{ALL}" for block in blocks.tolist())
+    return entry_lines(f"{deck.labels[block]}.{ALL}" for block in blocks.tolist())
 
 
 #: Distance of the two points of an axis of rotation: far, so that its direction keeps its digits.
 _AXIS_LENGTH = 1000.0
 
 
-def model_lines(deck: Deck) -> Iterator[str]:
+def _model(deck: Deck, supports: DeckSupports) -> Iterator[str]:
     """Material, surface interaction, amplitude and initial motion."""
     yield "**"
     yield "** Material, contact properties and amplitudes"
-    if deck.element is ElementType.REDUCED:
+    if _is_reduced(deck):
         yield "** Stiffness control, as the reduced element of tubelock has."
         yield keyword("Section Controls", name=HOURGLASS, hourglass="STIFFNESS")
         yield "1.0, 1.0, 1.0"
     yield from material_lines(deck)
-    if deck.joint is not None:
+    if deck.meets:
         yield from _interaction(deck)
-    if deck.step.ramp_time > 0.0:
+    if deck.ramp_time:
         yield keyword("Amplitude", name=LOADING, definition="SMOOTH STEP")
-        yield reals([0.0, 0.0, deck.step.ramp_time, 1.0])
-    yield from path_lines(deck)
-    if deck.motion is not None:
+        yield reals([0.0, 0.0, deck.ramp_time, 1.0])
+    yield from supports.path_lines()
+    if deck.problem.motion is not None:
         yield from _initial_motion(deck)
 
 
@@ -275,7 +231,7 @@ def _general_contact(deck: Deck, patches: Patches | None) -> Iterator[str]:
     """General contact; the patches of a clearance, if there is one."""
     if patches is not None:
         yield "** Gaps along the normals, whatever the coordinates say."
-        yield f"*Contact Clearance, name={GAP}, adjust=NO, clearance={real(deck.clearance)}"
+        yield f"*Contact Clearance, name={GAP}, adjust=NO, clearance={real(deck.problem.clearance)}"
     yield "** All outer faces of all blocks may meet."
     yield keyword("Contact")
     yield keyword("Contact Inclusions", ALL_EXTERIOR=None)
@@ -284,14 +240,14 @@ def _general_contact(deck: Deck, patches: Patches | None) -> Iterator[str]:
     if patches is not None:
         yield keyword("Contact Clearance Assignment")
         for pair in patches.pairs:
-            yield f"{', '.join(_sides(deck, pair))}, {GAP}"
+            yield f"{', '.join(pair_sides(deck, pair))}, {GAP}"
 
 
-def _sides(deck: Deck, pair: PatchPair) -> tuple[str, str]:
+def pair_sides(deck: Deck, pair: PatchPair) -> tuple[str, str]:
     """Surfaces of a pair: slave, then master."""
     return (
-        f"{block_label(deck, pair.block_s)}.{pair.patch_s}",
-        f"{block_label(deck, pair.block_m)}.{pair.patch_m}",
+        deck.of_block(pair.block_s, pair.patch_s),
+        deck.of_block(pair.block_m, pair.patch_m),
     )
 
 
@@ -318,16 +274,11 @@ def material_lines(deck: Deck) -> Iterator[str]:
 
 
 def _interaction(deck: Deck) -> Iterator[str]:
-    joint = deck.joint
-    assert joint is not None
-    slope = {}
-    if joint.stick_stiffness is not None:
-        slope = {"shear_traction_slope": real(joint.stick_stiffness)}
-    for (law, friction), name in joint.interactions.items():
+    law, coulomb = deck.problem.contact_law, deck.problem.coulomb
+    slope = {} if coulomb is None else {"shear_traction_slope": real(coulomb.stick_stiffness)}
+    for (place, friction), name in deck.interactions.items():
         yield keyword("Surface Interaction", name=name)
-        yield from law_lines(
-            joint.law.members[law], explicit=deck.step.procedure is Procedure.EXPLICIT
-        )
+        yield from law_lines(law.members[place], explicit=deck.in_time is not None)
         if friction is None:
             yield "** frictionless"
         else:
@@ -336,7 +287,7 @@ def _interaction(deck: Deck) -> Iterator[str]:
 
 
 def _initial_motion(deck: Deck) -> Iterator[str]:
-    motion, assembly = deck.motion, deck.assembly
+    motion, assembly = deck.problem.motion, deck.assembly
     assert motion is not None
     angular = rounded(motion.angular_velocity)
     spin = float(np.linalg.norm(angular))
@@ -347,75 +298,52 @@ def _initial_motion(deck: Deck) -> Iterator[str]:
         return
     yield keyword("Initial Conditions", type="ROTATING VELOCITY")
     for block in range(assembly.n_blocks):
-        centre = (assembly.nodes(block) + deck.offsets[block]).mean(axis=0)
-        target = f"{block_label(deck, block)}.{ALL}"
-        yield f"{target}, {reals([spin, *motion.velocity])}"
+        centre = deck.nodes(block).mean(axis=0)
+        yield f"{deck.of_block(block, ALL)}, {reals([spin, *motion.velocity])}"
         yield reals([*centre, *(centre + _AXIS_LENGTH * angular / spin)])
 
 
-def boundary_lines(deck: Deck) -> Iterator[str]:
-    """Supports that stay."""
-    yield from held_lines(deck, lambda hold: _held_set(deck, hold))
-
-
-def _held_set(deck: Deck, hold: Hold) -> str:
-    if hold.nodes is not None:
-        return hold.region
-    nodes = ALL if hold.face is None else f"{label(hold.face)}-NODES"
-    return f"{block_label(deck, hold.block)}.{nodes}"
-
-
+#: Fields that an explicit step writes, unless the run states its frames, and samples of energies.
+_FIELDS, _SAMPLES = 20, 200
 ENERGIES = ("ALLAE", "ALLFD", "ALLIE", "ALLKE", "ALLSE", "ALLVD", "ALLWK", "ETOTAL")
 
 
-def step_lines(deck: Deck, patches: Patches | None) -> Iterator[str]:
-    """Write the steps, and before them the contact pairs, which are model data."""
-    if patches is not None:
-        yield from _contact_pairs(deck, patches)
-    for number, stage in enumerate(deck.stages, start=1):
-        yield from _one_step(stage, "LOAD" if number == 1 else f"LOAD-{number}")
-
-
-def _one_step(deck: Deck, name: str) -> Iterator[str]:
-    step = deck.step
+def _step(deck: Deck, supports: DeckSupports, number: int) -> Iterator[str]:
+    large = deck.stages[number].finite_rotation
     yield "**"
     yield f"** Step of {deck.program}"
-    yield keyword("Step", name=name, nlgeom="YES" if step.large_rotations else "NO")
-    if step.procedure is Procedure.STATIC:
-        yield from static_lines(deck)
-    else:
-        yield from _explicit(deck)
+    name = f"LOAD-{number + 1}" if number else "LOAD"
+    yield keyword("Step", name=name, nlgeom="YES" if large else "NO")
+    yield from static_lines(deck, number) if deck.in_time is None else _explicit(deck, deck.in_time)
     yield "**"
     yield "** Loads"
-    yield from step_support_lines(deck, lambda hold: _held_set(deck, hold))
-    yield from load_lines(deck, partial(_load, deck), list(deck.sets))
+    yield from supports.step_lines(number)
+    yield from step_load_lines(deck, supports, number)
     yield from _output(deck)
     yield keyword("End Step")
 
 
-def static_lines(deck: Deck) -> Iterator[str]:
+def static_lines(deck: Deck, number: int) -> Iterator[str]:
     """Procedure of a static step: first increment, end, least and largest increment.
 
     Friction that remembers the way takes ten increments or more.
     """
-    end = deck.step.end_time
+    end = deck.end_time
     yield keyword("Static")
-    yield reals([0.1 * end, end, 1e-6 * end, (0.1 if deck.before is not None else 1.0) * end])
+    yield reals([0.1 * end, end, 1e-6 * end, (0.1 if number else 1.0) * end])
 
 
-def _explicit(deck: Deck) -> Iterator[str]:
-    step, viscosity = deck.step, deck.effects.bulk_viscosity
-    if step.time_step is not None:
+def _explicit(deck: Deck, run: Explicit) -> Iterator[str]:
+    viscosity = deck.effects.bulk_viscosity
+    if run.time_step is not None:
         yield "*Dynamic, Explicit, direct user control"
-        yield reals([step.time_step, step.end_time])
-    elif step.safety_factor is not None:
-        yield f"*Dynamic, Explicit, scale factor={real(step.safety_factor)}"
-        yield f", {real(step.end_time)}"
+        yield reals([run.time_step, deck.end_time])
     else:
-        yield "*Dynamic, Explicit"
-        yield f", {real(step.end_time)}"
-    if step.scaled_time_step is not None:
-        yield f"*Fixed Mass Scaling, type=BELOW MIN, dt={real(step.scaled_time_step)}"
+        yield f"*Dynamic, Explicit, scale factor={real(run.safety_factor)}"
+        yield f", {real(deck.end_time)}"
+    if run.mass_scaling is not None:
+        scaled = run.mass_scaling * deck.element_time_step(moving=True)
+        yield f"*Fixed Mass Scaling, type=BELOW MIN, dt={real(scaled)}"
     yield keyword("Bulk Viscosity")
     if viscosity is None:
         yield "0.0, 0.0"
@@ -427,165 +355,46 @@ def _contact_pairs(deck: Deck, patches: Patches) -> Iterator[str]:
     """Contact pairs: slave, then master."""
     for pair in patches.pairs:
         yield pair_keyword(deck, pair)
-        yield ", ".join(_sides(deck, pair))
-    if deck.clearance == 0.0:
+        yield ", ".join(pair_sides(deck, pair))
+    if deck.problem.clearance == 0.0:
         return
     yield "** Gaps along the normals, whatever the coordinates say."
     for pair in patches.pairs:
-        slave, master = _sides(deck, pair)
-        yield f"*Clearance, master={master}, slave={slave}, value={real(deck.clearance)}"
+        slave, master = pair_sides(deck, pair)
+        yield f"*Clearance, master={master}, slave={slave}, value={real(deck.problem.clearance)}"
 
 
 def pair_keyword(deck: Deck, pair: PatchPair) -> str:
     """Keyword line of a contact pair."""
-    assert deck.joint is not None
-    name = deck.joint.interaction(pair.block_m, pair.block_s)
-    if deck.joint.face_to_face or (deck.searched and deck.flavour is Flavour.STANDARD):
+    name = deck.interaction(pair.block_m, pair.block_s)
+    if deck.on_faces or (deck.searched and deck.flavour is Flavour.STANDARD):
         # Nodes on facets of another mesh pass no uniform pressure; surface on surface does.
         return f"*Contact Pair, interaction={name}, type=SURFACE TO SURFACE"
     line = f"*Contact Pair, interaction={name}, type=NODE TO SURFACE"
-    return line if deck.joint.finite_sliding else f"{line}, small sliding"
-
-
-def amplitude_parameter(deck: Deck) -> dict[str, str | None]:
-    """Parameter that names the amplitude of the loads, if there is one."""
-    return {"amplitude": LOADING} if deck.step.ramp_time > 0.0 and deck.before is None else {}
-
-
-def load_lines(
-    deck: Deck, lines_of: Callable[[DeckLoad], Iterator[str]], elements: list[str]
-) -> Iterator[str]:
-    """Loads of a step that differ from those of the step before, gravity on sets of elements."""
-    before, gravity = deck.before, deck.effects.gravity
-    every = [line for load in deck.loads for line in lines_of(load)]
-    if gravity is not None:
-        every += gravity_lines(gravity, elements)
-    if before is None:
-        yield from every
-        return
-    first = before.effects.gravity
-    alike = len(before.loads) == len(deck.loads) and all(map(same_load, before.loads, deck.loads))
-    if alike and np.array_equal(
-        first if first is not None else 0, 0 if gravity is None else gravity
-    ):
-        return
-    old = [line for load in before.loads for line in lines_of(load)]
-    old += gravity_lines(first, elements) if first is not None else []
-    yield from every
-    yield from _taken_back(old, {_target(line) for line in every})
-
-
-def _taken_back(old: list[str], stated: set[tuple[str, ...]]) -> Iterator[str]:
-    """Loads that are not stated anew, as zero: CalculiX keeps body forces with op=NEW."""
-    card = ""
-    for line in old:
-        if line.startswith("*"):
-            card = line
-        elif _target(line) not in stated:
-            what, kind, _, *along = line.split(", ")
-            yield from (card, ", ".join([what, kind, "0.0", *along]))
-
-
-def _target(line: str) -> tuple[str, ...]:
-    """What a line of a load acts on, without its value."""
-    return tuple(line.split(", ")[:2])
-
-
-def same_load(one: DeckLoad, other: DeckLoad) -> bool:
-    """Whether two loads are the same."""
-    return type(one) is type(other) and all(
-        np.array_equal(getattr(one, part.name), getattr(other, part.name)) for part in fields(one)
-    )
-
-
-def _load(deck: Deck, load: DeckLoad) -> Iterator[str]:
-    amplitude = amplitude_parameter(deck)
-    if isinstance(load, NodalForceLoad):
-        yield keyword("Cload", **amplitude)
-        yield from _nodal_forces(deck, load)
-    elif isinstance(load, BodyForceLoad):
-        yield keyword("Dload", **amplitude)
-        yield from _body_forces(deck, load)
-    elif isinstance(load, PressureLoad):
-        yield keyword("Dsload", **amplitude)
-        for surface in _surfaces(deck, load):
-            yield f"{surface}, P, {real(load.pressure)}"
-    elif isinstance(load, CircumferentialLoad):
-        yield keyword("Dsload", **amplitude, orientation=CYLINDRICAL, follower="NO")
-        for surface in _surfaces(deck, load):
-            yield f"{surface}, TRVEC, {real(load.traction)}, 0.0, 1.0, 0.0"
-    else:
-        yield keyword("Dsload", **amplitude, follower="NO")
-        for surface in _surfaces(deck, load):
-            yield from _components(f"{surface}, TRVEC", load.traction)
-
-
-def _surfaces(deck: Deck, load: PressureLoad | CircumferentialLoad | TractionLoad) -> list[str]:
-    """Loaded surfaces by name."""
-    return [
-        f"{block_label(deck, block)}.{label(named_face(load.face))}"
-        for block in load.blocks.tolist()
-    ]
-
-
-def _components(start: str, vector: FloatArray) -> Iterator[str]:
-    """Magnitude and direction of each component of a vector: exact, unlike those of the whole."""
-    for direction, value in zip(np.eye(3), vector.tolist(), strict=True):
-        if value != 0.0:
-            yield f"{start}, {real(value)}, {reals(direction)}"
-
-
-def _nodal_forces(deck: Deck, load: NodalForceLoad) -> Iterator[str]:
-    for block, node, force in zip(
-        load.blocks.tolist(), load.nodes.tolist(), load.forces, strict=True
-    ):
-        (own,) = in_own_axes(deck, block, {node: force}).values()
-        yield from component_lines(f"{block_label(deck, block)}.{node + 1}", own)
-
-
-def component_lines(target: str, vector: FloatArray) -> Iterator[str]:
-    """Number and value of each component of a vector on nodes, zeros left out."""
-    for component, value in enumerate(vector.tolist(), start=1):
-        if value != 0.0:
-            yield f"{target}, {component}, {real(value)}"
-
-
-def _body_forces(deck: Deck, load: BodyForceLoad) -> Iterator[str]:
-    for block, force in zip(load.blocks.tolist(), load.force_density.tolist(), strict=True):
-        for axis, value in zip("XYZ", force, strict=True):
-            if value != 0.0:
-                yield f"{block_label(deck, block)}.{ALL}, B{axis}, {real(value)}"
-
-
-def gravity_lines(gravity: FloatArray, targets: list[str]) -> Iterator[str]:
-    """Gravity by components, constant in time, on element sets."""
-    yield keyword("Dload")
-    for target in targets:
-        yield from _components(f"{target}, GRAV", gravity)
+    return line if deck.problem.finite_sliding else f"{line}, small sliding"
 
 
 def _output(deck: Deck) -> Iterator[str]:
-    step, contact = deck.step, deck.joint is not None
-    explicit = step.procedure is Procedure.EXPLICIT
+    run, fields, every = deck.in_time, "", ""
+    if run is not None:
+        fields = f", number interval={run.frames - 1 if run.frames > 1 else _FIELDS}"
+        every = f", time interval={real(deck.end_time / _SAMPLES)}"
     yield "**"
     yield "** Output"
-    yield (
-        f"*Output, field, number interval={step.field_intervals}" if explicit else "*Output, field"
-    )
+    yield f"*Output, field{fields}"
     yield keyword("Node Output")
     yield "U, RF"
     yield keyword("Element Output")
     yield "S"
-    if contact:
+    if deck.meets:
         yield "** CSTRESS: CPRESS and CSHEAR. CDISP: COPEN and CSLIP."
         yield keyword("Contact Output")
         yield "CSTRESS, CDISP"
-    every = f", time interval={real(step.end_time / step.history_intervals)}" if explicit else ""
     yield f"*Output, history{every}"
     if FRAME in deck.sets:
         yield keyword("Node Output", nset=FRAME)
         yield "RF1, RF2, RF3"
-    if contact and not explicit:
+    if deck.meets and run is None:
         yield "** Resultants of pressure and friction of every contact pair."
         yield keyword("Contact Output")
         yield "CFN, CFS"

@@ -10,22 +10,19 @@ takes no stiffness-proportional damping and gets C3D8I wrong.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
-from itertools import accumulate
 
 import numpy as np
 
 from fem.contact.law import ContactLaw
 from fem.decks.abaqus import (
-    amplitude_parameter,
-    component_lines,
     heading_lines,
-    load_lines,
     material_lines,
     pair_keyword,
+    pair_sides,
     static_lines,
     surface_lines,
 )
+from fem.decks.deck import EVERY_ELEMENT, EVERY_NODE, FRAME, LOADING, MATERIAL, Deck
 from fem.decks.faces import ElementFaces, Patches, contact_patches, element_faces
 from fem.decks.keywords import (
     DeckError,
@@ -34,38 +31,14 @@ from fem.decks.keywords import (
     keyword,
     label,
     node_lines,
-    real,
     reals,
 )
 from fem.decks.laws import law_lines, law_table
-from fem.decks.model import block_nodes, nodal_forces
-from fem.decks.statement import (
-    FRAME,
-    LOADING,
-    MATERIAL,
-    Deck,
-    DeckLoad,
-    Hold,
-    Procedure,
-    block_label,
-    check_deck,
-    element_name,
-    named_face,
-)
-from fem.decks.supports import (
-    held_lines,
-    holds_frame,
-    in_own_axes,
-    node_entries,
-    path_lines,
-    spring_lines,
-    step_support_lines,
-    transform_lines,
-)
-from fem.element.hexahedron import ELEMENTS, ElementType
+from fem.decks.loads import nodal_lines, on_faces, step_load_lines
+from fem.decks.supports import DeckSupports, node_lines_of, spring_lines
+from fem.element.hexahedron import ElementType
 from fem.system.forces import SmoothStepAmplitude
-from geometry.loads import PressureLoad
-from geometry.mesh import BoolArray, FloatArray
+from geometry.mesh import BoolArray
 
 #: Samples of the smooth step; linear between them it is off by less than 1e-4 of the load.
 _AMPLITUDE_POINTS = 101
@@ -77,21 +50,20 @@ _CONVERGENCE = (1.0e-6, 1.0e-4)
 
 def calculix_lines(deck: Deck) -> Iterator[str]:
     """Lines of a flat deck for CalculiX: see `fem.decks.write.deck_lines`."""
-    check_calculix(deck)
-    starts = Starts(deck)
-    patches = None if deck.joint is None else contact_patches(deck)
+    patches = contact_patches(deck) if deck.meets else None
+    supports = DeckSupports(deck)
     yield from heading_lines(deck)
-    yield from mesh_lines(deck, starts)
-    yield from held_set_lines(deck, starts)
-    yield from flat_surface_lines(deck, starts, patches)
+    yield from _mesh(deck)
+    yield from _held_sets(deck, supports)
+    yield from _surfaces(deck, patches)
     yield "**"
     yield "** Material"
     yield from _material(deck)
     if patches is not None:
         yield from _contact(deck, patches)
-    yield from _model_data(deck, starts)
-    for stage in deck.stages:
-        yield from _step(stage, starts)
+    yield from _model_data(deck, supports)
+    for number in range(len(deck.stages)):
+        yield from _step(deck, supports, number)
 
 
 def check_calculix(deck: Deck) -> None:
@@ -102,28 +74,29 @@ def check_calculix(deck: Deck) -> None:
     DeckError
         By name.
     """
-    check_deck(deck, CALCULIX_ELEMENTS)
-    explicit = deck.step.procedure is Procedure.EXPLICIT
-    rayleigh, joint = deck.effects.rayleigh, deck.joint
-    if joint is not None and explicit:
+    explicit, rayleigh = deck.in_time is not None, deck.effects.rayleigh
+    if deck.meets and explicit:
         raise DeckError(
             "fem.method: CalculiX's explicit dynamics has no contact law but a linear penalty; "
             "expected a static step where blocks meet"
         )
-    if deck.clearance < 0.0:
+    if deck.problem.clearance < 0.0:
         _check_interference(deck)
     if explicit and rayleigh is not None and rayleigh.stiffness_proportional:
         raise DeckError(
             f"effects.rayleigh.stiffness_proportional: got {rayleigh.stiffness_proportional}; "
             "CalculiX's explicit dynamics takes none: remove it or choose fem.method=static"
         )
-    if explicit and deck.element is ElementType.INCOMPATIBLE:
+    if explicit and deck.problem.element is ElementType.INCOMPATIBLE:
         raise DeckError(
             "fem.element: CalculiX's explicit dynamics computes C3D8I wrongly (deflections 2.4 "
             "times too large); expected full or reduced"
         )
-    if explicit and deck.step.time_step is None:
-        raise DeckError("fem.time_step is missing: CalculiX needs it for explicit dynamics [s]")
+    if deck.in_time is not None and deck.in_time.mass_scaling is not None:
+        raise DeckError(
+            f"fem.mass_scaling: got {deck.in_time.mass_scaling:g} with --flavour calculix, which "
+            "scales no single elements; remove it, or choose --flavour general"
+        )
 
 
 #: Distance over the root of a node's area beyond which CalculiX has no spring.
@@ -135,11 +108,11 @@ def _check_interference(deck: Deck) -> None:
     shapes = deck.assembly.shapes
     areas = [s.surface(face).areas.min() for s in shapes for face in s.contact_faces]
     reach = _REACH * 0.5 * float(np.sqrt(min(areas)))
-    if -deck.clearance > reach:
+    if -deck.problem.clearance > reach:
         raise DeckError(
-            f"contact.clearance: got {deck.clearance:g} mm; CalculiX loses nodes that are apart by "
-            f"more than {reach:.2g} mm on this mesh, and solves another problem without a warning: "
-            "expected --flavour standard, or a smaller interference"
+            f"contact.clearance: got {deck.problem.clearance:g} mm; CalculiX loses nodes that are "
+            f"apart by more than {reach:.2g} mm on this mesh, and solves another problem without a "
+            "warning: expected --flavour standard, or a smaller interference"
         )
 
 
@@ -148,9 +121,7 @@ def _check_interference(deck: Deck) -> None:
 
 
 def _material(deck: Deck) -> Iterator[str]:
-    for line in material_lines(deck):
-        if deck.step.procedure is Procedure.EXPLICIT or not line.startswith("*Damping"):
-            yield line
+    yield from material_lines(deck)
     names, assembly = deck.material_names, deck.assembly
     if len(names) == 1:
         yield keyword("Solid Section", elset=EVERY_ELEMENT, material=MATERIAL)
@@ -158,56 +129,50 @@ def _material(deck: Deck) -> Iterator[str]:
     for material, name in names.items():
         mine = [deck.materials[k] == material for k in assembly.shape_of.tolist()]
         yield keyword("Elset", elset=f"{name}-ELEMENTS")
-        yield from entry_lines(block_label(deck, block) for block in np.flatnonzero(mine).tolist())
+        yield from entry_lines(deck.labels[block] for block in np.flatnonzero(mine).tolist())
         yield keyword("Solid Section", elset=f"{name}-ELEMENTS", material=name)
 
 
 def _contact(deck: Deck, patches: Patches) -> Iterator[str]:
-    joint = deck.joint
-    assert joint is not None
-    for (law, friction), name in joint.interactions.items():
+    law, coulomb = deck.problem.contact_law, deck.problem.coulomb
+    for (place, friction), name in deck.interactions.items():
         yield keyword("Surface Interaction", name=name)
-        yield from _law(deck, joint.law.members[law])
+        yield from _law(deck, law.members[place])
         if friction is None:
             yield "** frictionless"
         else:
-            assert joint.stick_stiffness is not None
+            assert coulomb is not None
             yield keyword("Friction")
-            yield reals([friction, joint.stick_stiffness])
+            yield reals([friction, coulomb.stick_stiffness])
     for pair in patches.pairs:
         yield pair_keyword(deck, pair)
-        yield (
-            f"{block_label(deck, pair.block_s)}_{pair.patch_s}, "
-            f"{block_label(deck, pair.block_m)}_{pair.patch_m}"
-        )
+        yield ", ".join(pair_sides(deck, pair))
 
 
 def _law(deck: Deck, law: ContactLaw) -> Iterator[str]:
-    assert deck.joint is not None
-    if deck.joint.face_to_face:
+    if deck.on_faces:
         yield from law_lines(law, explicit=False)
         return
     yield "*Surface Behavior, pressure-overclosure=TABULAR"
-    for row in law_table(law, deck.clearance).tolist():
+    for row in law_table(law, deck.problem.clearance).tolist():
         yield reals(row)
 
 
-def _model_data(deck: Deck, starts: Starts) -> Iterator[str]:
-    if deck.step.ramp_time > 0.0:
+def _model_data(deck: Deck, supports: DeckSupports) -> Iterator[str]:
+    motion = deck.problem.motion
+    if deck.ramp_time:
         yield keyword("Amplitude", name=LOADING)
-        yield from _sampled_amplitude(deck.step.ramp_time)
-    yield from path_lines(deck)
-    yield from spring_lines(
-        deck.springs, starts.element[-1] + 1, lambda block, k: f"{starts.node[block] + k + 1}"
-    )
-    if deck.motion is not None:
+        yield from _sampled_amplitude(deck.ramp_time)
+    yield from supports.path_lines()
+    yield from spring_lines(deck, deck.first_element[-1] + 1)
+    if motion is not None:
         yield keyword("Initial Conditions", type="VELOCITY")
         for block in range(deck.assembly.n_blocks):
-            nodes = block_nodes(deck, block)
-            spin = np.cross(deck.motion.angular_velocity, nodes - nodes.mean(axis=0))
-            yield from _nodal_lines(deck.motion.velocity + spin, starts.node[block])
-    yield from transform_lines(deck, lambda hold: held_name(deck, hold))
-    yield from held_lines(deck, lambda hold: held_name(deck, hold))
+            nodes = deck.nodes(block)
+            spin = np.cross(motion.angular_velocity, nodes - nodes.mean(axis=0))
+            yield from nodal_lines(deck, block, motion.velocity + spin)
+    yield from supports.transform_lines()
+    yield from supports.still_lines()
 
 
 def _sampled_amplitude(duration: float) -> Iterator[str]:
@@ -218,111 +183,70 @@ def _sampled_amplitude(duration: float) -> Iterator[str]:
         yield reals(pairs[first : first + 8])
 
 
-def _nodal_lines(values: FloatArray, start: int) -> Iterator[str]:
-    """Node, component and value, zeros left out."""
-    for node, row in enumerate(values, start=start + 1):
-        yield from component_lines(str(node), row)
-
-
 # ---------------------------------------------------------------------------------------------
 # Step
 
 
-def _step(deck: Deck, starts: Starts) -> Iterator[str]:
-    step = deck.step
+def _step(deck: Deck, supports: DeckSupports, number: int) -> Iterator[str]:
+    run = deck.in_time
+    large: dict[str, str | None] = {"nlgeom": None} if deck.stages[number].finite_rotation else {}
     yield "**"
     yield f"** Step of {deck.program}"
-    geometry: dict[str, str | None] = {"nlgeom": None} if step.large_rotations else {}
-    yield keyword("Step", **geometry, inc="1000000")
-    if step.procedure is Procedure.STATIC:
-        yield from static_lines(deck)
+    yield keyword("Step", **large, inc="1000000")
+    if run is None:
+        yield from static_lines(deck, number)
         yield keyword("Controls", parameters="FIELD")
         yield reals(_CONVERGENCE)
     else:
-        assert step.time_step is not None
+        assert run.time_step is not None
         # Without the last two numbers CalculiX takes steps of zero and never ends.
         yield "*Dynamic, direct, explicit, alpha=0.0"
-        yield reals([step.time_step, step.end_time, step.time_step, step.time_step])
-    yield from step_support_lines(deck, lambda hold: held_name(deck, hold))
-    yield from load_lines(deck, partial(_load, deck, starts), [EVERY_ELEMENT])
-    yield from _output(deck)
+        yield reals([run.time_step, deck.end_time, run.time_step, run.time_step])
+    yield from supports.step_lines(number)
+    yield from step_load_lines(deck, supports, number)
+    yield from _output(deck, supports, number)
     yield keyword("End Step")
 
 
-def _load(deck: Deck, starts: Starts, load: DeckLoad) -> Iterator[str]:
-    amplitude = amplitude_parameter(deck)
-    if isinstance(load, PressureLoad):
-        yield keyword("Dsload", **amplitude)
-        face = label(named_face(load.face))
-        for block in load.blocks.tolist():
-            yield f"{block_label(deck, block)}_{face}, P, {real(load.pressure)}"
-        return
-    yield keyword("Cload", **amplitude)
-    for block in np.unique(load.blocks).tolist():
-        forces = dict(enumerate(nodal_forces(deck, load, block)))
-        for node, force in in_own_axes(deck, block, forces).items():
-            yield from component_lines(str(starts.node[block] + node + 1), force)
-
-
-def _output(deck: Deck) -> Iterator[str]:
+def _output(deck: Deck, supports: DeckSupports, number: int) -> Iterator[str]:
     yield keyword("Node File", frequency="999999")
     yield "U"
     yield keyword("El File", frequency="999999")
     yield "S"
-    world = {"global_": "YES"} if deck.leaning else {}
+    world = {"global_": "YES"} if supports.leaning else {}
     yield keyword("Node Print", nset=EVERY_NODE, frequency="999999", **world)
     yield "U"
-    for name in dict.fromkeys(held_name(deck, hold) for hold in deck.holds):
-        yield keyword("Node Print", nset=name, totals="ONLY", frequency="999999")
+    for held in supports.stages[number]:
+        yield keyword("Node Print", nset=supports.name(held), totals="ONLY", frequency="999999")
         yield "RF"
-    if deck.joint is not None:
+    if deck.meets:
         yield keyword("Contact File", frequency="999999")
         yield "CDIS, CSTR"
         yield keyword("Contact Print", frequency="999999")
         yield "CSTR"
 
 
-#: CalculiX' name of each element that has one.
-CALCULIX_ELEMENTS = {kind: found.calculix for kind, found in ELEMENTS.items() if found.calculix}
-
-
-EVERY_NODE = "NALL"
-EVERY_ELEMENT = "EALL"
-
-
-class Starts:
-    """First node and element of each block in the flat numbering, from 0."""
-
-    def __init__(self, deck: Deck) -> None:
-        shapes = [deck.assembly.shape(b).mesh for b in range(deck.assembly.n_blocks)]
-        self.node = [0, *accumulate(mesh.n_nodes for mesh in shapes)]
-        self.element = [0, *accumulate(mesh.n_elements for mesh in shapes)]
-
-
-def mesh_lines(deck: Deck, starts: Starts) -> Iterator[str]:
+def _mesh(deck: Deck) -> Iterator[str]:
     """Nodes of all blocks in world coordinates, elements block by block, sets of blocks."""
     assembly = deck.assembly
     yield keyword("Node", nset=EVERY_NODE)
-    for block in range(assembly.n_blocks):
-        nodes = block_nodes(deck, block)[: assembly.shape(block).mesh.n_nodes]
-        yield from node_lines(nodes + 0.0, starts.node[block] + 1)
-    for block in range(assembly.n_blocks):
-        name = block_label(deck, block)
+    for block, first in enumerate(deck.first_node[:-1]):
+        yield from node_lines(deck.nodes(block) + 0.0, first + 1)
+    for block, (node, element) in enumerate(
+        zip(deck.first_node[:-1], deck.first_element, strict=False)
+    ):
         shape = assembly.shape(block)
-        kind = element_name(deck, CALCULIX_ELEMENTS, shape)
-        yield keyword("Element", type=kind, elset=name)
-        first = starts.element[block] + 1, starts.node[block] + 1
-        yield from element_lines(shape.mesh.connectivity, *first)
+        yield keyword("Element", type=deck.element_of(shape), elset=deck.labels[block])
+        yield from element_lines(shape.mesh.connectivity, element + 1, node + 1)
     yield keyword("Elset", elset=EVERY_ELEMENT, generate=None)
-    yield f"1, {starts.element[-1]}, 1"
+    yield f"1, {deck.first_element[-1]}, 1"
     for layer in np.unique(assembly.layer).tolist():
-        yield from _block_set(deck, f"LAYER-{layer:02d}", assembly.layer == layer, starts)
+        yield from _block_set(deck, f"LAYER-{layer:02d}", assembly.layer == layer)
     for name, blocks in deck.sets.items():
-        chosen = np.isin(np.arange(assembly.n_blocks), blocks)
-        yield from _block_set(deck, name, chosen, starts)
+        yield from _block_set(deck, name, np.isin(np.arange(assembly.n_blocks), blocks))
 
 
-def _block_set(deck: Deck, name: str, chosen: BoolArray, starts: Starts) -> Iterator[str]:
+def _block_set(deck: Deck, name: str, chosen: BoolArray) -> Iterator[str]:
     """Elements of some blocks: a range where the blocks follow each other, else a set of sets.
 
     Ranges are what every reader understands.
@@ -330,53 +254,40 @@ def _block_set(deck: Deck, name: str, chosen: BoolArray, starts: Starts) -> Iter
     blocks = np.flatnonzero(chosen).tolist()
     if blocks == list(range(blocks[0], blocks[-1] + 1)):
         yield keyword("Elset", elset=name, generate=None)
-        yield f"{starts.element[blocks[0]] + 1}, {starts.element[blocks[-1] + 1]}, 1"
+        yield f"{deck.first_element[blocks[0]] + 1}, {deck.first_element[blocks[-1] + 1]}, 1"
     else:
         yield keyword("Elset", elset=name)
-        yield from entry_lines(block_label(deck, block) for block in blocks)
+        yield from entry_lines(deck.labels[block] for block in blocks)
 
 
-def held_name(deck: Deck, hold: Hold) -> str:
-    """Name of the set of nodes that a support holds."""
-    nodes = "ALL" if hold.face is None else f"{label(hold.face)}-NODES"
-    if hold.nodes is not None:
-        nodes = hold.region
-    return f"{block_label(deck, hold.block)}_{nodes}"
-
-
-def held_set_lines(deck: Deck, starts: Starts) -> Iterator[str]:
+def _held_sets(deck: Deck, supports: DeckSupports) -> Iterator[str]:
     """Sets of held nodes, those of all fixed blocks together too."""
-    for name, hold in {held_name(deck, hold): hold for hold in deck.every_hold}.items():
-        first, end = starts.node[hold.block], starts.node[hold.block + 1]
-        if hold.nodes is not None:
-            yield keyword("Nset", nset=name)
-            yield from node_entries(np.array(hold.nodes) + first)
-        elif hold.face is None:
+    for held in supports.sets:
+        first, end = deck.first_node[held.block : held.block + 2]
+        name = supports.name(held)
+        if held.whole:
             yield keyword("Nset", nset=name, generate=None)
             yield f"{first + 1}, {end}, 1"
-        else:
-            yield keyword("Nset", nset=name)
-            shape = deck.assembly.shape(hold.block)
-            held = shape.mesh.facet_nodes(shape.faces[hold.face])
-            yield from entry_lines(np.unique(held) + first + 1)
-    if holds_frame(deck):
+            continue
+        yield keyword("Nset", nset=name)
+        shape, nodes = deck.assembly.shape(held.block), held.nodes
+        if held.face is not None:
+            nodes = tuple(np.unique(shape.mesh.facet_nodes(shape.faces[held.face])).tolist())
+        yield from node_lines_of(nodes or (), first)
+    if supports.hold_frame:
         yield keyword("Nset", nset=FRAME)
-        yield from entry_lines(held_name(deck, hold) for hold in deck.holds if hold.whole)
+        whole = (held for held in supports.stages[-1] if held.whole)
+        yield from entry_lines(map(supports.name, whole))
 
 
-def flat_surface_lines(deck: Deck, starts: Starts, patches: Patches | None) -> Iterator[str]:
+def _surfaces(deck: Deck, patches: Patches | None) -> Iterator[str]:
     """Surfaces that pressures and contact pairs name."""
-    assembly = deck.assembly
-    known = [_shape_surfaces(deck, number, patches) for number in range(len(assembly.shapes))]
+    known = [_shape_surfaces(deck, number, patches) for number in range(len(deck.assembly.shapes))]
     for block, needed in enumerate(_needed_surfaces(deck, patches)):
-        for name, faces in known[int(assembly.shape_of[block])].items():
+        for name, faces in known[int(deck.assembly.shape_of[block])].items():
             if name in needed:
-                yield from surface_lines(
-                    name,
-                    faces,
-                    prefix=f"{block_label(deck, block)}_",
-                    first_element=starts.element[block] + 1,
-                )
+                prefix, first = deck.of_block(block, ""), deck.first_element[block] + 1
+                yield from surface_lines(name, faces, prefix=prefix, first_element=first)
 
 
 def _shape_surfaces(deck: Deck, number: int, patches: Patches | None) -> dict[str, ElementFaces]:
@@ -392,10 +303,10 @@ def _shape_surfaces(deck: Deck, number: int, patches: Patches | None) -> dict[st
 def _needed_surfaces(deck: Deck, patches: Patches | None) -> list[set[str]]:
     """Labels of the surfaces of each block that the deck names."""
     needed: list[set[str]] = [set() for _ in range(deck.assembly.n_blocks)]
-    for load in deck.every_load:
-        if isinstance(load, PressureLoad):
+    for problem in deck.stages:
+        for load in on_faces(problem.load_case, deck.flavour):
             for block in load.blocks.tolist():
-                needed[block].add(label(named_face(load.face)))
+                needed[block].add(label(str(load.face)))
     for pair in () if patches is None else patches.pairs:
         needed[pair.block_m].add(pair.patch_m)
         needed[pair.block_s].add(pair.patch_s)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fem.contact.search import FacingPoints
+from fem.decks.deck import Deck
 from fem.decks.keywords import DeckError, label
-from fem.decks.statement import Deck
 from fem.system.state import block_surface
 from geometry.assembly import Assembly
 from geometry.block import Block
@@ -106,14 +106,13 @@ def contact_patches(deck: Deck) -> Patches:
     do not match, whole faces meet: those that face each other somewhere.
     """
     if deck.searched:
-        return Patches(tuple(() for _ in deck.assembly.shapes), tuple(_facing_faces(deck)))
+        return Patches(tuple(() for _ in deck.assembly.shapes), tuple(facing_faces(deck)))
     assembly = deck.assembly
     result = assembly.interfaces
     offsets = [_face_offsets(shape) for shape in assembly.shapes]
     face_m = _face_numbers(assembly, offsets, result.block_m, result.facet_m)
     face_s = _face_numbers(assembly, offsets, result.block_s, result.facet_s)
-    held = np.zeros(assembly.n_blocks, dtype=np.bool_)
-    held[deck.held_blocks] = True
+    held = ~deck.problem.deforming
     key = np.column_stack([result.block_m, result.block_s, face_m, face_s])
     keep = np.flatnonzero(~(held[result.block_m] & held[result.block_s]))
     groups, which = np.unique(key[keep], axis=0, return_inverse=True)
@@ -127,7 +126,7 @@ def contact_patches(deck: Deck) -> Patches:
     return Patches(register.of_shape(), tuple(pairs))
 
 
-def _facing_faces(deck: Deck) -> list[PatchPair]:
+def facing_faces(deck: Deck) -> list[PatchPair]:
     """Faces of two blocks that face each other; the slave is the one of the smaller facets."""
     assembly = deck.assembly
     surfaces = tuple(
@@ -135,18 +134,18 @@ def _facing_faces(deck: Deck) -> list[PatchPair]:
         for block in range(assembly.n_blocks)
         if len(assembly.shape(block).contact_quads)
     )
-    points = FacingPoints(surfaces, reach=deck.spacing)
+    points = FacingPoints(surfaces, reach=deck.problem.spacing)
     names = [
         [name for name in shape.contact_faces for _ in shape.faces[name]]
         for shape in assembly.shapes
     ]
     face_of = [label(n) for s in surfaces for n in names[int(assembly.shape_of[s.block])]]
-    held, block_of = set(deck.held_blocks.tolist()), points.facet_block.tolist()
+    deforms, block_of = deck.problem.deforming, points.facet_block.tolist()
     facing = np.unique(np.column_stack([points.now.facet, points.now.slave]), axis=0).tolist()
     pairs = dict.fromkeys(
         PatchPair(block_of[m], face_of[m], block_of[s], face_of[s]) for m, s in facing
     )
-    return [pair for pair in pairs if not {pair.block_m, pair.block_s} <= held]
+    return [pair for pair in pairs if deforms[pair.block_m] or deforms[pair.block_s]]
 
 
 def _face_offsets(shape: Block) -> IntArray:

@@ -1,4 +1,4 @@
-"""Supports of a problem as decks state them: nodes along axes, at rest, moved or on springs.
+"""Supports of a problem in the words of decks: sets of nodes, their axes, springs, motions.
 
 A deck names faces and node sets. A region without a name is a set of the nodes that lie in it; a
 bed of springs is one spring to the ground at each node, ∫ k N_a dA.
@@ -6,17 +6,18 @@ bed of springs is one spring to the ground at each node, ∫ k N_a dA.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
-from fem.decks.keywords import DeckError, entry_lines, keyword, real, reals
+from fem.decks.deck import ALL, FRAME, LOADING, Deck, Flavour
+from fem.decks.keywords import DeckError, entry_lines, keyword, label, real, reals
 from fem.decks.meshes import SerendipityMesh
-from fem.decks.statement import FRAME, LOADING, Deck, Flavour, GroundSpring, Hold, Procedure
+from fem.problem import Problem
+from fem.system.build import Frames, held_faces
 from fem.system.forces import traction_forces
-from geometry.assembly import Assembly
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray
 from geometry.parts.regions import Points, region_nodes, region_quads
 from geometry.parts.supports import HeldFace
 
@@ -26,51 +27,74 @@ _ALONG = 1e-9
 _SPRING = "SPRING1"
 
 
-#: Names of node sets by block and nodes.
-Regions = dict[tuple[int, tuple[int, ...]], str]
+@dataclass(frozen=True)
+class HeldNodes:
+    """Nodes of one block that are held alike: a set of a deck."""
+
+    block: int
+    """Their block."""
+    face: str | None = None
+    """Face whose nodes they are; None: `nodes`."""
+    nodes: tuple[int, ...] | None = None
+    """Nodes in the block's mesh, of a region without a name; None: those of the face, or all."""
+    axes: tuple[float, ...] | None = None
+    """First and second axis of their components, six numbers; None: world axes."""
+
+    @property
+    def whole(self) -> bool:
+        """Whether they are all nodes of the block."""
+        return self.face is None and self.nodes is None
+
+    @property
+    def frame(self) -> FloatArray:
+        """Axes of their components as rows, (3, 3)."""
+        if self.axes is None:
+            return np.eye(3)
+        pair = np.reshape(self.axes, (2, 3))
+        return np.vstack([pair, np.cross(*pair)])
 
 
-def holds_on(assembly: Assembly, held: tuple[HeldFace, ...], regions: Regions) -> tuple[Hold, ...]:
-    """Supports without springs, components of different ways apart; new regions get a name.
+#: Way of a component [mm], and times [s] and shares of it, (): with the loads.
+Way = tuple[float, tuple[tuple[float, float], ...]]
+_STAYS: Way = (0.0, ())
+#: Ways of the held components of sets of nodes.
+Supports = dict[HeldNodes, dict[int, Way]]
+
+
+def supports_of(problem: Problem) -> Supports:
+    """What holds nodes of a problem, without springs: whole blocks, faces, regions.
 
     Raises
     ------
     DeckError
         Motions along directions of one node that are not orthogonal.
     """
-    fast = [support for support in held if support.spring is None]
-    leaning = {support.block for support in fast if _world_axes(support) is None}
-    result = [
-        hold for one in fast if one.block not in leaning for hold in _along(assembly, one, regions)
-    ]
+    blocks, load = problem.blocks, problem.load_case
+    rigid = problem.frames is Frames.RIGID
+    result: Supports = {}
+    for block in np.flatnonzero(load.fixed).tolist() if rigid else ():
+        result[HeldNodes(block)] = dict.fromkeys(range(3), _STAYS)
+    held = [s for s in (load.held if rigid else held_faces(blocks, load)) if s.spring is None]
+    leaning = {support.block for support in held if _world_axes(support) is None}
+    for support in held:
+        if support.block in leaning:
+            continue
+        if isinstance(support.face, str):
+            nodes = HeldNodes(support.block, support.face)
+        else:
+            inside = region_nodes(blocks, support.block, support.face).tolist()
+            nodes = HeldNodes(support.block, nodes=tuple(inside))
+        for axis in _world_axes(support) or ():
+            result.setdefault(nodes, {})[axis] = _way(support, np.eye(3)[axis])
     for block in sorted(leaning):
-        mine = [support for support in fast if support.block == block]
-        result += _leaning_holds(assembly, block, mine, regions)
-    return tuple(result)
+        result |= _leaning(problem, block, [s for s in held if s.block == block])
+    return result
 
 
-def _region(block: int, nodes: tuple[int, ...], regions: Regions) -> str:
-    """Name of a set of nodes, a new one where there is none."""
-    return regions.setdefault((block, nodes), f"REGION-{len(regions) + 1}")
-
-
-def _along(assembly: Assembly, support: HeldFace, regions: Regions) -> Iterator[Hold]:
-    """One hold for each component along a world axis, or for all three where they stay."""
-    nodes, region, face = None, "", None
-    if isinstance(support.face, str):
-        face = support.face
-    else:
-        nodes = tuple(region_nodes(assembly, support.block, support.face).tolist())
-        region = _region(support.block, nodes, regions)
-    base = Hold(support.block, face, nodes=nodes, region=region)
-    axes = _world_axes(support) or ()
-    if axes == (0, 1, 2) and not support.moves:
-        yield base
-        return
-    moved = np.zeros(3) if support.displacement is None else support.displacement
-    path = support.path if support.moves else ()
-    for axis in axes:
-        yield replace(base, components=(axis,), displacement=float(moved[axis]), path=path)
+def _way(support: HeldFace, along: FloatArray) -> Way:
+    """Way of a support along a direction."""
+    moved = 0.0 if support.displacement is None else float(along @ support.displacement)
+    return moved, support.path if support.moves else ()
 
 
 def _world_axes(support: HeldFace) -> tuple[int, ...] | None:
@@ -81,44 +105,36 @@ def _world_axes(support: HeldFace) -> tuple[int, ...] | None:
     return tuple(sorted(largest.tolist()))
 
 
-#: Way of a component and times and shares of it.
-_Way = tuple[float, tuple[tuple[float, float], ...]]
-
-
-def _leaning_holds(
-    assembly: Assembly, block: int, supports: list[HeldFace], regions: Regions
-) -> Iterator[Hold]:
+def _leaning(problem: Problem, block: int, supports: list[HeldFace]) -> Supports:
     """Supports of a block of which some lean: nodes that are held alike, along their own axes."""
-    at: dict[int, tuple[list[FloatArray], list[_Way]]] = {}
+    at: dict[int, tuple[list[FloatArray], list[Way]]] = {}
     for support in sorted(supports, key=lambda one: not one.moves):
-        moved = np.zeros(3) if support.displacement is None else support.displacement
-        for node in region_nodes(assembly, block, support.face).tolist():
+        for node in region_nodes(problem.blocks, block, support.face).tolist():
             axes, ways = at.setdefault(node, ([], []))
             for along in support.axes:
                 left = along - sum((axis * (axis @ along) for axis in axes), np.zeros(3))
-                size, way = float(np.linalg.norm(left)), float(along @ moved)
+                size, way = float(np.linalg.norm(left)), _way(support, along)
                 if size <= _ALONG:
                     continue
-                if size < 1.0 - _ALONG and (way or any(value for value, _ in ways)):
+                if size < 1.0 - _ALONG and (way[0] or any(value for value, _ in ways)):
                     raise DeckError(
                         f"support {support.title}: a node moves along directions that are not "
                         "orthogonal; expected such, or supports that stay"
                     )
                 axes.append(left / size)
-                ways.append((way, support.path if support.moves else ()))
-    alike: dict[tuple[tuple[float, ...] | None, tuple[tuple[int, _Way], ...]], list[int]] = {}
+                ways.append(way)
+    alike: dict[tuple[tuple[float, ...] | None, tuple[tuple[int, Way], ...]], list[int]] = {}
     for node, (axes, ways) in at.items():
         alike.setdefault(_framed(axes, ways), []).append(node)
-    for (pair, components), nodes in alike.items():
-        chosen = tuple(sorted(nodes))
-        base = Hold(block, nodes=chosen, region=_region(block, chosen, regions), axes=pair)
-        for component, (way, path) in components:
-            yield replace(base, components=(component,), displacement=way, path=path)
+    return {
+        HeldNodes(block, nodes=tuple(sorted(nodes)), axes=axes): dict(components)
+        for (axes, components), nodes in alike.items()
+    }
 
 
 def _framed(
-    axes: list[FloatArray], ways: list[_Way]
-) -> tuple[tuple[float, ...] | None, tuple[tuple[int, _Way], ...]]:
+    axes: list[FloatArray], ways: list[Way]
+) -> tuple[tuple[float, ...] | None, tuple[tuple[int, Way], ...]]:
     """Axes of a node, None for those of the world, and the way of each component that is held."""
     largest = [int(np.abs(axis).argmax()) for axis in axes]
     if all(abs(axis[k]) >= 1.0 - _ALONG for axis, k in zip(axes, largest, strict=True)):
@@ -135,162 +151,177 @@ def _framed(
     return tuple((pair.round(14) + 0.0).tolist()), tuple(enumerate(ways))
 
 
-def in_own_axes(deck: Deck, block: int, forces: dict[int, FloatArray]) -> dict[int, FloatArray]:
-    """Forces on nodes of a block along the axes that the nodes have, (3,) each."""
-    result = dict(forces)
-    for hold in deck.leaning:
-        if hold.block == block:
-            pair = np.reshape(hold.axes or (), (2, 3))
-            frame = np.vstack([pair, np.cross(*pair)])
-            result |= {n: frame @ forces[n] for n in hold.nodes or () if n in forces}
-    return result
+class DeckSupports:
+    """Supports of all steps of a deck, and the names of their sets and amplitudes."""
+
+    def __init__(self, deck: Deck) -> None:
+        self.deck = deck
+        self.stages = [supports_of(problem) for problem in deck.stages]
+        every = [item for stage in self.stages for item in stage.items()]
+        #: Sets of nodes of all steps.
+        self.sets = list(dict.fromkeys(nodes for nodes, _ in every))
+        #: Names of regions that have none.
+        self.regions: dict[tuple[int, tuple[int, ...]], str] = {}
+        for held in self.sets:
+            if held.nodes is not None:
+                key = held.block, held.nodes
+                self.regions.setdefault(key, f"REGION-{len(self.regions) + 1}")
+        paths = dict.fromkeys(
+            path for _, ways in every for value, path in ways.values() if value and path
+        )
+        #: Names of the amplitudes by which supports move.
+        self.paths = {path: f"MOTION-{number}" for number, path in enumerate(paths, start=1)}
+
+    def name(self, held: HeldNodes) -> str:
+        """Name of a set of nodes."""
+        if held.nodes is None:
+            of = ALL if held.face is None else f"{label(held.face)}-NODES"
+            return self.deck.of_block(held.block, of)
+        region = self.regions[held.block, held.nodes]
+        return self.deck.of_block(held.block, region) if self.deck.is_flat else region
+
+    def in_own_axes(self, block: int, forces: FloatArray) -> FloatArray:
+        """Forces on the nodes of a block along the axes that these have, (n_nodes, 3)."""
+        result = forces.copy()
+        for held in self.sets:
+            if held.block == block and held.axes is not None:
+                nodes = list(held.nodes or ())
+                result[nodes] = forces[nodes] @ held.frame.T
+        return result
+
+    @property
+    def leaning(self) -> list[HeldNodes]:
+        """Sets of nodes that have axes of their own."""
+        return [held for held in self.sets if held.axes is not None]
+
+    def transform_lines(self) -> Iterator[str]:
+        """Axes of nodes that have their own."""
+        for held in self.leaning:
+            yield keyword("Transform", nset=self.name(held), type="R")
+            yield reals(held.axes or ())
+
+    def path_lines(self) -> Iterator[str]:
+        """Amplitudes of supports that move: in seconds, or over the length of a static step."""
+        for path, name in self.paths.items():
+            scale = self.deck.end_time / path[-1][0] if self.deck.in_time is None else 1.0
+            yield keyword("Amplitude", name=name)
+            flat = [number for time, share in path for number in (scale * time, share)]
+            for start in range(0, len(flat), 8):
+                yield reals(flat[start : start + 8])
+
+    @property
+    def hold_frame(self) -> bool:
+        """Whether all fixed blocks are held with all their nodes, and no others."""
+        held = np.flatnonzero(~self.deck.problem.deforming)
+        return FRAME in self.deck.sets and np.array_equal(held, self.deck.sets[FRAME])
+
+    def still_lines(self) -> Iterator[str]:
+        """Components that stay from rest on."""
+        still = [
+            f"{self.name(held)}, {first + 1}, {last + 1}"
+            for held, ways in self.stages[0].items()
+            if not (self.hold_frame and held.whole)
+            for first, last, (value, _) in _ranges(ways)
+            if not value
+        ]
+        frame = [f"{FRAME}, 1, 3"] * self.hold_frame
+        if frame or still:
+            yield "**"
+            yield "** Boundary conditions"
+            yield keyword("Boundary")
+            yield from (*frame, *still)
+
+    def step_lines(self, number: int) -> Iterator[str]:
+        """Components that move in a step, with their amplitude; all, if some are held no more.
+
+        These are taken back by op=NEW, beside which all others are stated again.
+        """
+        later, supports = number > 0, self.stages[number]
+        known = self.stages[number - 1] if later else {}
+        anew: dict[str, str | None] = {}
+        if any(ways.keys() - supports.get(held, {}).keys() for held, ways in known.items()):
+            anew, known = {"op": "NEW"}, {}
+        ramp = None if later or not self.deck.ramp_time else LOADING
+        for held, ways in supports.items():
+            for first, last, (value, path) in _ranges(ways):
+                if not later and not value:
+                    continue  # among the supports from rest on
+                before = known.get(held, {})
+                if all(before.get(k) == (value, path) for k in range(first, last + 1)):
+                    continue
+                name = self.paths.get(path, ramp)
+                yield keyword("Boundary", **anew, **({} if name is None else {"amplitude": name}))
+                way = f", {real(value)}" if value or later else ""
+                yield f"{self.name(held)}, {first + 1}, {last + 1}{way}"
 
 
-def transform_lines(deck: Deck, target: Callable[[Hold], str]) -> Iterator[str]:
-    """Axes of the nodes of supports that lean; ``target`` names their set."""
-    for hold in {hold.region: hold for hold in deck.leaning}.values():
-        yield keyword("Transform", nset=target(hold), type="R")
-        yield reals(hold.axes or ())
+def _ranges(ways: dict[int, Way]) -> list[tuple[int, int, Way]]:
+    """First and last component, and their way: all three where they stay, else each by itself."""
+    if len(ways) == 3 and all(way == _STAYS for way in ways.values()):
+        return [(0, 2, _STAYS)]
+    return [(axis, axis, way) for axis, way in ways.items()]
 
 
-def springs_on_ground(
-    assembly: Assembly, held: tuple[HeldFace, ...], flavour: Flavour
-) -> tuple[GroundSpring, ...]:
-    """Springs of beds at their nodes.
+def spring_lines(deck: Deck, first: int) -> Iterator[str]:
+    """Elements and stiffness of springs of beds at their nodes, those alike in one set.
+
+    ``first`` is the number of the first element.
 
     Raises
     ------
     DeckError
         Springs in an explicit step, of quadratic elements, or along no world axis.
     """
-    result: list[GroundSpring] = []
-    for support in held:
+    kinds: dict[tuple[int, str], list[str]] = {}
+    for support in deck.problem.load_case.held:
+        if support.spring is not None:
+            for node, share in enumerate(_shares(deck, support).tolist()):
+                for axis in _world_axes(support) or () if share else ():
+                    alike = kinds.setdefault((axis, f"{share:.12g}"), [])
+                    alike.append(deck.node(support.block, node))
+    for number, ((axis, stiffness), nodes) in enumerate(kinds.items(), start=1):
+        name = f"GROUND-{number}"
+        yield keyword("Element", type=_SPRING, elset=name)
+        yield from (f"{element}, {node}" for element, node in enumerate(nodes, start=first))
+        first += len(nodes)
+        yield keyword("Spring", elset=name)
+        yield f"{axis + 1}"
+        yield real(float(stiffness))
+
+
+def _shares(deck: Deck, support: HeldFace) -> FloatArray:
+    """Stiffness of the spring at each node of the block of a bed, (n_nodes,) [N/mm]."""
+    mesh, where = deck.assembly.shape(support.block).mesh, (deck.assembly, support.block)
+    if isinstance(support.face, Points):
+        share = np.zeros(mesh.n_nodes)
+        share[region_nodes(*where, support.face)] = support.spring
+        return share
+    quads = mesh.facet_nodes(region_quads(*where, support.face))
+    return traction_forces(mesh.nodes, quads, np.array([support.spring, 0.0, 0.0]))[:, 0]
+
+
+def check_springs(deck: Deck) -> None:
+    """Reject springs that the program does not have."""
+    for support in deck.problem.load_case.held:
         if support.spring is None:
             continue
-        mesh = assembly.shape(support.block).mesh
-        if flavour is Flavour.GENERAL:
+        if deck.flavour is Flavour.GENERAL:
             raise DeckError(
                 f"support {support.title}: got springs, which Abaqus/Explicit does not have to the "
                 "ground (SPRING1); expected --flavour standard or calculix, a static step"
             )
-        if isinstance(mesh, SerendipityMesh):
+        if isinstance(deck.assembly.shape(support.block).mesh, SerendipityMesh):
             raise DeckError(
                 f"support {support.title}: got springs below C3D20, whose corners have negative "
                 "shares of an area; expected fem.degree = 1"
             )
-        if isinstance(support.face, Points):
-            share = np.zeros(mesh.n_nodes)
-            share[region_nodes(assembly, support.block, support.face)] = support.spring
-        else:
-            quads = mesh.facet_nodes(region_quads(assembly, support.block, support.face))
-            share = traction_forces(mesh.nodes, quads, np.array([support.spring, 0.0, 0.0]))[:, 0]
-        axes = _world_axes(support)
-        if axes is None:
+        if _world_axes(support) is None:
             raise DeckError(
                 f"support {support.title}: got springs along {support.axes.tolist()}; decks have "
                 "them along world axes: expected x, y or z, or turn the blocks"
             )
-        for axis in axes:
-            for node in np.flatnonzero(share).tolist():
-                result.append(GroundSpring(support.block, node, axis, float(share[node])))
-    return tuple(result)
 
 
-def spring_lines(
-    springs: tuple[GroundSpring, ...], first: int, place: Callable[[int, int], str]
-) -> Iterator[str]:
-    """Elements and stiffness of springs, those alike in one set.
-
-    ``first`` is the number of the first element, ``place`` names a node of a block.
-    """
-    kinds: dict[tuple[int, str], list[GroundSpring]] = {}
-    for spring in springs:
-        kinds.setdefault((spring.component, f"{spring.stiffness:.12g}"), []).append(spring)
-    for number, ((component, stiffness), alike) in enumerate(kinds.items(), start=1):
-        name = f"GROUND-{number}"
-        yield keyword("Element", type=_SPRING, elset=name)
-        for spring in alike:
-            yield f"{first}, {place(spring.block, spring.node)}"
-            first += 1
-        yield keyword("Spring", elset=name)
-        yield f"{component + 1}"
-        yield real(float(stiffness))
-
-
-def moving_paths(deck: Deck) -> dict[tuple[tuple[float, float], ...], str]:
-    """Tables by which supports move, and the names of their amplitudes."""
-    paths = dict.fromkeys(hold.path for hold in deck.every_hold if hold.displacement and hold.path)
-    return {path: f"MOTION-{number}" for number, path in enumerate(paths, start=1)}
-
-
-def path_lines(deck: Deck) -> Iterator[str]:
-    """Amplitudes of supports that move: in seconds, or over the length of a static step."""
-    for path, name in moving_paths(deck).items():
-        static = deck.step.procedure is Procedure.STATIC
-        scale = deck.step.end_time / path[-1][0] if static else 1.0
-        yield keyword("Amplitude", name=name)
-        flat = [number for time, share in path for number in (scale * time, share)]
-        for start in range(0, len(flat), 8):
-            yield reals(flat[start : start + 8])
-
-
-def holds_frame(deck: Deck) -> bool:
-    """Whether all fixed blocks are held with all their nodes, and no others."""
-    return FRAME in deck.sets and np.array_equal(deck.held_blocks, deck.sets[FRAME])
-
-
-def held_lines(deck: Deck, target: Callable[[Hold], str]) -> Iterator[str]:
-    """Components that stay from rest on; ``target`` names the nodes of a support."""
-    deck = deck.stages[0]
-    still = [hold for hold in deck.holds if not hold.displacement]
-    if still:
-        yield "**"
-        yield "** Boundary conditions"
-        yield keyword("Boundary")
-    if holds_frame(deck):
-        yield f"{FRAME}, 1, 3"
-        still = [hold for hold in still if not hold.whole]
-    for hold in still:
-        yield f"{target(hold)}, {hold.components[0] + 1}, {hold.components[-1] + 1}"
-
-
-def step_support_lines(deck: Deck, target: Callable[[Hold], str]) -> Iterator[str]:
-    """Components that move in the step, with their amplitude; all, if others are held than before.
-
-    Components that go are taken back by op=NEW, beside which all others are stated again.
-    """
-    names, ramp = moving_paths(deck), deck.step.ramp_time > 0.0 and deck.before is None
-    known = {} if deck.before is None else _components(deck.before)
-    anew: dict[str, str | None] = {}
-    if known.keys() - _components(deck).keys():
-        anew, known = {"op": "NEW"}, {}
-    for hold in deck.holds:
-        if deck.before is None and not hold.displacement:
-            continue  # among the supports from rest on
-        if _components_of(hold).items() <= known.items():
-            continue
-        name = names.get(hold.path, LOADING if ramp else None)
-        yield keyword("Boundary", **anew, **({} if name is None else {"amplitude": name}))
-        first, last = hold.components[0] + 1, hold.components[-1] + 1
-        value = f", {real(hold.displacement)}" if hold.displacement or deck.before else ""
-        yield f"{target(hold)}, {first}, {last}{value}"
-
-
-def _components_of(hold: Hold) -> dict[tuple[object, ...], tuple[object, ...]]:
-    """Where each component of a support will be, by what it holds."""
-    nodes = hold.block, hold.face, hold.nodes, hold.axes
-    return {(*nodes, k): (hold.displacement, hold.path) for k in hold.components}
-
-
-def _components(deck: Deck) -> dict[tuple[object, ...], tuple[object, ...]]:
-    return {key: value for h in deck.holds for key, value in _components_of(h).items()}
-
-
-def region_sets(deck: Deck) -> dict[str, Hold]:
-    """Node sets of regions without a name, by theirs in the deck."""
-    return {hold.region: hold for hold in deck.every_hold if hold.nodes is not None}
-
-
-def node_entries(nodes: IntArray | tuple[int, ...]) -> Iterator[str]:
-    """Data lines of a node set, nodes from 0."""
-    return entry_lines(np.asarray(nodes) + 1)
+def node_lines_of(nodes: tuple[int, ...] | list[int], first: int = 0) -> Iterator[str]:
+    """Data lines of a node set, nodes from 0, the first of the block at a number."""
+    return entry_lines(np.asarray(nodes) + first + 1)

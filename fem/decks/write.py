@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fem.decks.abaqus import abaqus_lines
 from fem.decks.calculix import calculix_lines
-from fem.decks.statement import Deck, Flavour
+from fem.decks.deck import Deck
 
 
 def deck_lines(deck: Deck) -> Iterator[str]:
@@ -23,7 +23,7 @@ def deck_lines(deck: Deck) -> Iterator[str]:
     DeckError
         What the program has no words for, by name; while the lines are made, not before.
     """
-    return calculix_lines(deck) if deck.flavour is Flavour.CALCULIX else abaqus_lines(deck)
+    return calculix_lines(deck) if deck.is_flat else abaqus_lines(deck)
 
 
 def write_deck(path: Path, deck: Deck) -> dict[str, int]:

@@ -10,41 +10,39 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fem import ElementType, ExponentialLaw, LinearPenalty, Material
-from fem.decks.abaqus import abaqus_lines
+from fem import (
+    CoulombFriction,
+    ElementType,
+    Explicit,
+    ExponentialLaw,
+    LinearPenalty,
+    Material,
+    Problem,
+)
+from fem.decks.deck import Deck, Flavour
 from fem.decks.keywords import NUMBER_LENGTH, DeckError, label, real
-from fem.decks.model import as_nodal_forces, deck_assembly, deck_model, nodal_forces
 from fem.decks.placement import canonical, canonical_axis_angle, rotation_matrix
+from fem.decks.problem import problem_deck
 from fem.decks.read.cards import Card, read_cards
 from fem.decks.read.deck import deck_of_lines
 from fem.decks.read.model import effects_of
-from fem.decks.statement import (
-    BodyForceLoad,
-    Deck,
-    DeckStep,
-    Flavour,
-    Hold,
-    Joint,
-    Procedure,
-    loads_of_case,
-)
-from fem.problem import Motion
+from fem.decks.write import deck_lines
 from fem.static.solve import solve_static
-from fem.system.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
+from fem.system.build import Frames
+from fem.system.effects import BulkViscosity, RayleighDamping
 from geometry import Assembly
 from geometry.block import box_block
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
-from geometry.loads import PressureLoad, TractionLoad, named_case
+from geometry.loads import LoadCase, PressureLoad, TractionLoad, named_case
 from geometry.mesh import HEX_FACES
+from geometry.parts.supports import HeldFace
 from tests.support.blocks import random_rotation, tsb
 
 pytestmark = pytest.mark.quick
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33_000.0, poisson_ratio=0.2)
-EXPLICIT = DeckStep(Procedure.EXPLICIT, 0.5, 0.1, safety_factor=0.9)
-BODY_FORCE = BodyForceLoad(np.array([5]), np.array([[1e-3, 0.2 / 3.0, -2e-5]]))
-STATIC = DeckStep(Procedure.STATIC, 1.0, 1.0, large_rotations=False)
+EXPLICIT = Explicit(end_time=0.5, ramp_time=0.1, safety_factor=0.9, damping="none")
 
 
 @pytest.fixture(scope="module")
@@ -58,24 +56,15 @@ def tube_deck(
     *,
     as_printed: bool = False,
     flavour: Flavour = Flavour.GENERAL,
+    method: Explicit = EXPLICIT,
     **changes,
 ) -> Deck:
     load = named_case(tube, case, 0.01, as_printed=as_printed)
-    deck = Deck(
-        name="a scene",
-        flavour=flavour,
-        assembly=tube,
-        material=CONCRETE,
-        element=ElementType.INCOMPATIBLE,
-        step=EXPLICIT,
-        holds=tuple(Hold(b) for b in np.flatnonzero(load.fixed).tolist()),
-        loads=loads_of_case(load),
-        joint=Joint(ExponentialLaw()),
-    )
-    return replace(deck, **changes)
+    problem = Problem(tube, load, CONCRETE, **changes)
+    return problem_deck(problem, flavour, method if flavour is Flavour.GENERAL else None)
 
 
-def box_deck(**changes) -> Deck:
+def box_deck(*, flavour: Flavour = Flavour.GENERAL, **changes) -> Deck:
     boxes = Assembly(
         name="boxes",
         shapes=(box_block((30.0, 20.0, 10.0), (3, 2, 1)),),
@@ -86,35 +75,36 @@ def box_deck(**changes) -> Deck:
         fixed=np.zeros(2, dtype=np.bool_),
         unmatched_allowed=True,
     )
-    deck = Deck(
-        name="boxes",
-        flavour=Flavour.GENERAL,
-        assembly=canonical(boxes),
-        material=CONCRETE,
-        element=ElementType.REDUCED,
-        step=DeckStep(Procedure.EXPLICIT, 1e-3, time_step=1e-6, large_rotations=False),
-        holds=(Hold(0, "x-"), Hold(1, "z+", (1, 2))),
-        loads=(
-            PressureLoad(np.array([0, 1]), "x+", -0.3),
-            TractionLoad(np.array([1]), "y+", np.array([0.0, 1.0 / 3.0, -2e-5])),
-        ),
-        effects=Effects(
-            rayleigh=RayleighDamping(3.0),
-            bulk_viscosity=BulkViscosity(0.06, 1.2),
-            gravity=np.array([0.0, 1e-3, -9810.0]),
-        ),
-        motion=Motion(np.array([1.0, 0.0, -2.5]), np.zeros(3)),
-        notes=("one, with a comma", "two: with a colon"),
+    loads = (
+        PressureLoad(np.array([0, 1]), "x+", -0.3),
+        TractionLoad(np.array([1]), "y+", np.array([0.0, 1.0 / 3.0, -2e-5])),
     )
-    return replace(deck, **changes)
-
-
-def nodal(deck: Deck) -> Deck:
-    return replace(deck, loads=(as_nodal_forces(deck, deck.loads[0]),))
+    held = (HeldFace(0, "x-"), HeldFace(1, "z+", np.eye(3)[1:]))
+    options = {
+        "element": ElementType.REDUCED,
+        "gravity": np.array([0.0, 1e-3, -9810.0]),
+        "check_blocks": False,
+        **changes,
+    }
+    problem = Problem(
+        boxes, LoadCase(boxes, "boxes", loads, boxes.fixed, held=held), CONCRETE, **options
+    )
+    method = Explicit(
+        end_time=1e-3,
+        time_step=1e-6,
+        ramp_time=0.0,
+        damping="none",
+        rayleigh=RayleighDamping(3.0),
+        bulk_viscosity=BulkViscosity(0.06, 1.2),
+    )
+    notes = "one, with a comma", "two: with a colon"
+    return problem_deck(
+        problem, flavour, method if flavour is Flavour.GENERAL else None, notes=notes
+    )
 
 
 def text_of(deck: Deck) -> list[str]:
-    return list(abaqus_lines(deck))
+    return list(deck_lines(deck))
 
 
 # ---------------------------------------------------------------------------------------------
@@ -171,43 +161,23 @@ def test_right_angles_are_exact() -> None:
 
 
 def decks(tube: Assembly) -> dict[str, Deck]:
+    pairs = {"flavour": Flavour.STANDARD}
     return {
         "pipe": tube_deck(tube),
-        "pairs": tube_deck(tube, flavour=Flavour.STANDARD, step=STATIC),
-        "friction": tube_deck(tube, joint=Joint(ExponentialLaw(), 0.01, 500.0)),
+        "pairs": tube_deck(tube, **pairs),
+        "friction": tube_deck(tube, friction=CoulombFriction(0.01, 500.0)),
         "shaft": tube_deck(tube, "shaft"),
-        "nodal shaft": nodal(tube_deck(tube, "shaft", flavour=Flavour.STANDARD, step=STATIC)),
+        "nodal shaft": tube_deck(tube, "shaft", **pairs),
         "shaft as printed": tube_deck(tube, "shaft", as_printed=True),
         "beam": tube_deck(tube, "beam"),
-        "body force": tube_deck(tube, loads=(BODY_FORCE,)),
-        "no cap": tube_deck(tube, joint=Joint(ExponentialLaw(1e-3, 1e-4, np.inf))),
-        "pairs, cap": tube_deck(
-            tube,
-            flavour=Flavour.STANDARD,
-            step=STATIC,
-            joint=Joint(ExponentialLaw(1e-3, 1e-4, 77.0)),
-        ),
-        "pillar": tube_deck(tube, "pillar", joint=Joint(LinearPenalty(123.4))),
+        "no cap": tube_deck(tube, law=ExponentialLaw(1e-3, 1e-4, np.inf)),
+        "pairs, cap": tube_deck(tube, **pairs, law=ExponentialLaw(1e-3, 1e-4, 77.0)),
+        "pillar": tube_deck(tube, "pillar", law=LinearPenalty(123.4)),
         "spacing": tube_deck(tube, spacing=0.03),
-        "pairs, clearance": tube_deck(
-            tube, flavour=Flavour.STANDARD, step=STATIC, clearance=0.02, spacing=0.03
-        ),
-        "elastic frame": tube_deck(
-            tube,
-            holds=tuple(
-                Hold(b, "bottom" if tube.layer[b] == 0 else "top")
-                for b in np.flatnonzero(tube.fixed).tolist()
-            ),
-        ),
-        "boxes": box_deck(motion=None),
-        "spinning boxes": box_deck(motion=Motion(np.ones(3), np.array([10.0, 0.1, -3.0]))),
-        "static boxes": box_deck(
-            flavour=Flavour.STANDARD,
-            step=STATIC,
-            motion=None,
-            effects=Effects(),
-            element=ElementType.B_BAR,
-        ),
+        "pairs, clearance": tube_deck(tube, **pairs, clearance=0.02, spacing=0.03),
+        "elastic frame": tube_deck(tube, frames=Frames.DEFORMABLE),
+        "boxes": box_deck(),
+        "static boxes": box_deck(flavour=Flavour.STANDARD, gravity=None, element=ElementType.B_BAR),
     }
 
 
@@ -215,7 +185,6 @@ DECK_NAMES = (
     *("pipe", "pairs", "friction", "shaft", "nodal shaft", "shaft as printed"),
     *(
         "beam",
-        "body force",
         "pillar",
         "spacing",
         "pairs, clearance",
@@ -236,14 +205,15 @@ def test_a_deck_reads_back_as_the_same_blocks(tube, name) -> None:
     for b in range(blocks.n_blocks):
         there = deck.assembly.nodes(b) + deck.offsets[b]
         assert np.abs(blocks.nodes(b) - there).max() < 1e-10
-    assert np.flatnonzero(blocks.fixed).tolist() == deck.held_blocks.tolist()
+    assert np.flatnonzero(blocks.fixed).tolist() == np.flatnonzero(~deck.problem.deforming).tolist()
     assert set(problem.materials) == set(deck.materials)
-    assert problem.element is deck.element
-    assert problem.clearance == deck.clearance
-    assert (deck.effects.gravity is None) == (problem.gravity is None)
-    if deck.joint is not None:
-        assert problem.contact_law.members == deck.joint.law.members
-        assert (problem.coulomb is None) == (deck.joint.friction is None)
+    assert problem.element is deck.problem.element
+    assert problem.clearance == deck.problem.clearance
+    assert (deck.problem.gravity is None) == (problem.gravity is None)
+    assert deck.meets == ("boxes" not in name)
+    if deck.meets:
+        assert problem.contact_law.members == deck.problem.contact_law.members
+        assert (problem.coulomb is None) == (deck.problem.coulomb is None)
 
 
 NAMED_BY = {
@@ -399,25 +369,19 @@ def test_pressure_force_of_the_deck_is_that_of_the_scene(tube, case) -> None:
 
 
 @pytest.mark.parametrize("as_printed", [False, True])
-@pytest.mark.parametrize("case", ["shaft", "beam", "pipe"])
-def test_nodal_forces_of_the_deck_have_the_resultant_of_the_scene(tube, case, as_printed) -> None:
+def test_nodal_forces_of_the_deck_have_the_resultant_of_the_scene(tube, as_printed) -> None:
     """The patches are bilinear: their 2 × 2 area differs from the vector area by the warp."""
-    deck = tube_deck(tube, case, as_printed=as_printed)
-    case_ = named_case(tube, case, 0.01, as_printed=as_printed)
-    for block in np.unique(case_.block).tolist():
-        found = nodal_forces(deck, deck.loads[0], block).sum(axis=0)
-        wanted = case_.facet_forces[case_.block == block].sum(axis=0)
-        assert np.abs(found - wanted).max() < 1e-9 * np.linalg.norm(wanted)
-
-
-def test_nodal_forces_of_a_body_force_have_its_resultant(tube) -> None:
-    """Force density times volume, at the mass centroid."""
-    deck = tube_deck(tube, loads=(BODY_FORCE,))
-    forces = nodal_forces(deck, deck.loads[0], 5)
-    wanted = BODY_FORCE.force_density[0] * tube.volumes[5]
-    np.testing.assert_allclose(forces.sum(axis=0), wanted, rtol=1e-12)
-    moment = np.cross(tube.nodes(5) - tube.centroids[5], forces).sum(axis=0)
-    assert np.abs(moment).max() < 1e-10 * np.linalg.norm(wanted) * 160.0
+    flavour = Flavour.GENERAL if as_printed else Flavour.STANDARD
+    deck = tube_deck(tube, "shaft", as_printed=as_printed, flavour=flavour)
+    force = {name: np.zeros(3) for name in deck.labels}
+    for card in read_cards(text_of(deck)):
+        for _, row in card.rows() if card.keyword == "CLOAD" else ():
+            force[row[0].split(".")[0]][int(row[1]) - 1] += float(row[2])
+    case = named_case(tube, "shaft", 0.01, as_printed=as_printed)
+    for block in range(tube.n_blocks):
+        wanted = case.facet_forces[case.block == block].sum(axis=0)
+        size = np.linalg.norm(case.facet_forces, axis=1).sum()
+        assert np.abs(force[deck.labels[block]] - wanted).max() < 1e-9 * size
 
 
 def test_the_same_problem_gives_the_same_text() -> None:
@@ -431,13 +395,13 @@ def test_the_same_problem_gives_the_same_text() -> None:
 
 
 def test_explicit_deck_says_the_physics(tube) -> None:
-    effects = Effects(rayleigh=RayleighDamping(2.0, 1e-8), bulk_viscosity=BulkViscosity())
-    cards = read_cards(text_of(tube_deck(tube, effects=effects)))
+    paper = replace(EXPLICIT, damping="paper")
+    cards = read_cards(text_of(tube_deck(tube, method=paper)))
     found = {card.keyword: card for card in cards}
     assert found["DAMPING"].parameters == {"ALPHA": "2.0", "BETA": "1.e-08"}
     assert found["SURFACE BEHAVIOR"].parameters == {"PRESSURE-OVERCLOSURE": "EXPONENTIAL"}
     assert found["SURFACE BEHAVIOR"].data == ["0.001, 0.0001"]
-    capped = tube_deck(tube, joint=Joint(ExponentialLaw(1e-3, 1e-4, 1000.0)))
+    capped = tube_deck(tube, law=ExponentialLaw(1e-3, 1e-4, 1000.0))
     cards = read_cards(text_of(capped))
     assert next(c for c in cards if c.keyword == "SURFACE BEHAVIOR").data == [
         "0.001, 0.0001, 1000.0"
@@ -459,9 +423,9 @@ def test_explicit_deck_says_the_physics(tube) -> None:
 
 def test_an_imported_deck_gives_the_same_static_state(tube) -> None:
     """Coordinates differ by rounding (1e-13), the law is stiff: 1e-6 of the displacement."""
-    deck = tube_deck(tube, flavour=Flavour.STANDARD, step=STATIC)
+    deck = tube_deck(tube, flavour=Flavour.STANDARD)
     again = deck_of_lines(text_of(deck)).problem()
-    ours = solve_static(deck_assembly(deck))
+    ours = solve_static(deck.problem.deformable)
     theirs = solve_static(again.deformable)
     assert theirs.converged
     a, b = ours.displacements[0], theirs.displacements[0]
@@ -469,13 +433,13 @@ def test_an_imported_deck_gives_the_same_static_state(tube) -> None:
 
 
 def test_an_imported_deck_gives_the_same_explicit_model() -> None:
-    deck = box_deck(motion=None)
-    model, _, _ = deck_model(deck)
+    deck = box_deck()
+    model = deck.problem.deformable.model
     read = deck_of_lines(text_of(deck))
     again = read.problem().deformable.model
     a, b = (np.sum([load.forces.sum(axis=0) for load in m.loads], axis=0) for m in (model, again))
     assert np.abs(a - b).max() < 1e-12 * np.abs(a).max()
-    assert effects_of(read.model, read.steps[0]).rayleigh == model.effects.rayleigh
+    assert effects_of(read.model, read.steps[0]).rayleigh == deck.effects.rayleigh
     assert (again.effects.gravity == model.effects.gravity).all()
 
 
@@ -485,7 +449,7 @@ def test_an_imported_deck_gives_the_same_explicit_model() -> None:
 
 def test_every_truncation_is_noticed(tube) -> None:
     """Cut anywhere, the error names a line of the file; nothing is returned."""
-    lines = text_of(tube_deck(tube, flavour=Flavour.STANDARD, step=STATIC))
+    lines = text_of(tube_deck(tube, flavour=Flavour.STANDARD))
     for end in range(3, len(lines) - 1, 37):
         with pytest.raises(DeckError, match=r"^line \d+: "):
             deck_of_lines(lines[:end])
@@ -503,7 +467,7 @@ def test_an_edited_value_is_read_and_kept(tube) -> None:
 
 def test_a_removed_contact_pair_is_named(tube) -> None:
     """Its surfaces are in no other pair: the blocks pass through each other there, as in Abaqus."""
-    lines = text_of(tube_deck(tube, flavour=Flavour.STANDARD, step=STATIC))
+    lines = text_of(tube_deck(tube, flavour=Flavour.STANDARD))
     first = next(k for k, line in enumerate(lines) if line.startswith("*Contact Pair"))
     whole, less = deck_of_lines(lines), deck_of_lines(lines[:first] + lines[first + 2 :])
     n_contacts = [deck.problem().deformable.surfaces.n_facets for deck in (whole, less)]
@@ -514,11 +478,16 @@ def test_a_removed_contact_pair_is_named(tube) -> None:
 
 def test_what_abaqus_has_no_words_for_is_refused_by_name(tube) -> None:
     with pytest.raises(DeckError, match=r"fem.element: got 'full'"):
-        text_of(tube_deck(tube, element=ElementType.FULL))
-    adaptive = Effects(adaptive_mass_damping=AdaptiveMassDamping())
-    with pytest.raises(DeckError, match=r"fem.damping"):
-        text_of(tube_deck(tube, effects=adaptive))
+        tube_deck(tube, element=ElementType.FULL)
     case = named_case(tube, "pipe", 0.01)
     moments = replace(case, body_wrenches=np.ones((tube.n_blocks, 6)))
     with pytest.raises(DeckError, match="moments"):
-        loads_of_case(moments)
+        problem_deck(Problem(tube, moments, CONCRETE), Flavour.GENERAL)
+
+
+def test_adaptive_damping_is_the_constant_damping_of_the_paper(tube) -> None:
+    """Programs have no other; the heading says so."""
+    deck = tube_deck(tube, method=Explicit(damping="static"))
+    assert deck.effects.rayleigh == RayleighDamping(2.0, 1e-8)
+    assert deck.effects.adaptive_mass_damping is None
+    assert any("adaptive damping is its own" in note for note in deck.notes)

@@ -8,27 +8,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem import ElementType, ExponentialLaw, LinearPenalty
+from fem import ElementType, ExponentialLaw, LinearPenalty, Problem, concrete
+from fem.decks.deck import Deck, Flavour
 from fem.decks.faces import contact_patches
 from fem.decks.keywords import DeckError
 from fem.decks.laws import TABLE_POINTS, law_table
-from fem.decks.model import as_nodal_forces, block_nodes, deck_assembly, nodal_forces
-from fem.decks.placement import canonical
+from fem.decks.problem import problem_deck
 from fem.decks.read.cards import read_cards
 from fem.decks.read.deck import deck_of_lines
-from fem.decks.statement import Deck, Flavour, Joint, Procedure, loads_of_case
 from fem.decks.write import deck_lines, write_deck
 from fem.problem import Motion
 from fem.static.solve import solve_static
-from fem.system.effects import Effects, RayleighDamping
+from fem.system.effects import RayleighDamping
+from geometry.errors import RefusedError
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
-from geometry.loads import named_case
+from geometry.loads import named_case, shaft
 from geometry.mesh import HexMesh
 from tests.support.blocks import tsb
 from tests.support.ccx import CalculixError, calculix_available, run_calculix
 from tests.verification.calculix import (
-    bar_deck,
+    BAR_RUN,
+    bar_problem,
     bar_rows,
     calculix_of,
     calculix_through_converter,
@@ -39,6 +40,7 @@ from tests.verification.calculix import (
     crossing_deck,
     crossing_rows,
     tube_deck,
+    tube_problem,
     tube_rows,
 )
 
@@ -107,16 +109,14 @@ def test_flat_deck_names_only_what_it_defines() -> None:
 
 
 def test_tractions_become_nodal_forces_with_the_same_resultant() -> None:
-    assembly = canonical(SineTube(tsb(), COARSE, 1).build())
-    case = named_case(assembly, "shaft", 0.01)
-    deck = replace(tube_deck(COARSE), assembly=assembly, loads=loads_of_case(case), holds=())
+    problem = replace(tube_problem(COARSE), load=shaft(0.01))
+    deck = problem_deck(problem, Flavour.CALCULIX)
     force = np.zeros(3)
     for _, row in card(deck, "CLOAD").rows():
         force[int(row[1]) - 1] += float(row[2])
-    blocks = deck.loads[0].blocks.tolist()
-    wanted = sum(nodal_forces(deck, deck.loads[0], block).sum(axis=0) for block in blocks)
-    scale = np.abs(case.facet_forces).sum()
-    assert np.abs(force - wanted).max() < 1e-12 * scale
+    forces = problem.load_case.facet_forces
+    # The patches are bilinear: their 2 × 2 area differs from the vector area by the warp.
+    assert np.abs(force - forces.sum(axis=0)).max() < 1e-9 * np.abs(forces).sum()
 
 
 def test_meshio_reads_the_flat_deck(tmp_path: Path) -> None:
@@ -127,7 +127,7 @@ def test_meshio_reads_the_flat_deck(tmp_path: Path) -> None:
     path = tmp_path / "flat.inp"
     write_deck(path, deck)
     mesh = meshio.read(path)
-    ours = np.concatenate([block_nodes(deck, b) for b in range(deck.assembly.n_blocks)])
+    ours = np.concatenate([deck.nodes(b) for b in range(deck.assembly.n_blocks)])
     assert np.abs(mesh.points - ours).max() < 1e-13 * np.abs(ours).max()
     elements = np.concatenate([cells.data for cells in mesh.cells])
     volume, _ = HexMesh(mesh.points, elements).extent()
@@ -140,28 +140,34 @@ def test_meshio_reads_the_flat_deck(tmp_path: Path) -> None:
     ("changes", "message"),
     [
         ({"element": ElementType.B_BAR}, "fem.element: got 'b-bar'"),
-        ({"motion": Motion(np.ones(3), np.zeros(3))}, "initial motion"),
+        ({"motion": Motion(np.ones(3), np.zeros(3))}, "a static state has none"),
     ],
 )
 def test_what_calculix_has_no_words_for_is_refused(changes, message) -> None:
-    with pytest.raises(DeckError, match=message):
-        list(deck_lines(replace(tube_deck(COARSE), **changes)))
+    with pytest.raises(RefusedError, match=message):
+        problem_deck(replace(tube_problem(COARSE), **changes), Flavour.CALCULIX)
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("problem", "run", "message"),
     [
-        ({"element": ElementType.INCOMPATIBLE}, "computes C3D8I wrongly"),
-        ({"effects": Effects(rayleigh=RayleighDamping(2.0, 1e-8))}, "stiffness_proportional"),
-        ({"joint": Joint(LinearPenalty(1.0))}, "no contact law"),
+        (replace(bar_problem(), element=ElementType.INCOMPATIBLE), {}, "computes C3D8I wrongly"),
+        (bar_problem(), {"rayleigh": RayleighDamping(2.0, 1e-8)}, "stiffness_proportional"),
+        (tube_problem(COARSE), {}, "no contact law"),
+        (bar_problem(), {"end_time": None}, "end_time is missing"),
     ],
 )
-def test_what_calculix_computes_wrongly_is_refused(changes, message) -> None:
+def test_what_calculix_computes_wrongly_is_refused(problem, run, message) -> None:
     with pytest.raises(DeckError, match=message):
-        list(deck_lines(replace(bar_deck(), **changes)))
-    no_step = replace(bar_deck().step, time_step=None)
-    with pytest.raises(DeckError, match="time_step"):
-        list(deck_lines(replace(bar_deck(), step=no_step)))
+        problem_deck(problem, Flavour.CALCULIX, replace(BAR_RUN, **run))
+
+
+def test_a_run_without_a_time_step_gets_one_in_which_calculix_is_accurate() -> None:
+    """A quarter of the critical one at the most, that of a bar √(ρ/E) h of its elements."""
+    deck = problem_deck(bar_problem(), Flavour.CALCULIX, replace(BAR_RUN, time_step=None))
+    step = float(card(deck, "DYNAMIC").data[0].split(",")[0])
+    passes = 10.0 / bar_problem().materials[0].bar_wave_speed
+    assert 0.1 * passes < step < 0.25 * passes
 
 
 # ---------------------------------------------------------------------------------------------
@@ -252,14 +258,9 @@ def test_errors_in_the_log_are_errors(tmp_path: Path) -> None:
 def test_converter_expands_every_instance_and_drops_nothing(tmp_path: Path, case: str) -> None:
     import abq2ccx
 
-    assembly = canonical(SineTube(tsb(), COARSE, 2).build())
+    assembly = SineTube(tsb(), COARSE, 2).build()
     load = named_case(assembly, case, 0.01)
-    deck = replace(
-        tube_deck(COARSE, Flavour.STANDARD), assembly=assembly, loads=loads_of_case(load)
-    )
-    if case == "shaft":
-        # As the scene's deck: the converter has no traction in a cylindrical system.
-        deck = replace(deck, loads=(as_nodal_forces(deck, deck.loads[0]),))
+    deck = problem_deck(Problem(assembly, load, concrete), Flavour.STANDARD)
     path = tmp_path / "pairs.inp"
     write_deck(path, deck)
     result = abq2ccx.convert_file(str(path))
@@ -277,12 +278,4 @@ def test_converter_expands_every_instance_and_drops_nothing(tmp_path: Path, case
         for c in read_cards(result.text.splitlines()):
             for _, row in c.rows() if c.keyword == "CLOAD" else ():
                 given[int(row[0]) - 1, int(row[1]) - 1] += float(row[2])
-        ours = [nodal_forces(deck, deck.loads[0], b) for b in range(assembly.n_blocks)]
-        assert np.allclose(given, np.concatenate(ours), rtol=1e-9, atol=1e-12)
-
-
-def test_imported_static_deck_needs_no_calculix() -> None:
-    """The model of the comparison is one of this package: its surfaces close."""
-    deformable = deck_assembly(tube_deck(COARSE))
-    assert deformable.surfaces.n_facets > 0
-    assert tube_deck(COARSE).step.procedure is Procedure.STATIC
+        assert np.allclose(given.sum(axis=0), load.facet_forces.sum(axis=0), rtol=1e-9, atol=1e-9)

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 
 from fem import ExponentialLaw, LinearPenalty
 from fem.contact.law import LawConstants
-from fem.decks.faces import contact_patches
+from fem.decks.deck import Deck, Flavour
+from fem.decks.faces import contact_patches, facing_faces
 from fem.decks.keywords import ENTRIES_PER_LINE, LINE_LENGTH, DeckError, entry_lines
 from fem.decks.laws import law_heading, law_lines, law_notes, law_table
-from fem.decks.problem import element_time_step, problem_deck
+from fem.decks.problem import problem_deck
 from fem.decks.read.deck import deck_of_lines
-from fem.decks.statement import Deck, Flavour
 from fem.decks.write import deck_lines
-from fem.system.effects import Effects
+from fem.method import Explicit
 from fem.system.time_step import characteristic_time_step
 from validation import load_case
 
@@ -86,10 +86,9 @@ def test_decks_define_the_surfaces_that_they_name(flavour: Flavour, sliding: str
             named |= {loaded.split(",")[0] for loaded in lines[at + 1 : at + 5]}
     # Surfaces of a part are named through its instances.
     assert {name.split(".")[-1] if part else name for name in named} <= defined
-    held = set(deck.held_blocks.tolist())
+    held = set(np.flatnonzero(~deck.problem.deforming).tolist())
     found = []
-    for searched in (False, True):  # facets that match, whole faces that face each other
-        pairs = contact_patches(replace(deck, searched=searched)).pairs
+    for pairs in (contact_patches(deck).pairs, facing_faces(deck)):  # that match, whole faces
         found.append({frozenset((pair.block_m, pair.block_s)) for pair in pairs})
         assert not any(pair <= held for pair in found[-1])
     assert found[0] == found[1]
@@ -108,12 +107,12 @@ def test_fixed_blocks_are_held_in_every_direction() -> None:
 def test_the_time_step_of_elements_knows_bulk_viscosity_where_there_is_one() -> None:
     """Without it, the least over elements; with it, times √(1 + b²) − b."""
     viscous = tube_deck(Flavour.GENERAL)
-    plain = replace(viscous, effects=Effects())
+    plain = replace(viscous, method=Explicit(end_time=1.0))
     least = min(
-        characteristic_time_step(shape.mesh, plain.material, linear_bulk_viscosity=0.0)
+        characteristic_time_step(shape.mesh, plain.materials[0], linear_bulk_viscosity=0.0)
         for shape in plain.assembly.shapes
     )
-    assert element_time_step(plain) == least
+    assert plain.element_time_step() == least
     assert viscous.effects.bulk_viscosity is not None
     b = viscous.effects.bulk_viscosity.linear_bulk_viscosity
-    assert element_time_step(viscous) == pytest.approx(((1 + b**2) ** 0.5 - b) * least, rel=1e-12)
+    assert viscous.element_time_step() == pytest.approx(((1 + b**2) ** 0.5 - b) * least, rel=1e-12)

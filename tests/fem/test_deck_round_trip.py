@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from fem import Problem, Static, read_deck, solve_static
+from fem.decks.deck import Flavour
 from fem.decks.read.deck import deck_of_lines
-from fem.decks.statement import Flavour
 from tests.support.commands import command
 from tests.support.decks import exported, written_again
 from validation import load_case

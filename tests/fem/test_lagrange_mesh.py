@@ -22,9 +22,9 @@ from fem import (
     solve_static,
 )
 from fem.contact.surfaces import ContactNormals
+from fem.decks.deck import Flavour
 from fem.decks.keywords import DeckError
 from fem.decks.problem import problem_deck
-from fem.decks.statement import Flavour
 from fem.decks.write import write_deck
 from fem.element.kinds import block_lumped_mass
 from fem.element.lagrange_mesh import LagrangeMesh, in_pieces, with_degree

@@ -22,8 +22,8 @@ from fem import (
     solve_explicit,
     solve_static,
 )
+from fem.decks.deck import Flavour
 from fem.decks.problem import problem_deck
-from fem.decks.statement import Flavour
 from fem.decks.write import write_deck
 from fem.problem import ProblemError
 from fem.static.solve import solve_static as solve_blocks

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from fem import ExponentialLaw, Frames, Material, read_deck
+from fem.decks.deck import Flavour
 from fem.decks.laws import law_table
 from fem.decks.problem import problem_deck
-from fem.decks.statement import Flavour
 from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import StopCriterion
 from fem.explicit.solve import solve as solve_model

@@ -13,8 +13,9 @@ import pytest
 from fem import LinearPenalty, Material, Problem, Static, solve_static
 from fem.accuracy.one_mesh import static_solution
 from fem.contact.search import closest_points
+from fem.decks.deck import Flavour
 from fem.decks.problem import problem_deck
-from fem.decks.statement import Flavour
+from fem.decks.write import deck_lines
 from fem.dynamics import stated_run
 from fem.system.forces import wrench_forces
 from fem.system.state import facing_points
@@ -84,8 +85,9 @@ def test_joints_of_a_static_column_that_do_not_match_are_found() -> None:
 
 
 def test_the_deck_of_a_column_holds_its_bottom_face() -> None:
-    deck = problem_deck(column(0.5).problem, Flavour.CALCULIX)
-    assert [(hold.block, hold.face) for hold in deck.holds] == [(0, "z-")]
+    lines = list(deck_lines(problem_deck(column(0.5).problem, Flavour.CALCULIX)))
+    held = lines[lines.index("*Boundary") + 1 : lines.index("** Step of CalculiX") - 1]
+    assert [line.split("_")[1] for line in held] == ["Z-MIN-NODES, 1, 3"]
 
 
 # ---------------------------------------------------------------------------------------------

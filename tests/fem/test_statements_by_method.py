@@ -22,9 +22,9 @@ from fem import (
     solve_static,
     write_deck,
 )
+from fem.decks.deck import Flavour
 from fem.decks.keywords import DeckError
 from fem.decks.problem import problem_deck
-from fem.decks.statement import Flavour
 from fem.problem import Motion
 from geometry import Answer, HeldFace, LineLoad, LoadCase, PressureLoad, RefusedError
 from mbd import analyse

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fem import solve_static, write_deck
+from fem.decks.deck import Flavour
 from fem.decks.problem import problem_deck
-from fem.decks.statement import Flavour
 from fem.decks.write import deck_lines
 from tests.support.ccx import calculix_available, run_calculix
 from validation import load_case

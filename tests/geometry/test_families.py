@@ -14,8 +14,8 @@ import pytest
 
 import geometry
 import validation
+from fem.decks.deck import Flavour
 from fem.decks.problem import problem_deck
-from fem.decks.statement import Flavour
 from geometry import (
     Assembly,
     BrickStack,

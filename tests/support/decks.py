@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fem import Explicit, solve_explicit, solve_static
+from fem.decks.deck import Flavour
 from fem.decks.problem import problem_deck
 from fem.decks.read.deck import InputDeck
-from fem.decks.read.words import Dialect
-from fem.decks.statement import Flavour
 from fem.decks.write import deck_lines
 from geometry import Answer
 from tests.support.commands import command
@@ -37,7 +36,4 @@ def solved(deck: InputDeck) -> Answer:
 
 def written_again(deck: InputDeck, flavour: Flavour | None = None) -> list[str]:
     """Lines of the problem of a deck, by default for its program."""
-    if flavour is None:
-        flavour = Flavour.GENERAL if deck.steps[-1].explicit else Flavour.STANDARD
-        flavour = Flavour.CALCULIX if deck.dialect is Dialect.CALCULIX else flavour
-    return list(deck_lines(problem_deck(deck.problem(), flavour, deck.method)))
+    return list(deck_lines(problem_deck(deck.problem(), flavour or deck.flavour, deck.method)))

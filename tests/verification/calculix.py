@@ -16,10 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fem import ElementType, ExponentialLaw, concrete
-from fem.decks.model import deck_assembly, deck_model
-from fem.decks.placement import canonical
-from fem.decks.statement import Deck, DeckStep, Flavour, Hold, Joint, Procedure, loads_of_case
+from fem import ElementType, Explicit, ExponentialLaw, Problem, concrete
+from fem.decks.deck import Deck, Flavour
+from fem.decks.problem import problem_deck
 from fem.decks.write import write_deck
 from fem.explicit.solve import solve
 from fem.static.result import StaticResult
@@ -27,7 +26,8 @@ from fem.static.solve import solve_static
 from geometry import Assembly, Block, PressureLoad, box_block
 from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import SineTube
-from geometry.loads import named_case
+from geometry.loads import LoadCase, pipe
+from geometry.parts.supports import HeldFace
 from tests.support.ccx import CalculixResult, calculix_available, run_calculix
 
 
@@ -70,65 +70,61 @@ def _upright(name: str, shape: Block, *heights: float) -> Assembly:
     )
 
 
-def column_deck(flavour: Flavour = Flavour.CALCULIX) -> Deck:
+def column_problem(upper: Block | None = None) -> Problem:
     """Two boxes one on the other under 0.01 MPa, held so that the state is uniform."""
     box = box_block((20.0, 20.0, 30.0), (2, 2, 3), contact_faces=("z-", "z+"))
-    sides = [Hold(k, face, (axis,)) for k in (0, 1) for axis, face in enumerate(("x-", "y-"))]
-    return Deck(
-        name="column",
-        flavour=flavour,
-        assembly=_upright("column", box, 0.0, 30.0),
-        material=concrete,
-        element=ElementType.INCOMPATIBLE,
-        step=DeckStep(Procedure.STATIC, 1.0, 1.0, large_rotations=False),
-        holds=(Hold(0, "z-", (2,)), *sides),
-        loads=(PressureLoad(np.array([1]), "z+", 0.01),),
-        joint=Joint(ExponentialLaw()),
-    )
+    blocks = _upright("column", box, 0.0, 30.0)
+    if upper is not None:
+        blocks = replace(blocks, shapes=(box, upper), shape_of=np.arange(2))
+    held = [HeldFace(0, "z-", np.eye(3)[2:])]
+    for block in (0, 1):
+        held += [HeldFace(block, face, np.eye(3)[[k]]) for k, face in enumerate(("x-", "y-"))]
+    loads = (PressureLoad(np.array([1]), "z+", 0.01),)
+    load = LoadCase(blocks, "column", loads, blocks.fixed, held=tuple(held))
+    return Problem(blocks, load, concrete)
+
+
+def column_deck(flavour: Flavour = Flavour.CALCULIX) -> Deck:
+    """The column."""
+    return problem_deck(column_problem(), flavour)
 
 
 def crossing_deck(flavour: Flavour = Flavour.CALCULIX) -> Deck:
     """The column with 3 × 3 facets on 2 × 2."""
-    deck = column_deck(flavour)
-    lower = deck.assembly.shapes[0]
     upper = box_block((20.0, 20.0, 30.0), (3, 3, 3), name="upper", contact_faces=("z-", "z+"))
-    assembly = replace(deck.assembly, shapes=(lower, upper), shape_of=np.arange(2))
-    return replace(deck, name="crossing", assembly=assembly, searched=True)
+    return problem_deck(column_problem(upper), flavour, name="crossing")
 
 
-def tube_deck(divisions: SineBlockDivisions, flavour: Flavour = Flavour.CALCULIX) -> Deck:
+def tube_problem(divisions: SineBlockDivisions) -> Problem:
     """One free layer of TSB(200, 20, 0.5, 0, 4, 120, 40) under internal pressure.
 
     One wave per block, and a tenth of the paper's c0: on coarse meshes CalculiX takes other
     normals than we do, and it loses nodes that slide over a rim by 1e-3 of a facet.
     """
-    assembly = canonical(SineTube(replace(TSB1, frequency=0.5), divisions, 1).build())
-    case = named_case(assembly, "pipe", 0.01)
-    return Deck(
-        name="tube",
-        flavour=flavour,
-        assembly=assembly,
-        material=concrete,
-        element=ElementType.INCOMPATIBLE,
-        step=DeckStep(Procedure.STATIC, 1.0, 1.0, large_rotations=False),
-        holds=tuple(Hold(block) for block in np.flatnonzero(case.fixed).tolist()),
-        loads=loads_of_case(case),
-        joint=Joint(ExponentialLaw(1e-4, 1e-4, 1e7)),
-    )
+    blocks = SineTube(replace(TSB1, frequency=0.5), divisions, 1).build()
+    return Problem(blocks, pipe(0.01), concrete, law=ExponentialLaw(1e-4, 1e-4, 1e7))
+
+
+def tube_deck(divisions: SineBlockDivisions, flavour: Flavour = Flavour.CALCULIX) -> Deck:
+    """The tube."""
+    return problem_deck(tube_problem(divisions), flavour, name="tube")
+
+
+#: The wave of the bar runs 40 of 100 mm.
+BAR_RUN = Explicit(end_time=1.0e-5, ramp_time=0.0, time_step=2.0e-8, damping="none")
+
+
+def bar_problem() -> Problem:
+    """A bar clamped at one end, pressed at the other at once."""
+    bar = _upright("bar", box_block((100.0, 10.0, 10.0), (10, 1, 1)), 0.0)
+    loads = (PressureLoad(np.array([0]), "x+", 1.0),)
+    load = LoadCase(bar, "bar", loads, bar.fixed, held=(HeldFace(0, "x-"),))
+    return Problem(bar, load, concrete, element=ElementType.FULL)
 
 
 def bar_deck() -> Deck:
-    """A bar clamped at one end, pressed at the other at once: the wave runs 40 of 100 mm."""
-    return Deck(
-        name="bar",
-        flavour=Flavour.CALCULIX,
-        assembly=_upright("bar", box_block((100.0, 10.0, 10.0), (10, 1, 1)), 0.0),
-        material=concrete,
-        element=ElementType.FULL,
-        step=DeckStep(Procedure.EXPLICIT, 1.0e-5, time_step=2.0e-8, large_rotations=False),
-        holds=(Hold(0, "x-"),),
-        loads=(PressureLoad(np.array([0]), "x+", 1.0),),
-    )
+    """The bar."""
+    return problem_deck(bar_problem(), Flavour.CALCULIX, BAR_RUN)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -147,7 +143,7 @@ def calculix_through_converter(deck: Deck, folder: Path) -> CalculixResult:
     import abq2ccx
 
     source, target = folder / f"{deck.name}.inp", folder / f"{deck.name}-converted.inp"
-    write_deck(source, replace(deck, flavour=Flavour.STANDARD))
+    write_deck(source, problem_deck(deck.problem, Flavour.STANDARD, name=deck.name))
     text = abq2ccx.convert_file(str(source)).text
     n_nodes = sum(deck.assembly.shape(b).mesh.n_nodes for b in range(deck.assembly.n_blocks))
     every = f"*NSET, NSET=PRINTED, GENERATE\n1, {n_nodes}, 1\n"
@@ -159,7 +155,7 @@ def calculix_through_converter(deck: Deck, folder: Path) -> CalculixResult:
 
 def flat_displacements(deck: Deck, result: StaticResult) -> np.ndarray:
     """Our displacements in the node order of a flat deck, (n_nodes, 3) [mm]."""
-    deformable = deck_assembly(deck)
+    deformable = deck.problem.deformable
     parts = []
     for block in range(deck.assembly.n_blocks):
         group, copy = int(deformable.group_of[block]), int(deformable.copy_of[block])
@@ -202,7 +198,7 @@ def _column_rows(
     case: str, theirs: CalculixResult, deck: Deck, allowed: float = 1e-3
 ) -> list[CheckRow]:
     """Uniform state: only the table of the law differs, which allows 0.1 %."""
-    ours = solve_static(deck_assembly(deck))
+    ours = solve_static(deck.problem.deformable)
     cpu = theirs.cpu_seconds, ours.cpu_seconds["total"]
     moved = (
         float(theirs.displacements[:, 2].min()),
@@ -249,7 +245,7 @@ def tube_rows(folder: Path, divisions: SineBlockDivisions) -> list[CheckRow]:
     """
     deck = tube_deck(divisions)
     theirs = calculix_of(deck, folder)
-    deformable = deck_assembly(deck)
+    deformable = deck.problem.deformable
     ours = solve_static(deformable)
     angle = half_facet_angle(deck.assembly.shape(4), "top")
     cpu = theirs.cpu_seconds, ours.cpu_seconds["total"]
@@ -278,9 +274,10 @@ def bar_rows(folder: Path) -> list[CheckRow]:
     """
     deck = bar_deck()
     theirs = calculix_of(deck, folder)
-    model, _, _ = deck_model(deck)
     start = time.process_time()
-    ours = solve(model, end_time=deck.step.end_time, time_step=deck.step.time_step)
+    ours = solve(
+        deck.problem.deformable.model, end_time=BAR_RUN.end_time, time_step=BAR_RUN.time_step
+    )
     cpu = theirs.cpu_seconds, time.process_time() - start
     moved = float(theirs.displacements[:, 0].min()), float(ours.displacements[0][0][:, 0].min())
     return [_row("bar, explicit", "displacement of the end [mm]", moved, 5e-7, cpu)]

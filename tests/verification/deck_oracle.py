@@ -15,8 +15,8 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from fem import read_deck
+from fem.decks.deck import Flavour
 from fem.decks.read.deck import InputDeck
-from fem.decks.statement import Flavour
 from geometry import Answer
 from tests.support.ccx import CalculixResult, run_calculix
 from tests.support.decks import written_again as lines_of

@@ -63,7 +63,7 @@ def export(
 
     Decks are for Abaqus/Standard, Abaqus/Explicit or CalculiX.
     """
-    from fem.decks.statement import Flavour, Procedure
+    from fem.decks.deck import Flavour
     from validation.case import load_case
     from validation.output.decks import export_deck, print_export
     from validation.output.outputs import Outputs
@@ -80,7 +80,7 @@ def export(
         kind = None if flavour is None else Flavour(flavour)
         written = export_deck(file, kind, output, distance=distance)
         print_export(written, outputs.console, verbose=verbose)
-        step = "static" if written.deck.step.procedure is Procedure.STATIC else "explicit"
+        step = "static" if written.deck.in_time is None else "explicit"
         outputs.tell_keys(f"{step} deck")
 
 

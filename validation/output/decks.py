@@ -14,10 +14,9 @@ from rich.console import Console
 from rich.table import Table
 from scipy.spatial import KDTree
 
-from fem.decks.problem import increments, needs_double, noted, problem_deck
+from fem.decks.deck import Deck, Flavour
+from fem.decks.problem import noted, problem_deck
 from fem.decks.read.deck import InputDeck, read_deck
-from fem.decks.read.words import Dialect
-from fem.decks.statement import Deck, Flavour, element_name
 from fem.decks.write import write_deck
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
@@ -106,12 +105,6 @@ def distance_of_mesh(file: Case) -> str:
     return f"mesh: its answer differs from the converged answer: {', '.join(changes)}"
 
 
-def _elements(deck: Deck) -> str:
-    """Names of the elements of all shapes."""
-    names = {deck.element: str(deck.element.value)}
-    return ", ".join(dict.fromkeys(element_name(deck, names, s) for s in deck.assembly.shapes))
-
-
 def _write(deck: Deck, path: Path, start: float) -> WrittenDeck:
     prepare_file(path)
     keywords: dict[str, int] = {}
@@ -126,7 +119,7 @@ def print_export(written: WrittenDeck, console: Console, *, verbose: bool = Fals
     table = _description(deck, f"{deck.name}: deck for {deck.program}, flavour {deck.flavour}")
     table.add_row("file", f"{written.path}, {written.n_bytes / 1e6:.3g} MB")
     table.add_row("run it", run_command(deck, written.path))
-    counted = increments(deck)
+    counted = deck.increments
     if counted is not None:
         hours = counted[0] * deck_json(deck)["n_elements"] * _ELEMENT_INCREMENT / 3600.0
         table.add_row(
@@ -142,9 +135,9 @@ def print_export(written: WrittenDeck, console: Console, *, verbose: bool = Fals
 
 def run_command(deck: Deck, path: Path) -> str:
     """Command that runs a deck."""
-    if deck.flavour is Flavour.CALCULIX:
+    if deck.is_flat:
         return f"ccx {path.with_suffix('')}"
-    double = " double=both" if needs_double(deck) else ""
+    double = " double=both" if deck.needs_double else ""
     return f"abaqus job={path.stem} input={path}{double}"
 
 
@@ -311,10 +304,7 @@ def rewrite(deck: InputDeck, path: Path) -> WrittenDeck:
     if path.suffix.lower() != ".inp":
         raise InputError(f"--write {path}: expected a file name that ends in .inp")
     with named(deck.name):
-        flavour = Flavour.GENERAL if deck.steps[-1].explicit else Flavour.STANDARD
-        if deck.dialect is Dialect.CALCULIX:
-            flavour = Flavour.CALCULIX
-        stated = problem_deck(deck.problem(), flavour, deck.method)
+        stated = problem_deck(deck.problem(), deck.flavour, deck.method)
     return _write(stated, path, start)
 
 
@@ -396,27 +386,31 @@ def input_table(deck: InputDeck) -> Table:
 
 def deck_json(deck: Deck) -> dict[str, Any]:
     """Return what a deck says as plain data."""
-    assembly, names = deck.assembly, deck.material_names
+    problem, assembly, names = deck.problem, deck.assembly, deck.material_names
     shapes = Counter(assembly.shape(b).name for b in range(assembly.n_blocks))
     return {
         "scene": deck.name,
         "flavour": str(deck.flavour),
-        "procedure": str(deck.step.procedure),
+        "procedure": "static" if deck.in_time is None else "explicit",
         "blocks": dict(shapes),
-        "n_nodes": sum(assembly.shape(b).mesh.n_nodes for b in range(assembly.n_blocks)),
-        "n_elements": sum(assembly.shape(b).mesh.n_elements for b in range(assembly.n_blocks)),
+        "n_nodes": deck.first_node[-1],
+        "n_elements": deck.first_element[-1],
         "volume": float(assembly.volumes.sum()),
-        "element": _elements(deck),
+        "element": ", ".join(dict.fromkeys(map(deck.element_of, assembly.shapes))),
         "material": _constants(next(iter(names)))
         if len(names) == 1
         else {name: _constants(material) for material, name in names.items()},
-        "contact": None if deck.joint is None else type(deck.joint.law.members[0]).__name__,
-        "held_blocks": len({hold.block for hold in deck.holds}),
-        "loads": [{"kind": type(load).__name__, "blocks": len(load.blocks)} for load in deck.loads],
-        "end_time": deck.step.end_time,
-        "ramp_time": deck.step.ramp_time,
-        "clearance": deck.clearance,
-        "spacing": deck.spacing,
+        "contact": type(problem.contact_law.members[0]).__name__ if deck.meets else None,
+        "held_blocks": len({held.block for held in problem.load_case.held})
+        + int(problem.load_case.fixed.sum()),
+        "loads": [
+            {"kind": type(load).__name__, "blocks": len(load.blocks)}
+            for load in problem.load_case.faces
+        ],
+        "end_time": deck.end_time,
+        "ramp_time": deck.ramp_time,
+        "clearance": problem.clearance,
+        "spacing": problem.spacing,
         "notes": list(deck.notes),
     }
 
@@ -449,7 +443,7 @@ def _description(deck: Deck, title: str) -> Table:
     table.add_row("supports", f"{data['held_blocks']} fixed blocks")
     table.add_row(
         "step",
-        f"{data['procedure']}, {deck.step.end_time:g} s, smooth step of {deck.step.ramp_time:g} s",
+        f"{data['procedure']}, {deck.end_time:g} s, smooth step of {deck.ramp_time:g} s",
     )
     if deck.notes:
         table.add_row("notes", "\n".join(deck.notes))

@@ -8,6 +8,7 @@ from functools import cached_property
 from math import inf
 from pathlib import Path
 
+from fem.decks.deck import Flavour
 from fem.decks.keywords import DeckError
 from fem.decks.read.cards import Card, deck_text, read_cards
 from fem.decks.read.mesh import Instance, Part, Places, add_elements, add_nodes, add_set, placed
@@ -82,6 +83,13 @@ class InputDeck:
             raise DeckError(f"{self.name}: every block is fixed; expected one that deforms")
         _ = problem.deformable
         return tuple(self.model.notes)
+
+    @property
+    def flavour(self) -> Flavour:
+        """Flavour in which its problem is written for its program."""
+        if self.dialect is Dialect.CALCULIX:
+            return Flavour.CALCULIX
+        return Flavour.GENERAL if self.steps[-1].explicit else Flavour.STANDARD
 
     @property
     def method(self) -> Static | Explicit:

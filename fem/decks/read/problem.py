@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from fem.contact.friction import CoulombFriction
-from fem.contact.law import ContactLaw, LinearPenalty
+from fem.contact.law import ContactLaw
 from fem.contact.pair_laws import PairLaws
 from fem.decks.keywords import DeckError
 from fem.decks.read.actions import Actions, fixed_blocks, held_faces, read_supports
@@ -65,8 +65,6 @@ class Built:
     """Where the nodes and elements of the deck are in its blocks."""
     ramp_time: float | None
     """Smooth step of the loads of an explicit run [s]; None: it names no load."""
-    face_to_face: bool = False
-    """Whether all its contact pairs are linear ones of surface on surface."""
 
 
 def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Step, ...]) -> Built:
@@ -134,12 +132,7 @@ def build_problem(name: str, places: Places, model: ModelLines, steps: tuple[Ste
         problem = replace(problem, load=case, gravity=own, after=problem)
     _note_steps(model, steps, problem)
     _check_minimum(model, step, problem)
-    return Built(
-        problem,
-        blocks,
-        actions.ramp_time,
-        contact.face_to_face(problem.contact_law),
-    )
+    return Built(problem, blocks, actions.ramp_time)
 
 
 def _load_case(assembly: Assembly, actions: Actions, held: tuple[HeldFace, ...]) -> LoadCase:
@@ -387,13 +380,6 @@ class _Contact:
     small_sliding: bool = False
     surfaces: set[frozenset[str]] = field(default_factory=set)
     """Names of the two surfaces of each pair."""
-    types: set[str] = field(default_factory=set)
-    """Types of the pairs."""
-
-    def face_to_face(self, law: ContactLaw) -> bool:
-        """Whether all pairs are linear ones of surface on surface."""
-        linear = all(isinstance(one, LinearPenalty) for one in law.members)
-        return linear and not self.clearance and self.types == {"SURFACE TO SURFACE"}
 
     def unmatched(
         self, assembly: Assembly, every: tuple[UnmatchedJoint, ...]
@@ -536,7 +522,6 @@ def _pairs(contact: _Contact, model: ModelLines, blocks: Blocks, card: Card) -> 
         )
     stated = _interaction(model, card, card.line, card.option("INTERACTION"))
     contact.small_sliding |= "SMALL SLIDING" in card.parameters
-    contact.types.add(kind)
     if not card.data:
         raise DeckError(f"{card.at()}: *Contact Pair has no surfaces; expected two in a line")
     for line, row in card.rows():

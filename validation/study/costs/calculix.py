@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from fem.decks.model import deck_assembly
-from fem.decks.statement import Deck, Flavour
+from fem.decks.deck import Deck, Flavour
 from fem.decks.write import write_deck
 from fem.stresses.peaks import stress_peaks
 from geometry.assembly import Assembly
@@ -79,19 +78,13 @@ def measured_answer(deck: Deck, found: CalculixResult) -> MethodAnswer:
     return MethodAnswer(assembly, scalars, contacts, pressures, found.cpu_seconds)
 
 
-def _first_nodes(deck: Deck) -> IntArray:
-    """First node of each block in the flat numbering, and the number of nodes, (n_blocks + 1,)."""
-    counts = [deck.assembly.shape(b).mesh.n_nodes for b in range(deck.assembly.n_blocks)]
-    return np.concatenate([[0], np.cumsum(counts)])
-
-
 def _facet_pressures(deck: Deck, found: CalculixResult) -> tuple[IntArray, FloatArray]:
     """Facets of which one block at least is free, and the mean of each over its slave nodes.
 
     A node on the rim of two faces has a pressure on each; which is which is not printed, and the
     mean of both is taken.
     """
-    first = _first_nodes(deck)
+    first = np.array(deck.first_node)
     total, count = np.zeros(first[-1]), np.zeros(first[-1])
     np.add.at(total, found.slave_nodes, found.pressures)
     np.add.at(count, found.slave_nodes, 1.0)
@@ -104,7 +97,7 @@ def _facet_pressures(deck: Deck, found: CalculixResult) -> tuple[IntArray, Float
 
 
 def _averaged_tension(deck: Deck, found: CalculixResult) -> float:
-    deformable, first = deck_assembly(deck), _first_nodes(deck)
+    deformable, first = deck.problem.deformable, deck.first_node
     groups = [
         np.zeros((group.n_copies, group.mesh.n_nodes, 3)) for group in deformable.model.groups
     ]
