@@ -15,10 +15,11 @@ from fem.problem import Problem
 from fem.solution import Solution
 from fem.static.result import StaticError
 from fem.system.time_step import added_mass_share
-from geometry.answer import Answer, Array, Lazy, Measure, Part
+from geometry.answer import Answer, Array, Lazy, Measure
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
 from geometry.parts.dimensions import dimensions
+from geometry.parts.rows import Part
 
 
 def answer_of(

@@ -38,11 +38,12 @@ from fem.problem import Problem, ProblemError, require_problem
 from fem.solution import Solution
 from fem.static.solve import StaticOptions
 from fem.system.sector import searched_in_all_sectors
-from geometry.answer import Answer, Measure, Notes, Part
+from geometry.answer import Answer, Measure
 from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
 from geometry.machine.system import one_thread_of_blas
 from geometry.machine.work import budget, clock, require_memory
+from geometry.parts.rows import Notes, Part
 
 #: Frames are parts of this part of the longest run, where it may end early and has no ramp.
 _FINE = 200.0

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from html import escape
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, final
+from typing import TYPE_CHECKING, Any, TypeVar, final
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ from geometry.assembly import AnyBlocks, Assembly
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray, read_only
 from geometry.parts.measures import Planes, SectionError, SectionForces, first_largest, planes
+from geometry.parts.rows import Part, Row, number
 
 if TYPE_CHECKING:
     import pyvista as pv
@@ -84,13 +85,15 @@ class Measure:
     def value_words(self) -> str:
         """Value with its error and unit: no digits that the error leaves out, five at most.
 
+        Four of a value without an error bar.
+
         A value that the mesh does not resolve, or whose error bar is wide, is no number to use.
         """
         value, error = self.value, self.error
         if not self.is_number:
             return self.remark or f"not resolved on this mesh: {self._unresolved}"
         if error is None or not error > 0.0:
-            return f"{value:.5g} {self.unit}"
+            return f"{number(value)} {self.unit}"
         if error < 1e-5 * abs(value):
             return f"{value:.5g} {self.unit} ± {100 * error / abs(value):.1g} %"
         digits = max(0, 1 - int(np.floor(np.log10(error))))
@@ -229,12 +232,12 @@ def by_size(measures: Mapping[str, Measure]) -> list[str]:
     return sorted(FACTORS, key=size)
 
 
-def measure_rows(measures: Mapping[str, Measure]) -> list[tuple[str, str]]:
-    """Measures in words, a row each: title; value, error, unit, remark and place.
+def measure_rows(measures: Mapping[str, Measure]) -> list[Row]:
+    """Measures, a row each: value, error, unit, remark and place in words.
 
     Those that no mesh resolves share a row.
     """
-    result, unresolved = [], dict[str, list[str]]()
+    result, unresolved = list[Row](), dict[str, list[str]]()
     names = [*EVERY_TITLE, *(name for name in measures if name not in EVERY_TITLE)]
     first = names.index(next(iter(FACTORS)))
     names[first : first + len(FACTORS)] = by_size(measures)
@@ -247,10 +250,12 @@ def measure_rows(measures: Mapping[str, Measure]) -> list[tuple[str, str]]:
                 continue
             reported = "" if measure.remark else title.remark.format(**(measure.place or {}))
             words = f"{measure.value_words} {reported}{measure.place_words}".rstrip()
-            result.append((title.words, words.removesuffix(";")))
+            value = measure.value if measure.is_number else None
+            result.append(Row(title.words, words.removesuffix(";"), value, measure.unit))
     for remark, titles in unresolved.items():
         why = remark.removeprefix("not resolved ").strip("()")
-        result.append(("not resolved on this mesh", f"{'; '.join(titles)}{why and f': {why}'}"))
+        words = f"{'; '.join(titles)}{why and f': {why}'}"
+        result.append(Row("not resolved on this mesh", words))
     return result
 
 
@@ -367,29 +372,6 @@ def known(values: Mapping[str, Value]) -> Lazy[Value]:
     return Lazy({}, values)
 
 
-class Part(Protocol):
-    """What was found beside the measures, such as a load factor at collapse."""
-
-    @property
-    def rows(self) -> list[tuple[str, str]]:
-        """Title and words of each of its rows in the table of the answer."""
-
-    def as_json(self) -> Any:
-        """Return plain data: its entry in the report."""
-
-
-@dataclass(frozen=True)
-class Notes:
-    """A part of words alone."""
-
-    rows: list[tuple[str, str]]
-    """Title and words of each."""
-
-    def as_json(self) -> dict[str, str]:
-        """Words by title."""
-        return dict(self.rows)
-
-
 @final
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Answer:
@@ -484,13 +466,15 @@ class Answer:
     def __repr__(self) -> str:
         """Return the table as text."""
         rows = measure_rows(self.measures)
-        width = max((len(title) for title, _ in rows), default=0)
-        return "\n".join([self.title, *(f"  {title:{width}}  {words}" for title, words in rows)])
+        width = max((len(row.title) for row in rows), default=0)
+        return "\n".join([self.title, *(f"  {row.title:{width}}  {row.words}" for row in rows)])
 
     def _repr_html_(self) -> str:
         """Return the table for a notebook."""
-        result = measure_rows(self.measures)
-        rows = (f"<tr><td>{escape(t)}</td><td>{escape(w)}</td></tr>" for t, w in result)
+        rows = (
+            f"<tr><td>{escape(row.title)}</td><td>{escape(row.words)}</td></tr>"
+            for row in measure_rows(self.measures)
+        )
         return f"<table><caption>{escape(self.title)}</caption>{''.join(rows)}</table>"
 
     def sections(

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Protocol, cast
 import numpy as np
 import scipy.spatial  # noqa: F401 - what matches facets, loaded before the clock runs
 
-from geometry.answer import Part
 from geometry.assembly import AnyBlocks, Assembly, PlacedBlocks
 from geometry.errors import RefusedError
 from geometry.loads import LoadCase
@@ -26,6 +25,7 @@ from geometry.parts.measures import (
     joint_resultants,
 )
 from geometry.parts.pairs import OfPairs
+from geometry.parts.rows import Part
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
 from mbd.contact_jacobian import contact_jacobian
 from mbd.equilibrium import Equilibrium, column_weights, equilibrium

@@ -30,6 +30,7 @@ import scipy.sparse as sp
 
 from geometry.assembly import AnyBlocks
 from geometry.mesh import BoolArray, FloatArray, IntArray
+from geometry.parts.rows import Row
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import newton_equilibrium
 from mbd.friction import FrictionalContacts, FrictionError, finite
@@ -154,9 +155,9 @@ class ForceRanges:
         return np.isinf(self.largest)
 
     @property
-    def rows(self) -> list[tuple[str, str]]:
+    def rows(self) -> list[Row]:
         """How many joints are statically indeterminate, and the widest range."""
-        return [("joint forces", self._words)]
+        return [Row("joint forces", self._words)]
 
     @property
     def _words(self) -> str:

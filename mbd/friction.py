@@ -25,6 +25,7 @@ import scipy.sparse as sp
 from geometry.assembly import AnyBlocks
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray
+from geometry.parts.rows import Row
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
 from mbd.options import FrictionLaw
@@ -421,12 +422,12 @@ class CollapseLoad:
         )
 
     @property
-    def rows(self) -> list[tuple[str, str]]:
+    def rows(self) -> list[Row]:
         """The factor and its proof."""
         proof = ""
         if self.mechanism is not None:
             proof = f"; kinematic upper bound {self.upper_bound:.6g}, residual {self.residual:.1e}"
-        return [("limit load", self.status + proof)]
+        return [Row("limit load", self.status + proof, finite(self.factor))]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from geometry.answer import Part
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase
 from geometry.mesh import BoolArray, FloatArray
 from geometry.parts.pairs import OfPairs, pair_values
+from geometry.parts.rows import Part, Row
 from mbd.contact_jacobian import Contacts, contact_jacobian
 from mbd.equilibrium import column_weights, equilibrium
 from mbd.force_range import ForceRanges, PlaneProblem, force_ranges, plane_problem
@@ -120,17 +120,18 @@ class Friction:
         return f"{words} (without: {self.frictionless})" if self.holds else words
 
     @property
-    def rows(self) -> list[tuple[str, str]]:
+    def rows(self) -> list[Row]:
         """Verdict, what edges would add, and the proof."""
         found = self.equilibrium
-        rows = [("verdict", self.words)]
+        rows = [Row("verdict", self.words)]
         if self.edges is not None:
-            rows.append(("edges and corners would add", self.edges.words(self.holds, self.factor)))
+            words = self.edges.words(self.holds, self.factor)
+            rows.append(Row("edges and corners would add", words))
         proof = ""
         if found.mechanism is not None:
             proof = f"; fᵀd/‖f‖ = {found.work:.3g}, least contact work "
             proof += f"{found.smallest_contact_work:.1e}"
-        return [*rows, ("with friction", found.status + proof)]
+        return [*rows, Row("with friction", found.status + proof, found.residual)]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
@@ -169,11 +170,11 @@ class ByFaces:
     classification: Classification
 
     @property
-    def rows(self) -> list[tuple[str, str]]:
+    def rows(self) -> list[Row]:
         """Class and proof."""
         return [
-            ("by faces alone", self.classification.mechanism.words),
-            ("proof for the faces", self.classification.proof),
+            Row("by faces alone", self.classification.mechanism.words),
+            Row("proof for the faces", self.classification.proof),
         ]
 
     def as_json(self) -> dict[str, Any]:

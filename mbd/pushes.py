@@ -33,6 +33,7 @@ from geometry.mesh import FloatArray, ReadOnlyArrays
 from geometry.parts.measures import first_largest
 from geometry.parts.pairs import OfPairs, pair_values
 from geometry.parts.regions import region_points
+from geometry.parts.rows import Row, number
 from geometry.parts.supports import HeldFace
 from mbd.contact_jacobian import Contacts, contact_jacobian
 from mbd.equilibrium import (
@@ -81,7 +82,7 @@ class Margin:
         return self.bearing_area > 0.0
 
     @property
-    def rows(self) -> list[tuple[str, str]]:
+    def rows(self) -> list[Row]:
         """The load and its bearing area."""
         area, worst = f"{self.bearing_area:.4g} mm²", f"{self.load} on block {self.block}"
         words = f"none: unit load {worst} is not statically admissible"
@@ -91,7 +92,7 @@ class Margin:
             words += f"asked; the worst of them: {worst}, {area}"
         elif self.interlocked:
             words = f"smallest bearing area {area} (unit load {worst})"
-        return [("margin", words)]
+        return [Row("margin", words, finite(self.bearing_area), "mm²")]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
@@ -213,7 +214,7 @@ class Pushes:
         return tuple(way for way in ways if not alone[way].holds)
 
     @property
-    def rows(self) -> list[tuple[str, str]]:
+    def rows(self) -> list[Row]:
         """Axes along which the assembly resists, is held by its load, and slides freely."""
         down = "held down by its weight" if self.weighs_alone else "held by its load"
         words = []
@@ -228,7 +229,7 @@ class Pushes:
             if axes:
                 words.append(f"{title} {', '.join(axes)}")
         words[-1:] = [f"{words[-1]} (all blocks together, frictionless)"]
-        return [("resistance to pushes", "; ".join(words))]
+        return [Row("resistance to pushes", "; ".join(words))]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
@@ -296,20 +297,20 @@ class Push:
         if isinstance(self.limit, str):
             return self.limit
         most, slides = self.limit.associated, self.limit.sliding
-        words = f"{most.factor:.5g} N with associated friction"
+        words = f"{number(most.factor)} N with associated friction"
         if np.isinf(most.factor):
             words = "unbounded with associated friction: faces jam"
         elif not most.certified:
             words += " (not certified)"
         if slides.certified:
-            words += f"; slides without dilation from {abs(slides.factor):.5g} N on"
+            words += f"; slides without dilation from {number(abs(slides.factor))} N on"
             return f"{words} (friction pyramid)"
         return f"{words}; no certified state slides without dilation"
 
     @property
-    def rows(self) -> list[tuple[str, str]]:
+    def rows(self) -> list[Row]:
         """The force."""
-        return [("limit of the push", f"{self.words} (by faces alone)")]
+        return [Row("limit of the push", f"{self.words} (by faces alone)", self.associated, "N")]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data: forces in N; None where friction jams and there is no limit."""

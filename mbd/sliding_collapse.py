@@ -40,6 +40,7 @@ import scipy.sparse as sp
 
 from geometry.assembly import AnyBlocks
 from geometry.mesh import FloatArray, IntArray
+from geometry.parts.rows import Row
 from mbd.contact_jacobian import Contacts
 from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
 from mbd.friction import (
@@ -130,9 +131,9 @@ class SlidingCollapse:
         return self.check is not None and self.check.largest <= SLIDING_TOLERANCE
 
     @property
-    def rows(self) -> list[tuple[str, str]]:
+    def rows(self) -> list[Row]:
         """The factor."""
-        return [("non-associated limit load", self.status)]
+        return [Row("non-associated limit load", self.status, finite(self.factor))]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""

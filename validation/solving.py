@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from geometry.answer import Notes
+from geometry.parts.rows import Notes, Row
 from mbd.options import Rigid
 from validation.case import Case
 from validation.errors import InputError, named
@@ -16,8 +16,9 @@ from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
 
 if TYPE_CHECKING:
     from fem.explicit.solve import Frame
-    from geometry.answer import Answer, Part
+    from geometry.answer import Answer
     from geometry.machine.work import Budget
+    from geometry.parts.rows import Part
     from mbd.analysis import RigidStatement
 
 #: Load cases that put the ring of a tube under pressure: the loaded face, and what the ring gets.
@@ -158,14 +159,15 @@ def _rigid_parts(case: Case, answer: Answer) -> dict[str, Part]:
     cut = scene_planes(scene, blocks)
     if cut is not None:
         shown = answer.details.shown and answer.cut is not None
-        none = Notes([("sections", "none: no forces of the load")])
+        none = Notes([Row("sections", "none: no forces of the load")])
         parts["sections"] = answer.cut(cut) if shown and answer.cut is not None else none
     if isinstance(scene, PolyhedralScene):
         from validation.build.doubts import doubts
 
         straight = any(shape.straightened for shape in blocks.shapes)
-        rows = [("edges", STRAIGHT_EDGES)] if straight else []
-        parts["notes"] = Notes([*rows, *doubts(scene, blocks, case.folder, blocks).items()])
+        notes = {"edges": STRAIGHT_EDGES} if straight else {}
+        notes |= doubts(scene, blocks, case.folder, blocks)
+        parts["notes"] = Notes([Row(*note) for note in notes.items()])
     return parts
 
 
@@ -182,13 +184,13 @@ class HoopStress:
     unit: str = "MPa"
 
     @property
-    def rows(self) -> list[tuple[str, str]]:
+    def rows(self) -> list[Row]:
         """The stress, with a remark on dry joints."""
         words = f"{self.value:.5g} MPa, mean hoop {self.sense} of a closed ring, "
         words += f"r = {self.radius:g} mm"
         if self.sense == "tension":
             words += "; dry joints carry no tension: waves and end rings do"
-        return [("hoop stress p·r/t", words)]
+        return [Row("hoop stress p·r/t", words, self.value, self.unit)]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""

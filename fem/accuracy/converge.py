@@ -30,7 +30,7 @@ from fem.solution import Solution
 from fem.static.path import Known
 from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.solve import StaticOptions
-from geometry.answer import ALIASES, TITLES, Measure, Part
+from geometry.answer import ALIASES, TITLES, Measure
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError, is_number
 from geometry.machine.work import (
@@ -46,6 +46,7 @@ from geometry.machine.work import (
 )
 from geometry.mesh import FloatArray
 from geometry.meshing.refinement import charts_of
+from geometry.parts.rows import Part
 
 #: Relative error bars that an answer has by default [-].
 TARGETS: Mapping[str, float] = {

@@ -17,9 +17,10 @@ from fem.accuracy.errors import OnMesh, is_negligible, relative, unmet
 from geometry.answer import TITLES, Measure
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
+from geometry.parts.rows import Row
 
 #: Why a run has no error bars.
-NOT_AT_REST = ("error bars", "not at rest: no error bar")
+NOT_AT_REST = Row("error bars", "not at rest: no error bar")
 #: Measures whose width the rows show; JSON has all.
 _WIDTHS = {"p_max": "p_max", "p_eff": "p_eff", "max_displacement": "displacement"}
 
@@ -59,11 +60,10 @@ class Accuracy:
         return rows
 
     @property
-    def rows(self) -> list[tuple[str, str]]:
+    def rows(self) -> list[Row]:
         """Each request with what was reached, and what ended the refinement."""
-        requests = enumerate(self.request_rows())
-        rows = [("" if k else "requested error bars", row) for k, row in requests]
-        return [*rows, ("refinement ended by", self.ended_by)]
+        rows = [Row("requested error bars", row) for row in self.request_rows()]
+        return [*rows, Row("refinement ended by", self.ended_by)]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
@@ -83,14 +83,15 @@ class Meshes:
     meshes: list[OnMesh]
 
     @property
-    def rows(self) -> list[tuple[str, str]]:
+    def rows(self) -> list[Row]:
         """Elements and CPU time of each mesh."""
-        words = (
-            f"{mesh.beside['elements_per_block']} elements of degree {mesh.rung.degree} per block, "
-            f"{mesh.beside['unknowns']} unknowns: {mesh.beside['cpu_seconds']:.2f} CPU s"
-            for mesh in self.meshes
-        )
-        return [("" if k else "meshes", row) for k, row in enumerate(words)]
+        rows = []
+        for mesh in self.meshes:
+            of, seconds = mesh.beside, mesh.beside["cpu_seconds"]
+            words = f"{of['elements_per_block']} elements of degree {mesh.rung.degree} per block"
+            words += f", {of['unknowns']} unknowns: {seconds:.2f} CPU s"
+            rows.append(Row("meshes", words, seconds, "s"))
+        return rows
 
     def as_json(self) -> list[dict[str, Any]]:
         """Return plain data."""
@@ -117,10 +118,10 @@ class MeshFacets:
         return float(np.sqrt(self.assembly.interfaces.areas.mean()))
 
     @property
-    def rows(self) -> list[tuple[str, str]]:
+    def rows(self) -> list[Row]:
         """Their size."""
         words = f"those of [mesh], {self.size:.3g} mm (square root of the mean area)"
-        return [("facets of p_eff, p_max", words)]
+        return [Row("facets of p_eff, p_max", words, self.size, "mm")]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
@@ -143,7 +144,7 @@ class FrictionSet:
     """Why there is no width, or where it was found."""
 
     @property
-    def rows(self) -> list[tuple[str, str]]:
+    def rows(self) -> list[Row]:
         """The load path of the answer, and how much another path changes it."""
         words = f"the load path counts (here {self.member}): loading to 150 % and back changes"
         shown = ", ".join(
@@ -151,7 +152,7 @@ class FrictionSet:
             for name, title in _WIDTHS.items()
             if name in self.width
         )
-        return [("friction", f"{words} {shown or 'nothing known'} ({self.remark})")]
+        return [Row("friction", f"{words} {shown or 'nothing known'} ({self.remark})")]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
@@ -200,27 +201,19 @@ class StaticReference:
         return f"{error:+.2g} {converged.unit}{share}"
 
     @property
-    def compared(self) -> list[tuple[str, str, str, str]]:
-        """Title, value of the run, converged value and difference of each measure of both."""
-        return [
-            (
-                title.words,
-                f"{self.of_run[name].value:.5g} {self.of_run[name].unit}",
-                self.measures[name].value_words,
-                self.error_words(name),
-            )
-            for name, title in TITLES.items()
-            if name in self.of_run and name in self.measures
-        ]
-
-    @property
-    def rows(self) -> list[tuple[str, str]]:
+    def rows(self) -> list[Row]:
         """The converged value of each measure, and the discretisation error of the run."""
         if self.why_not:
-            return [("converged static state", f"none to compare with: {self.why_not}")]
+            return [Row("converged static state", f"none to compare with: {self.why_not}")]
         return [
-            (f"converged: {title}", f"{converged}; discretisation error {error}")
-            for title, _, converged, error in self.compared
+            Row(
+                f"converged: {title.words}",
+                f"{known.value_words}; discretisation error {self.error_words(name)}",
+                known.value if known.is_number else None,
+                known.unit,
+            )
+            for name, title in TITLES.items()
+            if name in self.of_run and (known := self.measures.get(name)) is not None
         ]
 
     def as_json(self) -> dict[str, Any]:

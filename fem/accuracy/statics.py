@@ -37,12 +37,13 @@ from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.solve import StaticOptions
 from fem.static.solve import solve_static as solve_blocks
 from fem.system.sector import require_sector
-from geometry.answer import Answer, Lazy, Measure, Notes, Part
+from geometry.answer import Answer, Lazy, Measure
 from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
 from geometry.machine.system import one_thread_of_blas
 from geometry.machine.work import LIMITS, Budget, LimitError, budget, clock, unlimited
 from geometry.mesh import FloatArray
+from geometry.parts.rows import Notes, Part, Row
 
 if TYPE_CHECKING:
     from fem.explicit.solve import Frame
@@ -229,7 +230,7 @@ def _on_one_mesh(
             tell("coarser meshes, for the errors")
             errors = static_errors(problem, solution, solve, spent)
             if beside.stopped_by and not errors:
-                parts["notes"] = Notes([("error bars", f"none: {LIMITS[beside.stopped_by]}")])
+                parts["notes"] = Notes([Row("error bars", f"none: {LIMITS[beside.stopped_by]}")])
             watch.lap("error bars")
             known = Lazy({m: partial(values_of, state) for m, state in solved.items()})
             parts |= _friction_range(problem, solution, options, follower, known, refined=False)

@@ -18,6 +18,7 @@ from typing import Any, Literal, NamedTuple, NoReturn, TypeAlias
 
 from geometry.errors import RefusedError
 from geometry.machine.system import machine_memory
+from geometry.parts.rows import Row
 
 
 class Operation(StrEnum):
@@ -147,11 +148,12 @@ class Budget:
         return Allowance(work, seconds)
 
     @property
-    def rows(self) -> list[tuple[str, str]]:
+    def rows(self) -> list[Row]:
         """Which limit left something undone, where one did."""
         if self.stopped_by != "work" or self.work is None:
             return []
-        return [("work", f"{self.seconds:.3g} of {self.work:g} s on the reference machine")]
+        words = f"{self.seconds:.3g} of {self.work:g} s on the reference machine"
+        return [Row("work", words, self.seconds, "s")]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""

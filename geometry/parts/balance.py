@@ -16,6 +16,7 @@ import numpy as np
 from geometry.assembly import AnyBlocks
 from geometry.mesh import FloatArray, IntArray
 from geometry.parts.measures import JointResultants, Resultants
+from geometry.parts.rows import Row, number
 
 #: Direction that is vertical where thrusts are horizontal.
 _UP = np.array([0.0, 0.0, 1.0])
@@ -191,8 +192,8 @@ def together(one: Reactions, two: Reactions) -> Reactions:
     return replace(one, names=(*one.names, *two.names), **values)
 
 
-def reaction_rows(reactions: Mapping[str, Mapping[str, Any]], most: int = 6) -> Sequence[str]:
-    """Rows of a table: name, force, point of action and horizontal part, of the largest ``most``.
+def reaction_rows(reactions: Mapping[str, Mapping[str, Any]], most: int = 6) -> list[Row]:
+    """Name, force, point of action and horizontal part, of the largest ``most``.
 
     Parts below a billionth of the largest force are printed as zero.
     """
@@ -201,7 +202,7 @@ def reaction_rows(reactions: Mapping[str, Mapping[str, Any]], most: int = 6) -> 
     chosen = sorted(size, key=lambda name: -round(size[name] / (largest or 1.0), 6))[:most]
 
     def shown(values: Sequence[float], least: float) -> str:
-        return ", ".join(f"{0.0 if abs(v) <= least else v:.5g}" for v in values)
+        return ", ".join(number(0.0 if abs(v) <= least else v) for v in values)
 
     rows = []
     for name in (name for name in reactions if name in chosen):
@@ -209,6 +210,7 @@ def reaction_rows(reactions: Mapping[str, Mapping[str, Any]], most: int = 6) -> 
         if size[name] > 1e-9 * largest:
             words = f" at ({shown(one['point'], 1e-6)}) mm, horizontal thrust "
             words += f"{shown([one['horizontal']], 1e-9 * largest)} N"
-        rows.append(f"{name}: ({shown(one['force'], 1e-9 * largest)}) N{words}")
+        words = f"{name}: ({shown(one['force'], 1e-9 * largest)}) N{words}"
+        rows.append(Row("reactions", words, size[name], "N"))
     left = len(reactions) - len(rows)
-    return [*rows, f"{left} more: reactions of --json"] if left else rows
+    return [*rows, Row("reactions", f"{left} more: reactions of --json")] if left else rows

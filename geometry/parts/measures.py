@@ -27,6 +27,7 @@ import numpy.typing as npt
 from geometry.assembly import AnyBlocks, ContactSet
 from geometry.errors import RefusedError
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays
+from geometry.parts.rows import Row, number
 
 #: Pressures below this fraction of the largest are round-off of the solver.
 _ROUND_OFF = 1e-12
@@ -471,9 +472,12 @@ class SectionForces(Resultants):
         ]
 
     @property
-    def rows(self) -> list[tuple[str, str]]:
-        """A line for each section."""
-        return [(f"section {name}", self.words(k)) for k, name in enumerate(self.planes.names)]
+    def rows(self) -> list[Row]:
+        """A line for each section; its value is the normal force."""
+        return [
+            Row(f"section {name}", self.words(k), float(self.normal_force[k]), "N")
+            for k, name in enumerate(self.planes.names)
+        ]
 
     def words(self, row: int) -> str:
         """One section in a line."""
@@ -483,7 +487,7 @@ class SectionForces(Resultants):
         least_moment = least * np.sqrt(self.areas[row]) + _NO_PLACE * float(np.linalg.norm(moment))
 
         def shown(least: float, *values: float) -> str:
-            return ", ".join(f"{0.0 if abs(v) <= least else v:.5g}" for v in values)
+            return ", ".join(number(0.0 if abs(v) <= least else v) for v in values)
 
         return (
             f"N {shown(least, self.normal_force[row])} N, "
@@ -495,7 +499,7 @@ class SectionForces(Resultants):
 
     def __repr__(self) -> str:
         """Return a line for each section."""
-        return "\n".join(f"{title}: {words}" for title, words in self.rows)
+        return "\n".join(f"{row.title}: {row.words}" for row in self.rows)
 
 
 def sections_through_joints(

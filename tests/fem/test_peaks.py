@@ -169,7 +169,8 @@ def test_places_are_printed(pressed: Answer) -> None:
 def test_values_that_no_mesh_resolves_share_a_row() -> None:
     wide, grows = Measure(1.0, "MPa", 4.0), Measure(2.0, "MPa", remark="grows at this edge")
     known = {"p_max_point": wide, "p_max_facet": Measure(0.5, "MPa", 0.01)}
-    rows = dict(measure_rows(known | {"sigma_1_max": grows, "mises_max": grows}))
+    shown = measure_rows(known | {"sigma_1_max": grows, "mises_max": grows})
+    rows = {row.title: row.words for row in shown}
     assert list(rows) == [TITLES["p_max_facet"].words, "not resolved on this mesh"]
     both = f"{TITLES['sigma_1_max'].words}; {TITLES['mises_max'].words}: grows at this edge"
     assert rows["not resolved on this mesh"] == both

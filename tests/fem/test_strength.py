@@ -105,7 +105,7 @@ def test_the_limit_that_is_reached_first_is_named_first() -> None:
         rows = measure_rows(
             {name: Measure(v, "times the load", place=place) for name, v in factors.items()}
         )
-        assert rows[0][1].startswith("26 times the load")
+        assert rows[0].words.startswith("26 times the load")
 
 
 @pytest.mark.slow

@@ -65,21 +65,26 @@ def export(
     """
     from fem.decks.deck import Flavour
     from validation.case import load_case
-    from validation.output.decks import export_deck, print_export
+    from validation.output.decks import export_deck, export_table
     from validation.output.outputs import Outputs
 
     if flavour is not None and flavour not in set(Flavour):
         raise InputError(f"--flavour {flavour}: expected one of {', '.join(Flavour)}")
     file = load_case(scene, settings or ())
     if output.suffix.lower() != ".inp":
-        if flavour is not None:
-            raise InputError(f"--flavour {flavour}: {output} is no deck; expected -o FILE.inp")
+        given = {
+            f"--flavour {flavour}": flavour is not None,
+            "--no-distance": not distance,
+            "--verbose": verbose,
+        }
+        for option in (option for option, is_given in given.items() if is_given):
+            raise InputError(f"{option}: {output} is no deck; expected -o FILE.inp")
         _export_blocks(file, output)
         return
     with Outputs(files={"-o": output}, scene=file) as outputs:
         kind = None if flavour is None else Flavour(flavour)
         written = export_deck(file, kind, output, distance=distance)
-        print_export(written, outputs.console, verbose=verbose)
+        outputs.console.print(export_table(written, verbose=verbose))
         step = "static" if written.deck.in_time is None else "explicit"
         outputs.tell_keys(f"{step} deck")
 
@@ -261,8 +266,8 @@ def deck(
                 show.end(answer)
             outputs.console.print(str(answer))
             refined = answer.parts.get("accuracy")
-            for title, words in () if refined is None else refined.rows:
-                outputs.console.print(f"  {title:20} {words}")
+            for row in () if refined is None else refined.rows:
+                outputs.console.print(f"  {row.title:20} {row.words}")
             for note in stated.model.notes[before:]:
                 outputs.console.print(note)
             data["remarks"] = stated.model.notes

@@ -70,7 +70,7 @@ def fem(
     Static or explicit: displacements, principal stresses, contact pressures, energies.
     """
     from validation.case import load_case, with_auto
-    from validation.output.deformable.answers import FILES, print_run, write_run_files
+    from validation.output.deformable.answers import FILES, run_table, write_run_files
 
     case = load_case(scene, settings or ())
     stated = method_fields(
@@ -96,7 +96,7 @@ def fem(
     with written as outputs:
         case, added = _decided(case, outputs)
         answer = _solved(case, outputs, resume).with_report(added)
-        print_run(answer, outputs.console)
+        outputs.show(run_table(answer))
         outputs.tell_keys()
         if outputs.folder is not None:
             write_run_files(answer, outputs)

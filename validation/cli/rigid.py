@@ -62,7 +62,7 @@ def mbd(
     """
     from validation.case import load_case
     from validation.output.progress import following
-    from validation.output.rigid import FILES, print_explosion, print_rigid, write_rigid
+    from validation.output.rigid import FILES, explosion_table, rigid_table, write_rigid
     from validation.run.rigid.changed import (
         frame_warning,
         layers_to_unlock,
@@ -91,7 +91,7 @@ def mbd(
                 explosion = run_explosion(file)
         with following(file.name) as show:
             answer = solve(file, show)
-        print_rigid(answer, outputs.console)
+        outputs.show(rigid_table(answer))
         outputs.tell_keys()
         added: dict[str, Any] = {}
         warning = frame_warning(file, answer) if file.scene.frames_may_lock else None
@@ -111,7 +111,7 @@ def mbd(
         if explosion is not None:
             from validation.output.pictures.polyhedra import draw_explosion
 
-            print_explosion(explosion, outputs.console)
+            outputs.show(explosion_table(explosion))
             added["disassembly"] = explosion.as_json()
             outputs.write("picture", "explosion.png", partial(draw_explosion, explosion))
         if outputs.folder is not None:

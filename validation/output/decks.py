@@ -10,8 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 from scipy.spatial import KDTree
 
 from fem.decks.deck import Deck, Flavour
@@ -27,10 +25,11 @@ from geometry.answer import Answer
 from geometry.errors import RefusedError
 from geometry.machine.system import write_whole
 from geometry.mesh import FloatArray
+from geometry.parts.rows import Row
 from validation.build.deck import build_deck
 from validation.case import Case
 from validation.errors import InputError, named
-from validation.output.console import two_columns
+from validation.output.console import RowTable
 from validation.output.files import prepare_file
 from validation.scene.deformable import Method
 from validation.solving import solve
@@ -113,24 +112,24 @@ def _write(deck: Deck, path: Path, start: float) -> WrittenDeck:
     return WrittenDeck(deck, path, path.stat().st_size, keywords, time.process_time() - start)
 
 
-def print_export(written: WrittenDeck, console: Console, *, verbose: bool = False) -> None:
-    """Print the contents of a deck that was written, and how to run it."""
+def export_table(written: WrittenDeck, *, verbose: bool = False) -> RowTable:
+    """The contents of a deck that was written, and how to run it."""
     deck = written.deck
-    table = _description(deck, f"{deck.name}: deck for {deck.program}, flavour {deck.flavour}")
-    table.add_row("file", f"{written.path}, {written.n_bytes / 1e6:.3g} MB")
-    table.add_row("run it", run_command(deck, written.path))
+    rows = [
+        *_description(deck),
+        Row("file", f"{written.path}, {written.n_bytes / 1e6:.3g} MB"),
+        Row("run it", run_command(deck, written.path)),
+    ]
     counted = deck.increments
     if counted is not None:
         hours = counted[0] * deck_json(deck)["n_elements"] * _ELEMENT_INCREMENT / 3600.0
-        table.add_row(
-            "expected",
-            f"{counted[0]:.2g} increments, {hours:.2g} core hours at 1 µs an element and increment",
-        )
+        words = f"{counted[0]:.2g} increments, {hours:.2g} core hours"
+        rows.append(Row("expected", f"{words} at 1 µs an element and increment"))
     if verbose:
-        words = (f"{word} ({count})" for word, count in written.keywords.items())
-        table.add_row("keywords", ", ".join(words))
-    table.add_row("CPU seconds", f"{written.cpu_seconds:.3f}")
-    console.print(table)
+        keywords = (f"{word} ({count})" for word, count in written.keywords.items())
+        rows.append(Row("keywords", ", ".join(keywords)))
+    rows.append(Row("CPU seconds", f"{written.cpu_seconds:.3f}"))
+    return RowTable(f"{deck.name}: deck for {deck.program}, flavour {deck.flavour}", [rows])
 
 
 def run_command(deck: Deck, path: Path) -> str:
@@ -342,42 +341,42 @@ def input_json(deck: InputDeck) -> dict[str, Any]:
     }
 
 
-def input_table(deck: InputDeck) -> Table:
+def input_table(deck: InputDeck) -> RowTable:
     """Describe a deck that was read."""
     data = input_json(deck)
-    table = two_columns(f"{deck.name}: input deck")
-    table.add_row("dialect", f"{data['dialect']} ({data['detected']})")
-    table.add_row(
-        "blocks",
+    mesh = (
         f"{data['blocks']}, {data['n_nodes']} nodes, {data['n_elements']} hexahedra "
-        f"({data['element']}), {data['volume']:.6g} mm³",
+        f"({data['element']}), {data['volume']:.6g} mm³"
     )
-    for one in data["materials"]:
-        table.add_row(
-            "material",
-            f"{one['young_modulus']:g} MPa, ν = {one['poisson_ratio']:g}, "
-            f"{one['density']:.3g} t/mm³",
-        )
     friction = data["friction"]
     rough = "frictionless" if friction is None else f"friction {friction:g}"
-    table.add_row("contact", "none" if data["law"] is None else f"{data['law']}, {rough}")
-    if data["clearance"]:
-        table.add_row("clearance", f"{data['clearance']:g} mm")
     held = [f"{data['fixed_blocks']} fixed blocks"] * bool(data["fixed_blocks"])
-    table.add_row("supports", ", ".join([*held, *data["supports"]]) or "none")
     forces = [f"{data['nodal_forces']} nodal forces"] * bool(data["nodal_forces"])
     loads = [f"{count} × {load}" for load, count in Counter(data["loads"]).items()]
     loads += [f"forces per volume on {data['body_forces']} blocks"] * bool(data["body_forces"])
     if data["gravity"] is not None:
         loads.append(f"gravity {', '.join(f'{part:g}' for part in data['gravity'])} mm/s²")
-    table.add_row("loads", ", ".join([*loads, *forces]) or "none")
     turns = "large rotations" if data["large_rotations"] else "small rotations"
-    table.add_row("step", f"{data['procedure']}, {data['duration']:g} s, {turns}")
-    if data["remarks"]:
-        table.add_row("remarks", "\n".join(data["remarks"]))
-    if data["without_influence"]:
-        table.add_row("no influence", ", ".join(data["without_influence"]))
-    return table
+    rows = [
+        Row("dialect", f"{data['dialect']} ({data['detected']})"),
+        Row("blocks", mesh),
+        *(
+            Row(
+                "material",
+                f"{one['young_modulus']:g} MPa, ν = {one['poisson_ratio']:g}, "
+                f"{one['density']:.3g} t/mm³",
+            )
+            for one in data["materials"]
+        ),
+        Row("contact", "none" if data["law"] is None else f"{data['law']}, {rough}"),
+        Row("clearance", f"{data['clearance']:g} mm" if data["clearance"] else ""),
+        Row("supports", ", ".join([*held, *data["supports"]]) or "none"),
+        Row("loads", ", ".join([*loads, *forces]) or "none"),
+        Row("step", f"{data['procedure']}, {data['duration']:g} s, {turns}"),
+        Row("remarks", "\n".join(data["remarks"])),
+        Row("no influence", ", ".join(data["without_influence"])),
+    ]
+    return RowTable(f"{deck.name}: input deck", [[row for row in rows if row.words]])
 
 
 # ---------------------------------------------------------------------------------------------
@@ -424,27 +423,29 @@ def _constants(material: Material) -> dict[str, float]:
     }
 
 
-def _description(deck: Deck, title: str) -> Table:
-    data = deck_json(deck)
-    table = two_columns(title)
-    table.add_row("blocks", ", ".join(f"{n} {name}" for name, n in data["blocks"].items()))
-    table.add_row(
-        "mesh",
+def _description(deck: Deck) -> list[Row]:
+    data, names = deck_json(deck), deck.material_names
+    mesh = (
         f"{data['n_nodes']} nodes, {data['n_elements']} elements ({data['element']}), "
-        f"{data['volume']:.6g} mm³",
+        f"{data['volume']:.6g} mm³"
     )
-    for material, name in (names := deck.material_names).items():
-        constants = f"{material.density:g} t/mm³, {material.young_modulus:g} MPa, ν = "
-        row = "material" if len(names) == 1 else name.lower()
-        table.add_row(row, f"{constants}{material.poisson_ratio:g}")
-    table.add_row("contact", data["contact"] or "none")
     loads = [f"{load['kind']} on {load['blocks']} blocks" for load in data["loads"]]
-    table.add_row("loads", ", ".join(loads) or "none")
-    table.add_row("supports", f"{data['held_blocks']} fixed blocks")
-    table.add_row(
-        "step",
-        f"{data['procedure']}, {deck.end_time:g} s, smooth step of {deck.ramp_time:g} s",
-    )
-    if deck.notes:
-        table.add_row("notes", "\n".join(deck.notes))
-    return table
+    ramp = f"{data['procedure']}, {deck.end_time:g} s, smooth step of {deck.ramp_time:g} s"
+    rows = [
+        Row("blocks", ", ".join(f"{n} {name}" for name, n in data["blocks"].items())),
+        Row("mesh", mesh),
+        *(
+            Row(
+                "material" if len(names) == 1 else name.lower(),
+                f"{material.density:g} t/mm³, {material.young_modulus:g} MPa, "
+                f"ν = {material.poisson_ratio:g}",
+            )
+            for material, name in names.items()
+        ),
+        Row("contact", data["contact"] or "none"),
+        Row("loads", ", ".join(loads) or "none"),
+        Row("supports", f"{data['held_blocks']} fixed blocks"),
+        Row("step", ramp),
+        Row("notes", "\n".join(deck.notes)),
+    ]
+    return [row for row in rows if row.words]

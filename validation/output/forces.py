@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from geometry.files.mesh_io import write_points
 from geometry.mesh import FloatArray
 from geometry.parts.balance import reaction_rows
 from geometry.parts.measures import JointResultants, SectionForces
+from geometry.parts.rows import Row
 from validation.output.files import write_csv
 from validation.output.outputs import Outputs
 
@@ -119,11 +119,12 @@ def _write(found: SectionForces, path: Path) -> None:
     write_csv(path, columns, zip(*columns.values(), strict=True))
 
 
-def add_reactions(table: Table, report: Mapping[str, Any]) -> None:
-    """Add force, point and horizontal part of each support, and what balances of blocks leave."""
-    for k, row in enumerate(reaction_rows(report.get("reactions", {}))):
-        table.add_row("" if k else "reactions", row)
+def support_rows(report: Mapping[str, Any]) -> list[Row]:
+    """Force, point and horizontal part of each support, and what balances of blocks leave."""
+    rows = reaction_rows(report.get("reactions", {}))
     if "imbalance" in report:
         left = report["imbalance"]
         words = f"force {left['force']:.1e}, moment {left['moment']:.1e} of the largest joint force"
-        table.add_row("largest imbalance of a block", words)
+        largest = max(left["force"], left["moment"])
+        rows.append(Row("largest imbalance of a block", words, largest))
+    return rows

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from geometry.answer import Answer
     from validation.case import Case
+    from validation.output.console import RowTable
 
 
 @dataclass
@@ -57,6 +58,7 @@ class Outputs:
     """Whether CPU time and memory are printed at the end; not where the text is a file by itself.
     """
     _of_this_call: set[str] = field(default_factory=set, repr=False)
+    _rows: list[dict[str, Any]] = field(default_factory=list, repr=False)
     _unused: tuple[str, ...] | None = field(default=None, repr=False)
     _defaults: dict[str, str] = field(default_factory=dict, repr=False)
     _open: ExitStack = field(default_factory=ExitStack, repr=False)
@@ -176,6 +178,11 @@ class Outputs:
         """Print what was written where."""
         self.console.print(f"{words:9} {path}")
 
+    def show(self, table: RowTable) -> None:
+        """Print a table; its rows are those of the data, too."""
+        self._rows += table.as_json()
+        self.console.print(table)
+
     def write(self, words: str, name: str, write: Callable[[Path], object]) -> None:
         """Let ``write`` make a file of the folder and say so; nothing without a folder.
 
@@ -199,7 +206,7 @@ class Outputs:
             for words, name, write in answer_files(answer):
                 self.write(words, name, write)
             remove_others(self.folder, self.names, self._of_this_call)
-        self.write_json(answer.as_dict())
+        self.write_json(answer.as_dict() | {"rows": self._rows})
 
     def tell_keys(self, method: str = "") -> None:
         """Print the defaults that an answer depends on, and what its method does not have.

@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from geometry.answer import FACTORS, Answer, Measure
 from geometry.assembly import AnyBlocks, Assembly
@@ -17,14 +15,15 @@ from geometry.files.block_files import SURFACES_ALONE
 from geometry.files.hexahedral_solids import six_sided_hexahedra
 from geometry.files.mesh_io import write_triangles
 from geometry.parts.measures import JointResultants, Measures, SectionForces
+from geometry.parts.rows import Row, number
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
 from mbd.options import Norm
 from validation.output import answer_files
-from validation.output.console import add_dimensions, cpu_words, two_columns
+from validation.output.console import RowTable, cpu_row, dimension_rows, part_rows
 from validation.output.forces import (
     JOINT_FILES,
     SECTION_FILES,
-    add_reactions,
+    support_rows,
     write_joints,
     write_sections,
 )
@@ -56,6 +55,8 @@ _NOISE = 1e-9
 _SURFACES = {".stl", ".ply", ".off", *SURFACES_ALONE}
 #: What a load factor of rigid blocks is.
 OF_RIGID_BLOCKS = "by mean pressures of facets of rigid blocks, without peaks"
+#: Why nothing of rigid blocks has an error bar.
+_NO_BARS = "none of rigid blocks; where forces are not unique, those of least norm are shown"
 #: Parts whose rows stand among the first, and those that stand beside the proof.
 _FIRST, _PROOFS = ("collapse", "sliding"), ("by_faces_alone",)
 
@@ -124,45 +125,31 @@ def write_contacts(answer: Answer, path: Path) -> None:
 # The table
 
 
-def print_rigid(answer: Answer, console: Console) -> None:
-    """Print verdict, measures, proof and times of a rigid answer."""
+def rigid_table(answer: Answer) -> RowTable:
+    """Verdict, measures, proof and times of a rigid answer."""
     result, case = answer.details, answer.case
-    table = two_columns(f"{case.name}, rigid blocks: {case.scene.load_words}")
-    _add_verdict(table, answer)
-    _add_first_rows(table, answer)
     others = [name for name in answer.parts if name not in ("friction", *_FIRST, *_PROOFS, "notes")]
-    _add_parts(table, answer, others)
-    table.add_section()
-    table.add_row("proof", result.classification.proof)
-    _add_parts(table, answer, _PROOFS)
-    if is_meshed(answer):
-        _add_mesh(table, answer)
-    else:
-        _add_solids(table, answer)
-    _add_parts(table, answer, ("notes",))
-    table.add_row("CPU seconds", cpu_words(answer.report["cpu_seconds"]))
-    console.print(table)
+    first = [*_verdict_rows(answer), *_first_rows(answer), *part_rows(answer, *others)]
+    proof = [Row("proof", result.classification.proof), *part_rows(answer, *_PROOFS)]
+    last = [*part_rows(answer, "notes"), cpu_row(answer.report["cpu_seconds"])]
+    groups = _mesh_groups(answer) if is_meshed(answer) else _solid_groups(answer)
+    return RowTable(
+        f"{case.name}, rigid blocks: {case.scene.load_words}",
+        [first, [*proof, *groups[0]], *groups[1:-1], [*groups[-1], *last]],
+    )
 
 
-def _add_parts(table: Table, answer: Answer, names: tuple[str, ...] | list[str]) -> None:
-    for name in names:
-        for title, words in answer.parts[name].rows if name in answer.parts else ():
-            table.add_row(title, words)
-
-
-def _add_verdict(table: Table, answer: Answer) -> None:
-    """Add what was asked first: the verdict with friction, else that of the class."""
+def _verdict_rows(answer: Answer) -> list[Row]:
+    """What was asked first: the verdict with friction, else that of the class."""
     result, rubbing = answer.details, answer.parts.get("friction")
-    if rubbing is not None:
-        table.add_row(*rubbing.rows[0])
+    rows = [] if rubbing is None else rubbing.rows[:1]
     if not is_meshed(answer):
-        if rubbing is None:
-            table.add_row("verdict (frictionless)", verdict_words(answer))
-        return
-    table.add_row("kinematics (end rings fixed)", verdict_words(answer))
+        return rows or [Row("verdict (frictionless)", verdict_words(answer))]
+    rows.append(Row("kinematics (end rings fixed)", verdict_words(answer)))
     if result.supported_classification is not result.classification:
         supported = result.supported_classification.mechanism.words
-        table.add_row("kinematics (supports of this load)", supported)
+        rows.append(Row("kinematics (supports of this load)", supported))
+    return rows
 
 
 def verdict_words(answer: Answer) -> str:
@@ -187,28 +174,41 @@ def bare_words(answer: Answer) -> str:
     return " and ".join(words) + " contacts" if words else ""
 
 
-def _add_first_rows(table: Table, answer: Answer) -> None:
-    """Add the main results: equilibrium, largest pressure, forces, reaction."""
+def _first_rows(answer: Answer) -> list[Row]:
+    """The main results: equilibrium, largest pressure, forces, reaction."""
     result, measures = answer.details, answer.measures
-    if result.friction is None:
-        table.add_row("in equilibrium", result.equilibrium.status)
-    _add_parts(table, answer, _FIRST)
+    rubs = result.friction is not None
+    status = result.equilibrium.status
+    rows = [] if rubs else [Row("in equilibrium", status, result.equilibrium.residual)]
+    rows += part_rows(answer, *_FIRST)
+
+    def add(title: str, words: str, measure: Measure) -> None:
+        rows.append(Row(title, words, measure.value, measure.unit))
+
     if "p_max_facet" in measures:
-        table.add_row("largest contact pressure", pressure_words(measures["p_max_facet"]))
+        peak = measures["p_max_facet"]
+        add("largest contact pressure", pressure_words(peak), peak)
     if "crushing_factor" in measures:
-        words = f"{measures['crushing_factor'].value_words}, {OF_RIGID_BLOCKS}"
-        table.add_row(FACTORS["crushing_factor"].words, words)
+        factor = measures["crushing_factor"]
+        words = f"{factor.value_words}, {OF_RIGID_BLOCKS}"
+        add(FACTORS["crushing_factor"].words, words, factor)
     if "least_joint_force" in measures:
-        table.add_row("normal forces of joints", joint_force_words(measures, result.blocks))
+        words = joint_force_words(measures, result.blocks)
+        add("normal forces of joints", words, measures["largest_joint_force"])
     if "total_reaction" in measures:
-        table.add_row("total reaction", reaction_words(measures, answer.report["reaction"]))
-        add_reactions(table, answer.report)
-    for row in answer.parts["friction"].rows[1:] if result.friction is not None else ():
-        table.add_row(*row)
-    if result.friction is not None and not is_meshed(answer):
-        table.add_row("without friction", verdict_words(answer))
+        words = reaction_words(measures, answer.report["reaction"])
+        add("total reaction", words, measures["total_reaction"])
+        rows += support_rows(answer.report)
+    if rubs:
+        rows += answer.parts["friction"].rows[1:]
+        if not is_meshed(answer):
+            rows.append(Row("without friction", verdict_words(answer)))
+    if measures:
+        rows.append(Row("error bars", _NO_BARS))
     if result.holds and not result.shown:
-        table.add_row("forces", "none of the load alone: they follow from what presses before")
+        words = "none of the load alone: they follow from what presses before"
+        rows.append(Row("forces", words))
+    return rows
 
 
 def reaction_words(found: Mapping[str, Measure], force: list[float]) -> str:
@@ -217,7 +217,7 @@ def reaction_words(found: Mapping[str, Measure], force: list[float]) -> str:
     parts = [0.0 if abs(x) <= _NOISE * size else x for x in force]
     if not any(parts):
         return "0 N: the loads are self-equilibrated"
-    return f"{found['total_reaction'].value_words}: ({', '.join(f'{x:.5g}' for x in parts)})"
+    return f"{found['total_reaction'].value_words}: ({', '.join(map(number, parts))})"
 
 
 def pressure_words(peak: Measure) -> str:
@@ -239,69 +239,65 @@ def joint_force_words(found: Mapping[str, Measure], assembly: AnyBlocks) -> str:
     return ", ".join(parts)
 
 
-def _add_mesh(table: Table, answer: Answer) -> None:
-    """Add what blocks with hexahedra have: the paper's measures, contacts and solver."""
+def _mesh_groups(answer: Answer) -> list[list[Row]]:
+    """Rows of blocks with hexahedra: none beside the proof; the paper's; contacts and solver."""
     result, case = answer.details, answer.case
-    if result.shown_measures is not None:
-        add_paper_rows(table, result.shown_measures, result.norm)
-    add_dimensions(table, answer.report["dimensions"], case.limits)
-    table.add_row(
-        "model", f"{result.n_blocks} free blocks, {result.n_contacts} contact facet pairs"
-    )
+    paper = result.shown_measures
     words = f'minimum-norm contact forces (norm = "{result.norm}"), solver "{case.method.solver}"'
     if result.equilibrium.iterations:
         words += f": {result.equilibrium.iterations} iterations"
-    table.add_row("solution", words)
+    model = f"{result.n_blocks} free blocks, {result.n_contacts} contact facet pairs"
+    return [
+        [],
+        [] if paper is None else paper_rows(paper, result.norm),
+        [
+            *dimension_rows(answer.report["dimensions"], case.limits),
+            Row("model", model),
+            Row("solution", words),
+        ],
+    ]
 
 
-def add_paper_rows(table: Table, found: Measures, norm: Norm) -> None:
-    """Add the paper's measures: means over facets and blocks, which follow the facets."""
-    table.add_section()
-    table.add_row("the paper's measures", f'means over facets and blocks, norm = "{norm}"')
-    table.add_row(
-        "effective contact elements", f"{found.effective_count_percent:.2f} % (participation ratio)"
-    )
-    table.add_row(
-        "effective contact area", f"{found.effective_area_percent:.2f} % (the same by area)"
-    )
-    table.add_row(
-        "p_eff (formula)",
-        f"{found.p_eff:.5g} MPa, mean over the effective facets, then over the blocks",
-    )
-    table.add_row(
-        "p_eff (tables)",
-        f"{found.p_eff_pooled:.5g} MPa, mean over the effective facets of all blocks",
-    )
-    table.add_row("p_max", f"{found.p_max:.5g} MPa, mean of the block maxima")
-    table.add_section()
+def paper_rows(found: Measures, norm: Norm) -> list[Row]:
+    """The paper's measures: means over facets and blocks, which follow the facets."""
+    number, area = found.effective_count_percent, found.effective_area_percent
+    every, pooled = found.p_eff, found.p_eff_pooled
+    over = "MPa, mean over the effective facets"
+    return [
+        Row("the paper's measures", f'means over facets and blocks, norm = "{norm}"'),
+        Row("effective contact elements", f"{number:.2f} % (participation ratio)", number, "%"),
+        Row("effective contact area", f"{area:.2f} % (the same by area)", area, "%"),
+        Row("p_eff (formula)", f"{every:.5g} {over}, then over the blocks", every, "MPa"),
+        Row("p_eff (tables)", f"{pooled:.5g} {over} of all blocks", pooled, "MPa"),
+        Row("p_max", f"{found.p_max:.5g} MPa, mean of the block maxima", found.p_max, "MPa"),
+    ]
 
 
-def _add_solids(table: Table, answer: Answer) -> None:
-    """Add what solids have: forces of points and joints, patches, how they are meshed."""
+def _solid_groups(answer: Answer) -> list[list[Row]]:
+    """Rows of solids: forces of points and joints beside the proof; patches, how they mesh."""
     result = answer.details
     solids: PolyhedralAssembly = result.blocks
     forces, patches = result.normal_forces, solids.interfaces.patches
+    shown = []
     if result.shown and forces.max(initial=0.0) > 0:
         if not result.patch_pressures.size:
-            table.add_row("largest contact pressure", "none: edges and points have no area")
-        table.add_row("largest contact force", f"{forces.max():.5g} N")
-        for words, value in joint_words(result.joints, solids):
-            table.add_row(words, value)
-    table.add_section()
+            shown.append(Row("largest contact pressure", "none: edges and points have no area"))
+        largest = float(forces.max())
+        shown.append(Row("largest contact force", f"{number(largest)} N", largest, "N"))
+        shown += joint_rows(result.joints, solids)
     bare = bare_words(answer)
     points = f", of which {bare}" if bare else ""
-    table.add_row(
-        "model",
+    model = (
         f"{solids.n_blocks} blocks, {result.n_blocks} of them free; "
-        f"{solids.interfaces.n_contacts} contact points{points}",
+        f"{solids.interfaces.n_contacts} contact points{points}"
     )
-    table.add_row(
-        "contact patches",
+    joints = (
         f"{len(patches.areas)}, {patches.areas.sum():.5g} mm² in all; contact tolerance "
-        f"{solids.tolerance:.3g} mm",
+        f"{solids.tolerance:.3g} mm"
     )
-    add_dimensions(table, answer.report["dimensions"], answer.case.limits)
-    table.add_row("volume mesh", volume_words(answer))
+    rows = [Row("model", model), Row("contact patches", joints)]
+    rows += dimension_rows(answer.report["dimensions"], answer.case.limits)
+    return [shown, [*rows, Row("volume mesh", volume_words(answer))]]
 
 
 def volume_words(answer: Answer) -> str:
@@ -316,8 +312,8 @@ def volume_words(answer: Answer) -> str:
     return f"{other} of {len(shapes)} shapes: tetrahedra, each split into four hexahedra"
 
 
-def joint_words(joints: JointResultants, assembly: AnyBlocks) -> list[tuple[str, str]]:
-    """Locate the largest resultants of joints."""
+def joint_rows(joints: JointResultants, assembly: AnyBlocks) -> list[Row]:
+    """The largest resultants of joints, and where they are."""
     eccentricity = np.linalg.norm(joints.eccentricity, axis=1)
     rows = []
     for name, values, unit in (
@@ -328,7 +324,8 @@ def joint_words(joints: JointResultants, assembly: AnyBlocks) -> list[tuple[str,
         k = int(np.argmax(values))
         blocks = "–".join(assembly.named(int(b)) for b in (joints.block_m[k], joints.block_s[k]))
         if values[k] > _NOISE * max(float(joints.normal_force.max()), 1e-300):
-            rows.append((f"largest {name}", f"{values[k]:.5g} {unit} (joint {blocks})"))
+            words = f"{number(values[k])} {unit} (joint {blocks})"
+            rows.append(Row(f"largest {name}", words, float(values[k]), unit))
     return rows
 
 
@@ -336,35 +333,33 @@ def joint_words(joints: JointResultants, assembly: AnyBlocks) -> list[tuple[str,
 # Explosions
 
 
-def print_explosion(run: Explosion, console: Console) -> None:
-    """Print the verdict and its numbers."""
+def explosion_table(run: Explosion) -> RowTable:
+    """The verdict of a radial disassembly and its numbers."""
     first, finite = run.first, run.finite
-    table = two_columns(f"{run.name}: radial disassembly test")
-    table.add_row(
-        "verdict", "disassembles radially" if run.explodes else "does not disassemble radially"
-    )
-    words = "admissible" if first.admissible else "not admissible"
-    table.add_row(
-        "first order, end rings released",
-        f"{words}: smallest gap rate {first.smallest_gap_rate:.4g} mm per mm outward; "
+    admissible = "admissible" if first.admissible else "not admissible"
+    rate = (
+        f"{admissible}: smallest gap rate {first.smallest_gap_rate:.4g} mm per mm outward; "
         f"{first.closing_area_percent:.1f} % of the contact area closes, "
-        f"{first.opening_area_percent:.1f} % opens",
+        f"{first.opening_area_percent:.1f} % opens"
     )
     last = finite.distances[-1]
     if finite.first_overlap is None:
-        words = f"free up to {last:g} mm (one wall thickness), the largest distance computed"
+        motion = f"free up to {last:g} mm (one wall thickness), the largest distance computed"
     else:
-        words = (
+        motion = (
             f"free up to {finite.free_distance:.3g} mm, then blocks overlap by more than "
             f"{finite.tolerance:g} mm; {finite.depths[-1]:.3g} mm at {last:g} mm"
         )
-    table.add_row("finite motion", words)
-    table.add_row("outward push, end rings fixed", f"{run.held}")
-    table.add_row(
-        "outward push, no supports",
-        "carried by the contacts alone"
-        if first.held_together
-        else "drives a mechanism (twist and elongation of the tube included)",
-    )
-    table.add_row("CPU seconds", f"{run.cpu_seconds:.2f}")
-    console.print(table)
+    held = "carried by the contacts alone"
+    if not first.held_together:
+        held = "drives a mechanism (twist and elongation of the tube included)"
+    verdict = "disassembles radially" if run.explodes else "does not disassemble radially"
+    rows = [
+        Row("verdict", verdict),
+        Row("first order, end rings released", rate, first.smallest_gap_rate),
+        Row("finite motion", motion, finite.free_distance, "mm"),
+        Row("outward push, end rings fixed", f"{run.held}"),
+        Row("outward push, no supports", held),
+        Row("CPU seconds", f"{run.cpu_seconds:.2f}", run.cpu_seconds, "s"),
+    ]
+    return RowTable(f"{run.name}: radial disassembly test", [rows])

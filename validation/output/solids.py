@@ -7,19 +7,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from geometry.files.block_files import STEP_SUFFIXES, UNITS, diagnosed_blocks
 from geometry.files.named_surfaces import OWN_UNITS, Y_UP, left_out
 from geometry.files.write_solids import SOLID_SUFFIXES, write_solids
 from geometry.mesh import FloatArray, MeshError
+from geometry.parts.rows import Row
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.near_joints import distance_between
 from geometry.polyhedra.overlap import Overlap, find_overlaps
 from geometry.polyhedra.polyhedron import Polyhedron
 from validation.build.doubts import facing_words
 from validation.errors import InputError
-from validation.output.console import two_columns
+from validation.output.console import RowTable
 from validation.output.files import prepare_file
 
 #: Faces farther apart than this many contact tolerances are no gap of a joint.
@@ -107,53 +107,54 @@ class FileCheck:
         points = np.round(block.points @ self.up.T, 6) + 0.0
         return points[int(np.argmin(points[:, 2]))]
 
-    def table(self) -> Table:
+    def table(self) -> RowTable:
         """All of it as text, what is wrong first."""
         bad = [k for k, faults in enumerate(self.faults) if faults]
-        table = two_columns(f"{self.path}: {len(self.blocks)} blocks")
-        table.add_row("blocks", f"{len(self.blocks) - len(bad)} closed, {len(bad)} not")
-        for k in bad[:_MOST]:
-            table.add_row(self._name(k), "; ".join(self.faults[k]))
         closed = [k for k, faults in enumerate(self.faults) if not faults]
+        repaired = [k for k, block in enumerate(self.blocks) if block.repairs]
+        rows = [Row("blocks", f"{len(closed)} closed, {len(bad)} not")]
+        rows += [Row(self._name(k), "; ".join(self.faults[k])) for k in bad[:_MOST]]
         for k in closed[:_MOST]:
             volume, (x, y, z) = self.blocks[k].volume, self._lowest(self.blocks[k]).tolist()
             words = f"{volume:.5g} mm³, lowest at z = {z:.5g} mm (x {x:.5g}, y {y:.5g})"
-            table.add_row(self._name(k), words)
-        repaired = [k for k, block in enumerate(self.blocks) if block.repairs]
+            rows.append(Row(self._name(k), words, volume, "mm³"))
         for k in repaired[:_MOST]:
-            table.add_row(f"repaired: {self._name(k)}", ", ".join(self.blocks[k].repairs))
+            words = ", ".join(self.blocks[k].repairs)
+            rows.append(Row(f"repaired: {self._name(k)}", words))
         if max(len(bad), len(closed), len(repaired)) > _MOST:
-            table.add_row("more", f"only {_MOST} of them are listed; --json FILE has all")
+            rows.append(Row("more", f"only {_MOST} of them are listed; --json FILE has all"))
         if self.assembly is not None:
-            tolerance = self.assembly.tolerance
-            words = f"{self.n_touching} pairs within {tolerance:.3g} mm"
-            table.add_row("touching", words)
-            for o in self.overlaps[:_MOST]:
-                pair = f"{self._name(o.block_a)} and {self._name(o.block_b)}"
-                near = np.round(o.point, 2).tolist()
-                words = f"; {o.words}" if o.words else ""
-                table.add_row("overlap", f"{pair}: {o.depth:.3g} mm deep near {near} mm{words}")
-            facing = "" if self.overlaps else facing_words(self.assembly)
-            if facing:
-                table.add_row("facing area not in contact", facing)
-            for a, b, gap in self.gaps[:_MOST]:
-                words = f"{self._name(a)} and {self._name(b)}: {gap:.3g} mm apart"
-                table.add_row("gap", words)
-            own = self.path.suffix.lower() in {*OWN_UNITS, *STEP_SUFFIXES}
-            words = "" if own else f" ({self.units} in the file)"
-            table.add_row("∛V of a block", f"{self.length:.4g} mm{words}")
+            rows += self._joint_rows(self.assembly)
         likely = self.likely_unit()
         if likely:
-            words = (
-                f"{likely}: such small blocks are rare; --units {likely}, block.units in a scene"
-            )
-            table.add_row("likely unit", words)
-        table.add_row("size", " × ".join(f"{x:.5g}" for x in self.size) + " mm (x, y, z)")
+            words = f"{likely}: such small blocks are rare; --units {likely}"
+            rows.append(Row("likely unit", f"{words}, block.units in a scene"))
+        size = " × ".join(f"{x:.5g}" for x in self.size)
+        rows.append(Row("size", f"{size} mm (x, y, z)"))
         if self.left_out:
-            table.add_row("left out", ", ".join(self.left_out))
-        held = [k for k, block in enumerate(self.blocks) if block.held]
-        table.add_row("supports", f"{len(held)} by the file" if held else "the file names none")
-        return table
+            rows.append(Row("left out", ", ".join(self.left_out)))
+        held = sum(bool(block.held) for block in self.blocks)
+        rows.append(Row("supports", f"{held} by the file" if held else "the file names none"))
+        return RowTable(f"{self.path}: {len(self.blocks)} blocks", [rows])
+
+    def _joint_rows(self, assembly: PolyhedralAssembly) -> list[Row]:
+        """Where blocks touch, overlap, and nearly touch."""
+        words = f"{self.n_touching} pairs within {assembly.tolerance:.3g} mm"
+        rows = [Row("touching", words, self.n_touching)]
+        for o in self.overlaps[:_MOST]:
+            pair = f"{self._name(o.block_a)} and {self._name(o.block_b)}"
+            near = np.round(o.point, 2).tolist()
+            words = f"{pair}: {o.depth:.3g} mm deep near {near} mm{o.words and f'; {o.words}'}"
+            rows.append(Row("overlap", words, o.depth, "mm"))
+        facing = "" if self.overlaps else facing_words(assembly)
+        if facing:
+            rows.append(Row("facing area not in contact", facing))
+        for a, b, gap in self.gaps[:_MOST]:
+            words = f"{self._name(a)} and {self._name(b)}: {gap:.3g} mm apart"
+            rows.append(Row("gap", words, gap, "mm"))
+        own = self.path.suffix.lower() in {*OWN_UNITS, *STEP_SUFFIXES}
+        words = f"{self.length:.4g} mm{'' if own else f' ({self.units} in the file)'}"
+        return [*rows, Row("∛V of a block", words, self.length, "mm")]
 
     def _name(self, k: int) -> str:
         block = self.blocks[k]

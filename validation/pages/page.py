@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import base64
 import datetime
-import io
 import os
 import platform
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from validation.output.pictures.view_3d import viewer_page, webp
 from validation.output.provenance import program
@@ -50,39 +45,3 @@ def webp_of(path: Path) -> bytes:
 
     pixels = matplotlib.image.imread(path)
     return webp((255 * pixels[..., :3]).astype(np.uint8))
-
-
-@dataclass(frozen=True)
-class PrintedTable:
-    """A table that a command prints."""
-
-    title: str
-    heads: list[str]
-    """Empty words where the command prints none."""
-    rows: list[tuple[str, ...]]
-
-
-class _Kept(Console):
-    """A console that keeps what is printed."""
-
-    def __init__(self) -> None:
-        super().__init__(file=io.StringIO())
-        self.printed: list[Any] = []
-
-    def print(self, *objects: Any, **_: Any) -> None:
-        """Keep what would be printed."""
-        self.printed += objects
-
-
-def printed_tables(show: Callable[[Console], object]) -> list[PrintedTable]:
-    """Tables that a function prints to a console."""
-    console = _Kept()
-    show(console)
-    return [_as_printed(table) for table in console.printed if isinstance(table, Table)]
-
-
-def _as_printed(table: Table) -> PrintedTable:
-    heads = [str(column.header) if table.show_header else "" for column in table.columns]
-    cells = ([str(cell) for cell in column.cells] for column in table.columns)
-    rows = [row for row in zip(*cells, strict=True) if any(row)]
-    return PrintedTable(str(table.title), heads, rows)

@@ -14,11 +14,12 @@ from geometry.errors import RefusedError
 from geometry.machine.system import write_whole
 from validation.case import Case
 from validation.errors import InputError
-from validation.output.deformable.answers import print_run, run_pictures
+from validation.output.console import RowTable
+from validation.output.deformable.answers import run_pictures, run_table
 from validation.output.pictures.view_3d import View3d, viewer_page
 from validation.output.provenance import Provenance
-from validation.output.rigid import is_meshed, print_rigid, rigid_pictures
-from validation.pages.page import PrintedTable, page_text, printed_tables, webp_of
+from validation.output.rigid import is_meshed, rigid_pictures, rigid_table
+from validation.pages.page import page_text, webp_of
 from validation.pages.verdicts import OPEN, Verdict, verdicts
 from validation.pages.views import layer_words, middle_layers, pressure_view, stress_view
 from validation.run.rigid.changed import frame_warning
@@ -97,16 +98,10 @@ class SceneReport:
         return f"{self.file.name}: {self.file.scene.load_words}"
 
     @cached_property
-    def tables(self) -> list[PrintedTable]:
+    def tables(self) -> list[RowTable]:
         """All that `tubelock mbd` and `tubelock fem` print."""
-        tables = []
-        if self.rigid is not None:
-            of = self.rigid
-            tables += printed_tables(lambda console: print_rigid(of, console))
-        if self.deformable is not None:
-            answer = self.deformable
-            tables += printed_tables(lambda console: print_run(answer, console))
-        return tables
+        tables = [] if self.rigid is None else [rigid_table(self.rigid)]
+        return tables if self.deformable is None else [*tables, run_table(self.deformable)]
 
     def as_dict(self) -> dict[str, Any]:
         """Answers as plain data."""
@@ -116,6 +111,7 @@ class SceneReport:
             "rigid": None if self.rigid is None else self.rigid.as_dict(),
             "deformable": None if self.deformable is None else self.deformable.as_dict(),
             "failed": dict(self.failed),
+            "rows": [row for table in self.tables for row in table.as_json()],
             "loads": {
                 table.kind: {name: answer.as_dict() for name, answer in table.answers.items()}
                 for table in self.loads

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
-
-from rich.table import Table
 
 from fem.accuracy.parts import Accuracy
 from geometry.answer import FACTORS, Answer, Measure, measure_rows, title_of
 from geometry.parts.balance import reaction_rows
 from mbd import MechanismClass
-from validation.output.console import add_dimensions
+from validation.output.console import dimension_rows, part_rows
 from validation.output.rigid import OF_RIGID_BLOCKS, verdict_words
 from validation.scene.polyhedra import PolyhedralScene
 from validation.scene.read import DeformableScene
@@ -89,10 +86,10 @@ def _carried(rigid: Answer) -> Verdict:
     else:
         lines.append(f"Rigid blocks: {result.words}.")
     if result.holds and isinstance(rigid.case.scene, PolyhedralScene):
-        lines += [f"Reaction of {row}." for row in reaction_rows(rigid.report.get("reactions", {}))]
-    for name in ("collapse", "sliding"):
-        for title, words in rigid.parts[name].rows if name in rigid.parts else ():
-            lines.append(f"{title.capitalize()}: {words}.")
+        reactions = reaction_rows(rigid.report.get("reactions", {}))
+        lines += [f"Reaction of {row.words}." for row in reactions]
+    for row in part_rows(rigid, "collapse", "sliding"):
+        lines.append(f"{row.title.capitalize()}: {row.words}.")
     words, tone = ("yes", GOOD) if result.holds else ("no", BAD)
     pressed = None if result.friction is None else result.friction.squeeze
     if pressed is not None and pressed.needed is not False:
@@ -104,7 +101,7 @@ def _carried(rigid: Answer) -> Verdict:
 def _rows(answer: Answer, names: tuple[str, ...]) -> list[str]:
     """Some measures in words, a line each."""
     found = {name: answer.measures[name] for name in names if name in answer.measures}
-    return [f"{title}: {words}" for title, words in measure_rows(found)]
+    return [f"{row.title}: {row.words}" for row in measure_rows(found)]
 
 
 def _how_much(rigid: Answer | None, fem: Answer | None) -> Verdict:
@@ -131,7 +128,7 @@ def _how_sure(fem: Answer | None) -> Verdict:
         lines = _reached(accuracy)
         lines.append(f"The refinement ended by: {accuracy.ended_by}.")
     unusable = [name for name in measures if not measures[name].is_number]
-    unusable = [title for title, _ in measure_rows({n: measures[n] for n in unusable})]
+    unusable = [row.title for row in measure_rows({n: measures[n] for n in unusable})]
     if unusable:
         lines.append(f"Not resolved: {', '.join(unusable)}.")
     if fem.details.large_motion is not None:
@@ -161,8 +158,8 @@ def strength_verdict(
     """State the load factors at cracking and crushing, or the keys that they need."""
     lines, factors = [], [name for name in FACTORS if name in measures]
     rigid = "" if computed else f" ({OF_RIGID_BLOCKS})"
-    for title, words in measure_rows({name: measures[name] for name in factors}):
-        lines.append(f"{title}: {words}{rigid}")
+    for row in measure_rows({name: measures[name] for name in factors}):
+        lines.append(f"{row.title}: {row.words}{rigid}")
     values = [measures[name].value for name in factors]
     sure = all(measures[name].is_number for name in factors)
     tone = GOOD if sure and all(value >= 1.0 for value in values) else OPEN
@@ -200,8 +197,6 @@ def castable(scene: DeformableScene, answer: Answer) -> Verdict:
 
 def dimension_lines(scene: DeformableScene, answer: Answer) -> list[str]:
     """Volume, mass, contact area, least wall and steepest joint, as tables print them."""
-    table = Table("", "")
-    add_dimensions(table, answer.report["dimensions"], scene.limits)
-    cells: list[list[Any]] = [list(column.cells) for column in table.columns]
-    lines = [f"{title}: {words}" for title, words in zip(*cells, strict=True)]
+    rows = dimension_rows(answer.report["dimensions"], scene.limits)
+    lines = [f"{row.title}: {row.words}" for row in rows]
     return lines if scene.caution is None else [*lines, scene.caution]

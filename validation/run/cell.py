@@ -9,6 +9,7 @@ import numpy as np
 
 from fem.solution import Solution
 from geometry.mesh import FloatArray
+from geometry.parts.rows import Row
 from validation.build.cell import check_cell
 from validation.case import scene_case
 from validation.run.deformable import deformable_answer, on_its_mesh
@@ -67,16 +68,24 @@ class CellError:
     """As `cell_error` returns it."""
 
     @property
-    def rows(self) -> list[tuple[str, str]]:
-        """The error of the middle layers, and the difference from the whole tube."""
-        titles = {
+    def rows(self) -> list[Row]:
+        """Cell, middle layers and whole tube on one mesh, and how the cell differs from both."""
+        of, seconds = self.found, "CPU seconds"
+        answers = {"cell": "periodic cell", "middle": "its two middle layers", "tube": "whole tube"}
+        changes = {
             "error_of_middle_layers": "error of the periodic cell, middle layers",
             "difference_from_whole_tube": "difference from the whole tube",
         }
-        return [
-            (title, ", ".join(f"{k} {100 * v:+.2f} %" for k, v in self.found[key].items()))
-            for key, title in titles.items()
-        ]
+        words = f"{of['layers']} layers, static, {of['mesh']}, {of['cell_seconds']:.2f} {seconds}; "
+        words += f"the whole tube {of['tube_seconds']:.2f} {seconds}"
+        rows = [Row("periodic cell and tube", words)]
+        for key, title in answers.items():
+            p_max, p_eff, u = of[key].values()
+            rows.append(Row(title, f"p_max {p_max:.4g} MPa, p_eff {p_eff:.4g} MPa, u {u:.4g} mm"))
+        for key, title in changes.items():
+            shown = ", ".join(f"{k} {100 * v:+.2f} %" for k, v in of[key].items())
+            rows.append(Row(title, shown))
+        return rows
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""

@@ -15,11 +15,12 @@ from fem.method import Explicit, Static
 from fem.problem import Problem
 from fem.solution import Solution
 from fem.static.linear_step.flexibility import FlexibilityStore
-from geometry.answer import Answer, Notes, Part
+from geometry.answer import Answer
 from geometry.compilation.clocks import stages, summed
 from geometry.errors import RefusedError
 from geometry.machine.system import peak_memory_mb
 from geometry.parts.measures import SectionError
+from geometry.parts.rows import Notes, Part, Row
 from geometry.polyhedra.assembly import bare_joints
 from validation.build.doubts import doubts
 from validation.build.polyhedra import build_polyhedra
@@ -152,7 +153,7 @@ def _of_scene(case: Case, answer: Answer, built: dict[str, float]) -> Answer:
             notes["sections"] = f"none: {error}"
     if notes or "notes" in answer.parts:
         of_solver = answer.parts["notes"].rows if "notes" in answer.parts else []
-        parts["notes"] = Notes([*of_solver, *notes.items()])
+        parts["notes"] = Notes([*of_solver, *(Row(*note) for note in notes.items())])
 
     def reported() -> dict[str, Any]:
         search = {"contact_search": str(_contact_search(scene, solution))}

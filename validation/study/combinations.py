@@ -15,7 +15,7 @@ from mbd.options import Rigid
 from validation.case import Case
 from validation.errors import InputError
 from validation.output.answer_files import answer_of
-from validation.output.console import add_dimensions, listing, two_columns
+from validation.output.console import RowTable, dimension_rows, listing
 from validation.output.files import write_csv
 from validation.scene.combinations import combined
 from validation.study.design import Quantity, Row
@@ -119,10 +119,9 @@ def print_combinations(file: Case, answers: Mapping[str, Answer], console: Conso
     for row in combination_rows(answers):
         table.add_row(*row)
     console.print(table)
-    built = two_columns("what is built")
     first = next(iter(answers.values()))
-    add_dimensions(built, first.report["dimensions"], file.scene.limits)
-    console.print(built)
+    built = dimension_rows(first.report["dimensions"], file.scene.limits)
+    console.print(RowTable("what is built", [built]))
 
 
 def combination_rows(answers: Mapping[str, Answer]) -> Iterator[list[str]]:

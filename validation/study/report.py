@@ -13,11 +13,7 @@ from rich.console import Console
 
 from geometry.answer import Measure
 from validation.errors import InputError
-from validation.output.console import (
-    duration_words,
-    tabled,
-    two_columns,
-)
+from validation.output.console import RowTable, duration_words, tabled
 from validation.output.outputs import Outputs
 from validation.output.progress import LONG, following
 from validation.study.design import MEASURES, Row
@@ -211,18 +207,19 @@ def print_summary(results: StudyRows, found: dict[str, Any], console: Console) -
     """Print what a sweep did."""
     study = results.study
     run = found["this_run"]
-    table = two_columns(f"{study.name}: how it was computed")
     varied = (f"{path} ({len(values)})" for path, values in study.parameters)
-    table.add_row("parameters", ", ".join(varied))
-    table.add_row("designs", f"{study.n_designs}, of which {run['computed']} computed now")
-    table.add_row("failed", _failure_words(results, found["n_failed"]))
-    table.add_row(
-        "CPU seconds",
+    seconds = (
         f"designs {run['design_cpu_seconds']:.1f}, their processes {run['worker_cpu_seconds']:.1f} "
-        f"({run['workers']}), this process {run['parent_cpu_seconds']:.1f}",
+        f"({run['workers']}), this process {run['parent_cpu_seconds']:.1f}"
     )
-    table.add_row("wall seconds", f"{run['wall_seconds']:.1f}")
-    console.print(table)
+    rows = {
+        "parameters": ", ".join(varied),
+        "designs": f"{study.n_designs}, of which {run['computed']} computed now",
+        "failed": _failure_words(results, found["n_failed"]),
+        "CPU seconds": seconds,
+        "wall seconds": f"{run['wall_seconds']:.1f}",
+    }
+    console.print(RowTable.of_words(f"{study.name}: how it was computed", rows))
     if found["unused_keys"]:
         words = ", ".join(found["unused_keys"])
         console.print(f"{'ignored':9} {words} (not used by this method)")

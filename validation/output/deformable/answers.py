@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.table import Table
-
-from fem.accuracy.parts import MeshFacets, StaticReference
+from fem.accuracy.parts import MeshFacets
 from fem.measures import contact_on
 from fem.system.state import CapAction
 from fem.system.time_step import added_mass_share
-from geometry.answer import PAPER, Answer, Measure, measure_rows
+from geometry.answer import PAPER, Answer, measure_rows
 from geometry.machine.system import write_whole
 from geometry.parts.measures import SectionForces
+from geometry.parts.rows import Row, number
 from validation.output import answer_files
-from validation.output.console import add_dimensions, cpu_words, listing, two_columns
-from validation.output.deformable.cell import cell_table
+from validation.output.console import RowTable, cpu_row, dimension_rows, part_rows
 from validation.output.deformable.fields import FRAMES
 from validation.output.files import write_csv
 from validation.output.forces import (
     JOINT_FILES,
     SECTION_FILES,
-    add_reactions,
+    support_rows,
     write_joints,
     write_sections,
 )
@@ -35,7 +32,6 @@ from validation.output.pictures import tubes
 from validation.output.pictures.directions import draw_directions
 from validation.output.pictures.energies import draw_energies
 from validation.output.pictures.motions import draw_motions
-from validation.run.cell import CellError
 from validation.scene.family import RoundScene
 from validation.scene.polyhedra import PolyhedralScene
 from validation.solving import solve
@@ -132,10 +128,54 @@ def _write_history(history: History, title: str, outputs: Outputs) -> None:
     outputs.write("picture", "energies.png", lambda path: draw_energies(history, path, title=title))
 
 
-def _add_slip(table: Table, slip: dict[str, float] | None) -> None:
-    """Add the largest slip, with the remedy where it exceeds the facets of fixed contact pairs."""
+def run_table(answer: Answer) -> RowTable:
+    """Result of a run, its evidence, and how it was computed."""
+    details, parts = answer.details, partial(part_rows, answer)
+    measures = {name: m for name, m in answer.measures.items() if name not in PAPER}
+    governing = {name: m for name, m in measures.items() if name in _FIRST and m.is_number}
+    others = {name: m for name, m in measures.items() if name not in governing}
+    first = [Row("verdict", verdict)] if (verdict := _verdict(answer)) else []
+    first += measure_rows(governing)
+    own = isinstance(answer.case.scene, PolyhedralScene)
+    of_supports, rest = _support_rows(answer), measure_rows(others)
+    first += [*of_supports, *rest] if own else [*rest, *of_supports]
+    first += _motion_rows(answer)
+    if measures and not any(m.error is not None for m in answer.measures.values()):
+        first.append(Row("error bars", _why_no_bars(answer)))
+    first += parts("sections")
+    evidence, paper = parts("accuracy"), list[Row]()
+    if details.deformable.meets:
+        contact, paper = _contact_rows(answer)
+        evidence += contact
+    beside = list[Row]()
+    if details.explicit is not None:
+        beside += _explicit_rows(answer, details.explicit)
+        if details.residual is not None:
+            beside.append(Row("force residual", f"{details.residual:.2e}", details.residual))
+    beside += parts("notes")
+    deformable = details.deformable
+    count, model = len(deformable.deformable_blocks), deformable.model
+    computed = [
+        *dimension_rows(answer.report["dimensions"], answer.case.scene.limits),
+        Row("assumptions", "; ".join(answer.report["assumptions"])),
+        Row("method, element", f"{answer.method}, {model.groups[0].element.words}"),
+        Row(
+            "blocks, elements, nodes",
+            f"{count} deformable, {model.n_elements}, {model.n_nodes}",
+        ),
+        *parts("meshes"),
+        cpu_row(answer.report["cpu_seconds"]),
+    ]
+    last = [parts("periodic_cell"), parts("static_reference")]
+    if paper:
+        return RowTable(answer.title, [first, evidence, paper, beside, computed, *last])
+    return RowTable(answer.title, [first, [*evidence, *beside], computed, *last])
+
+
+def _slip_rows(slip: dict[str, float] | None) -> list[Row]:
+    """The largest slip, with the remedy where it exceeds the facets of fixed contact pairs."""
     if slip is None:
-        return
+        return []
     share = slip["largest"] / slip["facet_size"]
     words = f"{slip['largest']:.3g} mm, {share:.2g} of the facet size"
     if share > 1.0:
@@ -143,12 +183,12 @@ def _add_slip(table: Table, slip: dict[str, float] | None) -> None:
             "\nNOT VALID: the slip exceeds one facet, and the contact pairs are fixed;\n"
             "set effects.finite_sliding = true"
         )
-    table.add_row("largest slip", words)
+    return [Row("largest slip", words, slip["largest"], "mm")]
 
 
-def _add_motion(table: Table, answer: Answer) -> None:
-    """Add motions that are counted as small and are not, and those that nothing determines."""
-    share = answer.details.large_motion
+def _motion_rows(answer: Answer) -> list[Row]:
+    """Motions that are counted as small and are not, and those that nothing determines."""
+    rows, share = [], answer.details.large_motion
     if share is not None:
         small = {
             "finite_sliding": not answer.details.deformable.contact.finite_sliding,
@@ -158,30 +198,30 @@ def _add_motion(table: Table, answer: Answer) -> None:
             f"effects.{name} = true" for name, counted in small.items() if counted
         )
         what = "contacts" if not answer.details.turns_as_small else "contacts or rotations"
-        table.add_row(
-            "large motion",
+        words = (
             f"blocks move by {100 * share:.2g} % of their size, but {what} are "
-            f"those of small motions: expect errors of this order; set {missing}",
+            f"those of small motions: expect errors of this order; set {missing}"
         )
+        rows.append(Row("large motion", words, share))
     loose = answer.details.loose_blocks.tolist()
     if loose:
-        table.add_row(
-            "unrestrained blocks",
+        words = (
             f"{', '.join(map(str, loose))}: no contact holds them in every direction. Pressures "
-            "are determined, the positions of these blocks are not",
+            "are determined, the positions of these blocks are not"
         )
+        rows.append(Row("unrestrained blocks", words))
+    return rows
 
 
-def _add_supports(table: Table, answer: Answer) -> None:
-    """Add the force of each support on the blocks, and how far supports moved."""
+def _support_rows(answer: Answer) -> list[Row]:
+    """The force of each support on the blocks, and how far supports moved."""
     static = answer.details.static
-    add_reactions(table, answer.report)
     words = [_curve_words(curve) for curve in answer.details.push_curves]
     if not answer.details.reached:
         stopped = "the run ended before supports that move arrived: raise fem.end_time"
         words.insert(0, stopped if static is None else static.status)
-    if any(words):
-        table.add_row("motion", "; ".join(filter(None, words)))
+    motion = [Row("motion", "; ".join(filter(None, words)))] if any(words) else []
+    return [*support_rows(answer.report), *motion]
 
 
 def _curve_words(curve: PushCurve) -> str:
@@ -191,55 +231,6 @@ def _curve_words(curve: PushCurve) -> str:
     return f"nothing resists {curve.name}" + (
         f" after {curve.free_after:.4g} mm" if curve.free_after else ""
     )
-
-
-def print_run(answer: Answer, console: Console) -> None:
-    """Print the result of a run, its evidence, and how it was computed."""
-    table = two_columns(answer.title)
-    if verdict := _verdict(answer):
-        table.add_row("verdict", verdict)
-    measures = {name: m for name, m in answer.measures.items() if name not in PAPER}
-    governing = {name: m for name, m in measures.items() if name in _FIRST and m.is_number}
-    others = {name: m for name, m in measures.items() if name not in governing}
-    own = isinstance(answer.case.scene, PolyhedralScene)
-    add_measures(table, governing)
-    if own:
-        _add_supports(table, answer)
-    add_measures(table, others)
-    if not own:
-        _add_supports(table, answer)
-    _add_motion(table, answer)
-    if measures and not any(m.error is not None for m in answer.measures.values()):
-        table.add_row("error bars", _why_no_bars(answer))
-    _add_part(table, answer, "sections")
-    table.add_section()
-    _add_part(table, answer, "accuracy")
-    if answer.details.deformable.meets:
-        _add_contact(table, answer)
-    if answer.details.explicit is not None:
-        _add_explicit(table, answer, answer.details.explicit)
-    if answer.details.explicit is not None and answer.details.residual is not None:
-        table.add_row("force residual", f"{answer.details.residual:.2e}")
-    _add_part(table, answer, "notes")
-    deformable = answer.details.deformable
-    model = deformable.model
-    table.add_section()
-    add_dimensions(table, answer.report["dimensions"], answer.case.scene.limits)
-    table.add_row("assumptions", "; ".join(answer.report["assumptions"]))
-    table.add_row("method, element", f"{answer.method}, {model.groups[0].element.words}")
-    table.add_row(
-        "blocks, elements, nodes",
-        f"{len(deformable.deformable_blocks)} deformable, {model.n_elements}, {model.n_nodes}",
-    )
-    _add_part(table, answer, "meshes")
-    table.add_row("CPU seconds", cpu_words(answer.report["cpu_seconds"]))
-    console.print(table)
-    cell = answer.parts.get("periodic_cell")
-    if isinstance(cell, CellError):
-        console.print(cell_table(cell.name, cell.found))
-    reference = answer.parts.get("static_reference")
-    if isinstance(reference, StaticReference):
-        _print_reference(answer, reference, console)
 
 
 def _verdict(answer: Answer) -> str:
@@ -260,98 +251,80 @@ def _why_no_bars(answer: Answer) -> str:
     return "none of this kind of run"
 
 
-def _add_part(table: Table, answer: Answer, name: str) -> None:
-    """Add the rows of a part; nothing where the answer has none of that name."""
-    part = answer.parts.get(name)
-    for title, words in () if part is None else part.rows:
-        table.add_row(title, words)
-
-
-def _print_reference(answer: Answer, found: StaticReference, console: Console) -> None:
-    """Print each value of an explicit run beside the converged one, and the two kinds of error."""
-    if found.why_not:
-        console.print(f"no converged static state to compare with: {found.why_not}")
-        return
-    heads = ("this mesh", "converged static state", "discretisation error")
-    table = listing(
-        f"{answer.case.name}: this mesh and the converged static state", "", numbers=heads
-    )
-    for row in found.compared:
-        table.add_row(*row)
-    console.print(table)
-    state = answer.details.quasi_static
-    left = "" if state is None else f", remaining displacement {100 * state.settling:.2g} %"
-    console.print(
-        "distance to the static state of this mesh: force residual "
-        f"{answer.details.residual or 0.0:.1e}{left}"
-    )
-
-
-def _add_explicit(table: Table, answer: Answer, result: ExplicitResult) -> None:
-    """Print the steps of an explicit run, and how close to static its end is."""
-    stated, state = answer.details.statement, answer.details.quasi_static
+def _explicit_rows(answer: Answer, result: ExplicitResult) -> list[Row]:
+    """The steps of an explicit run, and how close to static its end is."""
+    details = answer.details
+    stated, state = details.statement, details.quasi_static
     assert stated is not None
-    table.add_row(
-        "steps, time step",
+    steps = (
         f"{result.n_steps} to {1e3 * result.time:.4g} ms ({result.status}), "
-        f"{result.time_step:.4g} s (critical {result.critical.critical_time_step:.4g} s)",
+        f"{result.time_step:.4g} s (critical {result.critical.critical_time_step:.4g} s)"
     )
-    if answer.details.restarts:
-        table.add_row(
-            "restarts",
-            f"{answer.details.restarts}: the contact stiffness exceeded the limit of the time step;"
-            " the run restarted with a shorter one; set contact.maximum_stiffness or fem.time_step",
+    rows = [Row("steps, time step", steps, result.time_step, "s")]
+    if details.restarts:
+        words = (
+            f"{details.restarts}: the contact stiffness exceeded the limit of the time step;"
+            " the run restarted with a shorter one; set contact.maximum_stiffness or fem.time_step"
         )
+        rows.append(Row("restarts", words))
     if answer.case.scene.fem.mass_scaling is not None:
-        share = 100 * added_mass_share(stated.model)
-        table.add_row(
-            "mass scaling", f"{share:.3g} % more mass; the static state does not depend on it"
-        )
-    rate = result.element_updates_per_cpu_second / 1e6
-    table.add_row("element updates", f"{rate:.3g} million per CPU second")
+        share = added_mass_share(stated.model)
+        words = f"{100 * share:.3g} % more mass; the static state does not depend on it"
+        rows.append(Row("mass scaling", words, share))
+    rate = result.element_updates_per_cpu_second
+    rows.append(Row("element updates", f"{rate / 1e6:.3g} million per CPU second", rate, "1/s"))
     if state is not None and stated.recommended is not None:
-        table.add_row(
-            "ramp, hold",
+        loading = (
             f"{1e3 * state.ramp_time:.4g} ms, {1e3 * state.hold_time:.4g} ms "
-            f"(lowest excited frequency {stated.recommended.frequency:.3g} Hz)",
+            f"(lowest excited frequency {stated.recommended.frequency:.3g} Hz)"
         )
-        table.add_row(
-            "kinetic / internal energy",
-            f"{state.kinetic_over_internal_energy:.2e} (small is necessary, not sufficient)",
-        )
-        table.add_row(
-            "rms velocity, remaining displacement",
-            f"{state.velocity_norm:.3g} mm/s, {100 * state.settling:.2g} %",
-        )
+        ratio = state.kinetic_over_internal_energy
+        moving = f"{state.velocity_norm:.3g} mm/s, {100 * state.settling:.2g} %"
+        rows += [
+            Row("ramp, hold", loading),
+            Row(
+                "kinetic / internal energy",
+                f"{ratio:.2e} (small is necessary, not sufficient)",
+                ratio,
+            ),
+            Row("rms velocity, remaining displacement", moving, state.velocity_norm, "mm/s"),
+        ]
     elif result.energies is not None:
         values = asdict(result.energies).items()
-        shown = [f"{key.replace('_', ' ')} {value:.5g}" for key, value in values if value != 0.0]
-        table.add_row("energies [N mm]", ", ".join(shown) or "all zero")
-    table.add_row("energy balance", f"{result.energy_balance:.2e}")
-    if answer.details.released_at_start is not None:
-        table.add_row("start", _start_words(answer.details.released_at_start))
+        shown = [
+            f"{key.replace('_', ' ')} {number(value)}" for key, value in values if value != 0.0
+        ]
+        rows.append(Row("energies [N mm]", ", ".join(shown) or "all zero"))
+    balance = result.energy_balance
+    rows.append(Row("energy balance", f"{balance:.2e}", balance))
+    if details.released_at_start is not None:
+        words = _start_words(details.released_at_start)
+        rows.append(Row("start", words, details.released_at_start))
+    return rows
 
 
-def _add_contact(table: Table, answer: Answer) -> None:
-    """Print the rows of contact."""
-    facets = answer.parts.get("facets")
-    _add_part(table, answer, "facets")
-    table.add_row("contact search", answer.report["contact_search"])
-    _add_part(table, answer, "friction")
-    _add_slip(table, answer.details.slip)
-    contact = contact_on(answer.details, facets.of if isinstance(facets, MeshFacets) else None)
-    if answer.details.cap is not None:
-        table.add_row("contact stiffness cap", cap_words(answer.details.cap))
-    overclosure = contact.mean_overclosure
-    table.add_row("mean penetration", f"{overclosure:.4g} mm over the closed contacts")
-    if not isinstance(answer.case.scene, PolyhedralScene):
-        table.add_section()
-        table.add_row("the paper's measures", "means over facets and blocks")
-        measures = answer.measures
-        add_measures(table, {name: measures[name] for name in PAPER if name in measures})
-        table.add_row("p_eff over all blocks (tables)", f"{contact.p_eff_pooled:.5g} MPa")
-        table.add_row("effective contact elements", f"{contact.effective_count_percent:.2f} %")
-        table.add_section()
+def _contact_rows(answer: Answer) -> tuple[list[Row], list[Row]]:
+    """Rows of contact, and the paper's measures of tubes and walls."""
+    facets, details = answer.parts.get("facets"), answer.details
+    contact = contact_on(details, facets.of if isinstance(facets, MeshFacets) else None)
+    search = Row("contact search", answer.report["contact_search"])
+    rows = [*part_rows(answer, "facets"), search, *part_rows(answer, "friction")]
+    rows += _slip_rows(details.slip)
+    if details.cap is not None:
+        rows.append(Row("contact stiffness cap", cap_words(details.cap)))
+    depth = contact.mean_overclosure
+    words = f"{depth:.4g} mm over the closed contacts"
+    rows.append(Row("mean penetration", words, depth, "mm"))
+    if isinstance(answer.case.scene, PolyhedralScene):
+        return rows, []
+    measures = {name: answer.measures[name] for name in PAPER if name in answer.measures}
+    pooled, effective = contact.p_eff_pooled, contact.effective_count_percent
+    return rows, [
+        Row("the paper's measures", "means over facets and blocks"),
+        *measure_rows(measures),
+        Row("p_eff over all blocks (tables)", f"{number(pooled)} MPa", pooled, "MPa"),
+        Row("effective contact elements", f"{effective:.2f} %", effective, "%"),
+    ]
 
 
 def _start_words(share: float) -> str:
@@ -361,12 +334,6 @@ def _start_words(share: float) -> str:
         "loads before these act. The energy balance shows the resulting error in time (it falls "
         "with fem.safety_factor); a static run starts at rest"
     )
-
-
-def add_measures(table: Table, found: Mapping[str, Measure]) -> None:
-    """Print each measure with its error and its place."""
-    for title, words in measure_rows(found):
-        table.add_row(title, words)
 
 
 def cap_words(cap: CapAction) -> str:

@@ -64,7 +64,7 @@ def rigid_shown(file: Case) -> tuple[Answer, Shown]:
         views.append((view, scale, f"Rigid blocks{layer_words(some)}: {words}."))
     facts = {
         "verdicts": found,
-        "measures": measure_rows(run.measures),
+        "measures": [row[:2] for row in measure_rows(run.measures)],
         "ignored": ignored,
         "note": _FRAMES if file.scene.frames_may_lock else "",
         "mesh": _mesh_words(run),
@@ -179,7 +179,7 @@ def _deformable_shown(file: Case, tell: Any) -> Shown:
     )
     facts = {
         "verdicts": [vars(v) for v in verdicts(file.scene, None, answer, {})],
-        "measures": measure_rows(answer.measures),
+        "measures": [row[:2] for row in measure_rows(answer.measures)],
         "ignored": [],
         "mesh": answer.title,
         "milliseconds": 1e3 * (time.process_time() - start),
