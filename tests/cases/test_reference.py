@@ -49,7 +49,8 @@ def test_an_explicit_run_has_the_converged_value_beside_its_own(
     """Their difference is the discretisation error, and error bars cover it."""
     out, data = answer(tubelock)
     assert "discretisation error" in out
-    assert "distance to the static state of this mesh: force residual" in out
+    assert "force residual" in out
+    assert "remaining displacement" in out
     reference = data["static_reference"]
     assert {"p_eff", "p_max_point", "max_displacement"} <= set(reference["measures"])
     for name, measure in reference["measures"].items():
@@ -72,7 +73,7 @@ def test_an_option_leaves_the_converged_value_out(tubelock) -> None:
 )
 def test_a_scene_without_a_converged_state_says_why(tubelock, setting, why) -> None:
     out, data = answer(tubelock, "--set", setting, "--set", "fem.error_estimate=false")
-    line = next(x for x in out.splitlines() if x.startswith("no converged static state"))
+    line = next(x for x in out.splitlines() if "converged static state" in x)
     assert why in line
     assert why in data["static_reference"]["why_not"]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 
 import meshio
@@ -37,6 +39,25 @@ def rows(folder: Path, *words: str) -> list[str]:
     status, out, err = command("mbd", *words, "-o", str(folder / "out"))
     assert status == 0, err
     return [line for line in out.splitlines() if line.startswith("│")]
+
+
+def test_the_rows_of_the_data_are_those_that_are_printed(tmp_path: Path) -> None:
+    """In their order, and the value of a row that begins with a number is that number."""
+    path = cubes(tmp_path, [[0, 0, 0], [0, 0, 100]], [0])
+    status, out, err = command("mbd", str(path), "--json", str(tmp_path / "a.json"))
+    assert status == 0, err
+    lines = [line.split("│")[1:3] for line in out.splitlines() if line.startswith("│")]
+    data = json.loads((tmp_path / "a.json").read_text())["rows"]
+    titles = [row["title"] for row in data]
+    assert [line[0].strip() for line in lines if line[0].strip()] == list(dict.fromkeys(titles))
+    printed = "".join("".join(line[1] for line in lines).split())
+    assert printed == "".join("".join(row["words"] for row in data).split())
+    for row in data:
+        first = re.match(rf"([-\d.e+]+) {row['unit']}", row["words"])
+        if row["unit"] and first is not None:
+            assert float(first[1]) == pytest.approx(row["value"], rel=1e-3)
+    (peak,) = [row for row in data if row["title"] == "largest contact pressure"]
+    assert peak["value"] == pytest.approx(9.81 / 100.0**2, rel=1e-9)
 
 
 def test_an_arch_that_stands_with_friction_is_said_to_stand(tmp_path: Path) -> None:

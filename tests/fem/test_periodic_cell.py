@@ -214,7 +214,7 @@ def test_command_line_reports_the_measured_error(tmp_path: Path) -> None:
     assert abs(found["error_of_middle_layers"]["p_eff"]) > 0.01
     assert run["contact"]["p_eff"] == found["cell"]["p_eff"]
     assert run["n_blocks"] == 8
-    assert "error of the middle layers" in out
+    assert "error of the periodic cell, middle layers" in out
 
 
 @pytest.mark.parametrize("asked", ["compare", "effects", "cost"])

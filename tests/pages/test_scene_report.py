@@ -99,7 +99,7 @@ def test_the_page_of_own_blocks(tmp_path) -> None:
     density = load_case(str(tmp_path / "own.toml")).scene.material.density
     pressure = density * 9810.0 * 10.0
     for factor in (1.0, 0.5, 2.0):
-        assert f"{factor * pressure:.5g} MPa" in words
+        assert str(Measure(factor * pressure, "MPa")) in words
     assert "TOO THIN, limits.least_wall is 12 mm" in words
     # The scene on the page is the scene, without folders of this machine.
     assert str(tmp_path) not in words
