@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from validation.output.console import listing, tabled, two_columns
+from validation.output.console import RowTable, listing, tabled
 from validation.paper.reference import reference
 from validation.paper.statement import Truth
 from validation.paper.tables import HEADS, count_words, lines_by_block, number
@@ -46,10 +46,8 @@ def print_claims(claims: list[dict[str, Any]], console: Console) -> None:
 def print_errata(errata: list[dict[str, Any]], console: Console) -> None:
     """Print each erratum with what shows it."""
     for row in errata:
-        table = two_columns(row["name"])
-        for key in ("printed", "meant", "shown", "command"):
-            table.add_row(key, row[key])
-        console.print(table)
+        words = {key: row[key] for key in ("printed", "meant", "shown", "command")}
+        console.print(RowTable.of_words(row["name"], words))
     without = [row for row in errata if "without" in row["values"]]
     if without:
         console.print(_sensitivity_table(without))
