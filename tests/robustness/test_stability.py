@@ -9,8 +9,9 @@ import pytest
 
 from tests.support.commands import command
 from validation import InputError
-from validation.stability.case import Case, Check, Finding, Verdict, refusal, run_case
+from validation.stability.case import Check, Finding, Verdict, refusal, run_case
 from validation.stability.suite import cases, chosen
+from validation.statement import Statement
 
 #: Of every subject one or two that take less than half a CPU second.
 QUICK = [
@@ -50,7 +51,7 @@ REFUSED = {
 }
 
 
-def marks(case: Case) -> list[pytest.MarkDecorator]:
+def marks(case: Statement) -> list[pytest.MarkDecorator]:
     """How the tests of a case are chosen."""
     return [pytest.mark.quick] if case.name in QUICK else [pytest.mark.slow] if case.slow else []
 
@@ -60,7 +61,7 @@ def test_named_cases_exist() -> None:
 
 
 @pytest.mark.parametrize("case", [pytest.param(c, id=c.name, marks=marks(c)) for c in cases()])
-def test_hard_case_holds_or_is_refused(case: Case) -> None:
+def test_hard_case_holds_or_is_refused(case: Statement) -> None:
     # Each law and the derivation of its bounds stand beside the case.
     outcome = run_case(case)
     expected = Verdict.REFUSED if case.name in REFUSED else Verdict.GREEN
@@ -86,7 +87,7 @@ def test_a_failure_or_a_missing_refusal_is_red() -> None:
     def broken() -> Finding:
         raise KeyError("lost")
 
-    outcome = run_case(Case("x", "y", "z", broken))
+    outcome = run_case(Statement("x", {"subject": "y", "law": "z"}, broken))
     assert outcome["verdict"] == Verdict.RED
     assert "lost" in outcome["proof"]
     assert refusal(lambda: None, ValueError).verdict is Verdict.RED

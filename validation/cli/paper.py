@@ -89,7 +89,7 @@ def claims(
     from validation.paper.claims import judge
     from validation.paper.evidence import Evidence
     from validation.paper.shown.printing import print_claims
-    from validation.paper.statement import chosen_by_name
+    from validation.statement import chosen_by_name
 
     chosen_by_name(judge.claims(), names, "claim")
     with Outputs(json, _DATA, ("*.jsonl",)) as outputs:
@@ -136,7 +136,7 @@ def errata(names: NamesArgument = None, *, json: JsonOption = None) -> None:
     from validation.paper import errata
     from validation.paper.evidence import Evidence
     from validation.paper.shown.printing import print_errata
-    from validation.paper.statement import chosen_by_name
+    from validation.statement import chosen_by_name
 
     chosen_by_name(errata.errata(), names, "erratum")
     with Outputs(json, _DATA, ("*.jsonl",)) as outputs:

@@ -42,7 +42,7 @@ def stability(
     with Outputs(json) as outputs:
         if listed:
             report.list_cases(cases, outputs.console)
-            outputs.write_json({"cases": [case.stated for case in cases]})
+            outputs.write_json({"cases": [case.as_json() for case in cases]})
             return
         result = report.run_cases(cases)
         report.print_cases(result, outputs.console)

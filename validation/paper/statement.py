@@ -1,4 +1,4 @@
-"""A statement of the paper, and what judging it gives: true, false or neither, with the number.
+"""What judging a statement of the paper gives: true, false or neither, with the number.
 
 Quantitative words that the paper leaves open ("consistently", "minor", "approximately") are
 given a number by those who judge, and the number is part of the verdict.
@@ -6,14 +6,14 @@ given a number by those who judge, and the number is part of the verdict.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, TypeAlias
 
-from validation import InputError
 from validation.paper.evidence import Evidence
 from validation.paper.reference import statements
+from validation.statement import Statement
 
 
 class Truth(StrEnum):
@@ -41,22 +41,6 @@ class Verdict:
 Judge: TypeAlias = Callable[[Evidence], Verdict]
 
 
-@dataclass(frozen=True)
-class Statement:
-    """A claim of the paper and how it is judged, or an erratum and what shows it."""
-
-    name: str
-    """Short, for the command line."""
-    text: Mapping[str, str]
-    """Of a claim ``statement`` and ``place``, of an erratum what is ``printed`` and ``meant``."""
-    judge: Judge
-    """Computes and judges."""
-    deformable: bool = False
-    """Whether the deformable runs are needed."""
-    of_turn: bool = False
-    """Whether the layers' turn may decide: judged with the half-block turn too."""
-
-
 class Statements(list[Statement]):
     """Statements in the order in which their judges stand."""
 
@@ -71,17 +55,6 @@ class Statements(list[Statement]):
         flags = {key: text.pop(key) for key in ("deformable", "of_turn") if key in text}
         self.append(Statement(name, text, judge, **flags))
         return judge
-
-
-def chosen_by_name(
-    items: Iterable[Statement], names: list[str] | None, kind: str
-) -> list[Statement]:
-    """Return the statements of some names, in that order, or all of them."""
-    known = {item.name: item for item in items}
-    for name in names or ():
-        if name not in known:
-            raise InputError(f"{kind} {name!r}: expected one of {', '.join(known)}")
-    return [known[name] for name in names or known]
 
 
 NOT_COMPUTED = Verdict(Truth.NOT_COMPUTED, "needs the deformable run: add --fem", {})

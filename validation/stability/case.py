@@ -9,6 +9,8 @@ from enum import StrEnum
 from functools import partial
 from typing import Any
 
+from validation.statement import Statement
+
 
 class Verdict(StrEnum):
     """Outcome of a case."""
@@ -81,37 +83,16 @@ class Finding:
         return "; ".join(parts)
 
 
-@dataclass(frozen=True)
-class Case:
-    """A robustness case."""
-
-    name: str
-    """What `tubelock stability --only` takes."""
-    subject: str
-    """Module it belongs to."""
-    law: str
-    """What is done and what must hold."""
-    run: Callable[[], Finding]
-    """Computes it."""
-    slow: bool = False
-    """Whether it takes more than three CPU seconds once everything is compiled."""
-
-    @property
-    def stated(self) -> dict[str, Any]:
-        """What it claims, as data."""
-        return {"name": self.name, "subject": self.subject, "law": self.law}
-
-
-def run_case(case: Case) -> dict[str, Any]:
+def run_case(case: Statement) -> dict[str, Any]:
     """Run one case; an exception fails the case, never the suite: verdict, proof, CPU time."""
     start = time.process_time()
     try:
-        finding = case.run()
+        finding = case.judge()
         verdict, proof = finding.verdict, finding.proof
     except Exception as error:
         verdict, proof = Verdict.RED, f"{type(error).__name__}: {error}"
     seconds = time.process_time() - start
-    return case.stated | {"verdict": str(verdict), "proof": proof, "cpu_seconds": seconds}
+    return case.as_json() | {"verdict": str(verdict), "proof": proof, "cpu_seconds": seconds}
 
 
 def refusal(
@@ -127,12 +108,12 @@ def refusal(
     return Finding(Check("refusals", 0, least=1))
 
 
-class Cases:
+class Cases(list[Statement]):
     """Cases of one subject, collected by a decorator."""
 
     def __init__(self, subject: str) -> None:
+        """Begin with none."""
         self.subject = subject
-        self.found: list[Case] = []
 
     def add(
         self, name: str, law: str, *, slow: bool = False
@@ -140,7 +121,7 @@ class Cases:
         """Add the decorated function as a case."""
 
         def register(run: Callable[[], Finding]) -> Callable[[], Finding]:
-            self.found.append(Case(name, self.subject, law, run, slow))
+            self.append(Statement(name, {"subject": self.subject, "law": law}, run, slow=slow))
             return run
 
         return register

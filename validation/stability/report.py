@@ -10,19 +10,20 @@ from rich.table import Table
 from rich.text import Text
 
 from validation.output.progress import following
-from validation.stability.case import Case, Verdict, run_case
+from validation.stability.case import Verdict, run_case
+from validation.statement import Statement
 
 _STYLES = {Verdict.GREEN: "green", Verdict.REFUSED: "cyan", Verdict.RED: "bold red"}
 _WORDS = {Verdict.GREEN: "passed", Verdict.REFUSED: "rejected", Verdict.RED: "failed"}
 
 
-def list_cases(cases: Sequence[Case], console: Console) -> None:
+def list_cases(cases: Sequence[Statement], console: Console) -> None:
     """Print names and laws of the cases."""
     for case in cases:
-        console.print(f"{case.subject:12} {case.name:26} {case.law}")
+        console.print(f"{case.text['subject']:12} {case.name:26} {case.text['law']}")
 
 
-def run_cases(cases: Sequence[Case]) -> dict[str, Any]:
+def run_cases(cases: Sequence[Statement]) -> dict[str, Any]:
     """Run the cases one after another; count the verdicts."""
     result: list[dict[str, Any]] = []
     with following("robustness cases") as follow:

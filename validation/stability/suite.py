@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from validation.errors import InputError
 from validation.stability import (
     contact_law,
     explicit,
@@ -14,12 +13,12 @@ from validation.stability import (
     rigid,
     static,
 )
-from validation.stability.case import Case
 from validation.stability.degenerate import deformable as degenerate_deformable
 from validation.stability.degenerate import rigid as degenerate_rigid
+from validation.statement import Statement, chosen_by_name
 
 
-def cases() -> tuple[Case, ...]:
+def cases() -> tuple[Statement, ...]:
     """Every case of every subject."""
     subjects = (
         rigid,
@@ -32,18 +31,9 @@ def cases() -> tuple[Case, ...]:
         orders,
         process,
     )
-    return tuple(case for subject in subjects for case in subject.CASES.found)
+    return tuple(case for subject in subjects for case in subject.CASES)
 
 
-def chosen(names: Sequence[str]) -> tuple[Case, ...]:
+def chosen(names: Sequence[str]) -> list[Statement]:
     """Cases whose name or subject is in ``names``; all where it is empty."""
-    every = cases()
-    known = {case.name for case in every} | {case.subject for case in every}
-    for name in names:
-        if name not in known:
-            raise InputError(
-                f"--only: got {name!r}; expected a case or one of the subjects "
-                f"{', '.join(sorted({case.subject for case in every}))} "
-                "(`tubelock stability --list` shows all)"
-            )
-    return tuple(c for c in every if not names or c.name in names or c.subject in names)
+    return chosen_by_name(cases(), names, "--only", " (`tubelock stability --list` shows all)")

@@ -8,7 +8,8 @@ from typing import Any
 from validation.paper.claims.deformable import FEM_CLAIMS
 from validation.paper.claims.rigid import RIGID_CLAIMS
 from validation.paper.evidence import Evidence
-from validation.paper.statement import NOT_COMPUTED, Statement, Verdict, chosen_by_name
+from validation.paper.statement import NOT_COMPUTED, Verdict
+from validation.statement import Statement, chosen_by_name
 
 
 def claims() -> list[Statement]:
@@ -22,7 +23,7 @@ def judge_claims(evidence: Evidence, names: list[str] | None = None) -> list[dic
     for claim in chosen_by_name(claims(), names, "claim"):
         verdict = _verdict(claim, evidence)
         judged = {"verdict": str(verdict.truth), "number": verdict.number}
-        result.append({"name": claim.name, **claim.text, **judged, "values": verdict.values})
+        result.append({**claim.as_json(), **judged, "values": verdict.values})
     return result
 
 
@@ -30,7 +31,7 @@ def _verdict(claim: Statement, evidence: Evidence) -> Verdict:
     """Judge one claim; where it holds for one turn of the layers alone, say so."""
     if claim.deformable and not evidence.deformable:
         return NOT_COMPUTED
-    verdict = claim.judge(evidence)
+    verdict: Verdict = claim.judge(evidence)
     if not claim.of_turn:
         return verdict
     other = claim.judge(evidence.with_half_block())
