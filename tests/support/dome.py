@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from geometry import PolyhedralAssembly, Polyhedron, convex_polyhedron, polyhedral_assembly
+from geometry import PolyhedralAssembly, Polyhedron, convex_polyhedron
+from geometry.polyhedra.assembly import polyhedral_assembly
 
 
 def voussoirs(

@@ -18,9 +18,9 @@ from geometry import (
     PolyhedralAssembly,
     Polyhedron,
     convex_polyhedron,
-    polyhedral_assembly,
 )
 from geometry.families.masonry import box
+from geometry.polyhedra.assembly import polyhedral_assembly
 from mbd import contact_jacobian
 from mbd.friction import (
     FrictionalEquilibrium,

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geometry import polyhedral_assembly, read_blocks
+from geometry import read_blocks
+from geometry.polyhedra.assembly import polyhedral_assembly
 from geometry.polyhedra.overlap import check_assembly
 from tests.benchmarks.shell import write_shell
 from tests.verification.folder import assemblies, rows
