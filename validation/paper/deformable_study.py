@@ -52,17 +52,17 @@ Rows = dict[Design, dict[str, Any]]
 
 def read_rows(path: Path) -> Rows:
     """Rows of a study from the CSV that `tubelock sweep --csv` writes, by design."""
-    result: Rows = {}
+    rows: Rows = {}
     for row in csv_rows(path):
         try:
             s, f, n, t, a = (float(row[p]) for p in PATHS)
-            result[s, f, int(n), t, a] = row
+            rows[s, f, int(n), t, a] = row
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
                 f"{path}: no rows of {DEFORMABLE}: {error}; expected what "
                 f"`tubelock sweep {DEFORMABLE} --csv FILE` writes"
             ) from None
-    return result
+    return rows
 
 
 class Compared:
@@ -137,15 +137,15 @@ def complete_axes(keys: Iterable[Design]) -> tuple[tuple[float, ...], ...]:
 def judge_geometry(compared: Compared) -> list[dict[str, Any]]:
     """Judge each geometric claim by each measure: verdict and number."""
     claims = {claim.name: claim for claim in RIGID_CLAIMS}
-    result = []
+    rows = []
     for name in GEOMETRIC:
         for measure, (title, _) in JUDGED.items():
             verdict = _verdict(claims[name].judge, compared, measure)
-            result.append(_row(name, claims[name].text["statement"], title, verdict))
+            rows.append(_row(name, claims[name].text["statement"], title, verdict))
     for measure, (title, _) in JUDGED.items():
         verdict = _best(compared, measure)
-        result.append(_row("best", claims["best"].text["statement"], title, verdict))
-    return result
+        rows.append(_row("best", claims["best"].text["statement"], title, verdict))
+    return rows
 
 
 def _row(name: str, statement: str, title: str, verdict: Verdict) -> dict[str, Any]:
@@ -183,7 +183,7 @@ def _best(compared: Compared, measure: str) -> Verdict:
 
 def effects(compared: Compared) -> list[dict[str, Any]]:
     """Steps of each parameter over which each measure falls or rises, beyond the error bars."""
-    result = []
+    rows = []
     for axis, parameter in enumerate(_AXES):
         for measure, (title, deformable) in JUDGED.items():
             table = compared.table(measure)
@@ -196,7 +196,7 @@ def effects(compared: Compared) -> list[dict[str, Any]]:
             if deformable:
                 of = f"{measure.removesuffix('_fem')}_error_fem"
                 bars = np.array([sum(table.rows[k][of] or 0.0 for k in pair) for pair in pairs])
-            result.append(
+            rows.append(
                 {
                     "parameter": parameter,
                     "measure": title,
@@ -207,7 +207,7 @@ def effects(compared: Compared) -> list[dict[str, Any]]:
                     "mean ratio": float(np.exp(np.log(ratio).mean())),
                 }
             )
-    return result
+    return rows
 
 
 def rank_correlations(compared: Compared) -> list[dict[str, Any]]:

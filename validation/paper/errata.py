@@ -37,8 +37,8 @@ def solve_printed_program(transpose: sp.csr_array) -> tuple[float, float]:
             sp.hstack([-one, -one]),
         ]
     )
-    result = _most(n, n, A_ub=sp.csc_array(above), b_ub=np.zeros(above.shape[0]))
-    return -float(result.fun), float(np.abs(result.x[:n]).max())
+    solution = _most(n, n, A_ub=sp.csc_array(above), b_ub=np.zeros(above.shape[0]))
+    return -float(solution.fun), float(np.abs(solution.x[:n]).max())
 
 
 def solve_corrected_program(transpose: sp.csr_array) -> float:
@@ -50,15 +50,15 @@ def solve_corrected_program(transpose: sp.csr_array) -> float:
 
 def _most(n: int, n_bounded: int, **constraints: Any) -> Any:
     """Maximise the sum of the variables from 0 to 1 that follow n free ones, in HiGHS."""
-    result = scipy.optimize.linprog(
+    solution = scipy.optimize.linprog(
         np.concatenate([np.zeros(n), -np.ones(n_bounded)]),
         bounds=[(None, None)] * n + [(0.0, 1.0)] * n_bounded,
         method="highs",
         **constraints,
     )
-    if not result.success:
-        raise RuntimeError(f"HiGHS could not solve a linear program: {result.message}")
-    return result
+    if not solution.success:
+        raise RuntimeError(f"HiGHS could not solve a linear program: {solution.message}")
+    return solution
 
 
 @_ERRATA.add
@@ -187,16 +187,16 @@ def _layer_shift(_: Evidence) -> Verdict:
 @_ERRATA.add
 def _one_wave(evidence: Evidence) -> Verdict:
     """Three designs of the study with either turn: what the paper says holds for one of them."""
-    result = {f: p_max(evidence.tsb((0.0, f, 6, 30.0, 25.0))) for f in (1.0, 1.5, 2.0)}
+    by_frequency = {f: p_max(evidence.tsb((0.0, f, 6, 30.0, 25.0))) for f in (1.0, 1.5, 2.0)}
     other = replace(evidence, turn="half block")
     half = p_max(other.tsb((0.0, 2.0, 6, 30.0, 25.0)))
     return Verdict(
         Truth.TRUE,
         "n = 6, a = 25, t = 30: turned by one wave p_max is "
-        + ", ".join(f"{p:.3f} (f = {f:g})" for f, p in result.items())
+        + ", ".join(f"{p:.3f} (f = {f:g})" for f, p in by_frequency.items())
         + f" MPa, it rises with f as the paper says; turned by half a block it is {half:.3f} at "
         "f = 2. At f = 1 and 1.5, and so in the tables, both turns are the same",
-        {"one_wave": {f"{f:g}": p for f, p in result.items()}, "half_block": half},
+        {"one_wave": {f"{f:g}": p for f, p in by_frequency.items()}, "half_block": half},
     )
 
 
@@ -204,8 +204,8 @@ def _one_wave(evidence: Evidence) -> Verdict:
 def _pillar_frames(evidence: Evidence) -> Verdict:
     words, values = [], {}
     for block in ("TSB1", "TSB2", "THB0"):
-        result = evidence.case(block, "pillar").details
-        held, free = str(result.mechanism), str(result.supported_classification.mechanism)
+        tube = evidence.case(block, "pillar").details
+        held, free = str(tube.mechanism), str(tube.supported_classification.mechanism)
         words.append(f"{block}: {held} with both frames held, {free} with the top frame free")
         values[block] = {"held": held, "released": free}
     return Verdict(Truth.TRUE, "; ".join(words), values)
@@ -250,10 +250,10 @@ def errata() -> list[Statement]:
 
 def show_errata(evidence: Evidence, names: list[str] | None = None) -> list[dict[str, Any]]:
     """Demonstrate all errata, or some by name (`chosen_by_name`), with the command that does it."""
-    result = []
+    rows = []
     for erratum in chosen_by_name(errata(), names, "erratum"):
         verdict = erratum.judge(evidence)
-        found = {"shown": verdict.number, "values": verdict.values}
+        shown = {"shown": verdict.number, "values": verdict.values}
         command = f"tubelock reproduce errata {erratum.name}"
-        result.append({"name": erratum.name, **erratum.text, **found, "command": command})
-    return result
+        rows.append({"name": erratum.name, **erratum.text, **shown, "command": command})
+    return rows

@@ -155,8 +155,8 @@ def _with_load(change: Callable[[Answer], LoadCase], only: str) -> Without:
         if case != only:
             return None
         run = solve_row(solve, block, case)
-        result = analyse(run.details.blocks, run.case.method, load=change(run)).details
-        return as_read(result.measures)
+        changed = analyse(run.details.blocks, run.case.method, load=change(run))
+        return as_read(changed.details.measures)
 
     return without
 
@@ -275,23 +275,23 @@ def sensitivity(solve: Solve, chosen: Sequence[Ingredient] | None = None) -> lis
         if "p_max" in row
     ]
     whole = [as_read(solve_row(solve, block, case).details.measures) for block, case, _ in rows]
-    result = [_entry("all of them", rows, whole)]
+    entries = [_entry("all of them", rows, whole)]
     for ingredient in ingredients() if chosen is None else chosen:
         changed = [ingredient.without(solve, block, case) for block, case, _ in rows]
         values = [c if c is not None else w for c, w in zip(changed, whole, strict=True)]
-        result.append(_entry(ingredient.name, rows, values))
-    return result
+        entries.append(_entry(ingredient.name, rows, values))
+    return entries
 
 
 def _entry(
     name: str, rows: list[tuple[str, str, dict[str, float]]], values: list[Values]
 ) -> Sensitivity:
-    result, differences, met = {}, {}, 0
+    values_by_place, differences, met = {}, {}, 0
     for (block, case, printed), ours in zip(rows, values, strict=True):
         for quantity, number in printed.items():
             value = ours[quantity]
             met += to_the_digit(quantity, number, value)
             place = f"{block} {case} {quantity}"
-            result[place] = value
+            values_by_place[place] = value
             differences[place] = float("nan") if value is None else value / number - 1
-    return Sensitivity(name, met, len(result), result, differences)
+    return Sensitivity(name, met, len(values_by_place), values_by_place, differences)

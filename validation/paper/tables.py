@@ -89,9 +89,9 @@ def count_words(tables: dict[str, Any]) -> str:
 
 def lines_by_block(tables: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
     """All numbers and classes of each block in words, load case by load case."""
-    result: dict[str, list[dict[str, Any]]] = {}
+    by_block: dict[str, list[dict[str, Any]]] = {}
     for c in tables["classes"]:
-        lines = result.setdefault(c["block"], [])
+        lines = by_block.setdefault(c["block"], [])
         same = c["paper"] == c["ours"]
         head = {"quantity": HEADS["mechanism"], "same": same, "difference": "", "physics": ""}
         lines.append(c | head)
@@ -107,4 +107,4 @@ def lines_by_block(tables: dict[str, Any]) -> dict[str, list[dict[str, Any]]]:
                     "physics": number(q, row["physical"], 2),
                 }
                 lines.append({"case": c["case"]} | words)
-    return result
+    return by_block

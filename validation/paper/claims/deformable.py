@@ -93,14 +93,14 @@ class PressurePair:
 
 def pressure_pairs(evidence: Evidence) -> list[PressurePair]:
     """The twelve comparisons of figure pc_MBD_FEM: three cases, two blocks, top and bottom."""
-    result = []
+    pairs = []
     for case in ("pipe", "tunnel", "shaft"):
         for block in BLOCKS:
             answer = evidence.fem(block, case)
             rigid = same_mesh(evidence, answer)
             for lower, side in ((_LAYER, "top"), (_LAYER - 1, "bottom")):
-                result.append(_pair(f"{block} {case} {side}", answer, rigid, lower))
-    return result
+                pairs.append(_pair(f"{block} {case} {side}", answer, rigid, lower))
+    return pairs
 
 
 def _pair(name: str, answer: Answer, rigid: Answer, lower: int) -> PressurePair:
@@ -141,8 +141,8 @@ def _peaks_found(evidence: Evidence) -> Verdict:
 def _areas_fem(evidence: Evidence) -> Verdict:
     values, words = {}, []
     for case, target in (("pipe", 30.0), ("tunnel", 50.0)):
-        result = [evidence.fem(b, case).report["contact"] for b in BLOCKS]
-        counts = [c["effective_count_percent"] for c in result]
+        contacts = [evidence.fem(b, case).report["contact"] for b in BLOCKS]
+        counts = [c["effective_count_percent"] for c in contacts]
         values[case] = counts
         words.append(
             f"{case}: {counts[0]:.0f} % (TSB1), {counts[1]:.0f} % (TSB2), said: {target:g} %"
@@ -163,20 +163,20 @@ def _areas_fem(evidence: Evidence) -> Verdict:
 
 @FEM_CLAIMS.add
 def _layers_repeat(evidence: Evidence) -> Verdict:
-    result = {}
+    differences = {}
     for block in BLOCKS:
         for case in ("pipe", "tunnel", "pillar", "shaft"):
             answer = evidence.fem(block, case)
-            result[f"{block} {case}"] = max(
+            differences[f"{block} {case}"] = max(
                 _apart(_sigma(answer, k), _sigma(answer, k + 2)) for k in range(4, 8)
             )
-    worst = max(v for k, v in result.items() if "shaft" not in k)
-    shaft = min(v for k, v in result.items() if "shaft" in k)
+    worst = max(v for k, v in differences.items() if "shaft" not in k)
+    shaft = min(v for k, v in differences.items() if "shaft" in k)
     return judged(
         worst < 0.05 < shaft,
         f"σ₁ of layers 4 to 7 differs from two layers above by at most {100 * worst:.1f} % in "
         f"pipe, tunnel and pillar, by {100 * shaft:.0f} % or more in shaft",
-        difference=result,
+        difference=differences,
     )
 
 
@@ -221,21 +221,21 @@ def _monolith(answer: Answer) -> tuple[float, float]:
 
 @FEM_CLAIMS.add
 def _far_side(evidence: Evidence) -> Verdict:
-    result, words = {}, []
+    stresses, words = {}, []
     for name in BLOCKS:
         answer = evidence.fem(name, "beam")
         (length, bending), force = _monolith(answer), _load(answer)
         moment = np.linalg.norm(force) * length / 8
         expected = moment * sine_block(answer.case).outer_radius / bending
         stress = _far_axial_stress(answer, force)
-        result[name] = (stress, float(expected))
+        stresses[name] = (stress, float(expected))
         words.append(f"{name}: {stress:+.4f} MPa")
     return judged(
-        all(stress < 0.05 * expected for stress, expected in result.values()),
+        all(stress < 0.05 * expected for stress, expected in stresses.values()),
         "mean axial stress on the side away from the load, layers 5 to 9: "
         + ", ".join(words)
-        + f"; a solid tube clamped at both ends: +{result['TSB1'][1]:.4f} MPa at mid-length",
-        far_side_and_solid=result,
+        + f"; a solid tube clamped at both ends: +{stresses['TSB1'][1]:.4f} MPa at mid-length",
+        far_side_and_solid=stresses,
     )
 
 
@@ -304,8 +304,8 @@ def _peaks(answer: Answer, side: str) -> tuple[FloatArray, FloatArray]:
     notches = (np.arange(-2, waves + 3) + phase - block.shift / 2) / waves
     peaks, distances = [], []
     for notch in notches[(notches > 0.02) & (notches < 0.98)]:
-        mine = np.flatnonzero(np.abs(u - notch) <= 0.5 / waves + 1e-12)
-        top = mine[int(np.argmax(along[mine]))]
+        near_notch = np.flatnonzero(np.abs(u - notch) <= 0.5 / waves + 1e-12)
+        top = near_notch[int(np.argmax(along[near_notch]))]
         peaks.append(along[top])
         distances.append(abs(u[top] - notch) * waves)
     return np.array(peaks), np.array(distances)
@@ -349,16 +349,16 @@ def _list(values: FloatArray) -> str:
 
 @FEM_CLAIMS.add
 def _one_of_three(evidence: Evidence) -> Verdict:
-    result = {}
+    ratios = {}
     for block, side in (("TSB1", "top"), ("TSB1", "bottom"), ("TSB2", "top"), ("TSB2", "bottom")):
         peaks = np.sort(_peaks(evidence.fem(block, "pipe"), side)[0])
-        result[f"{block} {side}"] = float(peaks[-1] / peaks[-2])
+        ratios[f"{block} {side}"] = float(peaks[-1] / peaks[-2])
     return judged(
-        all(ratio > 1.1 for ratio in result.values()),
+        all(ratio > 1.1 for ratio in ratios.values()),
         "highest over second: "
-        + ", ".join(f"{v:.2f} ({k})" for k, v in result.items())
+        + ", ".join(f"{v:.2f} ({k})" for k, v in ratios.items())
         + " (higher: by more than 10 %)",
-        ratio=result,
+        ratio=ratios,
     )
 
 

@@ -19,12 +19,12 @@ def claims() -> list[Statement]:
 
 def judge_claims(evidence: Evidence, names: list[str] | None = None) -> list[dict[str, Any]]:
     """Judge all claims, or some by name (`chosen_by_name`): claim, verdict, number and values."""
-    result = []
+    rows = []
     for claim in chosen_by_name(claims(), names, "claim"):
         verdict = _verdict(claim, evidence)
         judged = {"verdict": str(verdict.truth), "number": verdict.number}
-        result.append({**claim.as_json(), **judged, "values": verdict.values})
-    return result
+        rows.append({**claim.as_json(), **judged, "values": verdict.values})
+    return rows
 
 
 def _verdict(claim: Statement, evidence: Evidence) -> Verdict:

@@ -87,19 +87,19 @@ def _flattens(evidence: Evidence) -> Verdict:
 
 @RIGID_CLAIMS.add
 def _saturates(evidence: Evidence) -> Verdict:
-    result = {}
+    curves = {}
     for shift in (0.0, 0.5):
         curve = [p_max(evidence.tsb((shift, 1.5, 4, 40.0, a))) for a in (25.0, 30.0, 40.0)]
-        result[f"s={shift:g}"] = curve
-    drops = {name: 1 - c[2] / c[1] for name, c in result.items()}
+        curves[f"s={shift:g}"] = curve
+    drops = {name: 1 - c[2] / c[1] for name, c in curves.items()}
     return judged(
         all(drop < _TENTH for drop in drops.values()),
         "from a = 30 to 40 mm p_max still falls by "
         + " and ".join(f"{100 * d:.0f} % ({n})" for n, d in drops.items())
         + ", for example to "
-        + f"{result['s=0'][2]:.3f} from {result['s=0'][1]:.3f} MPa (s = 0)"
+        + f"{curves['s=0'][2]:.3f} from {curves['s=0'][1]:.3f} MPa (s = 0)"
         + "; f = 1.5, n = 4, t = 40; marginal: below 10 %; the printed range ends at 25 mm",
-        p_max_at_25_30_40=result,
+        p_max_at_25_30_40=curves,
     )
 
 
@@ -191,7 +191,7 @@ def _wave_threshold(evidence: Evidence) -> Verdict:
                 turning[a].append(2 * f * numbers[lowest])
         share[a] = f"{rising} of {total}"
         holds &= rising > total / 2
-    spread = sorted({w for result in turning.values() for w in result})
+    spread = sorted({w for places in turning.values() for w in places})
     return judged(
         holds and len(spread) <= 3,
         "p_max rises again with n_w in "
@@ -280,13 +280,13 @@ def _cosine_lower(evidence: Evidence) -> Verdict:
 
 @RIGID_CLAIMS.add
 def _thickness_minor(evidence: Evidence) -> Verdict:
-    result = {t: p_max(evidence.tsb((0.5, 1.5, 4, t, 20.0))) for t in (40.0, 50.0, 60.0)}
-    spread = max(result.values()) / min(result.values()) - 1
+    by_thickness = {t: p_max(evidence.tsb((0.5, 1.5, 4, t, 20.0))) for t in (40.0, 50.0, 60.0)}
+    spread = max(by_thickness.values()) / min(by_thickness.values()) - 1
     return judged(
         spread < _TENTH,
-        ", ".join(f"{p:.3f} MPa (t = {t:g})" for t, p in result.items())
+        ", ".join(f"{p:.3f} MPa (t = {t:g})" for t, p in by_thickness.items())
         + f": {100 * spread:.0f} % apart (minor: below 10 %)",
-        p_max=result,
+        p_max=by_thickness,
     )
 
 
@@ -360,14 +360,14 @@ def _tsb2_preferable(evidence: Evidence) -> Verdict:
 def _near(target: float, case: str, *, count: bool) -> Callable[[Evidence], Verdict]:
     def judge(evidence: Evidence) -> Verdict:
         both = [measures_of(run) for run in _rows(evidence, case)]
-        result = [(m.effective_count_percent, m.effective_area_percent) for m in both]
-        chosen = [pair[0 if count else 1] for pair in result]
+        shares = [(m.effective_count_percent, m.effective_area_percent) for m in both]
+        chosen = [pair[0 if count else 1] for pair in shares]
         return judged(
             all(abs(value - target) <= 5.0 for value in chosen),
-            f"TSB1 {result[0][0]:.1f} %, TSB2 {result[1][0]:.1f} % of the elements; "
-            f"{result[0][1]:.1f} %, {result[1][1]:.1f} % of the area (approximately: ± 5 points)",
-            count_percent=[pair[0] for pair in result],
-            area_percent=[pair[1] for pair in result],
+            f"TSB1 {shares[0][0]:.1f} %, TSB2 {shares[1][0]:.1f} % of the elements; "
+            f"{shares[0][1]:.1f} %, {shares[1][1]:.1f} % of the area (approximately: ± 5 points)",
+            count_percent=[pair[0] for pair in shares],
+            area_percent=[pair[1] for pair in shares],
         )
 
     return judge
@@ -385,10 +385,10 @@ for _case, _target in (("pipe", 30.0), ("tunnel", 50.0)):
 
 def _by_layer(run: Answer, measure: str = "p_max") -> tuple[IntArray, FloatArray]:
     """Free layers and the mean over the blocks of each of a measure of theirs."""
-    result = run.details
-    assert result.per_block is not None
-    values = getattr(result.per_block, measure)
-    layer = run.details.blocks.layer[result.measured_blocks]
+    tube = run.details
+    assert tube.per_block is not None
+    values = getattr(tube.per_block, measure)
+    layer = run.details.blocks.layer[tube.measured_blocks]
     layers = np.unique(layer)
     return layers, np.array([values[layer == k].mean() for k in layers])
 
@@ -398,11 +398,11 @@ def _blocks_alike(evidence: Evidence) -> Verdict:
     worst = 0.0
     for case in ("pipe", "tunnel", "pillar", "shaft"):
         for run in _rows(evidence, case):
-            result = run.details
-            assert result.per_block is not None
-            layer = run.details.blocks.layer[result.measured_blocks]
+            tube = run.details
+            assert tube.per_block is not None
+            layer = run.details.blocks.layer[tube.measured_blocks]
             for k in np.unique(layer):
-                values = result.per_block.p_max[layer == k]
+                values = tube.per_block.p_max[layer == k]
                 worst = max(worst, float(np.ptp(values) / values.max()))
     return judged(
         worst < 1e-6,
@@ -432,30 +432,30 @@ def _layers_alike(evidence: Evidence) -> Verdict:
 @RIGID_CLAIMS.add
 def _shaft_layer(evidence: Evidence) -> Verdict:
     """Compute by the paper's two measures in which layer the contact is hardest, for both loads."""
-    result: dict[str, dict[str, list[int]]] = {}
+    hardest_layers: dict[str, dict[str, list[int]]] = {}
     for name, run in zip(("TSB1", "TSB2"), _rows(evidence, "shaft"), strict=True):
         physical = evidence.rigid(f"{name.lower()}-shaft")
         for words, one in (("as printed", run), ("full traction", physical)):
             for measure in ("p_eff", "p_max"):
                 layers, p = _by_layer(one, measure)
                 hardest = [int(k) for k in layers[p > 0.999 * p.max()]]
-                result.setdefault(f"{measure} {words}", {})[name] = hardest
+                hardest_layers.setdefault(f"{measure} {words}", {})[name] = hardest
     return judged(
-        all(layers == [7] for layers in result["p_eff as printed"].values()),
+        all(layers == [7] for layers in hardest_layers["p_eff as printed"].values()),
         "layers of the largest mean of the blocks' effective pressures: "
-        + _layer_words(result["p_eff as printed"])
+        + _layer_words(hardest_layers["p_eff as printed"])
         + " in the convention of the tables, "
-        + _layer_words(result["p_eff full traction"])
+        + _layer_words(hardest_layers["p_eff full traction"])
         + " with the full traction"
         + "; of the largest block maxima: "
-        + _layer_words(result["p_max as printed"]),
-        **result,
+        + _layer_words(hardest_layers["p_max as printed"]),
+        **hardest_layers,
     )
 
 
-def _layer_words(found: dict[str, list[int]]) -> str:
+def _layer_words(by_block: dict[str, list[int]]) -> str:
     return " and ".join(
-        f"{', '.join(str(k) for k in layers)} ({name})" for name, layers in found.items()
+        f"{', '.join(str(k) for k in layers)} ({name})" for name, layers in by_block.items()
     )
 
 
@@ -474,15 +474,15 @@ def _radial_gap_rate(run: Answer) -> float:
 
 @RIGID_CLAIMS.add
 def _no_explosion(evidence: Evidence) -> Verdict:
-    result = {
+    gap_rates = {
         name: _radial_gap_rate(evidence.case(name, "tunnel")) for name in ("TSB1", "TSB2", "THB0")
     }
     return judged(
-        result["TSB1"] < -1e-3 and result["TSB2"] < -1e-3 and result["THB0"] > -1e-3,
+        gap_rates["TSB1"] < -1e-3 and gap_rates["TSB2"] < -1e-3 and gap_rates["THB0"] > -1e-3,
         "all blocks move outward by 1: smallest gap rate / largest = "
-        + ", ".join(f"{v:.3f} ({k})" for k, v in result.items())
+        + ", ".join(f"{v:.3f} ({k})" for k, v in gap_rates.items())
         + "; below 0: blocks collide",
-        smallest_gap_rate=result,
+        smallest_gap_rate=gap_rates,
     )
 
 
@@ -506,12 +506,12 @@ def _axially_open(evidence: Evidence) -> Verdict:
 @RIGID_CLAIMS.add
 def _hexagon_classes(evidence: Evidence) -> Verdict:
     table = reference()["table"]["THB0"]
-    result = {case: str(evidence.case("THB0", case).details.mechanism) for case in table}
-    right = sum(result[case] == row["mechanism"] for case, row in table.items())
+    classes = {case: str(evidence.case("THB0", case).details.mechanism) for case in table}
+    right = sum(classes[case] == row["mechanism"] for case, row in table.items())
     return judged(
         right == len(table),
-        ", ".join(f"{case} {name}" for case, name in result.items()),
-        classes=result,
+        ", ".join(f"{case} {name}" for case, name in classes.items()),
+        classes=classes,
     )
 
 

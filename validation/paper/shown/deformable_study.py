@@ -37,13 +37,14 @@ def draw_ranks(compared: Compared, path: Path) -> None:
     for panel, (x, y) in zip(axes, panels, strict=True):
         titles = JUDGED[x][0], JUDGED[y][0]
         for colour, f in zip(OF_LINES, compared.axes[1], strict=False):
-            mine = [k for k, frequency in enumerate(frequencies) if frequency == f]
+            places = [k for k, frequency in enumerate(frequencies) if frequency == f]
             bars = [
-                list(compared.rows.values())[k][f"{y.removesuffix('_fem')}_error_fem"] for k in mine
+                list(compared.rows.values())[k][f"{y.removesuffix('_fem')}_error_fem"]
+                for k in places
             ]
             panel.errorbar(
-                compared.values(x)[mine],
-                compared.values(y)[mine],
+                compared.values(x)[places],
+                compared.values(y)[places],
                 yerr=bars,
                 fmt="o",
                 markersize=3.5,

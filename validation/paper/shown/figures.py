@@ -166,8 +166,8 @@ def _far_half(run: Answer) -> IntArray:
 
 
 def _view(run: Answer, rows: IntArray, scale: Scale, direction: Direction) -> View:
-    result = run.details
-    facets = interface_facets(run.details.blocks, result.contact_index, result.contact_pressures)
+    tube = run.details
+    facets = interface_facets(run.details.blocks, tube.contact_index, tube.contact_pressures)
     return View([facets.surface(rows, scale)], direction)
 
 
@@ -306,7 +306,7 @@ class FigureFile:
 
 def draw_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
     """Draw every figure that the evidence allows into a folder; what it lacks is computed."""
-    result = []
+    files = []
     for figures in (_parameter_figures, _pressure_figures, _deformable_figures, _cost_figure):
         fem = figures is _deformable_figures
         if fem and not evidence.deformable:
@@ -315,8 +315,8 @@ def draw_figures(evidence: Evidence, folder: Path) -> list[FigureFile]:
         for name, caption, draw in figures(evidence):
             path = folder / f"{name}.png"
             draw(path)
-            result.append(FigureFile(name, caption, path, command))
-    return result
+            files.append(FigureFile(name, caption, path, command))
+    return files
 
 
 #: Stem of the file, caption, and what draws it.

@@ -147,14 +147,14 @@ def _views(evidence: Evidence) -> list[View3d]:
         f"TSB1 under internal pressure, {middle}",
         f"Hexagon-based block under external pressure, {middle}",
     )
-    result = [
+    views = [
         pressure_view(pipe, titles[0], "rigid-pipe", _SHOWN),
         pressure_view(tunnel, titles[1], "rigid-tunnel", _SHOWN),
     ]
     if evidence.deformable:
         run = evidence.fem("TSB1", "pipe")
-        result.append(stress_view(run, titles[0], "stress-pipe", _SHOWN))
-    return result
+        views.append(stress_view(run, titles[0], "stress-pipe", _SHOWN))
+    return views
 
 
 # ---------------------------------------------------------------------------------------------
