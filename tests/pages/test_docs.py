@@ -90,12 +90,22 @@ def _names(body: list[ast.stmt], before: str) -> Iterator[str]:
 
 def test_every_name_of_code_exists() -> None:
     name = re.compile(r"`((?:geometry|mbd|fem|validation)(?:\.[A-Za-z_]\w*)+)`")
-    named = {(page.name, n) for page in PAGES for n in name.findall(page.read_text("utf-8"))}
+    pages = [*PAGES, *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md"))]
+    named = {(page.name, n) for page in pages for n in name.findall(page.read_text("utf-8"))}
     # `fem.method` and the like are keys of scenes, written as they are set.
     scene_keys = {".".join(path) for path in _paths()}
     missing = sorted(n for n in named if n[1] not in scene_keys and not _resolves(n[1]))
     assert len(named) > 50
     assert missing == []
+    file = re.compile(r"`((?:geometry|mbd|fem|validation|tests|docs)/[\w./]+)`")
+    files = {(page.name, n) for page in pages for n in file.findall(page.read_text("utf-8"))}
+    assert len(files) > 20
+    gone = {
+        f
+        for f in files
+        if not (ROOT / f[1]).exists() and "NAME" not in f[1] and "GROUP" not in f[1]
+    }
+    assert gone == set()
 
 
 @cache
