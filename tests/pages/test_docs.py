@@ -100,12 +100,9 @@ def test_every_name_of_code_exists() -> None:
     file = re.compile(r"`((?:geometry|mbd|fem|validation|tests|docs)/[\w./]+)`")
     files = {(page.name, n) for page in pages for n in file.findall(page.read_text("utf-8"))}
     assert len(files) > 20
-    gone = {
-        f
-        for f in files
-        if not (ROOT / f[1]).exists() and "NAME" not in f[1] and "GROUP" not in f[1]
-    }
-    assert gone == set()
+    # Placeholders of who adds a family or a command, and what `make docs` builds.
+    made = re.compile("NAME|GROUP|_build")
+    assert {f for f in files if not (ROOT / f[1]).exists() and not made.search(f[1])} == set()
 
 
 @cache
