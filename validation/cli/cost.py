@@ -60,6 +60,6 @@ def cost(
                 progress=lambda number, total, what: follow(f"{number} of {total}: {what}"),
             )
         print_study(study, outputs.console)
-        title = ", ".join((file.name, *(settings or ())))
+        title = f"{', '.join((file.name, *(settings or ())))}: {file.scene.load_words}"
         outputs.write("picture", "cost.png", lambda path: draw_study(study, path, title=title))
         outputs.write_json(study_json(study))

@@ -16,6 +16,7 @@ from validation.case import Case
 from validation.errors import InputError
 from validation.output.console import RowTable
 from validation.output.deformable.answers import run_pictures, run_table
+from validation.output.pictures.assemblies import rigid_title
 from validation.output.pictures.view_3d import View3d, viewer_page
 from validation.output.provenance import Provenance
 from validation.output.rigid import is_meshed, rigid_pictures, rigid_table
@@ -256,11 +257,13 @@ def _views(report: SceneReport) -> list[View3d]:
     rigid, run = report.rigid, report.deformable
     if rigid is not None:
         layers = middle_layers(rigid.case.scene, rigid.details.blocks)
-        words = "Contact pressures" if rigid.details.shown else "Blocks"
-        views.append(pressure_view(rigid, words + layer_words(layers), "rigid", layers))
+        words = "contact pressures" if rigid.details.shown else "blocks"
+        title = f"{rigid_title(rigid)}; {words}{layer_words(layers)}"
+        views.append(pressure_view(rigid, title, "rigid", layers))
     if run is not None:
         layers = middle_layers(run.case.scene, run.details.deformable.assembly)
-        views.append(stress_view(run, "σ₁" + layer_words(layers), "deformable", layers))
+        title = f"{run.title}; σ₁{layer_words(layers)}"
+        views.append(stress_view(run, title, "deformable", layers))
     return views
 
 

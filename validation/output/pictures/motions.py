@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from geometry.parts.rows import number
 from validation.output.pictures.gallery import save_figure, subplots, wrapped
 from validation.output.pictures.scales import BLUE, GREEN, ORANGE, VERMILION
 
@@ -34,7 +35,7 @@ def draw_motions(
         force, way = curve.peak
         axes.plot([way], [unit * force], "o", ms=9, mfc="none", color=colour)
         axes.annotate(
-            f"{unit * force:.5g} {name}",
+            f"{number(unit * force)} {name}",
             (way, unit * force),
             textcoords="offset points",
             xytext=(-8, 4),
@@ -44,7 +45,7 @@ def draw_motions(
     if limit is not None:
         axes.axhline(unit * limit, color="0.4", ls="--", lw=1.0)
         axes.annotate(
-            f"rigid limit, associated friction: {unit * limit:.5g} {name}",
+            f"rigid limit, associated friction: {number(unit * limit)} {name}",
             (0.0, unit * limit),
             xycoords=("axes fraction", "data"),
             textcoords="offset points",

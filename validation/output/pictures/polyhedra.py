@@ -103,7 +103,10 @@ def draw_polyhedra(run: Answer, path: Path) -> None:
     row = chain(run.details.joints) if pressed else None
     if row is not None:
         ends = np.column_stack([np.arange(len(row) - 1), np.arange(1, len(row))])
-        contacts.append(Lines(run.details.joints.points[row], ends, VERMILION, width=5.0))
+        points = run.details.joints.points[row]
+        # In front of the interfaces, which would hide it.
+        nearer = np.ptp(interfaces.polygons.corners, axis=0).max() * np.array(FROM_THE_SIDE)
+        contacts.append(Lines(points + nearer, ends, VERMILION, width=5.0))
         legend.append(Line2D([], [], color=VERMILION, label="thrust line"))
     bare = interfaces.patch < 0
     if not pressed:
@@ -205,8 +208,8 @@ def draw_explosion(run: Explosion, path: Path) -> None:
     verdict = "disassembles" if run.explodes else "does not disassemble"
     gallery(
         columns,
-        f"{run.name}: {verdict}; first-order gap rate {run.first.smallest_gap_rate:.3g}, free up "
-        f"to {run.finite.free_distance:.3g} mm",
+        f"{run.name}, rigid blocks: all move outward, no load; {verdict}; first-order gap rate "
+        f"{run.first.smallest_gap_rate:.3g}, free up to {run.finite.free_distance:.3g} mm",
         path,
         height=7.0,
         widest=17.0,

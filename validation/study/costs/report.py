@@ -171,7 +171,7 @@ def draw_study(study: CostStudy, path: Path, *, title: str = "") -> None:
     left_out = "\n".join(f"left out: {method}: {why}" for method, why in study.plan.left_out)
     figure.text(0.02, 0.01, left_out, fontsize=8, va="bottom")
     figure.suptitle(
-        f"{title or study.name}: cost versus accuracy, best settings of each method\n"
+        f"{title or study.name}; static and explicit FEM, cost versus accuracy, best settings\n"
         f"numbers at the points: mesh; ×1 has {study.plan.base.words} elements per block",
         x=0.02,
         ha="left",

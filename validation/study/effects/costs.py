@@ -192,6 +192,7 @@ def effect_costs(
         costs.append(row | {"matters": None if moved is None else moved.matters(tolerance)})
     return {
         "scene": name,
+        "load": scene.load_words,
         "tolerance": tolerance,
         "seconds_per_step": step_time,
         "bytes": _bytes(system, state),

@@ -142,5 +142,6 @@ def draw_effects(found: Mapping[str, Any], path: Path) -> None:
     right.xaxis.set_minor_formatter(twos_and_fives(lambda value: f"× {value:g}"))
     right.set_xlabel("over the run without effects [–]")
     right.axvline(1.0, color="black", linewidth=0.8)
-    figure.suptitle(f"{found['scene']}: one effect at a time added to the reference run")
+    title = f"{found['scene']}: {found['load']}; explicit FEM"
+    figure.suptitle(f"{title}, one effect at a time added", x=0.02, ha="left", fontsize="medium")
     save_figure(figure, path)

@@ -57,6 +57,8 @@ _NOT_STATIC = ("density",)
 _WHOLE_STEPS = (0.5, 1.0)
 #: A place has moved by more than this part of its radius or a block's size [-].
 _MOVED = 0.05
+#: Elasticity that an axis of a picture shows at least, to both sides [-].
+_LEAST_SPAN = 0.1
 #: Rounding of a measure, relative [-].
 _ROUNDING = 1e-9
 
@@ -99,6 +101,8 @@ class Sensitivity:
     """Derivatives of all measures of a scene."""
 
     name: str
+    load: str
+    """In words."""
     method: Quantity
     slopes: tuple[Slope, ...]
     failed: Mapping[str, str]
@@ -194,9 +198,13 @@ class Sensitivity:
             )
             panel.axvline(0.0, color="black", linewidth=0.8)
             panel.set_title(title_of(measure).words, loc="left")
-            panel.set_xlabel("elasticity [-]")
+            left, right = panel.get_xlim()  # round-off of results that do not change is no bar
+            panel.set_xlim(min(left, -_LEAST_SPAN), max(right, _LEAST_SPAN))
+            panel.set_xlabel("elasticity [–]")
             panel.grid(alpha=0.3, axis="x")
-        figure.suptitle(f"{self.name}: what matters ({self.method} blocks)", x=0.02, ha="left")
+        blocks = "rigid" if self.method == "rigid" else "deformable"
+        title = f"{self.name}, {blocks} blocks: {self.load}; what changes the results"
+        figure.suptitle(title, x=0.02, ha="left", fontsize="medium")
         save_figure(figure, Path(path))
 
     def __repr__(self) -> str:
@@ -267,7 +275,7 @@ def sensitivity_of(
             slopes += _slopes(parameter, step, nearby)
         except RefusedError as error:
             failed[path] = str(error)
-    return Sensitivity(file.name, method, tuple(slopes), failed)
+    return Sensitivity(file.name, file.scene.load_words, method, tuple(slopes), failed)
 
 
 #: Key, value and number of meshes, from coarse to fine, of an answer.
