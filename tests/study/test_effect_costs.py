@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from validation import load_case
 from validation.study.effects.costs import bare, effect_costs
 
@@ -14,10 +16,11 @@ def test_base_has_no_effect() -> None:
     assert not any(getattr(effects, name) for name in type(effects).model_fields)
 
 
-def test_effects_leave_no_trace_when_off() -> None:
+def test_effects_leave_no_trace_when_off(tmp_path: Path) -> None:
     # The base runs before and after each effect: bit for bit the same, nothing compiled anew.
     file = load_case("tsb1-pipe", TINY)
-    report = effect_costs(file.scene, file.name, answers=False)
+    store = tmp_path / "rows.jsonl"
+    report = effect_costs(file.scene, file.name, store, answers=False)
     assert len(report["costs"]) == 9
     for cost in report["costs"]:
         assert cost["off_compiles"] == 0
@@ -27,3 +30,7 @@ def test_effects_leave_no_trace_when_off() -> None:
     for name in ("Rayleigh stiffness", "bulk viscosity"):
         assert found[name]["time_step"] < 1.0
         assert found[name]["memory"] > 1.0
+    # A second call measures nothing.
+    told: list[str] = []
+    assert effect_costs(file.scene, file.name, store, answers=False, told=told.append) == report
+    assert not told

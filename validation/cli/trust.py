@@ -63,24 +63,28 @@ def effects(
     ] = None,
     max_work: MaxWorkOption = None,
     json: JsonOption = None,
-    output: Annotated[Path | None, folder_option("the figure", "out/SCENE")] = None,
+    output: Annotated[Path | None, folder_option("figure and rows", "out/SCENE")] = None,
 ) -> None:
     """Measure the influence and the cost of each effect.
 
-    Adds one effect at a time to the reference run of a tube.
+    Adds one effect at a time to the reference run of a tube. An interrupted call goes on from its
+    rows, in the folder of -o, with the same command.
     """
     from validation.case import load_case, require_deformable
     from validation.output.progress import following
     from validation.study.effects import report
     from validation.study.effects.costs import effect_costs
+    from validation.study.rowfile import store_or_none
 
     file = with_fields(load_case(scene, settings or ()), method_fields(max_work=max_work))
     checked = require_deformable(file, "effects")
     bound = report.bound(checked, tolerance)
-    with scene_outputs(file, json, output, (report.PICTURE,)) as outputs:
-        with following(file.name) as follow:
+    names = (report.PICTURE, "effects.jsonl")
+    with scene_outputs(file, json, output, names) as outputs:
+        rows = None if outputs.folder is None else outputs.path(names[1])
+        with following(file.name) as follow, store_or_none(rows) as store:
             plain = checked.changed({"effects.auto": None})
-            result = effect_costs(plain, file.name, tolerance=bound, told=follow)
-        outputs.console.print(report.effects_table(result))
-        outputs.write("picture", report.PICTURE, lambda path: report.draw_effects(result, path))
-        outputs.write_json(result)
+            costs = effect_costs(plain, file.name, store, tolerance=bound, told=follow)
+        outputs.console.print(report.effects_table(costs))
+        outputs.write("picture", names[0], lambda path: report.draw_effects(costs, path))
+        outputs.write_json(costs)

@@ -18,9 +18,8 @@ from validation.output.answer_files import answer_of
 from validation.output.console import RowTable, dimension_rows, listing
 from validation.output.files import write_csv
 from validation.scene.combinations import combined
-from validation.study.design import Quantity, Row
-from validation.study.rowfile import StudyRows
-from validation.study.run import computed, runner_for
+from validation.study.design import Quantity
+from validation.study.run import answered
 from validation.study.study import Study, case_content
 
 
@@ -65,14 +64,7 @@ def combination_answers(
     kind: Quantity = "rigid" if isinstance(file.method, Rigid) else "fem"
     named = (("combination", tuple(cases)),)
     study = CombinationStudy(file.name, kind, named, cases=tuple(cases.values()))
-
-    def follow(row: Row) -> None:
-        if row.status == "failed":
-            raise InputError(row.message)
-        if tell is not None:
-            tell(f"{row.parameters['combination']}, {row.number + 1} of {len(cases)}")
-
-    rows = computed(StudyRows(store, study), runner_for(study), range(len(cases)), follow)
+    rows = answered(study, store, tell)
     return {row["combination"]: answer_of(row["answer"]) for row in rows}
 
 

@@ -20,6 +20,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from itertools import chain, islice
 from multiprocessing.synchronize import Event
+from pathlib import Path
 from typing import Any, Protocol
 
 from geometry.machine.system import available_cores, interrupts_blocked
@@ -144,6 +145,31 @@ def computed(
     sweep(results, runner, numbers=iter(numbers), on_row=on_row)
     by_number = {row["number"]: row for row in results.rows()}
     return [by_number[number] for number in numbers]
+
+
+def answered(
+    study: Study, store: Path, tell: Callable[[str], None] | None = None
+) -> list[dict[str, Any]]:
+    """Rows of all designs of one parameter, of which the first that fails ends the study.
+
+    ``tell`` is called with words after each new row. A row that failed before is tried again.
+
+    Raises
+    ------
+    InputError
+        Why a design has no answer.
+    """
+    results = StudyRows(store, study)
+
+    def follow(row: Row) -> None:
+        if row.status == "failed":
+            raise InputError(row.message)
+        if tell is not None:
+            (value,) = row.parameters.values()
+            tell(f"{value}, {row.number + 1} of {study.n_designs}")
+
+    sweep(results, runner_for(study), retry_failed=True, on_row=follow)
+    return list(results.rows())
 
 
 # ---------------------------------------------------------------------------------------------

@@ -10,7 +10,9 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,6 +39,8 @@ from validation.scene.deformable import (
     RayleighSection,
 )
 from validation.scene.read import DeformableScene
+from validation.study.run import answered
+from validation.study.study import Study
 
 #: Steps of one timing, after as many for warming up; and rounds of which the least counts.
 TIMED_STEPS = 60
@@ -142,18 +146,74 @@ def _bytes(system: ExplicitSystem, state: State) -> int:
     return arrays + sum(body.constant_bytes for body in system.bodies)
 
 
+@dataclass(frozen=True)
+class EffectStudy(Study):
+    """A deformable tube without any effect, and with one at a time: answers, and costs of a step.
+
+    Costs of an effect are over those without it in the same process.
+    """
+
+    base: DeformableScene = field(kw_only=True)
+    answers: bool = field(kw_only=True)
+    """Whether runs to the static state are made: else costs alone."""
+    effects: tuple[tuple[Any, ...], ...] = field(kw_only=True)
+    """As `effects_of` gives them."""
+    times: dict[str, float] = field(kw_only=True)
+    """``ramp_time`` and ``end_time`` [s] of a run with an effect; the second where no adaptive
+    damping ends it."""
+
+    def content(self, number: int) -> Any:
+        """Return scene, effect and times."""
+        changed = self._scene(number).model_dump(mode="json")
+        return [self.base.model_dump(mode="json"), changed, self.answers]
+
+    def _scene(self, number: int) -> DeformableScene:
+        """Scene of a design; the first has no effect."""
+        if number == 0:
+            return self.base
+        scene, times = self.base.changed(self.effects[number - 1][2]), dict(self.times)
+        if scene.fem.damping is not None:
+            del times["end_time"]
+        return scene.changed({"fem": times})
+
+    @cached_property
+    def _first_bits(self) -> bytes:
+        """Bits of the base before any effect was on in this process."""
+        return _bits(self.base, self.name)
+
+    def results(self, number: int) -> tuple[dict[str, Any], list[str]]:
+        """Costs of a design and, where asked for, its answer."""
+        scene, first_bits = self._scene(number), self._first_bits
+        if number == 0:
+            system, state = ready(scene, self.name)
+            cost: dict[str, Any] = {"bytes": _bytes(system, state)}
+        else:
+            cost, bits = _measured(scene, self.base, self.name)
+            effect, setting, _, note = self.effects[number - 1]
+            cost |= {"name": effect, "setting": setting, "note": note}
+            cost["same_bits"] = bits == first_bits
+        answer = None
+        if self.answers:
+            answer = asdict(_answer(scene, self.name, arrives=number == 0))
+        if number == 0:
+            cost["seconds_per_step"] = min(advance(system, state) for _ in range(ROUNDS))
+        return {"cost": cost, "answer": answer}, []
+
+
 def effect_costs(
     scene: DeformableScene,
     name: str,
+    store: Path,
     *,
     tolerance: float = TOLERANCE,
     answers: bool = True,
     told: Callable[[str], None] | None = None,
 ) -> dict[str, Any]:
-    """Measure every effect of a deformable tube, and tell what is measured next.
+    """Measure every effect of a deformable tube, and tell what was measured.
 
     An effect matters where it changes one of p_max, p_eff or the largest displacement by more than
-    the tolerance. Without ``answers``, no runs to the static state are made: costs alone.
+    the tolerance. Without ``answers``, no runs to the static state are made: costs alone. The
+    store, a file of rows, keeps what was measured.
 
     Returns
     -------
@@ -166,37 +226,35 @@ def effect_costs(
     """
     fem_section(scene, name)
     refuse_cell(scene, name, "effects")
-    base, say = bare(scene), told or (lambda _: None)
-    say("no effect")
-    first_bits = _bits(base, name)
-    system, state = ready(base, name)
-    answer = _answer(base, name, arrives=True) if answers else None
-    step_time = min(advance(system, state) for _ in range(ROUNDS))
+    base = bare(scene)
     statement = _stated(base, name)
     assert statement.recommended is not None  # blocks meet
     frequency, ramp = statement.recommended.frequency, statement.ramp_time
+    effects = effects_of(base, 4.0 * np.pi * frequency)
+    study = EffectStudy(
+        name,
+        "fem",
+        (("effect", ("no effect", *(effect for effect, *_ in effects))),),
+        base=base,
+        answers=answers,
+        effects=effects,
+        times={"ramp_time": ramp, "end_time": ramp + _PERIODS / frequency},
+    )
+    plain, *rows = answered(study, store, told)
     costs = []
-    effects = list(effects_of(base, 4.0 * np.pi * frequency))
-    for number, (effect, setting, changes, note) in enumerate(effects, 1):
-        say(f"{effect}, {number} of {len(effects)}")
-        changed = base.changed(changes)
-        times = {"ramp_time": ramp}
-        if changed.fem.damping is None:
-            times["end_time"] = ramp + _PERIODS / frequency
-        changed = changed.changed({"fem": times})
-        row, bits = _measured(changed, base, name)
-        row |= {"name": effect, "setting": setting, "note": note, "same_bits": bits == first_bits}
-        moved = None if answer is None else change(answer, _answer(changed, name))
-        if moved is not None:
-            row |= {key: 100.0 * value for key, value in asdict(moved).items()}
-        costs.append(row | {"matters": None if moved is None else moved.matters(tolerance)})
+    for row in rows:
+        cost = dict(row["cost"])
+        moved = None
+        if answers:
+            moved = change(Numbers(**plain["answer"]), Numbers(**row["answer"]))
+            cost |= {key: 100.0 * value for key, value in asdict(moved).items()}
+        costs.append(cost | {"matters": None if moved is None else moved.matters(tolerance)})
     return {
         "scene": name,
         "load": scene.load_words,
         "tolerance": tolerance,
-        "seconds_per_step": step_time,
-        "bytes": _bytes(system, state),
-        **({} if answer is None else asdict(answer)),
+        **plain["cost"],
+        **(plain["answer"] or {}),
         "costs": costs,
     }
 
