@@ -12,7 +12,7 @@ from fem.contact.surfaces import ContactNormals
 from fem.element.stress import von_mises
 from fem.measures import contact_on, contacts_of, measures_of
 from fem.problem import Problem
-from fem.solution import Solution
+from fem.state import State
 from fem.static.result import StaticError
 from fem.system.time_step import added_mass_share
 from geometry.answer import Answer, Array, Lazy, Measure
@@ -23,7 +23,7 @@ from geometry.parts.rows import Part
 
 
 def answer_of(
-    solution: Solution,
+    state: State,
     errors: Mapping[str, float] | None = None,
     *,
     facets: tuple[Assembly, FloatArray] | None = None,
@@ -37,7 +37,7 @@ def answer_of(
 
     Parameters
     ----------
-    solution
+    state
         What the solver found.
     errors
         Estimated error of measures by name, in their units; those not named have none.
@@ -60,32 +60,32 @@ def answer_of(
     StaticError
         Printed forces of a static state that do not balance its blocks.
     """
-    require_balance(solution)
-    layer = solution.deformable.assembly.layer
-    measures = measures_of(solution, errors, facets=facets, remarks=remarks)
+    require_balance(state)
+    layer = state.deformable.assembly.layer
+    measures = measures_of(state, errors, facets=facets, remarks=remarks)
     found = dict(parts or {})
     return Answer(
-        title=_title(solution),
-        method=solution.method,
+        title=_title(state),
+        method=state.method,
         measures=measures.beside(factors or {}),
-        fields=_fields(solution),
+        fields=_fields(state),
         arrays=Lazy(
             {
-                "points": lambda: solution.positions,
-                "cells": lambda: solution.hexahedra,
-                "block_of_point": lambda: solution.block_of_node,
-                "layer_of_point": lambda: layer[solution.block_of_node],
+                "points": lambda: state.positions,
+                "cells": lambda: state.hexahedra,
+                "block_of_point": lambda: state.block_of_node,
+                "layer_of_point": lambda: layer[state.block_of_node],
             }
         ),
-        contacts=contacts_of(solution, facets),
+        contacts=contacts_of(state, facets),
         reported=lambda: (
-            report_of(solution, facets)
+            report_of(state, facets)
             | {name: part.as_json() for name, part in found.items()}
             | dict(beside or {})
         ),
-        details=solution,
+        details=state,
         problem=problem,
-        cut=solution.sections,
+        cut=state.sections,
         parts=found,
     )
 
@@ -94,15 +94,16 @@ def answer_of(
 _BALANCED, _OVER_RESIDUAL = 1e-6, 10.0
 
 
-def require_balance(solution: Solution) -> None:
+def require_balance(state: State) -> None:
     """Reject a static state whose printed joint forces and reactions do not balance its blocks.
 
     A periodic cell is not judged: the force that keeps it in place as a whole is no printed one.
     """
-    static, whole = solution.static, solution.deformable
-    if static is None or not whole.meets or whole.assembly.image_of is not None:
+    whole = state.deformable
+    if state.run is not None or not whole.meets or whole.assembly.image_of is not None:
         return
-    left, most = solution.imbalance, max(_BALANCED, _OVER_RESIDUAL * static.residual)
+    left = state.imbalance
+    most = max(_BALANCED, _OVER_RESIDUAL * state.evidence.residuals[-1])
     if not left.largest <= most:
         raise StaticError(
             f"static: the forces of block {whole.assembly.named(left.block)} are out of balance by "
@@ -111,22 +112,22 @@ def require_balance(solution: Solution) -> None:
         )
 
 
-def _title(solution: Solution) -> str:
-    result = solution.deformable
+def _title(state: State) -> str:
+    result = state.deformable
     blocks, elements = len(result.deformable_blocks), result.model.n_elements
-    return f"{result.assembly.name}: {solution.method}, {blocks} blocks, {elements} elements"
+    return f"{result.assembly.name}: {state.method}, {blocks} blocks, {elements} elements"
 
 
-def _fields(solution: Solution) -> Lazy[Array]:
+def _fields(state: State) -> Lazy[Array]:
     """Nodal fields of all blocks."""
 
     def principal() -> FloatArray:
-        return np.concatenate([r.principal.reshape(-1, 3) for r in solution.recovered])
+        return np.concatenate([r.principal.reshape(-1, 3) for r in state.recovered])
 
     return Lazy(
         {
-            "displacement": lambda: solution.displacements,
-            "stress": lambda: np.concatenate([r.stress.reshape(-1, 6) for r in solution.recovered]),
+            "displacement": lambda: state.nodal_displacements,
+            "stress": lambda: np.concatenate([r.stress.reshape(-1, 6) for r in state.recovered]),
             "principal_stress": principal,
             "mises": lambda: von_mises(principal()),
         }
@@ -137,40 +138,34 @@ def _fields(solution: Solution) -> Lazy[Array]:
 # Report
 
 
-def report_of(
-    solution: Solution, facets: tuple[Assembly, FloatArray] | None = None
-) -> dict[str, Any]:
+def report_of(state: State, facets: tuple[Assembly, FloatArray] | None = None) -> dict[str, Any]:
     """Evidence and statistics of the solver, as plain data."""
-    result = solution.deformable
-    least, largest = solution.nodal_stress_range
-    if result.meets:
-        beside = contact_report(solution, facets)
-    else:
-        beside = {"faces": face_displacements(solution)}
+    result = state.deformable
+    least, largest = state.nodal_stress_range
     return {
         "n_blocks": len(result.deformable_blocks),
         "n_elements": result.model.n_elements,
         "n_nodes": result.model.n_nodes,
-        "max_displacement": solution.largest_displacement,
+        "max_displacement": state.largest_displacement,
         "principal_stress": {"max": float(largest), "min": float(least)},
         "dimensions": dimensions(
             result.assembly if facets is None else facets[0],
             result.densities,
-            contact_area=_searched_area(solution),
+            contact_area=_searched_area(state),
         ).as_json(),
-        "assumptions": assumptions(solution),
-        **({"large_motion": solution.large_motion} if solution.large_motion else {}),
-        **beside,
-        **_support_report(solution),
-        **_static_report(solution),
-        **_explicit_report(solution),
+        "assumptions": assumptions(state),
+        **({"large_motion": state.large_motion} if state.large_motion else {}),
+        **(contact_report(state, facets) if result.meets else face_displacements(state)),
+        **_support_report(state),
+        **_static_report(state),
+        **_explicit_report(state),
     }
 
 
-def assumptions(solution: Solution) -> list[str]:
+def assumptions(state: State) -> list[str]:
     """What is taken for granted of blocks and joints, in words."""
-    whole = solution.deformable
-    turned = "rotations of any size" if solution.finite_rotation else "small rotations"
+    whole = state.deformable
+    turned = "rotations of any size" if state.finite_rotation else "small rotations"
     words = [f"linear elastic blocks, small strains, {turned}"]
     if whole.meets:
         contact = whole.contact
@@ -185,47 +180,47 @@ def assumptions(solution: Solution) -> list[str]:
     return words
 
 
-def _searched_area(solution: Solution) -> float | None:
+def _searched_area(state: State) -> float | None:
     """Area of all facets that face another at the end [mm²]; None where facets match."""
-    result = solution.deformable
+    result = state.deformable
     searched = result.meets and result.contact.finite_sliding
     if not searched or result.assembly.interfaces.areas.size:
         return None
-    return float(solution.contact_state.areas.sum())
+    return float(state.contact_state.areas.sum())
 
 
 def contact_report(
-    solution: Solution, facets: tuple[Assembly, FloatArray] | None = None
+    state: State, facets: tuple[Assembly, FloatArray] | None = None
 ) -> dict[str, Any]:
     """Entries of contact: only for blocks that touch."""
-    result = vars(contact_on(solution, facets))
+    result = vars(contact_on(state, facets))
     numbers = {name: value for name, value in result.items() if name != "per_block"}
     return {
-        "slip": solution.slip,
-        "n_contacts": solution.contact_state.n_facets,
-        "joints": solution.joints.as_json(),
-        "imbalance": solution.imbalance.as_json(),
+        "slip": state.slip,
+        "n_contacts": state.contact_state.n_facets,
+        "joints": state.joints.as_json(),
+        "imbalance": state.imbalance.as_json(),
         "contact": numbers,
-        "contact_cap": None if solution.cap is None else asdict(solution.cap),
+        "contact_cap": None if state.cap is None else asdict(state.cap),
     }
 
 
-def face_displacements(solution: Solution) -> dict[str, dict[str, list[float]]]:
+def face_displacements(state: State) -> dict[str, Any]:
     """Mean displacement of each named face of the first block, weighted by facet area."""
-    result, whole = {}, solution.deformable
+    result, whole = {}, state.deformable
     block = whole.assembly.shape(0)
-    moved = solution.group_displacements[int(whole.group_of[0])][int(whole.copy_of[0])]
+    moved = state.displacements[int(whole.group_of[0])][int(whole.copy_of[0])]
     for name in block.faces:
         surface = block.surface(name)
         mean = surface.areas @ moved[surface.quads].mean(axis=1) / surface.areas.sum()
         result[name] = {"mean_displacement": mean.tolist()}
-    return result
+    return {"faces": result}
 
 
-def _support_report(solution: Solution) -> dict[str, Any]:
+def _support_report(state: State) -> dict[str, Any]:
     """Forces of supports, of those that move along their way; only where blocks have any."""
-    data: dict[str, Any] = {"reactions": solution.reactions} if solution.reactions else {}
-    if solution.push_curves:
+    data: dict[str, Any] = {"reactions": state.reactions} if state.reactions else {}
+    if state.push_curves:
         data["motions"] = [
             {
                 "support": curve.name,
@@ -234,69 +229,69 @@ def _support_report(solution: Solution) -> dict[str, Any]:
                 "force": curve.forces.tolist(),
                 "free_after": curve.free_after,
             }
-            for curve in solution.push_curves
+            for curve in state.push_curves
         ]
-    return data | ({"reached": solution.reached} if solution.deformable.moves else {})
+    return data | ({"reached": state.reached} if state.deformable.moves else {})
 
 
-def _static_report(solution: Solution) -> dict[str, Any]:
+def _static_report(state: State) -> dict[str, Any]:
     """Report of a static solver."""
-    result = solution.static
-    if result is None:
+    if state.run is not None:
         return {}
+    evidence = state.evidence
     energies = ("strain_energy", "contact_energy", "external_work", "frictional_dissipation")
     data = {
-        "status": result.status,
-        "residual": result.residual,
-        "newton_iterations": result.newton_iterations,
-        "symmetry": result.symmetry,
-        "loose_blocks": result.loose_blocks.tolist(),
-        "load_steps": result.load_steps,
-        "energies": {name: getattr(result, name) for name in energies},
-        "cpu_seconds": result.cpu_seconds,
+        "status": evidence.status,
+        "residual": state.residual,
+        "newton_iterations": len(evidence.residuals),
+        "symmetry": state.system.orbits.order,
+        "loose_blocks": evidence.loose_blocks.tolist(),
+        "load_steps": evidence.load_steps,
+        "energies": {name: getattr(state, name) for name in energies},
+        "cpu_seconds": evidence.cpu_seconds,
     }
-    balance = solution.energy_balance
+    balance = state.energy_balance
     return data if balance is None else data | {"energy_balance": balance}
 
 
-def _explicit_report(solution: Solution) -> dict[str, Any]:
+def _explicit_report(state: State) -> dict[str, Any]:
     """Report of an explicit run."""
-    result, stated = solution.explicit, solution.statement
-    if result is None or stated is None:
+    run, stated = state.run, state.statement
+    if run is None or stated is None:
         return {}
-    energies, n_bytes = result.energies, result.state_bytes + result.constant_bytes
+    energies, n_bytes = run.energies, run.state_bytes + run.constant_bytes
     data: dict[str, Any] = {
-        "status": str(result.status),
-        "n_steps": result.n_steps,
-        "time": result.time,
-        "time_step": result.time_step,
-        "critical_time_step": result.critical.critical_time_step,
-        "residual": result.residual,
+        "status": str(run.status),
+        "n_steps": run.n_steps,
+        "time": run.time,
+        "time_step": run.time_step,
+        "critical_time_step": run.critical.critical_time_step,
+        "residual": run.residual,
         "newton_iterations": None,
         "energies": None
         if energies is None
         else asdict(energies)
         | {"viscous_dissipation": energies.viscous_dissipation, "total": energies.total},
-        "energy_balance": result.energy_balance,
-        "element_updates_per_cpu_second": result.element_updates_per_cpu_second,
+        "energy_balance": run.energy_balance,
+        "element_updates_per_cpu_second": run.element_updates_per_cpu_second,
         "added_mass": added_mass_share(stated.model),
         "bytes_per_node": n_bytes / stated.model.n_nodes,
-        "cpu_seconds": {"loop": result.cpu_seconds},
+        "cpu_seconds": {"loop": run.cpu_seconds},
     }
-    return data | _quasi_static_report(solution)
+    return data | _quasi_static_report(state)
 
 
-def _quasi_static_report(solution: Solution) -> dict[str, Any]:
+def _quasi_static_report(state: State) -> dict[str, Any]:
     """How static the end is, where a static state is expected."""
-    stated, report = solution.statement, solution.quasi_static
-    if stated is None or stated.recommended is None or report is None:
+    run, stated, report = state.run, state.statement, state.quasi_static
+    if run is None or stated is None or stated.recommended is None or report is None:
         return {}
-    meets = solution.deformable.meets
+    meets = state.deformable.meets
     return {
-        "loose_blocks": solution.loose_blocks.tolist() if meets else [],
+        "loose_blocks": state.loose_blocks.tolist() if meets else [],
         "counted_pressure": stated.counted_pressure,
-        "released_at_start": solution.released_at_start,
+        "released_at_start": state.released_at_start,
         "quasi_static": asdict(report),
         "recommended": asdict(stated.recommended),
-        "restarts": solution.restarts,
+        "restarts": run.restarts,
     }

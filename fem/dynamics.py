@@ -23,7 +23,6 @@ from fem.explicit.output.checkpoint import OtherProblemError
 from fem.explicit.setup.statement import ExplicitStatement, explicit_statement
 from fem.explicit.solve import (
     CUT_SHORT,
-    ExplicitResult,
     Frame,
     Output,
     Progress,
@@ -35,9 +34,8 @@ from fem.explicit.solve import (
 from fem.measures import measures_of
 from fem.method import Explicit, Static, require_method
 from fem.problem import Problem, ProblemError, require_problem
-from fem.solution import Solution
+from fem.state import State
 from fem.static.solve import StaticOptions
-from fem.system.sector import searched_in_all_sectors
 from geometry.answer import Answer, Measure
 from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
@@ -128,26 +126,24 @@ def solve_explicit(
         tell = (lambda _: None) if progress is None else progress
         tell("critical time step")
         with budget() as spent:
-            solution = explicit_solution(problem, method, output, resume)
+            state = explicit_state(problem, method, output, resume)
         spent.work, spent.memory = method.max_work, method.max_memory
         watch.lap("solve")
-        run = solution.explicit
+        run = state.run
         assert run is not None
         errors, parts = dict[str, float](), dict[str, Part](work=spent)
         if run.status not in CUT_SHORT:
             unlimited = replace(method, max_work=None, max_seconds=None)
-            errors, beside = _beside(problem, unlimited, solution, watch, tell)
+            errors, beside = _beside(problem, unlimited, state, watch, tell)
             parts |= beside
         seconds = {**watch.seconds(), "loop": run.cpu_seconds}
-    return answer_of(
-        solution, errors, problem=problem, parts=parts, beside={"cpu_seconds": seconds}
-    )
+    return answer_of(state, errors, problem=problem, parts=parts, beside={"cpu_seconds": seconds})
 
 
 def _beside(
     problem: Problem,
     method: Explicit,
-    solution: Solution,
+    state: State,
     watch: Stages,
     tell: Callable[[Refinement | str], None],
 ) -> tuple[dict[str, float], dict[str, Part]]:
@@ -158,12 +154,12 @@ def _beside(
     drag of damping, what half the ramp changes is added. A run that is not yet at rest has none.
     """
     parts, static = dict[str, Part](), method.damping == "static"
-    moving = static and _is_moving(solution)
+    moving = static and _is_moving(state)
     if moving:
         parts["notes"] = Notes([NOT_AT_REST])
     if static and method.static_reference:
         tell("converged static state")
-        reference = _static_reference(problem, method, solution, tell)
+        reference = _static_reference(problem, method, state, tell)
         parts["static_reference"] = reference
         watch.lap("static reference")
         if method.error_estimate and not reference.why_not:
@@ -173,16 +169,16 @@ def _beside(
     errors = dict[str, float]()
     if not moving:
         tell("two coarser meshes, for the errors")
-        alike = _with_its_times(method, solution)
-        errors = static_errors(problem, solution, lambda other: _uninterrupted(other, alike))
+        alike = _with_its_times(method, state)
+        errors = static_errors(problem, state, lambda other: _uninterrupted(other, alike))
         dragged = ramp_change(problem, method) if errors else {}
-        measures = measures_of(solution)
+        measures = measures_of(state)
         errors = {n: e + dragged.get(n, 0.0) * abs(measures[n].value) for n, e in errors.items()}
     watch.lap("error bars")
     if static and is_a_set(problem):
         tell("how wide the set of answers with friction is")
         parts["friction"] = friction_set(
-            problem, solution, _statically(problem, method), refined=False
+            problem, state, _statically(problem, method), refined=False
         )
         watch.lap("range of friction")
     return errors, parts
@@ -194,18 +190,18 @@ def _statically(problem: Problem, method: Explicit) -> StaticOptions:
     return static_options(problem, Static(symmetry=symmetry))
 
 
-def _is_moving(solution: Solution) -> bool:
+def _is_moving(state: State) -> bool:
     """Whether a run to the static state ended before it; not by round-off."""
-    state, run = solution.quasi_static, solution.explicit
-    if state is None or run is None:
+    report, run = state.quasi_static, state.run
+    if report is None or run is None:
         return False
-    return not state.is_static and run.round_off is None
+    return not report.is_static and run.round_off is None
 
 
 def _static_reference(
     problem: Problem,
     method: Explicit,
-    solution: Solution,
+    state: State,
     progress: Callable[[Refinement | str], None],
 ) -> StaticReference:
     """Solve for the converged static state of the problem of a run; or why there is none.
@@ -214,7 +210,7 @@ def _static_reference(
     its residual and the remaining displacement bound, and the discretisation error of that mesh,
     which only finer meshes show. The static solver gives the second one.
     """
-    why = "not at rest" if _is_moving(solution) else _why_no_reference(problem)
+    why = "not at rest" if _is_moving(state) else _why_no_reference(problem)
     if why is not None:
         return StaticReference(why_not=why)
     with stages() as watch:
@@ -233,7 +229,7 @@ def _static_reference(
         report = {name: part.as_json() for name, part in result.parts.items() if name != "facets"}
         report["degree"] = result.meshes.meshes[-1].rung.degree
         report["cpu_seconds"] = watch.seconds()
-    return StaticReference(measures_of(solution), measures, report)
+    return StaticReference(measures_of(state), measures, report)
 
 
 def _why_no_reference(problem: Problem) -> str | None:
@@ -274,13 +270,13 @@ def _half_ramp_change(problem: Problem, method: Explicit) -> dict[str, float]:
     return {name: SAFETY * abs(other / value - 1.0) for name, value, other in pairs if value}
 
 
-def _with_its_times(method: Explicit, solution: Solution) -> Explicit:
+def _with_its_times(method: Explicit, state: State) -> Explicit:
     """The method of a transient with the ramp and the end of its run, for coarser meshes.
 
     Those recommended for other meshes are of another load. The time step is the same share of the
     critical one.
     """
-    stated, run = solution.statement, solution.explicit
+    stated, run = state.statement, state.run
     if stated is None or run is None or method.damping == "static":
         return method
     method = replace(method, ramp_time=stated.ramp_time, end_time=stated.end_time)
@@ -294,13 +290,13 @@ def _with_its_times(method: Explicit, solution: Solution) -> Explicit:
 # One run
 
 
-def _uninterrupted(problem: Problem, method: Explicit) -> Solution:
+def _uninterrupted(problem: Problem, method: Explicit) -> State:
     """The end of a run beside another one; an interruption is not its result."""
-    solution = explicit_solution(problem, method)
-    assert solution.explicit is not None
-    if solution.explicit.status is Status.INTERRUPTED:
+    state = explicit_state(problem, method)
+    assert state.run is not None
+    if state.run.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
-    return solution
+    return state
 
 
 def stated_run(problem: Problem, method: Explicit) -> ExplicitStatement:
@@ -317,12 +313,12 @@ def stated_run(problem: Problem, method: Explicit) -> ExplicitStatement:
     )
 
 
-def explicit_solution(
+def explicit_state(
     problem: Problem,
     method: Explicit,
     output: Output | None = None,
     resume: Path | None = None,
-) -> Solution:
+) -> State:
     """Run a problem on its mesh: see `solve_explicit`.
 
     Parameters
@@ -377,16 +373,7 @@ def explicit_solution(
                 if isinstance(error, UnstableRun):
                     resume, restarts = None, restarts + 1
                 stated = shorter
-    return Solution(
-        deformable=stated.system.deformable,
-        group_displacements=stated.expand(result.displacements),
-        contact_state=stated.contact_state(result.displacements, result.searched, result.slips),
-        finite_rotation=stated.model.effects.finite_rotation,
-        solver=_of_all_copies(result, stated),
-        statement=stated,
-        restarts=restarts,
-        static_below=method.residual,
-    )
+    return stated.state(replace(result, restarts=restarts, static_below=method.residual))
 
 
 def _refuse_memory(stated: ExplicitStatement) -> None:
@@ -418,20 +405,4 @@ def _of_all_blocks(output: Output, whole: ExplicitStatement, restarts: int) -> O
         output,
         on_frame=None if on_frame is None else frame,
         progress=None if progress is None else tell,
-    )
-
-
-def _of_all_copies(result: ExplicitResult, whole: ExplicitStatement) -> ExplicitResult:
-    """Result with the energies and forces of the whole where one of some sectors was computed."""
-    energies, copies = result.energies, whole.system.orbits.copies
-    held, searched = result.support_forces, result.searched
-    if searched is not None:
-        searched = searched_in_all_sectors(whole.system.deformable, whole.system.orbits, searched)
-    return replace(
-        result,
-        energies=None if energies is None else energies.times(copies),
-        history=result.history.times(copies),
-        support_forces=whole.expand(held) if held else (),
-        contact_forces=whole.expand(result.contact_forces),
-        searched=searched,
     )

@@ -16,7 +16,7 @@ from functools import cache
 import numpy as np
 
 from fem.contact.facet_peaks import LARGEST_FACTOR
-from fem.solution import Solution
+from fem.state import State
 from fem.stresses.peaks import (
     Peak,
     largest_displacement,
@@ -44,20 +44,20 @@ _NEGLIGIBLE = 1e-4
 
 
 def measures_of(
-    solution: Solution,
+    state: State,
     errors: Mapping[str, float] | None = None,
     *,
     facets: tuple[Assembly, FloatArray] | None = None,
     remarks: Mapping[str, str] | None = None,
 ) -> Lazy[Measure]:
-    """Measures of a solution, each computed when it is read: see `fem.answer.answer_of`."""
-    moved = solution.deformable, solution.group_displacements
+    """Measures of a state, each computed when it is read: see `fem.answer.answer_of`."""
+    moved = state.deformable, state.displacements
     makers = {
-        "max_displacement": lambda: _measure(solution, largest_displacement(*moved), "mm")
-    } | _stresses(solution)
-    if solution.deformable.meets:
-        makers |= _pressures(solution, facets)
-    makers |= _of_motion(solution)
+        "max_displacement": lambda: _measure(state, largest_displacement(*moved), "mm")
+    } | _stresses(state)
+    if state.deformable.meets:
+        makers |= _pressures(state, facets)
+    makers |= _of_motion(state)
     bars, notes = errors or {}, remarks or {}
 
     def told(name: str) -> Callable[[], Measure]:
@@ -66,11 +66,11 @@ def measures_of(
     return Lazy({name: told(name) for name in makers})
 
 
-def _of_motion(solution: Solution) -> dict[str, Callable[[], Measure]]:
+def _of_motion(state: State) -> dict[str, Callable[[], Measure]]:
     """Of the support that moves against the largest force; nothing where none does."""
-    if not solution.push_curves:
+    if not state.push_curves:
         return {}
-    curve = max(solution.push_curves, key=lambda c: c.peak[0])
+    curve = max(state.push_curves, key=lambda c: c.peak[0])
     force, displacement = curve.peak
     place = {"support": curve.name, "displacement": displacement}
     result = {
@@ -78,45 +78,45 @@ def _of_motion(solution: Solution) -> dict[str, Callable[[], Measure]]:
         "push_stiffness": lambda: Measure(curve.stiffness, "N/mm"),
         "push_work": lambda: Measure(curve.work, "N mm"),
     }
-    if solution.static is None:  # a run begins with waves
+    if state.run is not None:  # a run begins with waves
         del result["push_stiffness"]
     return result
 
 
-def _stresses(solution: Solution) -> dict[str, Callable[[], Measure]]:
+def _stresses(state: State) -> dict[str, Callable[[], Measure]]:
     return {
-        "sigma_1_max": lambda: _measure(solution, solution.stress_peaks.sigma_1),
-        "sigma_3_min": lambda: _measure(solution, solution.stress_peaks.sigma_3),
-        "mises_max": lambda: _measure(solution, solution.stress_peaks.mises),
+        "sigma_1_max": lambda: _measure(state, state.stress_peaks.sigma_1),
+        "sigma_3_min": lambda: _measure(state, state.stress_peaks.sigma_3),
+        "mises_max": lambda: _measure(state, state.stress_peaks.mises),
         "sigma_1_averaged": lambda: _measure(
-            solution,
-            solution.stress_peaks.sigma_1_averaged,
-            averaging_radius=solution.stress_peaks.averaging_radius,
+            state,
+            state.stress_peaks.sigma_1_averaged,
+            averaging_radius=state.stress_peaks.averaging_radius,
         ),
     }
 
 
 def _pressures(
-    solution: Solution, facets: tuple[Assembly, FloatArray] | None
+    state: State, facets: tuple[Assembly, FloatArray] | None
 ) -> dict[str, Callable[[], Measure]]:
     def at_a_point() -> Measure:
-        law = solution.deformable.contact.law
-        largest = largest_pressure(solution.deformable, law, solution.contact_state)
-        return Measure(0.0, "MPa") if largest is None else _measure(solution, largest)
+        law = state.deformable.contact.law
+        largest = largest_pressure(state.deformable, law, state.contact_state)
+        return Measure(0.0, "MPa") if largest is None else _measure(state, largest)
 
     def largest_mean() -> Measure:
-        assembly = solution.deformable.assembly if facets is None else facets[0]
-        return largest_facet_mean(assembly, contacts_of(solution, facets))
+        assembly = state.deformable.assembly if facets is None else facets[0]
+        return largest_facet_mean(assembly, contacts_of(state, facets))
 
     @cache
     def of_paper() -> ContactMeasures:
-        return contact_on(solution, facets)
+        return contact_on(state, facets)
 
     # With friction, pressures at sharp edges seldom converge, forces of joints do.
-    friction = solution.deformable.contact.friction is not None
+    friction = state.deformable.contact.friction is not None
     joints = {}
-    if friction and solution.contact_state.position_s is not None:
-        joints = {"largest_joint_force": lambda: _largest_joint_force(solution)}
+    if friction and state.contact_state.position_s is not None:
+        joints = {"largest_joint_force": lambda: _largest_joint_force(state)}
     return joints | {
         "p_eff": lambda: Measure(of_paper().p_eff, "MPa"),
         "p_max": lambda: Measure(of_paper().p_max, "MPa"),
@@ -125,25 +125,23 @@ def _pressures(
     }
 
 
-def _largest_joint_force(solution: Solution) -> Measure:
+def _largest_joint_force(state: State) -> Measure:
     """Largest normal force of a joint, at the centroid of its facets."""
-    joints = solution.joints
+    joints = state.joints
     if not len(joints.block_m):
         return Measure(0.0, "N")
     k = first_largest(joints.normal_force)
     pair = int(joints.block_m[k]), int(joints.block_s[k])
-    where = place(solution.deformable.assembly, pair, joints.centroids[k])
+    where = place(state.deformable.assembly, pair, joints.centroids[k])
     return Measure(float(joints.normal_force[k]), "N", place=where)
 
 
-def contact_on(
-    solution: Solution, facets: tuple[Assembly, FloatArray] | None = None
-) -> ContactMeasures:
+def contact_on(state: State, facets: tuple[Assembly, FloatArray] | None = None) -> ContactMeasures:
     """The paper's measures of a state, over other facets where these are given.
 
     What is measured at points is that of the mesh that was solved.
     """
-    result = solution.contact
+    result = state.contact
     if facets is None:
         return result
     assembly, pressures = facets
@@ -152,44 +150,44 @@ def contact_on(
     return replace(result, **shared, per_block=per_block)
 
 
-def contacts_of(solution: Solution, facets: tuple[Assembly, FloatArray] | None = None) -> Contacts:
-    """Contact facets of a solution (`Answer.contacts`), or of other facets where these are given.
+def contacts_of(state: State, facets: tuple[Assembly, FloatArray] | None = None) -> Contacts:
+    """Contact facets of a state (`Answer.contacts`), or of other facets where these are given.
 
     They come in the order of the interfaces that they are. Facets that a search found are none:
     they come in the order of their blocks and of the facets of the second one.
     """
     if facets is not None:
         return Contacts(Lazy(_interfaces_of(*facets)))
-    return Contacts(Lazy(_facets_of(solution) if solution.deformable.meets else {}))
+    return Contacts(Lazy(_facets_of(state) if state.deformable.meets else {}))
 
 
-def _facets_of(solution: Solution) -> dict[str, Callable[[], Array]]:
+def _facets_of(state: State) -> dict[str, Callable[[], Array]]:
     """Facets as they are solved."""
-    state, assembly = solution.contact_state, solution.deformable.assembly
+    contact, assembly = state.contact_state, state.deformable.assembly
     values: dict[str, Callable[[], Array]] = {
-        "pressure": lambda: state.pressures,
-        "force": lambda: state.forces,
-        "gap": lambda: -state.deepest,
-        "slip": lambda: state.slips,
+        "pressure": lambda: contact.pressures,
+        "force": lambda: contact.forces,
+        "gap": lambda: -contact.deepest,
+        "slip": lambda: contact.slips,
     }
-    if state.interface is not None:
-        result = values | interface_contacts(assembly, state.interface)
-        return result | {"area": lambda: state.areas}
-    assert state.position_s is not None
-    position = state.position_s
-    order = np.lexsort((position, state.block_s, state.block_m))
+    if contact.interface is not None:
+        result = values | interface_contacts(assembly, contact.interface)
+        return result | {"area": lambda: contact.areas}
+    assert contact.position_s is not None
+    position = contact.position_s
+    order = np.lexsort((position, contact.block_s, contact.block_m))
 
-    blocks = np.column_stack([state.block_m, state.block_s])
+    blocks = np.column_stack([contact.block_m, contact.block_s])
     values |= {
-        "area": lambda: state.areas,
+        "area": lambda: contact.areas,
         "blocks": lambda: blocks,
         "layer": lambda: assembly.layer[blocks],
         **facet_sides(
-            assembly, (state.block_m, state.block_s), (np.full_like(position, -1), position)
+            assembly, (contact.block_m, contact.block_s), (np.full_like(position, -1), position)
         ),
-        "centroid": lambda: state.centroids,
-        "normal": lambda: state.mean_normals,
-        "corners": lambda: state.corners,
+        "centroid": lambda: contact.centroids,
+        "normal": lambda: contact.mean_normals,
+        "corners": lambda: contact.corners,
     }
     return {name: _ordered(maker, order) for name, maker in values.items()}
 
@@ -206,27 +204,27 @@ def _interfaces_of(assembly: Assembly, pressures: FloatArray) -> dict[str, Calla
     return values | interface_contacts(assembly, index)
 
 
-def _measure(solution: Solution, peak: Peak, unit: str = "MPa", **beside: float) -> Measure:
+def _measure(state: State, peak: Peak, unit: str = "MPa", **beside: float) -> Measure:
     """Value and place of a peak, and what stands beside the place."""
-    where = place(solution.deformable.assembly, peak.blocks, peak.position, peak.face)
+    where = place(state.deformable.assembly, peak.blocks, peak.position, peak.face)
     return Measure(peak.value, unit, place=where | beside, resolved=peak.resolved)
 
 
-def load_step_change(solution: Solution) -> dict[str, float]:
+def load_step_change(state: State) -> dict[str, float]:
     """Change of each measure by half as many load steps, in its unit; empty if not known.
 
     The stresses of a state take as long to search as the state itself: where all else changes by a
     negligible share, they count as changed by that.
     """
-    coarse = solution.coarser_loading
+    coarse = state.evidence.coarser
     if coarse is None:
         return {}
-    before, after = measures_of(coarse), measures_of(solution)
+    before, after = measures_of(coarse), measures_of(state)
 
     def changes(names: Collection[str]) -> dict[str, float]:
         return {name: abs(after[name].value - before[name].value) for name in names}
 
-    stresses = _stresses(solution).keys()
+    stresses = _stresses(state).keys()
     result = changes([name for name in after if name not in stresses])
     shares = [change / abs(after[n].value) for n, change in result.items() if after[n].value]
     share = max(shares, default=1.0)
@@ -235,28 +233,28 @@ def load_step_change(solution: Solution) -> dict[str, float]:
     return result | {name: share * abs(after[name].value) for name in stresses}
 
 
-def hidden_between_nodes(solution: Solution) -> dict[str, float]:
+def hidden_between_nodes(state: State) -> dict[str, float]:
     """What nodes may hide of the pressure at a point, in its unit; empty without contact."""
-    model = solution.deformable
+    model = state.deformable
     if not model.meets:
         return {}
-    hidden = pressure_between_nodes(model, model.contact.law, solution.contact_state)
+    hidden = pressure_between_nodes(model, model.contact.law, state.contact_state)
     return {"p_max_point": hidden}
 
 
-def bracketed(solution: Solution) -> dict[str, float]:
-    """How far both sides of each peak lie apart in the solution itself [MPa].
+def bracketed(state: State) -> dict[str, float]:
+    """How far both sides of each peak lie apart in the state itself [MPa].
 
     Means over facets and integration points against corners of facets, integration points
     against corners of elements.
     """
-    stress, result, pressures = solution.stress_peaks, measures_of(solution), {}
-    if solution.deformable.meets:
-        law = solution.deformable.contact.law
-        corners = mean_of_block_maxima(solution.deformable, law, solution.contact_state)
+    stress, result, pressures = state.stress_peaks, measures_of(state), {}
+    if state.deformable.meets:
+        law = state.deformable.contact.law
+        corners = mean_of_block_maxima(state.deformable, law, state.contact_state)
         pressures = {
             "p_max": abs(corners - result["p_max"].value),
-            "p_max_point": _peak_distance(solution, result["p_max_point"]),
+            "p_max_point": _peak_distance(state, result["p_max_point"]),
         }
     return pressures | {
         "sigma_1_max": abs(stress.sigma_1_at_corners - stress.sigma_1.value),
@@ -265,7 +263,7 @@ def bracketed(solution: Solution) -> dict[str, float]:
     }
 
 
-def _peak_distance(solution: Solution, peak: Measure) -> float:
+def _peak_distance(state: State, peak: Measure) -> float:
     """Distance from the largest pressure to the integration points, or beyond them [MPa].
 
     Where these do not resolve the pressure at an edge, it is larger than theirs by
@@ -273,4 +271,4 @@ def _peak_distance(solution: Solution, peak: Measure) -> float:
     """
     if not peak.resolved:
         return (LARGEST_FACTOR - 1.0) * peak.value
-    return abs(peak.value - solution.contact.p_max_point)
+    return abs(peak.value - state.contact.p_max_point)

@@ -69,7 +69,7 @@ def solve(
 
         follower = Follower(progress=show, on_frame=on_frame, checkpoint=checkpoint, resume=resume)
         answer = deformable_answer(case, follower, otherwise=otherwise)
-        run = answer.details.explicit
+        run = answer.details.run
         if checkpoint is None and run is not None and run.status == "interrupted":
             raise KeyboardInterrupt(
                 f"{run.n_steps} time steps were done; no checkpoint was written: -o names a folder "
@@ -89,7 +89,7 @@ def repeatable(answer: Answer) -> Answer:
     InputError
         A limit of CPU time did.
     """
-    run = None if answer.method == "rigid" else answer.details.explicit
+    run = None if answer.method == "rigid" else answer.details.run
     by = cast("Budget", answer.parts["work"]).stopped_by
     if by == "interrupt" or (run is not None and run.status == "interrupted"):
         raise KeyboardInterrupt

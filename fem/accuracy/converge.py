@@ -21,12 +21,12 @@ from fem.accuracy.errors import (
 )
 from fem.accuracy.facets import pressures_on_facets
 from fem.accuracy.ladder import Ladder, Rung, fineness, ladder_for, on_rung
-from fem.accuracy.one_mesh import static_solution
+from fem.accuracy.one_mesh import static_state
 from fem.accuracy.parts import Accuracy, Meshes, MeshFacets
 from fem.accuracy.transfer import transferred
 from fem.measures import load_step_change, measures_of
 from fem.problem import Problem
-from fem.solution import Solution
+from fem.state import State
 from fem.static.path import Known
 from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.solve import StaticOptions
@@ -112,7 +112,7 @@ class Solved:
 
     problem: Problem
     """On that mesh."""
-    solution: Solution
+    state: State
     """Displacements, stresses and contact there."""
     facets: tuple[Assembly, FloatArray] | None
     """Mesh that was stated, and the mean pressure on each of its interfaces, (n,) [MPa]; None where
@@ -146,7 +146,7 @@ class Converged:
     def measures(self) -> Mapping[str, Measure]:
         """Numbers with errors and places."""
         solved, bars = self.solved, (self.errors, self.remarks)
-        return measures_of(solved.solution, bars[0], facets=solved.facets, remarks=bars[1])
+        return measures_of(solved.state, bars[0], facets=solved.facets, remarks=bars[1])
 
     @property
     def parts(self) -> dict[str, Part]:
@@ -367,20 +367,17 @@ def _solve(
     """Solve on one mesh under a factor times the loads, from the state on a coarser one."""
     begun = time.process_time()
     with budget() as spent:
-        solution, facets = _state(base, stated, options, before, factor)
-        measures = dict(measures_of(solution, facets=facets))
-        steps = load_step_change(solution)
-    assert solution.static is not None
+        state, facets = _state(base, stated, options, before, factor)
+        measures = dict(measures_of(state, facets=facets))
+        steps = load_step_change(state)
     beside = {
         "elements_per_block": stated.blocks.shapes[0].mesh.n_elements,
-        "unknowns": solution.static.n_unknowns,
+        "unknowns": state.displacement.size,
         "cpu_seconds": time.process_time() - begun,
         "work": spent.seconds,
     }
     fine, along = fineness(stated), fineness(stated, "along")
-    return Solved(
-        stated, solution, facets, OnMesh(measures, rung, fine, along, steps, beside), spent
-    )
+    return Solved(stated, state, facets, OnMesh(measures, rung, fine, along, steps, beside), spent)
 
 
 def _state(
@@ -389,22 +386,20 @@ def _state(
     options: StaticOptions,
     before: Solved | None,
     factor: float,
-) -> tuple[Solution, tuple[Assembly, FloatArray] | None]:
+) -> tuple[State, tuple[Assembly, FloatArray] | None]:
     """State on a mesh, and the mean pressures on the facets of the mesh that was stated."""
     deformable, start = stated.deformable, None
     known: Known = ()
     if before is not None and deformable.meets and _may_start(stated, before.problem):
-        coarse = before.solution
-        assert coarse.static is not None
+        coarse = before.state
         move = partial(transferred, source=coarse.deformable, target=deformable)
         if stated.friction is None:
-            moved = move(coarse.group_displacements)
-            start = replace(coarse.static, deformable=deformable, displacements=moved)
+            start = move(coarse.displacements)
         else:
-            known = tuple((load, move(u)) for load, u in coarse.static.steps)
-            halved = max(options.load_steps, coarse.static.load_steps // 2)
+            known = tuple((s.load_factor, move(s.displacements)) for s in coarse.evidence.path)
+            halved = max(options.load_steps, coarse.evidence.load_steps // 2)
             options = replace(options, load_steps=halved)
-    solution = static_solution(
+    state = static_state(
         deformable,
         options,
         factor=factor,
@@ -414,15 +409,14 @@ def _state(
     )
     facets = None
     if deformable.meets and not deformable.contact.finite_sliding:
-        assert solution.static is not None
         pressures = pressures_on_facets(
             base.blocks,
             deformable,
-            solution.group_displacements,
-            symmetry=solution.static.symmetry,
+            state.displacements,
+            symmetry=state.system.orbits.order,
         )
         facets = base.blocks, pressures
-    return solution, facets
+    return state, facets
 
 
 def _may_start(stated: Problem, before: Problem) -> bool:
@@ -457,7 +451,7 @@ def _beyond(
     need two meshes: the second is begun as long as any CPU time is left. The ``widest`` bar over
     that sought falls as the fineness grows.
     """
-    if last.solution.large_motion is not None:
+    if last.state.large_motion is not None:
         return None, "the large motion, which no mesh of small motions describes"
     bound = _OUT_OF_REACH * fineness(stated) / last.numbers.fineness
     if number > _FOURTH and widest > bound:

@@ -16,11 +16,11 @@ from dataclasses import replace
 from functools import partial
 
 from fem.accuracy.ladder import coarser, ladder_for, mesh_of, on_rung
-from fem.accuracy.one_mesh import static_solution, values_of
+from fem.accuracy.one_mesh import static_state, values_of
 from fem.accuracy.parts import FrictionSet
 from fem.measures import load_step_change
 from fem.problem import Problem
-from fem.solution import Solution
+from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
 from geometry.errors import RefusedError
@@ -38,31 +38,31 @@ _SHARES = (0.5, 2.0 / 3.0)
 
 def friction_set(
     problem: Problem,
-    solution: Solution,
+    state: State,
     options: StaticOptions,
     *,
     refined: bool,
     known: Mapping[str, Mapping[str, float]] | None = None,
 ) -> FrictionSet:
-    """State which member of the set a solution is, and how wide the set is.
+    """State which member of the set a state is, and how wide the set is.
 
     Parameters
     ----------
     problem
         As stated.
-    solution
+    state
         Its static state, or the end of an explicit run.
     options
         Of the static solver.
     refined
-        Whether the solution is of the last of finer and finer meshes: the width is sought on the
+        Whether the state is of the last of finer and finer meshes: the width is sought on the
         first of these, else on coarser ones than that of the problem.
     known
         Values of measures under the whole load on meshes that are solved, by `mesh_of`.
     """
     with budget(_SHARE * allowance().work):
         width, words = _width(problem, options, known or {}, refined=refined)
-    return FrictionSet(_member(solution), load_step_change(solution), width, words)
+    return FrictionSet(_member(state), load_step_change(state), width, words)
 
 
 def _width(
@@ -77,7 +77,7 @@ def _width(
     for stated, words in _rungs(problem) if refined else _coarser(problem):
         direct, mesh = None, mesh_of(stated)
         solve = partial(
-            static_solution,
+            static_state,
             stated.deformable,
             finite_rotation=stated.finite_rotation,
             store=FlexibilityStore(),
@@ -109,10 +109,9 @@ def _coarser(problem: Problem) -> Iterable[tuple[Problem, str]]:
     return ((stated, "") for stated in meshes if stated is not None)
 
 
-def _member(solution: Solution) -> str:
+def _member(state: State) -> str:
     """How the load was applied."""
-    if solution.static is not None:
-        steps = solution.static.load_steps
+    if state.statement is None:
+        steps = state.evidence.load_steps
         return f"monotonic loading in {steps} step{'s' if steps > 1 else ''}"
-    assert solution.statement is not None
-    return f"smooth ramp of {1e3 * solution.statement.ramp_time:.3g} ms, damped"
+    return f"smooth ramp of {1e3 * state.statement.ramp_time:.3g} ms, damped"

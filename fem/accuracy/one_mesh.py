@@ -16,17 +16,18 @@ from fem.accuracy.errors import one_mesh_bars
 from fem.accuracy.ladder import coarser, split
 from fem.measures import bracketed, load_step_change, measures_of
 from fem.problem import Problem
-from fem.solution import Solution
+from fem.state import State
 from fem.static.history import solve_history
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.path import Known
-from fem.static.result import StaticError, StaticResult
+from fem.static.result import StaticError
 from fem.static.solve import StaticOptions, solve_static
 from fem.system.build import DeformableAssembly
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.machine.system import one_thread_of_blas
 from geometry.machine.work import Budget, allowance
+from geometry.mesh import FloatArray
 
 #: Elements along an edge of the coarser meshes over those of the run.
 SHARES = (2.0 / 3.0, 0.5)
@@ -39,22 +40,23 @@ _FINER = 8.0
 
 
 @one_thread_of_blas()
-def static_solution(
+def static_state(
     deformable: DeformableAssembly,
     options: StaticOptions | None = None,
     *,
     factor: float = 1.0,
     finite_rotation: bool = False,
     store: FlexibilityStore | None = None,
-    start: StaticResult | None = None,
+    start: tuple[FloatArray, ...] | None = None,
     before: Sequence[DeformableAssembly] = (),
     known: Known = (),
-) -> Solution:
+) -> State:
     """Solve for the static state of blocks that are built: see `fem.solve_static`.
 
     All loads and the weight are scaled by a ``factor`` [-]. Runs that share a ``store`` condense
-    the same blocks once; ``start`` is a state of the same model near the solution. ``before`` are
-    the stages from rest on that come before; states under some loads may be ``known`` nearly.
+    the same blocks once; ``start`` are the displacements of each group in a state of the same model
+    near the one sought. ``before`` are the stages from rest on that come before; states under some
+    loads may be ``known`` nearly.
 
     Raises
     ------
@@ -67,23 +69,17 @@ def static_solution(
     if options.motion_steps is None and deformable.moves and not before:
         options = replace(options, motion_steps=MOTION_STEPS)
     if before:
-        result = solve_history([*before, deformable], options, store)
+        state = solve_history([*before, deformable], options, store)
     elif finite_rotation:
         # Its internal forces are those of explicit runs, which load a compiler.
         from fem.static.rotation import solve_static_with_rotation
 
-        result = solve_static_with_rotation(deformable, options, start=start, store=store)
+        state = solve_static_with_rotation(deformable, options, start=start, store=store)
     else:
-        result = solve_static(deformable, options, store=store, start=start, known=known)
-    if not result.converged:
-        raise StaticError(result.status)
-    return Solution(
-        deformable=result.deformable,
-        group_displacements=result.displacements,
-        contact_state=result.contact_state,
-        finite_rotation=finite_rotation,
-        solver=result,
-    )
+        state = solve_static(deformable, options, store=store, start=start, known=known)
+    if not state.converged:
+        raise StaticError(state.evidence.status)
+    return state
 
 
 def _scaled_loads(deformable: DeformableAssembly, factor: float) -> DeformableAssembly:
@@ -96,15 +92,15 @@ def _scaled_loads(deformable: DeformableAssembly, factor: float) -> DeformableAs
 
 def static_errors(
     problem: Problem,
-    solution: Solution,
-    solve: Callable[[Problem], Solution],
+    state: State,
+    solve: Callable[[Problem], State],
     spent: Budget | None = None,
 ) -> dict[str, float]:
     """Estimate the error of each measure of a state, in its unit; empty without another mesh.
 
     Parameters
     ----------
-    problem, solution
+    problem, state
         On the mesh whose errors are asked for.
     solve
         Solves the problem on another mesh.
@@ -123,23 +119,23 @@ def static_errors(
     if few and not others and not degrees:
         with suppress(RefusedError):
             others = [solve(split(problem, 2, 1))]
-    elements, meshes = solution.deformable.model.n_elements, []
+    elements, meshes = state.deformable.model.n_elements, []
     for other in others:
         refinement = (elements / other.deformable.model.n_elements) ** (1.0 / 3.0)
         if refinement != 1.0:
             meshes.append((values_of(other), refinement))
     return one_mesh_bars(
-        values_of(solution),
+        values_of(state),
         meshes,
         degrees,
-        bracketed(solution) if meshes and not degrees else {},
-        load_step_change(solution) if solution.static is not None else {},
+        bracketed(state) if meshes and not degrees else {},
+        load_step_change(state),
     )
 
 
-def values_of(solution: Solution) -> dict[str, float]:
+def values_of(state: State) -> dict[str, float]:
     """Values of all measures of a state, each in its unit."""
-    return {name: measure.value for name, measure in measures_of(solution).items()}
+    return {name: measure.value for name, measure in measures_of(state).items()}
 
 
 def _is_straightened(block: Block) -> bool:
@@ -147,9 +143,7 @@ def _is_straightened(block: Block) -> bool:
     return block.curve is not None and block.charts is None
 
 
-def _coarser_solutions(
-    problem: Problem, solve: Callable[[Problem], Solution]
-) -> Iterator[Solution]:
+def _coarser_solutions(problem: Problem, solve: Callable[[Problem], State]) -> Iterator[State]:
     solved = set[int]()
     for share in SHARES:
         stated = coarser(problem, share)

@@ -24,14 +24,14 @@ from fem.accuracy.converge import (
     why_not_refined,
 )
 from fem.accuracy.ladder import mesh_of, on_rung
-from fem.accuracy.one_mesh import static_errors, static_solution, values_of
+from fem.accuracy.one_mesh import static_errors, static_state, values_of
 from fem.answer import answer_of
 from fem.contact.law import LinearPenalty
 from fem.element.hexahedron import ElementType
 from fem.measures import measures_of
 from fem.method import Static, require_method
 from fem.problem import Problem, require_problem
-from fem.solution import Solution
+from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.solve import StaticOptions
@@ -42,7 +42,6 @@ from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
 from geometry.machine.system import one_thread_of_blas
 from geometry.machine.work import LIMITS, Budget, LimitError, budget, clock, unlimited
-from geometry.mesh import FloatArray
 from geometry.parts.rows import Notes, Part, Row
 
 if TYPE_CHECKING:
@@ -176,15 +175,15 @@ def _converged(
         )
     watch.lap("solve")
     solved, meshes, parts = result.solved, result.meshes.meshes, result.parts
-    _write_frames(method.frames, solved.solution, options, follower)
+    _write_frames(method.frames, solved.state, options, follower)
     known = {mesh_of(on_rung(problem, mesh.rung)): mesh.values for mesh in meshes}
     rungs = [mesh.rung for mesh in meshes]
     with budget(ends=clock(0.0) if result.accuracy.stopped_by == "interrupt" else ends):
-        parts |= _friction_range(problem, solved.solution, options, follower, known, refined=True)
+        parts |= _friction_range(problem, solved.state, options, follower, known, refined=True)
         factors = dict[str, Measure]()
         if _has_strengths(problem):
             factors = _load_factors(
-                solved.solution,
+                solved.state,
                 result.measures,
                 options,
                 lambda factor, _: bars_under(problem, rungs, options, factor),
@@ -192,7 +191,7 @@ def _converged(
             )
     with unlimited():
         return answer_of(
-            solved.solution,
+            solved.state,
             result.errors,
             facets=solved.facets,
             remarks=result.remarks,
@@ -214,40 +213,40 @@ def _on_one_mesh(
     tell("static state")
     options = static_options(problem, method)
     with _floating_named(problem, options), budget() as spent:
-        solution = _solution(problem, options, store)
+        state = _state(problem, options, store)
     watch.lap("solve")
-    _write_frames(method.frames, solution, options, follower)
+    _write_frames(method.frames, state, options, follower)
     parts, errors, factors = dict[str, Part](), dict[str, float](), dict[str, Measure]()
     most = MOST_SECONDS if method.max_work is None else None
-    solved = {mesh_of(problem): solution}
+    solved = {mesh_of(problem): state}
 
-    def solve(other: Problem) -> Solution:
-        solved[mesh_of(other)] = _solution(other, options)
+    def solve(other: Problem) -> State:
+        solved[mesh_of(other)] = _state(other, options)
         return solved[mesh_of(other)]
 
     with budget(most, clock(method.max_seconds)) as beside:
         if method.error_estimate and problem.after is None:
             tell("coarser meshes, for the errors")
-            errors = static_errors(problem, solution, solve, spent)
+            errors = static_errors(problem, state, solve, spent)
             if beside.stopped_by and not errors:
                 parts["notes"] = Notes([Row("error bars", f"none: {LIMITS[beside.stopped_by]}")])
             watch.lap("error bars")
             known = Lazy({m: partial(values_of, state) for m, state in solved.items()})
-            parts |= _friction_range(problem, solution, options, follower, known, refined=False)
+            parts |= _friction_range(problem, state, options, follower, known, refined=False)
         if problem.after is None and _has_strengths(problem):
             under = partial(_errors_under, problem, options, spent)
-            measures = measures_of(solution, errors)
-            factors = _load_factors(solution, measures, options, under, follower)
+            measures = measures_of(state, errors)
+            factors = _load_factors(state, measures, options, under, follower)
     seconds = {"cpu_seconds": watch.seconds()}
     with unlimited():
         return answer_of(
-            solution, errors, factors=factors, problem=problem, parts=parts, beside=seconds
+            state, errors, factors=factors, problem=problem, parts=parts, beside=seconds
         )
 
 
 def _friction_range(
     problem: Problem,
-    solution: Solution,
+    state: State,
     options: StaticOptions,
     follower: _Follower,
     known: Mapping[str, Mapping[str, float]],
@@ -260,23 +259,23 @@ def _friction_range(
     from fem.accuracy.friction_range import friction_set
 
     follower.tell("how wide the set of answers with friction is")
-    result = friction_set(problem, solution, options, refined=refined, known=known)
+    result = friction_set(problem, state, options, refined=refined, known=known)
     follower.watch.lap("range of friction")
     return {"friction": result}
 
 
 def _load_factors(
-    solution: Solution,
+    state: State,
     measures: Mapping[str, Measure],
     options: StaticOptions,
-    under: Callable[[float, Solution], Mapping[str, float]],
+    under: Callable[[float, State], Mapping[str, float]],
     follower: _Follower,
 ) -> dict[str, Measure]:
     """Load factors at which stresses are strengths: see `fem.accuracy.strength`."""
     from fem.accuracy.strength import strength_factors
 
     follower.tell("load factors")
-    factors = strength_factors(solution, measures, options, under)
+    factors = strength_factors(state, measures, options, under)
     follower.watch.lap("load factors")
     return factors
 
@@ -285,25 +284,25 @@ def _has_strengths(problem: Problem) -> bool:
     return any(m.tensile_strength or m.compressive_strength for m in problem.materials)
 
 
-def _solution(
+def _state(
     problem: Problem, options: StaticOptions, store: FlexibilityStore | None = None
-) -> Solution:
+) -> State:
     """State of a problem on its mesh."""
     *before, deformable = (stage.deformable for stage in problem.stages)
     turning = problem.finite_rotation
-    return static_solution(deformable, options, finite_rotation=turning, store=store, before=before)
+    return static_state(deformable, options, finite_rotation=turning, store=store, before=before)
 
 
 def _errors_under(
-    problem: Problem, options: StaticOptions, spent: Budget, factor: float, solution: Solution
+    problem: Problem, options: StaticOptions, spent: Budget, factor: float, state: State
 ) -> dict[str, float]:
     """Errors on the mesh of the problem under a factor times the loads, of a state there."""
 
-    def solve(other: Problem) -> Solution:
+    def solve(other: Problem) -> State:
         turning = other.finite_rotation
-        return static_solution(other.deformable, options, factor=factor, finite_rotation=turning)
+        return static_state(other.deformable, options, factor=factor, finite_rotation=turning)
 
-    return static_errors(problem, solution, solve, spent)
+    return static_errors(problem, state, solve, spent)
 
 
 def refines(problem: Problem, method: Static) -> bool:
@@ -387,7 +386,7 @@ def _floating_words(problem: Problem, options: StaticOptions) -> str | None:
         return None
     deformable = problem.deformable
     springs = replace(deformable.contact, law=LinearPenalty(_SPRINGS))
-    once = replace(options, load_steps=1, keep_steps=False)
+    once = replace(options, load_steps=1)
     try:
         result = solve_blocks(replace(deformable, contact=springs), once)
     except RefusedError:
@@ -411,7 +410,7 @@ def _floating_words(problem: Problem, options: StaticOptions) -> str | None:
 
 def _write_frames(
     count: int,
-    solution: Solution,
+    state: State,
     options: StaticOptions,
     follower: _Follower,
 ) -> None:
@@ -422,36 +421,31 @@ def _write_frames(
     on_frame = follower.on_frame
     if count == 0 or on_frame is None:
         return
-    result = solution.static
-    assert result is not None
     parts = max(1, count - 1)
-    if solution.deformable.contact.friction is not None:
-        parts = result.load_steps
-    steps: Sequence[tuple[float, tuple[FloatArray, ...]]] = ()
+    if state.deformable.contact.friction is not None:
+        parts = state.evidence.load_steps
+    path = [state]
     if parts > 1:
-        kept = replace(options, keep_steps=True, load_steps=parts, load_tolerance=None)
-        turning = solution.finite_rotation
-        again = static_solution(solution.deformable, kept, finite_rotation=turning)
-        assert again.static is not None
-        steps = again.static.steps
-    for frame in _frames(count, solution, [*steps[:-1], (1.0, result.displacements)]):
+        in_parts = replace(options, load_steps=parts, load_tolerance=None)
+        turning = state.finite_rotation
+        again = static_state(state.deformable, in_parts, finite_rotation=turning)
+        path = [*again.evidence.path[:-1], state]
+    for frame in _frames(count, path):
         on_frame(frame)
     follower.watch.lap("frames")
 
 
-def _frames(
-    count: int, solution: Solution, steps: Sequence[tuple[float, tuple[FloatArray, ...]]]
-) -> Iterator[Frame]:
+def _frames(count: int, path: Sequence[State]) -> Iterator[Frame]:
     """Frames of a static run: the state without load, then those of the load steps.
 
-    There are ``count`` of them, or as many as load steps, each with its part of the load and the
-    displacements of each group, the whole load last.
+    There are ``count`` of them, or as many as load steps, the whole load last.
     """
     from fem.explicit.solve import Frame
 
-    rest = tuple(np.zeros_like(u) for u in steps[-1][1])
-    states, groups = [(0.0, rest), *steps], solution.deformable.model.groups
+    last = path[-1]
+    rest = replace(last, displacement=np.zeros_like(last.displacement), load_factor=0.0)
+    states = [rest, *path]
     chosen = np.unique(np.round(np.linspace(len(states) - 1, 0, min(count, len(states)))))
     for place, k in enumerate(chosen.astype(int)):
-        share, displacements = states[k]
-        yield Frame(place, share, groups, displacements, last=place == len(chosen) - 1)
+        state, groups, ends = states[k], last.deformable.model.groups, k == len(states) - 1
+        yield Frame(place, state.load_factor, groups, state.displacements, last=ends)

@@ -12,10 +12,10 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-from fem.accuracy.one_mesh import static_solution
+from fem.accuracy.one_mesh import static_state
 from fem.element.material import one_strength
 from fem.measures import hidden_between_nodes, measures_of
-from fem.solution import Solution
+from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
 from geometry.answer import Measure
@@ -27,7 +27,7 @@ JUDGED = {
     "compressive_strength": ("crushing_factor", ("sigma_3_min", "p_max_point")),
 }
 #: Error bars under a factor times the loads, with the state there.
-Bars = Callable[[float, Solution], Mapping[str, float]]
+Bars = Callable[[float, State], Mapping[str, float]]
 #: Why a factor is none.
 _TOO_COARSE = "not resolved: under {:.2g} times the load the law is too stiff for this mesh"
 #: Logarithm of strength over stress from which the last secant is followed without solving again
@@ -44,7 +44,7 @@ _NEARBY = 2.0
 
 
 def strength_factors(
-    solution: Solution,
+    state: State,
     measures: Mapping[str, Measure],
     options: StaticOptions | None = None,
     bars: Bars | None = None,
@@ -53,7 +53,7 @@ def strength_factors(
 
     Parameters
     ----------
-    solution
+    state
         Static state under the load as stated.
     measures
         Its measures with their error bars.
@@ -73,7 +73,7 @@ def strength_factors(
     MaterialError
         Blocks of different strengths.
     """
-    materials = [group.material for group in solution.deformable.model.groups]
+    materials = [group.material for group in state.deformable.model.groups]
     strengths = {
         name: one_strength(name, (getattr(material, name) for material in materials))
         for name in JUDGED
@@ -83,22 +83,21 @@ def strength_factors(
     store = FlexibilityStore()
     options = replace(options or StaticOptions(), load_path=None, once=True)
 
-    last, state, solved = 1.0, solution.static, {1.0: solution}
-    path_counts = solution.deformable.contact.friction is not None
+    last, solved = 1.0, {1.0: state}
+    path_counts = state.deformable.contact.friction is not None
 
     def at(factor: float) -> Mapping[str, Measure]:
-        nonlocal last, state
+        nonlocal last
         near = abs(math.log(factor / last)) < math.log(_NEARBY)
-        result = static_solution(
-            solution.deformable,
+        result = static_state(
+            state.deformable,
             options,
             factor=factor,
-            finite_rotation=solution.finite_rotation,
+            finite_rotation=state.finite_rotation,
             store=store,
-            start=state if near and not path_counts else None,
+            start=solved[last].displacements if near and not path_counts else None,
         )
-        last, state = factor, result.static
-        solved[factor] = result
+        last, solved[factor] = factor, result
         return measures_of(result, hidden_between_nodes(result))
 
     def bar_at(factor: float, name: str) -> float | None:
@@ -114,12 +113,12 @@ def strength_factors(
     for name, strength in strengths.items():
         title, judged = JUDGED[name]
         if strength is not None:
-            result[title] = _judged(solution, measures, judged, strength, (at, bar_at))
+            result[title] = _judged(state, measures, judged, strength, (at, bar_at))
     return result
 
 
 def _judged(
-    solution: Solution,
+    state: State,
     measures: Mapping[str, Measure],
     names: tuple[str, ...],
     strength: float,
@@ -130,7 +129,7 @@ def _judged(
     ``asked`` under a factor: measures, and the error bar of one.
     """
     at, bar_at = asked
-    if solution.deformable.moves:
+    if state.deformable.moves:
         return _none("none: supports move, and loads alone are scaled")
     usable = [n for n in names if n in measures and measures[n].is_number]
     if not usable:

@@ -61,6 +61,8 @@ RUNAWAY = 100.0
 
 #: Share of the energy turned over by which a run may gain or lose some, and still be an answer.
 LARGEST_IMBALANCE = 0.02
+#: Relative force residual at which a run to the static state stops [-].
+RESIDUAL = 1.0e-4
 #: Round-off of positions in units of their last digit, after sums over nodes and turned frames.
 _ROUND_OFF = 100.0
 
@@ -143,8 +145,11 @@ CUT_SHORT = (Status.INTERRUPTED, Status.STOPPED)
 
 
 @dataclass(frozen=True)
-class ExplicitResult:
-    """The end of a run, in world axes."""
+class Run:
+    """How a run went and what it left in the blocks that are computed, in world axes.
+
+    `fem.explicit.setup.statement` makes the `fem.state.State` of the whole assembly of it.
+    """
 
     model: Model
     """The statement."""
@@ -166,8 +171,6 @@ class ExplicitResult:
     """Energies and balance of all samples."""
     energies: Energies | None
     """At the last sample; None before the first."""
-    energy_balance: float
-    """Largest error of the balance over all samples, relative to the energy turned over."""
     residual: float | None
     """Last force residual, relative; None when the run did not watch it."""
     settling: float | None
@@ -196,6 +199,15 @@ class ExplicitResult:
     """Force against displacement of each support that moves, at the samples of this process."""
     compile_seconds: float = 0.0
     """CPU time in which loops were compiled on the way; zero where all were kept."""
+    restarts: int = 0
+    """How often it began again because contact outgrew its time step."""
+    static_below: float = RESIDUAL
+    """Residual below which its end counts as static [-]."""
+
+    @property
+    def energy_balance(self) -> float:
+        """Largest error of the balance over all samples, relative to the energy turned over."""
+        return float(np.abs(self.history.column("energy_balance")).max(initial=0.0))
 
     @property
     def element_updates_per_cpu_second(self) -> float:
@@ -370,7 +382,7 @@ def solve(
     max_seconds: float = math.inf,
     output: Output | None = None,
     resume: Path | None = None,
-) -> ExplicitResult:
+) -> Run:
     """Run explicit dynamics from time 0, or from a checkpoint, to ``end_time``.
 
     Ctrl-C and SIGTERM stop the run after the step at hand, write the checkpoint if there is one
@@ -419,7 +431,7 @@ def solve(
     system = prepare(model, time_step=dt, threads=threads)
     state = initial_state(system, displacements=displacements, velocities=velocities)
     history = History() if resume is None else read_checkpoint(resume, system, state)
-    run = _Run(
+    run = _Loop(
         system=system,
         state=state,
         history=history,
@@ -443,7 +455,7 @@ def solve(
 
 
 @dataclass
-class _Run:
+class _Loop:
     """The loop around the step: samples, watchdog, frames, checkpoints."""
 
     system: ExplicitSystem
@@ -594,27 +606,16 @@ def displacements_of(system: ExplicitSystem, state: State) -> tuple[FloatArray, 
     return tuple(world_vectors(body, now.displacement) for body, now in pairs)
 
 
-def _result(
-    run: _Run, critical: CriticalTimeStep, status: Status, cpu: float, steps: int
-) -> ExplicitResult:
+def _result(run: _Loop, critical: CriticalTimeStep, status: Status, cpu: float, steps: int) -> Run:
     system, state = run.system, run.state
     pairs = list(zip(system.bodies, state.bodies, strict=True))
-    balance = run.history.column("energy_balance")
-    end = {
-        "displacements": displacements_of(system, state),
-        "velocities": tuple(world_vectors(body, now.velocity) for body, now in pairs),
-        "time": system.time(state),
-        "n_steps": state.step,
-        **_forces_at_end(system, state),
-    }
-    return ExplicitResult(
+    return Run(
         model=system.model,
         status=status,
         time_step=system.time_step,
         critical=critical,
         history=run.history,
         energies=run.energies,
-        energy_balance=float(np.abs(balance).max(initial=0.0)),
         residual=run.residual,
         settling=run.settling,
         round_off=run.round_off if status is Status.STALLED else None,
@@ -622,12 +623,16 @@ def _result(
         element_updates=system.model.n_elements * steps,
         state_bytes=sum(a.nbytes for a in state_arrays(system, state).values()),
         constant_bytes=sum(body.constant_bytes for body in system.bodies),
-        **end,
+        displacements=displacements_of(system, state),
+        velocities=tuple(world_vectors(body, now.velocity) for body, now in pairs),
+        time=system.time(state),
+        n_steps=state.step,
+        **_forces_at_end(system, state),
         pushed=tuple(support.curve(at) for support, at in run.moving if len(at) > 1),
     )
 
 
-def _refuse_imbalance(result: ExplicitResult) -> None:
+def _refuse_imbalance(result: Run) -> None:
     """Reject the end of a run that made energy out of nothing, or lost some."""
     balance = result.energy_balance
     if result.status in CUT_SHORT or balance <= LARGEST_IMBALANCE:
@@ -641,7 +646,7 @@ def _refuse_imbalance(result: ExplicitResult) -> None:
         )
 
 
-def _round_off_energy(result: ExplicitResult) -> float:
+def _round_off_energy(result: Run) -> float:
     """Strain energy of the round-off of all positions [N mm]: what turns over less is no energy."""
     total = 0.0
     for group, moved in zip(result.model.groups, result.displacements, strict=True):

@@ -14,11 +14,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.newton import start_state, support_forces
-from fem.static.path import StaticOptions, completed, follow
-from fem.static.result import StaticError, StaticResult, load_factors, refined
-from fem.static.solve import beginning, problem_of, solved
+from fem.static.newton import start_iterate
+from fem.static.path import StaticOptions, follow
+from fem.static.result import StaticError, load_factors, refined
+from fem.static.solve import beginning, problem_of, with_evidence
 from fem.system.build import ALL_THE_WAY, DeformableAssembly
 from fem.system.reactions import Forces, MovingSupport, PushCurve, moving_supports
 from fem.system.sector import no_symmetry
@@ -35,7 +36,7 @@ def solve_history(
     stages: Sequence[DeformableAssembly],
     options: StaticOptions,
     store: FlexibilityStore | None = None,
-) -> StaticResult:
+) -> State:
     """Find the state at the end of the last stage.
 
     Parameters
@@ -60,56 +61,64 @@ def solve_history(
         )
     store = FlexibilityStore() if store is None else store
 
-    def in_parts(parts: int) -> StaticResult:
-        return _through(stages, replace(options, load_steps=parts, keep_steps=False), store)
+    def in_parts(parts: int) -> State:
+        return _through(stages, replace(options, load_steps=parts), store)
 
     least = max(options.load_steps, _INCREMENTS)
     if options.load_tolerance is None:
         return in_parts(least)
-    result, coarser = refined(in_parts, least, options.load_tolerance)
-    return replace(result, coarser_loading=coarser)
+    return refined(in_parts, least, options.load_tolerance)
 
 
 def _through(
     stages: Sequence[DeformableAssembly], options: StaticOptions, store: FlexibilityStore
-) -> StaticResult:
+) -> State:
     """Follow all stages, each in as many increments as there are load steps."""
     clock = time.process_time()
     system = system_of(stages[0], no_symmetry(stages[0]))
     moved = forces = np.zeros((system.n_nodes, 3))
     system = _from(moved, system)
     problem, search = beginning(system, options, store)
-    state, ready = start_state(problem.system), time.process_time()
+    begin, ready = start_iterate(problem.system), time.process_time()
+    found = list[State]()
     for number, deformable in enumerate(stages, start=1):
-        if number > 1:
-            moved, forces = completed(problem, state), support_forces(problem, state)
+        if found:
+            state = found[-1]
+            moved, forces = state.displacement, _force(state)
             there = _from(moved, system_of(deformable, no_symmetry(deformable)))
             system = replace(there, loads=np.concatenate([system.loads[-1:], there.loads]))
-            problem = problem_of(system.on(problem.system.points), options, store)
-            state = replace(
-                start_state(problem.system, problem.step.kept(moved)),
-                anchor=state.anchor,
-                dissipation=state.dissipation,
-                residuals=state.residuals,
+            problem = problem_of(system.on(state.system.points), options, store)
+            begin = replace(
+                start_iterate(problem.system, problem.step.kept(moved)),
+                dissipation=state.frictional_dissipation,
+                residuals=state.evidence.residuals,
             )
+            if state.anchor is not None:
+                begin = replace(begin, anchor=state.anchor)
         acts = deformable.moves or system.loads.any()
         parts = load_factors(options.load_steps if acts else 1, friction=number == 1)
-        begin, path = replace(state, load_factor=0.0, time=0.0), [(s, s) for s in parts]
-        problem, state = follow(problem, begin, path, options, search=search)
-        if not state.converged or state.stopped is not None:
-            failed, reached = state.stopped, state.load_factor
-            if failed is None:
-                failed, reached = reached, 0.0
+        begin = replace(begin, load_factor=0.0, time=0.0)
+        found = follow(problem, begin, [(s, s) for s in parts], options, search=search)
+        state = found[-1]
+        failed, reached = state.evidence.stopped, state.load_factor
+        if failed is None and not state.converged:
+            failed, reached = reached, 0.0
+        if failed is not None:
             raise StaticError(
                 f"static: no equilibrium was found at {failed:.3g} of stage {number} of "
                 f"{len(stages)}; the one before is at {reached:.3g}"
             )
-    pushed = {0.0: forces} | dict(state.pushed)
+    pushed = {0.0: forces} | {one.load_factor: _force(one) for one in found}
     whole = {share: tuple(system.expand(force)) for share, force in pushed.items()}
     first = tuple(system.expand(moved))
     curves = tuple(_curve(one, first, whole) for one in moving_supports(stages[-1].model))
-    result = solved(problem, state, options, (clock, ready))
-    return replace(result, curves=curves, pushed=())
+    state = with_evidence(found, options, (clock, ready))
+    return replace(state, evidence=replace(state.evidence, curves=curves))
+
+
+def _force(state: State) -> FloatArray:
+    """Of the supports on all nodes, (n_nodes, 3) [N]."""
+    return np.zeros_like(state.displacement) if state.support_force is None else state.support_force
 
 
 def _from(moved: FloatArray, system: System) -> System:

@@ -36,7 +36,7 @@ from fem.static.linear_step.linearisation import (
     UnheldBlocksError,
     coarsened,
 )
-from fem.static.result import StaticError, StaticResult
+from fem.static.result import StaticError
 from fem.system.system import FreeMotions, System, free_motions
 from geometry.machine.work import Operation, count
 from geometry.mesh import FloatArray
@@ -91,8 +91,8 @@ class StaticProblem:
 
 
 @dataclass(frozen=True)
-class StaticState:
-    """What one iteration leaves to the next."""
+class Iterate:
+    """What one iteration leaves to the next; a `fem.state.State` is made of the last one."""
 
     displacement: FloatArray
     gaps: Gaps
@@ -113,15 +113,9 @@ class StaticState:
     residuals: tuple[float, ...] = ()
     converged: bool = False
     saddles: int = 0
-    stopped: float | None = None
-    """Time of the first step of a motion without an equilibrium [s]; None: all have one."""
-    path: tuple[tuple[float, FloatArray], ...] = ()
-    """Load factor and displacement after each load step, where they are kept."""
-    pushed: tuple[tuple[float, FloatArray], ...] = ()
-    """Time [s] and nodal forces of the supports, (n_nodes, 3) [N], after each step of a motion."""
 
 
-def start_state(system: System, start: FloatArray | None = None) -> StaticState:
+def start_iterate(system: System, start: FloatArray | None = None) -> Iterate:
     """Every point linearised at the mean pressure that the loads suggest, or where a state has it.
 
     ``start`` are its displacements, (n_nodes, 3) [mm].
@@ -140,7 +134,7 @@ def start_state(system: System, start: FloatArray | None = None) -> StaticState:
     at = gaps.x.copy()
     if start is None:
         at[..., 0].T[:] = rest  # one number, or one for each facet
-    return StaticState(
+    return Iterate(
         displacement=displacement,
         gaps=gaps,
         at=at,
@@ -158,7 +152,7 @@ def first_holding(system: System, overclosure: FloatArray) -> float:
     return _FIRST_HOLDING * stiffness * float(system.points.areas.sum()) / system.n_slots
 
 
-def held_in_motion(problem: StaticProblem, state: StaticState) -> StaticState:
+def held_in_motion(problem: StaticProblem, state: Iterate) -> Iterate:
     """State at the beginning of a step of a motion, with holding springs as stiff as its contact.
 
     Without friction deformed surfaces push blocks that nothing holds aside, in proportion to where
@@ -174,19 +168,18 @@ def held_in_motion(problem: StaticProblem, state: StaticState) -> StaticState:
     return replace(state, first_holding=least / _LEAST_HOLDING, holding=holding)
 
 
-def localised(system: System, start: StaticResult) -> FloatArray:
-    """Displacements of a result on the representatives, in block frames; (n_nodes, 3) [mm]."""
-    deformable = system.deformable
-    expected = [(g.n_copies, g.n_nodes, 3) for g in deformable.model.groups]
-    if [u.shape for u in start.displacements] != expected:
+def localised(system: System, start: tuple[FloatArray, ...]) -> FloatArray:
+    """Displacements of each group on the representatives, in block frames; (n_nodes, 3) [mm]."""
+    expected = [(g.n_copies, g.n_nodes, 3) for g in system.deformable.model.groups]
+    if [u.shape for u in start] != expected:
         raise StaticError(
-            f"start: got displacements of shapes {[u.shape for u in start.displacements]}; "
+            f"start: got displacements of shapes {[u.shape for u in start]}; "
             f"expected {expected}: start from a state of the same model"
         )
-    return system.localised(start.displacements)
+    return system.localised(start)
 
 
-def converge(problem: StaticProblem, state: StaticState) -> StaticState:
+def converge(problem: StaticProblem, state: Iterate) -> Iterate:
     """Iterate to an equilibrium, or until nothing has improved for a while."""
     slips = state.gaps.x[..., 1:]
     state = replace(state, at=np.concatenate([state.at[..., :1], slips], axis=2))
@@ -206,7 +199,7 @@ def has_potential(problem: StaticProblem) -> bool:
     return not problem.system.has_friction and normals is ContactNormals.CURRENT
 
 
-def descend(problem: StaticProblem, state: StaticState) -> StaticState:
+def descend(problem: StaticProblem, state: Iterate) -> Iterate:
     """Follow the energy from the equilibrium with reference normals."""
     straight = problem.system.with_reference_normals
     start = converge(replace(problem, system=straight), state)
@@ -235,7 +228,7 @@ def descend(problem: StaticProblem, state: StaticState) -> StaticState:
     )
 
 
-def _iterate(problem: StaticProblem, state: StaticState) -> StaticState:
+def _iterate(problem: StaticProblem, state: Iterate) -> Iterate:
     """One linear problem, and what follows from it."""
     count(Operation.CALL, problem.system.n_slots)
     linear = _linearise(problem, state)
@@ -249,10 +242,10 @@ def _iterate(problem: StaticProblem, state: StaticState) -> StaticState:
 def _moved(
     problem: StaticProblem,
     linear: Linearisation,
-    state: StaticState,
+    state: Iterate,
     trial: FloatArray,
     share: float,
-) -> StaticState:
+) -> Iterate:
     """The state after a share of the way to the linear solution."""
     way = trial - state.displacement
     displacement = trial if share == 1.0 else state.displacement + share * way
@@ -279,7 +272,7 @@ def _moved(
 
 
 def _after_full_step(
-    law: Coulomb, state: StaticState, tangent: FloatArray, x: FloatArray
+    law: Coulomb, state: Iterate, tangent: FloatArray, x: FloatArray
 ) -> FloatArray:
     """Overclosures and slips at which the law is linearised after a full step [mm].
 
@@ -308,7 +301,7 @@ def _after_full_step(
     return at
 
 
-def bounded(problem: StaticProblem, state: StaticState, x: FloatArray) -> FloatArray:
+def bounded(problem: StaticProblem, state: Iterate, x: FloatArray) -> FloatArray:
     """Overclosures and slips, as `Gaps.x`, at which the law is linearised anew [mm].
 
     Where supports move, blocks that run into others overlap far beyond the length of the law, where
@@ -322,7 +315,7 @@ def bounded(problem: StaticProblem, state: StaticState, x: FloatArray) -> FloatA
     return bounded
 
 
-def _linearise(problem: StaticProblem, state: StaticState) -> Linearisation:
+def _linearise(problem: StaticProblem, state: Iterate) -> Linearisation:
     points, law, gaps = problem.system.points, problem.system.law, state.gaps
     return Linearisation(
         weights=points.weights,
@@ -337,8 +330,8 @@ def _linearise(problem: StaticProblem, state: StaticState) -> Linearisation:
 
 
 def _solve(
-    problem: StaticProblem, linear: Linearisation, state: StaticState
-) -> tuple[FloatArray, StaticState]:
+    problem: StaticProblem, linear: Linearisation, state: Iterate
+) -> tuple[FloatArray, Iterate]:
     """Solve the linear problem; hold the blocks more where nothing else does."""
     while True:
         try:
@@ -393,7 +386,7 @@ def _unheld_text(error: UnheldBlocksError) -> str:
     )
 
 
-def _step_share(problem: StaticProblem, state: StaticState, trial: FloatArray) -> float:
+def _step_share(problem: StaticProblem, state: Iterate, trial: FloatArray) -> float:
     """Share of the way to the linear solution at which the energy is least.
 
     One, unless the energy rises steeply at the end. Along the way overclosures and slips are
@@ -429,7 +422,7 @@ def _step_share(problem: StaticProblem, state: StaticState, trial: FloatArray) -
     return high
 
 
-def _residual(problem: StaticProblem, state: StaticState) -> float:
+def _residual(problem: StaticProblem, state: Iterate) -> float:
     """Norm of the unbalanced nodal forces over that of the loads, or 1 % of the contacts'.
 
     Where supports move over that of their forces, too: often nothing else loads the blocks. Where
@@ -458,7 +451,7 @@ def _least_force(problem: StaticProblem, farthest: float) -> float:
     return max(touch, rounding / problem.tolerance)
 
 
-def unbalanced_forces(problem: StaticProblem, state: StaticState) -> tuple[FloatArray, FloatArray]:
+def unbalanced_forces(problem: StaticProblem, state: Iterate) -> tuple[FloatArray, FloatArray]:
     """Nodal forces that are not in balance, and pressures of the contact points as forces [N].
 
     On prescribed components the first are minus the forces of the supports.
@@ -471,7 +464,7 @@ def unbalanced_forces(problem: StaticProblem, state: StaticState) -> tuple[Float
     return unbalanced, forces[..., 0]
 
 
-def frictions(problem: StaticProblem, state: StaticState) -> FloatArray | None:
+def frictions(problem: StaticProblem, state: Iterate) -> FloatArray | None:
     """Friction on block s at the points of a state, world axes, (n_facets, n_points, 3) [MPa]."""
     if not problem.system.has_friction:
         return None
@@ -479,7 +472,7 @@ def frictions(problem: StaticProblem, state: StaticState) -> FloatArray | None:
     return -np.einsum("fpk,fpki->fpi", traction[..., 1:], problem.system.points.sides)
 
 
-def support_forces(problem: StaticProblem, state: StaticState) -> FloatArray:
+def support_forces(problem: StaticProblem, state: Iterate) -> FloatArray:
     """Forces of the supports on the nodes, (n_nodes, 3) [N].
 
     Those along the way of supports that move are zero where their sum is none but round-off.

@@ -15,19 +15,22 @@ from enum import StrEnum
 import numpy as np
 
 from fem.contact.search import FacingPoints, SearchedPoints
+from fem.state import Evidence, State
 from fem.static.linear_step.linearisation import SparseSolver
 from fem.static.newton import (
+    Iterate,
     StaticProblem,
-    StaticState,
     bounded,
     converge,
     descend,
+    frictions,
     has_potential,
     held_in_motion,
     support_forces,
 )
 from fem.static.result import StaticError, load_factors
 from fem.system.forces import TabularAmplitude
+from fem.system.system import free_motions
 from geometry.errors import is_number
 from geometry.mesh import FloatArray, IntArray
 
@@ -55,7 +58,7 @@ _MAX_TRIES = 2
 
 #: Holding springs where a state is known, relative to the first ones.
 _SOON_HELD = 1e-3
-#: Load factors and displacements of each group there, as `StaticResult.steps`.
+#: Load factors, and displacements of each group there, (n_copies, n_nodes, 3) [mm].
 Known = Sequence[tuple[float, tuple[FloatArray, ...]]]
 #: Share of the loads and time of a point of a path; None: no support moves.
 Target = tuple[float, float | None]
@@ -93,8 +96,6 @@ class StaticOptions:
     load_path: tuple[float, ...] | None = None
     """Load factors at the ends of the load steps, the last one 1; None: monotonic, in
     `load_steps` of `load_factors`."""
-    keep_steps: bool = False
-    """Whether the result holds the state after each of them."""
     motion_steps: int | None = None
     """Parts of the way of supports that move, after the load; the times of their tables come on
     top. None: all their way at once, with the load."""
@@ -120,13 +121,13 @@ class StaticOptions:
 
 def follow(
     problem: StaticProblem,
-    state: StaticState,
+    state: Iterate,
     path: Sequence[Target],
     options: StaticOptions,
     *,
     known: Known = (),
     search: Search | None = None,
-) -> tuple[StaticProblem, StaticState]:
+) -> list[State]:
     """Find the states at the points of a path, one after the other; those of a motion are cut.
 
     A step starts where fewer parts of the load led to, or else where the one before leads to, if
@@ -141,12 +142,19 @@ def follow(
     path
         Share of the loads and time of each point.
     options
-        What is kept of each point, and whether other ways are tried.
+        Whether other ways are tried.
     known
         States under some loads that are nearly equilibria.
     search
         Points that follow the motion; None: facets stay matched.
+
+    Returns
+    -------
+    list[State]
+        One for each point that was reached, at least one; the last one may be no equilibrium, or
+        tell when it `stopped` (`fem.state.Evidence`).
     """
+    found = list[State]()
     ahead, shortest = list(path[::-1]), _SHORTEST * (path[-1][1] or 0.0)
     rate: FloatArray | None = None
     done: Target | None = None if state.displacement.any() else (0.0, None)
@@ -175,35 +183,56 @@ def follow(
             )
         except StaticError:
             shorter = moment and 0.5 * (moment - (state.time or 0.0)) >= shortest
-            if not (shorter or state.pushed):
+            if not (shorter or any(s.time is not None and s.converged for s in found)):
                 raise
             there, reached, goes_on = problem, guess, False
         if moment and not reached.converged:
-            before, tried = state.time or 0.0, reached.residuals[len(state.residuals) :]
-            last = state.residuals[-1:]
-            state = replace(state, residuals=(*state.residuals[:-1], *tried, *last))
+            before, last = state.time or 0.0, state.residuals[-1:]
+            residuals = (*state.residuals[:-1], *reached.residuals[len(state.residuals) :], *last)
+            state = replace(state, residuals=residuals)
             if 0.5 * (moment - before) >= shortest:
                 middle = 0.5 * (state.load_factor + factor), 0.5 * (before + moment)
                 ahead += [(factor, moment), middle]
                 continue
-            if any(time for time, _ in state.pushed):
-                return problem, replace(state, stopped=moment)
-            return there, reached
+            if any(s.time and s.converged for s in found):
+                tried = replace(found[-1].evidence, residuals=state.residuals, stopped=moment)
+                return [*found[:-1], replace(found[-1], evidence=tried)]
+            return [*found, state_at(there, reached)]
         rate = (reached.displacement - state.displacement) / length if length > 0.0 else None
         done = (factor, moment)
-        problem, state = there, _recorded(there, reached, options)
+        problem, state = there, reached
+        found.append(state_at(problem, state))
         if not goes_on:
             break
-    return problem, state
+    return found
+
+
+def state_at(problem: StaticProblem, last: Iterate) -> State:
+    """State of all nodes from the last iterate of a point of a path."""
+    system, displacement = problem.system, completed(problem, last)
+    whole = free_motions(system)
+    if whole is not None:
+        displacement = whole.without(displacement)
+    return State(
+        system=system,
+        displacement=displacement,
+        friction=frictions(problem, last),
+        anchor=last.anchor,
+        support_force=support_forces(problem, last) if len(system.held.nodes) else None,
+        load_factor=last.load_factor,
+        time=last.time,
+        frictional_dissipation=last.dissipation,
+        evidence=Evidence(residuals=last.residuals, converged=last.converged, saddles=last.saddles),
+    )
 
 
 def _equilibrium(
     problem: StaticProblem,
-    state: StaticState,
+    state: Iterate,
     begin: FloatArray,
     options: StaticOptions,
     search: Search | None,
-) -> tuple[StaticProblem, StaticState, bool]:
+) -> tuple[StaticProblem, Iterate, bool]:
     """Take a state, or a guess of it, to its own point of the path from that before, at ``begin``.
 
     Also returns whether the next one may follow.
@@ -235,7 +264,7 @@ def _length(done: Target | None, aim: Target) -> float:
     return max(aim[0] - done[0], 0.0) if done else 0.0
 
 
-def _led_on(problem: StaticProblem, state: StaticState, way: FloatArray) -> StaticState:
+def _led_on(problem: StaticProblem, state: Iterate, way: FloatArray) -> Iterate:
     """Move a state by displacements (n_nodes, 3) [mm], if supports are there where they should be.
 
     Contact is linearised where it then is.
@@ -267,23 +296,12 @@ def load_path(problem: StaticProblem, options: StaticOptions, parts: int) -> lis
     return [*before, *((1.0, time) for time in times[times > 0.0].tolist())]
 
 
-def _recorded(problem: StaticProblem, state: StaticState, options: StaticOptions) -> StaticState:
-    """Keep what was asked for of a step, and the forces of supports that move."""
-    if options.keep_steps:
-        state = replace(state, path=(*state.path, (state.load_factor, completed(problem, state))))
-    if state.time is None or not state.converged:
-        return state
-    forces = support_forces(problem, state)
-    before = tuple(step for step in state.pushed if step[0] != state.time)
-    return replace(state, pushed=(*before, (state.time, forces)))
-
-
 @dataclass
 class Search:
     """Points that follow the motion along a path."""
 
     points: FacingPoints
-    anew: Callable[[StaticProblem, StaticState], tuple[StaticProblem, StaticState]]
+    anew: Callable[[StaticProblem, Iterate], tuple[StaticProblem, Iterate]]
     """Problem and state on the points of the place that a state has."""
     elastic: ElasticSlips
     """Elastic slips where the next step begins."""
@@ -292,8 +310,8 @@ class Search:
     (n_nodes, 3) [mm]; None: a step came before."""
 
     def equilibrium(
-        self, problem: StaticProblem, state: StaticState, begin: FloatArray
-    ) -> tuple[StaticProblem, StaticState, bool]:
+        self, problem: StaticProblem, state: Iterate, begin: FloatArray
+    ) -> tuple[StaticProblem, Iterate, bool]:
         """Find an equilibrium whose points are those of its own place, as `_equilibrium`."""
         points, begin = self.points, begin if self.begin is None else self.begin
         aim, joints, tries = (state.load_factor, state.time), 0, _MAX_TRIES
@@ -351,7 +369,7 @@ class ElasticSlips:
         return cls(result.slave.copy(), result.shapes.copy(), np.zeros((points.count, 3)))
 
     @classmethod
-    def of(cls, problem: StaticProblem, points: FacingPoints, state: StaticState) -> ElasticSlips:
+    def of(cls, problem: StaticProblem, points: FacingPoints, state: Iterate) -> ElasticSlips:
         """After the anchors have moved."""
         result, surfaces = cls.none(points), _searched(problem)
         if problem.system.has_friction:
@@ -380,12 +398,12 @@ def _searched(problem: StaticProblem) -> SearchedPoints:
     return surfaces
 
 
-def completed(problem: StaticProblem, state: StaticState) -> FloatArray:
+def completed(problem: StaticProblem, state: Iterate) -> FloatArray:
     """Displacements of all nodes of a state, (n_nodes, 3) [mm]."""
     return problem.step.complete(state.displacement, state.load_factor)
 
 
-def _advance_friction(problem: StaticProblem, state: StaticState, begin: FloatArray) -> StaticState:
+def _advance_friction(problem: StaticProblem, state: Iterate, begin: FloatArray) -> Iterate:
     """Move the anchors at the end of a load step, and count the work lost on their way.
 
     An anchor moves only while a point slides, at the limit of its traction: that goes along with

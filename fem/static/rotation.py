@@ -13,10 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.result import StaticError, StaticResult
+from fem.static.result import StaticError
 from fem.static.solve import StaticOptions, solve_static
-from fem.stresses.recovery import block_displacements, internal_forces, turned_rigidly
+from fem.stresses.recovery import internal_forces, turned_rigidly
 from fem.system.build import DeformableAssembly
 from fem.system.model import (
     Model,
@@ -40,19 +41,18 @@ def solve_static_with_rotation(
     deformable: DeformableAssembly,
     options: StaticOptions | None = None,
     *,
-    start: StaticResult | None = None,
+    start: tuple[FloatArray, ...] | None = None,
     store: FlexibilityStore | None = None,
-) -> StaticResult:
+) -> State:
     """Find the static state of an assembly whose blocks may turn.
 
-    Arguments are those of `fem.static.solve.solve_static`; ``start`` may be the state without
+    Arguments are those of `fem.static.solve.solve_static`; ``start`` may be of the state without
     rotation.
 
     Returns
     -------
-    StaticResult
-        Its residual counts what rotation still changes; its energies are those of the blocks'
-        own frames.
+    State
+        Its residual counts what rotation still changes.
 
     Raises
     ------
@@ -78,15 +78,14 @@ def solve_static_with_rotation(
     model = deformable.model
     size = float(np.sqrt(sum((forces**2).sum() for forces in local_forces(deformable))))
     exact = replace(options, tolerance=_ROUND * options.tolerance)
-    result = solve_static(deformable, options, start=start, store=store)
-    residuals = list(result.residuals)
+    state = solve_static(deformable, options, start=start, store=store)
+    loads, residuals = state.system.loads, list(state.evidence.residuals)
     before: FloatArray | None = None
-    added: tuple[NodalLoad, ...] = ()
     history: list[float] = []
-    moved = tuple(map(turned_rigidly, model.groups, result.displacements))
-    while result.residual <= options.tolerance:
-        found = finite_rotation_loads(model, moved)
-        forces = np.concatenate([load.forces.ravel() for load in found])
+    moved = tuple(map(turned_rigidly, model.groups, state.displacements))
+    while residuals[-1] <= options.tolerance:
+        added = finite_rotation_loads(model, moved)
+        forces = np.concatenate([load.forces.ravel() for load in added])
         change = float(np.linalg.norm(forces if before is None else forces - before))
         history.append(change / size if size > 0.0 else change)
         if history[-1] <= options.tolerance:
@@ -94,30 +93,28 @@ def solve_static_with_rotation(
         stuck = len(history) > 4 and history[-1] > _PROGRESS * history[-3]
         if stuck or len(history) > _MAX_ROUNDS:
             raise _too_far(history)
-        before, added = forces, found
+        before = forces
         turned = replace(deformable, model=replace(model, loads=(*model.loads, *added)))
-        result = replace(result, displacements=moved)
         try:
-            result = solve_static(turned, exact, start=result, slips_from_rest=True, store=store)
+            state = solve_static(turned, exact, start=moved, slips_from_rest=True, store=store)
         except StaticError:
             raise _too_far(history) from None
-        moved = result.displacements
-        residuals += result.residuals
-        if result.residual > options.tolerance:
+        moved = state.displacements
+        residuals += state.evidence.residuals
+        if residuals[-1] > options.tolerance:
             raise _too_far(history)
-    status, converged = result.status, result.residual <= options.tolerance
-    if converged and not result.converged:
-        status = f"equilibrium after {len(residuals)} iterations, residual {result.residual:.1e}"
-    rounds = f"; finite rotation in {len(history)} rounds" if history else ""
+    evidence, converged = state.evidence, residuals[-1] <= options.tolerance
+    status = evidence.status
+    if converged and not evidence.converged:
+        status = f"equilibrium after {len(residuals)} iterations, residual {residuals[-1]:.1e}"
+    if history:
+        status += f"; finite rotation in {len(history)} rounds"
+        residuals[-1] += history[-1]
     return replace(
-        result,
-        deformable=deformable,
-        converged=converged,
-        residual=result.residual + (history[-1] if history else 0.0),
-        residuals=tuple(residuals),
-        status=status + rounds,
-        strain_energy=_strain_energy(deformable, result.displacements),
-        external_work=result.external_work - _work(added, result.displacements),
+        state,
+        system=replace(state.system, deformable=deformable, loads=loads),
+        finite_rotation=True,
+        evidence=replace(evidence, converged=converged, residuals=tuple(residuals), status=status),
     )
 
 
@@ -127,23 +124,6 @@ def _too_far(changes: list[float]) -> StaticError:
         "effects.finite_rotation: blocks turn too far for the static solver (the forces of the "
         f"rotation still change by {changes[-1]:.2g} of the load after {len(changes)} rounds); "
         'expected fem.method = "explicit"'
-    )
-
-
-def _strain_energy(deformable: DeformableAssembly, displacements: tuple[FloatArray, ...]) -> float:
-    """Of all blocks, rigid rotation removed [N mm]."""
-    energy = 0.0
-    for group, moved in zip(deformable.model.groups, displacements, strict=True):
-        local, _ = block_displacements(group, moved, finite_rotation=True)
-        energy += 0.5 * float(np.vdot(local, group.internal_force(local)))
-    return energy
-
-
-def _work(loads: tuple[NodalLoad, ...], displacements: tuple[FloatArray, ...]) -> float:
-    """Of loads along displacements [N mm]."""
-    return sum(
-        float(np.vdot(load.forces, displacements[load.group][load.copies, load.nodes]))
-        for load in loads
     )
 
 

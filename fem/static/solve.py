@@ -18,20 +18,18 @@ from functools import partial
 import numpy as np
 
 from fem.contact.search import FacingPoints, SearchedPoints, points_of_search
+from fem.state import State
 from fem.static.linear_step.condensed import CondensedStep
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.linear_step.grid_block import GridBlock
 from fem.static.linear_step.linearisation import LinearStep, SparseStep
 from fem.static.linear_step.reduced import ReducedStep, is_smaller
-from fem.static.loose import loose_blocks, require_held
 from fem.static.newton import (
+    Iterate,
     StaticProblem,
-    StaticState,
-    frictions,
     localised,
     require_near,
-    start_state,
-    support_forces,
+    start_iterate,
 )
 from fem.static.path import (
     ElasticSlips,
@@ -43,21 +41,19 @@ from fem.static.path import (
     follow,
     load_path,
 )
-from fem.static.result import StaticError, StaticResult, refined
+from fem.static.result import StaticError, refined
 from fem.system.build import DeformableAssembly
-from fem.system.model import Model
+from fem.system.loose import loose_blocks, require_held
 from fem.system.reactions import moving_supports
 from fem.system.sector import (
     Orbits,
     cyclic_orbits,
     largest_cyclic_orbits,
     no_symmetry,
-    searched_in_all_sectors,
-    vectors_in_all_sectors,
     with_half_turn,
 )
 from fem.system.state import facing_points
-from fem.system.system import System, at_share, free_motions, system_of
+from fem.system.system import System, system_of
 from geometry.mesh import FloatArray, IntArray
 
 __all__ = ["StaticMethod", "StaticOptions", "solve_static"]
@@ -73,11 +69,11 @@ def solve_static(
     deformable: DeformableAssembly,
     options: StaticOptions | None = None,
     *,
-    start: StaticResult | None = None,
+    start: tuple[FloatArray, ...] | None = None,
     slips_from_rest: bool = False,
     store: FlexibilityStore | None = None,
     known: Known = (),
-) -> StaticResult:
+) -> State:
     """Find the static state of an assembly under its loads; single bodies are solved at once.
 
     Parameters
@@ -87,20 +83,21 @@ def solve_static(
     options
         Method, symmetry and tolerance.
     start
-        A state of the same model to start from, for instance under another load.
+        Displacements of each group in a state of the same model, (n_copies, n_nodes, 3) [mm], for
+        instance under another load.
     slips_from_rest
         With a start, finite sliding and friction: whether slips count from the blocks at rest, and
         the start is only where to look from; else they count from the start.
     store
         Of one call for the next: blocks that are the same are condensed once.
     known
-        Load factors and states there that are nearly equilibria, such as `StaticResult.steps` of
+        Load factors and displacements of states there that are nearly equilibria, such as those on
         another mesh: where load steps with friction are looked for. They count for no history.
 
     Returns
     -------
-    StaticResult
-        `StaticResult.converged` says whether it is an equilibrium.
+    State
+        `State.converged` says whether it is an equilibrium.
 
     Raises
     ------
@@ -114,10 +111,8 @@ def solve_static(
     options = StaticOptions() if options is None else options
     store = FlexibilityStore() if store is None else store
     if not deformable.meets:  # linear: all at once
-        steps = options.load_steps if options.keep_steps else 1
-        once = replace(options, load_steps=steps, motion_steps=None, symmetry=1)
-        result = _load(deformable, once, start, store)
-        return replace(result, load_steps=options.load_steps)
+        once = replace(options, motion_steps=None, symmetry=1)
+        return _load(deformable, once, start, store)
     change = options.load_tolerance
     without = deformable.contact.friction is None or start is not None
     if without or change is None or options.load_path is not None:
@@ -125,31 +120,30 @@ def solve_static(
 
     near = dict(known)
 
-    def in_parts(parts: int) -> StaticResult:
-        solve = partial(_load, deformable, replace(options, load_steps=parts, keep_steps=True))
-        result: StaticResult | None = None
+    def in_parts(parts: int) -> State:
+        solve = partial(_load, deformable, replace(options, load_steps=parts))
+        result: State | None = None
         if near:
             with contextlib.suppress(StaticError):
                 result = solve(None, store, known=tuple(near.items()))
         if result is None or not result.converged:
             result = solve(None, store)
         if result.converged:
-            near.update(result.steps)
+            near.update({one.load_factor: one.displacements for one in result.evidence.path})
         return result
 
-    result, coarser = refined(in_parts, options.load_steps, change)
-    return replace(result, coarser_loading=coarser)
+    return refined(in_parts, options.load_steps, change)
 
 
 def _load(
     deformable: DeformableAssembly,
     options: StaticOptions,
-    start: StaticResult | None,
+    start: tuple[FloatArray, ...] | None,
     store: FlexibilityStore,
     *,
     slips_from_rest: bool = False,
     known: Known = (),
-) -> StaticResult:
+) -> State:
     """Apply the load in the requested parts; states under some loads may be ``known`` nearly."""
     clock = time.process_time()
     # Points of a search are those of a sector; states of least energy may be less symmetric.
@@ -160,94 +154,54 @@ def _load(
     problem, search = beginning(system_of(deformable, orbits), options, store, start)
     ready = time.process_time()
     before = None if start is None else localised(problem.system, start)
-    first = start_state(problem.system, before)
+    first = start_iterate(problem.system, before)
     if search is not None and slips_from_rest:
         search.begin = np.zeros_like(first.displacement)
     again = None if search is None else replace(search)
     path = load_path(problem, options, options.load_steps)
-    problem, state = follow(problem, first, path, options, known=known, search=search)
+    found = follow(problem, first, path, options, known=known, search=search)
     more = options.load_steps < _FALLBACK_LOAD_STEPS and options.load_path is None
-    if more and not options.once and not state.converged:
-        once, first = (problem, state), replace(first, residuals=state.residuals)
+    if more and not options.once and not found[-1].converged:
+        first = replace(first, residuals=found[-1].evidence.residuals)
         if again is not None:
             problem, first = again.anew(problem, first)
             again.elastic = ElasticSlips.none(again.points)
         path = load_path(problem, options, _FALLBACK_LOAD_STEPS)
         in_parts = follow(problem, first, path, options, known=known, search=again)
-        problem, state = _closer(once, in_parts)
+        found = _closer(found, in_parts)
         options = replace(options, load_steps=_FALLBACK_LOAD_STEPS)
-    return solved(problem, state, options, (clock, ready))
+    return with_evidence(found, options, (clock, ready))
 
 
-def solved(
-    problem: StaticProblem, state: StaticState, options: StaticOptions, clocks: tuple[float, float]
-) -> StaticResult:
-    """Result of a state in the whole assembly.
+def with_evidence(found: list[State], options: StaticOptions, clocks: tuple[float, float]) -> State:
+    """The last state of a path with the evidence of it.
 
     ``clocks`` are the CPU times at which the run and its path began [s].
     """
-    (clock, ready), done = clocks, time.process_time()
-    system, step, share = problem.system, problem.step, state.load_factor
-    deformable, orbits = system.deformable, system.orbits
-    displacement, whole = completed(problem, state), free_motions(system)
-    if whole is not None:
-        displacement = whole.without(displacement)
-    require_near(system, displacement)
-    displacements = tuple(system.expand(displacement))
-    searched, friction = None, frictions(problem, state)
-    if isinstance(system.points, SearchedPoints):
-        searched = searched_in_all_sectors(deformable, orbits, system.points)
-        overclosure = searched.overclosures(searched.moved(displacement))
-    else:
-        overclosure = system.points.gaps(displacement).overclosure.ravel()[orbits.point_of]
-    if friction is not None:
-        friction = vectors_in_all_sectors(deformable, orbits, friction, searched)
-    surfaces = searched or deformable.surfaces
-    law = deformable.contact.law.on(surfaces.block_m, surfaces.block_s)
-    pressures, loose = law.pressure(overclosure), np.zeros(0, dtype=np.int64)
+    state, (clock, ready) = found[-1], clocks
+    system, deformable = state.system, state.deformable
+    require_near(system, state.displacement)
+    loose = np.zeros(0, dtype=np.int64)
     if deformable.contact.friction is None:
-        loose = loose_blocks(deformable, displacements, pressures, surfaces, orbits.representative)
-    held = system.expand(support_forces(problem, state)) if len(system.held.nodes) else ()
-    # Condensing takes from the loads what inner nodes hand on; there K u is the load.
-    internal = at_share(system.loads, share) - step.load(share)
-    internal += step.internal_force(state.displacement)
-    copies = _copies(system)
-    strain, work = 0.5 * displacement * internal, displacement * system.external_force
-    seconds = {"setup": ready - clock, "newton": done - ready}
-    seconds["recovery"] = time.process_time() - done
-    return StaticResult(
-        deformable=deformable,
-        displacements=displacements,
-        overclosures=overclosure,
-        pressures=pressures,
-        residual=state.residuals[-1],
-        converged=state.converged,
-        status=_status(deformable, state, options, loose),
-        reached=state.stopped is None,
-        steps=tuple((factor, tuple(system.expand(u))) for factor, u in state.path),
-        support_forces=tuple(held),
-        pushed=tuple((time, tuple(system.expand(force))) for time, force in state.pushed),
+        at_points = state.displacements, state.pressures, state.points
+        loose = loose_blocks(deformable, *at_points, state.representative)
+    end = time.process_time()
+    evidence = replace(
+        state.evidence,
+        status=_status(state, options, loose),
         loose_blocks=loose,
-        residuals=state.residuals,
-        strain_energy=float(copies @ strain.sum(axis=1)),
-        contact_energy=float((surfaces.weights * law.stored_energy(overclosure)).sum()),
-        external_work=float(copies @ work.sum(axis=1)) * (1.0 if deformable.meets else 0.5),
-        frictional_dissipation=state.dissipation,
-        symmetry=orbits.order,
-        representative=orbits.representative,
-        n_unknowns=displacement.size,
         load_steps=options.load_steps,
-        cpu_seconds=seconds | {"total": sum(seconds.values())},
-        searched=searched,
-        frictions=friction,
+        cpu_seconds={"setup": ready - clock, "newton": end - ready, "total": end - clock},
+        path=tuple(found),
     )
+    return replace(state, evidence=evidence)
 
 
 def beginning(
     system: System,
     options: StaticOptions,
     store: FlexibilityStore,
-    start: StaticResult | None = None,
+    start: tuple[FloatArray, ...] | None = None,
 ) -> tuple[StaticProblem, Search | None]:
     """The problem of a system, and points that follow the motion where contact is searched."""
     deformable = system.deformable
@@ -256,8 +210,7 @@ def beginning(
     near = None if start is None else localised(system, start)
     if not deformable.contact.finite_sliding:
         return problem_of(system, options, store, near), None
-    moved = None if start is None else start.displacements
-    points = facing_points(deformable, moved, system.orbits)
+    points = facing_points(deformable, start, system.orbits)
     anew = partial(_searched_anew, options=options, points=points, store=store)
     problem = problem_of(system.on(_found(points, system)), options, store)
     begin = np.zeros((system.n_nodes, 3)) if near is None else near
@@ -270,15 +223,15 @@ def _found(points: FacingPoints, system: System) -> SearchedPoints:
     return points_of_search(points, deformable.surfaces.clearance, deformable.contact.normals)
 
 
-def _closer(
-    once: tuple[StaticProblem, StaticState], in_parts: tuple[StaticProblem, StaticState]
-) -> tuple[StaticProblem, StaticState]:
+def _closer(once: list[State], in_parts: list[State]) -> list[State]:
     """What is closer to equilibrium under the whole load: its last state, or that of load steps."""
-    (_, first), (_, last) = once, in_parts
+    first, last = once[-1], in_parts[-1]
+    before, after = first.evidence.residuals, last.evidence.residuals
     whole = (last.load_factor, last.time) == (first.load_factor, first.time)
-    if last.converged or (whole and last.residuals[-1] <= first.residuals[-1]):
+    if last.converged or (whole and after[-1] <= before[-1]):
         return in_parts
-    return once[0], replace(first, residuals=(*last.residuals, first.residuals[-1]))
+    tried = replace(first.evidence, residuals=(*after, before[-1]))
+    return [*once[:-1], replace(first, evidence=tried)]
 
 
 def problem_of(
@@ -333,12 +286,12 @@ def _orbits(deformable: DeformableAssembly, symmetry: int | None, *, half_turn: 
 
 def _searched_anew(
     problem: StaticProblem,
-    state: StaticState,
+    state: Iterate,
     *,
     options: StaticOptions,
     points: FacingPoints,
     store: FlexibilityStore,
-) -> tuple[StaticProblem, StaticState]:
+) -> tuple[StaticProblem, Iterate]:
     """The problem on the points of the place that a state has, and the state linearised there."""
     system, everywhere = problem.system, completed(problem, state)
     points.displace(tuple(system.expand(everywhere)))
@@ -347,7 +300,7 @@ def _searched_anew(
     return there, placed(there, state, everywhere)
 
 
-def placed(problem: StaticProblem, state: StaticState, displacement: FloatArray) -> StaticState:
+def placed(problem: StaticProblem, state: Iterate, displacement: FloatArray) -> Iterate:
     """A state of a problem linearised at displacements of all nodes, (n_nodes, 3) [mm]."""
     kept = problem.step.kept(displacement)
     gaps = problem.system.points.gaps(kept)
@@ -358,36 +311,29 @@ def placed(problem: StaticProblem, state: StaticState, displacement: FloatArray)
 # Result
 
 
-def _copies(system: System) -> FloatArray:
-    """Blocks that each node's representative stands for, (n_nodes,)."""
-    slots = system.slot_of[system.deformable.deformable_blocks]
-    count = np.bincount(slots, minlength=system.n_slots)
-    return np.repeat(count, np.diff(system.node_start)).astype(np.float64)
-
-
-def _ways(model: Model, state: StaticState) -> str:
+def _ways(state: State) -> str:
     """How far supports have moved."""
-    curves = [moving.curve({state.time or 0.0: 0.0}) for moving in moving_supports(model)]
+    at = {state.time or 0.0: 0.0}
+    curves = [moving.curve(at) for moving in moving_supports(state.deformable.model)]
     return ", ".join(f"{curve.name} by {curve.displacements[-1]:.4g} mm" for curve in curves)
 
 
-def _status(
-    deformable: DeformableAssembly, state: StaticState, options: StaticOptions, loose: IntArray
-) -> str:
-    count, residual = len(state.residuals), state.residuals[-1]
+def _status(state: State, options: StaticOptions, loose: IntArray) -> str:
+    evidence, saddles = state.evidence, state.evidence.saddles
+    count, residual = len(evidence.residuals), evidence.residual
     names = ", ".join(str(b) for b in loose[:8]) + (", …" if len(loose) > 8 else "")
     unheld = f"; no contact holds blocks {names} in every direction" if len(loose) else ""
-    if state.saddles:
+    if saddles:
         unheld = (
-            f"; left {state.saddles} stationary state{'s' if state.saddles > 1 else ''} from which "
+            f"; left {saddles} stationary state{'s' if saddles > 1 else ''} from which "
             f"the energy falls: other equilibria exist{unheld}"
         )
-    if state.stopped is not None:
+    if evidence.stopped is not None:
         return (
             f"equilibrium while supports moved until {state.time:.4g} s of their tables "
-            f"({_ways(deformable.model, state)}); none was found at {state.stopped:.4g} s{unheld}"
+            f"({_ways(state)}); none was found at {evidence.stopped:.4g} s{unheld}"
         )
-    if state.converged and not deformable.meets:
+    if state.converged and not state.deformable.meets:
         return f"equilibrium of single bodies, residual {residual:.1e}"
     if state.converged:
         undetermined = ": their place is not determined" if len(loose) else ""

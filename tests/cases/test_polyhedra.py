@@ -332,7 +332,7 @@ def test_weight_holds_faces_together(tmp_path: Path, lift: float, carried: bool)
     path = tmp_path / "bricks.toml"
     path.write_text("\n".join(lines))
     if carried:
-        assert on_its_mesh(path).details.static.converged
+        assert on_its_mesh(path).details.evidence.converged
         return
     with pytest.raises(RefusedError, match="block 1 lifts off block 0"):
         on_its_mesh(path)

@@ -33,39 +33,37 @@ def test_a_run_that_settles_early_has_all_its_frames(tmp_path: Path, count: int)
     """It may run 0.5 s and settles after a thirtieth of that: one frame of 10 lay before."""
     settings = ("fem.damping=static", "fem.end_time=0.5", "fem.residual=1e-3")
     run = box_frames(tmp_path, count, *settings)
-    assert run.details.explicit is not None
-    assert run.details.explicit.status == "converged"
+    assert run.details.run is not None
+    assert run.details.run.status == "converged"
     times = written(tmp_path)
     assert len(times) == count
-    assert times[-1] == run.details.explicit.time
+    assert times[-1] == run.details.run.time
     if count > 1:
         assert times[0] == 0.0
         # Of at least as many candidates at equal distances: no gap is twice the mean one, and the
         # last may be as short as it comes.
-        assert np.diff(times).max() < 2.0 * run.details.explicit.time / (count - 1)
+        assert np.diff(times).max() < 2.0 * run.details.run.time / (count - 1)
     last = meshio.read(tmp_path / f"frame_{count - 1:04d}.vtu").point_data["displacement"]
     np.testing.assert_allclose(
-        last, run.details.group_displacements[0].reshape(-1, 3), rtol=1e-12, atol=1e-300
+        last, run.details.displacements[0].reshape(-1, 3), rtol=1e-12, atol=1e-300
     )
 
 
 def test_an_ordinary_run_has_frames_at_equal_times(tmp_path: Path) -> None:
     (tmp_path / "frame_0040.vtu").write_text("of an earlier run")
     run = box_frames(tmp_path, 6, "fem.end_time=2e-3", "fem.ramp_time=1e-3")
-    assert run.details.explicit is not None
+    assert run.details.run is not None
     times = np.array(written(tmp_path))
     assert len(times) == 6
     # A frame comes with the first step after its time.
-    assert np.abs(times - np.linspace(0.0, 2e-3, 6)).max() <= run.details.explicit.time_step
+    assert np.abs(times - np.linspace(0.0, 2e-3, 6)).max() <= run.details.run.time_step
 
 
 def test_frames_of_a_linear_static_run_are_parts_of_its_end(tmp_path: Path) -> None:
     run = box_frames(tmp_path, 5, "fem.method=static")
     assert written(tmp_path) == [0.0, 0.25, 0.5, 0.75, 1.0]
     half = meshio.read(tmp_path / "frame_0002.vtu").point_data["displacement"]
-    np.testing.assert_allclose(
-        half, 0.5 * run.details.group_displacements[0].reshape(-1, 3), rtol=1e-12
-    )
+    np.testing.assert_allclose(half, 0.5 * run.details.displacements[0].reshape(-1, 3), rtol=1e-12)
 
 
 def test_frames_of_a_static_run_of_blocks_are_its_load_steps(tmp_path: Path) -> None:
@@ -86,7 +84,7 @@ def test_frames_of_a_static_run_of_blocks_are_its_load_steps(tmp_path: Path) -> 
     ):
         file = tmp_path / f"frame_{number:04d}.vtu"
         moved = meshio.read(file).point_data["displacement"]
-        expected = np.concatenate([u.reshape(-1, 3) for u in found.details.group_displacements])
+        expected = np.concatenate([u.reshape(-1, 3) for u in found.details.displacements])
         # Newton stops at a residual of 1e-8 of the load; what contact leaves soft moves more.
         np.testing.assert_allclose(moved, expected, atol=1e-5 * np.abs(expected).max())
     assert not (tmp_path / "frame_0003.vtu").exists()

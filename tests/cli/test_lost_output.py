@@ -75,8 +75,8 @@ def test_a_file_name_that_the_locale_lacks_is_one_line(tmp_path: Path) -> None:
         ("typer", 0.0),
         ("pydantic", 0.0),
         ("numpy", 0.0),
-        ("fem.solution", 0.0),
-        ("fem.solution", 1.0),
+        ("fem.state", 0.0),
+        ("fem.state", 1.0),
     ],
 )
 def test_an_interruption_is_told_whenever_it_comes(

@@ -73,14 +73,14 @@ def test_a_run_that_outgrows_its_time_step_starts_again(tmp_path: Path) -> None:
     frames: list[Frame] = []
     moving = changed(pressure, fem={"method": "explicit", "frames": 5})
     run = on_its_mesh(moving, on_frame=frames.append)
-    result = run.details.explicit
+    result = run.details.run
     assert result is not None
     assert result.critical.critical_time_step < longest
-    assert run.details.restarts >= 1
-    words = f"{run.details.restarts}: the contact stiffness exceeded the limit of the time step"
+    assert run.details.run.restarts >= 1
+    words = f"{run.details.run.restarts}: the contact stiffness exceeded the limit of the time step"
     assert words in printed(changed(pressure, fem={"method": "explicit"}), tmp_path)
     # Frames of abandoned runs are marked: the others are one history from its start to its end.
-    kept = [frame for frame in frames if frame.restart == run.details.restarts]
+    kept = [frame for frame in frames if frame.restart == run.details.run.restarts]
     assert len(kept) < len(frames)
     assert [frame.number for frame in kept] == list(range(len(kept)))
     assert kept[-1].last

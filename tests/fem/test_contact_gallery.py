@@ -12,7 +12,7 @@ import math
 import numpy as np
 import pytest
 
-from fem.solution import Solution
+from fem.state import State
 from tests.support.answers import on_its_mesh
 from tests.verification.hertz import RADIUS, effective_modulus, pressed
 from validation import load_case
@@ -21,11 +21,11 @@ STEEL, ALUMINIUM = 210e3, 70e3
 THICKNESS = 0.5
 
 
-def solved(name: str, *settings: str) -> Solution:
+def solved(name: str, *settings: str) -> State:
     return on_its_mesh(load_case(name, list(settings))).details
 
 
-def press(solution: Solution) -> float:
+def press(solution: State) -> float:
     """Force of the support that presses [N]."""
     return -float(solution.reactions["press"]["force"][2])
 

@@ -56,7 +56,7 @@ def energy(gapped, settled):
 def test_the_tunnel_with_gaps_reaches_an_equilibrium(settled):
     assert settled.converged
     assert settled.residual <= 1e-8
-    assert settled.max_displacement < 0.5
+    assert settled.largest_displacement < 0.5
 
 
 def test_negative_curvature_is_found_and_points_down():

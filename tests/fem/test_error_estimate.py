@@ -164,7 +164,7 @@ def test_errors_of_a_transient_are_those_in_time_and_mesh() -> None:
     the critical one, in which stated steps and those of the safety factor agree to a hundredth.
     """
     run = transient((12, 2, 5), {"end_time": 0.012})
-    statement, result = run.details.statement, run.details.explicit
+    statement, result = run.details.statement, run.details.run
     assert statement is not None
     assert result is not None
     times = {"end_time": statement.end_time, "ramp_time": statement.ramp_time}

@@ -280,7 +280,7 @@ def test_a_half_turn_gives_the_whole(friction):
         )
         assert len(statement.system.blocks) == computed
         result = solve(statement.model, end_time=1e-3)
-        state = statement.contact_state(result.displacements, slips=result.slips)
+        state = statement.state(result).contact_state
         moved_by = statement.expand(result.displacements)[0]
         rubs = 0.0 if friction is None else state.point_frictions
         found.append((moved_by, state.point_pressures, rubs))

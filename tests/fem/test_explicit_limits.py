@@ -38,9 +38,7 @@ def test_a_run_ends_at_the_first_sample_whose_work_reaches_the_limit(tmp_path, p
     assert 0.0 <= half.report["work"]["done"] - 0.5 * work < 11.0 * work / steps
     resumed = solve_explicit(problem, METHOD, resume=kept)
     assert resumed.report["n_steps"] == steps
-    for a, b in zip(
-        resumed.details.group_displacements, whole.details.group_displacements, strict=True
-    ):
+    for a, b in zip(resumed.details.displacements, whole.details.displacements, strict=True):
         assert np.array_equal(a, b)
 
 

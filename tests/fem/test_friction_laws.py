@@ -98,10 +98,10 @@ def test_a_plate_that_statics_holds_does_not_slide_on_its_way():
         on_its_mesh(plate("explicit"), method="explicit"),
     )
     lost = (
-        slow.details.explicit.energies.frictional_dissipation,
-        static.details.static.frictional_dissipation,
+        slow.details.run.energies.frictional_dissipation,
+        static.details.frictional_dissipation,
     )
-    assert np.abs(lost).max() < 1e-12 * slow.details.explicit.energies.contact_energy
+    assert np.abs(lost).max() < 1e-12 * slow.details.run.energies.contact_energy
     for name in ("p_max", "p_eff", "max_displacement"):
         assert slow[name].value == pytest.approx(static[name].value, rel=2e-3)
 

@@ -177,7 +177,7 @@ def test_a_column_under_uniform_pressure_is_exact(degree: int) -> None:
     answer = by_options(problem, options)
     found = answer.details
     top = found.deformable.deformable_blocks[-1]
-    u = found.group_displacements[0][found.deformable.copy_of[top]]
+    u = found.displacements[0][found.deformable.copy_of[top]]
     height = found.deformable.group(int(top)).mesh.nodes[:, 2]
     each = 0.01 + 2.0 / STIFFNESS + 2.0 * 50.0 / BAR.young_modulus
     expected = -2.0 * each + 2.0 * (50.0 - height) / BAR.young_modulus
@@ -198,9 +198,7 @@ def test_friction_carries_what_equilibrium_asks(degree: int) -> None:
     options = StaticOptions(load_steps=1, tolerance=1e-10)
     found = by_options(problem, options).details
     surfaces = found.deformable.surfaces
-    on_m, on_s = np.split(
-        corner_displacements(found.deformable, found.group_displacements), 2, axis=1
-    )
+    on_m, on_s = np.split(corner_displacements(found.deformable, found.displacements), 2, axis=1)
     jump = np.einsum("pa,fai->fpi", surfaces.basis.values, on_s - on_m)
     above = np.where(surfaces.block_m == 0, 2.0, 1.0)  # boxes on each joint
     carried = np.array(

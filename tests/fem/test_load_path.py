@@ -7,7 +7,7 @@ import pytest
 
 from fem import CoulombFriction
 from fem.accuracy import friction_range
-from fem.accuracy.one_mesh import static_solution
+from fem.accuracy.one_mesh import static_state
 from fem.measures import load_step_change
 from fem.static.result import (
     LOAD_TOLERANCE,
@@ -45,11 +45,11 @@ def test_parts_are_doubled_until_the_answer_stays():
     further ones together are no more than it. Without friction nothing is compared."""
     model = pipe(friction=CoulombFriction(0.3))
     found = solve_static(model, StaticOptions(load_tolerance=LOAD_TOLERANCE))
-    coarse = found.coarser_loading
+    coarse = found.evidence.coarser
     assert coarse is not None
-    assert 2 * coarse.load_steps == found.load_steps
+    assert 2 * coarse.evidence.load_steps == found.evidence.load_steps
     assert path_change(coarse, found) <= LOAD_TOLERANCE
-    fine = solve_static(model, StaticOptions(load_steps=2 * found.load_steps))
+    fine = solve_static(model, StaticOptions(load_steps=2 * found.evidence.load_steps))
     left = abs(found.pressures.max() - fine.pressures.max())
     assert left <= abs(found.pressures.max() - coarse.pressures.max())
     # Work lost counts with the mean of both ends of a step. That is of second order: halving the
@@ -57,8 +57,8 @@ def test_parts_are_doubled_until_the_answer_stays():
     assert fine.frictional_dissipation < found.frictional_dissipation
     assert found.frictional_dissipation < 2.0 * fine.frictional_dissipation
     plain = solve_static(pipe(), StaticOptions(load_tolerance=LOAD_TOLERANCE))
-    assert plain.coarser_loading is None
-    assert plain.load_steps == 1
+    assert plain.evidence.coarser is None
+    assert plain.evidence.load_steps == 1
 
 
 def test_states_that_are_nearly_known_are_no_history():
@@ -67,10 +67,11 @@ def test_states_that_are_nearly_known_are_no_history():
     model = pipe(friction=CoulombFriction(0.3))
     options = replace(TIGHT, load_tolerance=LOAD_TOLERANCE)
     direct = solve_static(model, options)
-    near = tuple((load, tuple(1.1 * u for u in moved)) for load, moved in direct.steps)
+    path = direct.evidence.path
+    near = tuple((one.load_factor, tuple(1.1 * u for u in one.displacements)) for one in path)
     found = solve_static(model, options, known=near)
     assert near
-    assert found.load_steps == direct.load_steps
+    assert found.evidence.load_steps == direct.evidence.load_steps
     moved = direct.displacements[0]
     assert np.abs(found.displacements[0] - moved).max() < 1e-7 * np.abs(moved).max()
     assert found.frictional_dissipation == pytest.approx(direct.frictional_dissipation, rel=1e-6)
@@ -79,11 +80,13 @@ def test_states_that_are_nearly_known_are_no_history():
 def test_the_finest_parts_that_converge_are_the_answer():
     """Parts that find no equilibrium are no reference for others."""
     good = solve_static(sheared_column(0.2, CoulombFriction(0.3)))
-    bad = replace(good, converged=False)
-    assert refined({1: bad, 2: good, 4: good}.__getitem__, 1, 0.1) == (good, good)
-    assert refined(lambda parts: good if parts == 1 else bad, 1, 0.1) == (good, None)
-    assert refined(lambda parts: good if parts == MOST_PARTS else bad, 1, 0.1) == (good, None)
-    assert refined(lambda _: bad, 1, 0.1) == (bad, None)
+    bad = replace(good, evidence=replace(good.evidence, converged=False))
+    found = refined({1: bad, 2: good, 4: good}.__getitem__, 1, 0.1)
+    assert found.converged
+    assert found.evidence.coarser is good
+    assert refined(lambda parts: good if parts == 1 else bad, 1, 0.1) is good
+    assert refined(lambda parts: good if parts == MOST_PARTS else bad, 1, 0.1) is good
+    assert refined(lambda _: bad, 1, 0.1) is bad
 
 
 def test_a_state_is_not_compared_with_itself():
@@ -94,12 +97,13 @@ def test_a_state_is_not_compared_with_itself():
 
     def solve(parts: int):
         asked.append(parts)
-        return replace(good, load_steps=max(parts, 4))
+        return replace(good, evidence=replace(good.evidence, load_steps=max(parts, 4)))
 
-    found, coarser = refined(solve, 1, 0.1)
+    found = refined(solve, 1, 0.1)
+    coarser = found.evidence.coarser
     assert asked == [1, 8]
     assert coarser is not None
-    assert (coarser.load_steps, found.load_steps) == (4, 8)
+    assert (coarser.evidence.load_steps, found.evidence.load_steps) == (4, 8)
 
 
 def test_much_friction_converges_in_every_load_step():
@@ -145,7 +149,7 @@ def test_the_answer_names_its_member_and_the_width(monkeypatch):
     more is not carried there is no other end, and the reason is said."""
     run = on_its_mesh(plate("static"), method="static", error_estimate=True)
     found = run.parts["friction"]
-    assert f"monotonic loading in {run.details.static.load_steps} steps" in found.member
+    assert f"monotonic loading in {run.details.evidence.load_steps} steps" in found.member
     assert set(found.change) == set(found.width) == set(run.measures)
     assert max(found.change.values()) < 1e-6
     assert np.abs(list(found.width.values())).max() < 1e-6
@@ -153,9 +157,9 @@ def test_the_answer_names_its_member_and_the_width(monkeypatch):
     def carries_no_more(deformable, options, **more):
         if options.load_path is not None:
             raise StaticError("too much")
-        return static_solution(deformable, options, **more)
+        return static_state(deformable, options, **more)
 
-    monkeypatch.setattr(friction_range, "static_solution", carries_no_more)
+    monkeypatch.setattr(friction_range, "static_state", carries_no_more)
     refused = on_its_mesh(plate("static"), method="static", error_estimate=True)
     assert not refused.parts["friction"].width
     assert "too much" in refused.parts["friction"].remark

@@ -315,7 +315,7 @@ def test_means_over_the_facets_of_its_own_mesh_are_those_of_the_run(degree: int)
     problem = replace(PROBLEMS["tunnel"], degree=degree)
     found = solve_static(problem, Static(mesh="scene", error_estimate=False)).details
     state = found.contact_state
-    means = pressures_on_facets(problem.blocks, found.deformable, found.group_displacements)
+    means = pressures_on_facets(problem.blocks, found.deformable, found.displacements)
     # Rounding of gaps is a share of the length in which the law grows by e, whatever the pressure.
     tiny = 1e-12 * state.pressures.max()
     np.testing.assert_allclose(means[state.interface], state.pressures, rtol=1e-9, atol=tiny)
@@ -332,7 +332,7 @@ def test_facets_larger_than_elements_carry_what_the_elements_carry() -> None:
     hexahedra = replace(
         blocks, shapes=tuple(replace(shape, charts=None) for shape in blocks.shapes)
     )
-    means = pressures_on_facets(hexahedra, found.deformable, found.group_displacements)
+    means = pressures_on_facets(hexahedra, found.deformable, found.displacements)
     joints = blocks.interfaces
     for start, end in pairwise(joints.pair_start.tolist()):
         m, s = joints.block_m[start], joints.block_s[start]
@@ -350,8 +350,8 @@ def test_a_state_on_its_own_mesh_is_itself() -> None:
     problem = replace(PROBLEMS["tunnel"], degree=2)
     found = solve_static(problem, Static(mesh="scene", error_estimate=False)).details
     again = on_degree(problem, problem.blocks.shapes, 2).deformable
-    moved = transferred(found.group_displacements, found.deformable, again)
-    for one, other in zip(moved, found.group_displacements, strict=True):
+    moved = transferred(found.displacements, found.deformable, again)
+    for one, other in zip(moved, found.displacements, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-12 * np.abs(other).max())
 
 

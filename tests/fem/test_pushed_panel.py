@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from fem.accuracy.statics import static_options
-from fem.static.result import StaticResult
+from fem.state import State
 from fem.static.solve import solve_static
-from fem.system.reactions import PushCurve, push_curves
+from fem.system.reactions import PushCurve
 from geometry import TetrahedraLayer
 from geometry.assembly import AssemblyError
 from geometry.families.platonic_layers import tetrahedron
@@ -29,7 +29,7 @@ FRICTION, STICK = 0.3, 100.0
 class Pushed:
     """Static answer and its curve."""
 
-    result: StaticResult
+    result: State
     curve: PushCurve
 
 
@@ -37,7 +37,7 @@ def pushed(case: Case) -> Pushed:
     problem = case.problem
     deformable = problem.deformable
     result = solve_static(deformable, static_options(problem, case.method))
-    (curve,) = push_curves(deformable.model, result.pushed)
+    (curve,) = result.push_curves
     return Pushed(result, curve)
 
 
@@ -65,12 +65,12 @@ def pressed() -> Pushed:
 
 
 @pytest.fixture(scope="module")
-def squeezed() -> StaticResult:
+def squeezed() -> State:
     """Side forces alone."""
     return pushed(panel("load.push.distance=1e-9", "fem.motion_steps=1")).result
 
 
-def test_joint_forces_lie_within_the_ranges_of_rigid_blocks(squeezed: StaticResult) -> None:
+def test_joint_forces_lie_within_the_ranges_of_rigid_blocks(squeezed: State) -> None:
     """Forces of elements are in equilibrium with the side forces and obey Coulomb's law at every
     point, so that some rigid state has the same: the normal force of each joint is no less than its
     least and no more than its largest. Ranges by the pyramid inside the cone are narrower than
@@ -109,7 +109,7 @@ def test_no_force_is_larger_than_the_rigid_limit(pressed: Pushed) -> None:
     assert pressed.curve.peak[0] <= 1.002 * limit
 
 
-def test_the_work_of_the_push_is_found_again(pressed: Pushed, squeezed: StaticResult) -> None:
+def test_the_work_of_the_push_is_found_again(pressed: Pushed, squeezed: State) -> None:
     """Work of the push and of the side forces is strain energy, contact energy, friction, and the
     energy of elastic slips: at most (μ p)² / 2 k per area. The curve is concave, so that trapezia
     miss some of the work and add none."""

@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 from fem import Explicit, Frames, Material, solve_explicit
+from fem.contact.search import points_of_search
 from fem.explicit.setup.quasi_static import block_frequencies
 from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import StopCriterion, initial_state, prepare, solve
 from fem.system.build import DeformableAssembly
 from fem.system.effects import AdaptiveMassDamping, Effects
+from fem.system.state import contact_state, facing_points
 from geometry import ColumnBox, RefusedError, box_block, box_column
 from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads import face_pressure
@@ -50,7 +52,7 @@ def test_patch_test_of_a_column_that_does_not_match() -> None:
     load's pressure, every joint closes by the law's inverse, every box by p h / E. The residual is
     1e-8 of the load; a joint is as stiff as the boxes within tenfold."""
     run = on_its_mesh(column(*CROSSING), method="explicit")
-    assert run.details.explicit.status == "converged"
+    assert run.details.run.status == "converged"
     found = run.details.contact_state
     np.testing.assert_allclose(found.point_pressures, 0.5, rtol=1e-6)
     np.testing.assert_allclose(found.pressures, 0.5, rtol=1e-6)
@@ -106,7 +108,9 @@ def test_random_motions_of_boxes_that_do_not_match_balance() -> None:
     stated = explicit_statement(column(*CROSSING).problem.deformable)
     rng = np.random.default_rng(5)
     moved = tuple(5e-3 * rng.standard_normal((1, g.n_nodes, 3)) for g in stated.model.groups)
-    found = stated.contact_state(moved)
+    whole = stated.system.deformable
+    points = points_of_search(facing_points(whole, moved), whole.surfaces.clearance)
+    found = contact_state(whole, moved, points)
     assert found.point_pressures.max() > 0.1
     system = prepare(stated.model, time_step=1e-9)
     for support in stated.model.supports:
@@ -270,7 +274,7 @@ def test_a_pushed_box_presses_where_it_ended() -> None:
     )
     run = on_its_mesh(scene, method="explicit")
     slide = 2e3 * (0.03 - (1.0 - np.exp(-30.0)) / 1e3)
-    assert run.details.displacement(1)[:, 0].mean() == pytest.approx(slide, rel=1e-3)
+    assert run.details.displacement_of(1)[:, 0].mean() == pytest.approx(slide, rel=1e-3)
     found = run.details.contact_state
     forces = found.point_forces
     assert forces.sum(axis=0) == pytest.approx([0.0, 0.0, 200.0], abs=0.2)
@@ -309,7 +313,7 @@ def settled_box(built: float, slid: float) -> tuple[np.ndarray, np.ndarray]:
     stop = StopCriterion(1e-7, 1e-3)
     result = solve(stated.model, end_time=0.1, displacements=start, stop=stop)
     assert str(result.status) == "converged"
-    found = stated.contact_state(result.displacements)
+    found = stated.state(result).contact_state
     return found.point_pressures, found.positions - [built + slid, 0.0, 0.0]
 
 
@@ -427,7 +431,7 @@ def test_contact_forces_of_blocks_that_move_away_end() -> None:
     """They grew until squares of displacements overflowed; energy descent has the answer."""
     mesh = {"mesh.around": 12, "mesh.radial": 1, "mesh.axial": 4, "assembly.layers": 1}
     case = load_case("tsb1-pipe", mesh | {"contact.clearance": 5.0, "fem.degree": 3})
-    static = on_its_mesh(case, method="static").details.static
+    static = on_its_mesh(case, method="static").details
     assert static is not None
     assert static.converged
 

@@ -425,7 +425,7 @@ def test_a_column_of_boxes_of_different_mesh_carries_its_weight():
     effects = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
     statement = explicit_statement(deformable, effects=effects, ramp_time=0.0)
     result = solve(statement.model, end_time=0.05, stop=StopCriterion(1e-6))
-    found = statement.contact_state(result.displacements, result.searched)
+    found = statement.state(result).contact_state
     force = [found.areas[found.block_m == k] @ found.pressures[found.block_m == k] for k in (0, 1)]
     weight = 2.4e-9 * 9810.0 * 4000.0
     assert force == pytest.approx([2.0 * weight, weight], rel=1e-4)

@@ -72,7 +72,7 @@ def test_rotation_matters_and_the_residual_counts_it(turned):
     straight = solve_static(pipe(0.1))
     assert turned.converged
     assert turned.residual <= 2e-8
-    assert "finite rotation in" in turned.status
+    assert "finite rotation in" in turned.evidence.status
     change = abs(turned.pressures.max() / straight.pressures.max() - 1.0)
     assert change > 3e-3
 
@@ -176,7 +176,8 @@ def test_a_round_without_equilibrium_is_one_of_blocks_that_turn_too_far(monkeypa
 
     def ends(*arguments, start=None, **stated):
         found = solve_static(*arguments, start=start, **stated)
-        return found if start is None else replace(found, residual=1e-4, converged=False)
+        away = replace(found.evidence, residuals=(1e-4,), converged=False)
+        return found if start is None else replace(found, evidence=away)
 
     monkeypatch.setattr(rotation, "solve_static", ends)
     with pytest.raises(StaticError, match=r"blocks turn too far .* after 1 rounds"):
@@ -187,12 +188,14 @@ def test_rounds_that_stagnate_below_the_tolerance_are_an_answer(monkeypatch, tur
     """Each round is asked for a hundredth of the tolerance; round-off may end it before."""
 
     def stagnating(*arguments, **stated):
-        return replace(solve_static(*arguments, **stated), residual=3e-10, converged=False)
+        state = solve_static(*arguments, **stated)
+        near = replace(state.evidence, residuals=(3e-10,), converged=False)
+        return replace(state, evidence=near)
 
     monkeypatch.setattr(rotation, "solve_static", stagnating)
     found = solve_static_with_rotation(pipe(0.1), StaticOptions(tolerance=1e-8))
     assert found.converged
-    assert "did not converge" not in found.status
+    assert "did not converge" not in found.evidence.status
     # Residuals of 1e-8 of the load, which the softest motion amplifies by 1e2.
     for moved, expected in zip(found.displacements, turned.displacements, strict=True):
         assert np.abs(moved - expected).max() < 1e-5 * np.abs(expected).max()

@@ -179,7 +179,7 @@ def test_a_press_fit_is_pressed_out_by_the_friction_of_its_pressure() -> None:
 
 def test_checks_of_rigid_blocks_in_place_leave_out_supports_that_move() -> None:
     """Whether faces and friction carry the load is a question of rigid blocks in their place."""
-    assert on_its_mesh("shifted-boxes", method="static").details.static.converged
+    assert on_its_mesh("shifted-boxes", method="static").details.evidence.converged
     data = load_case("tetrahedra").keys
     data["assembly"] = {"columns": 1, "rows": 1}
     del data["effects"], data["rigid"]
@@ -187,7 +187,7 @@ def test_checks_of_rigid_blocks_in_place_leave_out_supports_that_move() -> None:
     blocks = load_case(data, method="rigid").problem.blocks
     free = int(np.flatnonzero(~blocks.fixed)[0])
     pushed = load_case(data | {"load": {"push": {"block": free, "distance": 0.1}}})
-    assert on_its_mesh(pushed, method="static").details.static.converged
+    assert on_its_mesh(pushed, method="static").details.evidence.converged
 
 
 def pressed_boxes(*, held: str, load: str) -> Any:

@@ -453,7 +453,7 @@ def ours_of(run: Answer, block: int) -> np.ndarray:
     deformable = run.details.deformable
     if deformable.group_of[block] < 0:
         return np.zeros_like(deformable.assembly.shape(block).mesh.nodes)
-    return run.details.displacement(block)
+    return run.details.displacement_of(block)
 
 
 @pytest.mark.skipif(not calculix_available(), reason="ccx is not installed")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fem import Problem
-from fem.accuracy.one_mesh import static_solution
+from fem.accuracy.one_mesh import static_state
 from fem.answer import answer_of
 from fem.static.solve import StaticOptions
 from geometry import Answer
@@ -37,7 +37,7 @@ def on_its_mesh(
 def by_options(problem: Problem, options: StaticOptions | None = None) -> Answer:
     """Static answer on the mesh of a problem, by options of the solver that no scene has."""
     turning = problem.finite_rotation
-    solution = static_solution(problem.deformable, options, finite_rotation=turning)
+    solution = static_state(problem.deformable, options, finite_rotation=turning)
     return answer_of(solution, problem=problem)
 
 

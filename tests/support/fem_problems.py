@@ -9,7 +9,7 @@ from scipy.sparse.linalg import spsolve
 
 from fem import ElementType, Material, Problem
 from fem.element.kinds import block_hourglass_stiffness, block_stiffness
-from fem.static.result import StaticResult
+from fem.state import State
 from fem.system.build import DeformableAssembly
 from fem.system.state import contact_state, corner_displacements
 from geometry.block import Block, box_block
@@ -80,7 +80,7 @@ def tip_deflection(
     return float(weight @ displacement.reshape(-1, 3)[:, 2])
 
 
-def pair_resultants(result: StaticResult) -> tuple[FloatArray, FloatArray]:
+def pair_resultants(result: State) -> tuple[FloatArray, FloatArray]:
     """Normal force and its moment that each pair transmits, on block s, about the world origin.
 
     Returns
@@ -89,7 +89,7 @@ def pair_resultants(result: StaticResult) -> tuple[FloatArray, FloatArray]:
         (n_pairs, 3) [N] and (n_pairs, 3) [N mm], pairs as in the surfaces' `pair_start`. The
         moment takes forces at the reference positions of block s.
     """
-    deformable, surfaces = result.deformable, result.surfaces
+    deformable, surfaces = result.deformable, result.points
     corners = np.split(contact_corner_forces(result), 2, axis=1)[1]
     where = np.empty_like(corners)
     for block in np.unique(surfaces.block_s):
@@ -102,12 +102,12 @@ def pair_resultants(result: StaticResult) -> tuple[FloatArray, FloatArray]:
     return force, moment
 
 
-def contact_corner_forces(result: StaticResult) -> FloatArray:
+def contact_corner_forces(result: State) -> FloatArray:
     """Normal contact forces on the nodes of every facet pair, (n_facets, nodes of both, 3) [N].
 
     World axes; friction is not in them.
     """
-    deformable, surfaces = result.deformable, result.surfaces
+    deformable, surfaces = result.deformable, result.points
     displacement = corner_displacements(deformable, result.displacements, surfaces)
     return surfaces.nodal_forces(displacement, result.pressures)
 

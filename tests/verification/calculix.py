@@ -21,7 +21,7 @@ from fem.decks.deck import Deck, Flavour
 from fem.decks.problem import problem_deck
 from fem.decks.write import write_deck
 from fem.explicit.solve import solve
-from fem.static.result import StaticResult
+from fem.state import State
 from fem.static.solve import solve_static
 from geometry import Assembly, Block, PressureLoad, box_block
 from geometry.families.sine_block import TSB1, SineBlockDivisions
@@ -153,7 +153,7 @@ def calculix_through_converter(deck: Deck, folder: Path) -> CalculixResult:
     return run_calculix(target)
 
 
-def flat_displacements(deck: Deck, result: StaticResult) -> np.ndarray:
+def flat_displacements(deck: Deck, result: State) -> np.ndarray:
     """Our displacements in the node order of a flat deck, (n_nodes, 3) [mm]."""
     deformable = deck.problem.deformable
     parts = []
@@ -199,12 +199,12 @@ def _column_rows(
 ) -> list[CheckRow]:
     """Uniform state: only the table of the law differs, which allows 0.1 %."""
     ours = solve_static(deck.problem.deformable)
-    cpu = theirs.cpu_seconds, ours.cpu_seconds["total"]
+    cpu = theirs.cpu_seconds, ours.evidence.cpu_seconds["total"]
     moved = (
         float(theirs.displacements[:, 2].min()),
         float(flat_displacements(deck, ours)[:, 2].min()),
     )
-    weights = ours.surfaces.weights
+    weights = ours.points.weights
     force = slave_force(deck, theirs, "z-", 1), float((weights * ours.pressures).sum())
     return [
         _row(case, "displacement of the top [mm]", moved, allowed, cpu),
@@ -248,7 +248,7 @@ def tube_rows(folder: Path, divisions: SineBlockDivisions) -> list[CheckRow]:
     deformable = deck.problem.deformable
     ours = solve_static(deformable)
     angle = half_facet_angle(deck.assembly.shape(4), "top")
-    cpu = theirs.cpu_seconds, ours.cpu_seconds["total"]
+    cpu = theirs.cpu_seconds, ours.evidence.cpu_seconds["total"]
     mine = flat_displacements(deck, ours)
     largest = (
         float(np.linalg.norm(theirs.displacements, axis=1).max()),

@@ -26,8 +26,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fem import CoulombFriction, LinearPenalty, Material, Problem
+from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.result import StaticResult
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from fem.system.body import placed_body
 from fem.system.build import DeformableAssembly
@@ -217,7 +217,7 @@ def _moved(bodies: Bodies, down: float, aside: float = 0.0) -> DeformableAssembl
     return replace(bodies.deformable, model=model)
 
 
-def pressed_together(bodies: Bodies) -> StaticResult:
+def pressed_together(bodies: Bodies) -> State:
     """Move the bases towards each other in steps that the search can follow."""
     steps = math.ceil(bodies.apart / (_STEP * bodies.edge))
     # Condensed blocks keep the nodes of symmetry planes; all nodes of a slice are held.
@@ -227,21 +227,20 @@ def pressed_together(bodies: Bodies) -> StaticResult:
         tolerance = _RESIDUAL if step == steps else _ON_THE_WAY
         options = StaticOptions(method=method, symmetry=1, tolerance=tolerance)
         there = _moved(bodies, bodies.apart * step / steps)
-        state = solve_static(there, options, start=state, store=store)
+        near = None if state is None else state.displacements
+        state = solve_static(there, options, start=near, store=store)
     assert state is not None
-    assert state.converged, state.status
+    assert state.converged, state.evidence.status
     return state
 
 
-def pushed_aside(
-    bodies: Bodies, normal: StaticResult, aside: float, friction: CoulombFriction
-) -> StaticResult:
+def pushed_aside(bodies: Bodies, normal: State, aside: float, friction: CoulombFriction) -> State:
     """Move the upper base aside, from a state without tangential traction."""
     moved = _moved(bodies, bodies.apart, aside)
     moved = replace(moved, contact=replace(moved.contact, friction=friction))
     options = StaticOptions(method=StaticMethod.SPARSE, symmetry=1, tolerance=_RESIDUAL)
-    state = solve_static(moved, options, start=normal)
-    assert state.converged, state.status
+    state = solve_static(moved, options, start=normal.displacements)
+    assert state.converged, state.evidence.status
     return state
 
 
@@ -249,7 +248,7 @@ def pushed_aside(
 # Measures
 
 
-def pressed_balls(bodies: Bodies, state: StaticResult) -> Field:
+def pressed_balls(bodies: Bodies, state: State) -> Field:
     """Pressures of two equal balls beside Hertz at the same force."""
     contact, half = state.contact_state, 0.5 * RADIUS
     r = np.linalg.norm(contact.positions[:, :2], axis=1)
@@ -259,7 +258,7 @@ def pressed_balls(bodies: Bodies, state: StaticResult) -> Field:
     return pressed((r, area, p), a, 1.5 * force / (math.pi * a**2), 2.5)
 
 
-def pressed_roller(bodies: Bodies, state: StaticResult) -> Field:
+def pressed_roller(bodies: Bodies, state: State) -> Field:
     """Pressures of a roller on a plane beside Hertz at the same force."""
     contact = state.contact_state
     # Elements are as thick as the edge.
@@ -284,12 +283,9 @@ def pressed(
     )
 
 
-def slipped_roller(
-    bodies: Bodies, normal: StaticResult, state: StaticResult, friction: CoulombFriction
-) -> Field:
+def slipped_roller(bodies: Bodies, normal: State, state: State, friction: CoulombFriction) -> Field:
     """Tractions of a roller pushed aside beside Cattaneo and Mindlin at the same forces."""
-    found = state.searched
-    assert found is not None
+    found = state.points
     before, after = (
         corner_displacements(state.deformable, s.displacements, found) for s in (normal, state)
     )

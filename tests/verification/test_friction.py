@@ -121,5 +121,5 @@ def rows():
             row[f"static {word}"] = runs[0][name].value
             row[f"explicit {word} [%]"] = 100.0 * changes(runs, 1)[name]
             row[f"back {word} [%]"] = 100.0 * changes(runs, 2)[name]
-        row["load steps"] = runs[0].details.static.load_steps
+        row["load steps"] = runs[0].details.evidence.load_steps
         yield row | {"CPU s": sum(seconds), "verdict": verdict(runs)}

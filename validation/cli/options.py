@@ -239,7 +239,7 @@ def exit_by(answer: Answer, method: Method) -> None:
     """
     from fem.method import Static
 
-    run = answer.details.explicit
+    run = answer.details.run
     stopped_by = answer.report.get("work", {}).get("stopped_by")
     if stopped_by == "interrupt" or (run is not None and run.status == "interrupted"):
         raise KeyboardInterrupt("the files have what was computed until then")

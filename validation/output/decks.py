@@ -263,7 +263,7 @@ def _change_by_increments(answer: Answer) -> str:
         for name in ("max_displacement", "p_max_point")
         if name in change
     )
-    steps = answer.details.static.load_steps
+    steps = answer.details.evidence.load_steps
     return f"half of {steps} increments a stage would change {', '.join(shares)}"
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fem.solution import Solution
+from fem.state import State
 from geometry.answer import Answer
 from validation.output.pictures.bodies import (
     FROM_THE_SIDE,
@@ -84,7 +84,7 @@ def pressure_view(
 
 def stressed(answer: Answer, layers: Sequence[int] | None = None) -> tuple[View, Scale]:
     """All faces of deformable blocks, coloured by σ₁, moved by exaggerated displacement."""
-    solution: Solution = answer.details
+    solution: State = answer.details
     deformable = solution.deformable
     scale, factor = stress_scale(solution), drawing_scale(solution)
     shown = np.intersect1d(
@@ -94,7 +94,7 @@ def stressed(answer: Answer, layers: Sequence[int] | None = None) -> tuple[View,
         deformable.drawn,
         shown.tolist(),
         lambda block: scale.of(solution.principal(block)[:, 0]),
-        nodes=lambda block: deformable.positions(block) + factor * solution.displacement(block),
+        nodes=lambda block: deformable.positions(block) + factor * solution.displacement_of(block),
         faces=all_faces(solution),
         lit=False,
     )

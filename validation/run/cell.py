@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fem.solution import Solution
+from fem.state import State
 from geometry.mesh import FloatArray
 from geometry.parts.rows import Row
 from validation.build.cell import check_cell
@@ -96,7 +96,7 @@ def _static(scene: DeformableScene, symmetry: str) -> DeformableScene:
     return scene.changed({"fem.symmetry": symmetry, "fem.method": Method.STATIC})
 
 
-def middle_answer(solution: Solution) -> Numbers:
+def middle_answer(solution: State) -> Numbers:
     """Numbers of the two middle layers, rid of their mean motion along and about the axis.
 
     Of a tube with an odd number of layers, those are the middle one and the one below it.
@@ -114,13 +114,13 @@ def middle_answer(solution: Solution) -> Numbers:
     )
 
 
-def _own_displacement(solution: Solution, blocks: list[int]) -> float:
+def _own_displacement(solution: State, blocks: list[int]) -> float:
     """Largest displacement of some blocks beyond their mean motion along and about the axis."""
     assembly = solution.deformable.assembly
     places, moves, masses = [], [], []
     for block in blocks:
         places.append(solution.deformable.positions(block) - assembly.origin)
-        moves.append(solution.displacement(block))
+        moves.append(solution.displacement_of(block))
         masses.append(solution.deformable.group(block).lumped_mass)
     x, u, mass = np.concatenate(places), np.concatenate(moves), np.concatenate(masses)
     about: FloatArray = np.cross(assembly.axis, x)

@@ -13,7 +13,7 @@ from fem.accuracy.statics import solve_static
 from fem.element.hexahedron import ElementType
 from fem.method import Explicit, Static
 from fem.problem import Problem
-from fem.solution import Solution
+from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
 from geometry.answer import Answer
 from geometry.compilation.clocks import stages, summed
@@ -176,7 +176,7 @@ def _of_scene(case: Case, answer: Answer, built: dict[str, float]) -> Answer:
     )
 
 
-def _contact_search(scene: DeformableScene, solution: Solution) -> ContactSearch:
+def _contact_search(scene: DeformableScene, solution: State) -> ContactSearch:
     """Whether and why facets that face each other were searched."""
     if not solution.deformable.contact.finite_sliding:
         return ContactSearch.NONE
@@ -184,7 +184,7 @@ def _contact_search(scene: DeformableScene, solution: Solution) -> ContactSearch
     return ContactSearch.ASKED if requested else ContactSearch.NEEDED
 
 
-def _title(name: str, scene: DeformableScene, solution: Solution) -> str:
+def _title(name: str, scene: DeformableScene, solution: State) -> str:
     """Scene, load, method and mesh, for pictures."""
     d, each = solution.deformable, ""
     solved = d.model.groups[0].mesh
@@ -203,7 +203,7 @@ def _title(name: str, scene: DeformableScene, solution: Solution) -> str:
     )
 
 
-def _remarks(scene: DeformableScene, solution: Solution) -> dict[str, str]:
+def _remarks(scene: DeformableScene, solution: State) -> dict[str, str]:
     """What no key of the scene says of its elements, by the name of the row."""
     assembly, notes = solution.deformable.assembly, dict[str, str]()
     if isinstance(scene, PolyhedralScene):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from fem.accuracy.one_mesh import static_solution
-from fem.solution import Solution
+from fem.accuracy.one_mesh import static_state
+from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
 from geometry.errors import RefusedError
@@ -62,7 +62,7 @@ class Change(Numbers):
         return f"{name} {100 * value:+.2g} %" if value else "no change"
 
 
-def numbers_of(solution: Solution) -> Numbers:
+def numbers_of(solution: State) -> Numbers:
     """Quantities of a run."""
     return Numbers(solution.contact.p_max, solution.contact.p_eff, solution.largest_displacement)
 
@@ -83,8 +83,8 @@ def solve_probe(
     name: str,
     store: FlexibilityStore | None = None,
     *,
-    start: Solution | None = None,
-) -> Solution:
+    start: State | None = None,
+) -> State:
     """Static state of a probe; probes that share a store condense the same blocks once.
 
     Finite rotation begins at ``start``, the same blocks without it.
@@ -95,13 +95,10 @@ def solve_probe(
         symmetry=1 if scene.fem.symmetry == "none" else None,
         tolerance=_TOLERANCE,
     )
-    turning, near = scene.effects.finite_rotation, None
-    if turning and start is not None and start.static is not None:
-        near = replace(start.static, deformable=deformable)
+    turning = scene.effects.finite_rotation
+    near = start.displacements if turning and start is not None else None
     try:
-        return static_solution(
-            deformable, options, finite_rotation=turning, start=near, store=store
-        )
+        return static_state(deformable, options, finite_rotation=turning, start=near, store=store)
     except LimitError:
         raise
     except RefusedError as error:
@@ -168,7 +165,7 @@ def mesh_words(scene: DeformableScene) -> str:
 
 
 def largest_slip_share(
-    solved: Solution, scene: DeformableScene, probe: DeformableScene
+    solved: State, scene: DeformableScene, probe: DeformableScene
 ) -> tuple[float, float] | None:
     """Largest slip of a probe [mm], and its share of a facet of the scene [-].
 

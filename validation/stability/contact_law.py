@@ -8,7 +8,7 @@ import numpy as np
 
 from fem.contact.law import ContactLaw, ExponentialLaw
 from fem.contact.surfaces import ContactError
-from fem.static.result import StaticResult
+from fem.state import State
 from fem.static.solve import StaticOptions, solve_static
 from validation.stability.case import Cases, Check, Finding, refusal
 from validation.stability.problems import BRICK, COLUMN, deformable, pressed, relative, stack
@@ -30,7 +30,7 @@ def reachable(pressure: float, law: ContactLaw) -> float:
     return max(TOLERANCE, noise / (pressure * BRICK[0] * BRICK[1]))
 
 
-def solved_column(pressure: float, law: ContactLaw | None = None) -> StaticResult:
+def solved_column(pressure: float, law: ContactLaw | None = None) -> State:
     """Static state of two bricks and a third on a fixed one, pressed from above [MPa]."""
     assembly = stack(2)
     law = ExponentialLaw() if law is None else law
@@ -38,7 +38,7 @@ def solved_column(pressure: float, law: ContactLaw | None = None) -> StaticResul
     return solve_static(stated, StaticOptions(tolerance=reachable(pressure, law), symmetry=1))
 
 
-def column_checks(result: StaticResult, pressure: float, law: ContactLaw) -> tuple[Check, ...]:
+def column_checks(result: State, pressure: float, law: ContactLaw) -> tuple[Check, ...]:
     """Every joint carries the pressure; the top sinks by the bricks' and the joints' shares."""
     n_bricks = n_joints = result.deformable.assembly.n_blocks - 1
     sunk = pressure * n_bricks * BRICK[2] / COLUMN.young_modulus
@@ -48,7 +48,7 @@ def column_checks(result: StaticResult, pressure: float, law: ContactLaw) -> tup
     bound = max(1e-6, 2 * reachable(pressure, law))
     top = -float(result.displacements[0][-1, :, 2].min())
     return (
-        Check("residual", result.residual, reachable(pressure, law)),
+        Check("residual", result.evidence.residual, reachable(pressure, law)),
         Check(
             "joint pressures against the load",
             relative(result.pressures, np.array(pressure)),

@@ -12,7 +12,7 @@ from fem.explicit.setup.quasi_static import quasi_static_report
 from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import (
     LARGEST_IMBALANCE,
-    ExplicitResult,
+    Run,
     StopCriterion,
     UnstableRun,
     initial_state,
@@ -62,7 +62,7 @@ def noise(model: Model, size: float) -> tuple[FloatArray, ...]:
 
 def settled(
     stated: DeformableAssembly, *, ramp: float, end: float, residual: float = 1e-5
-) -> tuple[ExplicitResult, FloatArray]:
+) -> tuple[Run, FloatArray]:
     """Run a pressed column to its static state; the run and its contact pressures [MPa]."""
     whole = explicit_statement(
         stated,
@@ -142,7 +142,7 @@ def _impact() -> Finding:
     velocity = np.zeros((1, group.n_nodes, 3))
     velocity[:, :, 2] = -IMPACT_SPEED
 
-    def run(safety_factor: float) -> ExplicitResult:
+    def run(safety_factor: float) -> Run:
         return solve(
             model,
             end_time=1e-4,

@@ -9,7 +9,7 @@ import numpy as np
 from fem.element.hexahedron import ElementType
 from fem.element.kinds import block_stiffness
 from fem.element.material import Material
-from fem.static.result import StaticResult
+from fem.state import State
 from fem.static.solve import solve_static
 from fem.system.model import Support, fixed_nodes, nodal_load
 from geometry.assembly import Assembly, AssemblyError
@@ -100,7 +100,7 @@ def _solved(
     element: ElementType,
     supports: tuple[Support, ...],
     force: FloatArray,
-) -> StaticResult:
+) -> State:
     """Static state of one block with supports and forces on its nodes."""
     none = np.zeros(1, dtype=np.int64)
     alone = Assembly(

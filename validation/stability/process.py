@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from fem.explicit.output.checkpoint import CheckpointError
-from fem.explicit.solve import ExplicitResult, Output, Progress, solve
+from fem.explicit.solve import Output, Progress, Run, solve
 from fem.system.time_step import critical_time_step
 from geometry.machine.system import KILL
 from validation.stability.case import Cases, Check, Finding, refusal
@@ -37,7 +37,7 @@ whole_run(checkpoint=Path(sys.argv[1]), progress=die)
 
 def whole_run(
     *, checkpoint: Path | None = None, resume: Path | None = None, progress: object = None
-) -> ExplicitResult:
+) -> Run:
     """Run a free cube for some hundred steps, checkpoints at every one."""
     model = free_cube()
     critical = critical_time_step(model).critical_time_step

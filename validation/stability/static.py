@@ -49,7 +49,7 @@ def _contrast() -> Finding:
     sunk += 2 * float(law.overclosure(pressure))
     top = -float(result.displacements[1][0, :, 2].min())
     return Finding(
-        Check("residual", result.residual, TOLERANCE),
+        Check("residual", result.evidence.residual, TOLERANCE),
         Check("joint pressures", relative(result.pressures, np.array(pressure)), 1e-6),
         Check("top against the closed form", relative(top, sunk), 1e-6),
     )
@@ -89,7 +89,7 @@ def _no_load() -> Finding:
     # Surfaces press a little where they just touch; nothing can press more than that.
     touching = float(ExponentialLaw().pressure(0.0))
     return Finding(
-        Check("residual", result.residual, 1e-8),
+        Check("residual", result.evidence.residual, 1e-8),
         Check("largest pressure [MPa]", float(result.pressures.max()), touching * 1.000001),
     )
 
@@ -106,7 +106,7 @@ def _driven() -> Finding:
     except StaticError as error:
         said = "expected" in str(error)
         return Finding(Check("says what is expected", said, 1, 1), refusal=str(error))
-    return Finding(Check("called converged", result.converged, 0), refusal=result.status)
+    return Finding(Check("called converged", result.converged, 0), refusal=result.evidence.status)
 
 
 @CASES.add("offset-1e6-mm-static", "The tube 1e6 mm from the origin: same pressures")
@@ -119,7 +119,7 @@ def _offset() -> Finding:
     )
     # Coordinates lose 2e-10 mm; at 0.5 MPa the law has 570 MPa/mm: 1e-7 MPa of 0.5 MPa.
     return Finding(
-        Check("residual there", other.residual, 1e-8),
+        Check("residual there", other.evidence.residual, 1e-8),
         Check("pressures", relative(other.pressures, mine.pressures), 1e-5),
     )
 
@@ -137,7 +137,7 @@ def _incompressible() -> Finding:
     n_joints = assembly.n_blocks - 1
     carried = n_joints * 0.01 * BRICK[0] * BRICK[1]
     return Finding(
-        Check("residual", result.residual, 1e-8),
+        Check("residual", result.evidence.residual, 1e-8),
         Check("joint forces against the load", relative(force, carried), 1e-7),
     )
 
@@ -179,7 +179,7 @@ def _turning() -> Finding:
                 tried.append(world + shift + np.einsum("cij,cnj->cni", group.rotations, spin))
             rises.append(_energy(stated, tuple(tried)) - least)
     return Finding(
-        Check("residual", result.residual, 1e-8),
+        Check("residual", result.evidence.residual, 1e-8),
         Check("energy lost along 24 random motions [N mm]", -min(rises), 0.0),
     )
 
@@ -204,7 +204,7 @@ def _floating() -> Finding:
         )
     )
     return Finding(
-        Check("residual", ring.residual, 1e-8),
+        Check("residual", ring.evidence.residual, 1e-8),
         Check("sector against ring", relative(sector.pressures, ring.pressures), 1e-6),
         Check("sparse against condensed", relative(sparse.pressures, sector.pressures), 1e-4),
     )

@@ -21,7 +21,7 @@ import numpy as np
 import scipy.linalg
 
 from fem.contact.surfaces import ContactError
-from fem.explicit.solve import ExplicitResult
+from fem.explicit.solve import RESIDUAL, Run
 from fem.system.body import Body, rigid_motions
 from fem.system.sector import local_loads
 from fem.system.system import System
@@ -249,18 +249,18 @@ class QuasiStaticReport:
 
 
 def quasi_static_report(
-    result: ExplicitResult,
+    run: Run,
     *,
     ramp_time: float,
     frequency: float,
-    largest_residual: float = 1e-4,
+    largest_residual: float = RESIDUAL,
     largest_settling: float = 2e-3,
 ) -> QuasiStaticReport:
     """Judge the end of an explicit run.
 
     Parameters
     ----------
-    result
+    run
         The run.
     ramp_time
         Duration of its loading [s].
@@ -270,41 +270,39 @@ def quasi_static_report(
         Bounds for a static state [-].
     """
     moved = speed = mass = 0.0
-    for group, u, v in zip(
-        result.model.groups, result.displacements, result.velocities, strict=True
-    ):
+    for group, u, v in zip(run.model.groups, run.displacements, run.velocities, strict=True):
         moved += float(np.einsum("n,cni,cni->", group.lumped_mass, u, u))
         speed += float(np.einsum("n,cni,cni->", group.lumped_mass, v, v))
         mass += group.n_copies * float(group.lumped_mass.sum())
-    settling = result.settling
+    settling = run.settling
     if settling is None:
         settling = np.sqrt(speed / moved) / (2.0 * np.pi * frequency) if moved else 0.0
-    energies = result.energies
+    energies = run.energies
     ratio = 0.0
     if energies is not None:
         internal = energies.strain_energy + energies.contact_energy
         ratio = energies.kinetic_energy / internal if internal > 0.0 else 0.0
-    hold = result.time - ramp_time
+    hold = run.time - ramp_time
     faults = []
     if hold < 0.0:
         faults.append("the load is not fully applied: raise fem.end_time")
-    damped = result.model.effects.adaptive_mass_damping is not None
+    damped = run.model.effects.adaptive_mass_damping is not None
     longer = "raise fem.end_time" + ("" if damped else ' or use fem.damping = "static"')
-    if result.round_off is not None:
+    if run.round_off is not None:
         faults.append(
-            f"the force residual {result.residual:.1e} no longer falls: round-off leaves about "
-            f"{result.round_off:.1e}; use a larger fem.residual"
+            f"the force residual {run.residual:.1e} no longer falls: round-off leaves about "
+            f"{run.round_off:.1e}; use a larger fem.residual"
         )
-    elif result.residual is not None and not result.residual <= largest_residual:
+    elif run.residual is not None and not run.residual <= largest_residual:
         faults.append(
-            f"the force residual {result.residual:.1e} exceeds {largest_residual:.1e}: {longer}"
+            f"the force residual {run.residual:.1e} exceeds {largest_residual:.1e}: {longer}"
         )
     if not settling <= largest_settling:
         faults.append(
             f"the remaining displacement is {100 * settling:.2g} % (at most "
-            f"{100 * largest_settling:.2g} %)" + ("" if result.round_off else f": {longer}")
+            f"{100 * largest_settling:.2g} %)" + ("" if run.round_off else f": {longer}")
         )
-    if result.residual is None:
+    if run.residual is None:
         faults.append("the force residual was not monitored")
     return QuasiStaticReport(
         ramp_time=ramp_time,
@@ -312,7 +310,7 @@ def quasi_static_report(
         kinetic_over_internal_energy=ratio,
         velocity_norm=float(np.sqrt(speed / mass)),
         settling=float(settling),
-        residual=result.residual,
+        residual=run.residual,
         is_static=not faults,
         verdict="static" if not faults else "not static: " + "; ".join(faults),
     )

@@ -12,8 +12,8 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from fem.contact.law import ContactLaw
-from fem.contact.search import SearchedPoints, points_of_search
-from fem.contact.surfaces import ContactError, ContactNormals, ContactPoints, refuse_overlap
+from fem.contact.search import SearchedPoints
+from fem.contact.surfaces import ContactError, ContactNormals, refuse_overlap
 from fem.explicit.contact.alike_pairs import alike_pairs
 from fem.explicit.contact.paired import FaceContact, paired_frictions
 from fem.explicit.contact.sliding import SlidingContact, surface_areas
@@ -23,7 +23,9 @@ from fem.explicit.setup.quasi_static import (
     RecommendedTimes,
     recommended_times,
 )
+from fem.explicit.solve import Run
 from fem.problem import Motion
+from fem.state import State
 from fem.system.build import ALL_THE_WAY, DeformableAssembly
 from fem.system.effects import EffectError, Effects
 from fem.system.forces import SmoothStepAmplitude, TabularAmplitude
@@ -34,15 +36,10 @@ from fem.system.sector import (
     largest_cyclic_orbits,
     no_symmetry,
     require_sector,
-    searched_in_all_sectors,
-    vectors_in_all_sectors,
     with_half_turn,
 )
 from fem.system.state import (
-    ContactState,
     block_surfaces,
-    contact_state,
-    facing_points,
     searched_state,
 )
 from fem.system.system import System, free_motions, system_of
@@ -114,51 +111,40 @@ class ExplicitStatement:
         assert isinstance(contact, FaceContact | SlidingContact)
         return contact
 
-    def contact_state(
-        self,
-        displacements: tuple[FloatArray, ...],
-        searched: SearchedPoints | None = None,
-        slips: FloatArray | None = None,
-    ) -> ContactState:
-        """Contact of the whole assembly at displacements of the model's groups, world axes.
+    def state(self, run: Run) -> State:
+        """State of the whole assembly at the end of a run."""
+        system, slips, copies = self.system, run.slips, self.system.orbits.copies
+        if run.searched is not None:
+            system = system.on(run.searched)
+        energies = None if run.energies is None else run.energies.times(copies)
+        return State(
+            system=system,
+            displacement=self._of_system(run.displacements),
+            friction=None if slips is None else self._friction(run.displacements, slips),
+            support_force=self._of_system(run.support_forces) if run.support_forces else None,
+            contact_force=self._of_system(run.contact_forces),
+            time=run.time,
+            finite_rotation=self.model.effects.finite_rotation,
+            run=replace(run, energies=energies, history=run.history.times(copies)),
+            statement=self,
+        )
+
+    def _friction(self, displacements: tuple[FloatArray, ...], slips: FloatArray) -> FloatArray:
+        """Of elastic slips on block s at all points, world axes, (n_facets, n_points, 3) [MPa]."""
+        contact, friction = self.contact, self.system.deformable.contact.friction
+        if isinstance(contact, FaceContact):
+            moved = self._in_system(displacements)
+            return paired_frictions(self.system, contact.pairs, moved, slips)
+        assert friction is not None
+        return -friction.stick_stiffness * slips[:, None]
+
+    def expand(self, vectors: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
+        """Displacements or forces of every block from those of the representatives.
 
         Parameters
         ----------
-        displacements
-            (n_copies, n_nodes, 3) [mm] of each group.
-        searched, slips
-            Points and elastic slips of the run there (`fem.explicit.step.Interaction.contact`).
-            None: points are searched, and no friction acts.
-        """
-        system, full = self.system, self.expand(displacements)
-        whole, orbits = system.deformable, system.orbits
-        friction = whole.contact.friction
-        surfaces: ContactPoints = whole.surfaces
-        traction = None
-        if whole.contact.finite_sliding and whole.meets:
-            if searched is None:
-                clearance = whole.surfaces.clearance
-                surfaces = points_of_search(facing_points(whole, full), clearance)
-            else:
-                surfaces = searched_in_all_sectors(whole, orbits, searched)
-            if friction is not None and slips is not None:
-                traction = -friction.stick_stiffness * slips[:, None]
-                traction = vectors_in_all_sectors(whole, orbits, traction, surfaces)
-        elif friction is not None and slips is not None:
-            contact = self.contact
-            assert isinstance(contact, FaceContact)
-            here = self._in_system(displacements)
-            traction = paired_frictions(system, contact.pairs, here, slips)
-            traction = vectors_in_all_sectors(whole, orbits, traction, None)
-        return contact_state(whole, full, surfaces, traction)
-
-    def expand(self, displacements: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
-        """World displacements of every block from those of the representatives.
-
-        Parameters
-        ----------
-        displacements
-            Of the model's groups, (n_copies, n_nodes, 3) [mm].
+        vectors
+            Of the model's groups, world axes, (n_copies, n_nodes, 3).
 
         Returns
         -------
@@ -166,12 +152,15 @@ class ExplicitStatement:
             Of the groups of the whole, all copies; of a periodic cell without its motion as
             a whole, as `fem.static.solve` gives them.
         """
-        system, moved = self.system, self._in_system(displacements)
-        free = free_motions(system)
-        return tuple(system.expand(moved if free is None else free.without(moved)))
+        return tuple(self.system.expand(self._of_system(vectors)))
+
+    def _of_system(self, vectors: tuple[FloatArray, ...]) -> FloatArray:
+        """The same of the nodes of the system, block frames, (n_nodes, 3)."""
+        moved, free = self._in_system(vectors), free_motions(self.system)
+        return moved if free is None else free.without(moved)
 
     def _in_system(self, displacements: tuple[FloatArray, ...]) -> FloatArray:
-        """The same of the nodes of the system, block frames, (n_nodes, 3) [mm]."""
+        """Vectors of the nodes of the system, its motion as a whole included, (n_nodes, 3)."""
         result = np.empty((self.system.n_nodes, 3))
         turns = self.system.deformable.assembly.rotations
         for blocks, moved in zip(self.blocks, displacements, strict=True):

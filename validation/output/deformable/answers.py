@@ -38,7 +38,7 @@ from validation.solving import solve
 
 if TYPE_CHECKING:
     from fem.explicit.output.energy import History
-    from fem.explicit.solve import ExplicitResult
+    from fem.explicit.solve import Run
     from fem.system.reactions import PushCurve
 
 #: Measures that answer what is asked first: pressure, tension, displacement.
@@ -72,8 +72,8 @@ def write_run_files(answer: Answer, outputs: Outputs) -> None:
         outputs.write("picture", file, partial(draw, answer))
     if answer.details.push_curves:
         _write_motions(answer, outputs)
-    if answer.details.explicit is not None:
-        _write_history(answer.details.explicit.history, answer.title, outputs)
+    if answer.details.run is not None:
+        _write_history(answer.details.run.history, answer.title, outputs)
     if answer.case.scene.fem.frames > 0 and outputs.folder is not None:
         outputs.path(FRAMES)
         outputs.say("frames", outputs.path("frames.pvd"))
@@ -148,8 +148,8 @@ def run_table(answer: Answer) -> RowTable:
         contact, paper = _contact_rows(answer)
         evidence += contact
     beside = list[Row]()
-    if details.explicit is not None:
-        beside += _explicit_rows(answer, details.explicit)
+    if details.run is not None:
+        beside += _explicit_rows(answer, details.run)
         if details.residual is not None:
             beside.append(Row("force residual", f"{details.residual:.2e}", details.residual))
     beside += parts("notes")
@@ -215,11 +215,10 @@ def _motion_rows(answer: Answer) -> list[Row]:
 
 def _support_rows(answer: Answer) -> list[Row]:
     """The force of each support on the blocks, and how far supports moved."""
-    static = answer.details.static
     words = [_curve_words(curve) for curve in answer.details.push_curves]
     if not answer.details.reached:
         stopped = "the run ended before supports that move arrived: raise fem.end_time"
-        words.insert(0, stopped if static is None else static.status)
+        words.insert(0, answer.details.evidence.status or stopped)
     motion = [Row("motion", "; ".join(filter(None, words)))] if any(words) else []
     return [*support_rows(answer.report), *motion]
 
@@ -235,8 +234,8 @@ def _curve_words(curve: PushCurve) -> str:
 
 def _verdict(answer: Answer) -> str:
     """Whether the state is one of equilibrium; empty for motions that are none."""
-    if answer.details.static is not None:
-        return str(answer.details.static.status)
+    if answer.details.run is None:
+        return str(answer.details.evidence.status)
     state = answer.details.quasi_static
     return "" if state is None or answer.details.statement.recommended is None else state.verdict
 
@@ -251,7 +250,7 @@ def _why_no_bars(answer: Answer) -> str:
     return "none of this kind of run"
 
 
-def _explicit_rows(answer: Answer, result: ExplicitResult) -> list[Row]:
+def _explicit_rows(answer: Answer, result: Run) -> list[Row]:
     """The steps of an explicit run, and how close to static its end is."""
     details = answer.details
     stated, state = details.statement, details.quasi_static
@@ -261,9 +260,9 @@ def _explicit_rows(answer: Answer, result: ExplicitResult) -> list[Row]:
         f"{result.time_step:.4g} s (critical {result.critical.critical_time_step:.4g} s)"
     )
     rows = [Row("steps, time step", steps, result.time_step, "s")]
-    if details.restarts:
+    if result.restarts:
         words = (
-            f"{details.restarts}: the contact stiffness exceeded the limit of the time step;"
+            f"{result.restarts}: the contact stiffness exceeded the limit of the time step;"
             " the run restarted with a shorter one; set contact.maximum_stiffness or fem.time_step"
         )
         rows.append(Row("restarts", words))

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from fem.explicit.solve import Frame
-    from fem.solution import Solution
+    from fem.state import State
 
 
 def groups_mesh(groups: Sequence[Body]) -> HexMesh:
@@ -114,12 +114,12 @@ def write_fields(
     )
 
 
-def write_solution(found: Solution, path: Path) -> None:
+def write_solution(found: State, path: Path) -> None:
     """Write the fields of a solution as cells of the degree of its elements."""
     write_fields(
         path,
         found.deformable.model.groups,
-        found.group_displacements,
+        found.displacements,
         finite_rotation=found.finite_rotation,
         recovered=found.recovered,
         owners=element_owners(found.deformable),

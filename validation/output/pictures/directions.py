@@ -30,7 +30,7 @@ from validation.output.pictures.scales import BLUE, VERMILION
 from validation.scene.family import RoundScene
 
 if TYPE_CHECKING:
-    from fem.solution import Solution
+    from fem.state import State
     from geometry.answer import Answer
 
 #: Places with arrows on all faces that are drawn, about.
@@ -70,7 +70,7 @@ class Crosses(ReadOnlyArrays):
         return float(np.quantile(np.abs(self.values).max(axis=1), _SHOWN)) or 1.0
 
 
-def crosses(solution: Solution, faces: Sequence[str] | None) -> Crosses:
+def crosses(solution: State, faces: Sequence[str] | None) -> Crosses:
     """Sample principal stresses evenly on the surface of the blocks that deform.
 
     On named faces; None: on all, without those that touch other blocks.

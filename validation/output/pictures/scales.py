@@ -12,7 +12,7 @@ from geometry.mesh import FloatArray, IntArray
 from validation.output.pictures.canvas import Pixels, rgb
 
 if TYPE_CHECKING:
-    from fem.solution import Solution
+    from fem.state import State
 
 #: Okabe–Ito colours: told apart by colour-blind readers.
 BLUE, SKY, ORANGE, VERMILION, GREEN, GREY = (
@@ -189,7 +189,7 @@ def symmetric_scale(label: str, colours: str, values: Sequence[FloatArray]) -> S
     return Scale(label, colours, low, high, reached, diverging=True)
 
 
-def drawing_scale(solution: Solution) -> float:
+def drawing_scale(solution: State) -> float:
     """Power of ten that makes displacements visible in a picture; at least one."""
     largest = solution.largest_displacement
     size = solution.deformable.assembly.characteristic_length

@@ -12,7 +12,7 @@ from geometry.mesh import FloatArray, IntArray
 from validation.output.pictures.canvas import merged
 
 if TYPE_CHECKING:
-    from fem.solution import Solution
+    from fem.state import State
 
 
 #: VTK's numbers of cells.
@@ -35,7 +35,7 @@ class Section:
     """Triangles of blocks that have no stresses, (n, 3)."""
 
 
-def section(solution: Solution, z: float) -> Section:
+def section(solution: State, z: float) -> Section:
     """Cut all blocks by the plane at height z [mm]."""
     deformable = solution.deformable
     bodies, skins, principal, stressed = [], [], [], []

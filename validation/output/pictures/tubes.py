@@ -41,7 +41,7 @@ from validation.output.pictures.sections import Section, section
 from validation.scene.family import RoundScene
 
 if TYPE_CHECKING:
-    from fem.solution import Solution
+    from fem.state import State
     from geometry.answer import Answer
 
 #: Faces of a tube's blocks that are seen from outside when blocks have moved.
@@ -82,7 +82,7 @@ def stresses_of(answer: Answer) -> tuple[Stress, ...]:
 
 
 def blocks_view(
-    solution: Solution,
+    solution: State,
     values: Callable[[int], FloatArray],
     scale: Scale,
     faces: Sequence[str],
@@ -97,7 +97,7 @@ def blocks_view(
     )
 
     def nodes(block: int) -> FloatArray:
-        return solution.deformable.positions(block) + factor * solution.displacement(block)
+        return solution.deformable.positions(block) + factor * solution.displacement_of(block)
 
     parts: list[Part] = [
         surfaces(
@@ -120,22 +120,22 @@ def blocks_view(
 # Stresses and displacements
 
 
-def _moved(solution: Solution, block: int) -> FloatArray:
-    return np.asarray(np.linalg.norm(solution.displacement(block), axis=1))
+def _moved(solution: State, block: int) -> FloatArray:
+    return np.asarray(np.linalg.norm(solution.displacement_of(block), axis=1))
 
 
-def all_faces(solution: Solution) -> tuple[str, ...]:
+def all_faces(solution: State) -> tuple[str, ...]:
     """Names of all faces of the deformable blocks."""
     assembly = solution.deformable.drawn
     shapes = (assembly.shape(b) for b in solution.deformable.deformable_blocks.tolist())
     return tuple(dict.fromkeys(face for shape in shapes for face in shape.faces))
 
 
-def _stress(solution: Solution, stress: Stress, block: int) -> FloatArray:
+def _stress(solution: State, stress: Stress, block: int) -> FloatArray:
     return stress.of(solution.principal(block))
 
 
-def stress_scale(solution: Solution, stress: Stress = STRESSES[0]) -> Scale:
+def stress_scale(solution: State, stress: Stress = STRESSES[0]) -> Scale:
     """Colours of a stress, with what it reaches anywhere in the blocks."""
     blocks = solution.deformable.deformable_blocks.tolist()
     values = [_stress(solution, stress, b) for b in blocks]
@@ -190,7 +190,7 @@ def draw_stresses(answer: Answer, path: Path) -> None:
     gallery(columns, answer.title, path, height=7.5 if tube else 5.5, widest=max(16.0, widest))
 
 
-def moved_panel(solution: Solution, faces: Sequence[str], direction: Direction) -> Panel:
+def moved_panel(solution: State, faces: Sequence[str], direction: Direction) -> Panel:
     """The deformed shape, coloured by the displacement."""
     blocks, factor = solution.deformable.deformable_blocks.tolist(), drawing_scale(solution)
     scale = scale_from_zero("|u| [mm]", MOTION_MAP, [_moved(solution, b) for b in blocks])
@@ -248,7 +248,7 @@ def draw_displacement(answer: Answer, path: Path) -> None:
         arms = solution.deformable.positions(block) - assembly.origin
         arms -= (arms @ assembly.axis)[:, None] * assembly.axis
         sizes = np.maximum(np.linalg.norm(arms, axis=1), 1e-300)
-        return np.einsum("ij,ij->i", solution.displacement(block), arms) / sizes
+        return np.einsum("ij,ij->i", solution.displacement_of(block), arms) / sizes
 
     every = [outward(block) for block in solution.deformable.deformable_blocks.tolist()]
     scale = symmetric_scale("outward [mm]", STRESS_MAP, every)
@@ -265,7 +265,7 @@ def draw_displacement(answer: Answer, path: Path) -> None:
 # Sections
 
 
-def section_heights(solution: Solution) -> tuple[float, ...]:
+def section_heights(solution: State) -> tuple[float, ...]:
     """Heights of the paper's sections through the middle layer: 10 and 20 mm from its ends."""
     assembly = solution.deformable.drawn
     layer = middle_layer(assembly)
@@ -352,7 +352,7 @@ def run_facets(answer: Answer) -> PressedFacets:
 
     def nodes(block: int) -> FloatArray:
         placed = answer.details.deformable.positions(block)
-        return placed + answer.details.displacement(block) if group_of[block] >= 0 else placed
+        return placed + answer.details.displacement_of(block) if group_of[block] >= 0 else placed
 
     result = answer.details.contact_state
     owner, corners, pressures = np.arange(result.n_facets), result.corners, result.pressures
@@ -371,7 +371,7 @@ def run_facets(answer: Answer) -> PressedFacets:
 
 
 def _pieces(
-    solution: Solution, nodes: Callable[[int], FloatArray], overclosures: FloatArray
+    solution: State, nodes: Callable[[int], FloatArray], overclosures: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Cut facets of higher degree where they are drawn: between nodes, and at equal parts of that.
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from fem.accuracy.facets import pressures_on_facets
 from fem.accuracy.ladder import LADDER, on_rung
-from fem.accuracy.one_mesh import static_solution
+from fem.accuracy.one_mesh import static_state
 from fem.contact.law import LinearPenalty
 from fem.measures import contact_on
 from fem.problem import Problem
@@ -75,12 +75,11 @@ def _solved(task: Problem, store: FlexibilityStore, *, refined: bool) -> Mapping
     """The paper's measures of a static state, over the facets of the problem's mesh."""
     options = StaticOptions(tolerance=1e-4)
     if not refined:
-        return vars(static_solution(task.deformable, options, store=store).contact)
+        return vars(static_state(task.deformable, options, store=store).contact)
     deformable = on_rung(task, _STIFF_RUNG).deformable
-    result = static_solution(deformable, options)
-    assert result.static is not None
+    result = static_state(deformable, options)
     pressures = pressures_on_facets(
-        task.blocks, deformable, result.group_displacements, symmetry=result.static.symmetry
+        task.blocks, deformable, result.displacements, symmetry=result.system.orbits.order
     )
     return vars(contact_on(result, (task.blocks, pressures)))
 

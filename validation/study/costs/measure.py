@@ -15,7 +15,7 @@ import numpy as np
 from fem.accuracy.converge import MOST_SECONDS, climbed
 from fem.accuracy.ladder import LADDER
 from fem.dynamics import stated_run
-from fem.solution import Solution
+from fem.state import State
 from geometry.answer import Answer
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.machine.work import budget
@@ -164,7 +164,7 @@ def _curved(where: str, scene: AssemblyScene, setting: CostSetting) -> MethodAns
 def _deformable(where: str, scene: AssemblyScene, _: CostSetting) -> MethodAnswer:
     start = time.process_time()
     answer = repeatable(deformable_answer(on_its_mesh(scene_case(scene, where))))
-    found: Solution = answer.details
+    found: State = answer.details
     seconds = time.process_time() - start
     scalars, details = _numbers(answer)
     contacts, pressures = found.contact_state.matched, found.contact_state.pressures
@@ -183,7 +183,7 @@ _METHODS: dict[str, Callable[[str, AssemblyScene, CostSetting], MethodAnswer]] =
 def _numbers(answer: Answer) -> tuple[dict[str, float], dict[str, Any]]:
     scalars = {name: answer[name].value for name in SCALARS}
     kept = ("status", "n_steps", "time_step", "time", "newton_iterations", "residual", "symmetry")
-    reported = {key: getattr(answer.details.solver, key, None) for key in kept}
+    reported = {key: answer.report.get(key) for key in kept}
     details = {key: value for key, value in reported.items() if value is not None}
     elements = answer.details.deformable.model.groups[0].mesh.n_elements
     return scalars, details | {"elements_per_block": elements}

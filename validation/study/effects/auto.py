@@ -17,7 +17,7 @@ from typing import Any
 
 from fem.accuracy.converge import usual_work
 from fem.method import Static
-from fem.solution import Solution
+from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
 from geometry.errors import RefusedError
 from geometry.machine.work import LimitError, budget
@@ -273,7 +273,7 @@ class _Probe:
         self.work, self._limit = 0.0, _most_work(scene, name) if solved else 0.0
         self._base = self._solved(solved) if solved else None
 
-    def _run(self, scene: DeformableScene, start: Solution | None = None) -> Solution:
+    def _run(self, scene: DeformableScene, start: State | None = None) -> State:
         """Solve a probe within the work that is left."""
         with budget(self._limit - self.work) as spent:
             try:
@@ -281,7 +281,7 @@ class _Probe:
             finally:
                 self.work += spent.seconds
 
-    def _solved(self, names: list[EffectName]) -> Solution | None:
+    def _solved(self, names: list[EffectName]) -> State | None:
         """Solve without effects; those that have a value stay where there is no solution.
 
         None where this takes too much work.
@@ -316,7 +316,7 @@ class _Probe:
             return self._as_written(effect, setting)
         return self._probed(effect, setting, self._base)
 
-    def _probed(self, effect: EffectName, setting: str, base: Solution) -> Decision:
+    def _probed(self, effect: EffectName, setting: str, base: State) -> Decision:
         """What adding an effect to a probe without it changes."""
         if effect is EffectName.FINITE_SLIDING:
             slips = largest_slip_share(base, self._full, self.scene)

@@ -262,7 +262,7 @@ def effect_costs(
 def _answer(scene: DeformableScene, name: str, *, arrives: bool = False) -> Numbers:
     """Numbers of an explicit run, which ``arrives`` at its static state or is rejected."""
     found = deformable_answer(on_its_mesh(scene_case(scene, name))).details
-    result = found.explicit
+    result = found.run
     assert result is not None
     stopped = str(result.status) == "stopped"
     if stopped or (arrives and str(result.status) != "converged"):

@@ -438,7 +438,7 @@ def _deformable(file: Case, meshes: int) -> Iterator[Values]:
     volume = Measure(dimensions(problem.blocks).volume, "mm³")
     with named(file.name), budget(method.max_work, memory=method.max_memory):
         for solved in islice(climbed(problem, ladder, options), meshes):
-            factors = strength_factors(solved.solution, solved.measures, options)
+            factors = strength_factors(solved.state, solved.measures, options)
             yield dict(solved.measures) | factors | {"volume": volume}
 
 

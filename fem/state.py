@@ -1,33 +1,37 @@
-"""What a static or explicit solver found: displacements of groups of blocks, contact, stresses.
+"""The state of deformable blocks at one point of a path, as a static or explicit solver leaves it.
 
 `fem.answer.answer_of` makes the answer of it that does not depend on the solver.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fem.contact.search import SearchedPoints
+from fem.contact.surfaces import ContactPoints
 from fem.element.stress import principal_stress
-from fem.static.loose import loose_blocks
-from fem.static.result import StaticResult
 from fem.stresses.peaks import StressPeaks, joint_forces, moved_blocks, stress_peaks
-from fem.stresses.recovery import Recovered, internal_forces, recover
+from fem.stresses.recovery import Recovered, block_displacements, internal_forces, recover
 from fem.stresses.sections import SolvedState, section_forces
 from fem.system.build import DeformableAssembly
+from fem.system.loose import loose_blocks
 from fem.system.reactions import PushCurve, push_curves, reactions
-from fem.system.sector import local_forces
+from fem.system.sector import local_forces, searched_in_all_sectors, vectors_in_all_sectors
 from fem.system.state import (
     CapAction,
     ContactMeasures,
     ContactState,
     cap_action,
     contact_measures,
+    contact_state,
     corner_displacements,
 )
+from fem.system.system import System
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 from geometry.parts.balance import Imbalance, imbalance, of_fixed_blocks, together
@@ -36,7 +40,7 @@ from geometry.parts.measures import JointResultants, Planes, SectionForces
 if TYPE_CHECKING:
     from fem.explicit.setup.quasi_static import QuasiStaticReport
     from fem.explicit.setup.statement import ExplicitStatement
-    from fem.explicit.solve import ExplicitResult
+    from fem.explicit.solve import Run
 
 #: Blocks move far where their displacement is this share of their size: relative errors of a
 #: geometry that stays as built are as large.
@@ -44,9 +48,6 @@ _FAR = 0.05
 
 #: Of sums of time steps [-].
 _ROUND_OFF = 1e-9
-
-#: Relative force residual at which a run to the static state stops [-].
-RESIDUAL = 1.0e-4
 
 
 def _turns(nodes: FloatArray, displacements: FloatArray) -> FloatArray:
@@ -60,79 +61,130 @@ def _turns(nodes: FloatArray, displacements: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(spins, axis=(1, 2)) / np.sqrt(2.0))
 
 
-class SolutionError(RefusedError):
-    """A quantity that the solution does not have."""
+class StateError(RefusedError):
+    """A quantity that a state does not have."""
 
 
 @dataclass(frozen=True)
-class Solution(ReadOnlyArrays):
-    """A state of deformable blocks; world axes, mm, N, MPa.
+class Evidence:
+    """How a static state was found."""
 
-    Nodes are those of all blocks that deform, block after block (`block_of_node`); blocks share no
-    nodes. Contacts are the facets on which blocks meet.
+    residuals: tuple[float, ...] = ()
+    """Norm of the unbalanced forces over norm of the loads after each iteration [-]."""
+    converged: bool = False
+    """Whether the residual reached the tolerance."""
+    saddles: int = 0
+    """Stationary states that were left because the energy falls from them."""
+    stopped: float | None = None
+    """Time of the first step of a motion without an equilibrium [s]; None: all have one."""
+    status: str = ""
+    """What happened, and what to do if it did not converge."""
+    loose_blocks: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """Blocks that could move while all contacts keep pressing: their place is not determined."""
+    load_steps: int = 1
+    """Parts in which the load was to be applied."""
+    cpu_seconds: Mapping[str, float] = field(default_factory=dict)
+    """CPU time: setup, newton, total [s]."""
+    path: tuple[State, ...] = ()
+    """States at the points of the path, this one last."""
+    coarser: State | None = None
+    """State by half as many load steps, where friction made the way to the load count and both
+    were compared."""
+    curves: tuple[PushCurve, ...] = ()
+    """Forces of supports that move in the last stage of a history (`fem.static.history`)."""
+
+    @property
+    def residual(self) -> float:
+        """The last one [-]."""
+        return self.residuals[-1]
+
+
+@dataclass(frozen=True)
+class State(ReadOnlyArrays):
+    """State of an assembly at one point of a path; mm, N, MPa.
+
+    Arrays are those of the blocks that are computed, each in its own axes; what is derived from
+    them is of all blocks in world axes, copies of a sector included. Blocks share no nodes.
     """
 
-    deformable: DeformableAssembly
-    """The model that was solved."""
-    group_displacements: tuple[FloatArray, ...]
-    """Of each group of congruent blocks, (n_copies, n_nodes_of_a_block, 3) [mm]."""
-    contact_state: ContactState
-    """Contact point by point."""
-    finite_rotation: bool
+    system: System
+    """What was solved, on the points of contact of this state."""
+    displacement: FloatArray
+    """(n_nodes, 3) [mm]"""
+    friction: FloatArray | None = None
+    """On block s at the points of the system, world axes, (n_facets, n_points, 3) [MPa]; None
+    without friction."""
+    anchor: FloatArray | None = None
+    """Slips without traction at these points, (n_facets, n_points, 0 or 2) [mm]: friction of the
+    next point of the path begins there. None of an explicit run."""
+    support_force: FloatArray | None = None
+    """Of the supports on the nodes, (n_nodes, 3) [N]; None where nothing is held."""
+    contact_force: FloatArray | None = None
+    """What contact has to do to the nodes of an explicit run, (n_nodes, 3) [N]: inertia, damping
+    and internal forces, less loads, weight and supports. None: internal forces less the others."""
+    load_factor: float = 1.0
+    """Share of the path of the loads."""
+    time: float | None = None
+    """Of an explicit run or of supports that move [s]; None: these went all their way."""
+    frictional_dissipation: float = 0.0
+    """Work lost in sliding, zero without friction, of a static state [N mm]. What slides in a load
+    step does so at the limit, which counts with the mean of the pressures at its ends: with few
+    load steps too much, by about a tenth with four."""
+    finite_rotation: bool = False
     """Whether the rigid rotation of each block is no strain."""
-    solver: StaticResult | ExplicitResult
-    """Result of the solver: residual, energies, steps."""
+    evidence: Evidence = Evidence()
+    """How a static state was found."""
+    run: Run | None = None
+    """The explicit run that ended here; None for a static state."""
     statement: ExplicitStatement | None = None
-    """Statement of an explicit run, with its times; None for a static state."""
-    restarts: int = 0
-    """How often an explicit run began again because contact outgrew its time step."""
-    static_below: float = RESIDUAL
-    """Residual below which the end of an explicit run counts as static [-]."""
+    """What it ran, with its times."""
 
     @property
-    def static(self) -> StaticResult | None:
-        """Result of a static solver; None for an explicit run."""
-        return self.solver if isinstance(self.solver, StaticResult) else None
-
-    @property
-    def explicit(self) -> ExplicitResult | None:
-        """Result of an explicit run; None for a static state."""
-        return None if isinstance(self.solver, StaticResult) else self.solver
+    def deformable(self) -> DeformableAssembly:
+        """Blocks, loads, supports and contact."""
+        return self.system.deformable
 
     @property
     def method(self) -> str:
         """``static`` or ``explicit``."""
-        return "explicit" if self.static is None else "static"
+        return "static" if self.run is None else "explicit"
 
     @property
     def residual(self) -> float | None:
         """Unbalanced over applied force [-]; None where an explicit run did not watch it."""
-        return self.solver.residual
+        return self.evidence.residual if self.run is None else self.run.residual
 
     @property
-    def coarser_loading(self) -> Solution | None:
-        """The state by half as many load steps; None where it was not solved."""
-        coarse = None if self.static is None else self.static.coarser_loading
-        if coarse is None:
-            return None
-        return replace(
-            self,
-            solver=coarse,
-            group_displacements=coarse.displacements,
-            contact_state=coarse.contact_state,
-        )
+    def converged(self) -> bool:
+        """Whether a static state is an equilibrium."""
+        return self.evidence.converged
+
+    @property
+    def representative(self) -> IntArray:
+        """Block that stands for each block, (n_blocks,)."""
+        return self.system.orbits.representative
 
     # ---- nodes
 
     @cached_property
-    def displacements(self) -> FloatArray:
-        """Of all nodes, (n_nodes, 3) [mm]."""
-        return np.concatenate([u.reshape(-1, 3) for u in self.group_displacements])
+    def displacements(self) -> tuple[FloatArray, ...]:
+        """Of each group of congruent blocks, (n_copies, n_nodes_of_a_block, 3) [mm]."""
+        return tuple(self.system.expand(self.displacement))
 
-    def displacement(self, block: int) -> FloatArray:
+    @cached_property
+    def support_forces(self) -> tuple[FloatArray, ...]:
+        """Of the supports on the nodes of each group, alike [N]; () where nothing is held."""
+        return () if self.support_force is None else tuple(self.system.expand(self.support_force))
+
+    @cached_property
+    def nodal_displacements(self) -> FloatArray:
+        """Of all nodes, block after block (`block_of_node`), (n_nodes, 3) [mm]."""
+        return np.concatenate([u.reshape(-1, 3) for u in self.displacements])
+
+    def displacement_of(self, block: int) -> FloatArray:
         """Of the nodes of a block that deforms, (n_nodes, 3) [mm]."""
         whole = self.deformable
-        return self.group_displacements[int(whole.group_of[block])][int(whole.copy_of[block])]
+        return self.displacements[int(whole.group_of[block])][int(whole.copy_of[block])]
 
     def principal(self, block: int) -> FloatArray:
         """Principal stresses at the nodes of a block that deforms, (n_nodes, 3) [MPa]."""
@@ -172,24 +224,22 @@ class Solution(ReadOnlyArrays):
         """Stresses of each group of congruent blocks at its nodes and integration points."""
         return tuple(
             recover(group, moved, finite_rotation=self.finite_rotation)
-            for group, moved in zip(
-                self.deformable.model.groups, self.group_displacements, strict=True
-            )
+            for group, moved in zip(self.deformable.model.groups, self.displacements, strict=True)
         )
 
     @property
-    def _representative(self) -> IntArray | None:
-        """Block that stands for each block, (n_blocks,), where a symmetry is known."""
-        return None if self.static is None else self.static.representative
+    def _judged(self) -> IntArray | None:
+        """Block that stands for each block where stresses are searched; None: all are."""
+        return self.representative if self.run is None else None
 
     @cached_property
     def stress_peaks(self) -> StressPeaks:
         """Extremes of the stresses inside elements."""
         return stress_peaks(
             self.deformable,
-            self.group_displacements,
+            self.displacements,
             finite_rotation=self.finite_rotation,
-            representative=self._representative,
+            representative=self._judged,
         )
 
     @cached_property
@@ -199,9 +249,9 @@ class Solution(ReadOnlyArrays):
             principal_stress(self.deformable.group(int(blocks[0])).nodal_stress(moved))
             for blocks, moved in moved_blocks(
                 self.deformable,
-                self.group_displacements,
+                self.displacements,
                 finite_rotation=self.finite_rotation,
-                representative=self._representative,
+                representative=self._judged,
             )
         ]
         return min(p[..., 2].min() for p in result), max(p[..., 0].max() for p in result)
@@ -209,14 +259,14 @@ class Solution(ReadOnlyArrays):
     @property
     def largest_displacement(self) -> float:
         """Largest nodal displacement [mm]."""
-        return max(float(np.linalg.norm(u, axis=2).max()) for u in self.group_displacements)
+        return max(float(np.linalg.norm(u, axis=2).max()) for u in self.displacements)
 
     @cached_property
     def turns_as_small(self) -> bool:
         """Whether a block turns by an angle that is not small, and it is counted as if it were."""
         if self.finite_rotation:
             return False
-        groups = zip(self.deformable.model.groups, self.group_displacements, strict=True)
+        groups = zip(self.deformable.model.groups, self.displacements, strict=True)
         return any(float(_turns(g.mesh.nodes, u).max(initial=0.0)) > _FAR for g, u in groups)
 
     @property
@@ -235,10 +285,53 @@ class Solution(ReadOnlyArrays):
     # ---- contact
 
     @cached_property
+    def _searched(self) -> SearchedPoints | None:
+        """All points of a search; None: facets are matched."""
+        points = self.system.points
+        if not isinstance(points, SearchedPoints):
+            return None
+        return searched_in_all_sectors(self.deformable, self.system.orbits, points)
+
+    @property
+    def points(self) -> ContactPoints:
+        """Points of contact of all blocks."""
+        return self._searched or self.deformable.surfaces
+
+    @cached_property
+    def overclosures(self) -> FloatArray:
+        """Of all points, (n_facets, n_points), or (n_points, 1) of a search [mm]."""
+        if self._searched is not None:
+            return self._searched.overclosures(self._searched.moved(self.displacement))
+        computed = self.system.points.gaps(self.displacement).overclosure
+        return computed.ravel()[self.system.orbits.point_of]
+
+    @cached_property
+    def pressures(self) -> FloatArray:
+        """Of all points, alike [MPa]."""
+        law = self.deformable.contact.law.on(self.points.block_m, self.points.block_s)
+        return law.pressure(self.overclosures)
+
+    @cached_property
+    def frictions(self) -> FloatArray | None:
+        """On block s at all points, world axes, (n_facets, n_points, 3) [MPa]; None without."""
+        if self.friction is None:
+            return None
+        whole, orbits = self.deformable, self.system.orbits
+        return vectors_in_all_sectors(whole, orbits, self.friction, self._searched)
+
+    @cached_property
+    def contact_state(self) -> ContactState:
+        """Contact facet by facet."""
+        # A run solves in the axes of contact: those of the blocks would round differently.
+        solved = self.overclosures if self.run is None else None
+        at_points = self.points, self.frictions, solved
+        return contact_state(self.deformable, self.displacements, *at_points)
+
+    @cached_property
     def contact(self) -> ContactMeasures:
         """p_max, p_eff and the other measures of the paper."""
         if not self.deformable.meets:
-            raise SolutionError(
+            raise StateError(
                 "contact: got single bodies, which have no contact; expected blocks that meet"
             )
         return contact_measures(self.deformable.assembly, self.contact_state)
@@ -258,8 +351,8 @@ class Solution(ReadOnlyArrays):
     @cached_property
     def reactions(self) -> dict[str, dict[str, Any]]:
         """Resultants of supports and rigid blocks by name: `geometry.parts.balance.Reactions`."""
-        whole, forces = self.deformable, self.solver.support_forces
-        result = reactions(whole.model, forces, self.group_displacements)
+        whole = self.deformable
+        result = reactions(whole.model, self.support_forces, self.displacements)
         if whole.meets:
             rigid = np.flatnonzero(whole.group_of < 0)
             result = together(result, of_fixed_blocks(whole.assembly, self.joints, rigid))
@@ -277,7 +370,7 @@ class Solution(ReadOnlyArrays):
         acting, needed = np.zeros((whole.assembly.n_blocks, 3)), self._contact_forces(loads)
         centres = whole.assembly.centroids + whole.offsets
         for number, (group, u) in enumerate(
-            zip(whole.model.groups, self.group_displacements, strict=True)
+            zip(whole.model.groups, self.displacements, strict=True)
         ):
             blocks = whole.deformable_blocks[whole.group_of[whole.deformable_blocks] == number]
             force = needed[number][whole.copy_of[blocks]]
@@ -299,12 +392,10 @@ class Solution(ReadOnlyArrays):
 
         From the loads on them in block frames (`local_forces`).
         """
-        if self.explicit is not None:
-            return self.explicit.contact_forces
-        model, held, result = self.deformable.model, self.solver.support_forces, []
-        for number, (group, u) in enumerate(
-            zip(model.groups, self.group_displacements, strict=True)
-        ):
+        if self.contact_force is not None:
+            return tuple(self.system.expand(self.contact_force))
+        model, held, result = self.deformable.model, self.support_forces, []
+        for number, (group, u) in enumerate(zip(model.groups, self.displacements, strict=True)):
             force = internal_forces(group, u, finite_rotation=self.finite_rotation)
             force -= loads[number] @ group.rotations.transpose(0, 2, 1)
             result.append(force - held[number] if held else force)
@@ -313,22 +404,21 @@ class Solution(ReadOnlyArrays):
     @cached_property
     def push_curves(self) -> tuple[PushCurve, ...]:
         """Force against displacement of each support that moves step by step."""
-        if self.explicit is not None:
-            sector = self.statement is not None and self.statement.system.orbits.copies > 1
-            return () if sector else self.explicit.pushed
-        assert self.static is not None
-        if not self.static.pushed:
-            return self.static.curves
-        return push_curves(self.deformable.model, self.static.pushed)
+        if self.run is not None:
+            return () if self.system.orbits.copies > 1 else self.run.pushed
+        steps = {s.time: s.support_forces for s in self.evidence.path if s.time is not None}
+        if not steps or self.evidence.curves:
+            return self.evidence.curves
+        return push_curves(self.deformable.model, tuple(steps.items()))
 
     @property
     def reached(self) -> bool:
         """Whether supports that move have arrived where they are prescribed."""
-        run, stated = self.explicit, self.statement
-        if run is None or stated is None:
-            return self.static is None or self.static.reached
-        arrival = stated.settled_after if self.deformable.moves else 0.0
-        return run.time >= (1.0 - _ROUND_OFF) * arrival
+        if self.run is None:
+            return self.evidence.stopped is None
+        stated = self.statement if self.deformable.moves else None
+        arrival = 0.0 if stated is None else stated.settled_after
+        return self.run.time >= (1.0 - _ROUND_OFF) * arrival
 
     @property
     def slip(self) -> dict[str, float] | None:
@@ -340,7 +430,7 @@ class Solution(ReadOnlyArrays):
         if self.deformable.contact.finite_sliding or not self.contact_state.n_facets:
             return None
         surfaces, pressing = self.deformable.surfaces, self.contact_state.pressures > 0.0
-        moved = corner_displacements(self.deformable, self.group_displacements)
+        moved = corner_displacements(self.deformable, self.displacements)
         on_m, on_s = np.split(moved, 2, axis=1)
         jump: FloatArray = on_s - on_m
         normal = surfaces.normals.mean(axis=1)
@@ -359,26 +449,21 @@ class Solution(ReadOnlyArrays):
         Pressures are determined, the places of these blocks are not. Not judged: friction, and
         explicit runs with searched facets or to another end than the static state.
         """
-        model = self.deformable
-        if self.static is not None:
-            return self.static.loose_blocks
-        judged = model.contact.friction is None and not model.contact.finite_sliding
-        if self.quasi_static is None or not judged:
+        contact = self.deformable.contact
+        if self.run is None:
+            return self.evidence.loose_blocks
+        if self.quasi_static is None or contact.friction is not None or contact.finite_sliding:
             return np.zeros(0, dtype=np.int64)
-        return loose_blocks(
-            model,
-            self.group_displacements,
-            self.contact_state.point_pressures.reshape(model.surfaces.weights.shape),
-            model.surfaces,
-            np.arange(model.assembly.n_blocks),
-        )
+        everyone = np.arange(self.deformable.assembly.n_blocks)
+        where = self.deformable, self.displacements
+        return loose_blocks(*where, self.pressures, self.points, everyone)
 
     # ---- sections
 
     @cached_property
     def _state(self) -> SolvedState:
-        whole, moved = self.deformable, self.group_displacements
-        return SolvedState(whole, moved, self.contact_state, self.finite_rotation)
+        where = self.deformable, self.displacements
+        return SolvedState(*where, self.contact_state, self.finite_rotation)
 
     def sections(self, cut: Planes) -> SectionForces:
         """Sum what elements and contacts transmit through planes.
@@ -397,17 +482,17 @@ class Solution(ReadOnlyArrays):
     @cached_property
     def quasi_static(self) -> QuasiStaticReport | None:
         """How static the end of an explicit run is; None where nothing recommends a frequency."""
-        result, stated = self.explicit, self.statement
-        if result is None or stated is None or stated.recommended is None:
+        run, stated = self.run, self.statement
+        if run is None or stated is None or stated.recommended is None:
             return None
         # Loaded here: it brings the compiler along, which static runs do without.
         from fem.explicit.setup.quasi_static import quasi_static_report
 
         return quasi_static_report(
-            result,
+            run,
             ramp_time=stated.settled_after,
             frequency=stated.recommended.frequency,
-            largest_residual=self.static_below,
+            largest_residual=run.static_below,
         )
 
     @property
@@ -417,18 +502,45 @@ class Solution(ReadOnlyArrays):
         None where it is less than that work, as it is unless the law presses hard at zero
         clearance.
         """
-        if self.explicit is None:
+        if self.run is None:
             return None
-        history = self.explicit.history
+        history = self.run.history
         held, work = history.column("contact_energy")[:1], np.abs(history.column("external_work"))
         return float(held[0] / work.max()) if held.size and held[0] > work.max() > 0.0 else None
+
+    # ---- energies of a static state
+
+    @cached_property
+    def strain_energy(self) -> float:
+        """Of all blocks, rigid rotation removed where it may be finite [N mm]."""
+        energy = 0.0
+        for group, u in zip(self.deformable.model.groups, self.displacements, strict=True):
+            local, _ = block_displacements(group, u, finite_rotation=self.finite_rotation)
+            energy += 0.5 * float(np.vdot(local, group.internal_force(local)))
+        return energy
+
+    @cached_property
+    def contact_energy(self) -> float:
+        """What contact laws hold [N mm]."""
+        points = self.points
+        law = self.deformable.contact.law.on(points.block_m, points.block_s)
+        return float((points.weights * law.stored_energy(self.overclosures)).sum())
+
+    @cached_property
+    def external_work(self) -> float:
+        """Of the full loads along the displacements, as dead loads [N mm]."""
+        system = self.system
+        slots = system.slot_of[self.deformable.deformable_blocks]
+        copies = np.repeat(np.bincount(slots, minlength=system.n_slots), np.diff(system.node_start))
+        work = copies @ (self.displacement * system.external_force).sum(axis=1)
+        return float(work) * (1.0 if self.deformable.meets else 0.5)
 
     @property
     def energy_balance(self) -> float | None:
         """Error of the balance of energies [-]; None for static blocks in contact."""
-        if self.explicit is not None:
-            return self.explicit.energy_balance
-        if self.static is None or self.deformable.meets:
+        if self.run is not None:
+            return self.run.energy_balance
+        if self.deformable.meets:
             return None
-        strain = self.static.strain_energy
-        return abs(self.static.external_work - strain) / max(strain, 1e-300)
+        strain = self.strain_energy
+        return abs(self.external_work - strain) / max(strain, 1e-300)
