@@ -68,30 +68,29 @@ __all__ = [
 
 #: Where each name comes from: imported, and with solvers the compiler, when it is asked for.
 _PLACES = {
-    "CoulombFriction": ("fem.contact.friction", "CoulombFriction"),
-    "ElementType": ("fem.element.hexahedron", "ElementType"),
-    "Explicit": ("fem.method", "Explicit"),
-    "ExponentialLaw": ("fem.contact.law", "ExponentialLaw"),
-    "Frames": ("fem.system.build", "Frames"),
-    "LinearPenalty": ("fem.contact.law", "LinearPenalty"),
-    "PairLaws": ("fem.contact.pair_laws", "PairLaws"),
-    "Material": ("fem.element.material", "Material"),
-    "Problem": ("fem.problem", "Problem"),
-    "TabularLaw": ("fem.contact.own_law", "TabularLaw"),
-    "Static": ("fem.method", "Static"),
-    "read_deck": ("fem.decks.read.deck", "read_deck"),
-    "concrete": ("fem.element.material", "concrete"),
-    "solve_explicit": ("fem.dynamics", "solve_explicit"),
-    "solve_static": ("fem.accuracy.statics", "solve_static"),
-    "write_deck": ("fem.decks.problem", "write_deck"),
+    "CoulombFriction": "fem.contact.friction",
+    "ElementType": "fem.element.hexahedron",
+    "Explicit": "fem.method",
+    "ExponentialLaw": "fem.contact.law",
+    "Frames": "fem.system.build",
+    "LinearPenalty": "fem.contact.law",
+    "PairLaws": "fem.contact.pair_laws",
+    "Material": "fem.element.material",
+    "Problem": "fem.problem",
+    "TabularLaw": "fem.contact.own_law",
+    "Static": "fem.method",
+    "read_deck": "fem.decks.read.deck",
+    "concrete": "fem.element.material",
+    "solve_explicit": "fem.dynamics",
+    "solve_static": "fem.accuracy.statics",
+    "write_deck": "fem.decks.problem",
 }
 
 
 def __getattr__(name: str) -> Any:
     if name not in _PLACES:
         raise AttributeError(f"module 'fem' has no attribute {name!r}")
-    module, there = _PLACES[name]
-    return getattr(import_module(module), there)
+    return getattr(import_module(_PLACES[name]), name)
 
 
 def __dir__() -> list[str]:

@@ -49,12 +49,12 @@ if TYPE_CHECKING:
     from geometry.block import Block, box_block
     from geometry.errors import RefusedError
     from geometry.families.boxes import BrickStack, ColumnBox, SeparateBoxes, box_column
-    from geometry.families.hexagon_block import HexagonBlockParameters as HexagonBlock
+    from geometry.families.hexagon_block import HexagonBlock
     from geometry.families.indenter import Indenter
     from geometry.families.masonry import CircularArch, RunningBondWall
     from geometry.families.planar_wall import OsteomorphicWall, PlanarSineWall
     from geometry.families.platonic_layers import CubesLayer, OctahedraLayer, TetrahedraLayer
-    from geometry.families.sine_block import SineBlockParameters as SineBlock
+    from geometry.families.sine_block import SineBlock
     from geometry.families.tube import tube
     from geometry.families.versatile_panel import VersatilePanel
     from geometry.families.voxels import VoxelPuzzle
@@ -129,58 +129,57 @@ __all__ = [
 
 #: Where each name comes from: imported when it is asked for, for commands start sooner without.
 _PLACES = {
-    "Answer": ("geometry.answer", "Answer"),
-    "Assembly": ("geometry.assembly", "Assembly"),
-    "Block": ("geometry.block", "Block"),
-    "Box": ("geometry.parts.regions", "Box"),
-    "BrickStack": ("geometry.families.boxes", "BrickStack"),
-    "CircularArch": ("geometry.families.masonry", "CircularArch"),
-    "ColumnBox": ("geometry.families.boxes", "ColumnBox"),
-    "CubesLayer": ("geometry.families.platonic_layers", "CubesLayer"),
-    "DetectionOptions": ("geometry.polyhedra.options", "DetectionOptions"),
-    "HeldFace": ("geometry.parts.supports", "HeldFace"),
-    "HexMesh": ("geometry.mesh", "HexMesh"),
-    "HexagonBlock": ("geometry.families.hexagon_block", "HexagonBlockParameters"),
-    "Indenter": ("geometry.families.indenter", "Indenter"),
-    "LineLoad": ("geometry.loads", "LineLoad"),
-    "Load": ("geometry.loads", "Load"),
-    "LoadCase": ("geometry.loads", "LoadCase"),
-    "Measure": ("geometry.answer", "Measure"),
-    "OctahedraLayer": ("geometry.families.platonic_layers", "OctahedraLayer"),
-    "OsteomorphicWall": ("geometry.families.planar_wall", "OsteomorphicWall"),
-    "PlanarSineWall": ("geometry.families.planar_wall", "PlanarSineWall"),
-    "Plane": ("geometry.parts.regions", "Plane"),
-    "PolyhedralAssembly": ("geometry.polyhedra.assembly", "PolyhedralAssembly"),
-    "Polyhedron": ("geometry.polyhedra.polyhedron", "Polyhedron"),
-    "PressureLoad": ("geometry.loads", "PressureLoad"),
-    "RefusedError": ("geometry.errors", "RefusedError"),
-    "RunningBondWall": ("geometry.families.masonry", "RunningBondWall"),
-    "SeparateBoxes": ("geometry.families.boxes", "SeparateBoxes"),
-    "SineBlock": ("geometry.families.sine_block", "SineBlockParameters"),
-    "TetrahedraLayer": ("geometry.families.platonic_layers", "TetrahedraLayer"),
-    "TractionLoad": ("geometry.loads", "TractionLoad"),
-    "VersatilePanel": ("geometry.families.versatile_panel", "VersatilePanel"),
-    "VoxelPuzzle": ("geometry.families.voxels", "VoxelPuzzle"),
-    "beam": ("geometry.loads", "beam"),
-    "box_block": ("geometry.block", "box_block"),
-    "box_column": ("geometry.families.boxes", "box_column"),
-    "contact_mesh": ("geometry.files.mesh_io", "contact_mesh"),
-    "convex_polyhedron": ("geometry.polyhedra.polyhedron", "convex_polyhedron"),
-    "effective_facets": ("geometry.parts.measures", "effective_facets"),
-    "pillar": ("geometry.loads", "pillar"),
-    "pipe": ("geometry.loads", "pipe"),
-    "read_blocks": ("geometry.files.block_files", "read_blocks"),
-    "shaft": ("geometry.loads", "shaft"),
-    "tube": ("geometry.families.tube", "tube"),
-    "tunnel": ("geometry.loads", "tunnel"),
+    "Answer": "geometry.answer",
+    "Assembly": "geometry.assembly",
+    "Block": "geometry.block",
+    "Box": "geometry.parts.regions",
+    "BrickStack": "geometry.families.boxes",
+    "CircularArch": "geometry.families.masonry",
+    "ColumnBox": "geometry.families.boxes",
+    "CubesLayer": "geometry.families.platonic_layers",
+    "DetectionOptions": "geometry.polyhedra.options",
+    "HeldFace": "geometry.parts.supports",
+    "HexMesh": "geometry.mesh",
+    "HexagonBlock": "geometry.families.hexagon_block",
+    "Indenter": "geometry.families.indenter",
+    "LineLoad": "geometry.loads",
+    "Load": "geometry.loads",
+    "LoadCase": "geometry.loads",
+    "Measure": "geometry.answer",
+    "OctahedraLayer": "geometry.families.platonic_layers",
+    "OsteomorphicWall": "geometry.families.planar_wall",
+    "PlanarSineWall": "geometry.families.planar_wall",
+    "Plane": "geometry.parts.regions",
+    "PolyhedralAssembly": "geometry.polyhedra.assembly",
+    "Polyhedron": "geometry.polyhedra.polyhedron",
+    "PressureLoad": "geometry.loads",
+    "RefusedError": "geometry.errors",
+    "RunningBondWall": "geometry.families.masonry",
+    "SeparateBoxes": "geometry.families.boxes",
+    "SineBlock": "geometry.families.sine_block",
+    "TetrahedraLayer": "geometry.families.platonic_layers",
+    "TractionLoad": "geometry.loads",
+    "VersatilePanel": "geometry.families.versatile_panel",
+    "VoxelPuzzle": "geometry.families.voxels",
+    "beam": "geometry.loads",
+    "box_block": "geometry.block",
+    "box_column": "geometry.families.boxes",
+    "contact_mesh": "geometry.files.mesh_io",
+    "convex_polyhedron": "geometry.polyhedra.polyhedron",
+    "effective_facets": "geometry.parts.measures",
+    "pillar": "geometry.loads",
+    "pipe": "geometry.loads",
+    "read_blocks": "geometry.files.block_files",
+    "shaft": "geometry.loads",
+    "tube": "geometry.families.tube",
+    "tunnel": "geometry.loads",
 }
 
 
 def __getattr__(name: str) -> Any:
     if name not in _PLACES:
         raise AttributeError(f"module 'geometry' has no attribute {name!r}")
-    module, there = _PLACES[name]
-    return getattr(import_module(module), there)
+    return getattr(import_module(_PLACES[name]), name)
 
 
 def __dir__() -> list[str]:

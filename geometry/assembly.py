@@ -155,12 +155,15 @@ class PlacedBlocks(ReadOnlyArrays, ABC, Generic[AnyShape]):
         """World coordinates of points given in a block's reference position, (n, 3) [mm]."""
         return points @ self.rotations[block].T + self.translations[block]
 
+    def place_each(self, points: FloatArray) -> FloatArray:
+        """World coordinates of one point of each shape (n_shapes, 3), block by block [mm]."""
+        turned = np.einsum("bij,bj->bi", self.rotations, points[self.shape_of])
+        return turned + self.translations
+
     @cached_property
     def centroids(self) -> FloatArray:
         """Mass centroid of each block in world coordinates, (n_blocks, 3) [mm]."""
-        local = np.array([shape.centroid for shape in self.shapes])
-        turned = np.einsum("bij,bj->bi", self.rotations, local[self.shape_of])
-        return turned + self.translations
+        return self.place_each(np.array([shape.centroid for shape in self.shapes]))
 
     @cached_property
     def volumes(self) -> FloatArray:
@@ -194,7 +197,7 @@ AnyBlocks = PlacedBlocks[Any]
 def require_size(size: tuple[float, float, float]) -> None:
     """Reject a box that has no volume [mm]."""
     if not (np.isfinite(size).all() and min(size) > 0):
-        raise AssemblyError(f"block.size: got {list(size)}, expected three positive lengths in mm")
+        raise AssemblyError(f"size: got {list(size)}, expected three positive lengths in mm")
 
 
 def check_size(assembly: AnyBlocks) -> None:
@@ -345,7 +348,7 @@ class Assembly(PlacedBlocks[Block]):
         AssemblyError
             When facets of free blocks that should meet a neighbour meet none.
         """
-        matched = match_facets(self.shapes, self.shape_of, self.rotations, self.translations)
+        matched = match_facets(self)
         if not self.unmatched_allowed:
             self._check_partners(matched)
         return matched
@@ -414,7 +417,7 @@ def spacing_offsets(assembly: Assembly, spacing: float) -> FloatArray:
     is inclined the gap measured along the normal is less or more than the spacing.
     """
     if not np.isfinite(spacing):
-        raise AssemblyError(f"contact.spacing: got {spacing}, expected a finite length in mm")
+        raise AssemblyError(f"spacing: got {spacing}, expected a finite length in mm")
     if spacing == 0.0:
         return np.zeros((assembly.n_blocks, 3))
     opening = _opening_of_layers(assembly)[assembly.originals]

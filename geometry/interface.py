@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
@@ -15,10 +16,15 @@ import scipy
 from geometry.block import Block
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
 
+if TYPE_CHECKING:
+    from geometry.assembly import AnyBlocks, Assembly
+
 #: Coincidence tolerance relative to the smallest facet's size.
 _RELATIVE_TOLERANCE = 1e-5
-#: Relative placements that differ by less (of rotations; of translations in block sizes) are one.
-_SAME_PLACEMENT = 1e-9
+#: Relative placements that differ by less (of rotations; of translations in block sizes) are one …
+SAME_PLACEMENT = 1e-9
+#: … and, in sizes of the assembly, where blocks that should be apart are looked for.
+ROUGHLY_SAME = 1e-7
 
 
 @dataclass(frozen=True)
@@ -112,20 +118,10 @@ class _Match:
     """Order of s's corners that meets m's, (n, 4)."""
 
 
-@dataclass(frozen=True)
-class _Blocks:
-    """Placed copies of shapes."""
-
-    shape_of: IntArray
-    rotations: FloatArray
-    translations: FloatArray
-
-
-def _near_pairs(facets: Sequence[_Facets], blocks: _Blocks) -> IntArray:
+def _near_pairs(facets: Sequence[_Facets], blocks: AnyBlocks) -> IntArray:
     """Pairs (m, s), m < s, of blocks whose bounding spheres meet, sorted; (n, 2)."""
-    local = np.array([f.centre for f in facets])[blocks.shape_of]
+    centre = blocks.place_each(np.array([f.centre for f in facets]))
     radius = np.array([f.radius for f in facets])[blocks.shape_of]
-    centre = np.einsum("bij,bj->bi", blocks.rotations, local) + blocks.translations
     reach = 2.0 * float(radius.max(initial=0.0)) * (1 + 1e-9)
     tree = scipy.spatial.cKDTree(centre)
     pairs: IntArray = tree.query_pairs(reach, output_type="ndarray").astype(np.int64)
@@ -136,31 +132,19 @@ def _near_pairs(facets: Sequence[_Facets], blocks: _Blocks) -> IntArray:
 
 
 def placements(
-    pairs: IntArray,
-    shape_of: IntArray,
-    rotations: FloatArray,
-    translations: FloatArray,
-    *,
-    size: float,
-    same: float = _SAME_PLACEMENT,
+    pairs: IntArray, blocks: AnyBlocks, *, size: float, same: float = SAME_PLACEMENT
 ) -> list[Placement]:
     """Distinct ways in which the blocks of pairs (m, s), (n, 2), lie beside each other.
 
-    Parameters
-    ----------
-    pairs
-        Numbers of the blocks.
-    shape_of, rotations, translations
-        As in `geometry.assembly.PlacedBlocks`.
-    size, same
-        Placements are one where rotations, and translations over the size [mm], differ by less.
+    Placements are one where rotations, and translations over the size [mm], differ by less than
+    ``same``.
     """
     if not len(pairs) or size == 0.0:  # no block has a face that can meet another one
         return []
     m, s = pairs.T
-    back = rotations[m].transpose(0, 2, 1)
-    turn = back @ rotations[s]
-    move = np.einsum("pij,pj->pi", back, translations[s] - translations[m])
+    shape_of, back = blocks.shape_of, blocks.rotations[m].transpose(0, 2, 1)
+    turn = back @ blocks.rotations[s]
+    move = np.einsum("pij,pj->pi", back, blocks.translations[s] - blocks.translations[m])
     rounded = np.column_stack([turn.reshape(-1, 9), move / size]) / same
     key = np.column_stack([shape_of[m], shape_of[s], np.rint(rounded).astype(np.int64)])
     _, first, member = np.unique(key, axis=0, return_index=True, return_inverse=True)
@@ -201,23 +185,17 @@ def _match(m: _Facets, s: _Facets, placement: Placement, tolerance: float) -> _M
     return _Match(facet_m[same], facet_s[same], order_s[same])
 
 
-def match_facets(
-    shapes: Sequence[Block],
-    shape_of: IntArray,
-    rotations: FloatArray,
-    translations: FloatArray,
-) -> Interfaces:
+def match_facets(blocks: Assembly) -> Interfaces:
     """Find the facets of different blocks that coincide, corner on corner.
 
-    Arguments are those of `Assembly`. Facet pairs are sorted by (m, s), within a pair in the
-    order of m's facets, so the result does not depend on the search.
+    Facet pairs are sorted by (m, s), within a pair in the order of m's facets, so the result does
+    not depend on the search.
     """
-    facets = [_facets(shape) for shape in shapes]
+    facets = [_facets(shape) for shape in blocks.shapes]
     tolerance = _RELATIVE_TOLERANCE * min(f.smallest for f in facets)
     size = max(f.radius for f in facets)
-    blocks = _Blocks(shape_of, rotations, translations)
     pairs = _near_pairs(facets, blocks)
-    placed = placements(pairs, shape_of, rotations, translations, size=size)
+    placed = placements(pairs, blocks, size=size)
     matches = [_match(facets[one.shape_m], facets[one.shape_s], one, tolerance) for one in placed]
     return _gather(facets, pairs, placed, matches, blocks)
 
@@ -227,7 +205,7 @@ def _gather(
     pairs: IntArray,
     placed: Sequence[Placement],
     matches: Sequence[_Match],
-    blocks: _Blocks,
+    blocks: AnyBlocks,
 ) -> Interfaces:
     """Turn each match to the pairs where its placement occurs."""
     count = np.zeros(len(pairs), dtype=np.int64)

@@ -349,9 +349,8 @@ def _loaded_edges(assembly: Assembly, load: LineLoad) -> LoadedEdges:
 
 def surface_means(assembly: Assembly) -> FloatArray:
     """Mean of the surface nodes of each block in world coordinates, (n_blocks, 3) [mm]."""
-    local = np.array([s.mesh.nodes[s.surface_nodes].mean(axis=0) for s in assembly.shapes])
-    turned = np.einsum("bij,bj->bi", assembly.rotations, local[assembly.shape_of])
-    return turned + assembly.translations
+    means = [shape.mesh.nodes[shape.surface_nodes].mean(axis=0) for shape in assembly.shapes]
+    return assembly.place_each(np.array(means))
 
 
 def face_pressure(assembly: Assembly, blocks: IntArray, face: str, pressure: float) -> LoadCase:
@@ -370,7 +369,7 @@ def face_pressure(assembly: Assembly, blocks: IntArray, face: str, pressure: flo
 def check_finite(pressure: object) -> None:
     """Reject a pressure that is not finite."""
     if not is_number(pressure):
-        raise LoadCaseError(f"load.pressure: got {pressure!r}, expected a finite number of MPa")
+        raise LoadCaseError(f"pressure: got {pressure!r}, expected a finite number of MPa")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -397,46 +396,6 @@ class NamedLoad:
     """Whether the paper's tables have its resultant forces alone, at the mean of each block's
     surface nodes."""
 
-    def on(
-        self,
-        assembly: Assembly,
-        pressure: float,
-        *,
-        as_printed: bool = False,
-        layer: int | None = None,
-    ) -> LoadCase:
-        """Put the load on an assembly.
-
-        Parameters
-        ----------
-        assembly
-            A tube whose blocks have the loaded faces.
-        pressure
-            Load pressure [MPa].
-        as_printed
-            The reading that reproduces the paper's tables (see the module's text).
-        layer
-            Loaded layer of a case that loads one; by default ⌊L/2⌋ + 1.
-        """
-        check_finite(pressure)
-        chosen = loaded_layer(assembly) if layer is None else layer
-        if not 1 <= chosen <= assembly.n_layers:
-            raise LoadCaseError(
-                f"load.layer: got {chosen}, expected a free layer from 1 to {assembly.n_layers}"
-            )
-        if self.acts is CircumferentialLoad and not is_round(assembly):
-            others = ", ".join(case.name for case in CASES.values() if case.acts is not self.acts)
-            raise LoadCaseError(
-                f"load.case: got {self.name}, a traction round the axis of a tube, and "
-                f"{assembly.name} has none: its blocks stand in no ring; expected one of {others}"
-            )
-        load = self.acts(self.blocks(assembly, chosen), self.face, pressure)
-        fixed = assembly.fixed.copy()
-        if self.releases:
-            fixed[load.blocks] = False
-        without_couple = as_printed and self.force_as_printed
-        return LoadCase(assembly, self.name, (load,), fixed, without_couple=without_couple)
-
 
 def layer_blocks(assembly: Assembly, layer: int) -> IntArray:
     """Free blocks of a layer, (n,)."""
@@ -459,10 +418,16 @@ class Load:
     layer: int | None = None
     """Loaded layer of a case that loads one; None: ⌊L/2⌋ + 1."""
     as_printed: bool = False
-    """The reading that reproduces the paper's tables."""
+    """The reading that reproduces the paper's tables (see the module's text)."""
 
     def __post_init__(self) -> None:
         check_finite(self.pressure)
+        if self.layer is not None and not self.case.one_layer:
+            names = " or ".join(other.name for other in CASES.values() if other.one_layer)
+            raise LoadCaseError(
+                f"layer: got {self.layer}, but {self.case.name} loads no single layer; remove "
+                f"it, or choose `case` = {names}"
+            )
 
     def on(self, assembly: Assembly) -> LoadCase:
         """Tractions on the facets of an assembly, and what it is held by.
@@ -470,9 +435,29 @@ class Load:
         Raises
         ------
         LoadCaseError
-            As `NamedLoad.on`.
+            Blocks without the loaded face, a layer that is not there, or a traction round the axis
+            of blocks that stand in no ring.
         """
-        return self.case.on(assembly, self.pressure, as_printed=self.as_printed, layer=self.layer)
+        case = self.case
+        layer = loaded_layer(assembly) if self.layer is None else self.layer
+        if not 1 <= layer <= assembly.n_layers:
+            raise LoadCaseError(
+                f"layer: got {layer}, expected a free layer from 1 to {assembly.n_layers}"
+            )
+        if case.acts is CircumferentialLoad and not is_round(assembly):
+            others = ", ".join(
+                other.name for other in CASES.values() if other.acts is not case.acts
+            )
+            raise LoadCaseError(
+                f"case: got {case.name}, a traction round the axis of a tube, and "
+                f"{assembly.name} has none: its blocks stand in no ring; expected one of {others}"
+            )
+        load = case.acts(case.blocks(assembly, layer), case.face, self.pressure)
+        fixed = assembly.fixed.copy()
+        if case.releases:
+            fixed[load.blocks] = False
+        without_couple = self.as_printed and case.force_as_printed
+        return LoadCase(assembly, case.name, (load,), fixed, without_couple=without_couple)
 
 
 #: Load cases by their names.
@@ -549,27 +534,10 @@ def tunnel(pressure: float) -> Load:
     return Load(case=CASES["tunnel"], pressure=pressure)
 
 
-def named_load(name: str) -> NamedLoad:
-    """Find a load case."""
+def named_load(
+    name: str, pressure: float, *, as_printed: bool = False, layer: int | None = None
+) -> Load:
+    """Load case by its name; other arguments as the fields of `Load`."""
     if name not in CASES:
-        raise LoadCaseError(f"load.case: got {name!r}, expected one of {', '.join(CASES)}")
-    return CASES[name]
-
-
-def named_case(
-    assembly: Assembly,
-    name: str,
-    pressure: float,
-    *,
-    as_printed: bool = False,
-    layer: int | None = None,
-) -> LoadCase:
-    """Put a load case on an assembly by its name: see `NamedLoad.on`."""
-    case = named_load(name)
-    if layer is not None and not case.one_layer:
-        names = " or ".join(other.name for other in CASES.values() if other.one_layer)
-        raise LoadCaseError(
-            f"load.layer: got {layer}, but {case.name} loads no single layer; remove it, or choose "
-            f"load.case = {names}"
-        )
-    return case.on(assembly, pressure, as_printed=as_printed, layer=layer)
+        raise LoadCaseError(f"case: got {name!r}, expected one of {', '.join(CASES)}")
+    return Load(case=CASES[name], pressure=pressure, layer=layer, as_printed=as_printed)

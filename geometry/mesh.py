@@ -216,20 +216,6 @@ class QuadSurface(ReadOnlyArrays):
         return self.area_vectors / self.areas[:, None]
 
 
-@dataclass(frozen=True)
-class MassProperties:
-    """Mass, centre of mass and inertia of a rigid body."""
-
-    mass: float
-    """[t]"""
-    volume: float
-    """[mm³]"""
-    centroid: FloatArray
-    """Centre of mass, (3,) [mm]."""
-    inertia: FloatArray
-    """Inertia tensor about the centre of mass, (3, 3) [t mm²]."""
-
-
 def shape_gradients(natural: FloatArray) -> FloatArray:
     """Gradients of the trilinear shape functions in [-1, 1]³, (n_points, 3) to (n_points, 8, 3).
 

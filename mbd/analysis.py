@@ -282,18 +282,20 @@ def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) 
     dead = np.zeros((blocks.n_blocks, 6)) if weight is None else weight
     live = live_case.wrenches
     coulomb = stated.coulomb
-    parts = Question(
-        whole=blocks,
-        load=whole,
-        wrenches=(dead, live),
-        method=method,
-        friction=None if coulomb is None else coulomb.coefficient,
-        of_pairs=() if coulomb is None else coulomb.of_pairs,
-        interference=stated.interference,
-        carried=result.equilibrium.holds,
-        frictionless=str(result.mechanism),
-        tell=tell,
-    ).parts()
+    parts: dict[str, Part] = {}
+    if coulomb is not None or method.asks_more:
+        parts = Question(
+            whole=blocks,
+            load=whole,
+            wrenches=(dead, live),
+            method=method,
+            friction=None if coulomb is None else coulomb.coefficient,
+            of_pairs=() if coulomb is None else coulomb.of_pairs,
+            interference=stated.interference,
+            carried=result.equilibrium.holds,
+            frictionless=str(result.mechanism),
+            tell=tell,
+        ).parts()
     balance = result.equilibrium
     if coulomb is None and balance.holds and not result.supported_classification.locked:
         alone = bool(np.any(dead)) and not np.any(live)

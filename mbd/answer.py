@@ -165,25 +165,16 @@ class _Found:
         return Contacts(Lazy(makers))
 
     @cached_property
-    def joints(self) -> JointResultants:
-        return self.result.joints
-
-    @cached_property
-    def loads(self) -> FloatArray:
-        """Force and moment of the loads about each mass centroid, (n_blocks, 6) [N, N mm]."""
-        return self.load.wrenches
-
-    @cached_property
     def supports(self) -> tuple[Reactions, FloatArray]:
         """Supports by name, and what they do to each block: `support_wrenches`."""
         index, forces = self.result.contact_index, self.result.forces
         on_blocks = contact_wrenches(self.assembly, index, forces) if self.load.held else 0.0
-        return support_wrenches(self.assembly, self.load, self.loads + on_blocks)
+        return support_wrenches(self.assembly, self.load, self.load.wrenches + on_blocks)
 
     @cached_property
     def reactions(self) -> dict[str, dict[str, Any]]:
         """Resultants of supports and fixed blocks by name."""
-        fixed = of_fixed_blocks(self.assembly, self.joints, np.flatnonzero(self.load.fixed))
+        fixed = of_fixed_blocks(self.assembly, self.result.joints, np.flatnonzero(self.load.fixed))
         return together(self.supports[0], fixed).as_json()
 
     def _balance(self) -> dict[str, Any]:
@@ -194,11 +185,11 @@ class _Found:
     def imbalance(self) -> Imbalance:
         """What joints, loads and supports leave on a free block."""
         own = self.assembly.originals == np.arange(self.assembly.n_blocks)
-        free, others = np.flatnonzero(own & ~self.load.fixed), self.loads + self.supports[1]
+        free, others = np.flatnonzero(own & ~self.load.fixed), self.load.wrenches + self.supports[1]
         return imbalance(
             self.assembly,
-            self.joints,
-            loads=self.loads[:, :3],
+            self.result.joints,
+            loads=self.load.wrenches[:, :3],
             others=others,
             centres=self.assembly.centroids,
             free=free,
@@ -210,7 +201,7 @@ class _Found:
         result, index, held = self.assembly.interfaces, self.result.contact_index, self.load.fixed
         sign = held[result.block_m[index]].astype(float) - held[result.block_s[index]].astype(float)
         total = (sign[:, None] * self.result.forces).sum(axis=0)
-        return np.asarray(total + self.supports[0].forces.sum(axis=0))
+        return total + self.supports[0].forces.sum(axis=0) if self.load.held else total
 
     def sections(self, cut: Planes) -> SectionForces:
         """Sum the forces of the joints between blocks on both sides of planes."""
@@ -218,7 +209,7 @@ class _Found:
             raise SectionError("section: nothing carries the load by itself: there are no forces")
         if getattr(self.assembly, "image_of", None) is not None:
             raise SectionError("section: a periodic cell is a part of a section; cut the tube")
-        return sections_through_joints(self.joints, self.assembly.centroids, cut)
+        return sections_through_joints(self.result.joints, self.assembly.centroids, cut)
 
     @property
     def paper(self) -> Measures | None:
@@ -236,7 +227,7 @@ class _Found:
         if self.paper is not None:
             result["p_max"] = Measure(self.paper.p_max, "MPa")
             result["p_eff"] = Measure(self.paper.p_eff, "MPa")
-        result |= _joint_extremes(self.assembly, self.joints)
+        result |= _joint_extremes(self.assembly, self.result.joints)
         return result | {"total_reaction": Measure(float(np.linalg.norm(self.reaction)), "N")}
 
     def report(self) -> dict[str, Any]:
@@ -257,7 +248,7 @@ class _Found:
             "carried": holds,
             **({} if self.paper is None else {"contact": asdict(self.paper)}),
             "reaction": self.reaction.tolist() if holds else None,
-            "joints": self.joints.as_json() if self.result.shown else [],
+            "joints": self.result.joints.as_json() if self.result.shown else [],
             **(self._balance() if self.result.shown else {}),
             "units": REPORT_UNITS,
             "rotation_length": self.assembly.characteristic_length,

@@ -4,10 +4,9 @@ The reference point of each block is its mass centroid and moments are divided b
 characteristic length, so a row is a force in every unit system and no result depends on units:
 a virtual displacement is (δt, ℓ δθ), a wrench is (F, M/ℓ).
 
-Two forms of the same operator live here. `MatrixJacobian` holds any matrix. `PairJacobian` uses
-that all contacts between two blocks act through one six-dimensional wrench, and that congruent
-pairs of blocks have the same contacts, so products and normal matrices cost little even with
-500 000 contacts.
+All contacts between two blocks act through one six-dimensional wrench, and congruent pairs of
+blocks have the same contacts, so products and normal matrices cost little even with 500 000
+contacts.
 """
 
 from __future__ import annotations
@@ -28,57 +27,6 @@ from mbd.supports import admissible, free_motions
 
 #: A normal matrix, or the inverse of one, which also takes several vectors as columns.
 NormalMap = Callable[[FloatArray], FloatArray]
-
-
-@dataclass(frozen=True)
-class MatrixJacobian:
-    """Any G given as a matrix; its normal matrices are factored densely."""
-
-    matrix: scipy.sparse.csc_array
-    """(n_rows, n_contacts)."""
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(n_rows, n_contacts)."""
-        n_rows, n_contacts = self.matrix.shape
-        return int(n_rows), int(n_contacts)
-
-    def admissible(self, rows: FloatArray) -> FloatArray:
-        """All of some rows: no support takes any."""
-        return rows
-
-    @property
-    def n_motions(self) -> int:
-        """Independent motions."""
-        return self.shape[0]
-
-    def gap_rates(self, virtual_displacement: FloatArray) -> FloatArray:
-        """Gᵀ δq, (n_contacts,)."""
-        return self.matrix.T @ virtual_displacement
-
-    def resultant(self, forces: FloatArray) -> FloatArray:
-        """G λ, (n_rows,)."""
-        return self.matrix @ forces
-
-    def normal_product(self) -> NormalMap:
-        """Product with G Gᵀ."""
-        return lambda vector: self.matrix @ (self.matrix.T @ vector)
-
-    def normal_solver(self, weights: FloatArray, shift: float) -> NormalMap:
-        """Factor G diag(weights) Gᵀ + shift I."""
-        weighted = self.matrix * weights[None, :]
-        normal = (weighted @ self.matrix.T).toarray()
-        normal[np.diag_indices_from(normal)] += shift
-        factor = scipy.linalg.cho_factor(normal, lower=True, check_finite=False)
-
-        def solve(right_hand_side: FloatArray) -> FloatArray:
-            return scipy.linalg.cho_solve(factor, right_hand_side, check_finite=False)
-
-        return solve
-
-    def to_matrix(self) -> scipy.sparse.csc_array:
-        """G as a sparse matrix, (n_rows, n_contacts)."""
-        return self.matrix
 
 
 #: The 21 pairs (i, j) with i <= j of a symmetric 6 × 6 matrix.
@@ -216,7 +164,7 @@ def _block_places(rows: IntArray, columns: IntArray) -> tuple[IntArray, IntArray
 
 
 @dataclass(frozen=True)
-class PairJacobian:
+class ContactJacobian:
     """G of an assembly, contacts grouped by block pair (m, s)."""
 
     contacts: PairWrenches
@@ -242,7 +190,7 @@ class PairJacobian:
 
     def admissible(self, rows: FloatArray) -> FloatArray:
         """Part of some rows (6 n_free, …) that supports leave."""
-        return admissible(self.motions, rows)
+        return rows if self.motions is None else admissible(self.motions, rows)
 
     @property
     def n_motions(self) -> int:
@@ -370,15 +318,11 @@ class PairJacobian:
         return matrix
 
 
-#: What the solvers need of G.
-ContactJacobian: TypeAlias = MatrixJacobian | PairJacobian
-
-
 @dataclass(frozen=True)
 class Contacts:
     """The contacts that touch at least one free block, and what belongs to them."""
 
-    jacobian: PairJacobian
+    jacobian: ContactJacobian
     """G, moments divided by `length`."""
     index: IntArray
     """Position of each contact in the assembly's interfaces, (n_contacts,)."""
@@ -514,7 +458,7 @@ def contact_jacobian(
             admissible(motions[np.where(held[pair], 0, number[pair])], transfer)
             for pair, transfer in ((pair_m, transfer_m), (pair_s, transfer_s))
         )
-    jacobian = PairJacobian(
+    jacobian = ContactJacobian(
         contacts=contacts,
         transfer_m=transfer_m,
         transfer_s=transfer_s,

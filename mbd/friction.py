@@ -152,11 +152,11 @@ def frictional_contacts(
     every = np.atleast_1d(friction)
     wrong = every[~(np.isfinite(every) & (every >= 0.0))]
     if wrong.size:
-        raise FrictionError(f"rigid.friction: got {wrong[0]}, expected 0 or a positive number")
+        raise FrictionError(f"friction: got {wrong[0]}, expected 0 or a positive number")
     most = float(every.max(initial=0.0))
     if most > MOST_FRICTION:
         raise FrictionError(
-            f"rigid.friction: got {most:g}, expected a coefficient up to {MOST_FRICTION:g}; an "
+            f"friction: got {most:g}, expected a coefficient up to {MOST_FRICTION:g}; an "
             "angle of friction φ is given as its tangent: 30° is 0.577"
         )
     normals = assembly.interfaces.normals[contacts.index]
@@ -457,8 +457,7 @@ def collapse_load(contacts: FrictionalContacts, dead: FloatArray, live: FloatArr
             forces=alone.forces,
             residual=alone.residual,
             status="load factor unbounded: rigid blocks, associated friction (sliding joints "
-            "dilate), no crushing. Dry joints may slide under a smaller load (rigid.sliding = "
-            "true)",
+            "dilate), no crushing. Dry joints may slide under a smaller load (method `sliding`)",
         )
     factor, forces, dual = _largest_factor(contacts, dead, live)
     total = dead + factor * live

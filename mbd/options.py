@@ -66,3 +66,8 @@ class Rigid:
 
     def __post_init__(self) -> None:
         check(self)
+
+    @property
+    def asks_more(self) -> bool:
+        """Whether anything is to be found beside the equilibrium."""
+        return self.collapse or self.sliding or self.ranges or self.margin

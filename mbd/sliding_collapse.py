@@ -491,7 +491,7 @@ def _status(found: SlidingCollapse) -> str:
         return _stopped_words(found.programs)
     return (
         f"no certified non-associated sliding state: the best violates a law by "
-        f'{found.check.largest if found.check else np.nan:.1e}; try rigid.friction_law = "pyramid" '
+        f'{found.check.largest if found.check else np.nan:.1e}; try `friction_law` = "pyramid" '
         "or another friction"
     )
 

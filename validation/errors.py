@@ -26,6 +26,10 @@ class InputError(RefusedError):
         self.of_input = of_input
 
 
+#: Keys of scenes for names of the libraries that are fields of no section alone.
+_KEYS = {"tolerance": "detection.tolerance", "spacing": "contact.spacing", "size": "mesh.size"}
+
+
 @contextmanager
 def named(name: str) -> Iterator[None]:
     """Put the name of a scene or file before refusals of the libraries inside."""
@@ -34,7 +38,31 @@ def named(name: str) -> Iterator[None]:
     except InputError:
         raise
     except RefusedError as error:
-        raise InputError(f"{name}: {error}", of_input=error.of_input) from None
+        words = with_keys(str(error), _KEYS)
+        raise InputError(f"{name}: {words}", of_input=error.of_input) from None
+
+
+def with_keys(words: str, keys: Mapping[str, str]) -> str:
+    """Words of a library, with keys of a scene for the names of its fields.
+
+    A field is named at the beginning, before a colon, and elsewhere in back quotes.
+    """
+    head, colon, rest = words.partition(":")
+    return re.sub(
+        r"`(\w+)`",
+        lambda found: keys.get(found[1], found[0]),
+        f"{keys.get(head, head)}{colon}{rest}",
+    )
+
+
+@contextmanager
+def keyed(keys: Mapping[str, str]) -> Iterator[None]:
+    """Name the keys of a scene in refusals of the libraries inside; see `with_keys`."""
+    try:
+        yield
+    except RefusedError as error:
+        error.args = (with_keys(str(error), keys),)
+        raise
 
 
 def _stop(words: str, status: int = 2) -> NoReturn:

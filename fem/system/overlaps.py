@@ -9,11 +9,9 @@ from scipy.spatial import cKDTree
 
 from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block
-from geometry.interface import placements
+from geometry.interface import ROUGHLY_SAME, placements
 from geometry.mesh import HEX_TETRAHEDRA, BoolArray, FloatArray
 
-#: Relative placements that differ by less, in sizes of the assembly, are one.
-_SAME_PLACEMENT = 1e-7
 #: Points of two meshes that lie closer than this share of a block are one.
 _SAME = 1e-9
 
@@ -40,9 +38,8 @@ def check_overlaps(assembly: Assembly, tolerance: float) -> None:
         near.append(np.column_stack([np.full_like(later, a), later]))
     pairs = np.concatenate(near)
     size = float(np.ptp(boxes.reshape(-1, 3), axis=0).max())
-    placed = assembly.shape_of, assembly.rotations, assembly.translations
     result: list[tuple[float, int, int]] = []
-    for way in placements(pairs, *placed, size=size, same=_SAME_PLACEMENT):
+    for way in placements(pairs, assembly, size=size, same=ROUGHLY_SAME):
         one, other = solids[way.shape_m], solids[way.shape_s]
         of_b = other.points @ way.rotation.T + way.translation
         of_a = (one.points - way.translation) @ way.rotation

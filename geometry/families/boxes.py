@@ -115,7 +115,7 @@ def box_column(boxes: Sequence[ColumnBox]) -> Assembly:
         From the bottom up, at least two.
     """
     if len(boxes) < 2:
-        raise AssemblyError(f"block.boxes: got {len(boxes)}, expected at least 2 boxes that meet")
+        raise AssemblyError(f"boxes: got {len(boxes)}, expected at least 2 boxes that meet")
     kinds: dict[ColumnBox, int] = {}
     for box in boxes:
         kinds.setdefault(box, len(kinds))

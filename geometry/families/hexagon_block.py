@@ -43,7 +43,7 @@ _WHOLE, _UPPER, _LOWER = (0, 1, 2, 3, 4, 5), (1, 2, 3), (4, 5, 0)
 
 
 @dataclass(frozen=True)
-class HexagonBlockParameters(Options):
+class HexagonBlock(Options):
     """The three parameters of THB(n, r_i, t)."""
 
     blocks_per_layer: Annotated[int, Ge(2)]
@@ -81,7 +81,7 @@ class HexagonBlockDivisions(Options):
         super().__post_init__()
         if self.edge % 2:
             raise BlockParameterError(
-                f"mesh.edge: got {self.edge}, expected an even number of elements along each "
+                f"edge: got {self.edge}, expected an even number of elements along each "
                 f"edge of the hexagon: try {self.edge - 1} or {self.edge + 1}"
             )
 
@@ -150,7 +150,7 @@ def _side_faces(
 
 
 def _build(
-    block: HexagonBlockParameters,
+    block: HexagonBlock,
     divisions: HexagonBlockDivisions,
     kites: tuple[int, ...],
     *,
@@ -164,7 +164,7 @@ def _build(
 
 
 def _on_lines(
-    block: HexagonBlockParameters,
+    block: HexagonBlock,
     kites: tuple[int, ...],
     name: str,
     flat: str | None,
@@ -211,7 +211,7 @@ def _on_lines(
     return Block(name, mesh, faces, contact_faces, curve, charts)
 
 
-def _shape(block: HexagonBlockParameters, parameters: FloatArray) -> FloatArray:
+def _shape(block: HexagonBlock, parameters: FloatArray) -> FloatArray:
     """Points of kite, a, b and y, (m, 4) to (m, 3) [mm]."""
     kite, a, b, y = parameters.T
     points = np.empty((len(y), 3))
@@ -237,7 +237,7 @@ def _corner_parameters(quads: FloatArray, y: FloatArray) -> FloatArray:
     return parameters.reshape(-1, 8, 4)
 
 
-def hexagon_block(block: HexagonBlockParameters, divisions: HexagonBlockDivisions) -> Block:
+def hexagon_block(block: HexagonBlock, divisions: HexagonBlockDivisions) -> Block:
     """Build the free block, centred on the x axis (θ = 0) and on z = 0.
 
     Returns
@@ -253,11 +253,11 @@ def hexagon_block(block: HexagonBlockParameters, divisions: HexagonBlockDivision
     return _build(block, divisions, _WHOLE, name="hexagon-block")
 
 
-def bottom_hexagon_frame(block: HexagonBlockParameters, divisions: HexagonBlockDivisions) -> Block:
+def bottom_hexagon_frame(block: HexagonBlock, divisions: HexagonBlockDivisions) -> Block:
     """Build the frame block below the first layer: the upper half, flat at z = 0 (``bottom``)."""
     return _build(block, divisions, _UPPER, name="bottom-frame", flat="bottom")
 
 
-def top_hexagon_frame(block: HexagonBlockParameters, divisions: HexagonBlockDivisions) -> Block:
+def top_hexagon_frame(block: HexagonBlock, divisions: HexagonBlockDivisions) -> Block:
     """Build the frame block above the last layer: the lower half, flat at z = 0 (``top``)."""
     return _build(block, divisions, _LOWER, name="top-frame", flat="top")

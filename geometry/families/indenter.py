@@ -46,7 +46,7 @@ class Indenter(Options):
         super().__post_init__()
         if self.contact > 0.5 * self.radius:
             raise AssemblyError(
-                f"block.contact: got {self.contact:g} mm for a radius of {self.radius:g} mm; "
+                f"contact: got {self.contact:g} mm for a radius of {self.radius:g} mm; "
                 "expected at most half of it"
             )
 

@@ -130,7 +130,7 @@ class CircularArch(Options):
         super().__post_init__()
         if self.thickness >= 2 * self.radius:
             raise AssemblyError(
-                f"block.thickness: got {self.thickness:g} mm, more than twice the radius "
+                f"thickness: got {self.thickness:g} mm, more than twice the radius "
                 f"{self.radius:g} mm"
             )
 

@@ -54,8 +54,8 @@ class _Wall(Options):
         super().__post_init__()
         if self.amplitude >= self.height / 2:
             raise AssemblyError(
-                f"block.amplitude: got {self.amplitude:g} mm, expected 0 or more and less than "
-                f"half of block.height ({self.height / 2:g} mm): the frame blocks are cut there"
+                f"amplitude: got {self.amplitude:g} mm, expected 0 or more and less than "
+                f"half of `height` ({self.height / 2:g} mm): the frame blocks are cut there"
             )
 
 
@@ -101,7 +101,7 @@ def _check_sampled(wall: _Wall, profile: Profile) -> None:
     reached = float(np.abs(profile(x[:, None], y)).max())
     if reached < LEAST_REACHED * wall.amplitude:
         raise AssemblyError(
-            f"mesh.divisions: got {list(wall.divisions)}; the corners of the elements meet the "
+            f"divisions: got {list(wall.divisions)}; the corners of the elements meet the "
             f"joint near its zeros, and the blocks would have an amplitude of {reached:.3g} mm for "
             f"{wall.amplitude:g} mm; expected more elements along x or y"
         )
@@ -164,12 +164,11 @@ class PlanarSineWall(_Wall):
         waves = round(2 * self.frequency)
         if waves < 1 or abs(waves - 2 * self.frequency) > 1e-12:
             raise AssemblyError(
-                f"block.frequency: got {self.frequency}, expected 0.5, 1, 1.5, …: whole waves per "
-                "block"
+                f"frequency: got {self.frequency}, expected 0.5, 1, 1.5, …: whole waves per block"
             )
         if (int(self.frequency) * self.divisions[0]) % waves:
             raise AssemblyError(
-                f"mesh.divisions: got {self.divisions[0]} elements along x; rows are moved by "
+                f"divisions: got {self.divisions[0]} elements along x; rows are moved by "
                 f"{int(self.frequency)}/{waves} of a block: choose a multiple of {waves}"
             )
 
@@ -204,7 +203,7 @@ class OsteomorphicWall(_Wall):
         super().__post_init__()
         if self.divisions[0] % 2:
             raise AssemblyError(
-                f"mesh.divisions: got {self.divisions[0]} elements along x; rows are moved by half "
+                f"divisions: got {self.divisions[0]} elements along x; rows are moved by half "
                 f"a block: try {self.divisions[0] + 1}"
             )
 

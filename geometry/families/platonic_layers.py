@@ -55,7 +55,7 @@ class TetrahedraLayer(Options):
         height = self.edge / np.sqrt(2.0)
         if self.thickness is not None and self.thickness >= height:
             raise AssemblyError(
-                f"block.thickness: got {self.thickness:g}; expected less than {height:.4g} mm, the "
+                f"thickness: got {self.thickness:g}; expected less than {height:.4g} mm, the "
                 "height of the whole tetrahedron"
             )
 
@@ -82,7 +82,7 @@ class TetrahedraLayer(Options):
         for block in self.freed:
             if block >= len(held) or not held[block]:
                 raise AssemblyError(
-                    f"assembly.freed: got {block}; expected numbers of blocks of the fixed ring: "
+                    f"freed: got {block}; expected numbers of blocks of the fixed ring: "
                     f"{', '.join(map(str, np.flatnonzero(fixed)))}"
                 )
             held[block] = False

@@ -46,7 +46,7 @@ class BlockParameterError(RefusedError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SineBlockParameters(Options):
+class SineBlock(Options):
     """The seven parameters of TSB(h, a, f, s, n, r_i, t).
 
     Raises
@@ -78,15 +78,15 @@ class SineBlockParameters(Options):
             near = (max(np.floor(waves), 1) / 2, np.ceil(waves) / 2)
             remedy = " or ".join(dict.fromkeys(f"{frequency:g}" for frequency in near))
             raise BlockParameterError(
-                f"block.frequency: got {self.frequency}, so a block would carry {waves:g} waves "
+                f"frequency: got {self.frequency}, so a block would carry {waves:g} waves "
                 "and its neighbours would not be congruent; expected 2 f whole: try "
                 f"{remedy}"
             )
         if self.amplitude >= self.height / 2:
             raise BlockParameterError(
-                f"block.amplitude: got {self.amplitude:g} mm, which cuts through the frame blocks "
+                f"amplitude: got {self.amplitude:g} mm, which cuts through the frame blocks "
                 f"(flat at half height, {self.height / 2:g} mm); expected less than half of "
-                "block.height: lower the amplitude or raise the height"
+                "`height`: lower the amplitude or raise the height"
             )
 
     @property
@@ -119,7 +119,7 @@ class LayerTurn(StrEnum):
     """One wave at every frequency, as the paper's parameter study was made."""
 
 
-def waves_of_turn(block: SineBlockParameters, turn: LayerTurn | float) -> int:
+def waves_of_turn(block: SineBlock, turn: LayerTurn | float) -> int:
     """Return the whole number of waves by which every second layer is turned.
 
     Only after whole waves do the faces of two layers meet.
@@ -137,18 +137,18 @@ def waves_of_turn(block: SineBlockParameters, turn: LayerTurn | float) -> int:
     if turn is LayerTurn.ONE_WAVE:
         return 1 % waves
     if not np.isfinite(turn):
-        raise BlockParameterError(f"assembly.turn: got {turn}, expected a whole number of waves")
+        raise BlockParameterError(f"turn: got {turn}, expected a whole number of waves")
     if turn != round(turn):
         # z of the two faces differ by a [sin(x + 2π turn) - sin x], at most 2 a |sin π turn|.
         depth = 2 * block.amplitude * abs(np.sin(np.pi * turn))
         raise BlockParameterError(
-            f"assembly.turn: got {turn:g} waves, after which the blocks of two layers would cut "
+            f"turn: got {turn:g} waves, after which the blocks of two layers would cut "
             f"into each other by up to {depth:.3g} mm; expected a whole number of waves: try "
             f"{_whole_turns(turn, waves)}"
         )
     if not 0 <= turn < waves:
         raise BlockParameterError(
-            f"assembly.turn: got {turn:g} waves of a block that has {waves}; expected 0 to "
+            f"turn: got {turn:g} waves of a block that has {waves}; expected 0 to "
             f"{waves - 1}: {round(turn) % waves} is the same tube"
         )
     return round(turn)
@@ -194,13 +194,13 @@ def check_shift(shift: float) -> None:
     """Reject a shift of waves that is no number, or so large that its float has no phase left."""
     if not is_number(shift) or abs(shift) > LARGEST_SHIFT:
         raise BlockParameterError(
-            f"block.shift: got {shift}; expected a number between -{LARGEST_SHIFT:g} and "
+            f"shift: got {shift}; expected a number between -{LARGEST_SHIFT:g} and "
             f"{LARGEST_SHIFT:g}: waves repeat after a shift of 2"
         )
 
 
 #: The block of the paper's tables.
-TSB1 = SineBlockParameters(
+TSB1 = SineBlock(
     height=200.0,
     amplitude=20.0,
     frequency=1.5,
@@ -210,9 +210,7 @@ TSB1 = SineBlockParameters(
 )
 
 
-def check_conforming(
-    block: SineBlockParameters, divisions: SineBlockDivisions, turned_waves: int
-) -> None:
+def check_conforming(block: SineBlock, divisions: SineBlockDivisions, turned_waves: int) -> None:
     """Reject element counts with which layers turned by some waves do not meet node on node."""
     waves, around = block.waves_per_block, divisions.around
     if (turned_waves * around) % waves == 0:
@@ -221,19 +219,19 @@ def check_conforming(
     near = [n for n in (around // step * step, (around // step + 1) * step) if n]
     turns = [k for k in range(1, waves) if (k * around) % waves == 0]
     nearest = min(turns, key=lambda k: abs(k - turned_waves), default=None)
-    other = "" if nearest is None else f", or assembly.turn = {nearest}"
+    other = "" if nearest is None else f", or `turn` = {nearest}"
     raise BlockParameterError(
-        f"mesh.around: got {around}; with {waves} waves per block the layers turn by "
+        f"around: got {around}; with {waves} waves per block the layers turn by "
         f"{turned_waves}/{waves} of a block and would not meet node on node; expected a multiple "
         f"of {step}: try {' or '.join(str(n) for n in near)}{other}"
     )
 
 
-def check_divisions(block: SineBlockParameters, divisions: SineBlockDivisions) -> None:
+def check_divisions(block: SineBlock, divisions: SineBlockDivisions) -> None:
     """Reject element counts that mesh no block."""
     if divisions.around < 2 * block.waves_per_block and block.amplitude > 0:
         raise BlockParameterError(
-            f"mesh.around: got {divisions.around} elements for {block.waves_per_block} waves; "
+            f"around: got {divisions.around} elements for {block.waves_per_block} waves; "
             f"expected at least two per wave: try {4 * block.waves_per_block} or more"
         )
     corners = np.linspace(0.0, 1.0, divisions.around + 1)
@@ -241,21 +239,21 @@ def check_divisions(block: SineBlockParameters, divisions: SineBlockDivisions) -
     reached = float(np.abs(wave(block, corners, outer)).max())
     if reached < LEAST_REACHED * block.amplitude:
         raise BlockParameterError(
-            f"mesh.around: got {divisions.around}; with block.shift = {block.shift:g} the corners "
+            f"around: got {divisions.around}; with `shift` = {block.shift:g} the corners "
             "of the elements meet the wave near its zeros, and the block would have an amplitude "
             f"of {reached:.3g} mm for {block.amplitude:g} mm; try {4 * block.waves_per_block} or "
             "more"
         )
 
 
-def wave(block: SineBlockParameters, u: FloatArray, r: FloatArray) -> FloatArray:
+def wave(block: SineBlock, u: FloatArray, r: FloatArray) -> FloatArray:
     """Axial displacement A(r) sin(2π 2f u + π s) of a horizontal plane [mm]."""
     amplitude = block.amplitude * (r - block.inner_radius) / block.thickness
     return amplitude * np.sin(2 * np.pi * block.waves_per_block * u + np.pi * block.shift)
 
 
 def _build(
-    block: SineBlockParameters,
+    block: SineBlock,
     divisions: SineBlockDivisions,
     *,
     bottom: float,
@@ -280,7 +278,7 @@ def _build(
 
 
 def _shape(
-    block: SineBlockParameters,
+    block: SineBlock,
     ends: tuple[float, float],
     wavy: tuple[float, float],
     parameters: FloatArray,
@@ -293,7 +291,7 @@ def _shape(
     return np.column_stack([r * np.cos(theta), r * np.sin(theta), z])
 
 
-def sine_block(block: SineBlockParameters, divisions: SineBlockDivisions) -> Block:
+def sine_block(block: SineBlock, divisions: SineBlockDivisions) -> Block:
     """Build the free block, centred on the x axis (θ = 0), between z = 0 and z = h.
 
     Returns
@@ -314,7 +312,7 @@ def sine_block(block: SineBlockParameters, divisions: SineBlockDivisions) -> Blo
     )
 
 
-def bottom_frame_block(block: SineBlockParameters, divisions: SineBlockDivisions) -> Block:
+def bottom_frame_block(block: SineBlock, divisions: SineBlockDivisions) -> Block:
     """Build the frame block below the first layer: flat at z = -h/2, wavy at z = 0."""
     half = replace(divisions, axial=divisions.frame_axial)
     return _build(
@@ -328,7 +326,7 @@ def bottom_frame_block(block: SineBlockParameters, divisions: SineBlockDivisions
     )
 
 
-def top_frame_block(block: SineBlockParameters, divisions: SineBlockDivisions) -> Block:
+def top_frame_block(block: SineBlock, divisions: SineBlockDivisions) -> Block:
     """Build the frame block above the last layer: wavy at z = 0, flat at z = h/2."""
     half = replace(divisions, axial=divisions.frame_axial)
     return _build(

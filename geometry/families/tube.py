@@ -13,16 +13,16 @@ import numpy as np
 from geometry.assembly import Assembly, AssemblyError, check_size
 from geometry.block import Block
 from geometry.families.hexagon_block import (
+    HexagonBlock,
     HexagonBlockDivisions,
-    HexagonBlockParameters,
     bottom_hexagon_frame,
     hexagon_block,
     top_hexagon_frame,
 )
 from geometry.families.sine_block import (
     LayerTurn,
+    SineBlock,
     SineBlockDivisions,
-    SineBlockParameters,
     bottom_frame_block,
     check_conforming,
     sine_block,
@@ -56,7 +56,7 @@ class SineTube(Options):
     numbered layer by layer, n blocks in each, towards larger θ.
     """
 
-    block: SineBlockParameters
+    block: SineBlock
     """Shape of the free block [mm]."""
     divisions: SineBlockDivisions
     """Its elements."""
@@ -119,7 +119,7 @@ class HexagonTube(Options):
     The frame layers are cut flat at their middles. Blocks are numbered as in `SineTube`.
     """
 
-    block: HexagonBlockParameters
+    block: HexagonBlock
     """Shape of the free block [mm]."""
     divisions: HexagonBlockDivisions
     """Its elements."""
@@ -148,7 +148,7 @@ class HexagonTube(Options):
 
 
 def tube(
-    block: SineBlockParameters | HexagonBlockParameters,
+    block: SineBlock | HexagonBlock,
     *,
     layers: int,
     mesh: tuple[int, ...],
@@ -173,11 +173,11 @@ def tube(
     AssemblyError, BlockParameterError
         When no such tube exists, or its lengths cannot be millimetres.
     """
-    if not isinstance(block, SineBlockParameters | HexagonBlockParameters):
+    if not isinstance(block, SineBlock | HexagonBlock):
         raise AssemblyError(
             f"block: got {type(block).__name__}, expected a SineBlock or a HexagonBlock"
         )
-    expected = 3 if isinstance(block, SineBlockParameters) else 2
+    expected = 3 if isinstance(block, SineBlock) else 2
     divisions: object = mesh
     counted = isinstance(divisions, Sequence) and all(map(is_count, divisions))
     if not counted or len(mesh) != expected:
@@ -185,9 +185,9 @@ def tube(
             f"mesh: got {mesh!r}, expected {expected} numbers of elements, such as "
             f"{(24, 2, 4)[:expected]}"
         )
-    if isinstance(block, HexagonBlockParameters) and turn != LayerTurn.HALF_BLOCK:
+    if isinstance(block, HexagonBlock) and turn != LayerTurn.HALF_BLOCK:
         raise AssemblyError(f"turn: got {turn}, but hexagon-based blocks turn by half a block")
-    if isinstance(block, SineBlockParameters):
+    if isinstance(block, SineBlock):
         built = SineTube(block, SineBlockDivisions(*mesh), layers, turn).build()
     else:
         built = HexagonTube(block, HexagonBlockDivisions(*mesh), layers).build()

@@ -34,7 +34,7 @@ def read_drawing(layers: Sequence[Sequence[str]]) -> dict[str, IntArray]:
     """
     shapes = {(len(layer), *(len(row) for row in layer)) for layer in layers}
     if len(shapes) != 1 or len(set(next(iter(shapes))[1:])) != 1:
-        raise AssemblyError("block.layers: expected layers of equally many rows of equal length")
+        raise AssemblyError("layers: expected layers of equally many rows of equal length")
     cells: dict[str, list[tuple[int, int, int]]] = {}
     for z, layer in enumerate(layers):
         for y, row in enumerate(layer):
@@ -45,7 +45,7 @@ def read_drawing(layers: Sequence[Sequence[str]]) -> dict[str, IntArray]:
     for letter, where in cubes.items():
         if not _connected(where):
             raise AssemblyError(
-                f"block.layers: piece {letter!r} falls apart; expected cubes joined face to face"
+                f"layers: piece {letter!r} falls apart; expected cubes joined face to face"
             )
     return cubes
 
@@ -82,8 +82,7 @@ class VoxelPuzzle(Options):
         unknown = sorted(set(self.fixed) - set(pieces))
         if unknown:
             raise AssemblyError(
-                f"assembly.fixed: got {', '.join(unknown)}, expected letters among "
-                f"{''.join(pieces)}"
+                f"fixed: got {', '.join(unknown)}, expected letters among {''.join(pieces)}"
             )
         blocks = [
             (voxel_piece(letter, cells, self.size), np.eye(3), np.zeros(3))

@@ -23,7 +23,6 @@ from geometry.mesh import (
     FloatArray,
     HexMesh,
     IntArray,
-    MassProperties,
     MeshError,
     check_mesh,
 )
@@ -231,8 +230,8 @@ class StepFaces:
     path: Path
     faces: IntArray
     """gmsh's number of the face of each triangle, 0 for flat ones; (n_triangles,)."""
-    mass: MassProperties
-    """Of the solid."""
+    extent: tuple[float, FloatArray]
+    """Volume [mm³] and centroid (3,) [mm] of the solid."""
     outward: FloatArray
     """Normals of the triangles, (n_triangles, 3)."""
 
@@ -263,8 +262,8 @@ class StepFaces:
 
 def _read_step(
     path: Path, element_size: float | None
-) -> list[tuple[FloatArray, IntArray, IntArray, MassProperties]]:
-    """Points and triangles of the boundary of each solid of a STEP file, curved faces, mass."""
+) -> list[tuple[FloatArray, IntArray, IntArray, tuple[float, FloatArray]]]:
+    """Points and triangles of the boundary of each solid of a STEP file, curved faces, extent."""
     with _opened(path) as (gmsh, volumes):
         if element_size is not None:
             gmsh.option.setNumber("Mesh.MeshSizeMax", element_size)
@@ -284,9 +283,7 @@ def _read_step(
             _, nearest = cKDTree(points[every].mean(axis=1)).query(merged[triangles].mean(axis=1))
             volume = float(gmsh.model.occ.getMass(3, tag))
             middle = np.array(gmsh.model.occ.getCenterOfMass(3, tag))
-            inertia = np.reshape(gmsh.model.occ.getMatrixOfInertia(3, tag), (3, 3))
-            mass = MassProperties(volume, volume, middle, inertia)
-            solids.append((merged, triangles, of[nearest], mass))
+            solids.append((merged, triangles, of[nearest], (volume, middle)))
         return solids
 
 
@@ -306,8 +303,8 @@ class _Solid:
     """Why its surface could not be taken apart into solids; empty where it could."""
     source: tuple[Path, str] | None = None
     """File and its unit, as in `Polyhedron`."""
-    step: tuple[Path, IntArray, MassProperties] | None = None
-    """STEP file, the faces of the triangles and the mass as in `StepFaces`."""
+    step: tuple[Path, IntArray, tuple[float, FloatArray]] | None = None
+    """STEP file, the faces of the triangles and the extent as in `StepFaces`."""
 
     def block(self, *, straightened: bool = False) -> Polyhedron:
         """As a block, not checked."""
@@ -454,9 +451,9 @@ def _solids(
                 points,
                 triangles,
                 source=(path, units),
-                step=(path, faces, mass),
+                step=(path, faces, extent),
             )
-            for k, (points, triangles, faces, mass) in enumerate(result)
+            for k, (points, triangles, faces, extent) in enumerate(result)
         ], False
     straightened = False
     surfaces = _named_surfaces(path, suffix)

@@ -51,7 +51,6 @@ from geometry.polyhedra.assembly import (
 )
 from geometry.polyhedra.overlap import check_assembly
 from geometry.polyhedra.polyhedron import Polyhedron
-from geometry.polyhedra.triangle_search import directed_edges
 
 #: Face of a block made of hexahedra without names: its whole surface.
 SURFACE = "surface"
@@ -161,10 +160,9 @@ def _of_solids(blocks: list[Block], solids: list[Polyhedron]) -> list[Block]:
     centres = np.array([block.centroid for block in blocks])
     result = []
     for solid in solids:
-        mass = solid.mass_properties
-        away = np.linalg.norm(centres - mass.centroid, axis=1)
+        away = np.linalg.norm(centres - solid.centroid, axis=1)
         nearest = int(np.argmin(away))
-        if away[nearest] > _SAME_PLACE * float(np.cbrt(mass.volume)):
+        if away[nearest] > _SAME_PLACE * float(np.cbrt(solid.volume)):
             raise MeshError(f"{solid.name}: no hexahedra of the file fill this solid")
         result.append(replace(blocks[nearest], name=solid.name))
     return result
@@ -289,7 +287,7 @@ def split_tetrahedra(solid: Polyhedron, size: float) -> HexMesh:
         if mesh.n_elements:
             return replace(mesh, nodes=mesh.nodes + origin)
     raise MeshError(
-        f"{solid.name}: gmsh finds no tetrahedra ({why}); expected another mesh.size than "
+        f"{solid.name}: gmsh finds no tetrahedra ({why}); expected another `size` than "
         f"{size:.3g} mm, or a file of hexahedra (.vtu, .inp)"
     )
 
@@ -301,7 +299,7 @@ def _gmsh_solid(gmsh: Any, solid: Polyhedron, *, whole_sides: bool) -> int:
     lines: dict[tuple[int, int], int] = {}
     faces = []
     for plane in range(int(solid.plane_of.max()) + 1):
-        side = side_outline(solid, plane) if whole_sides else None
+        side = solid.outline(plane) if whole_sides else None
         for loop in [side] if side else solid.triangles[solid.plane_of == plane].tolist():
             curve = []
             for a, b in zip(loop, loop[1:] + loop[:1], strict=True):
@@ -341,26 +339,12 @@ def six_sided_hexahedra(solid: Polyhedron, divisions: int) -> HexMesh | None:
 
 def flat_side(solid: Polyhedron, plane: int) -> list[int]:
     """Corners of one flat side in order round it; empty where it is no simple polygon."""
-    loop = side_outline(solid, plane)
+    loop = solid.outline(plane)
     points = solid.points[loop]
     after, before = np.roll(points, -1, axis=0) - points, points - np.roll(points, 1, axis=0)
     turn = np.linalg.norm(np.cross(before, after), axis=1)
     size = np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1)
     return [node for node, bent in zip(loop, turn > _STRAIGHT * size, strict=True) if bent]
-
-
-def side_outline(solid: Polyhedron, plane: int) -> list[int]:
-    """Points of one flat side in order round it; empty where it is no simple polygon."""
-    triangles = solid.triangles[solid.plane_of == plane]
-    edges = directed_edges(triangles)
-    known = {(a, b) for a, b in edges.tolist()}
-    following = {a: b for a, b in known if (b, a) not in known}
-    if not following:
-        return []
-    loop = [next(iter(following))]
-    while following.get(loop[-1], loop[0]) != loop[0] and len(loop) <= len(following):
-        loop.append(following[loop[-1]])
-    return loop if len(loop) == len(following) else []
 
 
 def _cube_corners(sides: list[list[int]]) -> list[int] | None:

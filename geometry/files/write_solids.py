@@ -25,22 +25,9 @@ def flat_faces(block: Polyhedron) -> list[list[int]]:
     """
     faces: list[list[int]] = []
     for plane in np.unique(block.plane_of):
-        triangles = block.triangles[block.plane_of == plane]
-        loop = _outline(triangles)
-        faces += [loop] if loop else triangles.tolist()
+        loop = block.outline(plane)
+        faces += [loop] if loop else block.triangles[block.plane_of == plane].tolist()
     return faces
-
-
-def _outline(triangles: Any) -> list[int]:
-    """Corners round some connected triangles; empty where more than one loop bounds them."""
-    directed = {tuple(e) for t in triangles.tolist() for e in zip(t, (*t[1:], t[0]), strict=True)}
-    follows = {start: end for start, end in directed if (end, start) not in directed}
-    n_edges = sum((end, start) not in directed for start, end in directed)
-    first = min(follows)
-    loop = [first]
-    while (after := follows[loop[-1]]) != first and len(loop) <= n_edges:
-        loop.append(after)
-    return loop if len(loop) == n_edges == len(follows) else []
 
 
 def write_solids(path: Path, assembly: PolyhedralAssembly) -> None:

@@ -311,7 +311,7 @@ def beyond_memory(what: str, need: float, remedy: str) -> str | None:
     if need <= limit:
         return None
     size, there = need / 2**30, machine_memory()
-    has = f"the limit is {limit / 2**30:.3g} GB (fem.max_memory)"
+    has = f"the limit is {limit / 2**30:.3g} GB (max_memory)"
     if limit >= _SHARE * there:
         has = f"this machine has {there / 2**30:.0f} GB"
     least = f"{size:.0f}" if 10.0 <= size < 1e6 else f"{size:.2g}"

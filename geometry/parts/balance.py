@@ -213,4 +213,4 @@ def reaction_rows(reactions: Mapping[str, Mapping[str, Any]], most: int = 6) -> 
         words = f"{name}: ({shown(one['force'], 1e-9 * largest)}) N{words}"
         rows.append(Row("reactions", words, size[name], "N"))
     left = len(reactions) - len(rows)
-    return [*rows, Row("reactions", f"{left} more: reactions of --json")] if left else rows
+    return [*rows, Row("reactions", f"{left} more, in the report")] if left else rows

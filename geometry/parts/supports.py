@@ -55,11 +55,13 @@ class HeldFace(ReadOnlyArrays):
                 )
         if self.spring is not None and not (np.isfinite(self.spring) and self.spring > 0.0):
             raise SupportError(
-                f"support.spring: got {self.spring}; expected a positive stiffness in N/mm³"
+                f"support {self.title}: got springs of {self.spring}; expected a positive "
+                "stiffness in N/mm³"
             )
         if self.displacement is not None and not np.isfinite(self.displacement).all():
             raise SupportError(
-                f"support.move: got {self.displacement.tolist()}; expected three finite mm"
+                f"support {self.title}: got a motion by {self.displacement.tolist()}; expected "
+                "three finite mm"
             )
         self._refuse_free_motion()
         if self.spring is not None and self.displacement is not None:
@@ -75,7 +77,7 @@ class HeldFace(ReadOnlyArrays):
         lost = move - move @ self.axes.T @ self.axes
         if np.abs(lost).max() > _ACROSS * np.abs(move).max():
             raise SupportError(
-                f"support.move: got {move.tolist()} for {self.title}, which is held along "
+                f"support {self.title}: got a motion by {move.tolist()} where it is held along "
                 f"{self.axes.tolist()} alone: nothing moves it by {lost.round(12).tolist()}; "
                 "expected a motion along the directions that are held"
             )

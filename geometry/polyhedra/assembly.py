@@ -58,9 +58,7 @@ class PolyhedralAssembly(PlacedBlocks[Polyhedron]):
 
     def placed(self, tolerance: float) -> PlacedShapes:
         """Triangles where they stand, for searches within a tolerance [mm]."""
-        return PlacedShapes(
-            self.shapes, self.shape_of, self.rotations, self.translations, tolerance
-        )
+        return PlacedShapes(self, tolerance)
 
     def contacts_within(self, tolerance: float) -> ContactPoints:
         """Contacts found with another tolerance [mm]."""

@@ -20,11 +20,10 @@ import numpy as np
 
 from geometry.assembly import AssemblyError
 from geometry.files.vtu import as_array, as_surface
-from geometry.interface import placements
+from geometry.interface import ROUGHLY_SAME, placements
 from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.box_tree import overlapping_boxes
-from geometry.polyhedra.placed import PlacedShapes
 from geometry.polyhedra.polyhedron import Polyhedron
 from geometry.polyhedra.triangle_search import Surface, enclosed, segment_piercings
 
@@ -47,8 +46,6 @@ _INSIDE = {
 }
 #: Blocks of more planes than this have curved faces, of small facets: their middles are enough.
 _CURVED = 60
-#: Relative placements that differ by less, in sizes of the assembly, are one.
-_SAME_PLACEMENT = 1e-7
 #: Part of the tolerance within which a point that is deeper can be moved and stays inside.
 _SURELY = 0.9
 
@@ -241,20 +238,20 @@ def penetration(
     return depth, where
 
 
-def find_overlaps(blocks: PlacedShapes) -> list[Overlap]:
-    """Pairs of blocks that are deeper in each other than their tolerance, deepest first.
+def find_overlaps(blocks: PolyhedralAssembly, tolerance: float) -> list[Overlap]:
+    """Pairs of blocks that are deeper in each other than a tolerance [mm], deepest first.
 
     Pairs of equal shapes in equal relative positions are looked at once.
     """
-    tolerance, (least, most) = blocks.tolerance, blocks.block_boxes
+    points = [blocks.points(block) for block in range(blocks.n_blocks)]
+    least, most = (np.array([end(p, axis=0) for p in points]) for end in (np.min, np.max))
     low, high = least + 0.5 * tolerance, most - 0.5 * tolerance
     pairs = overlapping_boxes(low, high, low, high)
     pairs = pairs[pairs[:, 0] < pairs[:, 1]]
     distances = {int(k): SignedDistance(blocks.shapes[k]) for k in np.unique(blocks.shape_of)}
     size = float((most.max(axis=0) - least.min(axis=0)).max())
-    placed = blocks.shape_of, blocks.rotations, blocks.translations
     overlaps = []
-    for one in placements(pairs, *placed, size=size, same=_SAME_PLACEMENT):
+    for one in placements(pairs, blocks, size=size, same=ROUGHLY_SAME):
         a, b = blocks.shapes[one.shape_m], blocks.shapes[one.shape_s]
         of_a, of_b = distances[one.shape_m], distances[one.shape_s]
         depth, where = penetration(a, b, (one.rotation, one.translation), tolerance, (of_a, of_b))
@@ -264,7 +261,7 @@ def find_overlaps(blocks: PlacedShapes) -> list[Overlap]:
         a_in_b = of_b((a.points - one.translation) @ one.rotation).max() <= tolerance
         words = _INSIDE[bool(b_in_a), bool(a_in_b)]
         for i, j in pairs[one.pairs].tolist():
-            overlaps.append(Overlap(i, j, depth, blocks.placed(where, i), words))
+            overlaps.append(Overlap(i, j, depth, blocks.place(i, where), words))
     return sorted(overlaps, key=lambda overlap: (-overlap.depth, overlap.block_a, overlap.block_b))
 
 
@@ -301,7 +298,7 @@ def check_contacts(assembly: PolyhedralAssembly, supported: IntArray | None = No
         wider = assembly.contacts_within(tolerance)
         if block in wider.block_m or block in wider.block_s:
             remedy = (
-                f"a facing surface lies within {tolerance:.3g} mm: set detection.tolerance = "
+                f"a facing surface lies within {tolerance:.3g} mm: set `tolerance` = "
                 f"{tolerance:.3g} if that is meant to touch"
             )
             break
@@ -322,7 +319,7 @@ def check_overlaps(assembly: PolyhedralAssembly) -> None:
     AssemblyError
         Naming the pairs, deepest first, how deep and where.
     """
-    overlaps = find_overlaps(assembly.placed(assembly.tolerance))
+    overlaps = find_overlaps(assembly, assembly.tolerance)
     if not overlaps:
         return
     pairs = "; ".join(
@@ -344,7 +341,7 @@ def _wider(assembly: PolyhedralAssembly, depth: float) -> str:
     tolerance = float(f"{1.05 * depth:.2g}")
     if tolerance > _LARGEST * assembly.characteristic_length:
         return ""
-    return f", or set detection.tolerance = {tolerance:g} if they are meant to touch"
+    return f", or set `tolerance` = {tolerance:g} if they are meant to touch"
 
 
 def check_assembly(assembly: PolyhedralAssembly, supported: IntArray | None = None) -> None:
@@ -357,11 +354,11 @@ def check_assembly(assembly: PolyhedralAssembly, supported: IntArray | None = No
     """
     if not (np.isfinite(assembly.tolerance) and assembly.tolerance > 0):
         raise AssemblyError(
-            f"detection.tolerance: got {assembly.tolerance}, expected a positive length in mm"
+            f"tolerance: got {assembly.tolerance}, expected a positive length in mm"
         )
     if assembly.tolerance > _LARGEST * assembly.characteristic_length:
         raise AssemblyError(
-            f"detection.tolerance: got {assembly.tolerance:g} mm for blocks of "
+            f"tolerance: got {assembly.tolerance:g} mm for blocks of "
             f"{assembly.characteristic_length:.3g} mm; expected a small fraction of a block"
         )
     _check_distance(assembly)

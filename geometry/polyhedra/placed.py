@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
 
+from geometry.assembly import PlacedBlocks
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.polyhedra.box_tree import BoxTree, boxes_of_triangles
 from geometry.polyhedra.polyhedron import Polyhedron
@@ -21,36 +22,24 @@ _NARROW = 1e-3
 
 @dataclass(frozen=True)
 class PlacedShapes:
-    """Shapes and places of blocks, and all their triangles in world coordinates."""
+    """Blocks, and all their triangles in world coordinates."""
 
-    shapes: Sequence[Polyhedron]
-    """Different shapes."""
-    shape_of: IntArray
-    """Shape of each block, (n_blocks,)."""
-    rotations: FloatArray
-    """(n_blocks, 3, 3)."""
-    translations: FloatArray
-    """(n_blocks, 3) [mm]."""
+    blocks: PlacedBlocks[Polyhedron]
+    """Shapes, and where they are."""
     tolerance: float
     """Distance within which triangles are near each other [mm]."""
 
-    @cached_property
-    def block_boxes(self) -> tuple[FloatArray, FloatArray]:
-        """Corners of the boxes round blocks, (n_blocks, 3) each [mm]."""
-        points = [self.placed(self.shapes[k].points, b) for b, k in enumerate(self.shape_of)]
-        return np.array([p.min(axis=0) for p in points]), np.array([p.max(axis=0) for p in points])
-
     def of_blocks(self, one: Callable[[Polyhedron, int], Values]) -> Values:
         """What is found for each block's shape and number, one block after the other."""
-        return np.concatenate([one(self.shapes[k], b) for b, k in enumerate(self.shape_of)])
+        return np.concatenate([one(self.blocks.shape(b), b) for b in range(self.blocks.n_blocks)])
 
     def turned(self, vectors: FloatArray, block: int) -> FloatArray:
         """Vectors of a shape, (..., 3), as its block has them."""
-        return vectors @ self.rotations[block].T
+        return vectors @ self.blocks.rotations[block].T
 
     def placed(self, points: FloatArray, block: int) -> FloatArray:
         """Points of a shape, (..., 3), where its block has them [mm]."""
-        return self.turned(points, block) + self.translations[block]
+        return self.blocks.place(block, points)
 
     @cached_property
     def corners(self) -> FloatArray:
@@ -87,7 +76,8 @@ class PlacedShapes:
     @cached_property
     def first_face(self) -> IntArray:
         """First face of each block, where faces are numbered through all blocks, (n_blocks,)."""
-        count = [len(self.shapes[k].face_widths) for k in self.shape_of]
+        blocks = self.blocks
+        count = [len(blocks.shape(b).face_widths) for b in range(blocks.n_blocks)]
         return np.cumsum([0, *count])[:-1]
 
     @cached_property
@@ -136,15 +126,16 @@ class PlacedShapes:
 
         Points are where they were on other faces, and normals those of the planes.
         """
-        start = np.searchsorted(self.block, np.arange(len(self.shape_of)))
+        start = np.searchsorted(self.block, np.arange(self.blocks.n_blocks))
         places, normals, block = points.copy(), self.normals[triangles], self.block[triangles]
         for one in np.unique(block).tolist():
-            exact = self.shapes[self.shape_of[one]].exact
+            exact = self.blocks.shape(one).exact
             if exact is None:
                 continue
             rows = np.flatnonzero(block == one)
             rows = rows[exact.curved(triangles[rows] - start[one])]
-            local = (points[rows] - self.translations[one]) @ self.rotations[one]
+            placed = self.blocks
+            local = (points[rows] - placed.translations[one]) @ placed.rotations[one]
             near, outward = exact.on(local, triangles[rows] - start[one])
             places[rows], normals[rows] = self.placed(near, one), self.turned(outward, one)
         return places, normals

@@ -186,17 +186,15 @@ def standing_corners(world: PlacedShapes) -> PointContacts:
     edge that may lie in it.
     """
     tolerance, tri, n, t_block = world.tolerance, world.corners, world.normals, world.block
-    used = np.unique(world.shape_of).tolist()
-    rays = _rays(world.shapes, used)
-    pointed = {k: np.unique(world.shapes[k].sharp_edges[0]) for k in used}
-    count = [len(pointed[k]) for k in world.shape_of]
+    shapes, shape_of = world.blocks.shapes, world.blocks.shape_of
+    used = np.unique(shape_of).tolist()
+    rays = _rays(shapes, used)
+    pointed = {k: np.unique(shapes[k].sharp_edges[0]) for k in used}
+    count = [len(pointed[k]) for k in shape_of]
     p_block = np.repeat(np.arange(len(count)), count)
-    p_corner = np.concatenate([rays.base[k] + pointed[k] for k in world.shape_of])
+    p_corner = np.concatenate([rays.base[k] + pointed[k] for k in shape_of])
     p = np.concatenate(
-        [
-            world.placed(world.shapes[k].points, block)[pointed[k]]
-            for block, k in enumerate(world.shape_of)
-        ]
+        [world.placed(shapes[k].points, block)[pointed[k]] for block, k in enumerate(shape_of)]
     )
     i, j = world.tree.pairs(p - tolerance, p + tolerance, p_block).T
     height = np.einsum("ni,ni->n", p[i] - tri[j, 0], n[j])
@@ -208,7 +206,7 @@ def standing_corners(world: PlacedShapes) -> PointContacts:
         inward = np.einsum("ni,ni->n", np.cross(n[j], along), p[i] - tri[j, edge])
         inside &= inward > -_ON_EDGE * tolerance
     i, j = i[inside], j[inside]
-    local = np.einsum("nji,nj->ni", world.rotations[p_block[i]], n[j])
+    local = np.einsum("nji,nj->ni", world.blocks.rotations[p_block[i]], n[j])
     stands = _stand(rays, p_corner[i], local)
     i, j = i[stands], j[stands]
     swap, outward = p_block[i] > t_block[j], world.on_exact_faces(p[i], j)[1]

@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, cKDTree
 
 from geometry.block import Block
-from geometry.mesh import BoolArray, FloatArray, IntArray, MassProperties, MeshError
+from geometry.mesh import BoolArray, FloatArray, IntArray, MeshError
 from geometry.polyhedra.box_tree import BoxTree, boxes_of_triangles
 from geometry.polyhedra.polygons import surface_of_polygons
 from geometry.polyhedra.solids import across_matter
@@ -44,8 +44,8 @@ class CurvedFaces(Protocol):
     """The exact shape of a block that its triangles stand for."""
 
     @property
-    def mass(self) -> MassProperties:
-        """Of the exact shape, for unit density."""
+    def extent(self) -> tuple[float, FloatArray]:
+        """Volume [mm³] and centroid (3,) [mm] of the exact shape."""
 
     def on(self, points: FloatArray, triangles: IntArray) -> tuple[FloatArray, FloatArray]:
         """Nearest points on the faces of some triangles, and outward normals there, (n, 3) each.
@@ -138,6 +138,17 @@ class Polyhedron:
         faces = np.arange(int(face.max(initial=-1)) + 2)
         return edges[edge_of[border]], np.searchsorted(face[border], faces)
 
+    def outline(self, plane: int) -> list[int]:
+        """Points of one flat side in order round it; empty where more than one loop bounds it."""
+        directed = directed_edges(self.triangles[self.plane_of == plane]).tolist()
+        known = set(map(tuple, directed))
+        following = {start: end for start, end in known if (end, start) not in known}
+        n_edges = sum((end, start) not in known for start, end in known)
+        loop = list(following)[:1]
+        while (after := following[loop[-1]]) != loop[0] and len(loop) <= n_edges:
+            loop.append(after)
+        return loop if len(loop) == n_edges == len(following) else []
+
     @cached_property
     def surface(self) -> Surface:
         """The triangles, ready to be searched."""
@@ -145,27 +156,21 @@ class Polyhedron:
         return Surface(self.triangles, self.corners, self.area_vectors, tree)
 
     @cached_property
-    def mass_properties(self) -> MassProperties:
-        """Volume, centroid and inertia for unit density, by the divergence theorem.
+    def extent(self) -> tuple[float, FloatArray]:
+        """Volume [mm³] and centroid (3,) [mm], by the divergence theorem.
 
         Each triangle spans a tetrahedron with a reference point; their signed moments add up
         exactly (no quadrature). Curved faces of a CAD model count as they are.
         """
         if self.exact is not None:
-            return self.exact.mass
+            return self.exact.extent
         reference = self.points.mean(axis=0)
         p = self.corners - reference
         volume6 = np.einsum("ti,ti->t", p[:, 0], np.cross(p[:, 1], p[:, 2]))
         volume = float(volume6.sum()) / 6.0
-        total = p.sum(axis=1)
-        first = np.einsum("t,ti->i", volume6, total) / 24.0
-        second = np.einsum("t,tci,tcj->ij", volume6, p, p)
-        second = (second + np.einsum("t,ti,tj->ij", volume6, total, total)) / 120.0
+        first = np.einsum("t,ti->i", volume6, p.sum(axis=1)) / 24.0
         # Surfaces with triangles turned at random may enclose nothing: checks name what is wrong.
-        centroid = first / volume if volume else np.zeros(3)
-        second -= volume * np.outer(centroid, centroid)
-        inertia = np.trace(second) * np.eye(3) - second
-        return MassProperties(volume, volume, reference + centroid, inertia)
+        return volume, reference + (first / volume if volume else np.zeros(3))
 
     @cached_property
     def plane_areas(self) -> FloatArray:
@@ -251,12 +256,12 @@ class Polyhedron:
     @property
     def volume(self) -> float:
         """Volume inside the surface [mm³]."""
-        return self.mass_properties.volume
+        return self.extent[0]
 
     @property
     def centroid(self) -> FloatArray:
         """Mass centroid of the solid, (3,) [mm]."""
-        return self.mass_properties.centroid
+        return self.extent[1]
 
 
 def widths(corners: FloatArray, group: IntArray) -> FloatArray:
@@ -336,8 +341,8 @@ def faults(block: Polyhedron) -> Iterator[str]:
         return
     if pairs is None:
         pairs = across_matter(block.name, block.points, block.triangles)
-    if block.mass_properties.volume <= 1e-12 * size**3:
-        yield f"volume {block.mass_properties.volume:.3g} mm³; expected a positive volume"
+    if block.volume <= 1e-12 * size**3:
+        yield f"volume {block.volume:.3g} mm³; expected a positive volume"
     yield from _folds(block, pairs)
     crossing = piercings(block.points, block.surface, block.plane_of, 1e-7 * size)
     if len(crossing):
@@ -440,7 +445,7 @@ def turned_outward(name: str, points: FloatArray, triangles: IntArray, **stated:
     used, inverse = np.unique(triangles, return_inverse=True)
     points, triangles = points[used], inverse.reshape(triangles.shape).astype(np.int64)
     block = Polyhedron(name, points, triangles, **stated)
-    if len(triangles) >= 4 and block.mass_properties.volume < 0:
+    if len(triangles) >= 4 and block.volume < 0:
         block = Polyhedron(name, points, np.ascontiguousarray(triangles[:, ::-1]), **stated)
     return block
 

@@ -25,7 +25,7 @@ from fem.system.effects import AdaptiveMassDamping, Effects
 from fem.system.time_step import critical_time_step
 from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import SineTube
-from geometry.loads import named_case
+from geometry.loads import named_load
 from tests.benchmarks.stopwatch import best_cpu_seconds, measuring
 from validation.output.console import tabled
 from validation.output.files import write_json
@@ -66,7 +66,7 @@ class ContactRow:
 def tube(layers: int, elements: int) -> DeformableAssembly:
     """TSB1 under the pipe load."""
     blocks = SineTube(TSB1, SineBlockDivisions(*MESHES[elements]), layers).build()
-    return Problem(blocks, named_case(blocks, "pipe", 0.01), concrete).deformable
+    return Problem(blocks, named_load("pipe", 0.01).on(blocks), concrete).deformable
 
 
 def pressing(

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from geometry.loads import named_case
+from geometry.loads import named_load
 from geometry.machine.system import peak_memory_mb
 from mbd import contact_jacobian
 from mbd.equilibrium import clarabel_equilibrium, newton_equilibrium
@@ -64,7 +64,7 @@ def compared(
     """Time two solvers on the same contact Jacobian (TSB1 pipe)."""
     assembly = load_case("tsb1-pipe", settings).problem.blocks
     contacts = contact_jacobian(assembly)
-    load = named_case(assembly, "pipe", 0.01)
+    load = named_load("pipe", 0.01).on(assembly)
     force = contacts.rows(load.wrenches)
     seconds, a = _cpu(lambda: ours(contacts.jacobian, force))
     other_seconds, b = _cpu(lambda: theirs(contacts.jacobian, force))

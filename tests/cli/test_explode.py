@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from geometry import BrickStack
-from geometry import HexagonBlock as HexagonBlockParameters
+from geometry import BrickStack, HexagonBlock
 from geometry.assembly import AssemblyError
 from geometry.families.hexagon_block import HexagonBlockDivisions
 from geometry.families.sine_block import SineBlockDivisions
@@ -25,9 +24,7 @@ from validation.run.rigid.explosion import (
     outward_directions,
 )
 
-HEXAGONS = HexagonTube(
-    HexagonBlockParameters(4, 120.0, 40.0), HexagonBlockDivisions(6, 3), 1
-).build()
+HEXAGONS = HexagonTube(HexagonBlock(4, 120.0, 40.0), HexagonBlockDivisions(6, 3), 1).build()
 SINES = SineTube(tsb(), SineBlockDivisions(24, 3, 4), 1).build()
 
 

@@ -34,7 +34,7 @@ from geometry import Assembly
 from geometry.block import box_block
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
-from geometry.loads import LoadCase, PressureLoad, TractionLoad, named_case
+from geometry.loads import LoadCase, PressureLoad, TractionLoad, named_load
 from geometry.mesh import HEX_FACES
 from geometry.parts.supports import HeldFace
 from tests.support.blocks import random_rotation, tsb
@@ -59,7 +59,7 @@ def tube_deck(
     method: Explicit = EXPLICIT,
     **changes,
 ) -> Deck:
-    load = named_case(tube, case, 0.01, as_printed=as_printed)
+    load = named_load(case, 0.01, as_printed=as_printed).on(tube)
     problem = Problem(tube, load, CONCRETE, **changes)
     return problem_deck(problem, flavour, method if flavour is Flavour.GENERAL else None)
 
@@ -360,7 +360,7 @@ def test_pressure_force_of_the_deck_is_that_of_the_scene(tube, case) -> None:
             corners = faces[f"{part[instance]}:{face}"]
             area = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
             force[instance] = -float(row[2]) * turn[instance] @ area.sum(axis=0)
-    load = named_case(tube, case, 0.01)
+    load = named_load(case, 0.01).on(tube)
     assert len(force) == len(np.unique(load.block))
     for block in np.unique(load.block).tolist():
         wanted = load.facet_forces[load.block == block].sum(axis=0)
@@ -377,7 +377,7 @@ def test_nodal_forces_of_the_deck_have_the_resultant_of_the_scene(tube, as_print
     for card in read_cards(text_of(deck)):
         for _, row in card.rows() if card.keyword == "CLOAD" else ():
             force[row[0].split(".")[0]][int(row[1]) - 1] += float(row[2])
-    case = named_case(tube, "shaft", 0.01, as_printed=as_printed)
+    case = named_load("shaft", 0.01, as_printed=as_printed).on(tube)
     for block in range(tube.n_blocks):
         wanted = case.facet_forces[case.block == block].sum(axis=0)
         size = np.linalg.norm(case.facet_forces, axis=1).sum()
@@ -479,7 +479,7 @@ def test_a_removed_contact_pair_is_named(tube) -> None:
 def test_what_abaqus_has_no_words_for_is_refused_by_name(tube) -> None:
     with pytest.raises(DeckError, match=r"fem.element: got 'full'"):
         tube_deck(tube, element=ElementType.FULL)
-    case = named_case(tube, "pipe", 0.01)
+    case = named_load("pipe", 0.01).on(tube)
     moments = replace(case, body_wrenches=np.ones((tube.n_blocks, 6)))
     with pytest.raises(DeckError, match="moments"):
         problem_deck(Problem(tube, moments, CONCRETE), Flavour.GENERAL)

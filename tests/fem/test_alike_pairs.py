@@ -10,7 +10,7 @@ from fem.explicit.contact.alike_pairs import alike_pairs
 from fem.system.sector import no_symmetry
 from fem.system.system import system_of
 from geometry.families.boxes import BrickStack
-from geometry.loads import named_case
+from geometry.loads import named_load
 from tests.support.fem_problems import deformable_assembly
 
 pytestmark = pytest.mark.quick
@@ -21,7 +21,7 @@ CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 def column():
     """Three equal bricks on one another between fixed ones: four joints."""
     stack = BrickStack((100.0, 60.0, 50.0), (2, 2, 1), columns=1, layers=3).build()
-    return deformable_assembly(stack, named_case(stack, "pillar", 0.01), CONCRETE)
+    return deformable_assembly(stack, named_load("pillar", 0.01).on(stack), CONCRETE)
 
 
 def sizes(deformable) -> list[int]:

@@ -23,7 +23,7 @@ from fem.system.effects import RayleighDamping
 from geometry.errors import RefusedError
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
-from geometry.loads import named_case, shaft
+from geometry.loads import named_load, shaft
 from geometry.mesh import HexMesh
 from tests.support.blocks import tsb
 from tests.support.ccx import CalculixError, calculix_available, run_calculix
@@ -259,7 +259,7 @@ def test_converter_expands_every_instance_and_drops_nothing(tmp_path: Path, case
     import abq2ccx
 
     assembly = SineTube(tsb(), COARSE, 2).build()
-    load = named_case(assembly, case, 0.01)
+    load = named_load(case, 0.01).on(assembly)
     deck = problem_deck(Problem(assembly, load, concrete), Flavour.STANDARD)
     path = tmp_path / "pairs.inp"
     write_deck(path, deck)

@@ -16,18 +16,18 @@ from fem.contact.surfaces import (
     motion_derivatives,
 )
 from fem.system.build import DeformableAssemblyError, block_load_forces
-from geometry import SineBlock as SineBlockParameters
+from geometry import SineBlock
 from geometry.assembly import moved, spacing_offsets
 from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
-from geometry.loads import named_case
+from geometry.loads import named_load
 from tests.support.fem_problems import deformable_assembly
 
 pytestmark = pytest.mark.quick
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
-TSB1 = SineBlockParameters(
+TSB1 = SineBlock(
     height=200.0,
     amplitude=20.0,
     frequency=1.5,
@@ -172,12 +172,12 @@ def test_loads_are_the_wrench_of_the_load_case():
     """Resultant of a pressure: minus p times the vector area, to round-off. A load without
     couple has no moment about the mean of the block's surface nodes."""
     tube = small_tube(2)
-    load = named_case(tube, "pipe", 0.01)
+    load = named_load("pipe", 0.01).on(tube)
     block = int(tube.free_blocks[1])
     forces = block_load_forces(tube, load, block)
     expected = load.facet_forces[load.block == block].sum(axis=0) @ tube.rotations[block]
     assert forces.sum(axis=0) == pytest.approx(expected, rel=1e-12, abs=1e-10)
-    load = named_case(tube, "shaft", 0.01, as_printed=True)
+    load = named_load("shaft", 0.01, as_printed=True).on(tube)
     block = int(load.block[0])
     forces = block_load_forces(tube, load, block)
     shape = tube.shape(block)
@@ -189,7 +189,7 @@ def test_loads_are_the_wrench_of_the_load_case():
 
 def test_groups_follow_the_frames():
     tube = small_tube(2)
-    load = named_case(tube, "pipe", 0.01)
+    load = named_load("pipe", 0.01).on(tube)
     rigid = deformable_assembly(tube, load, CONCRETE)
     assert len(rigid.model.groups) == 1
     assert rigid.model.groups[0].n_copies == 8
@@ -203,7 +203,7 @@ def test_groups_follow_the_frames():
 
 def test_too_deep_a_start_is_refused_with_place_and_depth():
     tube = small_tube()
-    load = named_case(tube, "pipe", 0.01)
+    load = named_load("pipe", 0.01).on(tube)
     with pytest.raises(ContactError, match=r"deepest 0\.0.* mm between blocks"):
         deformable_assembly(tube, load, CONCRETE, clearance=-0.05)
     with pytest.raises(ContactError, match="overlap"):
@@ -221,14 +221,14 @@ def test_blocks_nothing_holds_are_named():
     fixed = wall.fixed.copy()
     fixed[[0, 4]] = False
     apart = replace(wall, translations=away, fixed=fixed, unmatched_allowed=True)
-    load = named_case(apart, "pipe", 0.01)
+    load = named_load("pipe", 0.01).on(apart)
     with pytest.raises(DeformableAssemblyError, match=r"3 blocks are unrestrained \(0, 2, 4\)"):
         deformable_assembly(apart, load, CONCRETE)
 
 
 def test_all_held_is_refused():
     tube = small_tube()
-    load = named_case(tube, "pipe", 0.01)
+    load = named_load("pipe", 0.01).on(tube)
     load = replace(load, fixed=np.ones_like(load.fixed))
     with pytest.raises(DeformableAssemblyError, match="every block is fixed"):
         deformable_assembly(tube, load, CONCRETE)

@@ -10,14 +10,14 @@ from fem.static.linear_step.linearisation import SparseStep
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from fem.system.sector import largest_cyclic_orbits
 from fem.system.system import system_of
-from geometry import SineBlock as SineBlockParameters
+from geometry import SineBlock
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
-from geometry.loads import named_case
+from geometry.loads import named_load
 from tests.support.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
-TSB1 = SineBlockParameters(
+TSB1 = SineBlock(
     height=200.0,
     amplitude=20.0,
     frequency=1.5,
@@ -30,7 +30,7 @@ TSB1 = SineBlockParameters(
 
 def tunnel(clearance, divisions=(12, 2, 4), **options):
     assembly = SineTube(TSB1, SineBlockDivisions(*divisions), 2).build()
-    load = named_case(assembly, "tunnel", 0.01)
+    load = named_load("tunnel", 0.01).on(assembly)
     return deformable_assembly(assembly, load, CONCRETE, clearance=clearance, **options)
 
 

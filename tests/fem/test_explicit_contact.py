@@ -18,7 +18,7 @@ from fem.system.state import corner_displacements
 from geometry.assembly import moved
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
-from geometry.loads import named_case
+from geometry.loads import named_load
 from tests.support.blocks import random_rotation, tsb
 from tests.support.fem_problems import deformable_assembly, in_contact, matched_pressures
 
@@ -27,7 +27,7 @@ CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 
 def tube(layers=1, case="pipe", **options):
     found = SineTube(tsb(), SineBlockDivisions(12, 2, 4), layers).build()
-    return deformable_assembly(found, named_case(found, case, 0.01), CONCRETE, **options)
+    return deformable_assembly(found, named_load(case, 0.01).on(found), CONCRETE, **options)
 
 
 def random_displacements(deformable, size, seed=0):
@@ -293,7 +293,7 @@ def test_rotated_and_moved_tube_gives_the_same_result(coarse_run):
     deformable, statement, result = coarse_run
     turn = random_rotation(5)
     there = moved(deformable.assembly, turn, np.array([300.0, -200.0, 500.0]))
-    case = deformable_assembly(there, named_case(there, "pipe", 0.01), CONCRETE)
+    case = deformable_assembly(there, named_load("pipe", 0.01).on(there), CONCRETE)
     other, found = run_to_static(case)
     expected = statement.expand(result.displacements)[0] @ turn.T
     assert (

@@ -232,7 +232,7 @@ places = [{axis = [0, 1, 0], angle = 0, fixed = true}, {axis = [0, 1, 0], angle 
           {axis = [0, 1, 0], angle = -120, fixed = true}]
 """
     *rigid, static = both_kinds(own_scene(tmp_path, parts))
-    weight = 2.4e-9 * wedge().mass_properties.volume * 9810.0
+    weight = 2.4e-9 * wedge().volume * 9810.0
     # Each joint leans by 60°, so its normal force is W / (2 cos 60°). The normals turn by the
     # displacement over a facet's size, 25 mm.
     turned = static.details.largest_displacement / 25.0
@@ -390,7 +390,7 @@ def test_six_flat_sides_become_hexahedra() -> None:
     mesh = six_sided_hexahedra(solid, 3)
     assert mesh is not None
     # Flat sides: the grid fills the solid up to rounding.
-    volume = solid.mass_properties.volume
+    volume = solid.volume
     assert mesh.n_elements == 27
     assert mesh.extent()[0] == pytest.approx(volume, rel=1e-12)
     # A tetrahedron has four sides of three corners.

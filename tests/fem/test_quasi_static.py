@@ -20,7 +20,7 @@ from fem.system.effects import AdaptiveMassDamping, BulkViscosity, Effects, Rayl
 from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
-from geometry.loads import LoadCase, named_case
+from geometry.loads import LoadCase, named_load
 from tests.support.answers import on_its_mesh
 from tests.support.blocks import tsb
 from tests.support.fem_problems import deformable_assembly
@@ -38,7 +38,7 @@ def column(law, *, layers=1, material=CONCRETE):
 
 def tube(**options):
     found = SineTube(tsb(), SineBlockDivisions(12, 2, 4), 1).build()
-    return deformable_assembly(found, named_case(found, "pipe", 0.01), CONCRETE, **options)
+    return deformable_assembly(found, named_load("pipe", 0.01).on(found), CONCRETE, **options)
 
 
 def test_rigid_motions_are_rigid():

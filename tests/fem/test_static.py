@@ -21,7 +21,7 @@ from fem.static.solve import StaticError, StaticMethod, StaticOptions, solve_sta
 from fem.system.sector import SymmetryError
 from fem.system.state import contact_measures
 from geometry.assembly import moved, renumbered
-from geometry.loads import LoadCase, PressureLoad, named_case
+from geometry.loads import LoadCase, PressureLoad, named_load
 from geometry.mesh import HexMesh
 from mbd import Norm, Rigid, analyse
 from tests.support.fem_problems import contact_corner_forces, deformable_assembly, pair_resultants
@@ -219,7 +219,7 @@ def test_action_equals_reaction_and_blocks_are_in_equilibrium(coarse):
     assert np.abs(forces.sum(axis=1)).max() <= 1e-14 * size
     surfaces = coarse.deformable.surfaces
     assembly = coarse.deformable.assembly
-    load = named_case(assembly, "pipe", 0.01)
+    load = named_load("pipe", 0.01).on(assembly)
     for block in assembly.free_blocks:
         on_block = forces[surfaces.block_m == block, :4].sum(axis=(0, 1))
         on_block += forces[surfaces.block_s == block, 4:].sum(axis=(0, 1))
@@ -236,7 +236,7 @@ def test_pair_resultants_balance_every_block(coarse):
     force, moment = pair_resultants(coarse)
     surfaces, assembly = coarse.deformable.surfaces, coarse.deformable.assembly
     first = surfaces.pair_start[:-1]
-    load = named_case(assembly, "pipe", 0.01)
+    load = named_load("pipe", 0.01).on(assembly)
     for block in assembly.free_blocks:
         sign = np.where(surfaces.block_s[first] == block, 1.0, 0.0)
         sign -= np.where(surfaces.block_m[first] == block, 1.0, 0.0)
@@ -257,7 +257,7 @@ def test_a_moved_and_renumbered_tube_gives_the_same(coarse):
     turn = np.eye(3) + np.sin(1.1) * skew + (1 - np.cos(1.1)) * skew @ skew
     order = np.random.default_rng(3).permutation(12)
     assembly = renumbered(moved(tube(), turn, np.array([3e3, -2e3, 1e3])), order)
-    model = deformable_assembly(assembly, named_case(assembly, "pipe", 0.01), CONCRETE)
+    model = deformable_assembly(assembly, named_load("pipe", 0.01).on(assembly), CONCRETE)
     result = solve_static(model)
     assert result.system.orbits.order == 4
     # Coordinates of 4e3 mm carry 5e-13 mm, times 1000 MPa/mm against 0.5 MPa: 1e-9; the rest is
@@ -290,7 +290,7 @@ def test_upper_and_lower_half_are_images_of_each_other():
 def rigid_limit(divisions):
     """Measures of stiff blocks on linear springs and of rigid blocks, and their correlation."""
     assembly = tube(2, divisions)
-    load = named_case(assembly, "pipe", 0.01)
+    load = named_load("pipe", 0.01).on(assembly)
     model = deformable_assembly(
         assembly,
         load,
@@ -334,7 +334,8 @@ def test_rigid_limit_is_the_pressure_norm_of_rigid_blocks():
 def test_total_force_of_twice_the_load_from_the_first_state(coarse):
     """A start is only a start: from another state the same equilibrium is found."""
     model = pipe()
-    twice = deformable_assembly(model.assembly, named_case(model.assembly, "pipe", 0.02), CONCRETE)
+    blocks = model.assembly
+    twice = deformable_assembly(blocks, named_load("pipe", 0.02).on(blocks), CONCRETE)
     cold = solve_static(twice)
     warm = solve_static(twice, start=coarse.displacements)
     same(cold, warm, 1e-6)
@@ -359,7 +360,7 @@ def test_zero_load_leaves_the_prestress_of_the_law():
     """At zero clearance the law presses with p_c0 everywhere; on a closed surface that is
     almost in balance, so overclosures stay far below c0."""
     assembly = tube()
-    load = named_case(assembly, "pipe", 0.0)
+    load = named_load("pipe", 0.0).on(assembly)
     result = solve_static(deformable_assembly(assembly, load, CONCRETE))
     assert result.converged
     assert np.abs(result.overclosures).max() < 1e-3
@@ -369,7 +370,7 @@ def test_zero_load_leaves_the_prestress_of_the_law():
 @pytest.mark.parametrize("pressure", [1e-8, 1.0, 10.0])
 def test_loads_of_any_size(pressure):
     assembly = tube()
-    load = named_case(assembly, "pipe", pressure)
+    load = named_load("pipe", pressure).on(assembly)
     result = solve_static(deformable_assembly(assembly, load, CONCRETE))
     assert result.converged
     assert result.residual <= 1e-8

@@ -15,17 +15,16 @@ from fem.static.rotation import solve_static_with_rotation
 from fem.static.solve import StaticOptions, solve_static
 from fem.stresses.recovery import block_displacements, turned_rigidly
 from fem.system.effects import AdaptiveMassDamping, Effects
-from geometry import HexagonBlock as HexagonBlockParameters
-from geometry import SineBlock as SineBlockParameters
+from geometry import HexagonBlock, SineBlock
 from geometry.families.boxes import ColumnBox, box_column
 from geometry.families.hexagon_block import HexagonBlockDivisions
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import HexagonTube, SineTube
-from geometry.loads import face_pressure, named_case
+from geometry.loads import face_pressure, named_load
 from tests.support.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
-TSB1 = SineBlockParameters(
+TSB1 = SineBlock(
     height=200.0,
     amplitude=20.0,
     frequency=1.5,
@@ -38,7 +37,7 @@ TSB1 = SineBlockParameters(
 
 def pipe(clearance):
     assembly = SineTube(TSB1, SineBlockDivisions(12, 2, 4), 2).build()
-    load = named_case(assembly, "pipe", 0.01)
+    load = named_load("pipe", 0.01).on(assembly)
     return deformable_assembly(assembly, load, CONCRETE, clearance=clearance)
 
 
@@ -91,9 +90,9 @@ def test_soft_motions_do_not_stop_the_rounds():
 
     Rounds solved to the tolerance alone changed by 1e-7 of the load for ever.
     """
-    block = HexagonBlockParameters(4, 120.0, 40.0)
+    block = HexagonBlock(4, 120.0, 40.0)
     assembly = HexagonTube(block, HexagonBlockDivisions(4, 2), 2).build()
-    load = named_case(assembly, "shaft", 0.01)
+    load = named_load("shaft", 0.01).on(assembly)
     result = solve_static_with_rotation(
         deformable_assembly(assembly, load, CONCRETE, clearance=0.01)
     )

@@ -38,7 +38,7 @@ NEW = {
     "geometry/families/plain.py": '''
 from dataclasses import dataclass
 
-from geometry.families.sine_block import SineBlockDivisions, SineBlockParameters
+from geometry.families.sine_block import SineBlockDivisions, SineBlock
 from geometry.families.tube import SineTube
 from geometry.parts.options import Count, Length, Options
 
@@ -57,7 +57,7 @@ class PlainTube(Options):
     axial: Count
 
     def build(self):
-        shape = SineBlockParameters(
+        shape = SineBlock(
             height=100.0, amplitude=0.0, frequency=1.0, blocks_per_layer=4,
             inner_radius=self.inner_radius, thickness=self.thickness,
         )

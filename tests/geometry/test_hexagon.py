@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geometry import HexagonBlock as HexagonBlockParameters
+from geometry import HexagonBlock
 from geometry.errors import RefusedError
 from geometry.families.hexagon_block import HexagonBlockDivisions, hexagon_block
 from geometry.families.tube import HexagonTube
 
 pytestmark = pytest.mark.quick
 
-THB0 = HexagonBlockParameters(blocks_per_layer=4, inner_radius=120.0, thickness=40.0)
+THB0 = HexagonBlock(blocks_per_layer=4, inner_radius=120.0, thickness=40.0)
 
 
 @given(
@@ -28,7 +28,7 @@ THB0 = HexagonBlockParameters(blocks_per_layer=4, inner_radius=120.0, thickness=
 def test_every_edge_facet_of_every_free_block_meets_its_twin(
     n: int, radius: float, slenderness: float, halves: int, layers: int
 ) -> None:
-    block = HexagonBlockParameters(n, radius, slenderness * radius)
+    block = HexagonBlock(n, radius, slenderness * radius)
     tube = HexagonTube(block, HexagonBlockDivisions(2 * halves, 2), layers).build()
     found = tube.interfaces  # raises AssemblyError where a facet of a free block is alone
     # Two sloping joints per block between layers, one upright joint per free block and half
@@ -90,7 +90,7 @@ def test_bad_parameters_are_refused(
 ) -> None:
     values = {"blocks_per_layer": 4, "inner_radius": 120.0, "thickness": 40.0} | changes
     with pytest.raises(RefusedError, match=message):
-        hexagon_block(HexagonBlockParameters(**values), HexagonBlockDivisions(*divisions))  # type: ignore[arg-type]
+        hexagon_block(HexagonBlock(**values), HexagonBlockDivisions(*divisions))  # type: ignore[arg-type]
 
 
 def test_a_tube_without_free_layers_is_refused() -> None:

@@ -22,7 +22,7 @@ def _assembly(blocks: list[Drawn], seed: int = 0) -> PolyhedralAssembly:
 
 
 def _only(assembly: PolyhedralAssembly) -> Overlap:
-    (overlap,) = find_overlaps(assembly.placed(assembly.tolerance))
+    (overlap,) = find_overlaps(assembly, assembly.tolerance)
     return overlap
 
 

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from geometry import Assembly
-from geometry import HexagonBlock as HexagonBlockParameters
+from geometry import Assembly, HexagonBlock
 from geometry.assembly import AssemblyError, moved, renumbered
 from geometry.errors import RefusedError
 from geometry.families.hexagon_block import HexagonBlockDivisions
@@ -23,7 +22,7 @@ from geometry.families.sine_block import (
     waves_of_turn,
 )
 from geometry.families.tube import HexagonTube, SineTube
-from geometry.loads import LoadCaseError, named_case
+from geometry.loads import LoadCaseError, named_load
 from mbd import analyse
 from tests.support.blocks import random_rotation, tsb
 
@@ -82,14 +81,14 @@ def test_free_blocks_share_one_shape_and_layers_stack(small_tube: Assembly) -> N
 def test_pressure_resultants_are_closed_forms(small_tube: Assembly) -> None:
     # A uniform pressure on a whole ring has no resultant; on the flat top it is p A with the
     # area of the inscribed polygon.
-    pipe = named_case(small_tube, "pipe", 0.01)
+    pipe = named_load("pipe", 0.01).on(small_tube)
     assert np.abs(pipe.facet_forces.sum(axis=0)).max() < 1e-12 * np.abs(pipe.facet_forces).sum()
-    pillar = named_case(small_tube, "pillar", 0.01)
+    pillar = named_load("pillar", 0.01).on(small_tube)
     polygon = 0.5 * 96 * np.sin(2 * np.pi / 96) * (160.0**2 - 120.0**2)
     np.testing.assert_allclose(
         pillar.facet_forces.sum(axis=0), [0, 0, -0.01 * polygon], atol=1e-12 * polygon
     )
-    shaft = named_case(small_tube, "shaft", 0.01)
+    shaft = named_load("shaft", 0.01).on(small_tube)
     moment = np.cross(shaft.centroids, shaft.facet_forces).sum(axis=0)
     arm = np.linalg.norm(shaft.centroids[:, :2], axis=1)
     area = np.linalg.norm(shaft.area_vectors, axis=1)
@@ -101,8 +100,8 @@ def test_loads_turn_with_the_assembly(small_tube: Assembly) -> None:
     there = moved(small_tube, turn, shift)
     for name in ("pipe", "tunnel", "pillar", "beam", "shaft"):
         for as_printed in (False, True):
-            a = named_case(small_tube, name, 0.01, as_printed=as_printed).facet_forces
-            b = named_case(there, name, 0.01, as_printed=as_printed).facet_forces
+            a = named_load(name, 0.01, as_printed=as_printed).on(small_tube).facet_forces
+            b = named_load(name, 0.01, as_printed=as_printed).on(there).facet_forces
             np.testing.assert_allclose(b, a @ turn.T, atol=1e-12 * np.abs(a).max())
 
 
@@ -227,7 +226,7 @@ def test_s_and_s_plus_one_are_one_tube_upside_down() -> None:
     found = []
     for shift in (0.5, 1.5):
         tube = SineTube(tsb(shift), SineBlockDivisions(12, 2, 4), 2).build()
-        result = analyse(tube, load=named_case(tube, "pipe", 0.01)).details
+        result = analyse(tube, load=named_load("pipe", 0.01).on(tube)).details
         found.append(np.sort(result.contact_pressures))
     np.testing.assert_allclose(found[0], found[1], atol=1e-8 * found[0].max())
 
@@ -238,9 +237,9 @@ def test_shaft_as_printed_acts_at_the_mean_of_the_surface_nodes(family: str) -> 
     if family == "sine":
         tube = SineTube(tsb(0.5), SineBlockDivisions(12, 3, 4), 1).build()
     else:
-        block = HexagonBlockParameters(4, 120.0, 40.0)
+        block = HexagonBlock(4, 120.0, 40.0)
         tube = HexagonTube(block, HexagonBlockDivisions(4, 3), 1).build()
-    load = named_case(tube, "shaft", 0.01, as_printed=True)
+    load = named_load("shaft", 0.01, as_printed=True).on(tube)
     for b in np.unique(load.block).tolist():
         shape = tube.shape(b)
         surface = np.unique(np.concatenate([q.ravel() for q in shape.faces.values()]))
@@ -253,17 +252,17 @@ def test_no_layers_and_missing_layers_are_refused(small_tube: Assembly) -> None:
     with pytest.raises(RefusedError, match="layers: got 0"):
         SineTube(tsb(), SineBlockDivisions(24, 2, 2), 0).build()
     with pytest.raises(LoadCaseError, match=r"load\.layer: got 4.*from 1 to 3"):
-        named_case(small_tube, "shaft", 0.01, layer=4)
+        named_load("shaft", 0.01, layer=4).on(small_tube)
     with pytest.raises(LoadCaseError, match=r"load\.case: got .pipes."):
-        named_case(small_tube, "pipes", 0.01)
+        named_load("pipes", 0.01).on(small_tube)
 
 
 def test_a_wall_has_no_axis_for_a_traction_to_go_round() -> None:
     block = (160.0, 50.0, 150.0, 12.0)
     wall = PlanarSineWall(*block, 1.0, 0.5, divisions=(8, 2, 4), columns=2, layers=2).build()
     with pytest.raises(LoadCaseError, match=r"got shaft, .* blocks stand in no ring; expected one"):
-        named_case(wall, "shaft", 0.01)
-    assert len(named_case(wall, "tunnel", 0.01).facet_forces)
+        named_load("shaft", 0.01).on(wall)
+    assert len(named_load("tunnel", 0.01).on(wall).facet_forces)
 
 
 @pytest.mark.parametrize("grading", [0.5, 1.0, 8.0])

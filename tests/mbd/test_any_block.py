@@ -21,7 +21,7 @@ from geometry.families.platonic_layers import (
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
 from geometry.families.voxels import VoxelPuzzle
-from geometry.loads import LoadCase, named_case
+from geometry.loads import LoadCase, named_load
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, as_polyhedral, polyhedral_assembly
 from geometry.polyhedra.facet_contact import _at_vertices
@@ -214,7 +214,7 @@ def test_detected_contacts_agree_with_the_conforming_ones_on_the_sine_block() ->
     # a wavy surface approximated by n facets a wave is off by (π/n)²/6: 0.5 %.
     area, exact = mixed.interfaces.areas.sum(), fine.interfaces.areas.sum()
     assert area == pytest.approx(exact, rel=0.005)
-    load = named_case(fine, "pipe", 0.01)
+    load = named_load("pipe", 0.01).on(fine)
     expected = analyse(fine, Rigid(norm=Norm.PRESSURE), load=load).details
     bodies = replace(load, faces=(), body_wrenches=load.wrenches)
     found = analyse(mixed, Rigid(norm=Norm.PRESSURE), load=bodies).details

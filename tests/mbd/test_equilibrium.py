@@ -14,12 +14,13 @@ from geometry.block import Block
 from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
-from geometry.loads import named_case
+from geometry.loads import named_load
 from geometry.mesh import HexMesh, grid_faces, structured_hexahedra
 from mbd import Norm, Rigid, Solver, analyse, contact_jacobian
-from mbd.contact_jacobian import CongruentWrenches, MatrixJacobian
+from mbd.contact_jacobian import CongruentWrenches
 from mbd.equilibrium import clarabel_equilibrium, column_weights, newton_equilibrium
 from tests.support.blocks import random_rotation, tsb
+from tests.support.matrix_jacobian import as_jacobian
 
 pytestmark = pytest.mark.quick
 
@@ -27,10 +28,6 @@ pytestmark = pytest.mark.quick
 def random_jacobian(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
     matrix = rng.standard_normal((rows, columns))
     return matrix / np.linalg.norm(matrix, axis=0)
-
-
-def as_jacobian(matrix: np.ndarray) -> MatrixJacobian:
-    return MatrixJacobian(sp.csc_array(matrix))
 
 
 @given(seed=st.integers(0, 10_000), rows=st.integers(2, 12), extra=st.integers(0, 60))
@@ -133,7 +130,7 @@ def test_contact_and_load_wrenches_balance_on_every_block(
     small_tube: Assembly, case: str, norm: Norm
 ) -> None:
     # Summed here block by block from points and normals, without G.
-    load = named_case(small_tube, case, 0.01)
+    load = named_load(case, 0.01).on(small_tube)
     result = analyse(small_tube, Rigid(norm=norm), load=load).details
     assert result.equilibrium.holds
     found = small_tube.interfaces
@@ -203,7 +200,7 @@ def test_plain_ring_under_external_pressure_carries_the_hoop_pressure(
     # A block's outer pressure has the resultant of its chord; the two radial joints carry
     # p r_o h each, on t h: p r_o / t, exactly, whatever the polygon.
     result = analyse(
-        plain_ring, Rigid(norm=norm), load=named_case(plain_ring, "tunnel", 0.01)
+        plain_ring, Rigid(norm=norm), load=named_load("tunnel", 0.01).on(plain_ring)
     ).details
     found = plain_ring.interfaces
     sides = np.abs(found.normals[result.contact_index][:, 2]) < 0.5
@@ -212,7 +209,7 @@ def test_plain_ring_under_external_pressure_carries_the_hoop_pressure(
 
 
 def test_stack_of_bricks_carries_the_axial_pressure_in_every_joint(two_bricks: Assembly) -> None:
-    result = analyse(two_bricks, load=named_case(two_bricks, "pillar", 0.02)).details
+    result = analyse(two_bricks, load=named_load("pillar", 0.02).on(two_bricks)).details
     np.testing.assert_allclose(result.contact_pressures, 0.02, rtol=1e-11)
 
 
@@ -270,7 +267,7 @@ def test_smaller_amplitude_means_larger_pressure_down_to_a_thousandth_of_a_milli
     found = []
     for amplitude in (20.0, 5.0, 1.0, 0.1, 1e-2, 1e-3):
         tube = SineTube(tsb(amplitude=amplitude), SineBlockDivisions(24, 2, 6), 3).build()
-        result = analyse(tube, load=named_case(tube, "pipe", 0.01)).details
+        result = analyse(tube, load=named_load("pipe", 0.01).on(tube)).details
         assert result.mechanism == "locked"
         assert result.equilibrium.residual < 1e-9
         assert result.measures is not None
@@ -280,7 +277,7 @@ def test_smaller_amplitude_means_larger_pressure_down_to_a_thousandth_of_a_milli
 
 
 def test_solvers_agree_on_a_tube(small_tube: Assembly) -> None:
-    load = named_case(small_tube, "shaft", 0.01)
+    load = named_load("shaft", 0.01).on(small_tube)
     a = analyse(small_tube, Rigid(solver=Solver.NEWTON), load=load).details
     b = analyse(small_tube, Rigid(solver=Solver.CLARABEL), load=load).details
     difference = np.linalg.norm(a.contact_forces - b.contact_forces)
@@ -290,7 +287,7 @@ def test_solvers_agree_on_a_tube(small_tube: Assembly) -> None:
 def test_pressure_norm_is_the_uniform_foundation(small_tube: Assembly) -> None:
     # λ = A max(0, Gᵀy): pressures are the positive part of a rigid relative motion's gap, so
     # two contacts of one pair with equal gap carry equal pressure. Checked through y itself.
-    load = named_case(small_tube, "tunnel", 0.01)
+    load = named_load("tunnel", 0.01).on(small_tube)
     contacts = contact_jacobian(small_tube, load.fixed)
     force = contacts.rows(load.wrenches)
     weights = column_weights(Norm.PRESSURE, contacts.areas)
@@ -309,7 +306,8 @@ def test_refining_the_mesh_changes_the_force_norm_but_not_the_pressure_norm() ->
         values = []
         for around in (24, 48):
             tube = SineTube(tsb(), SineBlockDivisions(around, 4, 8), 1).build()
-            result = analyse(tube, Rigid(norm=norm), load=named_case(tube, "tunnel", 0.01)).details
+            load = named_load("tunnel", 0.01).on(tube)
+            result = analyse(tube, Rigid(norm=norm), load=load).details
             flat = np.abs(tube.interfaces.normals[result.contact_index][:, 2]) < 1e-9
             values.append(result.contact_forces[flat].sum())
         changes[norm] = abs(values[1] / values[0] - 1)
@@ -318,7 +316,7 @@ def test_refining_the_mesh_changes_the_force_norm_but_not_the_pressure_norm() ->
 
 def test_one_brick_between_two() -> None:
     wall = BrickStack((100.0, 50.0, 40.0), (2, 2, 2), columns=2, layers=1).build()
-    assert not analyse(wall, load=named_case(wall, "pipe", 0.01)).details.equilibrium.holds
+    assert not analyse(wall, load=named_load("pipe", 0.01).on(wall)).details.equilibrium.holds
 
 
 @pytest.mark.parametrize("solver", [newton_equilibrium, clarabel_equilibrium])

@@ -6,7 +6,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -14,20 +13,17 @@ from geometry import Assembly
 from geometry.assembly import moved, renumbered
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
-from geometry.loads import named_case
+from geometry.loads import named_load
 from mbd import MechanismClass, RigidResult, analyse, contact_jacobian
 from mbd.answer import placed_motion
-from mbd.contact_jacobian import MatrixJacobian, contact_wrenches
+from mbd.contact_jacobian import contact_wrenches
 from mbd.equilibrium import newton_equilibrium
 from mbd.mechanism import Mechanism, SelfStress, classify
 from tests.support.blocks import random_rotation, tsb
 from tests.support.linear_programs import solve_linear_programs
+from tests.support.matrix_jacobian import as_jacobian
 
 pytestmark = pytest.mark.quick
-
-
-def as_jacobian(matrix: np.ndarray) -> MatrixJacobian:
-    return MatrixJacobian(sp.csc_array(matrix))
 
 
 @given(seed=st.integers(0, 10_000), rows=st.integers(2, 8), extra=st.integers(-1, 30))
@@ -109,7 +105,7 @@ def test_strictly_positive_self_stress_without_full_rank_is_not_locked() -> None
 def test_sine_tube_is_locked_and_the_linear_programs_agree(shift: float) -> None:
     tube = SineTube(tsb(shift), SineBlockDivisions(12, 2, 2), 2).build()
     contacts = contact_jacobian(tube)
-    load = named_case(tube, "pipe", 0.01)
+    load = named_load("pipe", 0.01).on(tube)
     force = contacts.rows(load.wrenches)
     found = classify(contacts.jacobian, force)
     assert found.locked
@@ -137,19 +133,19 @@ def test_sine_tube_is_locked_and_the_linear_programs_agree(shift: float) -> None
 )
 def test_plain_tube_is_not_locked(case: str, expected: MechanismClass) -> None:
     tube = SineTube(tsb(amplitude=0.0), SineBlockDivisions(12, 2, 4), 3).build()
-    result = analyse(tube, load=named_case(tube, case, 0.01)).details
+    result = analyse(tube, load=named_load(case, 0.01).on(tube)).details
     assert result.mechanism is expected
 
 
 def test_released_top_frame_can_lift_and_the_load_opposes_it(small_tube: Assembly) -> None:
-    result = analyse(small_tube, load=named_case(small_tube, "pillar", 0.01)).details
+    result = analyse(small_tube, load=named_load("pillar", 0.01).on(small_tube)).details
     assert result.mechanism is MechanismClass.LOCKED
     assert result.supported_classification.mechanism is MechanismClass.SUPPRESSED
 
 
 def test_activated_mechanism_multiplies_out() -> None:
     tube = SineTube(tsb(amplitude=0.0), SineBlockDivisions(12, 2, 4), 2).build()
-    load = named_case(tube, "shaft", 0.01)
+    load = named_load("shaft", 0.01).on(tube)
     result = analyse(tube, load=load).details
     motion = result.equilibrium.mechanism
     assert motion is not None
@@ -187,8 +183,8 @@ def test_rotation_and_translation_leave_every_measure_unchanged(
     small_tube: Assembly, case: str
 ) -> None:
     there = moved(small_tube, random_rotation(7), np.array([300.0, -200.0, 50.0]))
-    a = analyse(small_tube, load=named_case(small_tube, case, 0.01)).details
-    b = analyse(there, load=named_case(there, case, 0.01)).details
+    a = analyse(small_tube, load=named_load(case, 0.01).on(small_tube)).details
+    b = analyse(there, load=named_load(case, 0.01).on(there)).details
     assert a.mechanism is b.mechanism
     np.testing.assert_allclose(numbers(b), numbers(a), rtol=1e-9)
 
@@ -199,8 +195,8 @@ def test_units_leave_every_measure_unchanged(length_unit: float, force_unit: flo
     # Pressure = force / length²: a scene in other units, its pressures converted back.
     a, b = scaled(1.0), scaled(length_unit)
     pressure_unit = force_unit / length_unit**2
-    here = numbers(analyse(a, load=named_case(a, "shaft", 0.01)).details)
-    there = numbers(analyse(b, load=named_case(b, "shaft", 0.01 * pressure_unit)).details)
+    here = numbers(analyse(a, load=named_load("shaft", 0.01).on(a)).details)
+    there = numbers(analyse(b, load=named_load("shaft", 0.01 * pressure_unit).on(b)).details)
     there[3:] /= pressure_unit  # three percentages, then pressures
     np.testing.assert_allclose(there, here, rtol=1e-9)
 
@@ -212,15 +208,15 @@ def test_renumbering_the_blocks_leaves_every_measure_unchanged(
 ) -> None:
     order = np.random.default_rng(seed).permutation(small_tube.n_blocks)
     other = renumbered(small_tube, order)
-    a = numbers(analyse(small_tube, load=named_case(small_tube, "tunnel", 0.01)).details)
-    b = numbers(analyse(other, load=named_case(other, "tunnel", 0.01)).details)
+    a = numbers(analyse(small_tube, load=named_load("tunnel", 0.01).on(small_tube)).details)
+    b = numbers(analyse(other, load=named_load("tunnel", 0.01).on(other)).details)
     np.testing.assert_allclose(b, a, rtol=1e-9)
 
 
 def test_pressures_scale_with_the_load_from_tiny_to_huge(small_tube: Assembly) -> None:
-    base = numbers(analyse(small_tube, load=named_case(small_tube, "pipe", 1.0)).details)
+    base = numbers(analyse(small_tube, load=named_load("pipe", 1.0).on(small_tube)).details)
     for factor in (1e-12, 1e9):
-        found = numbers(analyse(small_tube, load=named_case(small_tube, "pipe", factor)).details)
+        found = numbers(analyse(small_tube, load=named_load("pipe", factor).on(small_tube)).details)
         np.testing.assert_allclose(found[:3], base[:3], rtol=1e-12)
         np.testing.assert_allclose(found[3:], factor * base[3:], rtol=1e-12)
 

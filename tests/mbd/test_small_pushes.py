@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
 
-from mbd.contact_jacobian import MatrixJacobian
 from mbd.equilibrium import carried_beside
+from tests.support.matrix_jacobian import as_jacobian
 
 pytestmark = pytest.mark.quick
 
@@ -14,7 +13,7 @@ def pressed(seed: int, rows: int = 6, columns: int = 14):
     """Contacts that all press: G and λ >= 1."""
     rng = np.random.default_rng(seed)
     matrix = rng.standard_normal((rows, columns))
-    return MatrixJacobian(sp.csc_array(matrix)), matrix, 1.0 + rng.random(columns)
+    return as_jacobian(matrix), matrix, 1.0 + rng.random(columns)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -32,7 +31,7 @@ def test_a_load_that_contacts_cannot_balance_is_not_proved() -> None:
     """No contact acts along the last row: loads with a part along it are not carried."""
     _, matrix, forces = pressed(1)
     matrix[-1] = 0.0
-    jacobian = MatrixJacobian(sp.csc_array(matrix))
+    jacobian = as_jacobian(matrix)
     loads = 1e-3 * np.eye(len(matrix))
     proved = carried_beside(jacobian, forces, loads, 1e-9)
     assert proved.tolist() == [True] * (len(matrix) - 1) + [False]

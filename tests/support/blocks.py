@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from geometry import SineBlock as SineBlockParameters
+from geometry import SineBlock
 from geometry.families.sine_block import TSB1
 
 
-def tsb(shift: float = 0.0, **changes: float) -> SineBlockParameters:
+def tsb(shift: float = 0.0, **changes: float) -> SineBlock:
     """TSB1 of the paper (TSB2 with shift 0.5), with changes."""
     return replace(TSB1, shift=shift, **changes)  # type: ignore[arg-type]
 

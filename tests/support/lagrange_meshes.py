@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from fem.decks.meshes import serendipity_block
 from fem.element.lagrange_mesh import LagrangeMesh, with_degree
-from geometry import HexagonBlock as HexagonBlockParameters
+from geometry import HexagonBlock
 from geometry.block import Block
 from geometry.families.hexagon_block import (
     HexagonBlockDivisions,
@@ -21,7 +21,7 @@ from geometry.families.sine_block import SineBlockDivisions, sine_block
 from geometry.mesh import FloatArray
 from tests.support.blocks import tsb
 
-HEXAGON = HexagonBlockParameters(blocks_per_layer=4, inner_radius=120.0, thickness=40.0)
+HEXAGON = HexagonBlock(blocks_per_layer=4, inner_radius=120.0, thickness=40.0)
 
 
 WALL = OsteomorphicWall(100.0, 40.0, 60.0, 8.0, divisions=(4, 2, 2), columns=1, layers=1).build()

@@ -8,19 +8,18 @@ from fem import (
     LinearPenalty,
     Material,
 )
-from geometry import Assembly
-from geometry import SineBlock as SineBlockParameters
+from geometry import Assembly, SineBlock
 from geometry.block import Block, box_block
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
-from geometry.loads import LoadCase, PressureLoad, TractionLoad, named_case
+from geometry.loads import LoadCase, PressureLoad, TractionLoad, named_load
 from geometry.mesh import HexMesh
 from tests.support.fem_problems import deformable_assembly
 
 CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 
 
-TSB1 = SineBlockParameters(
+TSB1 = SineBlock(
     height=200.0,
     amplitude=20.0,
     frequency=1.5,
@@ -37,7 +36,7 @@ def tube(layers=1, divisions=(12, 2, 4)):
 
 def pipe(layers=1, divisions=(12, 2, 4), case="pipe", **options):
     assembly = tube(layers, divisions)
-    return deformable_assembly(assembly, named_case(assembly, case, 0.01), CONCRETE, **options)
+    return deformable_assembly(assembly, named_load(case, 0.01).on(assembly), CONCRETE, **options)
 
 
 def column(n_blocks=2, *, shear=0.0, divisions=(2, 2, 2), height=20.0):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fem import Material
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
-from geometry.loads import named_case
+from geometry.loads import named_load
 from tests.support.blocks import tsb
 from tests.support.fem_problems import deformable_assembly
 
@@ -14,4 +14,4 @@ CONCRETE = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.2)
 
 def tube(**options):
     found = SineTube(tsb(), SineBlockDivisions(12, 2, 4), 1).build()
-    return deformable_assembly(found, named_case(found, "pipe", 0.01), CONCRETE, **options)
+    return deformable_assembly(found, named_load("pipe", 0.01).on(found), CONCRETE, **options)

@@ -19,6 +19,7 @@ from geometry import (
     Block,
     BrickStack,
     ColumnBox,
+    HexagonBlock,
     HexMesh,
     Load,
     LoadCase,
@@ -26,6 +27,7 @@ from geometry import (
     PlanarSineWall,
     PressureLoad,
     RefusedError,
+    SineBlock,
     TractionLoad,
     beam,
     box_column,
@@ -36,8 +38,6 @@ from geometry import (
     tube,
     tunnel,
 )
-from geometry import HexagonBlock as HexagonBlockParameters
-from geometry import SineBlock as SineBlockParameters
 from geometry.files.hexahedral_solids import file_blocks
 from geometry.files.quadratic import NATURAL
 from geometry.mesh import boundary_quads
@@ -151,7 +151,7 @@ class Case:
 
 def drawn(
     rng: np.random.Generator, *, any_shift: bool = False
-) -> tuple[SineBlockParameters, int, tuple[int, int, int]]:
+) -> tuple[SineBlock, int, tuple[int, int, int]]:
     """Draw a tube: block, layers and the mesh whose facets define means; redrawn until it fits."""
     while True:
         waves, n = int(rng.integers(1, 6)), int(rng.integers(3, 9))
@@ -160,7 +160,7 @@ def drawn(
         layers = int(rng.integers(1, 4))
         shift = float(rng.uniform(0.0, 1.0) if any_shift else rng.choice([0.0, 0.5]))
         try:
-            block = SineBlockParameters(
+            block = SineBlock(
                 height=height,
                 amplitude=share * height,
                 frequency=0.5 * waves,
@@ -210,7 +210,7 @@ def twelve_tubes() -> list[Case]:
 
 def hexagons(load: Load, **more: float) -> Problem:
     """A tube of hexagon blocks."""
-    block = HexagonBlockParameters(blocks_per_layer=6, inner_radius=130.0, thickness=45.0)
+    block = HexagonBlock(blocks_per_layer=6, inner_radius=130.0, thickness=45.0)
     return Problem(tube(block, layers=1, mesh=(4, 2)), load, CONCRETE, **more)
 
 

@@ -24,7 +24,7 @@ from geometry.polyhedra.overlap import check_assembly
 from geometry.polyhedra.polyhedron import Polyhedron
 from validation.build.materials import body_forces
 from validation.build.supports import stated_load, supported_blocks
-from validation.errors import InputError
+from validation.errors import InputError, keyed, named
 from validation.scene.plausibility import check_block_size
 from validation.scene.polyhedra import (
     MeshScene,
@@ -53,7 +53,8 @@ def build_solids(scene: PolyhedralScene, folder: Path) -> PolyhedralAssembly:
     detection = scene.detection.options
     if isinstance(scene, MeshScene):
         return _from_files(scene, folder, detection)
-    return scene.stated.build(detection)
+    with keyed(scene.keys):
+        return scene.stated.build(detection)
 
 
 def motion(place: PlaceSection) -> tuple[FloatArray, FloatArray]:
@@ -144,7 +145,8 @@ def build_own_blocks(scene: PolyhedralScene, name: str) -> LoadCase:
     except RefusedError as error:
         # What is wrong with the whole assembly begins with its name.
         line = str(error).removeprefix("own blocks: ").removeprefix(f"{name}: ")
-        raise InputError(f"{name}: {line}") from None
+        with named(name):
+            raise RefusedError(line) from None
     return own_load(scene, assembly)
 
 

@@ -214,7 +214,7 @@ def _neighbours(
     assembly: PolyhedralAssembly,
 ) -> tuple[list[Overlap], list[tuple[int, int, float]], _Pairs]:
     """Overlaps, gaps that are nearly joints, and pairs of blocks that touch."""
-    overlaps = find_overlaps(assembly.placed(assembly.tolerance))
+    overlaps = find_overlaps(assembly, assembly.tolerance)
     touching = _pairs(assembly, assembly.tolerance)
     near = set(_pairs(assembly, _GAPS * assembly.tolerance)) - set(touching)
     near -= {(o.block_a, o.block_b) for o in overlaps}

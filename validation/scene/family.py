@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, get_type_hints
 import numpy as np
 from pydantic import Field, create_model
 
+from validation.errors import keyed
 from validation.scene.deformable import DeformableSections
 from validation.scene.sections import (
     Section,
@@ -46,13 +47,25 @@ class FamilyScene(DeformableSections):
         scene: Any = self
         sections = [getattr(scene, name, None) for name in ("block", "assembly", "mesh")]
         inner, given = _inner(self.parameters), {}
-        for key in _names(self.parameters):
-            if key in inner:
-                section, kind = inner[key]
-                given[key] = kind(**getattr(scene, section).model_dump(exclude={"type"}))
-            else:
-                given[key] = next(getattr(s, key) for s in sections if hasattr(s, key))
-        return self.parameters(**given)
+        with keyed(self.keys):
+            for key in _names(self.parameters):
+                if key in inner:
+                    section, kind = inner[key]
+                    given[key] = kind(**getattr(scene, section).model_dump(exclude={"type"}))
+                else:
+                    given[key] = next(getattr(s, key) for s in sections if hasattr(s, key))
+            return self.parameters(**given)
+
+    @property
+    def keys(self) -> dict[str, str]:
+        """Key of the scene for each field of the dataclass."""
+        scene: Any = self
+        sections = {name: getattr(scene, name, None) for name in ("block", "assembly", "mesh")}
+        return {
+            key: f"{name}.{key}"
+            for name, section in sections.items()
+            for key in getattr(type(section), "model_fields", ())
+        }
 
     @property
     def element_counts(self) -> dict[str, Any]:
@@ -212,23 +225,21 @@ class AssemblyScene(FamilyScene):
 
     def build(self) -> Assembly:
         """Build the blocks."""
-        result: Assembly = self.stated.build()
+        with keyed(self.keys):
+            result: Assembly = self.stated.build()
         return result
 
     def build_load(self, assembly: Assembly) -> LoadCase:
         """Put the load case on the blocks, where ``[load]`` names one."""
-        from geometry.loads import LoadCase, named_case, named_load
+        from geometry.loads import LoadCase, named_load
 
         load = self.load
         if not isinstance(load, TubeLoadSection):
             return LoadCase(assembly, "none", (), assembly.fixed.copy())
-        return named_case(
-            assembly,
-            load.case,
-            load.pressure,
-            as_printed=named_load(load.case).force_as_printed and load.as_printed,
-            layer=load.layer,
-        )
+        with keyed({key: f"load.{key}" for key in type(load).model_fields}):
+            return named_load(
+                load.case, load.pressure, as_printed=load.as_printed, layer=load.layer
+            ).on(assembly)
 
 
 class WallScene(AssemblyScene):
@@ -251,7 +262,8 @@ class RoundScene(AssemblyScene):
 
     def build_cell(self) -> Assembly:
         """Build the two layers that a long tube repeats, and their images."""
-        result: Assembly = self.stated.cell()
+        with keyed(self.keys):
+            result: Assembly = self.stated.cell()
         return result
 
 

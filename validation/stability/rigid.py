@@ -11,10 +11,10 @@ import scipy.sparse as sp
 
 from geometry.assembly import Assembly, AssemblyError, renumbered
 from geometry.families.sine_block import SineBlockDivisions
-from geometry.loads import LoadCase, named_case
+from geometry.loads import LoadCase, named_load
 from geometry.mesh import FloatArray
 from mbd import Norm, analyse, contact_jacobian
-from mbd.contact_jacobian import MatrixJacobian, PairJacobian, SeparateWrenches
+from mbd.contact_jacobian import ContactJacobian, SeparateWrenches
 from mbd.equilibrium import column_weights, newton_equilibrium
 from mbd.mechanism import Classification, SelfStress
 from validation.stability.case import Cases, Check, Finding, refusal
@@ -74,7 +74,7 @@ def _driven(
 
 def piped(assembly: Assembly) -> LoadCase:
     """Pressure of the paper's pipe."""
-    return named_case(assembly, "pipe", PRESSURE)
+    return named_load("pipe", PRESSURE).on(assembly)
 
 
 CERTIFIED = "products with the contact matrix confirm class and forces under pipe pressure"
@@ -119,15 +119,15 @@ def _driven_column() -> Finding:
 @CASES.add("zero-load-rigid", "No load: equilibrium with λ = 0 exactly")
 def _no_load() -> Finding:
     assembly = tube()
-    result = analyse(assembly, load=named_case(assembly, "pipe", 0.0)).details
+    result = analyse(assembly, load=named_load("pipe", 0.0).on(assembly)).details
     largest = float(np.abs(result.contact_forces).max())
     return Finding(Check("holds", result.equilibrium.holds, 1, 1), Check("largest λ", largest, 0))
 
 
 def _scale_law(pressure: float) -> Finding:
     assembly = tube()
-    unit = analyse(assembly, load=named_case(assembly, "pipe", 1.0)).details
-    other = analyse(assembly, load=named_case(assembly, "pipe", pressure)).details
+    unit = analyse(assembly, load=named_load("pipe", 1.0).on(assembly)).details
+    other = analyse(assembly, load=named_load("pipe", pressure).on(assembly)).details
     difference = relative(other.contact_forces / pressure, unit.contact_forces)
     # λ is determined to the residual target 1e-12 times the condition of the pressing columns.
     return Finding(
@@ -140,7 +140,7 @@ CASES.case("load-1e-12-rigid", "Load of 1e-12 MPa: forces scale with the load", 
 CASES.case("load-1e9-rigid", "Load of 1e9 MPa: forces scale with the load", _scale_law, 1e9)
 
 
-def _repeated(jacobian: PairJacobian, times: int) -> PairJacobian:
+def _repeated(jacobian: ContactJacobian, times: int) -> ContactJacobian:
     once = jacobian.contacts.separate()
     many = SeparateWrenches(np.repeat(once.wrenches, times, axis=0), once.pair_start * times)
     return replace(jacobian, contacts=many)
@@ -148,7 +148,7 @@ def _repeated(jacobian: PairJacobian, times: int) -> PairJacobian:
 
 def _repetition_law(times: int, least: int = 0) -> Finding:
     assembly = tube()
-    load = named_case(assembly, "pipe", PRESSURE)
+    load = named_load("pipe", PRESSURE).on(assembly)
     contacts = contact_jacobian(assembly, load.fixed)
     force = contacts.rows(load.wrenches)
     once = newton_equilibrium(contacts.jacobian, force)
@@ -175,7 +175,7 @@ CASES.case(
 @CASES.add("zero-area-contacts", "Contacts of zero area carry nothing; the rest balance, finite")
 def _zero_area() -> Finding:
     assembly = tube()
-    load = named_case(assembly, "pipe", PRESSURE)
+    load = named_load("pipe", PRESSURE).on(assembly)
     contacts = contact_jacobian(assembly, load.fixed)
     force = contacts.rows(load.wrenches)
     areas = contacts.areas.copy()
@@ -187,12 +187,20 @@ def _zero_area() -> Finding:
     return Finding(Check("‖Gλ+f‖/‖f‖", result.residual, 1e-9), Check("λ there", carried, 0.0))
 
 
+def _on_one_block(wrenches: FloatArray) -> ContactJacobian:
+    """G of one free block, from the unit wrench of each contact (6, n_contacts)."""
+    pairs, whole = np.zeros(1, dtype=np.int64), np.eye(6)[None]
+    contacts = SeparateWrenches(wrenches.T, np.array([0, wrenches.shape[1]]))
+    return ContactJacobian(contacts, np.zeros_like(whole), whole, pairs, pairs, n_free=1)
+
+
 @CASES.add("parallel-normals", "Normals 2e-7 rad apart: the two forces of the closed form")
 def _parallel() -> Finding:
     angle = 1e-7
-    columns = np.array([[np.cos(angle), np.cos(angle)], [np.sin(angle), -np.sin(angle)]])
+    columns = np.zeros((6, 2))
+    columns[:2] = [[np.cos(angle), np.cos(angle)], [np.sin(angle), -np.sin(angle)]]
     expected = np.array([0.75, 0.25])
-    result = newton_equilibrium(MatrixJacobian(sp.csc_array(columns)), -columns @ expected)
+    result = newton_equilibrium(_on_one_block(columns), -columns @ expected)
     # Forces are the residual (1e-12) over the smallest singular value (1.4e-7).
     return Finding(
         Check("‖Gλ+f‖/‖f‖", result.residual, 1e-9),
@@ -203,7 +211,7 @@ def _parallel() -> Finding:
 @CASES.add("rank-deficient", "24 contacts of rank 1 in six rows: even forces; across: a ray")
 def _rank_deficient() -> Finding:
     column = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-    jacobian = MatrixJacobian(sp.csc_array(np.column_stack([column] * 12 + [-column] * 12)))
+    jacobian = _on_one_block(np.column_stack([column] * 12 + [-column] * 12))
     held = newton_equilibrium(jacobian, -6.0 * column)
     across = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     free = newton_equilibrium(jacobian, across)
@@ -225,7 +233,7 @@ def _cone() -> tuple[FloatArray, FloatArray]:
 def _inside() -> Finding:
     matrix, load = _cone()
     load = load - 1e-9 * matrix[:, 5]
-    result = newton_equilibrium(MatrixJacobian(sp.csc_array(matrix)), load)
+    result = newton_equilibrium(_on_one_block(matrix), load)
     exact = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1e-9])
     return Finding(
         Check("‖Gλ+f‖/‖f‖", result.residual, 1e-11),
@@ -240,7 +248,7 @@ def _inside() -> Finding:
 def _just_outside() -> Finding:
     matrix, load = _cone()
     load = load + 1e-9 * matrix[:, 5]
-    result = newton_equilibrium(MatrixJacobian(sp.csc_array(matrix)), load)
+    result = newton_equilibrium(_on_one_block(matrix), load)
     # Distance to the cone: the part of the overshoot orthogonal to the five others.
     basis, _ = np.linalg.qr(matrix[:, :5])
     rest = matrix[:, 5] - basis @ (basis.T @ matrix[:, 5])
@@ -255,9 +263,8 @@ def _just_outside() -> Finding:
 def _outside() -> Finding:
     matrix, load = _cone()
     load = load + 1e-5 * matrix[:, 5]
-    sparse = sp.csc_array(matrix)
-    result = newton_equilibrium(MatrixJacobian(sparse), load)
-    return Finding(*_driven(sparse, load, result.mechanism), refusal=result.status)
+    result = newton_equilibrium(_on_one_block(matrix), load)
+    return Finding(*_driven(sp.csc_array(matrix), load, result.mechanism), refusal=result.status)
 
 
 def _without_top_block(*, unmatched_allowed: bool) -> Assembly:

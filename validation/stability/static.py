@@ -15,10 +15,10 @@ from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from fem.system.build import DeformableAssembly
 from fem.system.state import contact_state
 from geometry.assembly import moved
-from geometry.families.hexagon_block import HexagonBlockDivisions, HexagonBlockParameters
+from geometry.families.hexagon_block import HexagonBlock, HexagonBlockDivisions
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import HexagonTube
-from geometry.loads import named_case
+from geometry.loads import named_load
 from geometry.mesh import FloatArray
 from validation.stability.case import Cases, Check, Finding, refusal
 from validation.stability.contact_law import COLUMN_LAW, TOLERANCE, pressed_column, solved_column
@@ -114,7 +114,7 @@ def _offset() -> Finding:
     assembly = tube(1)
     away = moved(assembly, np.eye(3), np.array([1e6, -1e6, 1e6]))
     mine, other = (
-        solve_static(deformable(a, named_case(a, "pipe", 0.01), material=CONCRETE))
+        solve_static(deformable(a, named_load("pipe", 0.01).on(a), material=CONCRETE))
         for a in (assembly, away)
     )
     # Coordinates lose 2e-10 mm; at 0.5 MPa the law has 570 MPa/mm: 1e-7 MPa of 0.5 MPa.
@@ -162,9 +162,8 @@ def _energy(stated: DeformableAssembly, displacements: tuple[FloatArray, ...]) -
 )
 def _turning() -> Finding:
     assembly = tube(2, SineBlockDivisions(12, 2, 4))
-    stated = Problem(
-        assembly, named_case(assembly, "tunnel", 0.01), CONCRETE, clearance=0.1, check_units=False
-    ).deformable
+    load = named_load("tunnel", 0.01).on(assembly)
+    stated = Problem(assembly, load, CONCRETE, clearance=0.1, check_units=False).deformable
     result = solve_static(stated)
     least = _energy(stated, result.displacements)
     random = np.random.default_rng(0)
@@ -189,11 +188,9 @@ def _turning() -> Finding:
     "A periodic cell floats: balance, the same by sector and ring, sparse and condensed",
 )
 def _floating() -> Finding:
-    assembly = HexagonTube(
-        HexagonBlockParameters(4, 120.0, 40.0), HexagonBlockDivisions(4, 2), 2
-    ).cell()
+    assembly = HexagonTube(HexagonBlock(4, 120.0, 40.0), HexagonBlockDivisions(4, 2), 2).cell()
     stated = Problem(
-        assembly, named_case(assembly, "tunnel", 0.01), CONCRETE, check_units=False
+        assembly, named_load("tunnel", 0.01).on(assembly), CONCRETE, check_units=False
     ).deformable
     ring, sector, sparse = (
         solve_static(stated, StaticOptions(symmetry=order, method=method))

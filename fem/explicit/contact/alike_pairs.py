@@ -21,10 +21,8 @@ from fem.explicit.kernels.lanes import REGISTER_DOUBLES
 from fem.system.build import DeformableAssembly
 from fem.system.sector import NodeMap
 from fem.system.system import System
+from geometry.interface import SAME_PLACEMENT
 from geometry.mesh import FloatArray, IntArray
-
-#: Placements (in block sizes and as rotations) that differ by less are the same.
-_SAME_PLACEMENT = 1e-9
 
 #: Pairs of blocks that are worked on together: entries of a register (a facet needs dozens).
 WIDTHS = tuple(sorted({1, 4, REGISTER_DOUBLES}))
@@ -105,8 +103,8 @@ class _Pair:
 
     def like(self, other: _Pair, size: float) -> bool:
         """Whether both are placed alike, in blocks of a size [mm]."""
-        near = float(np.abs(self.translation - other.translation).max()) <= _SAME_PLACEMENT * size
-        return near and float(np.abs(self.rotation - other.rotation).max()) <= _SAME_PLACEMENT
+        near = float(np.abs(self.translation - other.translation).max()) <= SAME_PLACEMENT * size
+        return near and float(np.abs(self.rotation - other.rotation).max()) <= SAME_PLACEMENT
 
 
 def _kind(deformable: DeformableAssembly, m: int, s: int) -> tuple[float, int]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from geometry.assembly import Assembly
-from geometry.families.sine_block import SineBlockParameters
+from geometry.families.sine_block import SineBlock
 from geometry.mesh import FloatArray
 from validation.output.pictures.bodies import (
     colours_of_blocks,
@@ -31,7 +31,7 @@ _POINTS = 241
 _PALE = "#A6CBE3"
 
 
-def draw_block(assembly: Assembly, block: SineBlockParameters, path: Path, *, title: str) -> None:
+def draw_block(assembly: Assembly, block: SineBlock, path: Path, *, title: str) -> None:
     """Draw the first free block of a tube of such: in space, from above, and its faces unrolled."""
     first = int(np.flatnonzero(~assembly.fixed)[0])
     colours = colours_of_blocks(assembly.fixed, turns(assembly))
@@ -61,7 +61,7 @@ def draw_block(assembly: Assembly, block: SineBlockParameters, path: Path, *, ti
 # Drawings
 
 
-def _plan(axes: Axes, block: SineBlockParameters) -> None:
+def _plan(axes: Axes, block: SineBlock) -> None:
     """Annulus of one layer seen along the axis; the block filled."""
     inner, outer = block.inner_radius, block.outer_radius
     ring_angle = np.linspace(-0.35, np.pi + 0.35, _POINTS)
@@ -89,7 +89,7 @@ def _plan(axes: Axes, block: SineBlockParameters) -> None:
     _frame(axes, (-1.5 * outer, 1.5 * outer), (-0.35 * outer, 1.15 * outer))
 
 
-def _elevation(axes: Axes, block: SineBlockParameters) -> None:
+def _elevation(axes: Axes, block: SineBlock) -> None:
     """Outline of the outer and inner face over the place u across the block."""
     u = np.linspace(0.0, 1.0, _POINTS)
     width = block.outer_radius * block.block_angle

@@ -1,0 +1,67 @@
+"""Any matrix as a contact Jacobian: the plain reference of `mbd.contact_jacobian`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from geometry.mesh import FloatArray
+from mbd.contact_jacobian import NormalMap
+
+
+@dataclass(frozen=True)
+class MatrixJacobian:
+    """Any G given as a matrix; its normal matrices are factored densely."""
+
+    matrix: scipy.sparse.csc_array
+    """(n_rows, n_contacts)."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(n_rows, n_contacts)."""
+        n_rows, n_contacts = self.matrix.shape
+        return int(n_rows), int(n_contacts)
+
+    def admissible(self, rows: FloatArray) -> FloatArray:
+        """All of some rows: no support takes any."""
+        return rows
+
+    @property
+    def n_motions(self) -> int:
+        """Independent motions."""
+        return self.shape[0]
+
+    def gap_rates(self, virtual_displacement: FloatArray) -> FloatArray:
+        """Gᵀ δq, (n_contacts,)."""
+        return self.matrix.T @ virtual_displacement
+
+    def resultant(self, forces: FloatArray) -> FloatArray:
+        """G λ, (n_rows,)."""
+        return self.matrix @ forces
+
+    def normal_product(self) -> NormalMap:
+        """Product with G Gᵀ."""
+        return lambda vector: self.matrix @ (self.matrix.T @ vector)
+
+    def normal_solver(self, weights: FloatArray, shift: float) -> NormalMap:
+        """Factor G diag(weights) Gᵀ + shift I."""
+        weighted = self.matrix * weights[None, :]
+        normal = (weighted @ self.matrix.T).toarray()
+        normal[np.diag_indices_from(normal)] += shift
+        factor = scipy.linalg.cho_factor(normal, lower=True, check_finite=False)
+
+        def solve(right_hand_side: FloatArray) -> FloatArray:
+            return scipy.linalg.cho_solve(factor, right_hand_side, check_finite=False)
+
+        return solve
+
+    def to_matrix(self) -> scipy.sparse.csc_array:
+        """G as a sparse matrix, (n_rows, n_contacts)."""
+        return self.matrix
+
+
+def as_jacobian(matrix: FloatArray) -> MatrixJacobian:
+    """G of a dense matrix (n_rows, n_contacts)."""
+    return MatrixJacobian(scipy.sparse.csc_array(matrix))
