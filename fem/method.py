@@ -146,7 +146,7 @@ class Explicit:
         """
         if self.mass_scaling is not None and gravity is not None:
             raise EffectError(
-                f"fem.mass_scaling: got {self.mass_scaling:g} beside effects.gravity; added mass "
+                f"mass_scaling: got {self.mass_scaling:g} beside `gravity`; added mass "
                 "would weigh: expected one of the two"
             )
         damping, rayleigh, viscosity = self.damped(moves=moves), self.rayleigh, self.bulk_viscosity

@@ -375,7 +375,7 @@ class Problem:
         largest = self.load_case.largest_traction
         if largest > material.young_modulus:
             raise ProblemError(
-                f"load.pressure: got {largest:g} MPa, more than material.young_modulus = "
+                f"pressure: got {largest:g} MPa, more than `young_modulus` = "
                 f"{material.young_modulus:g} MPa; expected less, or strains exceed 1: give both "
                 "in MPa"
             )

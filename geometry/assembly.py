@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeVar
 
@@ -126,6 +126,12 @@ class PlacedBlocks(ReadOnlyArrays, ABC, Generic[AnyShape]):
                     f"{self.name}: {what}: got {values.dtype} of shape {values.shape}; expected "
                     f"{_KINDS[kind]} of shape {shape}, one row for each of {n} blocks"
                 )
+
+    @property
+    def as_placed(self) -> dict[str, Any]:
+        """Fields of the same blocks of other shapes, by name."""
+        names = (field.name for field in fields(PlacedBlocks) if field.name != "shapes")
+        return {name: getattr(self, name) for name in names}
 
     @property
     def n_blocks(self) -> int:

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
@@ -37,6 +37,8 @@ from geometry.parts.regions import (
     region_quads,
 )
 from geometry.parts.supports import HeldFace
+
+Values = TypeVar("Values", FloatArray, IntArray)
 
 
 class LoadCaseError(RefusedError):
@@ -211,17 +213,14 @@ class LoadCase(ReadOnlyArrays):
         """Edges of each load of `lines`."""
         return tuple(_loaded_edges(self.assembly, line) for line in self.lines)  # type: ignore[arg-type]
 
-    def _all(self, name: str) -> FloatArray:
+    def _all(self, name: str, none: Values) -> Values:
         parts = [getattr(result, name) for result in (*self.facets, *self.edges, *self.nodes)]
-        return np.concatenate(parts) if parts else np.zeros((0, 3))
+        return np.concatenate(parts) if parts else none
 
     @cached_property
     def block(self) -> IntArray:
         """Loaded block of each facet, then of each edge, then of each node, (n_facets,)."""
-        parts = [result.block for result in self.facets]
-        parts += [edges.block for edges in self.edges]
-        parts += [forces.block for forces in self.nodes]
-        return np.concatenate(parts or [np.zeros(0, dtype=np.int64)])
+        return self._all("block", np.zeros(0, dtype=np.int64))
 
     @cached_property
     def centroids(self) -> FloatArray:
@@ -231,17 +230,17 @@ class LoadCase(ReadOnlyArrays):
         """
         if self.without_couple:
             return surface_means(self.assembly)[self.block]  # type: ignore[arg-type]
-        return self._all("centroids")
+        return self._all("centroids", np.zeros((0, 3)))
 
     @cached_property
     def area_vectors(self) -> FloatArray:
         """Outward vector areas of the facets, world axes, (n_facets, 3) [mm²]."""
-        return self._all("area_vectors")
+        return self._all("area_vectors", np.zeros((0, 3)))
 
     @cached_property
     def facet_forces(self) -> FloatArray:
         """Force on each facet in the initial configuration, (n_facets, 3) [N]."""
-        return self._all("forces")
+        return self._all("forces", np.zeros((0, 3)))
 
     @cached_property
     def wrenches(self) -> FloatArray:

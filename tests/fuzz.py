@@ -36,7 +36,7 @@ import numpy as np
 import typer
 
 from geometry import HexMesh
-from geometry.files.mesh_io import write_hex_mesh, write_triangles
+from geometry.files.mesh_io import write_cells, write_hex_mesh
 from geometry.mesh import boundary_quads, structured_hexahedra
 from geometry.polyhedra.polyhedron import polyhedron_from_quads
 from tests.support.answers import on_its_mesh
@@ -316,10 +316,10 @@ def make_specimens(folder: Path) -> None:
     for ending in (".vtu", ".msh", ".inp"):
         write_hex_mesh(folder / f"block{ending}", solid)
     for ending in (".stl", ".obj", ".ply"):
-        write_triangles(folder / f"block{ending}", block.points, block.triangles, {})
+        write_cells(folder / f"block{ending}", block.points, "triangle", block.triangles)
     points = np.concatenate([block.points, block.points + np.array([0.0, 0.0, 100.0])])
     both = np.concatenate([block.triangles, block.triangles + len(block.points)])
-    write_triangles(folder / "two.stl", points, both, {})
+    write_cells(folder / "two.stl", points, "triangle", both)
     sizes = (setting.partition("=") for setting in _TUBE)
     settings = "\n".join(["[settings]", *(f'"{key}" = {value}' for key, _, value in sizes)])
     for name, asked in (

@@ -26,8 +26,28 @@ class InputError(RefusedError):
         self.of_input = of_input
 
 
-#: Keys of scenes for names of the libraries that are fields of no section alone.
-_KEYS = {"tolerance": "detection.tolerance", "spacing": "contact.spacing", "size": "mesh.size"}
+#: Keys of scenes for the names that fields of a problem and of its methods have in the libraries.
+_KEYS = {
+    "clearance": "contact.clearance",
+    "coefficient": "effects.friction.coefficient",
+    "end_time": "fem.end_time",
+    "friction": "effects.friction",
+    "gravity": "effects.gravity",
+    "mass_scaling": "fem.mass_scaling",
+    "max_work": "fem.max_work",
+    "maximum_stiffness": "contact.maximum_stiffness",
+    "pressure": "load.pressure",
+    "ramp_time": "fem.ramp_time",
+    "safety_factor": "fem.safety_factor",
+    "sample_interval": "fem.sample_interval",
+    "size": "mesh.size",
+    "spacing": "contact.spacing",
+    "stick_stiffness": "effects.friction.stick_stiffness",
+    "threads": "fem.threads",
+    "time_step": "fem.time_step",
+    "tolerance": "detection.tolerance",
+    "young_modulus": "material.young_modulus",
+}
 
 
 @contextmanager

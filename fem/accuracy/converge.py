@@ -486,7 +486,7 @@ def _first_mesh(limit: BaseException, stated: Problem) -> BaseException:
     return LimitError(
         limit.by,
         f"no state within {stop(limit.by)}: the first mesh, of {_unknowns(stated):.0f} unknowns a "
-        f"block, was not finished; expected a coarser mesh, fewer blocks, or a higher fem.max_work",
+        f"block, was not finished; expected a coarser mesh, fewer blocks, or a higher `max_work`",
     )
 
 

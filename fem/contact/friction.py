@@ -75,13 +75,13 @@ class CoulombFriction:
             some = name == "coefficient" and any(pair[2] > 0.0 for pair in self.of_pairs)
             if not (is_number(value) and (value > 0.0 or (some and value == 0.0))):
                 raise FrictionError(
-                    f"effects.friction.{name}: got {value}, expected a finite positive number "
+                    f"{name}: got {value}, expected a finite positive number "
                     "(leave friction out for none)"
                 )
         for value in (self.coefficient, *(pair[2] for pair in self.of_pairs)):
             if not 0.0 <= value <= MOST_FRICTION:
                 raise FrictionError(
-                    f"effects.friction.coefficient: got {value:g}, expected up to "
+                    f"coefficient: got {value:g}, expected up to "
                     f"{MOST_FRICTION:g}; an angle of friction φ is given as its tangent: 30° is "
                     "0.577"
                 )

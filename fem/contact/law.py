@@ -265,7 +265,7 @@ class ExponentialLaw(ContactLaw):
         touching = self._curve_stiffness(1.0)
         if self.maximum_stiffness < touching:
             raise ContactLawError(
-                f"contact.maximum_stiffness: got {self.maximum_stiffness} MPa/mm; expected at "
+                f"maximum_stiffness: got {self.maximum_stiffness} MPa/mm; expected at "
                 f"least {touching:.4g}, the stiffness at zero clearance"
             )
 

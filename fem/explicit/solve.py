@@ -226,7 +226,7 @@ def prepare(
     With one thread in the serial loops, with more in shared rows.
     """
     if threads < 1:
-        raise TimeStepError(f"fem.threads: got {threads}, expected at least 1")
+        raise TimeStepError(f"threads: got {threads}, expected at least 1")
     if threads > 1:
         numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     bodies = tuple(
@@ -326,13 +326,13 @@ def choose_time_step(
     """Time step of a run."""
     if time_step is None:
         if not 0.0 < safety_factor <= 1.0:
-            raise TimeStepError(f"fem.safety_factor: got {safety_factor}, expected 0 < factor <= 1")
+            raise TimeStepError(f"safety_factor: got {safety_factor}, expected 0 < factor <= 1")
         return safety_factor * critical.critical_time_step
     if not (math.isfinite(time_step) and time_step > 0.0):
-        raise TimeStepError(f"fem.time_step: got {time_step} s, expected a finite positive number")
+        raise TimeStepError(f"time_step: got {time_step} s, expected a finite positive number")
     if time_step > critical.critical_time_step:
         raise TimeStepError(
-            f"fem.time_step: got {time_step:.4g} s, expected at most the critical time step "
+            f"time_step: got {time_step:.4g} s, expected at most the critical time step "
             f"{critical.critical_time_step:.4g} s of {critical.group}"
         )
     return time_step
@@ -423,9 +423,9 @@ def solve(
         passed to a callback.
     """
     if not (math.isfinite(end_time) and end_time > 0.0):
-        raise TimeStepError(f"fem.end_time: got {end_time} s, expected a finite positive number")
+        raise TimeStepError(f"end_time: got {end_time} s, expected a finite positive number")
     if sample_interval < 1:
-        raise TimeStepError(f"fem.sample_interval: got {sample_interval}, expected at least 1")
+        raise TimeStepError(f"sample_interval: got {sample_interval}, expected at least 1")
     critical = critical_time_step(model)
     dt = choose_time_step(critical, time_step, safety_factor)
     system = prepare(model, time_step=dt, threads=threads)
@@ -641,8 +641,8 @@ def _refuse_imbalance(result: Run) -> None:
         raise UnstableRun(
             f"unstable: energies, damping and friction differ from the external work by "
             f"{100.0 * balance:.3g} % of the energy turned over, at most "
-            f"{100.0 * LARGEST_IMBALANCE:g} % may be; take a smaller fem.time_step or "
-            f"fem.safety_factor (time step {result.time_step:.4g} s)"
+            f"{100.0 * LARGEST_IMBALANCE:g} % may be; take a smaller `time_step` or "
+            f"`safety_factor` (time step {result.time_step:.4g} s)"
         )
 
 
@@ -697,6 +697,6 @@ def watch(system: ExplicitSystem, state: State, history: History) -> None:
             raise UnstableRun(
                 f"unstable at t = {system.time(state):.6g} s (step {state.step}): the energy of "
                 f"{body.group.name}[{copy}] is {energy[copy]:.3g} N mm, the external work "
-                f"{put_in:.3g} N mm; take a smaller fem.safety_factor (time step "
+                f"{put_in:.3g} N mm; take a smaller `safety_factor` (time step "
                 f"{system.time_step:.4g} s)"
             )

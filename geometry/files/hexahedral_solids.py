@@ -193,15 +193,9 @@ def with_hexahedra(
         As `check_assembly`, of the surfaces of the hexahedra.
     """
     blocks = Assembly(
-        name=solids.name,
+        **solids.as_placed,
         shapes=_of_shapes(solids.shapes, divisions, size),
-        shape_of=solids.shape_of,
-        rotations=solids.rotations,
-        translations=solids.translations,
         layer=np.where(solids.fixed, 0, 1),
-        fixed=solids.fixed,
-        names=solids.names,
-        parts=solids.parts,
         unmatched_allowed=True,
     )
     surfaces = as_polyhedral(blocks, solids.detection)

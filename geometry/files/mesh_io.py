@@ -40,7 +40,7 @@ _VTK_KINDS = {"vertex": 1, "triangle": 5, "quad": 9, "hexahedron": 12, "lagrange
 _Data = Mapping[str, npt.NDArray[Any]]
 
 
-def _write(
+def write_cells(
     path: Path,
     points: FloatArray,
     kind: str,
@@ -49,7 +49,21 @@ def _write(
     point_data: _Data | None = None,
     cell_data: _Data | None = None,
 ) -> None:
-    """Write whole or not at all: a killed run never leaves half a file under the final name."""
+    """Write cells of one kind, the whole file or none of it.
+
+    Parameters
+    ----------
+    path
+        Its suffix says the format (`.vtu`, `.inp`, `.stl`, …).
+    points
+        (n_points, 3) [mm].
+    kind
+        ``vertex``, ``triangle``, ``quad`` or ``hexahedron``.
+    cells
+        Points of each cell, (n_cells, n_corners).
+    point_data, cell_data
+        Arrays with one row per point, and per cell.
+    """
     data: dict[str, Any] = {"point_data": point_data or {}, "cell_data": cell_data or {}}
     if path.suffix.lower() == ".vtu":
         grid = as_grid(points, _VTK_KINDS[kind], cells, **data)
@@ -74,7 +88,7 @@ def write_hex_mesh(
     Data are arrays with one row per node, and per element.
     """
     kind, cells = "hexahedron", mesh.elements
-    _write(path, mesh.nodes, kind, cells, point_data=point_data, cell_data=cell_data)
+    write_cells(path, mesh.nodes, kind, cells, point_data=point_data, cell_data=cell_data)
 
 
 def write_lagrange_cells(
@@ -107,29 +121,7 @@ def write_lagrange_cells(
     cells = np.empty((n_cells, n_points), dtype=np.int64)
     cells[:, number] = np.arange(n_cells * n_points).reshape(n_cells, n_points)
     kind, nodes = "lagrange hexahedron", positions.reshape(-1, 3)
-    _write(path, nodes, kind, cells, point_data=point_data, cell_data=cell_data)
-
-
-def write_surface(path: Path, surface: QuadSurface, cell_data: _Data) -> None:
-    """Write quadrilateral facets with one row of data per facet."""
-    _write(path, surface.nodes, "quad", surface.quads, cell_data=cell_data)
-
-
-def write_points(path: Path, points: FloatArray, point_data: _Data) -> None:
-    """Write points, each a vertex of its own, with one row of data per point."""
-    _write(path, points, "vertex", np.arange(len(points))[:, None], point_data=point_data)
-
-
-def write_triangles(
-    path: Path,
-    points: FloatArray,
-    triangles: IntArray,
-    cell_data: _Data,
-    *,
-    point_data: _Data | None = None,
-) -> None:
-    """Write triangles with one row of data per triangle, and per point."""
-    _write(path, points, "triangle", triangles, point_data=point_data, cell_data=cell_data)
+    write_cells(path, nodes, kind, cells, point_data=point_data, cell_data=cell_data)
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -76,8 +76,12 @@ class PolyhedralAssembly(PlacedBlocks[Polyhedron]):
     def _touching(self, contacts: BoolArray) -> PolyhedralAssembly:
         if contacts.all():
             return self
-        same = {part.name: getattr(self, part.name) for part in fields(self)}
-        return _WithSomeContacts(found=self.interfaces.some(contacts), **same)
+        return _WithSomeContacts(
+            **self.as_placed,
+            shapes=self.shapes,
+            detection=self.detection,
+            found=self.interfaces.some(contacts),
+        )
 
     def joint_centroids(self, pairs: IntArray) -> FloatArray:
         """Centroid of the contact area of each of some pairs of blocks, sorted, (n, 3) [mm].
@@ -178,14 +182,8 @@ def as_polyhedral(
 ) -> PolyhedralAssembly:
     """Return a hexahedral assembly as triangulated blocks whose contacts are to be detected."""
     return PolyhedralAssembly(
-        name=assembly.name,
+        **assembly.as_placed,
         shapes=tuple(polyhedron_from_block(shape) for shape in assembly.shapes),
-        shape_of=assembly.shape_of,
-        rotations=assembly.rotations,
-        translations=assembly.translations,
-        fixed=assembly.fixed,
-        names=assembly.names,
-        parts=assembly.parts,
         detection=detection or DetectionOptions(),
     )
 

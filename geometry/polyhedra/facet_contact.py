@@ -81,9 +81,20 @@ class ContactPolygons:
     def patch_centroids(self) -> FloatArray:
         """Centroid of each patch, (n_patches, 3) [mm]."""
         middles, areas, patch = self.triangle_areas
-        total = np.zeros((int(self.patch.max(initial=-1)) + 1, 3))
-        np.add.at(total, patch, areas[:, None] * middles)
-        return total / np.bincount(patch, weights=areas)[:, None]
+        return _centroids(middles, areas, patch, int(self.patch.max(initial=-1)) + 1)
+
+    @property
+    def centroids(self) -> FloatArray:
+        """Centroid of each polygon, (n_polygons, 3) [mm]."""
+        middles, areas, _ = self.triangle_areas
+        return _centroids(middles, areas, self.triangles[1], len(self.areas))
+
+
+def _centroids(points: FloatArray, areas: FloatArray, group: IntArray, n: int) -> FloatArray:
+    """Means of points (m, 3), weighted by areas (m,), of n groups (m,); (n, 3)."""
+    total = np.zeros((n, 3))
+    np.add.at(total, group, areas[:, None] * points)
+    return total / np.bincount(group, weights=areas, minlength=n)[:, None]
 
 
 @dataclass(frozen=True)
@@ -289,9 +300,15 @@ def find_contacts(
         wide=_wide(world, polygons, world.faces[m][first], world.faces[s][first]),
     )
     if placement is ContactPlacement.CENTROIDS:
-        return _on_exact_faces(
-            world, _at_centroids(patches, polygons, direction), m[first], s[first]
+        contacts = _on_patches(
+            patches,
+            polygons,
+            patch,
+            points=polygons.centroids,
+            normals=direction,
+            areas=area,
         )
+        return _on_exact_faces(world, contacts, m[first], s[first])
     flat_contacts = _on_exact_faces(world, _at_vertices(patches, polygons), m[first], s[first])
     narrow = np.flatnonzero(~flat_contacts.bears)
     for triangle in (m, s):
@@ -375,32 +392,26 @@ def _with_points(
     )
 
 
-def _at_centroids(
-    patches: ContactPatches, polygons: ContactPolygons, normals: FloatArray
+def _on_patches(
+    patches: ContactPatches,
+    polygons: ContactPolygons,
+    patch: IntArray,
+    *,
+    points: FloatArray,
+    normals: FloatArray,
+    areas: FloatArray,
 ) -> ContactPoints:
-    """One point at the centroid of each polygon."""
-    start = polygons.start
-    count = np.diff(start)
-    owner = np.repeat(np.arange(len(count)), count)
-    following = np.arange(len(owner)) + 1
-    following[start[1:] - 1] = start[:-1]
-    origin = polygons.corners[start[:-1]][owner]
-    a, b = polygons.corners - origin, polygons.corners[following] - origin
-    twice = np.linalg.norm(np.cross(a, b), axis=1)
-    weighted = (a + b) * twice[:, None] / 3.0
-    middle = np.zeros((len(count), 3))
-    np.add.at(middle, owner, weighted)
-    middle /= np.bincount(owner, weights=twice, minlength=len(count))[:, None]
-    block_m, block_s = patches.block_m[polygons.patch], patches.block_s[polygons.patch]
+    """Contacts on areas, from the patch (n,) and place (n, 3) of each."""
+    block_m, block_s = patches.block_m[patch], patches.block_s[patch]
     return ContactPoints(
         block_m=block_m,
         block_s=block_s,
-        centroids=polygons.corners[start[:-1]] + middle,
+        centroids=points,
         normals=normals,
-        areas=polygons.areas,
+        areas=areas,
         pair_start=run_starts(block_m, block_s),
-        patch=polygons.patch,
-        bears=patches.wide[polygons.patch],
+        patch=patch,
+        bears=patches.wide[patch],
         patches=patches,
         polygons=polygons,
     )
@@ -431,16 +442,11 @@ def _at_vertices(patches: ContactPatches, polygons: ContactPolygons) -> ContactP
     total = hulls(flat, start, order, 1e-7 * size, chosen, chosen_start)
     corner, count = chosen[:total], np.diff(chosen_start)
     patch = np.repeat(np.arange(n_patches), count)
-    block_m, block_s = patches.block_m[patch], patches.block_s[patch]
-    return ContactPoints(
-        block_m=block_m,
-        block_s=block_s,
-        centroids=polygons.corners[corner],
+    return _on_patches(
+        patches,
+        polygons,
+        patch,
+        points=polygons.corners[corner],
         normals=patches.normals[patch],
         areas=(patches.areas / np.maximum(count, 1))[patch],
-        pair_start=run_starts(block_m, block_s),
-        patch=patch,
-        bears=patches.wide[patch],
-        patches=patches,
-        polygons=polygons,
     )

@@ -13,9 +13,8 @@ import numpy as np
 
 from geometry.answer import Answer, Contacts, Measure, known
 from geometry.errors import unreadable
-from geometry.files.mesh_io import write_hex_mesh, write_surface, write_triangles
+from geometry.files.mesh_io import write_cells
 from geometry.machine.system import write_whole
-from geometry.mesh import HexMesh, QuadSurface
 from validation.errors import InputError
 from validation.output.files import prepare_folder, write_json
 
@@ -89,11 +88,9 @@ def _write_fields(answer: Answer, path: Path) -> None:
         "block": answer.block_of_point[first].astype(np.int32),
         "layer": answer.layer_of_point[first].astype(np.int32),
     }
-    if answer.cells.shape[1] == 8:
-        mesh = HexMesh(answer.points, answer.cells)
-        write_hex_mesh(path, mesh, point_data=answer.fields, cell_data=owners)
-    else:
-        write_triangles(path, answer.points, answer.cells, owners, point_data=answer.fields)
+    kind = "hexahedron" if answer.cells.shape[1] == 8 else "triangle"
+    fields = answer.fields
+    write_cells(path, answer.points, kind, answer.cells, point_data=fields, cell_data=owners)
 
 
 def write_contacts(answer: Answer, path: Path) -> None:
@@ -110,7 +107,8 @@ def write_contacts(answer: Answer, path: Path) -> None:
         values[f"block_{side}"] = result["blocks"][:, k].astype(np.int32)
         values[f"layer_{side}"] = result["layer"][:, k].astype(np.int32)
     corners = result["corners"].reshape(-1, 3)
-    write_surface(path, QuadSurface(corners, np.arange(len(corners)).reshape(-1, 4)), values)
+    quads = np.arange(len(corners)).reshape(-1, 4)
+    write_cells(path, corners, "quad", quads, cell_data=values)
 
 
 def measure_of(data: Mapping[str, Any]) -> Measure:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from geometry.files.mesh_io import write_points
+from geometry.files.mesh_io import write_cells
 from geometry.mesh import FloatArray
 from geometry.parts.balance import reaction_rows
 from geometry.parts.measures import JointResultants, SectionForces
@@ -64,10 +64,12 @@ def components(
 
 def _write_points(joints: JointResultants, path: Path) -> None:
     """A point at the centroid of each joint, with its vectors."""
-    write_points(
+    write_cells(
         path,
         joints.centroids,
-        {
+        "vertex",
+        np.arange(len(joints.centroids))[:, None],
+        point_data={
             "force": joints.forces,
             "moment": joints.moments,
             "normal": joints.normals,

@@ -13,7 +13,7 @@ from geometry.answer import FACTORS, Answer, Measure
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.files.block_files import SURFACES_ALONE
 from geometry.files.hexahedral_solids import six_sided_hexahedra
-from geometry.files.mesh_io import write_triangles
+from geometry.files.mesh_io import write_cells
 from geometry.parts.measures import JointResultants, Measures, SectionForces
 from geometry.parts.rows import Row, number
 from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
@@ -108,11 +108,12 @@ def write_contacts(answer: Answer, path: Path) -> None:
             "patch_pressure": contacts["pressure"][patch],
             "patch_traction": traction[patch],
         }
-    write_triangles(
+    write_cells(
         path,
         polygons.corners,
+        "triangle",
         triangles,
-        {
+        cell_data={
             **carried,
             "normal": patches.normals[patch],
             "block_m": patches.block_m[patch].astype(np.int32),

@@ -35,8 +35,8 @@ class ExplicitContact(ABC):
     def __post_init__(self) -> None:
         if self.friction is not None and self.friction.stick_stiffness > self.counted_stiffness:
             raise FrictionError(
-                f"effects.friction: got a stick stiffness of {self.friction.stick_stiffness} "
-                f"MPa/mm, expected at most {self.counted_stiffness:.4g}, the contact stiffness "
+                f"stick_stiffness: got {self.friction.stick_stiffness} MPa/mm, expected at most "
+                f"{self.counted_stiffness:.4g}, the contact stiffness "
                 "included in the critical time step"
             )
 
@@ -102,8 +102,8 @@ class BoundContact(Interaction):
         return (
             f"contact pressure between blocks {m} and {s} reached {pressure:.3g} MPa, a stiffness "
             f"of {stiffness:.3g} MPa/mm; the time step {system.time_step:.4g} s allows "
-            f"{self._largest_stiffness(system):.3g}; take a smaller fem.safety_factor or set "
-            "contact.maximum_stiffness"
+            f"{self._largest_stiffness(system):.3g}; take a smaller `safety_factor` or set "
+            "`maximum_stiffness`"
         )
 
     def _largest_stiffness(self, system: ExplicitSystem) -> float:

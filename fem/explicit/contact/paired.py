@@ -46,7 +46,7 @@ class FaceContact(ExplicitContact):
         super().__post_init__()
         if self.friction is not None and self.normals is ContactNormals.REFERENCE:
             raise FrictionError(
-                "effects.friction: got contact with reference normals, expected current normals"
+                "friction: got contact with reference normals, expected current normals"
             )
 
     def bind(self, bodies: tuple[LaneBody, ...]) -> BoundContact:

@@ -272,7 +272,7 @@ def _end_of_motion(deformable: DeformableAssembly, ramp: float) -> float:
     moving = [s.amplitude for s in deformable.model.supports if s.displacement.any()]
     if ramp <= 0.0 and any(share is ALL_THE_WAY for share in moving):
         raise TimeStepError(
-            "fem.ramp_time: got 0 with a support that moves; expected the time of its smooth "
+            "ramp_time: got 0 with a support that moves; expected the time of its smooth "
             "step in seconds, or a table of its motion"
         )
     ends = [s.times[-1] for s in moving if isinstance(s, TabularAmplitude) and s is not ALL_THE_WAY]
@@ -287,7 +287,7 @@ def _times(
     if not deformable.meets:
         if end_time is None:
             raise TimeStepError(
-                "fem.end_time is missing: an explicit run of single bodies needs its end in seconds"
+                "`end_time` is missing: an explicit run of single bodies needs its end in seconds"
             )
         return None, 0.5 * end_time if ramp_time is None else ramp_time, end_time
     if isinstance(points, SearchedPoints):
