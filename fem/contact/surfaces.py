@@ -445,7 +445,7 @@ def refuse_overlap(
         f"contact: {int((deepest > range_end).sum())} facets overlap at the start by more than "
         f"{range_end:.3g} mm, where the contact law ends; deepest {deepest[worst]:.3g} mm between "
         f"blocks {int(block_m[worst])} and {int(block_s[worst])}; expected "
-        "blocks that touch: correct the placement or raise the `clearance`"
+        "blocks that touch: correct the placement or raise `clearance`"
     )
 
 
