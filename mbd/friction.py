@@ -457,7 +457,8 @@ def collapse_load(contacts: FrictionalContacts, dead: FloatArray, live: FloatArr
             forces=alone.forces,
             residual=alone.residual,
             status="load factor unbounded: rigid blocks, associated friction (sliding joints "
-            "dilate), no crushing. Dry joints may slide under a smaller load (`sliding` searches for it)",
+            "dilate), no crushing. Dry joints may slide under a smaller load: `sliding` searches "
+            "for it",
         )
     factor, forces, dual = _largest_factor(contacts, dead, live)
     total = dead + factor * live
