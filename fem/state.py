@@ -61,8 +61,8 @@ def _turns(nodes: FloatArray, displacements: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(spins, axis=(1, 2)) / np.sqrt(2.0))
 
 
-class StateError(RefusedError):
-    """A quantity that a state does not have."""
+class NoContactError(RefusedError):
+    """Contact of single bodies, which have none."""
 
 
 @dataclass(frozen=True)
@@ -331,7 +331,7 @@ class State(ReadOnlyArrays):
     def contact(self) -> ContactMeasures:
         """p_max, p_eff and the other measures of the paper."""
         if not self.deformable.meets:
-            raise StateError(
+            raise NoContactError(
                 "contact: got single bodies, which have no contact; expected blocks that meet"
             )
         return contact_measures(self.deformable.assembly, self.contact_state)

@@ -13,7 +13,7 @@ import numpy as np
 from fem.explicit.body import LaneBody
 from fem.explicit.kernels import add_at
 from fem.explicit.kernels.layout import LaneArray
-from fem.explicit.state import BodyState, State, world_vectors
+from fem.explicit.state import BodyState, Lanes, world_vectors
 from fem.explicit.step import (
     ExplicitSystem,
     damped_internal_force,
@@ -90,7 +90,7 @@ def free_part(body: LaneBody, force: FloatArray) -> FloatArray:
     return free
 
 
-def residual(system: ExplicitSystem, state: State) -> Residual:
+def residual(system: ExplicitSystem, state: Lanes) -> Residual:
     """Force residual at the time of the last forces (the beginning of the last step)."""
     time = (state.step - 1) * system.time_step
     unbalanced = loads = internal = 0.0
@@ -104,7 +104,7 @@ def residual(system: ExplicitSystem, state: State) -> Residual:
     return Residual(math.sqrt(unbalanced), math.sqrt(loads or internal))
 
 
-def round_off(system: ExplicitSystem, state: State) -> float:
+def round_off(system: ExplicitSystem, state: Lanes) -> float:
     """Estimate the force residual that round-off leaves, relative to the loads.
 
     Every product k_ij u_j of the internal force is off by the last digit of u_j, independently
@@ -127,7 +127,7 @@ def _square(array: FloatArray | LaneArray) -> float:
     return float(np.vdot(array, array))
 
 
-def settling(system: ExplicitSystem, state: State) -> float | None:
+def settling(system: ExplicitSystem, state: Lanes) -> float | None:
     """Way still to go over the way gone, ‖v‖ / (ω ‖u‖) in the norm of the masses [-].
 
     A critically damped motion of frequency ω ends about v/ω from where it is. ω is half the
@@ -154,7 +154,7 @@ def restoring_forces(
     return free_part(body, damped_internal_force(system, body, now) - contact)
 
 
-def remember(system: ExplicitSystem, state: State) -> None:
+def remember(system: ExplicitSystem, state: Lanes) -> None:
     """Keep displacements and restoring forces for the next estimate."""
     time = (state.step - 1) * system.time_step
     for body, now in zip(system.bodies, state.bodies, strict=True):
@@ -163,7 +163,7 @@ def remember(system: ExplicitSystem, state: State) -> None:
         now.remembered[1] = restoring_forces(system, body, now, time)
 
 
-def active_frequency(system: ExplicitSystem, state: State) -> float | None:
+def active_frequency(system: ExplicitSystem, state: Lanes) -> float | None:
     """Frequency of the present motion by the Rayleigh quotient [rad/s].
 
     ω² = Δu · Δf / Δu · M Δu with the changes of displacement and restoring force since
@@ -182,7 +182,7 @@ def active_frequency(system: ExplicitSystem, state: State) -> float | None:
     return math.sqrt(stiffness / inertia)
 
 
-def adapt(system: ExplicitSystem, state: State, effect: AdaptiveMassDamping) -> None:
+def adapt(system: ExplicitSystem, state: Lanes, effect: AdaptiveMassDamping) -> None:
     """Set mass damping to critical damping of the active frequency, at most `CAP` / Δt."""
     frequency = active_frequency(system, state)
     if frequency is not None:

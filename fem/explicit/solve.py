@@ -36,7 +36,7 @@ from fem.explicit.output.checkpoint import (
 )
 from fem.explicit.output.energy import Energies, History, copy_energies, energies
 from fem.explicit.output.support_forces import support_forces
-from fem.explicit.state import BodyState, State, initial_body_state, world_vectors
+from fem.explicit.state import BodyState, Lanes, initial_body_state, world_vectors
 from fem.explicit.step import (
     ExplicitSystem,
     damped_internal_force,
@@ -243,7 +243,7 @@ def initial_state(
     *,
     displacements: Sequence[FloatArray] | None = None,
     velocities: Sequence[FloatArray] | None = None,
-) -> State:
+) -> Lanes:
     """State at time 0 with the velocity half a step earlier, v_{-½} = v_0 - ½ Δt a_0.
 
     Parameters
@@ -257,7 +257,7 @@ def initial_state(
     n = len(system.bodies)
     u = [None] * n if displacements is None else list(displacements)
     v = [None] * n if velocities is None else list(velocities)
-    state = State(
+    state = Lanes(
         bodies=tuple(
             initial_body_state(body, model.effects, u[k], v[k])
             for k, body in enumerate(system.bodies)
@@ -459,7 +459,7 @@ class _Loop:
     """The loop around the step: samples, watchdog, frames, checkpoints."""
 
     system: ExplicitSystem
-    state: State
+    state: Lanes
     history: History
     output: Output
     stop: StopCriterion | None
@@ -600,7 +600,7 @@ class _Loop:
             self.last_checkpoint = now
 
 
-def displacements_of(system: ExplicitSystem, state: State) -> tuple[FloatArray, ...]:
+def displacements_of(system: ExplicitSystem, state: Lanes) -> tuple[FloatArray, ...]:
     """Displacements of each group in world axes, (n_copies, n_nodes, 3) [mm]."""
     pairs = zip(system.bodies, state.bodies, strict=True)
     return tuple(world_vectors(body, now.displacement) for body, now in pairs)
@@ -657,7 +657,7 @@ def _round_off_energy(result: Run) -> float:
     return total
 
 
-def _forces_at_end(system: ExplicitSystem, state: State) -> dict[str, Any]:
+def _forces_at_end(system: ExplicitSystem, state: Lanes) -> dict[str, Any]:
     """Forces of the displacements that a state has, from the step that they begin."""
     time, before = system.time(state), [now.velocity.copy() for now in state.bodies]
     step(system, state)
@@ -682,7 +682,7 @@ def _forces_at_end(system: ExplicitSystem, state: State) -> dict[str, Any]:
     }
 
 
-def watch(system: ExplicitSystem, state: State, history: History) -> None:
+def watch(system: ExplicitSystem, state: Lanes, history: History) -> None:
     """Stop a run whose energy is not finite or far beyond what was put in."""
     for interaction in system.interactions:
         fault = interaction.fault(system)

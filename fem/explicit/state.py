@@ -135,8 +135,8 @@ class BodyState:
 
 
 @dataclass
-class State:
-    """All that changes; ``step`` counts steps done."""
+class Lanes:
+    """All that changes in a run; ``step`` counts steps done."""
 
     bodies: tuple[BodyState, ...]
     """One for each group."""

@@ -29,7 +29,7 @@ from fem.explicit.kernels import (
     widths,
 )
 from fem.explicit.kernels.layout import LaneArray
-from fem.explicit.state import BodyState, State
+from fem.explicit.state import BodyState, Lanes
 from fem.system.model import Model
 from geometry.mesh import FloatArray
 
@@ -41,7 +41,7 @@ class Interaction(ABC):
     """
 
     @abstractmethod
-    def add_force(self, system: ExplicitSystem, state: State) -> None:
+    def add_force(self, system: ExplicitSystem, state: Lanes) -> None:
         """Add forces of the current positions to the applied forces of the bodies."""
 
     def touched_points(self) -> float:
@@ -84,12 +84,12 @@ class ExplicitSystem:
     interactions: tuple[Interaction, ...] = ()
     """Contact; empty when blocks do not meet."""
 
-    def time(self, state: State) -> float:
+    def time(self, state: Lanes) -> float:
         """Time of the displacements of a state [s]."""
         return state.step * self.time_step
 
 
-def step(system: ExplicitSystem, state: State, *, sample: bool = False) -> None:
+def step(system: ExplicitSystem, state: Lanes, *, sample: bool = False) -> None:
     """Advance by one time step.
 
     With ``sample`` the energies at the time of the forces (the beginning of the step) are left
@@ -360,7 +360,7 @@ def _flat(array: LaneArray | None) -> LaneArray | None:
     return None if array is None else array.ravel()
 
 
-def enforce_support(system: ExplicitSystem, body: LaneBody, now: BodyState, state: State) -> None:
+def enforce_support(system: ExplicitSystem, body: LaneBody, now: BodyState, state: Lanes) -> None:
     """Prescribed components of displacement and velocity, and the work of moving supports."""
     damper = now.elastic_before
     viscous_before = 0.0 if damper is None else supported_viscous_power(system, body, now)

@@ -1,6 +1,6 @@
 """The statement of a problem: deformable blocks, what holds them, what loads them.
 
-Everything here is constant; what evolves is `fem.explicit.state.State`. World axes, mm, N, t, s.
+Everything here is constant; what evolves is `fem.explicit.state.Lanes`. World axes, mm, N, t, s.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ import numpy as np
 from fem import CoulombFriction, Problem, concrete
 from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import initial_state, prepare
-from fem.explicit.state import State
+from fem.explicit.state import Lanes
 from fem.explicit.step import ExplicitSystem, step
 from fem.system.build import DeformableAssembly
 from fem.system.effects import AdaptiveMassDamping, Effects
@@ -71,7 +71,7 @@ def tube(layers: int, elements: int) -> DeformableAssembly:
 
 def pressing(
     deformable: DeformableAssembly, symmetry: int, effects: Effects, steps: int
-) -> tuple[ExplicitSystem, State]:
+) -> tuple[ExplicitSystem, Lanes]:
     """A damped run after some steps: blocks press by then."""
     model = explicit_statement(
         deformable,

@@ -22,7 +22,7 @@ from fem.element.material import Material
 from fem.explicit.kernels import widths
 from fem.explicit.output.checkpoint import state_arrays
 from fem.explicit.solve import initial_state, prepare
-from fem.explicit.state import State
+from fem.explicit.state import Lanes
 from fem.explicit.step import ExplicitSystem, step, stiffness_force
 from fem.system.body import Body, placed_body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
@@ -91,7 +91,7 @@ def loaded_model(group: Body) -> Model:
     )
 
 
-def ready(model: Model, time_step: float, **options: Any) -> tuple[ExplicitSystem, State]:
+def ready(model: Model, time_step: float, **options: Any) -> tuple[ExplicitSystem, Lanes]:
     """System and state after a few steps, so that nothing is zero."""
     system = prepare(model, time_step=time_step, **options)
     state = initial_state(system)
@@ -100,7 +100,7 @@ def ready(model: Model, time_step: float, **options: Any) -> tuple[ExplicitSyste
     return system, state
 
 
-def seconds_of_force(system: ExplicitSystem, state: State, threads: int, repeats: int) -> float:
+def seconds_of_force(system: ExplicitSystem, state: Lanes, threads: int, repeats: int) -> float:
     """Time of one internal force of all copies [s]."""
     body, now = system.bodies[0], state.bodies[0]
     best = best_cpu_seconds if threads == 1 else best_wall_seconds
@@ -110,7 +110,7 @@ def seconds_of_force(system: ExplicitSystem, state: State, threads: int, repeats
     )
 
 
-def seconds_of_step(system: ExplicitSystem, state: State, threads: int, repeats: int) -> float:
+def seconds_of_step(system: ExplicitSystem, state: Lanes, threads: int, repeats: int) -> float:
     """Time of one whole step [s]."""
     best = best_cpu_seconds if threads == 1 else best_wall_seconds
     return best(lambda: step(system, state), repeats=repeats if threads == 1 else 1)
@@ -166,7 +166,7 @@ def added_percent(without: Callable[[], float], with_it: Callable[[], float]) ->
     return 100.0 * (more / base - 1.0)
 
 
-def bare_seconds(system: ExplicitSystem, state: State) -> float:
+def bare_seconds(system: ExplicitSystem, state: Lanes) -> float:
     """Product and update called directly, nothing around them [s]."""
     body, now = system.bodies[0], state.bodies[0]
     rows = body.rows
@@ -237,7 +237,7 @@ def benchmark() -> dict[str, Any]:
         counts = [1, 2] if divisions == LARGE else [1]
         rows.extend(row(group, time_step, threads) for threads in counts)
 
-    def prepared(effects: Effects) -> tuple[ExplicitSystem, State]:
+    def prepared(effects: Effects) -> tuple[ExplicitSystem, Lanes]:
         return ready(Model((small,), effects=effects), time_step)
 
     return {

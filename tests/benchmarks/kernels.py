@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeAlias
 
-from fem.explicit.state import State
+from fem.explicit.state import Lanes
 from fem.explicit.step import (
     ExplicitSystem,
     add_bulk_viscosity,
@@ -29,7 +29,7 @@ from tests.benchmarks.stopwatch import best_cpu_seconds
 _CORNERS = 8
 
 
-Kernel: TypeAlias = Callable[[ExplicitSystem, State], None]
+Kernel: TypeAlias = Callable[[ExplicitSystem, Lanes], None]
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def _frame_work(group: Body) -> Work:
 def kernel_rows(
     group: Body,
     machine: Roofline,
-    ready: Callable[[Effects], tuple[ExplicitSystem, State]],
+    ready: Callable[[Effects], tuple[ExplicitSystem, Lanes]],
 ) -> list[KernelRow]:
     """Time the kernels of a step, one thread.
 
@@ -117,25 +117,25 @@ def _row(
     return KernelRow(name, 1e9 * seconds, count.flops, count.bytes, share)
 
 
-def _product(system: ExplicitSystem, state: State) -> None:
+def _product(system: ExplicitSystem, state: Lanes) -> None:
     body, now = system.bodies[0], state.bodies[0]
     stiffness_force(body, now.displacement, now.internal_force, system.kernels)
 
 
-def _advance(system: ExplicitSystem, state: State) -> None:
+def _advance(system: ExplicitSystem, state: Lanes) -> None:
     advance(system, system.bodies[0], state.bodies[0], None, None, sample=False)
 
 
-def _viscosity(system: ExplicitSystem, state: State) -> None:
+def _viscosity(system: ExplicitSystem, state: Lanes) -> None:
     now = state.bodies[0]
     add_bulk_viscosity(system, system.bodies[0], now, now.displacement, None)
 
 
-def _damping(system: ExplicitSystem, state: State) -> None:
+def _damping(system: ExplicitSystem, state: Lanes) -> None:
     add_stiffness_damping(system, system.bodies[0], state.bodies[0])
 
 
-def _rotating_force(system: ExplicitSystem, state: State) -> None:
+def _rotating_force(system: ExplicitSystem, state: Lanes) -> None:
     set_internal_force(system, system.bodies[0], state.bodies[0], sample=False)
 
 

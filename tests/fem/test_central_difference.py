@@ -13,7 +13,7 @@ from fem.explicit.kernels import SERIAL
 from fem.explicit.kernels.layout import aligned_zeros, to_lanes
 from fem.explicit.output.energy import History, energies
 from fem.explicit.solve import Frame, Output, UnstableRun, initial_state, prepare, solve, watch
-from fem.explicit.state import State
+from fem.explicit.state import Lanes
 from fem.explicit.step import ExplicitSystem, step
 from fem.system.body import Body, placed_body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
@@ -360,7 +360,7 @@ def test_critical_time_step_is_sharp(name):
         watched_steps(system, state, 3000)
 
 
-def watched_steps(system: ExplicitSystem, state: State, n_steps: int) -> None:
+def watched_steps(system: ExplicitSystem, state: Lanes, n_steps: int) -> None:
     history = History()
     for _ in range(n_steps):
         step(system, state, sample=True)

@@ -27,7 +27,7 @@ from fem.explicit.contact.paired_kernel import (
 )
 from fem.explicit.kernels import PARALLEL
 from fem.explicit.kernels.layout import LaneArray, aligned_zeros, equal_work
-from fem.explicit.state import State
+from fem.explicit.state import Lanes
 from fem.explicit.step import ExplicitSystem
 from fem.system.system import System
 from geometry.mesh import FloatArray, IntArray
@@ -83,7 +83,7 @@ class _BoundFaces(BoundContact):
             self._sliding = self._rubs, aligned_zeros((8 * len(self._data.units),))
         self._collections = _collections(self._data, len(self._work.force) // 2, bodies)
 
-    def add_force(self, system: ExplicitSystem, state: State) -> None:
+    def add_force(self, system: ExplicitSystem, state: Lanes) -> None:
         """Add contact forces at the current positions to the applied forces."""
         parallel = system.kernels is PARALLEL
         displacements = tuple(now.displacement.ravel() for now in state.bodies)

@@ -32,7 +32,7 @@ from fem.explicit.contact.sliding_kernel import (
     sliding_forces,
 )
 from fem.explicit.kernels.layout import LaneArray
-from fem.explicit.state import State
+from fem.explicit.state import Lanes
 from fem.explicit.step import ExplicitSystem
 from geometry.mesh import FloatArray, IntArray
 
@@ -130,7 +130,7 @@ class BoundSlidingContact(BoundContact):
         self._gap = np.full(room, np.inf)
         self._slip = None if self._rubs is None else np.zeros((room, 3))
 
-    def add_force(self, system: ExplicitSystem, state: State) -> None:
+    def add_force(self, system: ExplicitSystem, state: Lanes) -> None:
         """Add contact forces at the current positions to the applied forces."""
         points = self.points
         self._follow(state)
@@ -181,7 +181,7 @@ class BoundSlidingContact(BoundContact):
                 now.applied_force.ravel(),
             )
 
-    def _follow(self, state: State) -> None:
+    def _follow(self, state: Lanes) -> None:
         """Search or cut at the last positions, if two blocks together have moved since by a skin.
 
         At the last ones: elastic slips know the way of a point from there on.

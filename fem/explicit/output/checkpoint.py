@@ -21,7 +21,7 @@ import numpy as np
 from scipy.sparse import bsr_array
 
 from fem.explicit.output.energy import COLUMNS, History
-from fem.explicit.state import State
+from fem.explicit.state import Lanes
 from fem.explicit.step import ExplicitSystem
 from geometry.errors import RefusedError, unreadable
 from geometry.machine.system import stop_signals
@@ -39,7 +39,7 @@ class OtherProblemError(CheckpointError):
     """A whole checkpoint, but of another model or time step."""
 
 
-def write_checkpoint(path: Path, system: ExplicitSystem, state: State, history: History) -> None:
+def write_checkpoint(path: Path, system: ExplicitSystem, state: Lanes, history: History) -> None:
     """Write state and history; atomically replaces an older file."""
     path = Path(path)
     initial = np.nan if history.initial_total is None else history.initial_total
@@ -62,7 +62,7 @@ def write_checkpoint(path: Path, system: ExplicitSystem, state: State, history: 
     temporary.replace(path)
 
 
-def read_checkpoint(path: Path, system: ExplicitSystem, state: State) -> History:
+def read_checkpoint(path: Path, system: ExplicitSystem, state: Lanes) -> History:
     """Fill ``state`` from a checkpoint and return the history up to it.
 
     Nothing of the state changes unless the whole checkpoint fits.
@@ -132,7 +132,7 @@ def content_digest(contents: Mapping[str, np.ndarray[Any, Any]]) -> str:
     return digest.hexdigest()
 
 
-def state_arrays(system: ExplicitSystem, state: State) -> dict[str, np.ndarray[Any, Any]]:
+def state_arrays(system: ExplicitSystem, state: Lanes) -> dict[str, np.ndarray[Any, Any]]:
     """Every array of the state and of the interactions, by a path of names."""
     arrays: dict[str, np.ndarray[Any, Any]] = {}
     _collect(state, "state", arrays, np.ndarray)
@@ -142,7 +142,7 @@ def state_arrays(system: ExplicitSystem, state: State) -> dict[str, np.ndarray[A
     return arrays
 
 
-def state_numbers(state: State) -> dict[str, float | int]:
+def state_numbers(state: Lanes) -> dict[str, float | int]:
     """Every number of the state, by a path of names."""
     numbers: dict[str, float | int] = {}
     _collect(state, "state", numbers, (int, float))
@@ -160,7 +160,7 @@ def _collect(value: Any, path: str, found: dict[str, Any], kind: Any) -> None:
             _collect(getattr(value, field.name), f"{path}.{field.name}", found, kind)
 
 
-def set_state_number(state: State, path: str, number: float | int) -> None:
+def set_state_number(state: Lanes, path: str, number: float | int) -> None:
     """Inverse of `state_numbers` for one path."""
     *parents, name = path.split(".")[1:]
     owner: Any = state

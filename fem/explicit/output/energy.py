@@ -14,7 +14,7 @@ import numpy as np
 from fem.explicit.body import LaneBody
 from fem.explicit.kernels import dot_lanes
 from fem.explicit.kernels.layout import aligned_zeros
-from fem.explicit.state import BodyState, State
+from fem.explicit.state import BodyState, Lanes
 from fem.explicit.step import ExplicitSystem
 from geometry.mesh import FloatArray
 
@@ -73,7 +73,7 @@ class Energies:
 ENERGY_NAMES = tuple(f.name for f in fields(Energies))
 
 
-def energies(system: ExplicitSystem, state: State) -> Energies:
+def energies(system: ExplicitSystem, state: Lanes) -> Energies:
     """Energies at the beginning of the step that was just done with ``sample``."""
     pairs = list(zip(system.bodies, state.bodies, strict=True))
     # `update` left ½ v₋ · M v₊ with the v₊ before the supports corrected it.

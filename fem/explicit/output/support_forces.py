@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from fem.explicit.damping import applied_forces, gravity_forces
-from fem.explicit.state import State, world_vectors
+from fem.explicit.state import Lanes, world_vectors
 from fem.explicit.step import ExplicitSystem, damped_internal_force
 from geometry.mesh import FloatArray
 
 
-def support_forces(system: ExplicitSystem, state: State, time: float) -> tuple[FloatArray, ...]:
+def support_forces(system: ExplicitSystem, state: Lanes, time: float) -> tuple[FloatArray, ...]:
     """Unbalanced forces at a time [s], world axes, (n_copies, n_nodes, 3) [N] of each group.
 
     Of the forces that the state holds. Along what a support holds they are those of the support,

@@ -8,7 +8,7 @@ import numpy as np
 
 from fem.explicit.body import LaneBody
 from fem.explicit.kernels.layout import to_lanes
-from fem.explicit.state import State
+from fem.explicit.state import Lanes
 from fem.explicit.step import ExplicitSystem, Interaction, placed_internal_force
 from fem.system.system import System, free_motions
 from geometry.mesh import FloatArray, IntArray
@@ -59,7 +59,7 @@ class _BoundHold(Interaction):
         self._forces = [f[:, rows].reshape(n, -1) for f, rows in zip(forces, touched, strict=True)]
         self._all = [m.reshape(n, -1) for m in self._all]
 
-    def add_force(self, system: ExplicitSystem, state: State) -> None:
+    def add_force(self, system: ExplicitSystem, state: Lanes) -> None:
         """Take from the applied forces what moves the cell as a whole."""
         share = np.zeros(len(self._inverse))
         for k, now in enumerate(state.bodies):

@@ -21,7 +21,7 @@ from fem.dynamics import stated_run
 from fem.explicit.output.checkpoint import state_arrays
 from fem.explicit.setup.statement import ExplicitStatement
 from fem.explicit.solve import initial_state, prepare
-from fem.explicit.state import State
+from fem.explicit.state import Lanes
 from fem.explicit.step import ExplicitSystem, step
 from fem.system.effects import PAPER_RAYLEIGH
 from fem.system.time_step import critical_time_step
@@ -119,7 +119,7 @@ def _stated(scene: DeformableScene, name: str) -> ExplicitStatement:
         return stated_run(scene_problem(scene, name), scene.in_time)
 
 
-def ready(scene: DeformableScene, name: str) -> tuple[ExplicitSystem, State]:
+def ready(scene: DeformableScene, name: str) -> tuple[ExplicitSystem, Lanes]:
     """Model of a scene at its first step."""
     statement = _stated(scene, name)
     model = statement.model
@@ -127,7 +127,7 @@ def ready(scene: DeformableScene, name: str) -> tuple[ExplicitSystem, State]:
     return system, initial_state(system)
 
 
-def advance(system: ExplicitSystem, state: State) -> float:
+def advance(system: ExplicitSystem, state: Lanes) -> float:
     """Do some steps; CPU seconds of one."""
     start = time.thread_time()
     for _ in range(TIMED_STEPS):
@@ -141,7 +141,7 @@ def _bits(scene: DeformableScene, name: str) -> bytes:
     return b"".join(now.displacement.tobytes() for now in state.bodies)
 
 
-def _bytes(system: ExplicitSystem, state: State) -> int:
+def _bytes(system: ExplicitSystem, state: Lanes) -> int:
     arrays = sum(a.nbytes for a in state_arrays(system, state).values())
     return arrays + sum(body.constant_bytes for body in system.bodies)
 
