@@ -18,15 +18,15 @@ imported = builtins.__import__
 
 def importing(name, *rest, **options):
     module = imported(name, *rest, **options)
-    design = sys.modules.get("validation.study.design")
-    run = getattr(design, "run_design", None)
+    study = sys.modules.get("validation.study.run")
+    run = getattr(study, "run_design", None)
     if run is not None and not hasattr(run, "__wrapped__"):
         @functools.wraps(run)
-        def endless(study, number):
+        def endless(of, number):
             while number >= 3:
                 time.sleep(1.0)
-            return run(study, number)
-        design.run_design = endless
+            return run(of, number)
+        study.run_design = endless
     return module
 
 builtins.__import__ = importing
