@@ -190,7 +190,7 @@ def test_a_sweep_is_a_call(tmp_path: Path) -> None:
     assert study.rows[0]["p_max"] == one["p_max"].value
     again = sweep("tsb1-pipe", values, COARSE, store=tmp_path / "study.jsonl")
     assert again.rows == study.rows
-    assert all(f"{row['p_max']:.5g}" in repr(study) for row in study.rows)
+    assert all(f"{row['p_max']:.4g}" in repr(study) for row in study.rows)
     (curve,) = study.plot("block.amplitude", "p_max").axes[0].containers
     assert curve.lines[0].get_xydata().tolist() == [
         [row["block.amplitude"], row["p_max"]] for row in study.rows
@@ -219,7 +219,7 @@ def test_a_function_that_makes_problems_is_swept_as_a_scene_is() -> None:
     # Both go through one study: the same columns, printed in the same table.
     kept = {"number", "status", "message", "cpu_seconds", "amplitude", "block.amplitude"}
     assert set(of_function.rows[0]) - kept == set(of_scene.rows[0]) - kept
-    assert all(f"{row['p_max']:.5g}" in repr(of_function) for row in of_function.rows)
+    assert all(f"{row['p_max']:.4g}" in repr(of_function) for row in of_function.rows)
     (failed,) = sweep(made, {"amplitude": [-1.0]}, method=Rigid()).rows
     assert failed["status"] == "failed"
     with pytest.raises(ValueError, match="expected method"):

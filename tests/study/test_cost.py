@@ -394,7 +394,7 @@ def test_other_families_are_measured_and_say_what_is_left_out(
     assert set(fine.errors) == set(QUANTITIES)
     assert fine.errors["pressure_l2"] < coarse.errors["pressure_l2"]
     assert set(found.families()["rigid, pressure norm"][0].errors) == {"p_eff", "pressure_l2"}
-    assert all(row.found["processor"] and row.found["date"] for row in found.rows)
+    assert all(row.measured["processor"] and row.measured["date"] for row in found.rows)
 
 
 def test_degrees_judge_points_and_fields_where_there_is_no_ladder(tmp_path, measured_once) -> None:

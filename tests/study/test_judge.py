@@ -47,7 +47,7 @@ def test_the_judge_prints_the_answers_of_deformable_blocks(tmp_path) -> None:
     assert status == 0, error
     for pressure in (0.012, 0.01):
         case = load_case("tsb1-tunnel", SETTINGS | {"load.pressure": pressure})
-        assert f"{solve(case)['p_max'].value:.5g}" in printed
+        assert f"{solve(case)['p_max'].value:.4g}" in printed
     assert "deformable blocks: the same order" in printed
     # The same door in Python, on the same rows.
     values = {"load.pressure": [0.012, 0.01]}

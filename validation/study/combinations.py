@@ -134,10 +134,10 @@ def write_combinations(answers: Mapping[str, Answer], path: Path) -> None:
         for measure, result in answer.measures.items()
     ]
     for name, answer in answers.items():
-        found = answer.report["dimensions"]
+        dimensions = answer.report["dimensions"]
         rows += [
-            (name, key, found[key], None, unit)
-            for key, unit in found["units"].items()
-            if not isinstance(found[key], dict)
+            (name, key, dimensions[key], None, unit)
+            for key, unit in dimensions["units"].items()
+            if not isinstance(dimensions[key], dict)
         ]
     write_csv(path, ("combination", "measure", "value", "error", "unit"), rows)

@@ -97,7 +97,7 @@ def rigid_results(case: Case) -> dict[str, Any]:
     result, friction = answer.details, answer.details.friction
     # With friction the forces and the verdict are those with it: a load that is carried only if
     # joints were pressed beforehand is not in equilibrium by itself.
-    found: dict[str, Any] = {
+    row: dict[str, Any] = {
         "mechanism": str(result.mechanism),
         "equilibrium": int(result.shown),
         "residual": (result if friction is None else friction).equilibrium.residual,
@@ -107,12 +107,12 @@ def rigid_results(case: Case) -> dict[str, Any]:
         **_built(dimensions(result.blocks).as_json()),
     }
     if "crushing_factor" in answer.measures:
-        found["crushing_factor"] = answer["crushing_factor"].value
+        row["crushing_factor"] = answer["crushing_factor"].value
     measures = result.shown_measures
     names = ("effective_count_percent", "effective_area_percent", "p_eff", "p_eff_pooled", "p_max")
     for name in names:
-        found[name] = None if measures is None else getattr(measures, name)
-    return found
+        row[name] = None if measures is None else getattr(measures, name)
+    return row
 
 
 def _built(report: Mapping[str, Any]) -> dict[str, Any]:

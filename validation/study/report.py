@@ -203,10 +203,10 @@ def summary(results: StudyRows, tally: Tally, wall_seconds: float) -> dict[str, 
     }
 
 
-def print_summary(results: StudyRows, found: dict[str, Any], console: Console) -> None:
+def print_summary(results: StudyRows, did: dict[str, Any], console: Console) -> None:
     """Print what a sweep did."""
     study = results.study
-    run = found["this_run"]
+    run = did["this_run"]
     varied = (f"{path} ({len(values)})" for path, values in study.parameters)
     seconds = (
         f"designs {run['design_cpu_seconds']:.1f}, their processes {run['worker_cpu_seconds']:.1f} "
@@ -215,13 +215,13 @@ def print_summary(results: StudyRows, found: dict[str, Any], console: Console) -
     rows = {
         "parameters": ", ".join(varied),
         "designs": f"{study.n_designs}, of which {run['computed']} computed now",
-        "failed": _failure_words(results, found["n_failed"]),
+        "failed": _failure_words(results, did["n_failed"]),
         "CPU seconds": seconds,
         "wall seconds": f"{run['wall_seconds']:.1f}",
     }
     console.print(RowTable.of_words(f"{study.name}: how it was computed", rows))
-    if found["unused_keys"]:
-        words = ", ".join(found["unused_keys"])
+    if did["unused_keys"]:
+        words = ", ".join(did["unused_keys"])
         console.print(f"{'ignored':9} {words} (not used by this method)")
     console.print(f"{'results':9} {results.path}{_left_out(results)}")
 

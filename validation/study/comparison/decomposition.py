@@ -84,5 +84,5 @@ def _solved(task: Problem, store: FlexibilityStore, *, refined: bool) -> Mapping
     return vars(contact_on(result, (task.blocks, pressures)))
 
 
-def _step(words: str, found: Mapping[str, Any]) -> dict[str, Any]:
-    return {"words": words} | {n: found[n] for n in ("p_eff", "p_max", "effective_count_percent")}
+def _step(words: str, contact: Mapping[str, Any]) -> dict[str, Any]:
+    return {"words": words} | {n: contact[n] for n in ("p_eff", "p_max", "effective_count_percent")}

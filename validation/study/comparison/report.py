@@ -58,47 +58,47 @@ def compare_answers(answers: Sequence[Answer]) -> Comparison:
     return Comparison(tuple(answers), shared_facets(answers))
 
 
-def print_comparison(found: ComparedAnswers, console: Console) -> None:
+def print_comparison(compared: ComparedAnswers, console: Console) -> None:
     """Print both tables and the words."""
-    for part in _parts(found):
+    for part in _parts(compared):
         console.print(part)
 
 
-def _parts(found: ComparedAnswers) -> Iterator[RenderableType]:
+def _parts(compared: ComparedAnswers) -> Iterator[RenderableType]:
     """Tables and lines, one after the other."""
 
     def column(name: str) -> Callable[[int], str]:
-        return lambda k: _number(found.answers[k].measures.get(name))
+        return lambda k: _number(compared.answers[k].measures.get(name))
 
     columns: dict[str, Callable[[int], str]] = {
-        "answer": lambda k: found.names[k],
+        "answer": lambda k: compared.names[k],
         "p_max at a point": column("p_max_point"),
         "p_max of a facet": column("p_max_facet"),
         "|u| max [mm]": column("max_displacement"),
         "p_max [MPa]": column("p_max"),
         "p_eff [MPa]": column("p_eff"),
         "effective": lambda k: (
-            f"{found.answers[k].report['contact']['effective_count_percent']:.1f} %"
+            f"{compared.answers[k].report['contact']['effective_count_percent']:.1f} %"
         ),
-        "CPU s": lambda k: f"{_seconds(found.answers[k].report['cpu_seconds']):.2f}",
+        "CPU s": lambda k: f"{_seconds(compared.answers[k].report['cpu_seconds']):.2f}",
     }
-    first = found.answers[0]  # a problem without a scene has the name of its blocks
+    first = compared.answers[0]  # a problem without a scene has the name of its blocks
     scene = first.report.get("scene", first.title.partition(":")[0])
     load = f"{first.report['load']}; " if "load" in first.report else ""
     title = f"{scene}: {load}contact pressures over the facets of [mesh]"
-    yield tabled(title, range(len(found.answers)), columns)
-    for name, words in zip(found.names, found.words, strict=True):
+    yield tabled(title, range(len(compared.answers)), columns)
+    for name, words in zip(compared.names, compared.words, strict=True):
         yield f"• {name}: {words}"
-    assumed = {"; ".join(a.report["assumptions"]) for a in found.answers if a.method != "rigid"}
+    assumed = {"; ".join(a.report["assumptions"]) for a in compared.answers if a.method != "rigid"}
     yield from (f"• deformable blocks: {words}" for words in sorted(assumed))
     yield _COLUMNS
-    title = f"Contact pressures relative to the {found.names[found.reference]} analysis"
+    title = f"Contact pressures relative to the {compared.names[compared.reference]} analysis"
     rows = [
-        {"answer": name, **row} for name, found_on in found.agreement.items() for row in found_on
+        {"answer": name, **row} for name, of_faces in compared.agreement.items() for row in of_faces
     ]
     agreements: dict[str, str | Callable[[dict[str, Any]], str]] = {
         "answer": "{answer}",
-        "faces": lambda row: _faces_words(found, row["faces"]),
+        "faces": lambda row: _faces_words(compared, row["faces"]),
         "correlation": "{correlation:.3f}",
         "overlap of loaded areas": lambda row: f"{100 * row['overlap']:.0f} %",
         "peaks located": lambda row: f"{100 * row['peaks_found']:.0f} %",
@@ -106,16 +106,16 @@ def _parts(found: ComparedAnswers) -> Iterator[RenderableType]:
     }
     yield tabled(title, rows, agreements, words=2)
     yield _AGREEMENT
-    if found.explanations:
+    if compared.explanations:
         yield "Influence of each modelling assumption, from rigid to deformable blocks:"
-    yield from (f"• {line}" for line in found.explanations)
-    yield f"Conclusion: {found.conclusion}"
+    yield from (f"• {line}" for line in compared.explanations)
+    yield f"Conclusion: {compared.conclusion}"
 
 
-def _faces_words(found: ComparedAnswers, faces: str) -> str:
+def _faces_words(compared: ComparedAnswers, faces: str) -> str:
     if faces == "all":
-        return "whole tube" if found.is_tube else "all joints"
-    return f"layer {found.layer} {faces}"
+        return "whole tube" if compared.is_tube else "all joints"
+    return f"layer {compared.layer} {faces}"
 
 
 def _seconds(stages: dict[str, float]) -> float:
@@ -132,79 +132,79 @@ def _number(measure: Measure | None) -> str:
     return measure.value_words.removesuffix(f" {measure.unit}")
 
 
-def _draw(found: ComparedAnswers, path: Path) -> None:
+def _draw(compared: ComparedAnswers, path: Path) -> None:
     """Draw a comparison.
 
     Of a tube the joints of the middle layer, unrolled; of other assemblies all joints.
     """
-    if found.static.problem is None:
+    if compared.static.problem is None:
         raise InputError(
-            f"{found.static.title}: was pickled or read and does not hold its blocks; expected an "
-            "answer as its solver returns it"
+            f"{compared.static.title}: was pickled or read and does not hold its blocks; expected "
+            "an answer as its solver returns it"
         )
-    draw = _tube_columns if found.is_tube else _wall_columns
+    draw = _tube_columns if compared.is_tube else _wall_columns
     title = (
-        f"{found.static.title}; contact pressure ({found.names[found.reference]}), and differences "
-        "from it; r: Pearson correlation of the facet pressures"
+        f"{compared.static.title}; contact pressure ({compared.names[compared.reference]}), and "
+        "differences from it; r: Pearson correlation of the facet pressures"
     )
-    others = [k for k in range(len(found.names)) if k != found.reference]
-    columns, scales = draw(found, others)
+    others = [k for k in range(len(compared.names)) if k != compared.reference]
+    columns, scales = draw(compared, others)
     gallery(columns, title, path, height=2.7 * max(map(len, columns)), scale=scales)
 
 
-def _pressed(found: ComparedAnswers, rows: IntArray, pressures: FloatArray) -> PressedFacets:
+def _pressed(compared: ComparedAnswers, rows: IntArray, pressures: FloatArray) -> PressedFacets:
     """Some of the shared facets with some pressures (n,), before any displacement."""
-    blocks = found.contacts["blocks"][rows]
-    assembly = found.static.problem.blocks
+    blocks = compared.contacts["blocks"][rows]
+    assembly = compared.static.problem.blocks
     return PressedFacets(
         assembly=assembly,
         block_m=blocks[:, 0],
         block_s=blocks[:, 1],
-        corners=found.contacts["corners"][rows],
+        corners=compared.contacts["corners"][rows],
         pressures=pressures,
         nodes=assembly.nodes,
     )
 
 
 def _difference(
-    found: ComparedAnswers, other: int, others: Sequence[int], rows: IntArray
+    compared: ComparedAnswers, other: int, others: Sequence[int], rows: IntArray
 ) -> tuple[FloatArray, Scale]:
     """Pressures of an answer less those of the reference, and the colours of all differences."""
-    reference = found.pressures[found.reference]
-    changes = {k: found.pressures[k][rows] - reference[rows] for k in others}
+    reference = compared.pressures[compared.reference]
+    changes = {k: compared.pressures[k][rows] - reference[rows] for k in others}
     # Differences of the order of round-off show no pattern that means anything.
     least = 1e-6 * float(reference.max(initial=0.0))
     every = np.concatenate([np.zeros(1), *changes.values()])
     reach = max(float(np.abs(every).max()), least, 1e-300)
     change = changes[other]
     reached = (float(every.min()), float(every.max()))
-    label = f"difference from {found.names[found.reference]} [MPa]"
+    label = f"difference from {compared.names[compared.reference]} [MPa]"
     return change, Scale(label, STRESS_MAP, -reach, reach, reached, diverging=True)
 
 
 def _tube_columns(
-    found: ComparedAnswers, others: Sequence[int]
+    compared: ComparedAnswers, others: Sequence[int]
 ) -> tuple[list[list[Panel]], list[Scale] | None]:
     """Pressures of the middle layer's joints, in 3-D and unrolled; differences, unrolled.
 
     With the colours of each row.
     """
-    pressures, name = found.pressures[found.reference], found.names[found.reference]
-    facets = _pressed(found, found.faces["all"], pressures)
-    joints = {"top": found.layer, "bottom": found.layer - 1}
-    shown = np.concatenate([found.faces[side] for side in joints])
+    pressures, name = compared.pressures[compared.reference], compared.names[compared.reference]
+    facets = _pressed(compared, compared.faces["all"], pressures)
+    joints = {"top": compared.layer, "bottom": compared.layer - 1}
+    shown = np.concatenate([compared.faces[side] for side in joints])
     label = "contact pressure [MPa]"
     scale = scale_from_zero(label, PRESSURE_MAP, [pressures[shown]], nothing="open joint")
-    panels = [ring_panel(facets, k, scale, found.layer) for k in joints.values()]
+    panels = [ring_panel(facets, k, scale, compared.layer) for k in joints.values()]
     columns, scales = [panels], [scale]
     for number, (side, lower) in enumerate(joints.items()):
         flat = unrolled_panel(facets, lower, side, scale, title=f"{side} faces: {name}")
         column = [flat]
         for other in others:
-            change, colours = _difference(found, other, others, shown)
-            agreed = found.agreement[found.names[other]][1 + number]["correlation"]
-            words = f"{side} faces: {found.names[other]} − {name}, r = {agreed:.3f}"
-            pressed = _pressed(found, shown, change)
+            change, colours = _difference(compared, other, others, shown)
+            agreed = compared.agreement[compared.names[other]][1 + number]["correlation"]
+            words = f"{side} faces: {compared.names[other]} − {name}, r = {agreed:.3f}"
+            pressed = _pressed(compared, shown, change)
             column.append(unrolled_panel(pressed, lower, side, colours, title=words))
             scales += [] if number else [colours]
         columns.append(column)
@@ -212,23 +212,23 @@ def _tube_columns(
 
 
 def _wall_columns(
-    found: ComparedAnswers, others: Sequence[int]
+    compared: ComparedAnswers, others: Sequence[int]
 ) -> tuple[list[list[Panel]], list[Scale] | None]:
     """Pressures of all joints, and differences, from above and from below."""
-    everything = found.faces["all"]
+    everything = compared.faces["all"]
 
     def column(name: str, values: FloatArray, scale: Scale) -> list[Panel]:
-        facets = _pressed(found, everything, values)
+        facets = _pressed(compared, everything, values)
         blocks = range(facets.assembly.n_blocks)
         parts: list[Part] = [facets.surface(everything, scale), facets.outlines(blocks)]
         look_at = eye(facets.assembly)
         above, below = above_and_below(parts, look_at, title=name, scale=scale)
         return [replace(above, scale=None), below]
 
-    label, pressures = "contact pressure [MPa]", found.pressures[found.reference]
+    label, pressures = "contact pressure [MPa]", compared.pressures[compared.reference]
     scale = scale_from_zero(label, PRESSURE_MAP, [pressures], nothing="open joint")
-    columns = [column(found.names[found.reference], pressures, scale)]
+    columns = [column(compared.names[compared.reference], pressures, scale)]
     for other in others:
-        change, colours = _difference(found, other, others, everything)
-        columns.append(column(found.names[other], change, colours))
+        change, colours = _difference(compared, other, others, everything)
+        columns.append(column(compared.names[other], change, colours))
     return columns, None

@@ -58,9 +58,9 @@ def solve_by_calculix(where: str, scene: AssemblyScene) -> MethodAnswer:
     return measured_answer(deck, result)
 
 
-def measured_answer(deck: Deck, found: CalculixResult) -> MethodAnswer:
+def measured_answer(deck: Deck, printed: CalculixResult) -> MethodAnswer:
     """Measure what CalculiX printed of the deck of a scene."""
-    contacts, pressures = _facet_pressures(deck, found)
+    contacts, pressures = _facet_pressures(deck, printed)
     assembly, interfaces = deck.assembly, deck.assembly.interfaces
     per_block = block_measures(
         assembly.free_blocks,
@@ -70,15 +70,15 @@ def measured_answer(deck: Deck, found: CalculixResult) -> MethodAnswer:
         interfaces.areas[contacts],
     )
     scalars = {
-        "p_max_point": float(found.pressures.max(initial=0.0)),
+        "p_max_point": float(printed.pressures.max(initial=0.0)),
         "p_eff": float(per_block.p_eff.mean()),
-        "sigma_1_averaged": _averaged_tension(deck, found),
-        "max_displacement": float(np.linalg.norm(found.displacements, axis=1).max()),
+        "sigma_1_averaged": _averaged_tension(deck, printed),
+        "max_displacement": float(np.linalg.norm(printed.displacements, axis=1).max()),
     }
-    return MethodAnswer(assembly, scalars, contacts, pressures, found.cpu_seconds)
+    return MethodAnswer(assembly, scalars, contacts, pressures, printed.cpu_seconds)
 
 
-def _facet_pressures(deck: Deck, found: CalculixResult) -> tuple[IntArray, FloatArray]:
+def _facet_pressures(deck: Deck, printed: CalculixResult) -> tuple[IntArray, FloatArray]:
     """Facets of which one block at least is free, and the mean of each over its slave nodes.
 
     A node on the rim of two faces has a pressure on each; which is which is not printed, and the
@@ -86,8 +86,8 @@ def _facet_pressures(deck: Deck, found: CalculixResult) -> tuple[IntArray, Float
     """
     first = np.array(deck.first_node)
     total, count = np.zeros(first[-1]), np.zeros(first[-1])
-    np.add.at(total, found.slave_nodes, found.pressures)
-    np.add.at(count, found.slave_nodes, 1.0)
+    np.add.at(total, printed.slave_nodes, printed.pressures)
+    np.add.at(count, printed.slave_nodes, 1.0)
     nodal = total / np.maximum(count, 1.0)
     assembly, interfaces = deck.assembly, deck.assembly.interfaces
     held = assembly.fixed[interfaces.block_m] & assembly.fixed[interfaces.block_s]
@@ -96,13 +96,13 @@ def _facet_pressures(deck: Deck, found: CalculixResult) -> tuple[IntArray, Float
     return contacts, nodal[nodes].mean(axis=1)
 
 
-def _averaged_tension(deck: Deck, found: CalculixResult) -> float:
+def _averaged_tension(deck: Deck, printed: CalculixResult) -> float:
     deformable, first = deck.problem.deformable, deck.first_node
     groups = [
         np.zeros((group.n_copies, group.mesh.n_nodes, 3)) for group in deformable.model.groups
     ]
     for block in deformable.deformable_blocks.tolist():
-        own = found.displacements[first[block] : first[block + 1]]
+        own = printed.displacements[first[block] : first[block + 1]]
         groups[deformable.group_of[block]][deformable.copy_of[block]] = own
     peaks = stress_peaks(deformable, tuple(groups))
     return peaks.sigma_1_averaged.value

@@ -164,11 +164,11 @@ def _curved(where: str, scene: AssemblyScene, setting: CostSetting) -> MethodAns
 def _deformable(where: str, scene: AssemblyScene, _: CostSetting) -> MethodAnswer:
     start = time.process_time()
     answer = repeatable(deformable_answer(on_its_mesh(scene_case(scene, where))))
-    found: State = answer.details
+    solved: State = answer.details
     seconds = time.process_time() - start
     scalars, details = _numbers(answer)
-    contacts, pressures = found.contact_state.matched, found.contact_state.pressures
-    return MethodAnswer(found.deformable.assembly, scalars, contacts, pressures, seconds, details)
+    contacts, pressures = solved.contact_state.matched, solved.contact_state.pressures
+    return MethodAnswer(solved.deformable.assembly, scalars, contacts, pressures, seconds, details)
 
 
 _METHODS: dict[str, Callable[[str, AssemblyScene, CostSetting], MethodAnswer]] = {

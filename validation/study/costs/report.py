@@ -53,10 +53,10 @@ def study_json(study: CostStudy) -> dict[str, Any]:
                 "family": row.setting.family,
                 "method": row.setting.method,
                 "level": row.setting.level,
-                "values": row.found["scalars"],
+                "values": row.measured["scalars"],
                 "relative_errors": row.errors,
-                "cpu_seconds": row.found["cpu_seconds"],
-                **row.found["details"],
+                "cpu_seconds": row.measured["cpu_seconds"],
+                **row.measured["details"],
             }
             for row in study.rows
         ],

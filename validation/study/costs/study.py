@@ -51,7 +51,7 @@ class CostRow:
     """A setting, what it answered, its relative errors."""
 
     setting: CostSetting
-    found: dict[str, Any]
+    measured: dict[str, Any]
     """What `measure` gave."""
     errors: dict[str, float]
     """By quantity; rigid blocks have no displacement and no stress."""
@@ -59,7 +59,7 @@ class CostRow:
     @property
     def cost(self) -> float:
         """Least CPU time of the repeats: what others do to the machine only adds [s]."""
-        return float(min(self.found["cpu_seconds"]))
+        return float(min(self.measured["cpu_seconds"]))
 
 
 @dataclass(frozen=True)
@@ -81,8 +81,8 @@ class CostStudy:
     @property
     def measured(self) -> tuple[str, str]:
         """Processors and days of the runs, each once."""
-        processors = sorted({row.found["processor"] for row in self.rows})
-        days = sorted({row.found["date"] for row in self.rows})
+        processors = sorted({row.measured["processor"] for row in self.rows})
+        days = sorted({row.measured["date"] for row in self.rows})
         return " and ".join(processors), " to ".join(dict.fromkeys((days[0], days[-1])))
 
     def points(self, quantity: str) -> tuple[list[CostRow], list[Point]]:
@@ -117,8 +117,8 @@ class CostStudy:
         if len(rows) >= 3:
             own = observed_order(
                 levels[-3:],
-                [_value(row.found, quantity) for row in rows[-3:]],
-                _weights(rows[-1].found, quantity),
+                [_value(row.measured, quantity) for row in rows[-3:]],
+                _weights(rows[-1].measured, quantity),
             )
         return {"against_reference": fitted, "by_itself": own}
 
@@ -281,10 +281,10 @@ def _judged(judge: Judge, values: list[FloatArray], weights: FloatArray) -> Extr
     return Extrapolated(last, error_bar(last, falls, partial(norm, weights=weights)), None)
 
 
-def _value(found: dict[str, Any], quantity: str) -> FloatArray:
+def _value(measured: dict[str, Any], quantity: str) -> FloatArray:
     if quantity == "pressure_l2":
-        return np.array(found["pressures"])
-    return np.array([found["scalars"][quantity]])
+        return np.array(measured["pressures"])
+    return np.array([measured["scalars"][quantity]])
 
 
 def _weights(finest: dict[str, Any], quantity: str) -> FloatArray:

@@ -226,10 +226,10 @@ def decide_effects(
     )
 
 
-def _together(found: list[Decision], tolerance: float) -> tuple[Decision, ...]:
+def _together(probed: list[Decision], tolerance: float) -> tuple[Decision, ...]:
     """Leave out effects, the smallest first, as long as all of them change no more than allowed."""
     total, decided = 0.0, {}
-    measured = [d for d in found if d.change is not None]
+    measured = [d for d in probed if d.change is not None]
     for d in sorted(measured, key=lambda d: d.change.largest if d.change else 0.0):
         assert d.change is not None
         total += d.change.largest
@@ -237,7 +237,7 @@ def _together(found: list[Decision], tolerance: float) -> tuple[Decision, ...]:
         if total > tolerance and not d.change.matters(tolerance):
             reason += "; small alone, too much together with the others"
         decided[d.effect] = replace(d, simulated=total > tolerance, reason=reason)
-    return tuple(decided.get(d.effect, d) for d in found)
+    return tuple(decided.get(d.effect, d) for d in probed)
 
 
 #: Why an effect is not decided.

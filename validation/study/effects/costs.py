@@ -261,17 +261,17 @@ def effect_costs(
 
 def _answer(scene: DeformableScene, name: str, *, arrives: bool = False) -> Numbers:
     """Numbers of an explicit run, which ``arrives`` at its static state or is rejected."""
-    found = deformable_answer(on_its_mesh(scene_case(scene, name))).details
-    result = found.run
-    assert result is not None
-    stopped = str(result.status) == "stopped"
-    if stopped or (arrives and str(result.status) != "converged"):
+    solved = deformable_answer(on_its_mesh(scene_case(scene, name))).details
+    run = solved.run
+    assert run is not None
+    stopped = str(run.status) == "stopped"
+    if stopped or (arrives and str(run.status) != "converged"):
         remedy = "a larger limit of work (fem.max_work)" if stopped else "a larger fem.end_time"
         raise InputError(
-            f"{name}: a run did not arrive at its static state by {result.time:.3g} s; expected "
+            f"{name}: a run did not arrive at its static state by {run.time:.3g} s; expected "
             f"{remedy}, or none"
         )
-    return numbers_of(found)
+    return numbers_of(solved)
 
 
 def _measured(

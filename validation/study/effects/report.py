@@ -63,14 +63,14 @@ def _absent(cost: Mapping[str, Any]) -> str:
     return f"unchanged ({cost['new_forms']})"
 
 
-def effects_table(found: Mapping[str, Any]) -> Table:
+def effects_table(measured: Mapping[str, Any]) -> Table:
     """Return one row for each effect of `effect_costs`."""
     answer = ""
-    if "p_max" in found:
+    if "p_max" in measured:
         answer = "p_max {p_max:.4g} MPa, p_eff {p_eff:.4g} MPa, u {displacement:.4g} mm, ".format(
-            **found
+            **measured
         )
-    matters = f"> {100 * found['tolerance']:.3g} %"
+    matters = f"> {100 * measured['tolerance']:.3g} %"
     columns: dict[str, str | Callable[[Mapping[str, Any]], str]] = {
         "effect": "{name}",
         "on": "{setting}",
@@ -82,10 +82,10 @@ def effects_table(found: Mapping[str, Any]) -> Table:
         "switched off": _absent,
     }
     table = tabled(
-        f"{found['scene']}: one effect at a time added to the reference run\n"
-        f"without: {answer}{1e6 * found['seconds_per_step']:.1f} CPU µs per step, "
-        f"{found['bytes'] / 2**20:.2f} MiB",
-        found["costs"],
+        f"{measured['scene']}: one effect at a time added to the reference run\n"
+        f"without: {answer}{1e6 * measured['seconds_per_step']:.1f} CPU µs per step, "
+        f"{measured['bytes'] / 2**20:.2f} MiB",
+        measured["costs"],
         columns,
         words=len(columns),
         caption=f"{matters}: changes one of p_max, p_eff, u by more. CPU time: factor per step. "
@@ -98,14 +98,14 @@ def effects_table(found: Mapping[str, Any]) -> Table:
     return table
 
 
-def draw_effects(found: Mapping[str, Any], path: Path) -> None:
+def draw_effects(measured: Mapping[str, Any], path: Path) -> None:
     """Draw changes and costs, one group of bars for each effect."""
     from matplotlib.ticker import FuncFormatter
 
     from validation.output.pictures.gallery import save_figure, subplots, twos_and_fives
     from validation.output.pictures.scales import BLUE, ORANGE, SKY, VERMILION
 
-    costs = found["costs"]
+    costs = measured["costs"]
     figure, (left, right) = subplots(1, 2, size=(10, 4.6), sharey=True)
     rows = range(len(costs))
     columns = (
@@ -142,6 +142,6 @@ def draw_effects(found: Mapping[str, Any], path: Path) -> None:
     right.xaxis.set_minor_formatter(twos_and_fives(lambda value: f"× {value:g}"))
     right.set_xlabel("over the run without effects [–]")
     right.axvline(1.0, color="black", linewidth=0.8)
-    title = f"{found['scene']}: {found['load']}; explicit FEM"
+    title = f"{measured['scene']}: {measured['load']}; explicit FEM"
     figure.suptitle(f"{title}, one effect at a time added", x=0.02, ha="left", fontsize="medium")
     save_figure(figure, path)

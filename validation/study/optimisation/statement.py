@@ -282,12 +282,13 @@ def _castable(place: str, given: Any, study: SceneStudy) -> list[Limit]:
         Limit("least_wall", least=limits.least_wall or -math.inf),
         Limit("steepest_joint", most=limits.steepest_joint or math.inf),
     ]
-    if given is not True or limits.least_wall is limits.steepest_joint is None:
+    finite = [x for x in stated if math.isfinite(x.least) or math.isfinite(x.most)]
+    if given is not True or not finite:
         raise InputError(
             f"{place}: expected true, of a scene with limits.least_wall [mm] or "
             "limits.steepest_joint [degrees]; set them in [settings]"
         )
-    return [limit for limit in stated if math.isfinite(limit.least) or math.isfinite(limit.most)]
+    return finite
 
 
 def _bound(place: str, key: str, given: Any, study: SceneStudy) -> Limit:
