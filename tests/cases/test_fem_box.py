@@ -172,7 +172,7 @@ def test_interrupted_and_continued_run_ends_in_the_same_bits(tubelock, monkeypat
 
     with monkeypatch.context() as patch:
         patch.setattr("validation.output.progress.explicit_progress", impatient)
-        status, said, _ = tubelock(*arguments, "-o", "cut")
+        status, _, said = tubelock(*arguments, "-o", "cut")
     assert status == 130
     assert "continue with --resume cut/checkpoint.npz" in said
     assert [p.name for p in Path("cut").iterdir()] == ["checkpoint.npz"]
