@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 from rich.console import Console
 
-from validation.output.files import prepare_json
+from validation.output.files import prepare_file
 
 
 def measuring(about: str | None, width: int, **flags: str) -> tuple[argparse.Namespace, Console]:
@@ -18,7 +19,8 @@ def measuring(about: str | None, width: int, **flags: str) -> tuple[argparse.Nam
     for flag, words in flags.items():
         parser.add_argument(f"--{flag}", action="store_true", help=words)
     requested = parser.parse_args()
-    prepare_json(requested.json)
+    if requested.json not in (None, "-"):
+        prepare_file(Path(requested.json))
     return requested, Console(stderr=requested.json == "-", width=width, markup=False)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -22,6 +22,9 @@ from validation.cli.options import (
     solve_combinations,
     with_fields,
 )
+
+if TYPE_CHECKING:
+    from geometry.parts.rows import Part
 
 
 def mbd(
@@ -91,23 +94,21 @@ def mbd(
                 explosion = run_explosion(file)
         with following(file.name) as show:
             answer = solve(file, show)
+        parts: dict[str, Part] = {}
+        added: dict[str, Any] = {}
+        if unlock:
+            with following(f"{file.name}: layers to unlock"):
+                parts["layers_to_unlock"] = layers_to_unlock(file)
+        if refine:
+            with following(f"{file.name}: half the facet size"):
+                parts["refinement"] = refined(file, answer)
+        answer = answer.beside(parts, {})
         outputs.show(rigid_table(answer))
         outputs.tell_keys()
-        added: dict[str, Any] = {}
         warning = frame_warning(file, answer) if file.scene.frames_may_lock else None
         if warning is not None:
             outputs.console.print(f"{'note':9} {warning}")
             added["frame_warning"] = warning
-        if unlock:
-            with following(f"{file.name}: layers to unlock"):
-                result = layers_to_unlock(file)
-            outputs.console.print(f"{'unlock':9} {result.words}")
-            added["layers_to_unlock"] = result.as_json()
-        if refine:
-            with following(f"{file.name}: half the facet size"):
-                change = refined(file, answer)
-            outputs.console.print(f"{'refined':9} {change.words}")
-            added["refinement"] = change.as_json()
         if explosion is not None:
             from validation.output.pictures.polyhedra import draw_explosion
 

@@ -109,12 +109,6 @@ def write_csv(path: Path, heads: Iterable[str], rows: Iterable[Iterable[Any]]) -
     write_whole(path, write)
 
 
-def prepare_json(target: str | None) -> None:
-    """Check a ``--json`` target (a file, or ``-`` for standard output) before the work."""
-    if target is not None and target != "-":
-        prepare_file(Path(target))
-
-
 def _finite(data: Any) -> Any:
     """Return the same data with None in place of numbers that are not finite."""
     if isinstance(data, dict):

@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from geometry.answer import Answer
+from geometry.parts.rows import Row, number
 from mbd import MechanismClass
 from validation.case import Case
 from validation.errors import InputError
@@ -46,21 +47,21 @@ class Refinement:
         return [k for k, v in self.values.items() if abs(self.changes[k]) > _CONVERGED * abs(v)]
 
     @property
-    def words(self) -> str:
-        """What was found, for a line of text."""
-        head = f"{self.n_contacts} contacts"
+    def rows(self) -> list[Row]:
+        """Measures on the finer mesh, and how they change."""
+        words = f"{self.n_contacts} contacts: "
         if self.class_changes:
-            return f"{head}: another mechanism class, the facets of [mesh] are too long"
-        if not self.values:
-            return f"{head}: the same class, and no pressures to compare"
-        parts = []
+            words += "another mechanism class, the facets of [mesh] are too long"
+        elif not self.values:
+            words += "the same class, and no pressures to compare"
+        elif self.not_converged:
+            words += f"not converged with the facets ({', '.join(self.not_converged)})"
+        rows = [Row("half the facet size", words)]
         for name, value in self.values.items():
             own = value - self.changes[name]
             share = f" ({100.0 * self.changes[name] / own:+.2g} %)" if own else ""
-            parts.append(f"{name} {value:.5g} MPa{share}")
-        moving = ", ".join(self.not_converged)
-        verdict = f"not converged with the facets ({moving}); " if moving else ""
-        return f"{head}: {verdict}{', '.join(parts)}"
+            rows.append(Row(f"{name}, half the size", f"{number(value)} MPa{share}", value, "MPa"))
+        return rows
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
@@ -117,11 +118,12 @@ class Unlocking:
     """The least number of layers with which the tube is not locked; None: none was found."""
 
     @property
-    def words(self) -> str:
-        """What was found, for a line of text."""
+    def rows(self) -> list[Row]:
+        """The number of layers, and those that were tried."""
         tried = ", ".join(f"{layers}: {result}" for layers, result in self.classes.items())
         head = "locked with every number tried" if self.layers is None else f"{self.layers} layers"
-        return f"{head} (on this mesh, frames held; {tried})"
+        words = f"{head} (on this mesh, frames held; {tried})"
+        return [Row("layers to unlock", words, self.layers)]
 
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
