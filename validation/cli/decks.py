@@ -69,7 +69,10 @@ def export(
     from validation.output.outputs import Outputs
 
     if flavour is not None and flavour not in set(Flavour):
-        raise InputError(f"--flavour {flavour}: expected one of {', '.join(Flavour)}")
+        raise InputError(
+            f"--flavour {flavour}: expected one of {', '.join(Flavour)}; Abaqus reads general "
+            "(Abaqus/Explicit) and standard (Abaqus/Standard)"
+        )
     file = load_case(scene, settings or ())
     if output.suffix.lower() != ".inp":
         given = {

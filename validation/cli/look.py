@@ -170,6 +170,8 @@ def report(
             write_page(result, page)
         for verdict in result.verdicts:
             outputs.console.print(f"{verdict.question:24} {verdict.words}")
+        for reason in result.failed.values():
+            outputs.console.print(f"{'no answer':24} {reason}", soft_wrap=True)
         outputs.tell_keys()
         outputs.say("page", page)
         outputs.write_json(data)

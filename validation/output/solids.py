@@ -113,6 +113,10 @@ class FileCheck:
         closed = [k for k, faults in enumerate(self.faults) if not faults]
         repaired = [k for k, block in enumerate(self.blocks) if block.repairs]
         rows = [Row("blocks", f"{len(closed)} closed, {len(bad)} not")]
+        likely = self.likely_unit()
+        if likely:
+            words = f"{likely}: such small blocks are rare; --units {likely}"
+            rows.append(Row("likely unit", f"{words}, block.units in a scene"))
         rows += [Row(self._name(k), "; ".join(self.faults[k])) for k in bad[:_MOST]]
         for k in closed[:_MOST]:
             volume, (x, y, z) = self.blocks[k].volume, self._lowest(self.blocks[k]).tolist()
@@ -125,10 +129,6 @@ class FileCheck:
             rows.append(Row("more", f"only {_MOST} of them are listed; --json FILE has all"))
         if self.assembly is not None:
             rows += self._joint_rows(self.assembly)
-        likely = self.likely_unit()
-        if likely:
-            words = f"{likely}: such small blocks are rare; --units {likely}"
-            rows.append(Row("likely unit", f"{words}, block.units in a scene"))
         size = " × ".join(f"{x:.5g}" for x in self.size)
         rows.append(Row("size", f"{size} mm (x, y, z)"))
         if self.left_out:
