@@ -114,7 +114,7 @@ def require_balance(state: State) -> None:
 
 def _title(state: State) -> str:
     result = state.deformable
-    blocks, elements = len(result.deformable_blocks), result.model.n_elements
+    blocks, elements = len(result.deformable_blocks), result.n_elements
     return f"{result.assembly.name}: {state.method}, {blocks} blocks, {elements} elements"
 
 
@@ -144,8 +144,8 @@ def report_of(state: State, facets: tuple[Assembly, FloatArray] | None = None) -
     least, largest = state.nodal_stress_range
     return {
         "n_blocks": len(result.deformable_blocks),
-        "n_elements": result.model.n_elements,
-        "n_nodes": result.model.n_nodes,
+        "n_elements": result.n_elements,
+        "n_nodes": result.n_nodes,
         "max_displacement": state.largest_displacement,
         "principal_stress": {"max": float(largest), "min": float(least)},
         "dimensions": dimensions(
@@ -274,7 +274,7 @@ def _explicit_report(state: State) -> dict[str, Any]:
         | {"viscous_dissipation": energies.viscous_dissipation, "total": energies.total},
         "energy_balance": run.energy_balance,
         "element_updates_per_cpu_second": run.element_updates_per_cpu_second,
-        "added_mass": added_mass_share(stated.model),
+        "added_mass": added_mass_share(stated.model.groups),
         "bytes_per_node": n_bytes / stated.model.n_nodes,
         "cpu_seconds": {"loop": run.cpu_seconds},
     }

@@ -381,7 +381,7 @@ def _refuse_memory(stated: ExplicitStatement) -> None:
     groups = stated.model.groups
     need = sum(g.n_nodes * (_CONSTANT + _STATE * g.n_copies) for g in groups)
     require_memory(
-        f"{stated.model.n_nodes} nodes of {stated.system.deformable.assembly.n_blocks} blocks",
+        f"{stated.model.n_nodes} nodes of {stated.system.assembly.n_blocks} blocks",
         need,
         "fewer elements or fewer blocks",
     )
@@ -394,7 +394,7 @@ def _of_all_blocks(output: Output, whole: ExplicitStatement, restarts: int) -> O
     def frame(found: Frame) -> None:
         assert on_frame is not None
         moved = whole.expand(found.displacements)
-        groups = whole.system.deformable.model.groups
+        groups = whole.system.bodies
         on_frame(replace(found, groups=groups, displacements=moved, restart=restarts))
 
     def tell(found: Progress) -> None:

@@ -29,8 +29,6 @@ from fem.element.material import (
     one_strength,
 )
 from fem.system.build import (
-    Contact,
-    DeformableAssembly,
     DeformableAssemblyError,
     Frames,
     block_groups,
@@ -42,9 +40,9 @@ from fem.system.build import (
     supports_at,
     touching_surfaces,
 )
-from fem.system.effects import Effects
 from fem.system.model import Model
 from fem.system.overlaps import check_overlaps
+from fem.system.system import Contact, System
 from geometry.assembly import AnyBlocks, Assembly, PlacedBlocks, UnmatchedJoint, spacing_offsets
 from geometry.block import Block
 from geometry.errors import RefusedError, is_number
@@ -592,7 +590,7 @@ class Problem:
             raise ProblemError("motion: a static state has none; expected solve_explicit")
 
     @cached_property
-    def deformable(self) -> DeformableAssembly:
+    def deformable(self) -> System:
         """Deformable blocks in contact, for the static and the explicit solver.
 
         Surfaces that slide need not conform, so blocks that nothing holds are then not looked for.
@@ -623,22 +621,21 @@ class Problem:
         for key, of_pairs in self._of_pairs if not sliding else ():
             joints = surfaces.block_m, surfaces.block_s
             check_pairs(key, of_pairs, assembly.n_blocks, joints)
-        groups, group_of, copy_of = block_groups(
+        bodies, group_of, copy_of = block_groups(
             assembly, deforms, offsets, self.materials, self.element, held=load.held
         )
-        loads = nodal_loads(assembly, load, group_of, copy_of)
         faces = load.held if self.frames is Frames.RIGID else held_faces(assembly, load)
-        supports = supports_at(assembly, faces, group_of, copy_of)
-        turning = any(part.follows_block for part in loads)
-        effects = Effects(gravity=self.acceleration, finite_rotation=turning)
-        return DeformableAssembly(
+        return System(
             assembly=assembly,
-            model=Model(groups, supports=supports, loads=loads, effects=effects),
+            bodies=bodies,
             group_of=group_of[assembly.originals],
             copy_of=copy_of[assembly.originals],
             offsets=offsets,
             surfaces=surfaces,
             contact=Contact(self.contact_law, self.normals, self.coulomb, sliding),
+            supports=supports_at(assembly, faces, group_of, copy_of),
+            forces=nodal_loads(assembly, load, group_of, copy_of),
+            gravity=self.acceleration,
         )
 
 

@@ -18,10 +18,9 @@ from fem.element.stress import principal_stress
 from fem.stresses.peaks import StressPeaks, joint_forces, moved_blocks, stress_peaks
 from fem.stresses.recovery import Recovered, block_displacements, internal_forces, recover
 from fem.stresses.sections import SolvedState, section_forces
-from fem.system.build import DeformableAssembly
 from fem.system.loose import loose_blocks
 from fem.system.reactions import PushCurve, push_curves, reactions
-from fem.system.sector import local_forces, searched_in_all_sectors, vectors_in_all_sectors
+from fem.system.sector import searched_in_all_sectors, vectors_in_all_sectors
 from fem.system.state import (
     CapAction,
     ContactMeasures,
@@ -139,10 +138,10 @@ class State(ReadOnlyArrays):
     statement: ExplicitStatement | None = None
     """What it ran, with its times."""
 
-    @property
-    def deformable(self) -> DeformableAssembly:
-        """Blocks, loads, supports and contact."""
-        return self.system.deformable
+    @cached_property
+    def deformable(self) -> System:
+        """Blocks, loads, supports and contact of the whole."""
+        return self.system.whole
 
     @property
     def method(self) -> str:
@@ -195,7 +194,7 @@ class State(ReadOnlyArrays):
     @cached_property
     def positions(self) -> FloatArray:
         """Of all nodes before the load acts, (n_nodes, 3) [mm]."""
-        groups = self.deformable.model.groups
+        groups = self.deformable.bodies
         return np.concatenate([g.reference_positions().reshape(-1, 3) for g in groups])
 
     @cached_property
@@ -203,7 +202,7 @@ class State(ReadOnlyArrays):
         """Number of the block of each node, (n_nodes,)."""
         whole = self.deformable
         parts = []
-        for number, group in enumerate(whole.model.groups):
+        for number, group in enumerate(whole.bodies):
             mine = whole.deformable_blocks[whole.group_of[whole.deformable_blocks] == number]
             mine = mine[np.argsort(whole.copy_of[mine])]
             parts.append(np.repeat(mine, group.n_nodes))
@@ -213,7 +212,7 @@ class State(ReadOnlyArrays):
     def hexahedra(self) -> IntArray:
         """Corner nodes of all elements, (n_elements, 8)."""
         elements, first = [], 0
-        for group in self.deformable.model.groups:
+        for group in self.deformable.bodies:
             starts = first + group.n_nodes * np.arange(group.n_copies)
             elements.append((group.mesh.elements[None] + starts[:, None, None]).reshape(-1, 8))
             first += group.n_nodes * group.n_copies
@@ -224,7 +223,7 @@ class State(ReadOnlyArrays):
         """Stresses of each group of congruent blocks at its nodes and integration points."""
         return tuple(
             recover(group, moved, finite_rotation=self.finite_rotation)
-            for group, moved in zip(self.deformable.model.groups, self.displacements, strict=True)
+            for group, moved in zip(self.deformable.bodies, self.displacements, strict=True)
         )
 
     @property
@@ -246,7 +245,7 @@ class State(ReadOnlyArrays):
     def nodal_stress_range(self) -> tuple[float, float]:
         """Least σ₃ and largest σ₁ at the nodes [MPa]."""
         result = [
-            principal_stress(self.deformable.group(int(blocks[0])).nodal_stress(moved))
+            principal_stress(self.deformable.body_of(int(blocks[0])).nodal_stress(moved))
             for blocks, moved in moved_blocks(
                 self.deformable,
                 self.displacements,
@@ -266,7 +265,7 @@ class State(ReadOnlyArrays):
         """Whether a block turns by an angle that is not small, and it is counted as if it were."""
         if self.finite_rotation:
             return False
-        groups = zip(self.deformable.model.groups, self.displacements, strict=True)
+        groups = zip(self.deformable.bodies, self.displacements, strict=True)
         return any(float(_turns(g.mesh.nodes, u).max(initial=0.0)) > _FAR for g, u in groups)
 
     @property
@@ -290,7 +289,7 @@ class State(ReadOnlyArrays):
         points = self.system.points
         if not isinstance(points, SearchedPoints):
             return None
-        return searched_in_all_sectors(self.deformable, self.system.orbits, points)
+        return searched_in_all_sectors(self.system, points)
 
     @property
     def points(self) -> ContactPoints:
@@ -316,8 +315,7 @@ class State(ReadOnlyArrays):
         """On block s at all points, world axes, (n_facets, n_points, 3) [MPa]; None without."""
         if self.friction is None:
             return None
-        whole, orbits = self.deformable, self.system.orbits
-        return vectors_in_all_sectors(whole, orbits, self.friction, self._searched)
+        return vectors_in_all_sectors(self.system, self.friction, self._searched)
 
     @cached_property
     def contact_state(self) -> ContactState:
@@ -352,7 +350,7 @@ class State(ReadOnlyArrays):
     def reactions(self) -> dict[str, dict[str, Any]]:
         """Resultants of supports and rigid blocks by name: `geometry.parts.balance.Reactions`."""
         whole = self.deformable
-        result = reactions(whole.model, self.support_forces, self.displacements)
+        result = reactions(whole.bodies, whole.supports, self.support_forces, self.displacements)
         if whole.meets:
             rigid = np.flatnonzero(whole.group_of < 0)
             result = together(result, of_fixed_blocks(whole.assembly, self.joints, rigid))
@@ -366,12 +364,10 @@ class State(ReadOnlyArrays):
         the deformed ones, of second order, is one of the terms.
         """
         whole = self.deformable
-        others, loads = np.zeros((whole.assembly.n_blocks, 6)), local_forces(whole)
+        others, loads = np.zeros((whole.assembly.n_blocks, 6)), whole.forces_in_frames()
         acting, needed = np.zeros((whole.assembly.n_blocks, 3)), self._contact_forces(loads)
         centres = whole.assembly.centroids + whole.offsets
-        for number, (group, u) in enumerate(
-            zip(whole.model.groups, self.displacements, strict=True)
-        ):
+        for number, (group, u) in enumerate(zip(whole.bodies, self.displacements, strict=True)):
             blocks = whole.deformable_blocks[whole.group_of[whole.deformable_blocks] == number]
             force = needed[number][whole.copy_of[blocks]]
             places = (group.reference_positions() + u)[whole.copy_of[blocks]]
@@ -390,12 +386,14 @@ class State(ReadOnlyArrays):
     def _contact_forces(self, loads: list[FloatArray]) -> tuple[FloatArray, ...]:
         """What contact has to do to the nodes of each group, (n_copies, n_nodes, 3) [N].
 
-        From the loads on them in block frames (`local_forces`).
+        From the loads on them in block frames (`System.forces_in_frames`).
         """
         if self.contact_force is not None:
             return tuple(self.system.expand(self.contact_force))
-        model, held, result = self.deformable.model, self.support_forces, []
-        for number, (group, u) in enumerate(zip(model.groups, self.displacements, strict=True)):
+        held, result = self.support_forces, list[FloatArray]()
+        for number, (group, u) in enumerate(
+            zip(self.deformable.bodies, self.displacements, strict=True)
+        ):
             force = internal_forces(group, u, finite_rotation=self.finite_rotation)
             force -= loads[number] @ group.rotations.transpose(0, 2, 1)
             result.append(force - held[number] if held else force)
@@ -409,7 +407,7 @@ class State(ReadOnlyArrays):
         steps = {s.time: s.support_forces for s in self.evidence.path if s.time is not None}
         if not steps or self.evidence.curves:
             return self.evidence.curves
-        return push_curves(self.deformable.model, tuple(steps.items()))
+        return push_curves(self.deformable.supports, tuple(steps.items()))
 
     @property
     def reached(self) -> bool:
@@ -514,7 +512,7 @@ class State(ReadOnlyArrays):
     def strain_energy(self) -> float:
         """Of all blocks, rigid rotation removed where it may be finite [N mm]."""
         energy = 0.0
-        for group, u in zip(self.deformable.model.groups, self.displacements, strict=True):
+        for group, u in zip(self.deformable.bodies, self.displacements, strict=True):
             local, _ = block_displacements(group, u, finite_rotation=self.finite_rotation)
             energy += 0.5 * float(np.vdot(local, group.internal_force(local)))
         return energy

@@ -21,8 +21,8 @@ from fem.element.facet import (
     facet_basis,
 )
 from fem.element.functions import lobatto_points
-from fem.system.build import DeformableAssembly
 from fem.system.sector import representatives
+from fem.system.system import System
 from geometry.assembly import Assembly
 from geometry.block import Block
 from geometry.mesh import BoolArray, FloatArray, IntArray, grid_points
@@ -35,7 +35,7 @@ _AT_ONCE = 1 << 16
 
 def pressures_on_facets(
     facets: Assembly,
-    solved: DeformableAssembly,
+    solved: System,
     displacements: tuple[FloatArray, ...],
     *,
     symmetry: int = 1,
@@ -70,7 +70,7 @@ def pressures_on_facets(
 
 def _pressures(
     facets: Assembly,
-    state: tuple[DeformableAssembly, tuple[FloatArray, ...], IntArray],
+    state: tuple[System, tuple[FloatArray, ...], IntArray],
     chosen: IntArray,
     parts: tuple[FloatArray, int],
 ) -> FloatArray:
@@ -129,7 +129,7 @@ def _nodes_of_parts(n: int, degree: int) -> FloatArray:
 
 def _at_facets(
     facets: Assembly,
-    state: tuple[DeformableAssembly, tuple[FloatArray, ...], IntArray],
+    state: tuple[System, tuple[FloatArray, ...], IntArray],
     side: tuple[IntArray, IntArray],
     at: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
@@ -170,7 +170,7 @@ def _at_facets(
 
 
 def _surfaces(
-    solved: DeformableAssembly,
+    solved: System,
     basis: FacetBasis,
     blocks: tuple[IntArray, IntArray],
     nodes: tuple[FloatArray, FloatArray],

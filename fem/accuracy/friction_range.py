@@ -94,7 +94,7 @@ def _width(
                 continue
             break
         width = {n: value / direct[n] - 1.0 for n, value in back.items() if direct[n]}
-        return width, f"on {stated.deformable.model.n_elements} elements{words}"
+        return width, f"on {stated.deformable.n_elements} elements{words}"
     return {}, remark
 
 

@@ -22,7 +22,7 @@ from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.path import Known
 from fem.static.result import StaticError
 from fem.static.solve import StaticOptions, solve_static
-from fem.system.build import DeformableAssembly
+from fem.system.system import System
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.machine.system import one_thread_of_blas
@@ -41,14 +41,14 @@ _FINER = 8.0
 
 @one_thread_of_blas()
 def static_state(
-    deformable: DeformableAssembly,
+    deformable: System,
     options: StaticOptions | None = None,
     *,
     factor: float = 1.0,
     finite_rotation: bool = False,
     store: FlexibilityStore | None = None,
     start: tuple[FloatArray, ...] | None = None,
-    before: Sequence[DeformableAssembly] = (),
+    before: Sequence[System] = (),
     known: Known = (),
 ) -> State:
     """Solve for the static state of blocks that are built: see `fem.solve_static`.
@@ -82,12 +82,10 @@ def static_state(
     return state
 
 
-def _scaled_loads(deformable: DeformableAssembly, factor: float) -> DeformableAssembly:
-    model = deformable.model
-    loads = tuple(replace(load, forces=factor * load.forces) for load in model.loads)
-    gravity = None if model.effects.gravity is None else factor * model.effects.gravity
-    effects = replace(model.effects, gravity=gravity)
-    return replace(deformable, model=replace(model, loads=loads, effects=effects))
+def _scaled_loads(deformable: System, factor: float) -> System:
+    forces = tuple(replace(load, forces=factor * load.forces) for load in deformable.forces)
+    gravity = None if deformable.gravity is None else factor * deformable.gravity
+    return replace(deformable, forces=forces, gravity=gravity)
 
 
 def static_errors(
@@ -119,9 +117,9 @@ def static_errors(
     if few and not others and not degrees:
         with suppress(RefusedError):
             others = [solve(split(problem, 2, 1))]
-    elements, meshes = state.deformable.model.n_elements, []
+    elements, meshes = state.deformable.n_elements, []
     for other in others:
-        refinement = (elements / other.deformable.model.n_elements) ** (1.0 / 3.0)
+        refinement = (elements / other.deformable.n_elements) ** (1.0 / 3.0)
         if refinement != 1.0:
             meshes.append((values_of(other), refinement))
     return one_mesh_bars(

@@ -447,5 +447,5 @@ def _frames(count: int, path: Sequence[State]) -> Iterator[Frame]:
     states = [rest, *path]
     chosen = np.unique(np.round(np.linspace(len(states) - 1, 0, min(count, len(states)))))
     for place, k in enumerate(chosen.astype(int)):
-        state, groups, ends = states[k], last.deformable.model.groups, k == len(states) - 1
+        state, groups, ends = states[k], last.deformable.bodies, k == len(states) - 1
         yield Frame(place, state.load_factor, groups, state.displacements, last=ends)

@@ -73,7 +73,7 @@ def strength_factors(
     MaterialError
         Blocks of different strengths.
     """
-    materials = [group.material for group in state.deformable.model.groups]
+    materials = [group.material for group in state.deformable.bodies]
     strengths = {
         name: one_strength(name, (getattr(material, name) for material in materials))
         for name in JUDGED

@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 
 from fem.element.facet import facet_values
 from fem.element.kinds import element_of
-from fem.system.build import DeformableAssembly
+from fem.system.system import System
 from geometry.block import Block
 from geometry.mesh import CORNERS, HEX_FACES, FloatArray, HexMesh, IntArray, row_keys
 from geometry.meshing.charts import Places, located, places_in
@@ -57,7 +57,7 @@ def _sums(mesh: HexMesh, values: FloatArray, members: IntArray) -> csr_array:
 
 
 def transferred(
-    displacements: tuple[FloatArray, ...], source: DeformableAssembly, target: DeformableAssembly
+    displacements: tuple[FloatArray, ...], source: System, target: System
 ) -> tuple[FloatArray, ...]:
     """Displacements of each group at the nodes of another mesh of the same blocks.
 
@@ -81,7 +81,7 @@ def transferred(
     return tuple(result)
 
 
-def _shape(deformable: DeformableAssembly, group: int) -> Block:
+def _shape(deformable: System, group: int) -> Block:
     block = int(np.flatnonzero(deformable.group_of == group)[0])
     return deformable.assembly.shape(block)
 

@@ -290,7 +290,7 @@ def _held_lanes(model: Model, number: int, rows: BlockRows, lanes: int) -> HeldL
     group = model.groups[number]
     first = [np.full(g.n_copies, -1) for g in model.groups]
     first[number] = group.n_nodes * np.arange(group.n_copies)
-    held = held_rows(model, first)
+    held = held_rows(model.groups, model.supports, first)
     node, axis = np.nonzero(held.held)
     if not len(node):
         return None

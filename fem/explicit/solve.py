@@ -442,7 +442,7 @@ def solve(
         sample_interval=sample_interval,
         max_work=max_work,
         ends=clock.process_time() + max_seconds,
-        moving=tuple((support, {}) for support in moving_supports(model)),
+        moving=tuple((support, {}) for support in moving_supports(model.supports)),
     )
     first = run.counted = state.step
     started = clock.process_time()

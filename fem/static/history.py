@@ -20,10 +20,8 @@ from fem.static.newton import start_iterate
 from fem.static.path import StaticOptions, follow
 from fem.static.result import StaticError, load_factors, refined
 from fem.static.solve import beginning, problem_of, with_evidence
-from fem.system.build import ALL_THE_WAY, DeformableAssembly
 from fem.system.reactions import Forces, MovingSupport, PushCurve, moving_supports
-from fem.system.sector import no_symmetry
-from fem.system.system import System, system_of
+from fem.system.system import System
 from geometry.mesh import FloatArray
 
 #: Increments of a stage with which the doubling begins.
@@ -33,7 +31,7 @@ _ROUNDING = 1e-12
 
 
 def solve_history(
-    stages: Sequence[DeformableAssembly],
+    stages: Sequence[System],
     options: StaticOptions,
     store: FlexibilityStore | None = None,
 ) -> State:
@@ -70,23 +68,19 @@ def solve_history(
     return refined(in_parts, least, options.load_tolerance)
 
 
-def _through(
-    stages: Sequence[DeformableAssembly], options: StaticOptions, store: FlexibilityStore
-) -> State:
+def _through(stages: Sequence[System], options: StaticOptions, store: FlexibilityStore) -> State:
     """Follow all stages, each in as many increments as there are load steps."""
     clock = time.process_time()
-    system = system_of(stages[0], no_symmetry(stages[0]))
-    moved = forces = np.zeros((system.n_nodes, 3))
-    system = _from(moved, system)
+    moved = forces = np.zeros((stages[0].n_nodes, 3))
+    system = replace(stages[0], begin=(moved, forces))
     problem, search = beginning(system, options, store)
     begin, ready = start_iterate(problem.system), time.process_time()
     found = list[State]()
-    for number, deformable in enumerate(stages, start=1):
+    for number, stage in enumerate(stages, start=1):
         if found:
             state = found[-1]
             moved, forces = state.displacement, _force(state)
-            there = _from(moved, system_of(deformable, no_symmetry(deformable)))
-            system = replace(there, loads=np.concatenate([system.loads[-1:], there.loads]))
+            system = replace(stage, begin=(moved, system.external_force))
             problem = problem_of(system.on(state.system.points), options, store)
             begin = replace(
                 start_iterate(problem.system, problem.step.kept(moved)),
@@ -95,7 +89,7 @@ def _through(
             )
             if state.anchor is not None:
                 begin = replace(begin, anchor=state.anchor)
-        acts = deformable.moves or system.loads.any()
+        acts = stage.moves or system.loads.any()
         parts = load_factors(options.load_steps if acts else 1, friction=number == 1)
         begin = replace(begin, load_factor=0.0, time=0.0)
         found = follow(problem, begin, [(s, s) for s in parts], options, search=search)
@@ -111,7 +105,7 @@ def _through(
     pushed = {0.0: forces} | {one.load_factor: _force(one) for one in found}
     whole = {share: tuple(system.expand(force)) for share, force in pushed.items()}
     first = tuple(system.expand(moved))
-    curves = tuple(_curve(one, first, whole) for one in moving_supports(stages[-1].model))
+    curves = tuple(_curve(one, first, whole) for one in moving_supports(stages[-1].supports))
     state = with_evidence(found, options, (clock, ready))
     return replace(state, evidence=replace(state.evidence, curves=curves))
 
@@ -119,16 +113,6 @@ def _through(
 def _force(state: State) -> FloatArray:
     """Of the supports on all nodes, (n_nodes, 3) [N]."""
     return np.zeros_like(state.displacement) if state.support_force is None else state.support_force
-
-
-def _from(moved: FloatArray, system: System) -> System:
-    """A system whose supports go from displacements of a state, (n_nodes, 3) [mm], to their end."""
-    held = system.held
-    ends = np.array([*(table(np.inf) for table in held.tables), 1.0])
-    last, first = held.value * ends[held.table], (held.direction * moved[held.row]).sum(axis=1)
-    goes = np.abs(first - last) > _ROUNDING * np.abs(moved).max()
-    table, tables = np.where(goes, 0, -1), (ALL_THE_WAY,) if goes.any() else ()
-    return replace(system, held=replace(held, value=last, table=table, tables=tables, start=first))
 
 
 def _curve(moving: MovingSupport, begin: Forces, pushed: dict[float, Forces]) -> PushCurve:

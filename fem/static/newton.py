@@ -122,7 +122,7 @@ def start_iterate(system: System, start: FloatArray | None = None) -> Iterate:
     """
     friction, points = system.has_friction, system.points
     displacement = np.zeros((system.n_nodes, 3)) if start is None else start
-    flat = all(system.group(slot).element.degree == 1 for slot in range(system.n_slots))
+    flat = all(system.body(slot).element.degree == 1 for slot in range(system.n_slots))
     area = float(points.areas.sum())
     load = float(np.linalg.norm(system.external_force, axis=1).sum())
     touching = system.law.touching_pressure
@@ -170,7 +170,7 @@ def held_in_motion(problem: StaticProblem, state: Iterate) -> Iterate:
 
 def localised(system: System, start: tuple[FloatArray, ...]) -> FloatArray:
     """Displacements of each group on the representatives, in block frames; (n_nodes, 3) [mm]."""
-    expected = [(g.n_copies, g.n_nodes, 3) for g in system.deformable.model.groups]
+    expected = [(g.n_copies, g.n_nodes, 3) for g in system.bodies]
     if [u.shape for u in start] != expected:
         raise StaticError(
             f"start: got displacements of shapes {[u.shape for u in start]}; "
@@ -195,7 +195,7 @@ def converge(problem: StaticProblem, state: Iterate) -> Iterate:
 
 def has_potential(problem: StaticProblem) -> bool:
     """Whether the energy can be followed: what the plain iteration leaves out then decides."""
-    normals = problem.system.deformable.contact.normals
+    normals = problem.system.contact.normals
     return not problem.system.has_friction and normals is ContactNormals.CURRENT
 
 
@@ -350,7 +350,7 @@ def _solve(
 
 def _check_near(system: System, displacement: FloatArray) -> None:
     """Raise `UnheldBlocksError` where a displacement is no small motion."""
-    farthest = _FARTHEST * system.deformable.assembly.characteristic_length
+    farthest = _FARTHEST * system.assembly.characteristic_length
     if np.abs(displacement).max() > farthest:
         raise UnheldBlocksError(
             f"a block would move by {np.abs(displacement).max():.3g} mm, more than "
@@ -444,9 +444,9 @@ def _least_force(problem: StaticProblem, farthest: float) -> float:
     The stiffness times displacements of up to ``farthest`` [mm], even of rigid blocks, rounds off.
     """
     system = problem.system
-    length = system.deformable.assembly.characteristic_length
+    length = system.assembly.characteristic_length
     touch = float(system.law.touching_pressure.max(initial=0.0)) * length**2
-    moduli = [system.group(k).material.young_modulus for k in range(system.n_slots)]
+    moduli = [system.body(k).material.young_modulus for k in range(system.n_slots)]
     rounding = _EPSILON * max(moduli, default=0.0) * length * farthest * math.sqrt(system.n_nodes)
     return max(touch, rounding / problem.tolerance)
 

@@ -9,6 +9,7 @@ stretch of the linear one alone makes Δf thousands of times the load.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,14 +19,13 @@ from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.result import StaticError
 from fem.static.solve import StaticOptions, solve_static
 from fem.stresses.recovery import internal_forces, turned_rigidly
-from fem.system.build import DeformableAssembly
+from fem.system.body import Body
 from fem.system.model import (
-    Model,
     NodalLoad,
     nodal_load,
     refuse_turning_springs,
 )
-from fem.system.sector import local_forces
+from fem.system.system import System
 from geometry.mesh import FloatArray
 
 #: Each round is solved to this share of the tolerance: what is left of it turns blocks, and the
@@ -38,7 +38,7 @@ _PROGRESS = 0.7
 
 
 def solve_static_with_rotation(
-    deformable: DeformableAssembly,
+    deformable: System,
     options: StaticOptions | None = None,
     *,
     start: tuple[FloatArray, ...] | None = None,
@@ -61,7 +61,7 @@ def solve_static_with_rotation(
     SymmetryError, SparseSolverError
         As there.
     """
-    refuse_turning_springs(deformable.model.groups)
+    refuse_turning_springs(deformable.bodies)
     if not deformable.meets:
         raise StaticError(
             'effects.finite_rotation: got fem.method = "static", which is linear for single '
@@ -75,16 +75,15 @@ def solve_static_with_rotation(
             'finite_rotation off, or fem.method = "explicit"'
         )
     store = FlexibilityStore() if store is None else store
-    model = deformable.model
-    size = float(np.sqrt(sum((forces**2).sum() for forces in local_forces(deformable))))
+    size = float(np.sqrt(sum((forces**2).sum() for forces in deformable.forces_in_frames())))
     exact = replace(options, tolerance=_ROUND * options.tolerance)
     state = solve_static(deformable, options, start=start, store=store)
-    loads, residuals = state.system.loads, list(state.evidence.residuals)
+    residuals = list(state.evidence.residuals)
     before: FloatArray | None = None
     history: list[float] = []
-    moved = tuple(map(turned_rigidly, model.groups, state.displacements))
+    moved = tuple(map(turned_rigidly, deformable.bodies, state.displacements))
     while residuals[-1] <= options.tolerance:
-        added = finite_rotation_loads(model, moved)
+        added = finite_rotation_loads(deformable.bodies, moved)
         forces = np.concatenate([load.forces.ravel() for load in added])
         change = float(np.linalg.norm(forces if before is None else forces - before))
         history.append(change / size if size > 0.0 else change)
@@ -94,7 +93,7 @@ def solve_static_with_rotation(
         if stuck or len(history) > _MAX_ROUNDS:
             raise _too_far(history)
         before = forces
-        turned = replace(deformable, model=replace(model, loads=(*model.loads, *added)))
+        turned = replace(deformable, forces=(*deformable.forces, *added))
         try:
             state = solve_static(turned, exact, start=moved, slips_from_rest=True, store=store)
         except StaticError:
@@ -112,7 +111,7 @@ def solve_static_with_rotation(
         residuals[-1] += history[-1]
     return replace(
         state,
-        system=replace(state.system, deformable=deformable, loads=loads),
+        system=replace(state.system, forces=deformable.forces),
         finite_rotation=True,
         evidence=replace(evidence, converged=converged, residuals=tuple(residuals), status=status),
     )
@@ -128,7 +127,7 @@ def _too_far(changes: list[float]) -> StaticError:
 
 
 def finite_rotation_loads(
-    model: Model, displacements: tuple[FloatArray, ...]
+    bodies: Sequence[Body], displacements: tuple[FloatArray, ...]
 ) -> tuple[NodalLoad, ...]:
     """Δf = K u - f_frame(u) of every block: what finite rotations change.
 
@@ -145,5 +144,5 @@ def finite_rotation_loads(
             - internal_forces(group, u, finite_rotation=True),
             copies=range(len(u)),
         )
-        for k, (group, u) in enumerate(zip(model.groups, displacements, strict=True))
+        for k, (group, u) in enumerate(zip(bodies, displacements, strict=True))
     )

@@ -42,18 +42,15 @@ from fem.static.path import (
     load_path,
 )
 from fem.static.result import StaticError, refined
-from fem.system.build import DeformableAssembly
 from fem.system.loose import loose_blocks, require_held
 from fem.system.reactions import moving_supports
 from fem.system.sector import (
-    Orbits,
     cyclic_orbits,
     largest_cyclic_orbits,
-    no_symmetry,
     with_half_turn,
 )
 from fem.system.state import facing_points
-from fem.system.system import System, system_of
+from fem.system.system import Orbits, System
 from geometry.mesh import FloatArray, IntArray
 
 __all__ = ["StaticMethod", "StaticOptions", "solve_static"]
@@ -66,7 +63,7 @@ _MOST_HELD = 1500
 
 
 def solve_static(
-    deformable: DeformableAssembly,
+    deformable: System,
     options: StaticOptions | None = None,
     *,
     start: tuple[FloatArray, ...] | None = None,
@@ -136,7 +133,7 @@ def solve_static(
 
 
 def _load(
-    deformable: DeformableAssembly,
+    deformable: System,
     options: StaticOptions,
     start: tuple[FloatArray, ...] | None,
     store: FlexibilityStore,
@@ -151,7 +148,7 @@ def _load(
     rough = contact.friction is not None and not contact.finite_sliding
     half_turn = rough or _grids(deformable, options) is not None
     orbits = _orbits(deformable, options.symmetry, half_turn=half_turn)
-    problem, search = beginning(system_of(deformable, orbits), options, store, start)
+    problem, search = beginning(deformable.in_sector(orbits), options, store, start)
     ready = time.process_time()
     before = None if start is None else localised(problem.system, start)
     first = start_iterate(problem.system, before)
@@ -204,13 +201,12 @@ def beginning(
     start: tuple[FloatArray, ...] | None = None,
 ) -> tuple[StaticProblem, Search | None]:
     """The problem of a system, and points that follow the motion where contact is searched."""
-    deformable = system.deformable
-    if not deformable.meets:
+    if not system.meets:
         require_held(system)
     near = None if start is None else localised(system, start)
-    if not deformable.contact.finite_sliding:
+    if not system.contact.finite_sliding:
         return problem_of(system, options, store, near), None
-    points = facing_points(deformable, start, system.orbits)
+    points = facing_points(system, start)
     anew = partial(_searched_anew, options=options, points=points, store=store)
     problem = problem_of(system.on(_found(points, system)), options, store)
     begin = np.zeros((system.n_nodes, 3)) if near is None else near
@@ -219,8 +215,7 @@ def beginning(
 
 def _found(points: FacingPoints, system: System) -> SearchedPoints:
     """Points of a search at its present positions."""
-    deformable = system.deformable
-    return points_of_search(points, deformable.surfaces.clearance, deformable.contact.normals)
+    return points_of_search(points, system.surfaces.clearance, system.contact.normals)
 
 
 def _closer(once: list[State], in_parts: list[State]) -> list[State]:
@@ -245,9 +240,9 @@ def problem_of(
     step: LinearStep
     # On searched points limits of friction follow the pressures, in displacements alone.
     in_displacements = isinstance(system.points, SearchedPoints) and friction
-    whole = options.method is StaticMethod.SPARSE or not system.deformable.meets
+    whole = options.method is StaticMethod.SPARSE or not system.meets
     whole |= _most_held(system) > _MOST_HELD
-    grids = _grids(system.deformable, options)
+    grids = _grids(system, options)
     if grids is not None:
         from fem.static.linear_step.grid import GridStep
 
@@ -261,9 +256,9 @@ def problem_of(
     return StaticProblem(system, step, options.tolerance, options.max_iterations)
 
 
-def _grids(deformable: DeformableAssembly, options: StaticOptions) -> tuple[GridBlock, ...] | None:
+def _grids(deformable: System, options: StaticOptions) -> tuple[GridBlock, ...] | None:
     """Structured blocks, where these are solved in the forces of their contact points."""
-    curved = any(group.element.degree > 1 for group in deformable.model.groups)
+    curved = any(group.element.degree > 1 for group in deformable.bodies)
     if options.method is StaticMethod.SPARSE or not curved:
         return None
     from fem.static.linear_step.grid import grid_blocks
@@ -277,11 +272,11 @@ def _most_held(system: System) -> int:
     return int(np.bincount(slots).max(initial=0))
 
 
-def _orbits(deformable: DeformableAssembly, symmetry: int | None, *, half_turn: bool) -> Orbits:
+def _orbits(deformable: System, symmetry: int | None, *, half_turn: bool) -> Orbits:
     if symmetry is None:
         largest = largest_cyclic_orbits(deformable)
         return with_half_turn(deformable, largest) if half_turn else largest
-    return no_symmetry(deformable) if symmetry == 1 else cyclic_orbits(deformable, symmetry)
+    return deformable.orbits if symmetry == 1 else cyclic_orbits(deformable, symmetry)
 
 
 def _searched_anew(
@@ -314,7 +309,7 @@ def placed(problem: StaticProblem, state: Iterate, displacement: FloatArray) -> 
 def _ways(state: State) -> str:
     """How far supports have moved."""
     at = {state.time or 0.0: 0.0}
-    curves = [moving.curve(at) for moving in moving_supports(state.deformable.model)]
+    curves = [moving.curve(at) for moving in moving_supports(state.system.supports)]
     return ", ".join(f"{curve.name} by {curve.displacements[-1]:.4g} mm" for curve in curves)
 
 

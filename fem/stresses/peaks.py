@@ -34,8 +34,8 @@ from fem.element.stress import (
 from fem.stresses.ball_averages import averaged_tension, ball_averages
 from fem.stresses.recovery import block_displacements, moved_bodies
 from fem.system.body import Body
-from fem.system.build import DeformableAssembly
 from fem.system.state import ContactState
+from fem.system.system import System
 from geometry.mesh import HEX_FACES, FloatArray, IntArray, ReadOnlyArrays
 from geometry.parts.measures import JointResultants, first_largest, summed_by_joint
 
@@ -60,9 +60,7 @@ class Peak(ReadOnlyArrays):
     """Whether the integration points resolve the value."""
 
 
-def largest_pressure(
-    deformable: DeformableAssembly, law: ContactLaw, state: ContactState
-) -> Peak | None:
+def largest_pressure(deformable: System, law: ContactLaw, state: ContactState) -> Peak | None:
     """Largest contact pressure at a point; None without contact.
 
     At corners of matched facets, on a grid of those of higher degree, where their integration
@@ -92,7 +90,7 @@ def _matched_peaks(law: ContactLaw, state: ContactState) -> FacetPeaks | None:
     return facet_peaks(law, looks, state.point_overclosures.reshape(len(looks), -1))
 
 
-def _place_of_peak(deformable: DeformableAssembly, found: FacetPeaks, facet: int) -> FloatArray:
+def _place_of_peak(deformable: System, found: FacetPeaks, facet: int) -> FloatArray:
     """Where the largest pressure of a facet is, before the load acts, (3,) [mm]."""
     surfaces = deformable.surfaces
     block, basis = int(surfaces.block_m[facet]), surfaces.basis
@@ -103,9 +101,7 @@ def _place_of_peak(deformable: DeformableAssembly, found: FacetPeaks, facet: int
     return where
 
 
-def pressure_between_nodes(
-    deformable: DeformableAssembly, law: ContactLaw, state: ContactState
-) -> float:
+def pressure_between_nodes(deformable: System, law: ContactLaw, state: ContactState) -> float:
     """What the largest pressure may change between the nodes of its facet [MPa].
 
     A law of stiffness k [MPa/mm] between bodies of plane strain moduli E' lets pressures change
@@ -121,7 +117,7 @@ def pressure_between_nodes(
     looks = state.corner_overclosures[facet]
     pair = int(state.block_m[facet]), int(state.block_s[facet])
     of_pair = law.on(state.block_m, state.block_s).one(facet)
-    materials = [deformable.group(b).material for b in pair if deformable.group_of[b] >= 0]
+    materials = [deformable.body_of(b).material for b in pair if deformable.group_of[b] >= 0]
     gives = sum((1.0 - m.poisson_ratio**2) / m.young_modulus for m in materials)
     length = 1.0 / (gives * float(of_pair.stiffness(looks.max())))
     distance = _node_distance(deformable, found, facet) / length
@@ -129,7 +125,7 @@ def pressure_between_nodes(
     return min(_OF_A_PEAK * distance**2, _MOST_OF_A_PEAK) * max(steep, 0.0)
 
 
-def _node_distance(deformable: DeformableAssembly, found: FacetPeaks, facet: int) -> float:
+def _node_distance(deformable: System, found: FacetPeaks, facet: int) -> float:
     """Largest distance of neighbouring nodes at the peak of a facet [mm]."""
     surfaces = deformable.surfaces
     block = int(surfaces.block_m[facet])
@@ -147,9 +143,7 @@ def _node_distance(deformable: DeformableAssembly, found: FacetPeaks, facet: int
     return largest
 
 
-def mean_of_block_maxima(
-    deformable: DeformableAssembly, law: ContactLaw, state: ContactState
-) -> float:
+def mean_of_block_maxima(deformable: System, law: ContactLaw, state: ContactState) -> float:
     """Mean over free blocks of their largest pressure at a corner of a facet [MPa].
 
     The limit of the same mean over facets as these shrink; that of integration points where these
@@ -168,9 +162,7 @@ def mean_of_block_maxima(
     return float(largest[assembly.free_blocks].mean())
 
 
-def largest_displacement(
-    deformable: DeformableAssembly, displacements: tuple[FloatArray, ...]
-) -> Peak:
+def largest_displacement(deformable: System, displacements: tuple[FloatArray, ...]) -> Peak:
     """Node that moves most, and by how much [mm]."""
     blocks = deformable.deformable_blocks.tolist()
     sizes = [
@@ -208,7 +200,7 @@ class StressPeaks:
 
 
 def stress_peaks(
-    deformable: DeformableAssembly,
+    deformable: System,
     displacements: tuple[FloatArray, ...],
     *,
     averaging_radius: float | None = None,
@@ -234,7 +226,7 @@ def stress_peaks(
     for blocks, moved in moved_blocks(
         deformable, displacements, finite_rotation=finite_rotation, representative=representative
     ):
-        group = deformable.group(int(blocks[0]))
+        group = deformable.body_of(int(blocks[0]))
         radius = group.material.averaging_radius if averaging_radius is None else averaging_radius
         result.append(_group_peaks(deformable, blocks, moved, radius))
     averaged = result[first_largest(np.array([f.sigma_1_averaged.value for f in result]))]
@@ -251,7 +243,7 @@ def stress_peaks(
 
 
 def moved_blocks(
-    deformable: DeformableAssembly,
+    deformable: System,
     displacements: tuple[FloatArray, ...],
     *,
     finite_rotation: bool,
@@ -263,7 +255,7 @@ def moved_blocks(
     """
     chosen = deformable.deformable_blocks
     chosen = chosen if representative is None else np.unique(representative[chosen])
-    for number, (group, u) in enumerate(zip(deformable.model.groups, displacements, strict=True)):
+    for number, (group, u) in enumerate(zip(deformable.bodies, displacements, strict=True)):
         local, _ = block_displacements(group, u, finite_rotation=finite_rotation)
         blocks = chosen[deformable.group_of[chosen] == number]
         yield blocks, local[deformable.copy_of[blocks]]
@@ -275,10 +267,10 @@ def _largest(peaks: list[Peak], sign: float = 1.0) -> Peak:
 
 
 def _group_peaks(
-    deformable: DeformableAssembly, blocks: IntArray, local: FloatArray, radius: float
+    deformable: System, blocks: IntArray, local: FloatArray, radius: float
 ) -> StressPeaks:
     """Of blocks of one group, from displacements in their frames (n_blocks, n_nodes, 3) [mm]."""
-    group = deformable.group(int(blocks[0]))
+    group = deformable.body_of(int(blocks[0]))
     linear, stress = group.element.degree == 1, group.point_stress(local)
     points = integration_points(group.mesh, group.element)
     per_element = len(points) // group.mesh.n_elements
@@ -337,9 +329,7 @@ def _corner_extremes(group: Body, stress: FloatArray) -> tuple[float, float, flo
 # Places
 
 
-def _element_face(
-    deformable: DeformableAssembly, block: int, element: int, at: FloatArray
-) -> str | None:
+def _element_face(deformable: System, block: int, element: int, at: FloatArray) -> str | None:
     """Named face nearest to a point among those that its element lies on."""
     shape = deformable.assembly.shape(block)
     own = np.sort(shape.mesh.elements[element][HEX_FACES], axis=1)
@@ -352,7 +342,7 @@ def _element_face(
     return best[1]
 
 
-def _nearest_face(deformable: DeformableAssembly, block: int, where: FloatArray) -> str | None:
+def _nearest_face(deformable: System, block: int, where: FloatArray) -> str | None:
     """Named face with the facet nearest to a point; contact faces first where two meet."""
     assembly = deformable.assembly
     shape = assembly.shape(block)

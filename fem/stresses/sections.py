@@ -22,9 +22,8 @@ from itertools import pairwise
 import numpy as np
 
 from fem.stresses.recovery import block_displacements
-from fem.system.build import DeformableAssembly
-from fem.system.sector import NodeMap
 from fem.system.state import ContactState, corner_displacements
+from fem.system.system import NodeMap, System
 from geometry.assembly import Assembly
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays
 from geometry.parts.measures import Planes, SectionError, SectionForces, nothing_cut, section_rows
@@ -39,7 +38,7 @@ _TETRAHEDRA = np.array([[0, a, b, 6] for a, b in pairwise((1, 2, 3, 7, 4, 5, 1))
 class SolvedState(ReadOnlyArrays):
     """Displacements of an assembly and what touches there."""
 
-    deformable: DeformableAssembly
+    deformable: System
     displacements: tuple[FloatArray, ...]
     """Of each group, world axes, (n_copies, n_nodes, 3) [mm]."""
     contact: ContactState
@@ -74,7 +73,7 @@ class SolvedState(ReadOnlyArrays):
     @cached_property
     def local(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
         """Displacements in block frames, and the frames, of each group."""
-        pairs = zip(self.deformable.model.groups, self.displacements, strict=True)
+        pairs = zip(self.deformable.bodies, self.displacements, strict=True)
         return tuple(
             block_displacements(g, u, finite_rotation=self.finite_rotation) for g, u in pairs
         )
@@ -92,7 +91,7 @@ class SolvedState(ReadOnlyArrays):
         Springs to the ground are no part of the block.
         """
         group, copy = self._of(block)
-        (local, frames), model = self.local[group], self.deformable.model.groups[group]
+        (local, frames), model = self.local[group], self.deformable.bodies[group]
         moved = local[copy][model.mesh.connectivity[some]]
         stiffness = model.element_stiffness(some, springs=False)
         result = np.einsum("eij,ej->ei", stiffness, moved.reshape(len(some), -1))
@@ -192,7 +191,7 @@ class _Section:
         whole, nodes = self.state.deformable, self.state.nodes(block)
         if whole.group_of[block] < 0:
             return
-        members = whole.group(block).mesh.connectivity
+        members = whole.body_of(block).mesh.connectivity
         some = np.flatnonzero(np.ptp(self.behind[nodes][members], axis=1) > 0.0)
         if len(some):
             self._add(members[some] + nodes.start, -self.state.element_forces(block, some))

@@ -6,35 +6,33 @@ Congruent blocks are copies of one group with one stiffness. Frame blocks are ri
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
-from functools import cached_property
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw
 from fem.contact.surfaces import (
-    ContactNormals,
     MatchedFacets,
     check_initial_overlap,
     contact_surfaces,
 )
 from fem.element.hexahedron import ElementType
 from fem.element.kinds import block_lumped_mass, element_of
-from fem.element.lagrange_mesh import in_pieces, with_degree
+from fem.element.lagrange_mesh import with_degree
 from fem.element.material import Material
 from fem.system.body import Body, ModelError, placed_body
 from fem.system.forces import (
+    ALL_THE_WAY,
     TabularAmplitude,
     edge_forces,
     pressure_forces,
     traction_forces,
     wrench_forces,
 )
-from fem.system.model import Amplitude, Model, NodalLoad, Support, fixed_nodes
+from fem.system.model import Amplitude, NodalLoad, Support, fixed_nodes
 from fem.system.springs import Springs, springs_on
 from geometry.assembly import Assembly
 from geometry.errors import RefusedError
@@ -57,93 +55,10 @@ class Frames(StrEnum):
     """They deform and are held at their outer faces."""
 
 
-#: Share of the displacement of a support without a table: static steps take equal parts of it, and
-#: explicit runs the smooth step of their loads.
-ALL_THE_WAY = TabularAmplitude((0.0, 1.0), (0.0, 1.0))
 #: Directions that differ by less are one [-].
 _SAME = 1e-9
 #: Outer face of a fixed block in the first and in the last layer, the first that exists.
 _OUTER_FACES = {"first": ("bottom", "z-"), "last": ("top", "z+")}
-
-
-@dataclass(frozen=True)
-class Contact:
-    """How surfaces that meet act on each other."""
-
-    law: ContactLaw
-    """Pressure as a function of overclosure."""
-    normals: ContactNormals
-    """Which normals measure the gap."""
-    friction: CoulombFriction | None = None
-    """Friction; None: absent."""
-    finite_sliding: bool = False
-    """Whether a search finds facets that face each other; matched facets otherwise stay matched."""
-
-
-@dataclass(frozen=True)
-class DeformableAssembly:
-    """Deformable blocks, their loads and supports, and the surfaces on which they meet."""
-
-    assembly: Assembly
-    """The assembly of blocks."""
-    model: Model
-    """Groups of congruent blocks with loads and supports; rigid blocks are not in it."""
-    group_of: IntArray
-    """Group of each block of the assembly, of its original for images, -1 for rigid ones,
-    (n_blocks,)."""
-    copy_of: IntArray
-    """Copy of that group, -1 for rigid ones, (n_blocks,)."""
-    offsets: FloatArray
-    """Translation of each block from its conforming place, (n_blocks, 3) [mm]: zero, or what
-    moves the blocks apart (`geometry.assembly`)."""
-    surfaces: MatchedFacets
-    """Facet pairs of which at least one block deforms."""
-    contact: Contact
-    """Law and normals."""
-
-    @property
-    def meets(self) -> bool:
-        """Whether blocks meet; else each is a body by itself."""
-        return self.contact.finite_sliding or self.surfaces.n_facets > 0
-
-    @property
-    def moves(self) -> bool:
-        """Whether a support moves."""
-        return any(support.displacement.any() for support in self.model.supports)
-
-    @property
-    def gravity(self) -> FloatArray | None:
-        """Uniform acceleration of all that deforms, world axes, (3,) [mm/s²]; None: absent.
-
-        Stated once, in the effects of the model: static and explicit solvers take it from there.
-        """
-        return self.model.effects.gravity
-
-    @property
-    def deformable_blocks(self) -> IntArray:
-        """Blocks that deform, images of others left out, (n,)."""
-        original = self.assembly.originals == np.arange(self.assembly.n_blocks)
-        return np.flatnonzero((self.group_of >= 0) & original)
-
-    def positions(self, block: int) -> FloatArray:
-        """Nodes of a block before the load acts, spacing included, (n_nodes, 3) [mm]."""
-        return self.assembly.nodes(block) + self.offsets[block]
-
-    @cached_property
-    def drawn(self) -> Assembly:
-        """Blocks of straight pieces between the nodes of their elements, for pictures."""
-        shapes = tuple(in_pieces(shape) for shape in self.assembly.shapes)
-        return replace(self.assembly, shapes=shapes)
-
-    @property
-    def densities(self) -> FloatArray:
-        """Of each block, zero of those that do not deform, (n_blocks,) [t/mm³]."""
-        of_group = np.array([group.material.density for group in self.model.groups])
-        return np.where(self.group_of < 0, 0.0, of_group[self.group_of])
-
-    def group(self, block: int) -> Body:
-        """Return the group of a deformable block."""
-        return self.model.groups[int(self.group_of[block])]
 
 
 def touching_surfaces(

@@ -191,6 +191,11 @@ class TabularAmplitude:
         return float(np.interp(time, self.times, self.values))
 
 
+#: Share of the displacement of a support without a table: static steps take equal parts of it, and
+#: explicit runs the smooth step of their loads.
+ALL_THE_WAY = TabularAmplitude((0.0, 1.0), (0.0, 1.0))
+
+
 def wrench_forces(
     points: FloatArray, shares: FloatArray, force: FloatArray, moment: FloatArray
 ) -> FloatArray:

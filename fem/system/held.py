@@ -8,15 +8,15 @@ prescribed, and u = axes v makes every prescribed component one variable.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.sparse import bsr_array, csr_array
 
-from fem.system.body import ModelError
-from fem.system.build import DeformableAssembly
-from fem.system.model import Amplitude, Model
+from fem.system.body import Body, ModelError
+from fem.system.forces import ALL_THE_WAY
+from fem.system.model import Amplitude, Support
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
 #: Prescribed displacements are met to this share of the largest displacement.
@@ -122,6 +122,15 @@ class Held:
         shares = [1.0 if time is None else table(time) for table in self.tables]
         return np.einsum("t,nti->ni", [*shares, 1.0], self.ways)
 
+    def beginning_at(self, moved: FloatArray) -> Held:
+        """The same on a way from displacements of all nodes, (n_nodes, 3) [mm], to its end."""
+        ends = np.array([*(table(np.inf) for table in self.tables), 1.0])
+        last = self.value * ends[self.table]
+        first = (self.direction * moved[self.row]).sum(axis=1)
+        goes = np.abs(first - last) > _ROUNDING * np.abs(moved).max()
+        table, tables = np.where(goes, 0, -1), (ALL_THE_WAY,) if goes.any() else ()
+        return replace(self, value=last, table=table, tables=tables, start=first)
+
     def transform(self, n_nodes: int) -> tuple[csr_array, IntArray]:
         """T of u = T v with every prescribed component one variable, and the free variables.
 
@@ -155,27 +164,20 @@ class Held:
         return bool(np.abs(away).max(initial=0.0) <= _ROUNDING * size)
 
 
-def held_of(deformable: DeformableAssembly, blocks: IntArray, node_start: IntArray) -> Held:
-    """Supports of some blocks (n,) whose first nodes are ``node_start``."""
-    first = [np.full(group.n_copies, -1) for group in deformable.model.groups]
-    for block, node in zip(blocks.tolist(), node_start.tolist(), strict=False):
-        first[deformable.group_of[block]][deformable.copy_of[block]] = node
-    return held_rows(deformable.model, first)
-
-
-def held_rows(model: Model, first: Sequence[IntArray]) -> Held:
-    """Supports of the copies of each group of a model.
+def held_rows(
+    bodies: Sequence[Body], supports: Sequence[Support], first: Sequence[IntArray]
+) -> Held:
+    """Supports of the copies of bodies.
 
     ``first`` are the rows of their first nodes, (n_copies,) each; -1: of a copy that is left out.
     """
-    supports = model.supports
     tables = tuple(
         dict.fromkeys(s.amplitude for s in supports if s.displacement.any() and s.amplitude)
     )
     none = np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int64)
     parts = [none]
     for support in supports:
-        turns = model.groups[support.group].rotations[support.copies]
+        turns = bodies[support.group].rotations[support.copies]
         local = np.einsum("nij,ni->nj", turns, support.directions)
         moves = support.displacement.any() and support.amplitude is not None
         table = np.full(len(local), tables.index(support.amplitude) if moves else -1)

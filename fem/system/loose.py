@@ -6,7 +6,6 @@ import numpy as np
 
 from fem.contact.surfaces import ContactPoints
 from fem.system.body import ModelError, rigid_motions
-from fem.system.build import DeformableAssembly
 from fem.system.state import corner_displacements
 from fem.system.system import System
 from geometry.mesh import FloatArray, IntArray
@@ -18,7 +17,7 @@ _MOTIONS = ("along x", "along y", "along z", "about x", "about y", "about z")
 
 
 def loose_blocks(
-    deformable: DeformableAssembly,
+    deformable: System,
     displacements: tuple[FloatArray, ...],
     point_pressures: FloatArray,
     surfaces: ContactPoints,
@@ -38,15 +37,13 @@ def loose_blocks(
     pressing = np.flatnonzero((point_pressures > 0.0).any(axis=1))
     surfaces, point_pressures = surfaces.subset(pressing), point_pressures[pressing]
     supported = {
-        (support.group, int(copy))
-        for support in deformable.model.supports
-        for copy in support.copies
+        (support.group, int(copy)) for support in deformable.supports for copy in support.copies
     }
     loose = []
     moving = deformable.deformable_blocks
     for block in np.unique(representative[moving]):
         group = int(deformable.group_of[block])
-        springs = deformable.model.groups[group].springs
+        springs = deformable.bodies[group].springs
         if springs is not None or (group, int(deformable.copy_of[block])) in supported:
             continue
         arms = assembly.nodes(int(block)) - assembly.centroids[block]
@@ -84,7 +81,7 @@ def require_held(system: System) -> None:
 
 
 def _require_held(system: System, slot: int) -> None:
-    group, copy = system.group(slot), int(system.deformable.copy_of[system.blocks[slot]])
+    group, copy = system.body(slot), int(system.copy_of[system.blocks[slot]])
     positions, nodes = group.reference_positions()[copy], system.nodes_of(slot)
     arm = positions - positions.mean(axis=0)
     # Motions about world axes, in those of the block.

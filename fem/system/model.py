@@ -156,16 +156,13 @@ class Model:
     """Contact; empty when blocks do not meet."""
 
     def __post_init__(self) -> None:
-        if not self.groups:
-            raise ModelError("model: got no blocks; expected at least one group")
-        for k, support in enumerate(self.supports):
-            _check_entries(self, f"support {k}", support.group, support.copies, support.nodes)
-            _check_support(k, support)
-        for k, load in enumerate(self.loads):
-            _check_entries(self, f"load {k}", load.group, load.copies, load.nodes)
-            _check_load(k, load, self.effects)
+        check_statement(self.groups, self.supports, self.loads)
         if self.effects.finite_rotation:
             refuse_turning_springs(self.groups)
+        elif any(load.follows_block for load in self.loads):
+            raise ModelError(
+                "loads: follows_block needs finite rotation; set effects.finite_rotation"
+            )
 
     @property
     def n_elements(self) -> int:
@@ -178,6 +175,23 @@ class Model:
         return sum(g.n_nodes * g.n_copies for g in self.groups)
 
 
+def check_statement(
+    bodies: Sequence[Body], supports: Sequence[Support], loads: Sequence[NodalLoad]
+) -> None:
+    """Reject supports and loads that bodies do not have."""
+    if not bodies:
+        raise ModelError("model: got no blocks; expected at least one group")
+    for k, support in enumerate(supports):
+        _check_entries(bodies, f"support {k}", support)
+        _check_support(k, support)
+    for k, load in enumerate(loads):
+        _check_entries(bodies, f"load {k}", load)
+        if not np.isfinite(load.forces).all():
+            raise ModelError(f"load {k}: got a force that is not finite")
+    if any(load.follows_block for load in loads):
+        refuse_turning_springs(bodies)
+
+
 def refuse_turning_springs(groups: Sequence[Body]) -> None:
     """Reject springs of blocks that may turn by any angle."""
     if any(group.springs is not None for group in groups):
@@ -188,15 +202,18 @@ def refuse_turning_springs(groups: Sequence[Body]) -> None:
         )
 
 
-def _check_entries(model: Model, what: str, group: int, copies: IntArray, nodes: IntArray) -> None:
-    if not 0 <= group < len(model.groups):
-        raise ModelError(f"{what}: got group {group}, expected 0 to {len(model.groups) - 1}")
-    target = model.groups[group]
-    for name, entries, end in (("copy", copies, target.n_copies), ("node", nodes, target.n_nodes)):
-        if len(entries) and not (entries.min() >= 0 and entries.max() < end):
+def _check_entries(bodies: Sequence[Body], what: str, entries: Support | NodalLoad) -> None:
+    if not 0 <= entries.group < len(bodies):
+        raise ModelError(f"{what}: got group {entries.group}, expected 0 to {len(bodies) - 1}")
+    body = bodies[entries.group]
+    for name, of, end in (
+        ("copy", entries.copies, body.n_copies),
+        ("node", entries.nodes, body.n_nodes),
+    ):
+        if len(of) and not (of.min() >= 0 and of.max() < end):
             raise ModelError(
-                f"{what}: got {name} {int(entries.min())} to {int(entries.max())}, expected "
-                f"0 to {end - 1} of {target.name}"
+                f"{what}: got {name} {int(of.min())} to {int(of.max())}, expected "
+                f"0 to {end - 1} of {body.name}"
             )
 
 
@@ -208,13 +225,4 @@ def _check_support(k: int, support: Support) -> None:
         raise ModelError(
             f"support {k}: the prescribed displacement jumps at time 0; expected an amplitude "
             "that starts from zero, such as a smooth step"
-        )
-
-
-def _check_load(k: int, load: NodalLoad, effects: Effects) -> None:
-    if not np.isfinite(load.forces).all():
-        raise ModelError(f"load {k}: got a force that is not finite")
-    if load.follows_block and not effects.finite_rotation:
-        raise ModelError(
-            f"load {k}: follows_block needs finite rotation; set effects.finite_rotation"
         )

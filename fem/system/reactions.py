@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from fem.system.model import Model, Support
+from fem.system.body import Body
+from fem.system.model import Support
 from geometry.mesh import FloatArray, ReadOnlyArrays
 from geometry.parts.balance import Reactions, of_supports
 
@@ -18,24 +20,26 @@ _FIRST = 0.01
 Forces = tuple[FloatArray, ...]
 
 
-def reactions(model: Model, forces: Forces, displacements: Forces) -> Reactions:
+def reactions(
+    bodies: Sequence[Body], supports: Sequence[Support], forces: Forces, displacements: Forces
+) -> Reactions:
     """Resultant of each support and bed of springs on the blocks, by its name.
 
     Parameters
     ----------
-    model
-        Supports and springs.
+    bodies, supports
+        What has springs, and what is held.
     forces
         Of the supports; () where nothing is held.
     displacements
         Of each group, world axes, (n_copies, n_nodes, 3) [mm]: springs follow them.
     """
     acting: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
-    places = [group.reference_positions() for group in model.groups]
-    for support in model.supports if forces else ():
+    places = [group.reference_positions() for group in bodies]
+    for support in supports if forces else ():
         at = places[support.group][support.copies, support.nodes]
         acting.setdefault(support.name, []).append((at, _along(support, forces)))
-    for group, at, moved in zip(model.groups, places, displacements, strict=True):
+    for group, at, moved in zip(bodies, places, displacements, strict=True):
         if group.springs is None:
             continue
         for turn, here, u in zip(group.rotations, at, moved, strict=True):
@@ -130,21 +134,23 @@ class MovingSupport:
         return PushCurve(part.name, times, ways, np.array(list(at.values())))
 
 
-def moving_supports(model: Model) -> tuple[MovingSupport, ...]:
-    """Supports of a model that move, by name."""
+def moving_supports(supports: Sequence[Support]) -> tuple[MovingSupport, ...]:
+    """Supports that move, by name."""
     result: dict[str, tuple[Support, ...]] = {}
-    for support in model.supports:
+    for support in supports:
         if support.displacement.any():
             result[support.name] = (*result.get(support.name, ()), support)
     return tuple(map(MovingSupport, result.values()))
 
 
-def push_curves(model: Model, steps: tuple[tuple[float, Forces], ...]) -> tuple[PushCurve, ...]:
+def push_curves(
+    supports: Sequence[Support], steps: tuple[tuple[float, Forces], ...]
+) -> tuple[PushCurve, ...]:
     """Curve of each support that moves, from the forces of the supports after each step.
 
     Before the first step of a motion without loads nothing acts.
     """
     return tuple(
         moving.curve({0.0: 0.0} | {time: moving.force(forces) for time, forces in steps})
-        for moving in moving_supports(model)
+        for moving in moving_supports(supports)
     )

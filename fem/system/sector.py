@@ -11,18 +11,17 @@ layers (`with_half_turn`): it turns blocks over, each onto itself but for its pl
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from fem.contact.pair_laws import PairLaws
 from fem.contact.search import SearchedPoints
-from fem.contact.surfaces import ContactPoints
-from fem.system.build import DeformableAssembly
+from fem.system.system import Orbits, System, TurnedOver
 from geometry.block import Block
 from geometry.errors import RefusedError
-from geometry.mesh import BoolArray, FloatArray, IntArray, cross_matrix
+from geometry.mesh import FloatArray, IntArray, cross_matrix
 
 #: Relative deviation of placements (in block sizes), rotations and loads that still counts as
 #: symmetric: far above rounding, far below any clearance.
@@ -33,133 +32,25 @@ class SymmetryError(RefusedError):
     """A symmetry that the model does not have: what breaks it."""
 
 
-@dataclass(frozen=True)
-class TurnedOver:
-    """A half turn of every block onto itself, and the blocks that are turned over."""
-
-    blocks: BoolArray
-    """Which of all blocks are so against their representative, (n_blocks,)."""
-    rotations: tuple[FloatArray, ...]
-    """Of each shape in its own frame, (3, 3)."""
-    nodes: tuple[IntArray, ...]
-    """Node of each shape onto which it takes each node, (n_nodes,)."""
-    facets: tuple[IntArray, ...]
-    """The same of its contact facets."""
-
-
-@dataclass(frozen=True)
-class Orbits:
-    """Which blocks are equal, and one contact facet of each kind."""
-
-    order: int
-    """Number of copies of the sector; 1: no symmetry used."""
-    representative: IntArray
-    """Block that stands for each block, (n_blocks,)."""
-    facets: IntArray
-    """Positions in the deformable assembly's surfaces of the facets to integrate, (n,)."""
-    point_of: IntArray
-    """Which point of those facets (n_points · position + point) stands for each point of the
-    surfaces, (n_facets, n_points)."""
-    swapped: BoolArray | bool = False
-    """Whether master and opposing block have changed places against those, (n_facets,)."""
-    over: TurnedOver | None = None
-    """Blocks that are turned over against their representatives; None: none."""
-    share: FloatArray | float = 1.0
-    """Part of each facet that counts, (n, 1): a half of those that a half turn takes onto
-    themselves."""
-
-    def times(self, points: ContactPoints) -> FloatArray | int:
-        """How often each of the facets (n, 1) or points of a search comes in the whole."""
-        if isinstance(points, SearchedPoints):
-            return self.order
-        facet = self.point_of[:, 0] // points.weights.shape[1]
-        return np.bincount(facet, minlength=points.n_facets)[:, None] / self.share
-
-    def rotations(self, deformable: DeformableAssembly) -> FloatArray:
-        """From the frame of each block's representative to the world, (n_blocks, 3, 3)."""
-        assembly, over = deformable.assembly, self.over
-        if over is None:
-            return assembly.rotations
-        turns = np.stack(over.rotations)[assembly.shape_of]
-        return np.where(over.blocks[:, None, None], assembly.rotations @ turns, assembly.rotations)
-
-    @property
-    def copies(self) -> int:
-        """How often the blocks that are computed make up the whole."""
-        return self.order if self.over is None else 2 * self.order
-
-    def places(self, deformable: DeformableAssembly) -> tuple[FloatArray, FloatArray]:
-        """Axes (n_blocks, 3, 3) and origins (n_blocks, 3) [mm] of each block's representative."""
-        assembly, over, frames = deformable.assembly, self.over, self.rotations(deformable)
-        origins = assembly.translations + deformable.offsets
-        if over is None:
-            return frames, origins
-        for block in np.flatnonzero(over.blocks).tolist():
-            shape, nodes = int(assembly.shape_of[block]), assembly.shape(block).mesh.nodes
-            shift = nodes[over.nodes[shape][0]] - over.rotations[shape] @ nodes[0]
-            origins[block] -= frames[block] @ shift
-        return frames, origins
-
-    def nodes(self, deformable: DeformableAssembly) -> NodeMap:
-        """Node of its representative for each node of all blocks."""
-        assembly, over = deformable.assembly, self.over
-        same = [np.arange(shape.mesh.n_nodes) for shape in assembly.shapes]
-        onto = [
-            (same if over is None or not over.blocks[block] else over.nodes)[shape]
-            for block, shape in enumerate(assembly.shape_of)
-        ]
-        return NodeMap(np.cumsum([0, *map(len, onto)]), np.concatenate(onto))
-
-
-@dataclass(frozen=True)
-class NodeMap:
-    """A number for each node of all blocks."""
-
-    first: IntArray
-    """First node of each block, and the total; (n_blocks + 1,)."""
-    number: IntArray
-    """(n_nodes of all blocks,)"""
-
-    def of_block(self, block: int) -> IntArray:
-        """Numbers of the nodes of a block, (n_nodes,)."""
-        return self.number[self.first[block] : self.first[block + 1]]
-
-    def of_facets(self, blocks: IntArray, quads: IntArray) -> IntArray:
-        """Numbers of nodes (n, m) of facets of blocks (n,)."""
-        return self.number[self.first[blocks][:, None] + quads]
-
-    def of_points(self, points: ContactPoints) -> IntArray:
-        """Numbers of the nodes of both facets of contact points, m's first, (n, nodes of both)."""
-        sides = (points.block_m, points.quads_m), (points.block_s, points.quads_s)
-        return np.concatenate([self.of_facets(*side) for side in sides], axis=1)
-
-
-def no_symmetry(deformable: DeformableAssembly) -> Orbits:
-    """Every block stands for itself (and for its periodic images)."""
-    n, per_facet = deformable.surfaces.weights.shape
-    blocks = deformable.assembly.originals
-    return Orbits(1, blocks, np.arange(n), np.arange(n * per_facet).reshape(n, per_facet))
-
-
-def cyclic_orbits(deformable: DeformableAssembly, order: int) -> Orbits:
+def cyclic_orbits(system: System, order: int) -> Orbits:
     """Orbits under rotation by 2π / order about the tube axis."""
     if order < 1:
         raise SymmetryError(f"symmetry: got order {order}, expected at least 1")
     if order == 1:
-        return no_symmetry(deformable)
-    image = _images(deformable, order)
-    _check_loads(deformable, image, order)
-    if not _same_joints(deformable, image):
+        return system.orbits
+    image = _images(system, order)
+    _check_loads(system, image, order)
+    if not _same_joints(system, image):
         raise SymmetryError(
             f"symmetry: a turn by 1/{order} does not map pairs of blocks onto others of the same "
             "friction; expected friction that repeats, or symmetry off"
         )
     none = np.empty(0, dtype=np.int64)
-    orbits = Orbits(order, _smallest(deformable, image, order), none, none)
-    return _with_facets(deformable, orbits)
+    orbits = Orbits(order, _smallest(system, image, order), none, none)
+    return _with_facets(system, orbits)
 
 
-def representatives(deformable: DeformableAssembly, order: int) -> IntArray:
+def representatives(system: System, order: int) -> IntArray:
     """Block that stands for each block after turns by 2π / order, (n_blocks,).
 
     Raises
@@ -168,33 +59,33 @@ def representatives(deformable: DeformableAssembly, order: int) -> IntArray:
         When the turn does not map blocks onto each other.
     """
     if order == 1:
-        return deformable.assembly.originals
-    return _smallest(deformable, _images(deformable, order), order)
+        return system.assembly.originals
+    return _smallest(system, _images(system, order), order)
 
 
-def _smallest(deformable: DeformableAssembly, image: IntArray, order: int) -> IntArray:
+def _smallest(system: System, image: IntArray, order: int) -> IntArray:
     """Smallest number of the blocks onto which each is mapped, from the image of each."""
     representative = np.arange(len(image), dtype=np.int64)
     for _ in range(order):
         np.minimum(representative, representative[image], out=representative)
     # A turn and a shift along the axis commute: an image is equal to its original.
-    return representative[deformable.assembly.originals]
+    return representative[system.assembly.originals]
 
 
-def largest_cyclic_orbits(deformable: DeformableAssembly) -> Orbits:
+def largest_cyclic_orbits(system: System) -> Orbits:
     """Orbits of the largest cyclic symmetry the model has; order 1 when it has none."""
-    counts = np.bincount(deformable.assembly.layer)
+    counts = np.bincount(system.assembly.layer)
     common = int(np.gcd.reduce(counts[counts > 0]))
     for order in range(common, 1, -1):
         if common % order == 0:
             try:
-                return cyclic_orbits(deformable, order)
+                return cyclic_orbits(system, order)
             except SymmetryError:
                 continue
-    return no_symmetry(deformable)
+    return system.orbits
 
 
-def require_sector(deformable: DeformableAssembly) -> None:
+def require_sector(system: System) -> None:
     """Reject a sector of blocks whose load or supports are not those of one.
 
     Raises
@@ -202,30 +93,27 @@ def require_sector(deformable: DeformableAssembly) -> None:
     SymmetryError
         Saying so.
     """
-    if deformable.meets and largest_cyclic_orbits(deformable).order == 1:
+    if system.meets and largest_cyclic_orbits(system).order == 1:
         raise SymmetryError(
             'fem.symmetry: got "sector", but the load or the supports are not the same on every '
             'block of a layer; expected "auto" or "none"'
         )
 
 
-def searched_in_all_sectors(
-    deformable: DeformableAssembly, orbits: Orbits, surfaces: SearchedPoints
-) -> SearchedPoints:
+def searched_in_all_sectors(system: System, surfaces: SearchedPoints) -> SearchedPoints:
     """Points of the whole assembly from those of one sector; their `order` is sector by sector."""
-    if orbits.order == 1:
+    if system.orbits.order == 1:
         return replace(surfaces, order=np.arange(surfaces.n_facets))
-    assembly, once = deformable.assembly, _images(deformable, orbits.order)
+    assembly, once = system.assembly, _images(system, system.orbits.order)
     image, others = np.arange(assembly.n_blocks), []
-    for turn in _turns(deformable, orbits)[1:]:
+    for turn in _turns(system)[1:]:
         image = once[image]
         others.append(surfaces.turned(turn, assembly.origin, image))
     return surfaces.joined(others)
 
 
 def vectors_in_all_sectors(
-    deformable: DeformableAssembly,
-    orbits: Orbits,
+    system: System,
     vectors: FloatArray,
     searched: SearchedPoints | None,
 ) -> FloatArray:
@@ -233,22 +121,23 @@ def vectors_in_all_sectors(
 
     Parameters
     ----------
-    deformable, orbits
-        The whole, and what is computed of it.
+    system
+        What is computed of the whole.
     vectors
         At the points that are computed, world axes, (n_facets, n_points, 3).
     searched
         Points of the whole (`searched_in_all_sectors`); None: matched facets.
     """
     if searched is not None:
-        turned = [vectors @ turn.T for turn in _turns(deformable, orbits)]
+        turned = [vectors @ turn.T for turn in _turns(system)]
         return np.concatenate(turned)[searched.order]
-    values, surfaces = vectors.reshape(-1, 3)[orbits.point_of], deformable.surfaces
+    orbits, surfaces = system.orbits, system.surfaces
+    values = vectors.reshape(-1, 3)[orbits.point_of]
     stands = orbits.facets[orbits.point_of[:, 0] // surfaces.basis.n_points]
-    frames, swapped = orbits.rotations(deformable), orbits.swapped
+    frames, swapped = system.frames, orbits.swapped
     # Alike in the frames of their blocks that deform; where blocks have changed places it acts on
     # the other one.
-    on_m = deformable.group_of[surfaces.block_s[stands]] < 0
+    on_m = system.group_of[surfaces.block_s[stands]] < 0
     of = np.where(on_m, surfaces.block_m[stands], surfaces.block_s[stands])
     to = frames[np.where(on_m != swapped, surfaces.block_m, surfaces.block_s)]
     turn = to @ frames[of].swapaxes(1, 2)
@@ -256,10 +145,11 @@ def vectors_in_all_sectors(
     return np.asarray(np.reshape(sign, (-1, 1, 1)) * (values @ turn.swapaxes(1, 2)))
 
 
-def _turns(deformable: DeformableAssembly, orbits: Orbits) -> list[FloatArray]:
+def _turns(system: System) -> list[FloatArray]:
     """Rotations from the computed sector to each."""
-    angles = 2.0 * np.pi * np.arange(orbits.order) / orbits.order
-    return [axis_rotation(deformable.assembly.axis, angle) for angle in angles.tolist()]
+    order = system.orbits.order
+    angles = 2.0 * np.pi * np.arange(order) / order
+    return [axis_rotation(system.assembly.axis, angle) for angle in angles.tolist()]
 
 
 def axis_rotation(axis: FloatArray, angle: float) -> FloatArray:
@@ -268,19 +158,19 @@ def axis_rotation(axis: FloatArray, angle: float) -> FloatArray:
     return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
 
 
-def _images(deformable: DeformableAssembly, order: int) -> IntArray:
+def _images(system: System, order: int) -> IntArray:
     """Block onto which the rotation maps each block, (n_blocks,)."""
-    assembly = deformable.assembly
+    assembly = system.assembly
     turn = axis_rotation(assembly.axis, 2.0 * np.pi / order)
-    place = assembly.translations + deformable.offsets - assembly.origin
-    centroid = assembly.centroids + deformable.offsets - assembly.origin
+    place = assembly.translations + system.offsets - assembly.origin
+    centroid = assembly.centroids + system.offsets - assembly.origin
     distance, image = cKDTree(centroid).query(centroid @ turn.T)
     away = np.abs(place @ turn.T - place[image]).max(axis=1)
     tilt = np.abs(turn @ assembly.rotations - assembly.rotations[image]).max(axis=(1, 2))
     size = assembly.characteristic_length
     bad = (distance > _TOLERANCE * size) | (away > _TOLERANCE * size) | (tilt > _TOLERANCE)
     bad |= assembly.shape_of != assembly.shape_of[image]
-    bad |= deformable.group_of != deformable.group_of[image]
+    bad |= system.group_of != system.group_of[image]
     if bad.any():
         raise SymmetryError(
             f"symmetry: a turn by 1/{order} does not map block {int(np.flatnonzero(bad)[0])} onto "
@@ -289,14 +179,14 @@ def _images(deformable: DeformableAssembly, order: int) -> IntArray:
     return np.asarray(image, dtype=np.int64)
 
 
-def _check_loads(deformable: DeformableAssembly, image: IntArray, order: int) -> None:
-    forces = local_forces(deformable)
+def _check_loads(system: System, image: IntArray, order: int) -> None:
+    forces = system.forces_in_frames()
     largest = max((float(np.abs(f).max()) for f in forces), default=0.0)
-    held = _held_components(deformable)
-    for block in deformable.deformable_blocks:
+    held = _held_components(system)
+    for block in system.deformable_blocks:
         other = int(image[block])
-        group = int(deformable.group_of[block])
-        a, b = int(deformable.copy_of[block]), int(deformable.copy_of[other])
+        group = int(system.group_of[block])
+        a, b = int(system.copy_of[block]), int(system.copy_of[other])
         difference = float(np.abs(forces[group][a] - forces[group][b]).max())
         if difference > _TOLERANCE * largest:
             raise SymmetryError(
@@ -311,9 +201,9 @@ def _check_loads(deformable: DeformableAssembly, image: IntArray, order: int) ->
             )
 
 
-def _same_joints(deformable: DeformableAssembly, image: IntArray) -> bool:
+def _same_joints(system: System, image: IntArray) -> bool:
     """Whether joints of some friction and law are mapped onto joints of the same."""
-    friction, law = deformable.contact.friction, deformable.contact.law
+    friction, law = system.contact.friction, system.contact.law
     return all(
         {(frozenset((a, b)), value) for a, b, value in of_pairs}
         == {(frozenset(image[[a, b]].tolist()), value) for a, b, value in of_pairs}
@@ -324,36 +214,14 @@ def _same_joints(deformable: DeformableAssembly, image: IntArray) -> bool:
     )
 
 
-def local_forces(deformable: DeformableAssembly) -> list[FloatArray]:
-    """Nodal loads of each group in block frames, weight too, each (n_copies, n_nodes, 3) [N]."""
-    forces = local_loads(deformable)
-    if deformable.gravity is not None:
-        for force, group in zip(forces, deformable.model.groups, strict=True):
-            local = deformable.gravity @ group.rotations
-            np.add(force, group.lumped_mass[:, None] * local[:, None], out=force)
-    return forces
-
-
-def local_loads(deformable: DeformableAssembly) -> list[FloatArray]:
-    """The same without weight."""
-    model = deformable.model
-    forces = [np.zeros((g.n_copies, g.n_nodes, 3)) for g in model.groups]
-    for load in model.loads:
-        rotation = model.groups[load.group].rotations[load.copies]
-        local = np.einsum("nij,ni->nj", rotation, load.forces)
-        np.add.at(forces[load.group], (load.copies, load.nodes), local)
-    return forces
-
-
-def _held_components(deformable: DeformableAssembly) -> list[FloatArray]:
+def _held_components(system: System) -> list[FloatArray]:
     """Projector on the held directions and prescribed value of each node, in block frames.
 
     Each (n_copies, n_nodes, 4, 3); two copies with equal arrays are held alike.
     """
-    model = deformable.model
-    held = [np.zeros((g.n_copies, g.n_nodes, 4, 3)) for g in model.groups]
-    for support in model.supports:
-        rotation = model.groups[support.group].rotations[support.copies]
+    held = [np.zeros((g.n_copies, g.n_nodes, 4, 3)) for g in system.bodies]
+    for support in system.supports:
+        rotation = system.bodies[support.group].rotations[support.copies]
         local = np.einsum("nij,ni->nj", rotation, support.directions)
         where = (support.copies, support.nodes)
         np.add.at(held[support.group][:, :, :3], where, local[:, :, None] * local[:, None, :])
@@ -361,16 +229,16 @@ def _held_components(deformable: DeformableAssembly) -> list[FloatArray]:
     return held
 
 
-def with_half_turn(deformable: DeformableAssembly, orbits: Orbits) -> Orbits:
+def with_half_turn(system: System, orbits: Orbits) -> Orbits:
     """Orbits of blocks without supports that a half turn maps as well, if one does.
 
     About a radius half way up a tube, else about an axis through the middle of all blocks, such as
     the normal of a wall. No block may be its own image, turned over.
     """
-    assembly, moving = deformable.assembly, deformable.deformable_blocks
-    if deformable.model.supports or assembly.image_of is not None:
+    assembly, moving = system.assembly, system.deformable_blocks
+    if system.supports or assembly.image_of is not None:
         return orbits
-    centroids = (assembly.centroids + deformable.offsets - assembly.origin)[moving]
+    centroids = (assembly.centroids + system.offsets - assembly.origin)[moving]
     height = centroids @ assembly.axis
     middle = 0.5 * (height.min() + height.max())
     across = centroids - height[:, None] * assembly.axis
@@ -382,31 +250,31 @@ def with_half_turn(deformable: DeformableAssembly, orbits: Orbits) -> Orbits:
         if length > _TOLERANCE * size:
             turn = 2.0 * np.outer(radius, radius) / length**2 - np.eye(3)
             centre = middle * assembly.axis + assembly.origin
-            result = _turned_over(deformable, orbits, turn, centre)
+            result = _turned_over(system, orbits, turn, centre)
             if result is not None:
                 return result
-    centre = (assembly.centroids + deformable.offsets)[moving].mean(axis=0)
+    centre = (assembly.centroids + system.offsets)[moving].mean(axis=0)
     for axis in np.eye(3) if orbits.order == 1 else ():
-        result = _turned_over(deformable, orbits, 2.0 * np.outer(axis, axis) - np.eye(3), centre)
+        result = _turned_over(system, orbits, 2.0 * np.outer(axis, axis) - np.eye(3), centre)
         if result is not None:
             return result
     return orbits
 
 
 def _turned_over(
-    deformable: DeformableAssembly, orbits: Orbits, turn: FloatArray, centre: FloatArray
+    system: System, orbits: Orbits, turn: FloatArray, centre: FloatArray
 ) -> Orbits | None:
     """Orbits with a half turn about a centre as well; None where it is no symmetry."""
-    assembly, moving = deformable.assembly, deformable.deformable_blocks
+    assembly, moving = system.assembly, system.deformable_blocks
     size = assembly.characteristic_length
-    place = (assembly.translations + deformable.offsets - centre)[moving]
-    centroid = (assembly.centroids + deformable.offsets - centre)[moving]
+    place = (assembly.translations + system.offsets - centre)[moving]
+    centroid = (assembly.centroids + system.offsets - centre)[moving]
     distance, result = cKDTree(centroid).query(centroid @ turn.T)
     to = np.asarray(result, dtype=np.int64)
     image = np.arange(assembly.n_blocks)
     image[moving] = moving[to]
     before = orbits.representative
-    kinds = np.stack([assembly.shape_of, deformable.group_of])
+    kinds = np.stack([assembly.shape_of, system.group_of])
     if np.max(distance) > _TOLERANCE * size or (kinds != kinds[:, image]).any():
         return None
     # x of a block in its own frame comes to own @ x + shift in that of its image.
@@ -428,10 +296,10 @@ def _turned_over(
         return None
     over = TurnedOver(before[image] < before, tuple(rotations), tuple(nodes), tuple(facets))
     half = replace(orbits, representative=np.minimum(before, before[image]), over=over)
-    if not (_loads_turn(deformable, half, image) and _same_joints(deformable, image)):
+    if not (_loads_turn(system, half, image) and _same_joints(system, image)):
         return None
-    found_facets = _with_facets(deformable, half)
-    return found_facets if _same_facets(deformable, found_facets) else None
+    found_facets = _with_facets(system, half)
+    return found_facets if _same_facets(system, found_facets) else None
 
 
 def _onto_itself(
@@ -453,26 +321,26 @@ def _onto_itself(
     return image, facets
 
 
-def _loads_turn(deformable: DeformableAssembly, orbits: Orbits, image: IntArray) -> bool:
+def _loads_turn(system: System, orbits: Orbits, image: IntArray) -> bool:
     """Whether the loads of every block are those of its image, turned over."""
     over = orbits.over
     assert over is not None
-    forces = local_forces(deformable)
+    forces = system.forces_in_frames()
     largest = max((float(np.abs(f).max()) for f in forces), default=0.0)
-    for block in deformable.deformable_blocks:
-        other, shape = int(image[block]), int(deformable.assembly.shape_of[block])
-        group = int(deformable.group_of[block])
-        one, two = (forces[group][deformable.copy_of[b]] for b in (block, other))
+    for block in system.deformable_blocks:
+        other, shape = int(image[block]), int(system.assembly.shape_of[block])
+        group = int(system.group_of[block])
+        one, two = (forces[group][system.copy_of[b]] for b in (block, other))
         expected = one @ over.rotations[shape].T
         if np.abs(two[over.nodes[shape]] - expected).max() > _TOLERANCE * largest:
             return False
     return True
 
 
-def _same_facets(deformable: DeformableAssembly, orbits: Orbits) -> bool:
+def _same_facets(system: System, orbits: Orbits) -> bool:
     """Whether every point has the gap and the area of the one that stands for it."""
-    surfaces = deformable.surfaces
-    size = deformable.assembly.characteristic_length
+    surfaces = system.surfaces
+    size = system.assembly.characteristic_length
     for values, unit in ((surfaces.initial_gaps, size), (surfaces.weights, size**2)):
         stands = values[orbits.facets].ravel()[orbits.point_of]
         if np.abs(values - stands).max() > _TOLERANCE * unit:
@@ -480,26 +348,26 @@ def _same_facets(deformable: DeformableAssembly, orbits: Orbits) -> bool:
     return True
 
 
-def _with_facets(deformable: DeformableAssembly, orbits: Orbits) -> Orbits:
+def _with_facets(system: System, orbits: Orbits) -> Orbits:
     """Find one facet of each orbit, and for every point which one stands for it.
 
     A facet of a block meets exactly one other facet, so the two (representative, facet number)
     of a contact, unordered, name its orbit.
     """
-    surfaces, basis = deformable.surfaces, deformable.surfaces.basis
-    result = deformable.assembly.interfaces
+    surfaces, basis = system.surfaces, system.surfaces.basis
+    result = system.assembly.interfaces
     sides = [
         (surfaces.block_m, result.facet_m[surfaces.facet], surfaces.quads_m),
         (surfaces.block_s, result.facet_s[surfaces.facet], surfaces.quads_s),
     ]
-    end_m, end_s = (_ends(deformable, orbits, *side[:2]) for side in sides)
+    end_m, end_s = (_ends(system, orbits, *side[:2]) for side in sides)
     key = np.column_stack([np.minimum(end_m, end_s), np.maximum(end_m, end_s)])
     _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)
     facets = np.sort(first).astype(np.int64)
     position = np.searchsorted(facets, first)[which.ravel()]
     # Points go with corners. Where master and opposing block have changed places, the image's
     # corners are those of the representative's opposing facet, in another order.
-    nodes = orbits.nodes(deformable)
+    nodes = system.in_sector(orbits).alike_nodes
     quads_m, quads_s = (
         nodes.of_facets(blocks, quads[:, basis.corners]) for blocks, _, quads in sides
     )
@@ -519,19 +387,17 @@ def _with_facets(deformable: DeformableAssembly, orbits: Orbits) -> Orbits:
     return replace(orbits, facets=facets, point_of=point_of, swapped=swapped, share=share)
 
 
-def _ends(
-    deformable: DeformableAssembly, orbits: Orbits, blocks: IntArray, facets: IntArray
-) -> IntArray:
+def _ends(system: System, orbits: Orbits, blocks: IntArray, facets: IntArray) -> IntArray:
     """Number of a facet of a representative that stands for facets of blocks, (n,).
 
     Where blocks are turned over, all facets of rigid blocks are -1: their frames may differ.
     """
-    width, over = int(deformable.assembly.eligible_facets().max()) + 1, orbits.over
+    width, over = int(system.assembly.eligible_facets().max()) + 1, orbits.over
     if over is None:
         return orbits.representative[blocks] * width + facets
-    shapes, own = deformable.assembly.shape_of[blocks], facets.copy()
+    shapes, own = system.assembly.shape_of[blocks], facets.copy()
     for shape, onto in enumerate(over.facets):
         mine = over.blocks[blocks] & (shapes == shape)
         own[mine] = onto[facets[mine]]
-    moving = deformable.group_of[blocks] >= 0
+    moving = system.group_of[blocks] >= 0
     return np.where(moving, orbits.representative[blocks] * width + own, -1)

@@ -21,40 +21,35 @@ from fem.contact.surfaces import (
     facet_corners,
 )
 from fem.element.facet import facet_areas, facet_functions
-from fem.system.build import DeformableAssembly
-from fem.system.sector import Orbits
+from fem.system.system import System
 from geometry.assembly import Assembly
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays, structured_quads
 from geometry.parts.measures import BlockMeasures, block_measures, measures
 
 
-def block_surfaces(
-    deformable: DeformableAssembly, orbits: Orbits | None = None, copy_of: IntArray | None = None
-) -> tuple[BlockSurface, ...]:
+def block_surfaces(system: System, copy_of: IntArray | None = None) -> tuple[BlockSurface, ...]:
     """Collect the facets of all blocks that can touch others, in the order of their groups.
 
     Parameters
     ----------
-    deformable
-        Blocks where they stand before any displacement.
-    orbits
-        Blocks that are computed once; None: every block is computed.
+    system
+        Blocks where they stand before any displacement, and which of them are computed.
     copy_of
-        Copy of its group that moves as each block does, (n_blocks,); None: those of ``deformable``.
+        Copy of its body that moves as each block does, (n_blocks,); None: those of ``system``.
     """
-    assembly = deformable.assembly
-    copies = deformable.copy_of if copy_of is None else copy_of
-    turns = _turns(deformable, orbits)
+    assembly = system.assembly
+    copies = system.copy_of if copy_of is None else copy_of
+    turns = _turns(system)
     result = []
     for block in range(assembly.n_blocks):
         if len(assembly.shape(block).contact_quads):
-            surface = block_surface(assembly, block, deformable.offsets[block])
+            surface = block_surface(assembly, block, system.offsets[block])
             result.append(
                 replace(
                     surface,
-                    group=int(deformable.group_of[block]),
+                    group=int(system.group_of[block]),
                     copy=int(max(copies[block], 0)),
-                    stands=block if orbits is None else int(orbits.representative[block]),
+                    stands=int(system.orbits.representative[block]),
                     turn=int(turns[block]),
                 )
             )
@@ -84,10 +79,10 @@ def block_surface(assembly: Assembly, block: int, offset: FloatArray) -> BlockSu
     )
 
 
-def _turns(deformable: DeformableAssembly, orbits: Orbits | None) -> IntArray:
+def _turns(system: System) -> IntArray:
     """By how many angles of the sector each block is turned from the one that stands for it."""
-    assembly = deformable.assembly
-    if orbits is None or orbits.order == 1:
+    assembly, orbits = system.assembly, system.orbits
+    if orbits.order == 1:
         return np.zeros(assembly.n_blocks, dtype=np.int64)
     relative = assembly.rotations @ np.swapaxes(assembly.rotations[orbits.representative], 1, 2)
     twice_sine = relative - np.swapaxes(relative, 1, 2)
@@ -99,24 +94,19 @@ def _turns(deformable: DeformableAssembly, orbits: Orbits | None) -> IntArray:
 
 
 def facing_points(
-    deformable: DeformableAssembly,
-    displacements: tuple[FloatArray, ...] | None = None,
-    orbits: Orbits | None = None,
+    system: System, displacements: tuple[FloatArray, ...] | None = None
 ) -> FacingPoints:
     """Find what faces what in an assembly.
 
     Parameters
     ----------
-    deformable
-        Blocks and contact law.
+    system
+        Blocks and contact law; points are those of the blocks that are computed.
     displacements
-        Of its groups, world axes, (n_copies, n_nodes, 3) [mm]; None: before any displacement.
-    orbits
-        Points are those of one block of each orbit; None: of all blocks.
+        Of its bodies, world axes, (n_copies, n_nodes, 3) [mm]; None: before any displacement.
     """
-    reach = -deformable.contact.law.start - deformable.surfaces.clearance
-    order = 1 if orbits is None else orbits.order
-    points = FacingPoints(block_surfaces(deformable, orbits), reach=reach, symmetry=order)
+    reach = -system.contact.law.start - system.surfaces.clearance
+    points = FacingPoints(block_surfaces(system), reach=reach, symmetry=system.orbits.order)
     if displacements is not None:
         points.displace(displacements)
         points.search()
@@ -245,7 +235,7 @@ class ContactState(ReadOnlyArrays):
 
 
 def corner_displacements(
-    deformable: DeformableAssembly,
+    deformable: System,
     displacements: tuple[FloatArray, ...],
     surfaces: ContactPoints | None = None,
 ) -> FloatArray:
@@ -280,7 +270,7 @@ def corner_displacements(
 
 
 def contact_state(
-    deformable: DeformableAssembly,
+    deformable: System,
     displacements: tuple[FloatArray, ...],
     points: ContactPoints | None = None,
     frictions: FloatArray | None = None,

@@ -1,7 +1,8 @@
-"""An assembly as arrays: displacements of representative blocks in their own frames, and contact.
+"""An assembly as arrays: congruent blocks, their contact, loads and supports, and a symmetry.
 
-In its own frame every copy of a block has the same stiffness, whatever its placement. The nodes
-of all representatives are numbered one block after the other; displacements are (n_nodes, 3).
+In its own frame every copy of a block has the same stiffness, whatever its placement. Blocks that
+a symmetry makes equal have one representative. The nodes of all representatives are numbered one
+block after the other; displacements are (n_nodes, 3), in the frames of their blocks.
 """
 
 from __future__ import annotations
@@ -13,40 +14,317 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import block_diag, csr_array
 
-from fem.contact.friction import Coulomb, coulomb
-from fem.contact.surfaces import ContactPoints
+from fem.contact.friction import Coulomb, CoulombFriction, coulomb
+from fem.contact.law import ContactLaw
+from fem.contact.search import SearchedPoints
+from fem.contact.surfaces import ContactNormals, ContactPoints, MatchedFacets
+from fem.element.lagrange_mesh import in_pieces
 from fem.system.body import Body
-from fem.system.build import DeformableAssembly
-from fem.system.held import Held, held_of
-from fem.system.sector import NodeMap, Orbits, local_forces
-from geometry.mesh import FloatArray, IntArray
+from fem.system.held import Held, held_rows
+from fem.system.model import NodalLoad, Support, check_statement
+from geometry.assembly import Assembly
+from geometry.mesh import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Contact:
+    """How surfaces that meet act on each other."""
+
+    law: ContactLaw
+    """Pressure as a function of overclosure."""
+    normals: ContactNormals
+    """Which normals measure the gap."""
+    friction: CoulombFriction | None = None
+    """Friction; None: absent."""
+    finite_sliding: bool = False
+    """Whether a search finds facets that face each other; matched facets otherwise stay matched."""
+
+
+@dataclass(frozen=True)
+class TurnedOver:
+    """A half turn of every block onto itself, and the blocks that are turned over."""
+
+    blocks: BoolArray
+    """Which of all blocks are so against their representative, (n_blocks,)."""
+    rotations: tuple[FloatArray, ...]
+    """Of each shape in its own frame, (3, 3)."""
+    nodes: tuple[IntArray, ...]
+    """Node of each shape onto which it takes each node, (n_nodes,)."""
+    facets: tuple[IntArray, ...]
+    """The same of its contact facets."""
+
+
+@dataclass(frozen=True)
+class Orbits:
+    """Which blocks are equal, and one contact facet of each kind."""
+
+    order: int
+    """Number of copies of the sector; 1: no symmetry used."""
+    representative: IntArray
+    """Block that stands for each block, (n_blocks,)."""
+    facets: IntArray
+    """Positions in the surfaces of the system of the facets to integrate, (n,)."""
+    point_of: IntArray
+    """Which point of those facets (n_points · position + point) stands for each point of the
+    surfaces, (n_facets, n_points)."""
+    swapped: BoolArray | bool = False
+    """Whether master and opposing block have changed places against those, (n_facets,)."""
+    over: TurnedOver | None = None
+    """Blocks that are turned over against their representatives; None: none."""
+    share: FloatArray | float = 1.0
+    """Part of each facet that counts, (n, 1): a half of those that a half turn takes onto
+    themselves."""
+
+    def times(self, points: ContactPoints) -> FloatArray | int:
+        """How often each of the facets (n, 1) or points of a search comes in the whole."""
+        if isinstance(points, SearchedPoints):
+            return self.order
+        facet = self.point_of[:, 0] // points.weights.shape[1]
+        return np.bincount(facet, minlength=points.n_facets)[:, None] / self.share
+
+    @property
+    def copies(self) -> int:
+        """How often the blocks that are computed make up the whole."""
+        return self.order if self.over is None else 2 * self.order
+
+
+@dataclass(frozen=True)
+class NodeMap:
+    """A number for each node of all blocks."""
+
+    first: IntArray
+    """First node of each block, and the total; (n_blocks + 1,)."""
+    number: IntArray
+    """(n_nodes of all blocks,)"""
+
+    def of_block(self, block: int) -> IntArray:
+        """Numbers of the nodes of a block, (n_nodes,)."""
+        return self.number[self.first[block] : self.first[block + 1]]
+
+    def of_facets(self, blocks: IntArray, quads: IntArray) -> IntArray:
+        """Numbers of nodes (n, m) of facets of blocks (n,)."""
+        return self.number[self.first[blocks][:, None] + quads]
+
+    def of_points(self, points: ContactPoints) -> IntArray:
+        """Numbers of the nodes of both facets of contact points, m's first, (n, nodes of both)."""
+        sides = (points.block_m, points.quads_m), (points.block_s, points.quads_s)
+        return np.concatenate([self.of_facets(*side) for side in sides], axis=1)
 
 
 @dataclass(frozen=True)
 class System:
-    """Blocks of which each stands for those equal to it, their contact, loads and supports."""
+    """Deformable blocks with their contact, loads and supports, and which of them are computed."""
 
-    deformable: DeformableAssembly
+    assembly: Assembly
     """All blocks."""
-    orbits: Orbits
-    """Which blocks are represented by which."""
-    blocks: IntArray
-    """Representative deformable blocks, (n_slots,)."""
-    slot_of: IntArray
-    """Slot of the representative of every block, -1 for rigid ones, (n_blocks,)."""
-    node_start: IntArray
-    """First node of each slot, and the total; (n_slots + 1,)."""
-    rows: NodeMap
-    """Row of the state of each node of all blocks, `n_nodes` for rigid ones."""
-    points: ContactPoints
-    """Facets to integrate, one of each orbit, or points that a search found."""
-    law: Coulomb
-    """Pressure and friction there."""
-    loads: FloatArray
-    """In block frames at the end of a path, (1, n_nodes, 3) [N]; of a path that does not begin
-    without loads at its beginning and at its end, (2, n_nodes, 3)."""
-    held: Held
-    """Supports."""
+    bodies: tuple[Body, ...]
+    """Congruent blocks that deform."""
+    group_of: IntArray
+    """Body of each block, of its original for images, -1 for rigid ones, (n_blocks,)."""
+    copy_of: IntArray
+    """Which copy of that body it is, -1 for rigid ones, (n_blocks,)."""
+    offsets: FloatArray
+    """Translation of each block from its conforming place, (n_blocks, 3) [mm]: zero, or what
+    moves the blocks apart (`geometry.assembly`)."""
+    surfaces: MatchedFacets
+    """Facet pairs of which at least one block deforms."""
+    contact: Contact
+    """Law and normals."""
+    supports: tuple[Support, ...] = ()
+    """Prescribed displacements."""
+    forces: tuple[NodalLoad, ...] = ()
+    """Nodal forces, weight left out."""
+    gravity: FloatArray | None = None
+    """Uniform acceleration of all that deforms, world axes, (3,) [mm/s²]; None: absent."""
+    sector: Orbits | None = None
+    """Which blocks are represented by which; None: each by itself."""
+    chosen: ContactPoints | None = None
+    """Points of contact, such as a search found; None: facets of the surfaces."""
+    begin: tuple[FloatArray, FloatArray] | None = None
+    """Displacements [mm] and loads [N] at the beginning of a path, (n_nodes, 3) each; None: the
+    blocks are at rest, without loads."""
+
+    def __post_init__(self) -> None:
+        check_statement(self.bodies, self.supports, self.forces)
+
+    # ---- all blocks
+
+    @property
+    def meets(self) -> bool:
+        """Whether blocks meet; else each is a body by itself."""
+        return self.contact.finite_sliding or self.surfaces.n_facets > 0
+
+    @property
+    def moves(self) -> bool:
+        """Whether a support moves."""
+        return any(support.displacement.any() for support in self.supports)
+
+    @property
+    def n_elements(self) -> int:
+        """Elements of all copies."""
+        return sum(body.mesh.n_elements * body.n_copies for body in self.bodies)
+
+    @property
+    def deformable_blocks(self) -> IntArray:
+        """Blocks that deform, images of others left out, (n,)."""
+        original = self.assembly.originals == np.arange(self.assembly.n_blocks)
+        return np.flatnonzero((self.group_of >= 0) & original)
+
+    def positions(self, block: int) -> FloatArray:
+        """Nodes of a block before the load acts, spacing included, (n_nodes, 3) [mm]."""
+        return self.assembly.nodes(block) + self.offsets[block]
+
+    @cached_property
+    def drawn(self) -> Assembly:
+        """Blocks of straight pieces between the nodes of their elements, for pictures."""
+        shapes = tuple(in_pieces(shape) for shape in self.assembly.shapes)
+        return replace(self.assembly, shapes=shapes)
+
+    @property
+    def densities(self) -> FloatArray:
+        """Of each block, zero of those that do not deform, (n_blocks,) [t/mm³]."""
+        of_body = np.array([body.material.density for body in self.bodies])
+        return np.where(self.group_of < 0, 0.0, of_body[self.group_of])
+
+    def body_of(self, block: int) -> Body:
+        """Return the body of a deformable block."""
+        return self.bodies[int(self.group_of[block])]
+
+    def forces_in_frames(self, *, weight: bool = True) -> list[FloatArray]:
+        """Nodal loads of each body in block frames, each (n_copies, n_nodes, 3) [N]."""
+        forces = [np.zeros((body.n_copies, body.n_nodes, 3)) for body in self.bodies]
+        for load in self.forces:
+            rotation = self.bodies[load.group].rotations[load.copies]
+            local = np.einsum("nij,ni->nj", rotation, load.forces)
+            np.add.at(forces[load.group], (load.copies, load.nodes), local)
+        if weight and self.gravity is not None:
+            for force, body in zip(forces, self.bodies, strict=True):
+                local = self.gravity @ body.rotations
+                np.add(force, body.lumped_mass[:, None] * local[:, None], out=force)
+        return forces
+
+    # ---- representatives
+
+    def in_sector(self, orbits: Orbits) -> System:
+        """The same blocks, of which those that represent others are computed."""
+        return replace(self, sector=orbits, chosen=None)
+
+    @property
+    def whole(self) -> System:
+        """The same, all blocks computed, from rest."""
+        return replace(self, sector=None, chosen=None, begin=None)
+
+    @cached_property
+    def orbits(self) -> Orbits:
+        """Which blocks are represented by which."""
+        return self.sector or no_symmetry(self.assembly, self.surfaces)
+
+    @cached_property
+    def blocks(self) -> IntArray:
+        """Representative deformable blocks, (n_slots,)."""
+        chosen = np.unique(self.orbits.representative)
+        return chosen[self.group_of[chosen] >= 0]
+
+    @cached_property
+    def slot_of(self) -> IntArray:
+        """Slot of the representative of every block, -1 for rigid ones, (n_blocks,)."""
+        slot = np.full(self.assembly.n_blocks, -1, dtype=np.int64)
+        slot[self.blocks] = np.arange(self.n_slots)
+        return slot[self.orbits.representative]
+
+    @cached_property
+    def node_start(self) -> IntArray:
+        """First node of each slot, and the total; (n_slots + 1,)."""
+        sizes = [self.body(slot).n_nodes for slot in range(self.n_slots)]
+        return np.cumsum([0, *sizes], dtype=np.int64)
+
+    @cached_property
+    def frames(self) -> FloatArray:
+        """From the frame of each block's representative to the world, (n_blocks, 3, 3)."""
+        assembly, over = self.assembly, self.orbits.over
+        if over is None:
+            return assembly.rotations
+        turns = np.stack(over.rotations)[assembly.shape_of]
+        return np.where(over.blocks[:, None, None], assembly.rotations @ turns, assembly.rotations)
+
+    @cached_property
+    def origins(self) -> FloatArray:
+        """Origin of the frame of each block's representative, (n_blocks, 3) [mm]."""
+        assembly, over = self.assembly, self.orbits.over
+        origins = assembly.translations + self.offsets
+        for block in () if over is None else np.flatnonzero(over.blocks).tolist():
+            assert over is not None
+            shape, nodes = int(assembly.shape_of[block]), assembly.shape(block).mesh.nodes
+            shift = nodes[over.nodes[shape][0]] - over.rotations[shape] @ nodes[0]
+            origins[block] -= self.frames[block] @ shift
+        return origins
+
+    @cached_property
+    def alike_nodes(self) -> NodeMap:
+        """Node of its representative for each node of all blocks."""
+        assembly, over = self.assembly, self.orbits.over
+        same = [np.arange(shape.mesh.n_nodes) for shape in assembly.shapes]
+        onto = [
+            (same if over is None or not over.blocks[block] else over.nodes)[shape]
+            for block, shape in enumerate(assembly.shape_of)
+        ]
+        return NodeMap(np.cumsum([0, *map(len, onto)]), np.concatenate(onto))
+
+    @cached_property
+    def rows(self) -> NodeMap:
+        """Row of the state of each node of all blocks, `n_nodes` for rigid ones."""
+        nodes = self.alike_nodes
+        # A slot of -1 is that beyond the last.
+        number = nodes.number + np.repeat(self.node_start[self.slot_of], np.diff(nodes.first))
+        return replace(nodes, number=np.minimum(number, self.n_nodes))
+
+    @cached_property
+    def points(self) -> ContactPoints:
+        """Facets to integrate, one of each orbit, or points that a search found."""
+        points = self.chosen
+        if points is None:
+            points = self.surfaces.subset(self.orbits.facets)
+            points = replace(points, weights=self.orbits.share * points.weights)
+        pairs = points.block_m, points.block_s
+        return replace(
+            points,
+            rows=self.rows.of_points(points),
+            axes=np.stack([self.frames[of] for of in pairs], axis=1),
+            n_rows=self.n_nodes,
+            sides=points.sides if self.contact.friction else points.sides[:, :, :0],
+        )
+
+    @cached_property
+    def law(self) -> Coulomb:
+        """Pressure and friction there."""
+        points = self.points
+        return coulomb(self.contact.law, self.contact.friction, points.block_m, points.block_s)
+
+    @cached_property
+    def loads(self) -> FloatArray:
+        """In block frames at the end of a path, (1, n_nodes, 3) [N].
+
+        Of a path that does not begin at rest at its beginning and at its end, (2, n_nodes, 3).
+        """
+        forces = self.forces_in_frames()
+        parts = [forces[self.group_of[block]][self.copy_of[block]] for block in self.blocks]
+        end = np.concatenate(parts)
+        return end[None] if self.begin is None else np.stack([self.begin[1], end])
+
+    @cached_property
+    def held(self) -> Held:
+        """Supports.
+
+        Raises
+        ------
+        ModelError
+            Supports of one node that contradict each other.
+        """
+        first = [np.full(body.n_copies, -1) for body in self.bodies]
+        for block, node in zip(self.blocks.tolist(), self.node_start.tolist(), strict=False):
+            first[self.group_of[block]][self.copy_of[block]] = node
+        held = held_rows(self.bodies, self.supports, first)
+        return held if self.begin is None else held.beginning_at(self.begin[0])
 
     @property
     def external_force(self) -> FloatArray:
@@ -68,9 +346,9 @@ class System:
         """Whether contact has friction."""
         return self.points.sides.shape[2] > 0
 
-    def group(self, slot: int) -> Body:
-        """Return the group of a slot."""
-        return self.deformable.group(int(self.blocks[slot]))
+    def body(self, slot: int) -> Body:
+        """Return the body of a slot."""
+        return self.body_of(int(self.blocks[slot]))
 
     def nodes_of(self, slot: int) -> slice:
         """Nodes of a slot."""
@@ -78,26 +356,17 @@ class System:
 
     def on(self, points: ContactPoints) -> System:
         """The same with other points of contact."""
-        contact, turns = self.deformable.contact, self.orbits.rotations(self.deformable)
-        pairs = points.block_m, points.block_s
-        bound = replace(
-            points,
-            rows=self.rows.of_points(points),
-            axes=np.stack([turns[of] for of in pairs], axis=1),
-            n_rows=self.n_nodes,
-            sides=points.sides if contact.friction else points.sides[:, :, :0],
-        )
-        return replace(self, points=bound, law=coulomb(contact.law, contact.friction, *pairs))
+        return replace(self, chosen=points)
 
     @property
     def with_reference_normals(self) -> System:
         """The same with normals that do not turn."""
-        return replace(self, points=self.points.with_reference_normals)
+        return self.on(self.points.with_reference_normals)
 
     @cached_property
     def stiffness(self) -> csr_array:
         """Stiffness of all representatives, (3 n_nodes, 3 n_nodes) [N/mm]."""
-        blocks = [self.group(k).stiffness.tocsr() for k in range(self.n_slots)]
+        blocks = [self.body(k).stiffness.tocsr() for k in range(self.n_slots)]
         return csr_array(block_diag(blocks, format="csr"))
 
     def internal_force(self, displacement: FloatArray) -> FloatArray:
@@ -105,7 +374,7 @@ class System:
         force = np.empty_like(displacement)
         for slot in range(self.n_slots):
             nodes = self.nodes_of(slot)
-            product = self.group(slot).stiffness @ displacement[nodes].ravel()
+            product = self.body(slot).stiffness @ displacement[nodes].ravel()
             force[nodes] = product.reshape(-1, 3)
         return force
 
@@ -115,59 +384,28 @@ class System:
         Parameters
         ----------
         displacements
-            Of each group in world axes, (n_copies, n_nodes, 3) [mm].
+            Of each body in world axes, (n_copies, n_nodes, 3) [mm].
         """
-        deformable = self.deformable
         parts = []
         for block in self.blocks:
-            world = displacements[deformable.group_of[block]][deformable.copy_of[block]]
-            parts.append(world @ deformable.assembly.rotations[block])
+            world = displacements[self.group_of[block]][self.copy_of[block]]
+            parts.append(world @ self.assembly.rotations[block])
         return np.concatenate(parts)
 
     def expand(self, displacement: FloatArray) -> list[FloatArray]:
-        """World displacements of every copy of each group, (n_copies, n_nodes, 3) [mm]."""
-        deformable, rotations = self.deformable, self.orbits.rotations(self.deformable)
-        result = [np.zeros((g.n_copies, g.n_nodes, 3)) for g in deformable.model.groups]
-        for block in deformable.deformable_blocks:
-            group, copy = int(deformable.group_of[block]), int(deformable.copy_of[block])
-            local = displacement[self.rows.of_block(int(block))]
-            result[group][copy] = local @ rotations[block].T
+        """World displacements of every copy of each body, (n_copies, n_nodes, 3) [mm]."""
+        result = [np.zeros((body.n_copies, body.n_nodes, 3)) for body in self.bodies]
+        for block in self.deformable_blocks.tolist():
+            local = displacement[self.rows.of_block(block)]
+            result[self.group_of[block]][self.copy_of[block]] = local @ self.frames[block].T
         return result
 
 
-def system_of(deformable: DeformableAssembly, orbits: Orbits) -> System:
-    """Number the unknowns of blocks; points are those of matched facets.
-
-    Raises
-    ------
-    ModelError
-        Supports of one node that contradict each other.
-    """
-    chosen = np.unique(orbits.representative)
-    blocks = chosen[deformable.group_of[chosen] >= 0]
-    slot = np.full(deformable.assembly.n_blocks, -1, dtype=np.int64)
-    slot[blocks] = np.arange(len(blocks))
-    slot_of = slot[orbits.representative]
-    sizes = [deformable.group(int(b)).n_nodes for b in blocks]
-    node_start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-    nodes = orbits.nodes(deformable)
-    # A slot of -1 is that beyond the last.
-    number = nodes.number + np.repeat(node_start[slot_of], np.diff(nodes.first))
-    forces, points = local_forces(deformable), deformable.surfaces.subset(orbits.facets)
-    loads = [forces[deformable.group_of[b]][deformable.copy_of[b]] for b in blocks]
-    system = System(
-        deformable=deformable,
-        orbits=orbits,
-        blocks=blocks,
-        slot_of=slot_of,
-        node_start=node_start,
-        rows=replace(nodes, number=np.minimum(number, node_start[-1])),
-        points=points,
-        law=Coulomb(deformable.contact.law),
-        loads=np.concatenate(loads)[None],
-        held=held_of(deformable, blocks, node_start),
-    )
-    return system.on(replace(points, weights=orbits.share * points.weights))
+def no_symmetry(assembly: Assembly, surfaces: MatchedFacets) -> Orbits:
+    """Every block is its own representative (and that of its periodic images)."""
+    n, per_facet = surfaces.weights.shape
+    points = np.arange(n * per_facet).reshape(n, per_facet)
+    return Orbits(1, assembly.originals, np.arange(n), points)
 
 
 def at_share(loads: FloatArray, share: float) -> FloatArray:
@@ -229,7 +467,7 @@ def free_motions(
     kept
         Takes displacements (n_nodes, 3) to those at the nodes that a linear step keeps.
     """
-    assembly = system.deformable.assembly
+    assembly = system.assembly
     if assembly.image_of is None:
         return None
     shifts = assembly.axis[None, :] if system.orbits.order > 1 else np.eye(3)

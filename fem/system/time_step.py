@@ -15,6 +15,7 @@ is never stiffer than its stiffest free element (Irons and Treharne 1971).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -212,7 +213,7 @@ def _interaction(model: Model, group: int) -> FloatArray | None:
     return np.sum(present, axis=0) if present else None
 
 
-def scale_masses(model: Model, factor: float) -> Model:
+def scale_masses(bodies: Sequence[Body], factor: float) -> tuple[Body, ...]:
     """Add mass so that elements allow a longer step.
 
     Elements that bound the step below the one asked for, by their highest frequency with their own
@@ -221,25 +222,18 @@ def scale_masses(model: Model, factor: float) -> Model:
 
     Parameters
     ----------
-    model
-        Without gravity: added mass must not weigh.
+    bodies
+        Without weight: added mass must not weigh.
     factor
         Step that every element is to allow, over that of the most demanding one [-].
     """
     if not (math.isfinite(factor) and factor >= 1.0):
         raise ModelError(f"mass_scaling: got {factor}, expected a factor of at least 1")
-    if model.effects.gravity is not None:
-        raise ModelError(
-            "mass_scaling: got gravity beside it; added mass would weigh: expected one of the two"
-        )
-    frequencies = [element_frequencies(g.mesh, g.material, g.element) for g in model.groups]
+    frequencies = [element_frequencies(g.mesh, g.material, g.element) for g in bodies]
     allowed = max(float(f.max()) for f in frequencies) / factor
-    return replace(
-        model,
-        groups=tuple(
-            _scaled_group(group, np.maximum(1.0, result / allowed) ** 2)
-            for group, result in zip(model.groups, frequencies, strict=True)
-        ),
+    return tuple(
+        _scaled_group(group, np.maximum(1.0, result / allowed) ** 2)
+        for group, result in zip(bodies, frequencies, strict=True)
     )
 
 
@@ -255,8 +249,8 @@ def _scaled_group(group: Body, factors: FloatArray) -> Body:
     return group.with_same_stiffness(added_mass=group.added_mass + added)
 
 
-def added_mass_share(model: Model) -> float:
+def added_mass_share(bodies: Sequence[Body]) -> float:
     """Mass that scaling added over the mass that was there, all copies [-]."""
-    added = sum(g.n_copies * float(np.sum(g.added_mass)) for g in model.groups)
-    total = sum(g.n_copies * float(g.lumped_mass.sum()) for g in model.groups)
+    added = sum(g.n_copies * float(np.sum(g.added_mass)) for g in bodies)
+    total = sum(g.n_copies * float(g.lumped_mass.sum()) for g in bodies)
     return added / (total - added)

@@ -20,8 +20,8 @@ from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import Lanes
 from fem.explicit.step import ExplicitSystem, step
-from fem.system.build import DeformableAssembly
 from fem.system.effects import AdaptiveMassDamping, Effects
+from fem.system.system import System
 from fem.system.time_step import critical_time_step
 from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import SineTube
@@ -63,14 +63,14 @@ class ContactRow:
     """CPU time of a step with searched facets over one with paired facets [-]."""
 
 
-def tube(layers: int, elements: int) -> DeformableAssembly:
+def tube(layers: int, elements: int) -> System:
     """TSB1 under the pipe load."""
     blocks = SineTube(TSB1, SineBlockDivisions(*MESHES[elements]), layers).build()
     return Problem(blocks, named_load("pipe", 0.01).on(blocks), concrete).deformable
 
 
 def pressing(
-    deformable: DeformableAssembly, symmetry: int, effects: Effects, steps: int
+    deformable: System, symmetry: int, effects: Effects, steps: int
 ) -> tuple[ExplicitSystem, Lanes]:
     """A damped run after some steps: blocks press by then."""
     model = explicit_statement(

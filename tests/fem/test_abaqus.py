@@ -434,13 +434,13 @@ def test_an_imported_deck_gives_the_same_static_state(tube) -> None:
 
 def test_an_imported_deck_gives_the_same_explicit_model() -> None:
     deck = box_deck()
-    model = deck.problem.deformable.model
+    system = deck.problem.deformable
     read = deck_of_lines(text_of(deck))
-    again = read.problem().deformable.model
-    a, b = (np.sum([load.forces.sum(axis=0) for load in m.loads], axis=0) for m in (model, again))
+    again = read.problem().deformable
+    a, b = (np.sum([load.forces.sum(axis=0) for load in m.forces], axis=0) for m in (system, again))
     assert np.abs(a - b).max() < 1e-12 * np.abs(a).max()
     assert effects_of(read.model, read.steps[0]).rayleigh == deck.effects.rayleigh
-    assert (again.effects.gravity == model.effects.gravity).all()
+    assert (again.gravity == system.gravity).all()
 
 
 # ---------------------------------------------------------------------------------------------

@@ -191,12 +191,12 @@ def test_groups_follow_the_frames():
     tube = small_tube(2)
     load = named_load("pipe", 0.01).on(tube)
     rigid = deformable_assembly(tube, load, CONCRETE)
-    assert len(rigid.model.groups) == 1
-    assert rigid.model.groups[0].n_copies == 8
+    assert len(rigid.bodies) == 1
+    assert rigid.bodies[0].n_copies == 8
     assert (rigid.group_of[tube.fixed] == -1).all()
     held = deformable_assembly(tube, load, CONCRETE, frames=Frames.DEFORMABLE)
-    assert len(held.model.groups) == 3
-    assert len(held.model.supports) == 2
+    assert len(held.bodies) == 3
+    assert len(held.supports) == 2
     # Frame blocks meet each other: those facets are there only when they deform.
     assert held.surfaces.n_facets > rigid.surfaces.n_facets
 

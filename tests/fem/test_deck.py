@@ -282,11 +282,11 @@ def test_boxes_give_the_model_of_the_scene(name, tmp_path: Path) -> None:
     """The imported deck states what `tubelock fem` computes."""
     settings = ["fem.method=explicit", "fem.end_time=0.001"]
     path = exported(tmp_path / "box.inp", name, settings, flavour="general")
-    model = read_deck(path).problem().deformable.model
-    ours = load_case(name, settings).problem.deformable.model
+    model = read_deck(path).problem().deformable
+    ours = load_case(name, settings).problem.deformable
     assert model.n_elements == ours.n_elements
-    assert model.groups[0].element is ours.groups[0].element
-    forces = [np.sum([load.forces.sum(axis=0) for load in m.loads], axis=0) for m in (model, ours)]
+    assert model.bodies[0].element is ours.bodies[0].element
+    forces = [np.sum([load.forces.sum(axis=0) for load in m.forces], axis=0) for m in (model, ours)]
     assert np.allclose(*forces, rtol=1e-12)
     assert sum(len(s.nodes) for s in model.supports) == sum(len(s.nodes) for s in ours.supports)
 

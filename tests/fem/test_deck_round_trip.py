@@ -97,9 +97,9 @@ def test_what_is_read_and_written_is_read_as_the_same(scene, flavour, tmp_path: 
 def resultant(problem: Problem) -> tuple[np.ndarray, float]:
     """Force and moment of the loads of blocks that deform, and the size of these moments."""
     result, size = np.zeros(6), 0.0
-    model = problem.deformable.model
-    for load in model.loads:
-        places = model.groups[load.group].reference_positions()[load.copies, load.nodes]
+    system = problem.deformable
+    for load in system.forces:
+        places = system.bodies[load.group].reference_positions()[load.copies, load.nodes]
         moments = np.cross(places, load.forces)
         result += np.concatenate([load.forces.sum(axis=0), moments.sum(axis=0)])
         size += float(np.abs(moments).sum())

@@ -172,7 +172,7 @@ def test_what_has_no_influence_is_named() -> None:
 def test_forces_on_nodes_count_once_beside_pressures_that_turn() -> None:
     both = changed("UPPER, P2, 2.", "UPPER, P2, 2.\n*Cload\n15, 3, -1.")
     for lines in (both, changed("*Step\n", "*Step, nlgeom\n", both)):
-        loads = deck_of_lines(lines).problem().deformable.model.loads
+        loads = deck_of_lines(lines).problem().deformable.forces
         total = np.sum([load.forces.sum(axis=0) for load in loads], axis=0)
         assert total == pytest.approx([0.0, 0.0, -3.0], abs=1e-12)
 

@@ -9,7 +9,6 @@ from fem.static.energy_descent import _conjugate_gradients, _Energy, minimise_en
 from fem.static.linear_step.linearisation import SparseStep
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from fem.system.sector import largest_cyclic_orbits
-from fem.system.system import system_of
 from geometry import SineBlock
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import SineTube
@@ -48,7 +47,7 @@ def settled(gapped):
 @pytest.fixture(scope="module")
 def energy(gapped, settled):
     """Energy of the sector and its state at the solution."""
-    system = system_of(gapped, largest_cyclic_orbits(gapped))
+    system = gapped.in_sector(largest_cyclic_orbits(gapped))
     energy = _Energy(system, SparseStep(system), 1.0)
     return energy, energy(system.localised(settled.displacements))
 
@@ -111,7 +110,7 @@ def test_without_gap_the_descent_ends_where_the_iteration_does():
     """One minimum, two ways to it, each to 1e-8 of the load; conditioning takes two digits."""
     deformable = tunnel(0.0)
     plain = solve_static(deformable)
-    system = system_of(deformable, largest_cyclic_orbits(deformable))
+    system = deformable.in_sector(largest_cyclic_orbits(deformable))
     reference = solve_static(tunnel(0.0, normals=ContactNormals.REFERENCE))
     size = np.linalg.norm(system.external_force)
     descent = minimise_energy(
@@ -134,7 +133,7 @@ def test_contact_forces_come_to_rest_in_gaps_at_a_minimum(clearance):
     """
     deformable = tunnel(clearance, (12, 1, 2), degree=2)
     found = solve_static(deformable)
-    system = system_of(deformable, largest_cyclic_orbits(deformable))
+    system = deformable.in_sector(largest_cyclic_orbits(deformable))
     size = np.linalg.norm(system.external_force)
     descent = minimise_energy(
         system,

@@ -32,16 +32,16 @@ def tube(layers=1, case="pipe", **options):
 
 def random_displacements(deformable, size, seed=0):
     rng = np.random.default_rng(seed)
-    groups = deformable.model.groups
+    groups = deformable.bodies
     result = tuple(size * rng.standard_normal((g.n_copies, g.n_nodes, 3)) for g in groups)
-    for support in deformable.model.supports:
+    for support in deformable.supports:
         result[support.group][support.copies, support.nodes] = 0.0
     return result
 
 
 def in_model_order(statement, displacements):
     """Displacements of all copies in the order of the explicit model's copies."""
-    copy_of = statement.system.deformable.copy_of
+    copy_of = statement.system.copy_of
     pairs = zip(displacements, statement.blocks, strict=True)
     return tuple(moved[copy_of[blocks]] for moved, blocks in pairs)
 
@@ -51,7 +51,7 @@ def kernel_forces(statement, displacements, *, then=None, **options):
 
     With ``then`` those at displacements that follow upon the first.
     """
-    copy_of = statement.system.deformable.copy_of
+    copy_of = statement.system.copy_of
     system = prepare(statement.model, time_step=1e-9, **options)
     state = initial_state(system, displacements=in_model_order(statement, displacements))
     if then is not None:
@@ -182,7 +182,7 @@ def test_action_is_reaction_and_moments_balance():
     displacements = random_displacements(deformable, 5e-3)
     forces, _ = kernel_forces(explicit_statement(deformable), displacements)
     total, moment, size = np.zeros(3), np.zeros(3), 0.0
-    for g, f, u in zip(deformable.model.groups, forces, displacements, strict=True):
+    for g, f, u in zip(deformable.bodies, forces, displacements, strict=True):
         total += f.sum(axis=(0, 1))
         moment += np.cross(g.reference_positions() + u, f).sum(axis=(0, 1))
         size += np.abs(f).sum()
@@ -253,7 +253,7 @@ def test_pipe_has_four_fold_symmetry(coarse_run):
     """
     deformable, statement, result = coarse_run
     world = statement.expand(result.displacements)[0]
-    rotations = deformable.model.groups[0].rotations
+    rotations = deformable.bodies[0].rotations
     local = np.einsum("cij,cni->cnj", rotations, world)
     assert np.abs(local - local[0]).max() < 1e-9 * np.abs(local).max()
 

@@ -63,13 +63,13 @@ def repeated(support: Support) -> Support:
 
 def test_supports_that_are_stated_again_change_nothing() -> None:
     deformable = load_case("shifted-boxes").problem.deformable
-    moving = [s for s in deformable.model.supports if s.displacement.any()]
-    still = [s for s in deformable.model.supports if not s.displacement.any()]
+    moving = [s for s in deformable.supports if s.displacement.any()]
+    still = [s for s in deformable.supports if not s.displacement.any()]
     assert moving
     assert still
     assert moving[0].displacement.max() == pytest.approx(0.03)
-    supports = (*deformable.model.supports, *still, *map(repeated, moving))
-    again = replace(deformable, model=replace(deformable.model, supports=supports))
+    supports = (*deformable.supports, *still, *map(repeated, moving))
+    again = replace(deformable, supports=supports)
     options = StaticOptions(tolerance=1e-10, motion_steps=2)
     once, twice = (solve_static(one, options) for one in (deformable, again))
     for a, b in zip(once.displacements, twice.displacements, strict=True):

@@ -20,7 +20,6 @@ from fem.element.lagrange_mesh import LagrangeMesh, with_degree
 from fem.static.linear_step.columns import alike_lengths, flexible_block
 from fem.static.linear_step.grid_block import GridBlock, grid_block
 from fem.system.body import placed_body
-from fem.system.sector import local_forces
 from geometry import SineBlock, pipe, tube
 from geometry.mesh import FloatArray, MeshError, boundary_quads, grid_points
 from tests.support.answers import on_its_mesh
@@ -152,7 +151,7 @@ def test_pressure_and_weight_have_their_resultants() -> None:
     )
     blocks = tube(shape, layers=1, mesh=(12, 1, 2))
     problem = Problem(blocks, pipe(0.01), CONCRETE, degree=3, gravity=[0.0, 0.0, -9810.0])
-    first = local_forces(problem.deformable)[0][0]
+    first = problem.deformable.forces_in_frames()[0][0]
     expected = 0.01 * 2 * 120.0 * np.sin(np.pi / 4) * 200.0
     volume = 0.5 * np.pi / 2.0 * (160.0**2 - 120.0**2) * 200.0
     weight = CONCRETE.density * volume * 9810.0

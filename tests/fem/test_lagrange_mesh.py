@@ -33,7 +33,6 @@ from fem.static.solve import StaticMethod, StaticOptions
 from fem.stresses.peaks import largest_pressure
 from fem.system.body import placed_body
 from fem.system.forces import pressure_forces
-from fem.system.sector import local_forces
 from fem.system.state import corner_displacements
 from geometry.block import Block
 from geometry.families.boxes import ColumnBox, box_column
@@ -178,7 +177,7 @@ def test_a_column_under_uniform_pressure_is_exact(degree: int) -> None:
     found = answer.details
     top = found.deformable.deformable_blocks[-1]
     u = found.displacements[0][found.deformable.copy_of[top]]
-    height = found.deformable.group(int(top)).mesh.nodes[:, 2]
+    height = found.deformable.body_of(int(top)).mesh.nodes[:, 2]
     each = 0.01 + 2.0 / STIFFNESS + 2.0 * 50.0 / BAR.young_modulus
     expected = -2.0 * each + 2.0 * (50.0 - height) / BAR.young_modulus
     np.testing.assert_allclose(u[:, 2], expected, rtol=1e-9)
@@ -359,11 +358,11 @@ def test_calculix_solves_the_quadratic_deck_as_our_element_does(tmp_path: Path) 
     found = run_calculix(tmp_path / "bar.inp").displacements
     deformable = problem.deformable
     twenty, follow = from_twenty(problem.blocks.shape(0))
-    (group,) = deformable.model.groups
+    (group,) = deformable.bodies
     spread = np.kron(follow, np.eye(3))
     stiffness = csr_array(spread.T @ (group.stiffness @ spread))
-    force = spread.T @ local_forces(deformable)[0][0].ravel()
-    held = np.unique(deformable.model.supports[0].nodes)
+    force = spread.T @ deformable.forces_in_frames()[0][0].ravel()
+    held = np.unique(deformable.supports[0].nodes)
     fixed = cKDTree(twenty.mesh.nodes).query(group.mesh.nodes[held])
     middles = fixed[1][fixed[0] < 1e-9]
     expected = static_displacement(stiffness, force, degrees_of_freedom(middles))

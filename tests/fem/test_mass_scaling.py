@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from fem import ElementType, Material
+from fem import ElementType, Explicit, Material
 from fem.system.body import ModelError, placed_body
-from fem.system.effects import Effects
+from fem.system.effects import EffectError
 from fem.system.model import Model
 from fem.system.time_step import (
     added_mass_share,
@@ -36,38 +36,35 @@ def test_the_step_is_at_least_the_factor_times_the_bound(element, factor):
     model = bar(element=element)
     group = model.groups[0]
     bound = 2.0 / element_frequencies(group.mesh, group.material, element).max()
-    scaled = scale_masses(model, factor)
+    scaled = Model(scale_masses(model.groups, factor))
     assert critical_time_step(scaled).critical_time_step >= factor * bound * (1.0 - 1e-9)
 
 
 def test_only_elements_below_the_step_get_mass():
     """A cube is 5 times as long as the thin one: a factor of 2 concerns the thin one alone."""
-    model = bar()
-    scaled = scale_masses(model, 2.0)
-    heavier = scaled.groups[0].lumped_mass > model.groups[0].lumped_mass
-    assert heavier.tolist() == (model.groups[0].mesh.nodes[:, 0] >= 9.0).tolist()
-    added = scaled.groups[0].lumped_mass.sum() - model.groups[0].lumped_mass.sum()
-    assert scaled.groups[0].added_mass.sum() == pytest.approx(added, rel=1e-12)
-    assert added_mass_share(scaled) == pytest.approx(
-        added / model.groups[0].lumped_mass.sum(), rel=1e-12
-    )
-    assert scaled.groups[0].stiffness is model.groups[0].stiffness
+    (body,) = bar().groups
+    (scaled,) = scale_masses([body], 2.0)
+    heavier = scaled.lumped_mass > body.lumped_mass
+    assert heavier.tolist() == (body.mesh.nodes[:, 0] >= 9.0).tolist()
+    added = scaled.lumped_mass.sum() - body.lumped_mass.sum()
+    assert scaled.added_mass.sum() == pytest.approx(added, rel=1e-12)
+    assert added_mass_share([scaled]) == pytest.approx(added / body.lumped_mass.sum(), rel=1e-12)
+    assert scaled.stiffness is body.stiffness
 
 
 def test_one_adds_nothing():
-    model = bar()
-    same = scale_masses(model, 1.0)
-    assert np.array_equal(same.groups[0].lumped_mass, model.groups[0].lumped_mass)
-    assert added_mass_share(same) == 0.0
+    (body,) = bar().groups
+    (same,) = scale_masses([body], 1.0)
+    assert np.array_equal(same.lumped_mass, body.lumped_mass)
+    assert added_mass_share([same]) == 0.0
 
 
 @pytest.mark.parametrize("factor", [0.5, np.inf, np.nan])
 def test_factors_that_make_no_sense_are_refused(factor):
     with pytest.raises(ModelError, match="at least 1"):
-        scale_masses(bar(), factor)
+        scale_masses(bar().groups, factor)
 
 
 def test_added_mass_must_not_weigh():
-    model = Model(groups=bar().groups, effects=Effects(gravity=np.array([0.0, 0.0, -9810.0])))
-    with pytest.raises(ModelError, match="weigh"):
-        scale_masses(model, 2.0)
+    with pytest.raises(EffectError, match="weigh"):
+        Explicit(mass_scaling=2.0).effects(gravity=np.array([0.0, 0.0, -9810.0]))

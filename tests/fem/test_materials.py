@@ -68,7 +68,7 @@ def test_two_bars_in_series() -> None:
     """Uniform stress without lateral strain: exact to the residual of 1e-8; an explicit run
     damped to a residual of 1e-4 of the load is as near, and so are finer meshes."""
     problem = column()
-    assert len(problem.deformable.model.groups) == 2
+    assert len(problem.deformable.bodies) == 2
     assert top_of(solve_static(problem, Static(mesh="scene"))) == pytest.approx(series(), rel=1e-7)
     assert top_of(solve_static(problem)) == pytest.approx(series(), rel=1e-6)
     assert top_of(

@@ -19,7 +19,7 @@ import validation
 from fem import Explicit, Frames, Material, Problem, Static, concrete, solve_explicit, solve_static
 from fem.answer import answer_of
 from fem.problem import ProblemError
-from fem.system.build import DeformableAssembly
+from fem.system.system import System
 from geometry import (
     Answer,
     Assembly,
@@ -74,7 +74,7 @@ def _writable(value: object, name: str, seen: set[int]) -> Iterator[str]:
 
     All but those of the model that a solver makes of the blocks.
     """
-    if id(value) in seen or isinstance(value, DeformableAssembly):
+    if id(value) in seen or isinstance(value, System):
         return
     seen.add(id(value))
     if isinstance(value, np.ndarray):

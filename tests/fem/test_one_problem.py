@@ -15,8 +15,8 @@ from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import StopCriterion
 from fem.explicit.solve import solve as solve_model
 from fem.static.solve import solve_static
-from fem.system.build import DeformableAssembly
 from fem.system.effects import AdaptiveMassDamping, EffectError, Effects
+from fem.system.system import System
 from geometry import ColumnBox, RefusedError, box_column
 from geometry.loads import face_pressure
 from tests.support.decks import exported
@@ -93,7 +93,7 @@ def test_the_key_that_meant_two_things_is_refused_with_what_to_write() -> None:
     assert "contact.spacing = 0.01" in str(refused.value)
 
 
-def weighing_column() -> DeformableAssembly:
+def weighing_column() -> System:
     """Two boxes, the lower one standing; the upper one's weight is twenty times the pressure."""
     boxes = box_column([ColumnBox((40.0, 40.0, 60.0), (2, 2, 2))] * 2)
     load = face_pressure(boxes, np.array([1]), "z+", 1e-4)

@@ -362,7 +362,7 @@ def test_faces_that_slide_on_each_other_press_nowhere(tmp_path: Path) -> None:
     along = np.array([[1, -1, 0], [1, 1, 0], [-1, -1, 0], [-1, 1, 0]]) * lean - [0.0, 0.0, 1.0]
     moved = [
         np.broadcast_to(sunk * way, (1, group.n_nodes, 3))
-        for way, group in zip(along, deformable.model.groups, strict=True)
+        for way, group in zip(along, deformable.bodies, strict=True)
     ]
     facing = facing_points(deformable, tuple(moved))
     corners, found = facing.position[facing.quads], facing.now

@@ -74,7 +74,7 @@ def test_joints_carry_the_load(pressed: Answer) -> None:
 
 def test_balls_average_over_the_part_in_the_block(pressed: Answer) -> None:
     """A constant stays; a linear field becomes its value at the ball's part in the block."""
-    group = pressed.details.deformable.model.groups[0]
+    group = pressed.details.deformable.bodies[0]
     points = integration_points(group.mesh, group.element)
     for radius in (1.0, 20.0, 60.0, 1e3):
         balls = ball_averages(group, points, radius)
@@ -96,8 +96,8 @@ def test_a_bent_block_is_torn_where_it_bends_most() -> None:
     own x-direction: σ_xx at a Gauss point is E times the mean slope between its element's corners.
     """
     deformable = column(PRESSURE).problem.deformable
-    group, radius = deformable.model.groups[0], 1e6
-    shape = [(g.n_copies, g.n_nodes, 3) for g in deformable.model.groups]
+    group, radius = deformable.bodies[0], 1e6
+    shape = [(g.n_copies, g.n_nodes, 3) for g in deformable.bodies]
     displacements = tuple(np.zeros(s) for s in shape)
     x = deformable.assembly.shapes[0].mesh.nodes
     displacements[0][0] = np.column_stack([x[:, 0] * x[:, 2], 0 * x[:, 0], 0 * x[:, 0]]) / radius
@@ -116,11 +116,11 @@ def test_a_bent_block_is_torn_where_it_bends_most() -> None:
 def test_no_mean_is_above_the_largest_tension() -> None:
     """Tension that grows towards one corner: Gauss points of large elements are far from it."""
     deformable = column(PRESSURE).changed({"fem.degree": 2}).problem.deformable
-    x = [g.mesh.nodes for g in deformable.model.groups]
+    x = [g.mesh.nodes for g in deformable.bodies]
     along = [1e-9 * np.prod(nodes**2, axis=1)[:, None] * [1.0, 0.0, 0.0] for nodes in x]
     displacements = tuple(
         np.repeat(u[None], g.n_copies, axis=0)
-        for u, g in zip(along, deformable.model.groups, strict=True)
+        for u, g in zip(along, deformable.bodies, strict=True)
     )
     found = stress_peaks(deformable, displacements, averaging_radius=5.0)
     assert 0.0 < found.sigma_1_averaged.value < found.sigma_1.value
@@ -130,7 +130,7 @@ def test_pressure_peaks_at_the_corner_that_is_pressed_most() -> None:
     """A block turned about one edge: the gap is linear, so the law is known at the far corners."""
     deformable = column(PRESSURE).problem.deformable
     turn = 1e-4
-    displacements = tuple(np.zeros((g.n_copies, g.n_nodes, 3)) for g in deformable.model.groups)
+    displacements = tuple(np.zeros((g.n_copies, g.n_nodes, 3)) for g in deformable.bodies)
     for block in (1, 2):
         x = deformable.assembly.nodes(block)
         group, copy = deformable.group_of[block], deformable.copy_of[block]

@@ -13,7 +13,6 @@ from fem.accuracy import statics
 from fem.explicit.solve import Status
 from fem.static.result import StaticError
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
-from fem.system.sector import local_forces
 from fem.system.state import corner_displacements
 from geometry import Answer
 from tests.support.answers import on_its_mesh
@@ -41,7 +40,7 @@ def unbalanced_forces(run_of: Case, tiles: dict[int, np.ndarray]) -> dict[int, f
     place = np.zeros(assembly.n_blocks, dtype=np.int64)
     for layer in np.unique(assembly.layer):
         place[assembly.layer == layer] = np.arange((assembly.layer == layer).sum())
-    group = deformable.model.groups[0]
+    group = deformable.bodies[0]
     u = np.zeros((group.n_copies, group.n_nodes, 3))
     for block in deformable.deformable_blocks:
         tile = tiles[int(assembly.layer[block]) % 2]
@@ -57,7 +56,7 @@ def unbalanced_forces(run_of: Case, tiles: dict[int, np.ndarray]) -> dict[int, f
         mine = np.flatnonzero(deformable.group_of[blocks] == 0)
         copies = deformable.copy_of[blocks[mine]]
         np.add.at(total, (copies[:, None], quads[mine]), corners[mine, half])
-    loads = local_forces(deformable)[0]
+    loads = deformable.forces_in_frames()[0]
     norms = {}
     for block in deformable.deformable_blocks:
         copy, turn = int(deformable.copy_of[block]), assembly.rotations[block]
@@ -74,7 +73,7 @@ def test_cells_on_top_of_each_other_are_an_equilibrium_of_a_tube(cell: Answer) -
     # the cell knows nothing of, they do not.
     u, n = cell.details.displacements[0], 4
     norms = unbalanced_forces(scene_of(*COARSE, "assembly.layers=6"), {1: u[:n], 0: u[n:]})
-    size = float(np.linalg.norm(local_forces(cell.details.deformable)[0]))
+    size = float(np.linalg.norm(cell.details.deformable.forces_in_frames()[0]))
     assert max(norms[k] for k in (2, 3, 4, 5)) < 1e-7 * size
     assert min(norms[1], norms[6]) > 0.1 * size
 

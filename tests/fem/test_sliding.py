@@ -15,9 +15,9 @@ from fem.contact.search import points_of_search
 from fem.explicit.setup.quasi_static import block_frequencies
 from fem.explicit.setup.statement import explicit_statement
 from fem.explicit.solve import StopCriterion, initial_state, prepare, solve
-from fem.system.build import DeformableAssembly
 from fem.system.effects import AdaptiveMassDamping, Effects
 from fem.system.state import contact_state, facing_points
+from fem.system.system import System
 from geometry import ColumnBox, RefusedError, box_block, box_column
 from geometry.files.mesh_io import write_hex_mesh
 from geometry.loads import face_pressure
@@ -108,7 +108,7 @@ def test_random_motions_of_boxes_that_do_not_match_balance() -> None:
     stated = explicit_statement(column(*CROSSING).problem.deformable)
     rng = np.random.default_rng(5)
     moved = tuple(5e-3 * rng.standard_normal((1, g.n_nodes, 3)) for g in stated.model.groups)
-    whole = stated.system.deformable
+    whole = stated.system.whole
     points = points_of_search(facing_points(whole, moved), whole.surfaces.clearance)
     found = contact_state(whole, moved, points)
     assert found.point_pressures.max() > 0.1
@@ -194,11 +194,11 @@ def test_matching_joints_have_no_search_unless_asked() -> None:
         assert data["contact"]["effective_count_percent"] == pytest.approx(50.0, rel=1e-9)
 
 
-def rigid(deformable: DeformableAssembly) -> DeformableAssembly:
+def rigid(deformable: System) -> System:
     """Blocks that yield 1e-12 of what contact does."""
-    groups = deformable.model.groups
+    groups = deformable.bodies
     stiff = [replace(g, material=replace(g.material, young_modulus=1e16)) for g in groups]
-    return replace(deformable, model=replace(deformable.model, groups=tuple(stiff)))
+    return replace(deformable, bodies=tuple(stiff))
 
 
 def test_frequencies_are_those_of_the_facets_that_face_each_other() -> None:

@@ -98,7 +98,7 @@ def test_patch_test_across_a_conforming_interface(element):
         assembly, load, CONCRETE, element=element, normals=ContactNormals.REFERENCE
     )
     # Sliding along the slope and turning about the normal are free: hold nodes against that.
-    model = dataclasses.replace(model, model=held_tangentially(model, shape))
+    model = held_tangentially(model, shape)
     result = solve_static(model, StaticOptions(tolerance=1e-10))
     assert result.converged
     assert result.pressures == pytest.approx(0.4, rel=1e-7)
@@ -120,7 +120,7 @@ def held_tangentially(model, shape):
         directions=np.array([slope, across, across]),
         displacement=np.zeros(3),
     )
-    return dataclasses.replace(model.model, supports=(support,))
+    return dataclasses.replace(model, supports=(support,))
 
 
 # ---------------------------------------------------------------------------------------------

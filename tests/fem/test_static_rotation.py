@@ -151,7 +151,7 @@ def test_a_block_that_tips_against_a_stop_presses_by_its_moment(share):
 
 def test_a_linear_rotation_becomes_a_finite_one_about_the_same_axis():
     """It moves nodes as R - 1 does, whichever way a block was placed, and leaves its middle."""
-    group = pipe(0.0).model.groups[0]
+    group = pipe(0.0).bodies[0]
     nodes = group.reference_positions()
     middle = group.lumped_mass @ nodes / group.lumped_mass.sum()
     axis, angle = np.array([2.0, -1.0, 2.0]) / 3.0, 0.3
@@ -163,7 +163,7 @@ def test_a_linear_rotation_becomes_a_finite_one_about_the_same_axis():
 
 def test_a_small_turn_of_a_block_gives_no_strain():
     """Displacements have 16 digits: what is left is 1e-7 of them by the second order alone."""
-    group = pipe(0.0).model.groups[0]
+    group = pipe(0.0).bodies[0]
     angle = 1e-7
     moved = np.cross([0.0, angle, 0.0], group.reference_positions())
     local, _ = block_displacements(group, moved, finite_rotation=True)

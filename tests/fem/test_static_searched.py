@@ -158,9 +158,9 @@ def test_friction_holds_what_it_can_and_carries_the_push():
     found = solve_static(shear(0.3, push), StaticOptions(load_steps=2))
     assert found.converged
     moved = found.displacements[1][0]
-    bottom = np.isclose(found.deformable.group(1).mesh.nodes[:, 2], 0.0)
+    bottom = np.isclose(found.deformable.body_of(1).mesh.nodes[:, 2], 0.0)
     lower = found.displacements[0][0]
-    top = np.isclose(found.deformable.group(0).mesh.nodes[:, 2], 50.0)
+    top = np.isclose(found.deformable.body_of(0).mesh.nodes[:, 2], 50.0)
     slip = moved[bottom, 0].mean() - lower[top, 0].mean()
     assert slip == pytest.approx(push / 8000.0 / 100.0, rel=0.1)
 
@@ -170,12 +170,12 @@ def drawn(model, aside, squeeze=0.02):
     ramp, supports = SmoothStepAmplitude(1.0), []
     held = ((2, (0.0, 0.0, 0.0)), (0, (aside, 0.0)), (2, (0.0, 0.0, -squeeze)))
     for block, (axis, way) in enumerate(held):
-        along = model.group(block).mesh.nodes[:, axis]
+        along = model.body_of(block).mesh.nodes[:, axis]
         end = along.min() if block == 0 else along.max()
         nodes = np.flatnonzero(np.isclose(along, end))
         moves = {"components": tuple(range(len(way))), "displacement": np.array(way)}
         supports.append(fixed_nodes(block, nodes, **moves, amplitude=ramp))
-    return replace(model, model=replace(model.model, supports=tuple(supports)))
+    return replace(model, supports=tuple(supports))
 
 
 def test_a_box_is_drawn_over_many_facets_out_of_the_channel_between_two_others():

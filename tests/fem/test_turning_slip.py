@@ -91,7 +91,7 @@ def test_a_slip_turns_with_the_surface(sliding):
     """Both bricks, pressed and dragged, turn as one by any angle: so do the forces (rounding of
     coordinates of 40 mm on overclosures of 0.01 mm)."""
     deformable = bricks(sliding, lift=-0.01)
-    group = deformable.model.groups[0]
+    group = deformable.bodies[0]
     place = group.reference_positions()[np.argsort(deformable.copy_of)]
     before, dragged = shifts([[0.0, 0.0, 0.0], [8e-3, -5e-3, 0.0]], 27)
     turn = random_rotation(3)

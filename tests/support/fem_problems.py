@@ -10,13 +10,13 @@ from scipy.sparse.linalg import spsolve
 from fem import ElementType, Material, Problem
 from fem.element.kinds import block_hourglass_stiffness, block_stiffness
 from fem.state import State
-from fem.system.build import DeformableAssembly
 from fem.system.state import contact_state, corner_displacements
+from fem.system.system import System
 from geometry.block import Block, box_block
 from geometry.mesh import FloatArray, HexMesh, boundary_quads
 
 
-def deformable_assembly(assembly, load, material, **stated) -> DeformableAssembly:
+def deformable_assembly(assembly, load, material, **stated) -> System:
     """Deformable blocks of a statement in any units; what is None is as a statement has it."""
     given = {name: value for name, value in stated.items() if value is not None}
     return Problem(assembly, load, material, **given, check_units=False).deformable
@@ -53,7 +53,7 @@ def static_displacement(stiffness, force, prescribed, values=0.0) -> np.ndarray:
     return displacement
 
 
-def in_contact(deformable: DeformableAssembly, **stated) -> DeformableAssembly:
+def in_contact(deformable: System, **stated) -> System:
     """The same blocks with another law, friction or sliding."""
     return replace(deformable, contact=replace(deformable.contact, **stated))
 
@@ -113,7 +113,7 @@ def contact_corner_forces(result: State) -> FloatArray:
 
 
 def matched_pressures(
-    deformable: DeformableAssembly, displacements: tuple[FloatArray, ...]
+    deformable: System, displacements: tuple[FloatArray, ...]
 ) -> tuple[FloatArray, FloatArray]:
     """Pressures [MPa] and overclosures [mm] of matched facets, (n_facets, n_points) each."""
     state, shape = contact_state(deformable, displacements), deformable.surfaces.weights.shape

@@ -367,7 +367,7 @@ def plain_searched(problem: Problem) -> PlainState:
         moved = np.abs(state.displacement - before).max()
         if moved <= 1e-8 * np.abs(state.displacement).max():
             break
-        world: list[list[FloatArray]] = [[] for _ in deformable.model.groups]
+        world: list[list[FloatArray]] = [[] for _ in deformable.bodies]
         of_blocks = iter(displacements(problem, state))
         for group in deformable.group_of[deformable.group_of >= 0]:
             world[group].append(next(of_blocks))

@@ -30,10 +30,10 @@ from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from fem.system.body import placed_body
-from fem.system.build import DeformableAssembly
 from fem.system.forces import SmoothStepAmplitude
 from fem.system.model import Support, fixed_nodes
 from fem.system.state import corner_displacements
+from fem.system.system import System
 from geometry import Assembly, Block, LoadCase
 from geometry.families.round_bodies import quarter_disc, round_ended, strip
 
@@ -105,7 +105,7 @@ def _ellipse(share: np.ndarray) -> np.ndarray:
 class Bodies:
     """Two bodies that are pressed together, the lower one first."""
 
-    deformable: DeformableAssembly
+    deformable: System
     apart: float
     """Way that the upper base goes down [mm]."""
     edge: float
@@ -116,7 +116,7 @@ class Bodies:
     @property
     def modulus(self) -> float:
         """E* [MPa]."""
-        return effective_modulus(g.material.young_modulus for g in self.deformable.model.groups)
+        return effective_modulus(g.material.young_modulus for g in self.deformable.bodies)
 
 
 def _bodies(
@@ -150,10 +150,9 @@ def _bodies(
     ).deformable
     groups = tuple(
         placed_body(g.mesh, m, rotations=g.rotations, translations=g.translations, name=g.name)
-        for g, m in zip(found.model.groups, materials, strict=True)
+        for g, m in zip(found.bodies, materials, strict=True)
     )
-    found = replace(found, model=replace(found.model, groups=groups))
-    return Bodies(found, apart, edge, quarter)
+    return Bodies(replace(found, bodies=groups), apart, edge, quarter)
 
 
 def balls(cell: float, *, approach: float, young: float, stiffness: float) -> Bodies:
@@ -212,9 +211,8 @@ def _supports(bodies: Bodies, down: float, aside: float) -> tuple[Support, ...]:
     return tuple(found)
 
 
-def _moved(bodies: Bodies, down: float, aside: float = 0.0) -> DeformableAssembly:
-    model = replace(bodies.deformable.model, supports=_supports(bodies, down, aside))
-    return replace(bodies.deformable, model=model)
+def _moved(bodies: Bodies, down: float, aside: float = 0.0) -> System:
+    return replace(bodies.deformable, supports=_supports(bodies, down, aside))
 
 
 def pressed_together(bodies: Bodies) -> State:

@@ -141,7 +141,7 @@ def rows():
             row = {
                 "problem": name if share == 1.0 else "… half k",
                 "a / h": cells,
-                "nodes": bodies.deformable.model.n_nodes,
+                "nodes": bodies.deformable.n_nodes,
                 "a": off(found.found_a, found.a if found.force else 0.0),
                 "p0": off(found.found_p0, found.peak if found.force else 0.0),
                 "Q / μP": found.ratio or None,

@@ -121,7 +121,7 @@ def _own_displacement(solution: State, blocks: list[int]) -> float:
     for block in blocks:
         places.append(solution.deformable.positions(block) - assembly.origin)
         moves.append(solution.displacement_of(block))
-        masses.append(solution.deformable.group(block).lumped_mass)
+        masses.append(solution.deformable.body_of(block).lumped_mass)
     x, u, mass = np.concatenate(places), np.concatenate(moves), np.concatenate(masses)
     about: FloatArray = np.cross(assembly.axis, x)
     motions = np.stack([np.broadcast_to(assembly.axis, x.shape), about])

@@ -187,13 +187,13 @@ def _contact_search(scene: DeformableScene, solution: State) -> ContactSearch:
 def _title(name: str, scene: DeformableScene, solution: State) -> str:
     """Scene, load, method and mesh, for pictures."""
     d, each = solution.deformable, ""
-    solved = d.model.groups[0].mesh
+    solved = d.bodies[0].mesh
     degree = f" of degree {solved.degree}" if solved.degree > 1 else ""
     if isinstance(scene, RoundScene):
         count, what = d.assembly.n_layers, "layer"
-        elements, each = d.model.groups[0].mesh.n_elements, " per block"
+        elements, each = d.bodies[0].mesh.n_elements, " per block"
     else:
-        count, what, elements = len(d.deformable_blocks), "deformable block", d.model.n_elements
+        count, what, elements = len(d.deformable_blocks), "deformable block", d.n_elements
     part = f"{count} {what}{'s' if count > 1 else ''}"
     if d.assembly.image_of is not None:
         part = "periodic cell"
@@ -217,7 +217,7 @@ def _remarks(scene: DeformableScene, solution: State) -> dict[str, str]:
                 f"left out: blocks {assembly.named(bare[0][0])} and "
                 f"{assembly.named(bare[0][1])}{more} touch along an edge or at a point alone"
             )
-    groups = solution.deformable.model.groups
+    groups = solution.deformable.bodies
     bounded = groups[0].element in _MEAN_STRESS
     ratio = max(group.material.poisson_ratio for group in groups)
     if ratio >= NEARLY_INCOMPRESSIBLE and not bounded:

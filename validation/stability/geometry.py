@@ -115,8 +115,7 @@ def _solved(
     stated = deformable(
         alone, LoadCase(alone, "forces", (), alone.fixed), material=material, element=element
     )
-    model = replace(stated.model, supports=supports, loads=(nodal_load(0, force),))
-    return solve_static(replace(stated, model=model))
+    return solve_static(replace(stated, supports=supports, forces=(nodal_load(0, force),)))
 
 
 def _deflection(divisions: tuple[int, int, int], element: ElementType, ratio: float) -> float:

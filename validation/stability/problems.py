@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +12,7 @@ from fem.contact.surfaces import ContactNormals
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.problem import Problem
-from fem.system.body import placed_body
-from fem.system.build import DeformableAssembly
+from fem.system.system import System
 from geometry.assembly import Assembly
 from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import TSB1, SineBlockDivisions
@@ -52,11 +52,11 @@ def deformable(
     assembly: Assembly,
     load: LoadCase,
     *,
-    material: Material = COLUMN,
+    material: Material | Sequence[Material] = COLUMN,
     element: ElementType = ElementType.INCOMPATIBLE,
     law: ContactLaw | None = None,
     clearance: float = 0.0,
-) -> DeformableAssembly:
+) -> System:
     """Deformable blocks with reference normals, whose closed forms are exact."""
     return Problem(
         assembly,
@@ -68,30 +68,6 @@ def deformable(
         clearance=clearance,
         check_units=False,
     ).deformable
-
-
-def with_last_material(stated: DeformableAssembly, material: Material) -> DeformableAssembly:
-    """Give the last block of a column a material of its own.
-
-    Blocks of one shape share a group, so the last block becomes a group by itself.
-    """
-    last = stated.assembly.n_blocks - 1
-    (group,) = stated.model.groups
-    (load,) = stated.model.loads
-    first = replace(group, rotations=group.rotations[:-1], translations=group.translations[:-1])
-    own = placed_body(
-        group.mesh,
-        material,
-        element=group.element,
-        rotations=group.rotations[-1:],
-        translations=group.translations[-1:],
-        name=f"{group.name} above",
-    )
-    moved = replace(load, group=1, copies=np.zeros_like(load.copies))
-    group_of, copy_of = stated.group_of.copy(), stated.copy_of.copy()
-    group_of[last], copy_of[last] = 1, 0
-    model = replace(stated.model, groups=(first, own), loads=(moved,))
-    return replace(stated, model=model, group_of=group_of, copy_of=copy_of)
 
 
 def relative(value: FloatArray | float, expected: FloatArray | float) -> float:

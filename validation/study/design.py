@@ -162,7 +162,7 @@ def fem_results(case: Case) -> tuple[dict[str, Any], list[str]]:
     result |= {
         "residual": answer.details.residual,
         "energy_balance": answer.details.energy_balance,
-        "n_elements": answer.details.deformable.model.n_elements,
+        "n_elements": answer.details.deformable.n_elements,
         **_built(answer.report["dimensions"]),
     }
     remarks = [f"{', '.join(names)}: {remark}" for remark, names in named.items()]

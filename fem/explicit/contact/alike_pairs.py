@@ -18,8 +18,6 @@ import numpy as np
 
 from fem.element.facet import FACET_SLOPES, FACET_VALUES
 from fem.explicit.kernels.lanes import REGISTER_DOUBLES
-from fem.system.build import DeformableAssembly
-from fem.system.sector import NodeMap
 from fem.system.system import System
 from geometry.interface import SAME_PLACEMENT
 from geometry.mesh import FloatArray, IntArray
@@ -107,9 +105,9 @@ class _Pair:
         return near and float(np.abs(self.rotation - other.rotation).max()) <= SAME_PLACEMENT
 
 
-def _kind(deformable: DeformableAssembly, m: int, s: int) -> tuple[float, int]:
+def _kind(system: System, m: int, s: int) -> tuple[float, int]:
     """Coefficient of friction between two blocks, and the place of their law among all laws."""
-    contact, joint = deformable.contact, (np.array([m]), np.array([s]))
+    contact, joint = system.contact, (np.array([m]), np.array([s]))
     friction = 0.0 if contact.friction is None else contact.friction.on(*joint)
     return float(np.ravel(friction)[0]), contact.law.members.index(contact.law.on(*joint))
 
@@ -117,7 +115,6 @@ def _kind(deformable: DeformableAssembly, m: int, s: int) -> tuple[float, int]:
 def _seen(
     system: System,
     facets: IntArray,
-    placed: tuple[NodeMap, FloatArray, FloatArray],
     *,
     swapped: bool,
 ) -> _Pair:
@@ -126,19 +123,21 @@ def _seen(
     Contact favours neither side: with the blocks ``swapped`` it is the same, but seen from the
     other one corners run the other way round.
     """
-    deformable, points, (nodes, frames, origins) = system.deformable, system.points, placed
+    points, frames, origins = system.points, system.frames, system.origins
     corners = np.array([0, 3, 2, 1] if swapped else [0, 1, 2, 3])
     sides = [(points.block_m[facets], points.quads_m), (points.block_s[facets], points.quads_s)]
     sides = sides[::-1] if swapped else sides
     m, s = (int(blocks[0]) for blocks, _ in sides)
-    both = [nodes.of_facets(blocks, quads[facets][:, corners]) for blocks, quads in sides]
+    both = [
+        system.alike_nodes.of_facets(blocks, quads[facets][:, corners]) for blocks, quads in sides
+    ]
     turn = (both[0].argmin(axis=1)[:, None] + np.arange(4)) % 4
     quads = np.stack([np.take_along_axis(of, turn, axis=1) for of in both], axis=1)
     order = np.lexsort(quads[:, 0].T[::-1])
     facets, quads = facets[order], quads[order]
     share = np.broadcast_to(system.orbits.share, (points.n_facets, 1))[facets, 0]
-    shapes = (int(deformable.assembly.shape_of[b]) for b in (m, s))
-    groups = (int(deformable.group_of[b]) for b in (m, s))
+    shapes = (int(system.assembly.shape_of[b]) for b in (m, s))
+    groups = (int(system.group_of[b]) for b in (m, s))
     parts = (quads[:, 0].tobytes(), quads[:, 1].tobytes(), share.tobytes())
     return _Pair(
         blocks=(m, s),
@@ -146,7 +145,7 @@ def _seen(
         begins=corners[turn][order],
         quads=quads,
         share=share,
-        key=(*shapes, *groups, *_kind(deformable, m, s), *parts),
+        key=(*shapes, *groups, *_kind(system, m, s), *parts),
         rotation=frames[m].T @ frames[s],
         translation=frames[m].T @ (origins[s] - origins[m]),
     )
@@ -162,13 +161,11 @@ def alike_pairs(system: System, copy_of: IntArray) -> tuple[AlikePairs, ...]:
     copy_of
         Copy that carries the unknowns of each block, its representative's; (n_blocks,).
     """
-    deformable, orbits = system.deformable, system.orbits
-    placed = orbits.nodes(deformable), *orbits.places(deformable)
-    size = deformable.assembly.characteristic_length
+    size = system.assembly.characteristic_length
     result: dict[tuple[int | float | bytes, ...], list[list[_Pair]]] = {}
     for first, last in pairwise(system.points.pair_start.tolist()):
         facets = np.arange(first, last)
-        ways = (_seen(system, facets, placed, swapped=swapped) for swapped in (False, True))
+        ways = (_seen(system, facets, swapped=swapped) for swapped in (False, True))
         pair = min(ways, key=lambda way: way.key)
         alike = result.setdefault(pair.key, [])
         for others in alike:
@@ -177,10 +174,10 @@ def alike_pairs(system: System, copy_of: IntArray) -> tuple[AlikePairs, ...]:
                 break
         else:
             alike.append([pair])
-    return tuple(_join(deformable, pairs, copy_of) for alike in result.values() for pairs in alike)
+    return tuple(_join(system, pairs, copy_of) for alike in result.values() for pairs in alike)
 
 
-def _join(deformable: DeformableAssembly, pairs: list[_Pair], copy_of: IntArray) -> AlikePairs:
+def _join(system: System, pairs: list[_Pair], copy_of: IntArray) -> AlikePairs:
     """Gather alike pairs; the reference geometry is that of the first."""
     copies = np.maximum(copy_of[np.array([pair.blocks for pair in pairs])], 0)
     pairs = [pairs[k] for k in np.lexsort((copies[:, 1], copies[:, 0])).tolist()]
@@ -188,12 +185,12 @@ def _join(deformable: DeformableAssembly, pairs: list[_Pair], copy_of: IntArray)
     both = first.quads.transpose(0, 2, 1).reshape(-1, 2)
     nodes, corner = np.unique(both, axis=0, return_inverse=True)
     m, s = first.blocks
-    x_m = deformable.assembly.shape(m).mesh.nodes[nodes[:, 0]]
-    x_s = deformable.assembly.shape(s).mesh.nodes[nodes[:, 1]]
+    x_m = system.assembly.shape(m).mesh.nodes[nodes[:, 0]]
+    x_s = system.assembly.shape(s).mesh.nodes[nodes[:, 1]]
     x_s = x_s @ first.rotation.T + first.translation
     blocks = np.array([pair.blocks for pair in pairs], dtype=np.int64)
     return AlikePairs(
-        groups=(int(deformable.group_of[m]), int(deformable.group_of[s])),
+        groups=(int(system.group_of[m]), int(system.group_of[s])),
         copies=np.maximum(copy_of[blocks], 0),
         blocks=blocks,
         nodes=nodes.astype(np.int64),

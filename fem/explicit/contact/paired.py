@@ -197,7 +197,7 @@ def paired_frictions(
     slips
         Elastic slips of their points (`Interaction.contact`), (n, 2) [mm].
     """
-    friction, points = system.deformable.contact.friction, system.points
+    friction, points = system.contact.friction, system.points
     assert friction is not None
     assert isinstance(points, MatchedFacets)
     facets = np.concatenate([alike.facets.ravel() for alike in pairs])

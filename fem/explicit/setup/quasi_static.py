@@ -23,7 +23,6 @@ import scipy.linalg
 from fem.contact.surfaces import ContactError
 from fem.explicit.solve import RESIDUAL, Run
 from fem.system.body import Body, rigid_motions
-from fem.system.sector import local_loads
 from fem.system.system import System
 from geometry.mesh import FloatArray, IntArray
 
@@ -75,7 +74,7 @@ def block_frequencies(system: System, pressure: float) -> BlockFrequencies:
     motions, n = np.zeros((system.n_nodes + 1, 3, 6)), system.n_slots
     mass, stiffness = np.zeros((n, 6, 6)), np.zeros((n + 1, n + 1, 6, 6))
     for slot in range(n):
-        group, rows = system.group(slot), system.nodes_of(slot)
+        group, rows = system.body(slot), system.nodes_of(slot)
         motions[rows] = motions_about_centroid(group, group.mesh.nodes)
         mass[slot] = np.einsum("n,nij,nik->jk", group.lumped_mass, motions[rows], motions[rows])
         if group.springs is not None:
@@ -87,7 +86,7 @@ def block_frequencies(system: System, pressure: float) -> BlockFrequencies:
     np.add.at(load, block_of, np.einsum("nij,ni->nj", motions[:-1], _loads(system)))
     free = _free_motions(system, motions, block_of)
     if not free.shape[1]:  # blocks only deform between their supports
-        lowest = min(map(_bar_frequency, system.deformable.model.groups))
+        lowest = min(map(_bar_frequency, system.bodies))
         return BlockFrequencies(lowest, lowest)
     whole = stiffness[:-1, :-1].swapaxes(1, 2).reshape(6 * n, 6 * n)
     squares, modes = scipy.linalg.eigh(
@@ -105,8 +104,8 @@ def block_frequencies(system: System, pressure: float) -> BlockFrequencies:
 
 def _loads(system: System) -> FloatArray:
     """Loads without weight, block frames, (n_nodes, 3) [N]."""
-    whole, forces = system.deformable, local_loads(system.deformable)
-    where = zip(whole.group_of[system.blocks], whole.copy_of[system.blocks], strict=True)
+    forces = system.forces_in_frames(weight=False)
+    where = zip(system.group_of[system.blocks], system.copy_of[system.blocks], strict=True)
     return np.concatenate([forces[group][copy] for group, copy in where])
 
 
@@ -124,7 +123,7 @@ def _add_contact(
     nodes = motions[points.rows].reshape(-1, 2, per_side, 3, 6)
     gaps = np.einsum("fpbai,fbik,fbakj->fpbj", split, points.axes, nodes, optimize=True)
     sides = np.stack([system.slot_of[points.block_m], system.slot_of[points.block_s]], axis=1)
-    groups = map(system.group, range(system.n_slots))
+    groups = map(system.body, range(system.n_slots))
     yields = [_centre(group)[1] / group.material.young_modulus for group in groups]
     compliance = 1.0 / law.stiffness(law.overclosure(pressure))
     compliance = compliance + np.array([*yields, 0.0])[sides].sum(axis=1)
@@ -217,7 +216,7 @@ def recommended_times(system: System, *, damped: bool, closing: bool = False) ->
     frequencies = block_frequencies(system, REFERENCE_PRESSURE)
     period = 1.0 / frequencies.excited
     periods = _RAMP_PERIODS[damped]
-    if system.deformable.contact.friction is not None:
+    if system.contact.friction is not None:
         slow = _RAMP_PERIODS_CLOSING if closing else _RAMP_PERIODS_WITH_FRICTION
         periods = max(periods, slow)
     ramp = periods * period

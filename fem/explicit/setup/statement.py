@@ -26,15 +26,12 @@ from fem.explicit.setup.quasi_static import (
 from fem.explicit.solve import Run
 from fem.problem import Motion
 from fem.state import State
-from fem.system.build import ALL_THE_WAY, DeformableAssembly
 from fem.system.effects import EffectError, Effects
-from fem.system.forces import SmoothStepAmplitude, TabularAmplitude
+from fem.system.forces import ALL_THE_WAY, SmoothStepAmplitude, TabularAmplitude
 from fem.system.model import Amplitude, Model, NodalLoad, Support
 from fem.system.sector import (
-    Orbits,
     SymmetryError,
     largest_cyclic_orbits,
-    no_symmetry,
     require_sector,
     with_half_turn,
 )
@@ -42,7 +39,7 @@ from fem.system.state import (
     block_surfaces,
     searched_state,
 )
-from fem.system.system import System, free_motions, system_of
+from fem.system.system import Orbits, System, free_motions
 from fem.system.time_step import TimeStepError, scale_masses
 from geometry.mesh import FloatArray, IntArray
 
@@ -93,7 +90,7 @@ class ExplicitStatement:
 
         A run whose contact outgrows its time step starts again with it.
         """
-        law = self.system.deformable.contact.law
+        law = self.system.contact.law
         now = counted_stiffness(law, self.counted_pressure)
         for pressure in _COUNTED_PRESSURES:
             counted = counted_stiffness(law, pressure)
@@ -131,7 +128,7 @@ class ExplicitStatement:
 
     def _friction(self, displacements: tuple[FloatArray, ...], slips: FloatArray) -> FloatArray:
         """Of elastic slips on block s at all points, world axes, (n_facets, n_points, 3) [MPa]."""
-        contact, friction = self.contact, self.system.deformable.contact.friction
+        contact, friction = self.contact, self.system.contact.friction
         if isinstance(contact, FaceContact):
             moved = self._in_system(displacements)
             return paired_frictions(self.system, contact.pairs, moved, slips)
@@ -162,7 +159,7 @@ class ExplicitStatement:
     def _in_system(self, displacements: tuple[FloatArray, ...]) -> FloatArray:
         """Vectors of the nodes of the system, its motion as a whole included, (n_nodes, 3)."""
         result = np.empty((self.system.n_nodes, 3))
-        turns = self.system.deformable.assembly.rotations
+        turns = self.system.assembly.rotations
         for blocks, moved in zip(self.blocks, displacements, strict=True):
             for block, world in zip(blocks.tolist(), moved, strict=True):
                 slot = int(self.system.slot_of[block])
@@ -171,7 +168,7 @@ class ExplicitStatement:
 
 
 def explicit_statement(
-    deformable: DeformableAssembly,
+    deformable: System,
     *,
     effects: Effects | None = None,
     symmetry: Literal["auto", "none", "sector"] = "none",
@@ -214,15 +211,15 @@ def explicit_statement(
         If the model, a load or an option is not valid for an explicit run.
     """
     if mass_scaling is not None:
-        deformable = replace(deformable, model=scale_masses(deformable.model, mass_scaling))
-    orbits = _orbits(deformable, symmetry, motion)
+        deformable = replace(deformable, bodies=scale_masses(deformable.bodies, mass_scaling))
     # What presses before any load acts is counted too.
     before = -deformable.surfaces.clearance
     at_start = max(float(law.pressure(before)) for law in deformable.contact.law.members)
     counted_pressure = max(counted_pressure, 2.0 * at_start)
     effects = _with_gravity(effects, deformable.gravity)
-    system, blocks = system_of(deformable, orbits), _representatives(deformable, orbits)
-    contact = _contact(system, blocks, counted_pressure) if deformable.meets else None
+    system = deformable.in_sector(_orbits(deformable, symmetry, motion))
+    blocks = _representatives(system)
+    contact = _contact(system, blocks, counted_pressure) if system.meets else None
     if isinstance(contact, SlidingContact):
         system = system.on(contact.at_start)
     model = _representative_model(system, blocks, effects, contact)
@@ -245,13 +242,13 @@ def explicit_statement(
 
 
 def _orbits(
-    deformable: DeformableAssembly,
+    deformable: System,
     symmetry: Literal["auto", "none", "sector"],
     motion: Motion | None,
 ) -> Orbits:
     """Blocks that shape, loads, supports and motion at the start make equal."""
     if symmetry == "none" or not deformable.meets:
-        return no_symmetry(deformable)
+        return deformable.orbits
     moving = [] if motion is None else [motion.velocity, motion.angular_velocity]
     if any(np.abs(np.cross(deformable.assembly.axis, way)).max() > 0.0 for way in moving):
         if symmetry == "sector":
@@ -259,7 +256,7 @@ def _orbits(
                 'symmetry: got "sector", but blocks move across the axis at the start; expected '
                 '"auto" or "none"'
             )
-        return no_symmetry(deformable)
+        return deformable.orbits
     if symmetry == "sector":
         require_sector(deformable)
     orbits = largest_cyclic_orbits(deformable)
@@ -267,9 +264,9 @@ def _orbits(
     return with_half_turn(deformable, orbits) if half else orbits
 
 
-def _end_of_motion(deformable: DeformableAssembly, ramp: float) -> float:
+def _end_of_motion(deformable: System, ramp: float) -> float:
     """When supports that move have arrived [s]; 0 without any."""
-    moving = [s.amplitude for s in deformable.model.supports if s.displacement.any()]
+    moving = [s.amplitude for s in deformable.supports if s.displacement.any()]
     if ramp <= 0.0 and any(share is ALL_THE_WAY for share in moving):
         raise TimeStepError(
             "ramp_time: got 0 with a support that moves; expected the time of its smooth "
@@ -283,7 +280,7 @@ def _times(
     system: System, effects: Effects, ramp_time: float | None, end_time: float | None
 ) -> tuple[RecommendedTimes | None, float, float]:
     """Times that are recommended, where any are; ramp and end of the run [s]."""
-    deformable, points = system.deformable, system.points
+    deformable, points = system, system.points
     if not deformable.meets:
         if end_time is None:
             raise TimeStepError(
@@ -306,19 +303,19 @@ def _apart(system: System) -> bool:
     A clearance, a spacing or the placement of the blocks makes the gap. With a search, a free block
     that faces nothing is apart as well.
     """
-    deformable, points = system.deformable, system.points
+    points = system.points
     sides = np.stack([points.block_m, points.block_s], axis=1)
-    if deformable.contact.finite_sliding:
-        shapes = deformable.assembly.shapes
+    if system.contact.finite_sliding:
+        shapes = system.assembly.shapes
         can_touch = np.array([len(shape.contact_quads) > 0 for shape in shapes])
-        moving = system.blocks[can_touch[deformable.assembly.shape_of[system.blocks]]]
+        moving = system.blocks[can_touch[system.assembly.shape_of[system.blocks]]]
         if not np.isin(system.slot_of[moving], system.slot_of[sides]).all():
             return True
     closed = points.overclosures(np.zeros((*points.rows.shape, 3)))
     _, joint = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
     smallest = np.full(joint.max(initial=-1) + 1, np.inf)
     np.minimum.at(smallest, joint.ravel(), -closed.max(axis=1))
-    return bool((smallest > _APART * deformable.assembly.characteristic_length).any())
+    return bool((smallest > _APART * system.assembly.characteristic_length).any())
 
 
 def _with_gravity(effects: Effects | None, gravity: FloatArray | None) -> Effects:
@@ -341,16 +338,15 @@ def _representative_model(
     contact: FaceContact | SlidingContact | None,
 ) -> Model:
     """Model of representative blocks, without times."""
-    whole = system.deformable.model
-    copies = [system.deformable.copy_of[mine] for mine in blocks]
+    copies = [system.copy_of[mine] for mine in blocks]
     hold = cell_hold(system, blocks)
     return Model(
         groups=tuple(
             g.with_same_stiffness(rotations=g.rotations[k], translations=g.translations[k])
-            for g, k in zip(whole.groups, copies, strict=True)
+            for g, k in zip(system.bodies, copies, strict=True)
         ),
-        supports=tuple(_some(s, copies[s.group]) for s in whole.supports),
-        loads=tuple(_some(f, copies[f.group]) for f in whole.loads),
+        supports=tuple(_some(s, copies[s.group]) for s in system.supports),
+        loads=tuple(_some(f, copies[f.group]) for f in system.forces),
         effects=effects,
         interactions=tuple(i for i in (contact, hold) if i is not None),
     )
@@ -384,28 +380,29 @@ def _contact(
     system: System, blocks: tuple[IntArray, ...], counted_pressure: float
 ) -> FaceContact | SlidingContact:
     """Contact of the representatives: on matched facets, or where a search finds them."""
-    deformable, orbits = system.deformable, system.orbits
-    contact = deformable.contact
+    contact = system.contact
     sliding = contact.finite_sliding
     if sliding and contact.normals is ContactNormals.REFERENCE:
         raise ContactError(
             "normals: got reference normals with finite sliding, which an explicit run measures "
             "along current ones; expected ContactNormals.CURRENT, or a static run"
         )
-    copy = np.full(deformable.assembly.n_blocks, -1, dtype=np.int64)
+    copy = np.full(system.assembly.n_blocks, -1, dtype=np.int64)
     for mine in blocks:
         copy[mine] = np.arange(len(mine))
-    copy_of = copy[orbits.representative]
+    copy_of = copy[system.orbits.representative]
     common: dict[str, Any] = {
         "law": contact.law,
-        "clearance": deformable.surfaces.clearance,
+        "clearance": system.surfaces.clearance,
         "counted_stiffness": counted_stiffness(contact.law, counted_pressure),
         "friction": contact.friction,
     }
     if sliding:
-        surfaces = block_surfaces(deformable, orbits, copy_of)
-        areas = surface_areas(surfaces, tuple(g.n_nodes for g in deformable.model.groups))
-        return SlidingContact(surfaces=surfaces, areas=areas, symmetry=orbits.order, **common)
+        surfaces = block_surfaces(system, copy_of)
+        areas = surface_areas(surfaces, tuple(g.n_nodes for g in system.bodies))
+        return SlidingContact(
+            surfaces=surfaces, areas=areas, symmetry=system.orbits.order, **common
+        )
     return FaceContact(
         pairs=alike_pairs(system, copy_of),
         areas=_areas(system),
@@ -421,9 +418,9 @@ def _areas(system: System) -> tuple[FloatArray, ...]:
     moving = (system.slot_of[sides] >= 0).sum(axis=0)
     each = np.einsum("f,fp,fpa->fa", moving, points.weights, np.abs(points.functions))
     total: FloatArray = np.bincount(points.rows.ravel(), each.ravel(), system.n_nodes + 1)
-    areas = tuple(np.zeros(group.n_nodes) for group in system.deformable.model.groups)
-    for block in system.deformable.deformable_blocks.tolist():
-        largest = areas[system.deformable.group_of[block]]
+    areas = tuple(np.zeros(group.n_nodes) for group in system.bodies)
+    for block in system.deformable_blocks.tolist():
+        largest = areas[system.group_of[block]]
         np.maximum(largest, total[system.rows.of_block(block)], out=largest)
     return areas
 
@@ -443,13 +440,13 @@ def _counted(law: ContactLaw, pressure: float) -> float:
     return there if there < largest else TOUCHES * largest
 
 
-def _representatives(deformable: DeformableAssembly, orbits: Orbits) -> tuple[IntArray, ...]:
+def _representatives(system: System) -> tuple[IntArray, ...]:
     """Representative blocks of each group in the order of their copies.
 
     Blocks at the same place in every second layer follow each other: then so do the blocks
     they touch, and contact finds both in neighbouring lanes.
     """
-    assembly = deformable.assembly
+    assembly, representative = system.assembly, system.orbits.representative
     n = assembly.n_blocks
     by_layer = np.lexsort((np.arange(n), assembly.layer))
     place = np.empty(n, dtype=np.int64)
@@ -457,9 +454,9 @@ def _representatives(deformable: DeformableAssembly, orbits: Orbits) -> tuple[In
         assembly.layer[by_layer], assembly.layer[by_layer]
     )
     order = np.lexsort((assembly.layer, place, assembly.layer % 2))
-    stands = order[orbits.representative[order] == order]
-    groups = deformable.group_of[stands]
-    return tuple(stands[groups == g] for g in range(len(deformable.model.groups)))
+    stands = order[representative[order] == order]
+    groups = system.group_of[stands]
+    return tuple(stands[groups == g] for g in range(len(system.bodies)))
 
 
 def _new_numbers(copies: IntArray, kept: IntArray) -> tuple[IntArray, IntArray]:

@@ -87,7 +87,7 @@ class CondensedStep:
         contents: dict[int, bytes] = {}
         slots: dict[bytes, list[int]] = {}
         for slot in range(system.n_slots):
-            group = system.group(slot)
+            group = system.body(slot)
             mine = self._held_rows(slot)
             key = contents.setdefault(id(group), content_of(group))
             for array in (
@@ -142,8 +142,8 @@ class CondensedStep:
         """
         system = self._system
         if isinstance(system.points, SearchedPoints):
-            shape = system.deformable.assembly.shape(int(system.blocks[slots[0]]))
-            met = [system.group(slots[0]).mesh.facet_nodes(shape.contact_quads).ravel()]
+            shape = system.assembly.shape(int(system.blocks[slots[0]]))
+            met = [system.body(slots[0]).mesh.facet_nodes(shape.contact_quads).ravel()]
         else:
             touched = np.unique(system.points.rows)
             ends = np.searchsorted(touched, system.node_start)
@@ -153,11 +153,11 @@ class CondensedStep:
         return np.unique(np.concatenate([*met, held])).astype(np.int64)
 
     def _make_flexibility(self, slot: int, retained: IntArray) -> Flexibility:
-        condensed = condense(self._system.group(slot), retained)
+        condensed = condense(self._system.body(slot), retained)
         rows = condensed.degrees_of_freedom + 3 * int(self._system.node_start[slot])
         held = self._held_rows(slot).any()
         axes = csr_array(self._transform[rows][:, rows]) if held else None
-        return flexibility_of(self._system.group(slot), condensed, axes, self._is_free[rows])
+        return flexibility_of(self._system.body(slot), condensed, axes, self._is_free[rows])
 
     def _reduce_loads(self) -> None:
         """Loads on the retained variables of every slot, and what recovers the others."""
@@ -573,7 +573,7 @@ def levels_of(system: System) -> IntArray:
     s = system.slot_of[surfaces.block_s[first]]
     both = (m >= 0) & (s >= 0)
     m, s = m[both], s[both]
-    layer = system.deformable.assembly.layer[system.blocks]
+    layer = system.assembly.layer[system.blocks]
     layer = np.unique(layer, return_inverse=True)[1]
     if not len(m) or np.abs(layer[m] - layer[s]).max() <= 1:
         return np.asarray(layer, dtype=np.int64)

@@ -35,7 +35,6 @@ from fem.static.linear_step.grid_block import GridBlock, PointFlexibility, grid_
 from fem.static.linear_step.linearisation import Linearisation, UnheldBlocksError
 from fem.static.result import StaticError
 from fem.static.turning import Turned, TurningNormals
-from fem.system.build import DeformableAssembly
 from fem.system.system import NodalInverse, System, at_share
 from geometry.mesh import BoolArray, FloatArray, IntArray
 
@@ -49,21 +48,21 @@ _LEAST_STIFFNESS = 1e-12
 _SAME_POINT = 1e-7
 
 
-def grid_blocks(deformable: DeformableAssembly) -> tuple[GridBlock, ...] | None:
+def grid_blocks(deformable: System) -> tuple[GridBlock, ...] | None:
     """Structured blocks of all groups; None where this step does not take the problem.
 
     It takes frictionless contact of one law between matched facets, of blocks without supports of
     their own.
     """
-    contact, model = deformable.contact, deformable.model
-    if contact.friction is not None or contact.finite_sliding or model.supports:
+    contact = deformable.contact
+    if contact.friction is not None or contact.finite_sliding or deformable.supports:
         return None
     if len(contact.law.members) > 1:
         return None
     if not deformable.meets or deformable.assembly.image_of is not None:
         return None
     result = []
-    for number, group in enumerate(model.groups):
+    for number, group in enumerate(deformable.bodies):
         block = int(np.flatnonzero(deformable.group_of == number)[0])
         quads = _touching_quads(deformable, number)
         shape = deformable.assembly.shape(block)
@@ -74,7 +73,7 @@ def grid_blocks(deformable: DeformableAssembly) -> tuple[GridBlock, ...] | None:
     return tuple(result)
 
 
-def _touching_quads(deformable: DeformableAssembly, number: int) -> IntArray:
+def _touching_quads(deformable: System, number: int) -> IntArray:
     """Nodes of the facets on which copies of a group are in contact, (n, n_nodes of a facet)."""
     surfaces, of = deformable.surfaces, deformable.group_of
     mine = [
@@ -117,7 +116,7 @@ class GridStep:
         self, system: System, grids: tuple[GridBlock, ...], start: FloatArray | None = None
     ) -> None:
         self._system = system
-        self._grids = [grids[int(system.deformable.group_of[block])] for block in system.blocks]
+        self._grids = [grids[int(system.group_of[block])] for block in system.blocks]
         self._place_points()
         self._softest, asked = 0.0, np.ones(self._n, dtype=np.bool_)
         if start is not None:
@@ -302,7 +301,7 @@ class GridStep:
 
     def _presses(self, slope: FloatArray) -> BoolArray:
         """Points that are not open, by the slopes of their pressures, (n,)."""
-        law = self._system.deformable.contact.law
+        law = self._system.contact.law
         result: BoolArray = slope > _LEAST_STIFFNESS * law.touching_stiffness
         return result
 
@@ -459,7 +458,7 @@ class GridStep:
                 return at_end - at_begin
         result, system = np.empty_like(displacement), self._system
         for slot in range(system.n_slots):
-            nodes, block = system.nodes_of(slot), system.group(slot)
+            nodes, block = system.nodes_of(slot), system.body(slot)
             result[nodes] = block.internal_force(displacement[nodes][None])[0]
         self._known.append((displacement, result))
         return result

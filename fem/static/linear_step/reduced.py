@@ -92,11 +92,11 @@ def _touched(system: System) -> list[tuple[Body, IntArray, int]]:
     """Groups, nodes of points and supports of any of their blocks, and number of these."""
     touched = np.unique(np.append(system.points.rows, system.held.nodes))
     ends = np.searchsorted(touched, system.node_start)
-    groups = {id(group): group for group in map(system.group, range(system.n_slots))}
+    groups = {id(group): group for group in map(system.body, range(system.n_slots))}
     nodes: dict[int, list[IntArray]] = {key: [] for key in groups}
     for slot in range(system.n_slots):
         own = touched[ends[slot] : ends[slot + 1]] - system.node_start[slot]
-        nodes[id(system.group(slot))].append(own)
+        nodes[id(system.body(slot))].append(own)
     return [
         (group, np.unique(np.concatenate(nodes[key])).astype(np.int64), len(nodes[key]))
         for key, group in groups.items()
@@ -106,4 +106,4 @@ def _touched(system: System) -> list[tuple[Body, IntArray, int]]:
 def _condensed(system: System, store: FlexibilityStore) -> list[CondensedBlock]:
     """Blocks of all slots on the nodes of points and supports of any congruent one."""
     done = {id(group): store.condensed(group, nodes) for group, nodes, _ in _touched(system)}
-    return [done[id(system.group(slot))] for slot in range(system.n_slots)]
+    return [done[id(system.body(slot))] for slot in range(system.n_slots)]

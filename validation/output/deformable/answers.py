@@ -154,14 +154,14 @@ def run_table(answer: Answer) -> RowTable:
             beside.append(Row("force residual", f"{details.residual:.2e}", details.residual))
     beside += parts("notes")
     deformable = details.deformable
-    count, model = len(deformable.deformable_blocks), deformable.model
+    count = len(deformable.deformable_blocks)
     computed = [
         *dimension_rows(answer.report["dimensions"], answer.case.scene.limits),
         Row("assumptions", "; ".join(answer.report["assumptions"])),
-        Row("method, element", f"{answer.method}, {model.groups[0].element.words}"),
+        Row("method, element", f"{answer.method}, {deformable.bodies[0].element.words}"),
         Row(
             "blocks, elements, nodes",
-            f"{count} deformable, {model.n_elements}, {model.n_nodes}",
+            f"{count} deformable, {deformable.n_elements}, {deformable.n_nodes}",
         ),
         *parts("meshes"),
         cpu_row(answer.report["cpu_seconds"]),
@@ -267,7 +267,7 @@ def _explicit_rows(answer: Answer, result: Run) -> list[Row]:
         )
         rows.append(Row("restarts", words))
     if answer.case.scene.fem.mass_scaling is not None:
-        share = added_mass_share(stated.model)
+        share = added_mass_share(stated.model.groups)
         words = f"{100 * share:.3g} % more mass; the static state does not depend on it"
         rows.append(Row("mass scaling", words, share))
     rate = result.element_updates_per_cpu_second

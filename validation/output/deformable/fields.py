@@ -20,7 +20,7 @@ from fem.stresses.recovery import (
     recover,
 )
 from fem.system.body import Body
-from fem.system.build import DeformableAssembly
+from fem.system.system import System
 from geometry.files.mesh_io import write_hex_mesh, write_lagrange_cells
 from geometry.machine.system import write_whole
 from geometry.mesh import FloatArray, HexMesh
@@ -118,7 +118,7 @@ def write_solution(found: State, path: Path) -> None:
     """Write the fields of a solution as cells of the degree of its elements."""
     write_fields(
         path,
-        found.deformable.model.groups,
+        found.deformable.bodies,
         found.displacements,
         finite_rotation=found.finite_rotation,
         recovered=found.recovered,
@@ -138,11 +138,11 @@ def point_data(groups: Sequence[Body], recovered: Sequence[Recovered]) -> dict[s
     }
 
 
-def element_owners(deformable: DeformableAssembly) -> dict[str, NDArray[np.int32]]:
+def element_owners(deformable: System) -> dict[str, NDArray[np.int32]]:
     """Block, its layer and its group of each element of `groups_mesh`, (n_elements,)."""
     block: list[NDArray[np.int32]] = []
     group_of: list[NDArray[np.int32]] = []
-    for number, group in enumerate(deformable.model.groups):
+    for number, group in enumerate(deformable.bodies):
         own = np.flatnonzero(deformable.group_of == number)
         copies = np.full(group.n_copies, -1)
         # Images of a block stand for the copy of their original: the first named is itself.

@@ -98,9 +98,7 @@ def _facet_pressures(deck: Deck, printed: CalculixResult) -> tuple[IntArray, Flo
 
 def _averaged_tension(deck: Deck, printed: CalculixResult) -> float:
     deformable, first = deck.problem.deformable, deck.first_node
-    groups = [
-        np.zeros((group.n_copies, group.mesh.n_nodes, 3)) for group in deformable.model.groups
-    ]
+    groups = [np.zeros((group.n_copies, group.mesh.n_nodes, 3)) for group in deformable.bodies]
     for block in deformable.deformable_blocks.tolist():
         own = printed.displacements[first[block] : first[block + 1]]
         groups[deformable.group_of[block]][deformable.copy_of[block]] = own

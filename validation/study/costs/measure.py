@@ -185,5 +185,5 @@ def _numbers(answer: Answer) -> tuple[dict[str, float], dict[str, Any]]:
     kept = ("status", "n_steps", "time_step", "time", "newton_iterations", "residual", "symmetry")
     reported = {key: answer.report.get(key) for key in kept}
     details = {key: value for key, value in reported.items() if value is not None}
-    elements = answer.details.deformable.model.groups[0].mesh.n_elements
+    elements = answer.details.deformable.bodies[0].mesh.n_elements
     return scalars, details | {"elements_per_block": elements}

@@ -15,8 +15,8 @@ from fem.accuracy.converge import MOST_SECONDS, why_not_refined
 from fem.accuracy.ladder import LADDER, on_rung
 from fem.element.hexahedron import ElementType
 from fem.static.linear_step.grid import grid_blocks
-from fem.system.build import DeformableAssembly
 from fem.system.sector import largest_cyclic_orbits
+from fem.system.system import System
 from geometry.machine.work import SECONDS, Operation
 from mbd.options import Norm
 from validation.build.cell import refuse_cell
@@ -177,7 +177,7 @@ def _why_no_ladder(name: str, scene: AssemblyScene) -> str | None:
     return None
 
 
-def _work(deformable: DeformableAssembly) -> float:
+def _work(deformable: System) -> float:
     """Work of the contact of a sector before it is solved: dense matrices of each layer."""
     surfaces, layer = deformable.surfaces, deformable.assembly.layer
     low = np.minimum(layer[surfaces.block_m], layer[surfaces.block_s])
