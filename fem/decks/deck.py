@@ -173,6 +173,12 @@ class Deck:
         )
 
     @property
+    def stays_paired(self) -> bool:
+        """Whether facets that match press on each other without friction, and slide little."""
+        slides = self.problem.finite_sliding or self.searched
+        return self.meets and not slides and self.problem.coulomb is None
+
+    @property
     def on_faces(self) -> bool:
         """Whether CalculiX can press on faces: laws that are linear, without a clearance."""
         linear = all(isinstance(law, LinearPenalty) for law in self.problem.contact_law.members)

@@ -188,3 +188,16 @@ class _PatchRegister:
 
     def of_shape(self) -> tuple[tuple[Patch, ...], ...]:
         return tuple(tuple(known.values()) for known in self._known)
+
+
+def half_facet_angle(shape: Block, face: str) -> float:
+    """Half the largest angle between normals of facets that share an edge [rad]."""
+    surface = shape.surface(face)
+    edges = np.sort(np.concatenate([surface.quads[:, [i, (i + 1) % 4]] for i in range(4)]), axis=1)
+    owner = np.tile(np.arange(surface.n_facets), 4)
+    _, which, count = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(which.ravel(), kind="stable")
+    start = np.concatenate([[0], np.cumsum(count)])[:-1][count == 2]
+    first, second = owner[order[start]], owner[order[start + 1]]
+    cosine = np.einsum("ij,ij->i", surface.normals[first], surface.normals[second])
+    return float(0.5 * np.arccos(np.clip(cosine, -1.0, 1.0)).max(initial=0.0))

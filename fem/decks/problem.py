@@ -11,6 +11,7 @@ import numpy as np
 
 from fem.decks.calculix import check_calculix
 from fem.decks.deck import Deck, Flavour
+from fem.decks.faces import half_facet_angle
 from fem.decks.keywords import DeckError, safe_names
 from fem.decks.laws import law_notes
 from fem.decks.loads import check_loads
@@ -321,9 +322,12 @@ def _contact_notes(deck: Deck) -> list[str]:
             "contact: the law is a table of 200 points, linear between them and above 10 MPa"
             + (", moved by the clearance" if problem.clearance else ""),
             "contact: no spring where surfaces are apart by more than 1e-3 sqrt(area of a node)",
-            "contact: NODE TO SURFACE; the normal at a node is that of one facet of the other "
-            "surface",
-            "contact: nodes that slide over a rim by more than 1e-3 sqrt(area of a node) are lost",
+            "contact: NODE TO SURFACE; pressure acts at nodes, and joints of n facets across "
+            "resist opening 1 + 2/n^2 times as much; it acts along the normal of one facet, off by "
+            f"half the angle between facets, here {_largest_angle(deck):.2g} rad: both fall with "
+            "the mesh",
+            "contact: nodes that slid over a rim by more than 1e-3 sqrt(area of a node) are lost "
+            "in the next increment" + ("; this step has one" if deck.stays_paired else ""),
         ]
         if deck.searched:
             notes.append(
@@ -336,6 +340,12 @@ def _contact_notes(deck: Deck) -> list[str]:
             "their gaps: nothing holds them before they touch"
         )
     return notes
+
+
+def _largest_angle(deck: Deck) -> float:
+    """Half the largest angle between facets of a contact face that share an edge [rad]."""
+    faces = ((shape, face) for shape in deck.assembly.shapes for face in shape.contact_faces)
+    return max((half_facet_angle(*face) for face in faces), default=0.0)
 
 
 def _support_notes(deck: Deck) -> list[str]:

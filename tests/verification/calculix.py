@@ -18,6 +18,7 @@ import numpy as np
 
 from fem import ElementType, Explicit, ExponentialLaw, Problem, concrete
 from fem.decks.deck import Deck, Flavour
+from fem.decks.faces import half_facet_angle
 from fem.decks.problem import problem_deck
 from fem.decks.write import write_deck
 from fem.explicit.solve import solve
@@ -173,19 +174,6 @@ def slave_force(deck: Deck, result: CalculixResult, face: str, block: int) -> fl
     np.add.at(area, surface.quads.ravel(), np.repeat(surface.areas / 4.0, 4))
     first = sum(deck.assembly.shape(b).mesh.n_nodes for b in range(block))
     return float((result.pressures * area[result.slave_nodes - first]).sum())
-
-
-def half_facet_angle(shape: Block, face: str) -> float:
-    """Half the largest angle between normals of facets that share an edge [rad]."""
-    surface = shape.surface(face)
-    edges = np.sort(np.concatenate([surface.quads[:, [i, (i + 1) % 4]] for i in range(4)]), axis=1)
-    owner = np.tile(np.arange(surface.n_facets), 4)
-    _, which, count = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
-    order = np.argsort(which.ravel(), kind="stable")
-    start = np.concatenate([[0], np.cumsum(count)])[:-1][count == 2]
-    first, second = owner[order[start]], owner[order[start + 1]]
-    cosine = np.einsum("ij,ij->i", surface.normals[first], surface.normals[second])
-    return float(0.5 * np.arccos(np.clip(cosine, -1.0, 1.0)).max())
 
 
 def _row(
