@@ -109,6 +109,12 @@ def test_the_page_of_own_blocks(tmp_path) -> None:
     assert stated["combinations"] == {"light": {"weight": 0.5}, "heavy": {"weight": 2.0}}
 
 
+def test_numbers_without_error_bars_say_what_ended_the_refinement() -> None:
+    result = report_scene(load_case("tsb1-pipe", {"assembly.layers": 1, "fem.max_work": 0.15}))
+    words = {verdict.question: verdict.words for verdict in result.verdicts}["How sure is it?"]
+    assert words.startswith("no error bars: the refinement was ended by the limit of work")
+
+
 def test_an_answer_that_is_missing_says_why(tmp_path) -> None:
     # One cube that nothing holds: rigid blocks have an answer, deformable ones none.
     (tmp_path / "cubes.obj").write_text(CUBES)

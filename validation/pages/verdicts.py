@@ -134,7 +134,10 @@ def _how_sure(fem: Answer | None) -> Verdict:
     if fem.details.large_motion is not None:
         lines.append("Motions are large, but counted as small: see the table.")
     if not any(measure.error is not None for measure in measures.values()):
-        words, tone = "no error bars: the scene sets one mesh without an estimate", BAD
+        why = "the scene sets one mesh without an estimate"
+        if isinstance(accuracy, Accuracy):
+            why = f"the refinement was ended by {accuracy.ended_by}"
+        words, tone = f"no error bars: {why}", BAD
     else:
         named = [measures[name] for name in _SHOWN if name in measures]
         sure = sum(measure.is_number for measure in named)
