@@ -158,7 +158,7 @@ def test_a_load_case_is_one_record(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(CASES, "stripes", stripes)
     small = ["mesh.around=12", "mesh.radial=1", "mesh.axial=2", "assembly.layers=1"]
     file = load_case("tsb1-pipe", ["load.case=stripes", *small])
-    (load,) = problem_deck(file.problem, Flavour.GENERAL).loads
+    (load,) = problem_deck(file.problem, Flavour.GENERAL).problem.load_case.faces
     assert isinstance(load, PressureLoad)
     assert load.blocks.tolist() == [4, 6]
     assert (load.face, load.pressure) == ("inner", 0.01)
