@@ -95,7 +95,7 @@ def test_without_pressure_the_anchor_follows():
     ("mu", "stiffness"), [(0.0, 1.0), (-0.1, 1.0), (0.1, np.inf), (30.0, 1.0), (np.nan, 1.0)]
 )
 def test_unusable_constants_are_refused(mu, stiffness):
-    with pytest.raises(FrictionError, match=r"effects\.friction"):
+    with pytest.raises(FrictionError, match=r"^(coefficient|stick_stiffness): got"):
         CoulombFriction(mu, stiffness)
 
 

@@ -56,7 +56,7 @@ def test_tubes(changed: dict[str, Any], words: str) -> None:
 
 @pytest.mark.parametrize("pressure", ["0.01", None, True, [0.01], float("nan")])
 def test_loads(pressure: Any) -> None:
-    with pytest.raises(RefusedError, match=r"load\.pressure: got .* a finite number of MPa"):
+    with pytest.raises(RefusedError, match=r"^pressure: got .* a finite number of MPa"):
         pipe(pressure)
 
 
@@ -128,7 +128,12 @@ def test_solvers(solve: Any) -> None:
     ("kind", "right", "name", "words"),
     [
         (Material, {"density": 2.4e-9, "young_modulus": 3e4, "poisson_ratio": 0.2}, None, ""),
-        (CoulombFriction, {"coefficient": 0.3, "stick_stiffness": 50.0}, None, "effects.friction."),
+        (
+            CoulombFriction,
+            {"coefficient": 0.3, "stick_stiffness": 50.0},
+            None,
+            "(coefficient|stick_stiffness): ",
+        ),
         (LinearPenalty, {"stiffness_per_area": 1e3}, None, "contact.stiffness"),
         (ExponentialLaw, {"clearance_at_zero_pressure": 1e-3}, None, "contact."),
         (StaticOptions, {"tolerance": 1e-8}, None, "fem.tolerance"),

@@ -158,7 +158,7 @@ def test_rows_of_a_wall_are_checked() -> None:
         wall_of_rows((400.0, 200.0, 175.0), [[1, 1], [1, 0.5]])
     with pytest.raises(AssemblyError, match="no width of zero"):
         wall_of_rows((400.0, 200.0, 175.0), [[1, 0, 1], [1, 1]])
-    with pytest.raises(AssemblyError, match=r"block\.size"):
+    with pytest.raises(AssemblyError, match=r"^size: got"):
         wall_of_rows((400.0, -1.0, 175.0), [[1]])
     bonded = RunningBondWall((400.0, 200.0, 175.0), 3, 2).build()
     same = wall_of_rows((400.0, 200.0, 175.0), [[1, 1, 1], [0.5, 1, 1, 0.5]])
