@@ -64,7 +64,7 @@ class NoContactError(RefusedError):
     """Contact of single bodies, which have none."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Evidence:
     """How a static state was found."""
 
@@ -85,7 +85,7 @@ class Evidence:
     cpu_seconds: Mapping[str, float] = field(default_factory=dict)
     """CPU time: setup, newton, total [s]."""
     path: tuple[State, ...] = ()
-    """States at the points of the path, this one last."""
+    """States at the points of the path before this one."""
     coarser: State | None = None
     """State by half as many load steps, where friction made the way to the load count and both
     were compared."""
@@ -131,7 +131,7 @@ class State(ReadOnlyArrays):
     load steps too much, by about a tenth with four."""
     finite_rotation: bool = False
     """Whether the rigid rotation of each block is no strain."""
-    evidence: Evidence = Evidence()
+    evidence: Evidence = field(default_factory=Evidence)
     """How a static state was found."""
     run: Run | None = None
     """The explicit run that ended here; None for a static state."""
@@ -404,7 +404,8 @@ class State(ReadOnlyArrays):
         """Force against displacement of each support that moves step by step."""
         if self.run is not None:
             return () if self.system.orbits.copies > 1 else self.run.pushed
-        steps = {s.time: s.support_forces for s in self.evidence.path if s.time is not None}
+        path = (*self.evidence.path, self)
+        steps = {s.time: s.support_forces for s in path if s.time is not None}
         if not steps or self.evidence.curves:
             return self.evidence.curves
         return push_curves(self.deformable.supports, tuple(steps.items()))

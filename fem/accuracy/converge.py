@@ -396,7 +396,8 @@ def _state(
         if stated.friction is None:
             start = move(coarse.displacements)
         else:
-            known = tuple((s.load_factor, move(s.displacements)) for s in coarse.evidence.path)
+            path = (*coarse.evidence.path, coarse)
+            known = tuple((one.load_factor, move(one.displacements)) for one in path)
             halved = max(options.load_steps, coarse.evidence.load_steps // 2)
             options = replace(options, load_steps=halved)
     state = static_state(

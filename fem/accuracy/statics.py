@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fem.accuracy.converge import (
     MOST_SECONDS,
     AccuracyError,
+    Converged,
     Progress,
     bars_under,
     check_refinable,
@@ -38,13 +39,16 @@ from fem.static.solve import StaticOptions
 from fem.static.solve import solve_static as solve_blocks
 from fem.system.sector import require_sector
 from geometry.answer import Answer, Lazy, Measure
+from geometry.assembly import Assembly
 from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
 from geometry.machine.system import one_thread_of_blas
 from geometry.machine.work import LIMITS, Budget, LimitError, budget, clock, unlimited
+from geometry.mesh import FloatArray
 from geometry.parts.rows import Notes, Part, Row
 
 if TYPE_CHECKING:
+    from fem.accuracy.strength import Bars
     from fem.explicit.solve import Frame
 
 #: Part of the work that the range of friction and load factors keep.
@@ -118,10 +122,9 @@ def solve_static(
         follower = _Follower(watch, progress or (lambda _: None), on_frame)
         work = most_work(problem, method, finer=finer)
         with budget(work, memory=method.max_memory) as spent:
-            if finer:
-                answer = _converged(problem, method, otherwise, follower, work)
-            else:
-                answer = _on_one_mesh(problem, method, store, follower)
+            answer = _answer(
+                problem, method, store, follower, sought=otherwise, work=work, finer=finer
+            )
         return answer.beside({"work": spent}, {})
 
 
@@ -152,132 +155,137 @@ class _Follower:
     on_frame: Callable[[Frame], None] | None
 
 
-def _converged(
-    problem: Problem,
-    method: Static,
-    otherwise: Mapping[str, float] | None,
-    follower: _Follower,
-    work: float | None,
-) -> Answer:
-    """Answer on finer and finer meshes."""
-    options, watch = static_options(problem, method), follower.watch
-    ends = clock(method.max_seconds)
-    kept = _AFTER * (_has_strengths(problem) or is_a_set(problem))
-    share = None if work is None else work * (1.0 - kept)
-    with _floating_named(problem, options), budget(share):
-        result = converge(
-            problem,
-            None if method.accuracy is None else checked_targets(method.accuracy),
-            otherwise=otherwise,
-            options=options,
-            max_seconds=method.max_seconds,
-            progress=follower.tell,
-        )
-    watch.lap("solve")
-    solved, meshes, parts = result.solved, result.meshes.meshes, result.parts
-    _write_frames(method.frames, solved.state, options, follower)
-    known = {mesh_of(on_rung(problem, mesh.rung)): mesh.values for mesh in meshes}
-    rungs = [mesh.rung for mesh in meshes]
-    with budget(ends=clock(0.0) if result.accuracy.stopped_by == "interrupt" else ends):
-        parts |= _friction_range(problem, solved.state, options, follower, known, refined=True)
-        factors = dict[str, Measure]()
-        if _has_strengths(problem):
-            factors = _load_factors(
-                solved.state,
-                result.measures,
-                options,
-                lambda factor, _: bars_under(problem, rungs, options, factor),
-                follower,
-            )
-    with unlimited():
-        return answer_of(
-            solved.state,
-            result.errors,
-            facets=solved.facets,
-            remarks=result.remarks,
-            factors=factors,
-            problem=problem,
-            parts=parts,
-            beside={"degree": meshes[-1].rung.degree, "cpu_seconds": watch.seconds()},
-        )
+@dataclass(frozen=True)
+class _Bars:
+    """How good a state is, and what tells it."""
+
+    errors: Mapping[str, float]
+    """Of each measure, in its unit."""
+    under: Bars
+    """The same under a factor times the loads."""
+    known: Mapping[str, Mapping[str, float]]
+    """Measures on the meshes that were solved, by `mesh_of`."""
+    parts: dict[str, Part]
+    """Of the answer."""
+    facets: tuple[Assembly, FloatArray] | None = None
+    remarks: Mapping[str, str] = field(default_factory=dict)
+    beside: Mapping[str, Any] = field(default_factory=dict)
 
 
-def _on_one_mesh(
+def _answer(
     problem: Problem,
     method: Static,
     store: FlexibilityStore | None,
     follower: _Follower,
+    *,
+    sought: Mapping[str, float] | None,
+    work: float | None,
+    finer: bool,
 ) -> Answer:
-    """Answer on the mesh of the problem."""
-    tell, watch = follower.tell, follower.watch
-    tell("static state")
-    options = static_options(problem, method)
-    with _floating_named(problem, options), budget() as spent:
-        state = _state(problem, options, store)
+    """Answer on finer and finer meshes, or on that of the problem with others for its errors."""
+    options, watch, tell = static_options(problem, method), follower.watch, follower.tell
+    ends, result = clock(method.max_seconds), None
+    strong = problem.after is None and _has_strengths(problem)
+    share = None
+    if finer and work is not None:
+        share = work * (1.0 - _AFTER * (strong or is_a_set(problem)))
+    with _floating_named(problem, options), budget(share) as spent:
+        if finer:
+            result = converge(
+                problem,
+                None if method.accuracy is None else checked_targets(method.accuracy),
+                otherwise=sought,
+                options=options,
+                max_seconds=method.max_seconds,
+                progress=tell,
+            )
+            state = result.solved.state
+        else:
+            tell("static state")
+            state = _state(problem, options, store)
     watch.lap("solve")
     _write_frames(method.frames, state, options, follower)
-    parts, errors, factors = dict[str, Part](), dict[str, float](), dict[str, Measure]()
-    most = MOST_SECONDS if method.max_work is None else None
-    solved = {mesh_of(problem): state}
+    if result is None:
+        limit = budget(MOST_SECONDS if method.max_work is None else None, clock(method.max_seconds))
+    else:
+        limit = budget(ends=clock(0.0) if result.accuracy.stopped_by == "interrupt" else ends)
+    with limit as left:
+        if result is None:
+            bars = _of_coarser(problem, method, options, state, follower, work=(spent, left))
+        else:
+            bars = _of_meshes(problem, options, result)
+        parts, factors = bars.parts, dict[str, Measure]()
+        if bars.known and is_a_set(problem):
+            from fem.accuracy.friction_range import friction_set
+
+            tell("how wide the set of answers with friction is")
+            known = bars.known
+            parts["friction"] = friction_set(problem, state, options, refined=finer, known=known)
+            watch.lap("range of friction")
+        if strong:
+            from fem.accuracy.strength import strength_factors
+
+            tell("load factors")
+            shown = measures_of(state, bars.errors, facets=bars.facets, remarks=bars.remarks)
+            factors = strength_factors(state, shown, options, bars.under)
+            watch.lap("load factors")
+    with unlimited():
+        return answer_of(
+            state,
+            bars.errors,
+            facets=bars.facets,
+            remarks=bars.remarks,
+            factors=factors,
+            problem=problem,
+            parts=parts,
+            beside={**bars.beside, "cpu_seconds": watch.seconds()},
+        )
+
+
+def _of_meshes(problem: Problem, options: StaticOptions, result: Converged) -> _Bars:
+    """Bars of the last of finer and finer meshes."""
+    meshes = result.meshes.meshes
+    rungs = [mesh.rung for mesh in meshes]
+    return _Bars(
+        errors=result.errors,
+        under=lambda factor, _: bars_under(problem, rungs, options, factor),
+        known={mesh_of(on_rung(problem, mesh.rung)): mesh.values for mesh in meshes},
+        parts=result.parts,
+        facets=result.solved.facets,
+        remarks=result.remarks,
+        beside={"degree": rungs[-1].degree},
+    )
+
+
+def _of_coarser(
+    problem: Problem,
+    method: Static,
+    options: StaticOptions,
+    state: State,
+    follower: _Follower,
+    *,
+    work: tuple[Budget, Budget],
+) -> _Bars:
+    """Bars of the mesh of the problem: none of a problem after another, nor where not asked for.
+
+    ``work`` is what the state took, and what may be done now.
+    """
+    (spent, left), parts, errors = work, dict[str, Part](), dict[str, float]()
+    solved = dict[Any, State]()
 
     def solve(other: Problem) -> State:
         solved[mesh_of(other)] = _state(other, options)
         return solved[mesh_of(other)]
 
-    with budget(most, clock(method.max_seconds)) as beside:
-        if method.error_estimate and problem.after is None:
-            tell("coarser meshes, for the errors")
-            errors = static_errors(problem, state, solve, spent)
-            if beside.stopped_by and not errors:
-                parts["notes"] = Notes([Row("error bars", f"none: {LIMITS[beside.stopped_by]}")])
-            watch.lap("error bars")
-            known = Lazy({m: partial(values_of, state) for m, state in solved.items()})
-            parts |= _friction_range(problem, state, options, follower, known, refined=False)
-        if problem.after is None and _has_strengths(problem):
-            under = partial(_errors_under, problem, options, spent)
-            measures = measures_of(state, errors)
-            factors = _load_factors(state, measures, options, under, follower)
-    seconds = {"cpu_seconds": watch.seconds()}
-    with unlimited():
-        return answer_of(
-            state, errors, factors=factors, problem=problem, parts=parts, beside=seconds
-        )
-
-
-def _friction_range(
-    problem: Problem,
-    state: State,
-    options: StaticOptions,
-    follower: _Follower,
-    known: Mapping[str, Mapping[str, float]],
-    *,
-    refined: bool,
-) -> dict[str, Part]:
-    """How wide the set of answers is, where they are one."""
-    if not is_a_set(problem):
-        return {}
-    from fem.accuracy.friction_range import friction_set
-
-    follower.tell("how wide the set of answers with friction is")
-    result = friction_set(problem, state, options, refined=refined, known=known)
-    follower.watch.lap("range of friction")
-    return {"friction": result}
-
-
-def _load_factors(
-    state: State,
-    measures: Mapping[str, Measure],
-    options: StaticOptions,
-    under: Callable[[float, State], Mapping[str, float]],
-    follower: _Follower,
-) -> dict[str, Measure]:
-    """Load factors at which stresses are strengths: see `fem.accuracy.strength`."""
-    from fem.accuracy.strength import strength_factors
-
-    follower.tell("load factors")
-    factors = strength_factors(state, measures, options, under)
-    follower.watch.lap("load factors")
-    return factors
+    if method.error_estimate and problem.after is None:
+        solved[mesh_of(problem)] = state
+        follower.tell("coarser meshes, for the errors")
+        errors = static_errors(problem, state, solve, spent)
+        if left.stopped_by and not errors:
+            parts["notes"] = Notes([Row("error bars", f"none: {LIMITS[left.stopped_by]}")])
+        follower.watch.lap("error bars")
+    known = Lazy({mesh: partial(values_of, one) for mesh, one in solved.items()})
+    return _Bars(errors, partial(_errors_under, problem, options, spent), known, parts)
 
 
 def _has_strengths(problem: Problem) -> bool:
@@ -429,7 +437,7 @@ def _write_frames(
         in_parts = replace(options, load_steps=parts, load_tolerance=None)
         turning = state.finite_rotation
         again = static_state(state.deformable, in_parts, finite_rotation=turning)
-        path = [*again.evidence.path[:-1], state]
+        path = [*again.evidence.path, state]
     for frame in _frames(count, path):
         on_frame(frame)
     follower.watch.lap("frames")

@@ -107,7 +107,8 @@ def _through(stages: Sequence[System], options: StaticOptions, store: Flexibilit
     first = tuple(system.expand(moved))
     curves = tuple(_curve(one, first, whole) for one in moving_supports(stages[-1].supports))
     state = with_evidence(found, options, (clock, ready))
-    return replace(state, evidence=replace(state.evidence, curves=curves))
+    state.evidence.curves = curves
+    return state
 
 
 def _force(state: State) -> FloatArray:

@@ -10,7 +10,6 @@ sixteen equal ones did. Twice as many parts show the error of the first half (st
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -90,4 +89,5 @@ def refined(solve: Callable[[int], State], parts: int, tolerance: float) -> Stat
         return fine
     if not fine.converged:
         return known
-    return replace(fine, evidence=replace(fine.evidence, coarser=known))
+    fine.evidence.coarser = known
+    return fine

@@ -51,7 +51,7 @@ from fem.system.sector import (
 )
 from fem.system.state import facing_points
 from fem.system.system import Orbits, System
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray
 
 __all__ = ["StaticMethod", "StaticOptions", "solve_static"]
 
@@ -126,7 +126,9 @@ def solve_static(
         if result is None or not result.converged:
             result = solve(None, store)
         if result.converged:
-            near.update({one.load_factor: one.displacements for one in result.evidence.path})
+            near.update(
+                {one.load_factor: one.displacements for one in (*result.evidence.path, result)}
+            )
         return result
 
     return refined(in_parts, options.load_steps, change)
@@ -175,23 +177,21 @@ def with_evidence(found: list[State], options: StaticOptions, clocks: tuple[floa
 
     ``clocks`` are the CPU times at which the run and its path began [s].
     """
-    state, (clock, ready) = found[-1], clocks
-    system, deformable = state.system, state.deformable
-    require_near(system, state.displacement)
-    loose = np.zeros(0, dtype=np.int64)
-    if deformable.contact.friction is None:
-        at_points = state.displacements, state.pressures, state.points
-        loose = loose_blocks(deformable, *at_points, state.representative)
-    end = time.process_time()
+    *path, last = found
+    (clock, ready), end = clocks, time.process_time()
+    require_near(last.system, last.displacement)
     evidence = replace(
-        state.evidence,
-        status=_status(state, options, loose),
-        loose_blocks=loose,
+        last.evidence,
         load_steps=options.load_steps,
         cpu_seconds={"setup": ready - clock, "newton": end - ready, "total": end - clock},
-        path=tuple(found),
+        path=tuple(path),
     )
-    return replace(state, evidence=evidence)
+    state = replace(last, evidence=evidence)
+    if state.deformable.contact.friction is None:
+        at_points = state.displacements, state.pressures, state.points
+        evidence.loose_blocks = loose_blocks(state.deformable, *at_points, state.representative)
+    evidence.status = _status(state, options)
+    return state
 
 
 def beginning(
@@ -313,8 +313,9 @@ def _ways(state: State) -> str:
     return ", ".join(f"{curve.name} by {curve.displacements[-1]:.4g} mm" for curve in curves)
 
 
-def _status(state: State, options: StaticOptions, loose: IntArray) -> str:
+def _status(state: State, options: StaticOptions) -> str:
     evidence, saddles = state.evidence, state.evidence.saddles
+    loose = evidence.loose_blocks
     count, residual = len(evidence.residuals), evidence.residual
     names = ", ".join(str(b) for b in loose[:8]) + (", …" if len(loose) > 8 else "")
     unheld = f"; no contact holds blocks {names} in every direction" if len(loose) else ""

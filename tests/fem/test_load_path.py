@@ -67,7 +67,7 @@ def test_states_that_are_nearly_known_are_no_history():
     model = pipe(friction=CoulombFriction(0.3))
     options = replace(TIGHT, load_tolerance=LOAD_TOLERANCE)
     direct = solve_static(model, options)
-    path = direct.evidence.path
+    path = (*direct.evidence.path, direct)
     near = tuple((one.load_factor, tuple(1.1 * u for u in one.displacements)) for one in path)
     found = solve_static(model, options, known=near)
     assert near
