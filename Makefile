@@ -34,7 +34,7 @@ demo: setup
 	$(BIN)/tubelock export tsb1-pipe --set assembly.layers=2 --flavour calculix --output $(OUT)/tsb1-pipe.inp
 
 test: setup
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+	$(BIN)/python -m pytest -n 2 --dist worksteal --durations 40 --durations-min 3
 
 # Quick tests with the lowest versions that pyproject.toml allows. Their environment stays in the
 # user's cache until pyproject.toml changes.

@@ -38,7 +38,8 @@ PUSH = {"load.forces": [{"block": 0, "force": [0.0, 0.0, -10.0]}]}
 #: Scenes of more than 3 CPU s.
 EXPENSIVE = {
     "rigid": {"pushed-panel", "tetrahedra"},
-    "static": MOVED - {"shifted-boxes"} | {"pushed-panel", "versatile", "versatile-panel"},
+    "static": MOVED - {"shifted-boxes"}
+    | {"octahedra", "pushed-panel", "versatile", "versatile-panel"},
     "explicit": {"arch", "brick-stack", "cattaneo-mindlin", "hertz-ball", "hertz-roller"},
 }
 CASES = [
@@ -227,7 +228,7 @@ def write_plate(folder: Path, angle: float, size: float) -> tuple[Path, float]:
 
 
 @pytest.mark.parametrize(
-    ("angle", "size", "degree"), [(0.0, 79.4, 1), (20.0, 79.4, 1), (20.0, 50.0, 1), (0.0, 79.4, 2)]
+    ("angle", "size", "degree"), [(0.0, 79.4, 1), (20.0, 79.4, 1), (20.0, 50.0, 1), (0.0, 120.0, 2)]
 )
 def test_a_joint_carries_the_weight_of_the_block_on_it(
     tmp_path: Path, angle: float, size: float, degree: int

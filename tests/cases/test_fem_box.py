@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 from pathlib import Path
 
@@ -166,7 +165,7 @@ def test_interrupted_and_continued_run_ends_in_the_same_bits(tubelock, monkeypat
     def impatient(_):
         def show(sample) -> None:
             if sample.step > 300:
-                os.kill(os.getpid(), signal.SIGINT)
+                signal.raise_signal(signal.SIGINT)
 
         return show
 

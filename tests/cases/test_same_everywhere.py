@@ -12,8 +12,11 @@ from threadpoolctl import threadpool_limits
 from validation import load_case, solve, sweep
 
 CASES: dict[str, tuple[str, str, dict[str, Any]]] = {
-    "refined tube": ("tsb1-pipe", "static", {"assembly.layers": 1}),
-    "gap": ("tsb1-tunnel", "static", {"assembly.layers": 1, "contact.clearance": 0.05}),
+    "refined tube with a gap": (
+        "tsb1-tunnel",
+        "static",
+        {"assembly.layers": 1, "contact.clearance": 0.05},
+    ),
     "rigid ranges": ("octahedra", "rigid", {"rigid.ranges": True, "effects.friction": 0.4}),
 }
 

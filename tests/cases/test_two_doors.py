@@ -38,6 +38,7 @@ FEWER: dict[str, dict[str, Any]] = {
     "cattaneo": {"mesh.elements": 2},
     "cantilever": {"mesh.divisions": [8, 2, 2]},
     "arch": {"assembly.voussoirs": 10},
+    "brick-stack": {"mesh.divisions": [2, 1, 1], "assembly.columns": 2, "assembly.layers": 1},
     "wall-with-roller": {},
     "wall": {"assembly.rows": 2, "assembly.columns": 2},
     "tetrahedra": {"assembly.rows": 3, "assembly.columns": 3},
@@ -49,16 +50,17 @@ FEWER: dict[str, dict[str, Any]] = {
 SAME = 1e-6
 
 #: Deformable blocks that are not refined here: solved on the mesh of the scene, without error bars.
-UNREFINED = ("cubes", "versatile-panel", "wall", "wall-with-roller")
-#: Deformable blocks that take 10 CPU s to minutes on their coarsest meshes: left out.
-DEAR = (
-    *("cattaneo-mindlin", "hertz-ball", "hertz-roller", "octahedra", "pushed-panel"),
-    "versatile",
+UNREFINED = ("cubes", "wall", "wall-with-roller")
+#: Deformable blocks that take 5 CPU s to minutes on their coarsest meshes, and the second of two
+#: tubes of one family: left out.
+LEFT_OUT = (
+    *("cattaneo-mindlin", "hertz-ball", "hertz-roller", "octahedra", "pushed-panel", "thb0-pillar"),
+    *("tsb2", "versatile"),
 )
 
 
 def deformable() -> list[str]:
-    return [name for name in builtin_names() if name not in DEAR]
+    return [name for name in builtin_names() if not name.startswith(LEFT_OUT)]
 
 
 def fewer(name: str) -> dict[str, Any]:
@@ -99,8 +101,10 @@ def _data(name: str, solved: Callable[[], Answer]) -> dict[str, Any]:
 
 
 def agree(one: dict[str, Any], other: dict[str, Any]) -> None:
-    for key in ("rejected", "mechanism"):
-        assert one.get(key) == other.get(key)
+    # A command names the key of a scene; what a problem is refused for is a field of its own.
+    assert (answer := one.get("rejected", "")).endswith(line := other.get("rejected", ""))
+    assert bool(answer) is bool(line)
+    assert one.get("mechanism") == other.get("mechanism")
     measures, expected = (answer.get("measures", {}) for answer in (one, other))
     assert list(measures) == list(expected)
     sizes: dict[str, float] = {}
@@ -142,8 +146,13 @@ def test_deformable_answers_of_command_and_python_are_one(name: str) -> None:
         {"effects.friction.coefficient": 0.3, "fem.load_steps": 1},
         {"fem.accuracy.u": 0.2, "fem.symmetry": "none", "material.tensile_strength": 3.0},
         {"effects.friction": 0.3, "fem.mesh": "scene", "contact.clearance": 0.001},
-        {"fem.method": "explicit"},
-        {"fem.method": "explicit", "effects.friction": 0.3, "fem.symmetry": "none"},
+        {"fem.method": "explicit", "fem.end_time": 0.001},
+        {
+            "fem.method": "explicit",
+            "effects.friction": 0.3,
+            "fem.symmetry": "none",
+            "fem.end_time": 0.001,
+        },
         {"fem.method": "explicit", "fem.damping": "paper", "fem.end_time": 0.002},
     ],
     ids=" ".join,
@@ -226,10 +235,10 @@ def drawn(rng: np.random.Generator) -> tuple[str, dict[str, Any]]:
 
 def test_random_scenes_have_one_rigid_answer() -> None:
     rng, answered = np.random.default_rng(48), 0
-    for _ in range(100):
+    for _ in range(35):
         name, settings = drawn(rng)
         one = printed("mbd", name, settings)
         agree(one, given("rigid", name, settings))
         agree(one, below(name, settings))
         answered += "rejected" not in one
-    assert answered >= 50
+    assert answered >= 18

@@ -55,7 +55,7 @@ def changed(name: str, path: tuple[str, ...], value: Any) -> dict[str, Any]:
     return data
 
 
-@settings(max_examples=1200, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=500, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(place=st.sampled_from(PLACES), value=VALUES)
 def test_every_value_of_every_key_is_read_or_refused_in_one_line(
     place: tuple[str, tuple[str, ...]], value: Any

@@ -72,7 +72,7 @@ def test_explicit_runs_say_once_how_many_steps_they_take(followed, clock) -> Non
     assert line.startswith("arch: 200000 steps of 1e-07 s, about 33 min; Ctrl-C stops it")
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("undrawn", "small_meshes")
 def test_a_pipe_gets_plain_lines_of_long_runs_alone(tubelock, monkeypatch) -> None:
     # Nothing is timed: a run is long from its first moment, or never.
     for short, lines in ((1e9, 0), (0.0, 1)):

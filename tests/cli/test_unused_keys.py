@@ -85,7 +85,7 @@ def swept(tubelock, key: str, values: list[float]) -> tuple[int, str, str]:
     Path("study.toml").write_text(
         f'scene = "tsb1-pipe"\nquantity = "rigid"\n[parameters]\n"{key}" = {values}\n'
     )
-    return tubelock("sweep", "study.toml", *words, "-o", "a.jsonl")
+    return tubelock("sweep", "study.toml", *words, "-o", "a.jsonl", "--workers", "1")
 
 
 @pytest.mark.parametrize(

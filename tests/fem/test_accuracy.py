@@ -113,15 +113,16 @@ def test_error_bars_cover_nine_of_ten_errors() -> None:
     """Three tubes on the first rungs, judged by values of meshes of many times the unknowns.
 
     From the third mesh on: before it no bar is believed. Stresses at edges have one from the fourth
-    mesh of their ladder on, which one of the tubes climbs. A rung of two ladders is solved once.
+    mesh of their ladder on. One of the tubes climbs so far, and the ladders of many unknowns. A
+    rung of two ladders is solved once.
     """
     missed, judged = [], 0
     for name in ("tsb1-pipe", "tsb2-pipe", "tsb1-tunnel"):
         tube = stated(name, "assembly.layers=2")
         known = references()[f"{name}, assembly.layers = 2"]
-        last = 4 if name == "tsb1-pipe" else 3
-        climbs = ((LADDER, LEAST_MESHES, last), (PRESSURES, LEAST_MESHES, 3), (DEGREES, 4, 4))
-        climbs += ((PEAKS, LEAST_MESHES, last),)
+        first = name == "tsb1-pipe"
+        climbs = ((LADDER, LEAST_MESHES, 4 if first else 3), (PRESSURES, LEAST_MESHES, 3))
+        climbs += ((DEGREES, 4, 4), (PEAKS, LEAST_MESHES, 3)) if first else ()
         rungs = dict.fromkeys(rung for ladder, _, n in climbs for rung in ladder[:n])
         by_rung = dict(zip(rungs, climbed(tube, rungs), strict=True))
         for ladder, first, n in climbs:
@@ -137,7 +138,7 @@ def test_error_bars_cover_nine_of_ten_errors() -> None:
                     error = abs(found[k - 1][key].value - reference.value)
                     if error > bars[key] + reference.uncertainty:
                         missed.append((name, k, key))
-    assert judged >= 45  # of 67: stresses at edges, and what one mesh alone resolves, have no bar
+    assert judged >= 45  # stresses at edges, and what one mesh alone resolves, have no bar
     assert len(missed) <= judged // 10, missed
 
 
@@ -241,18 +242,16 @@ def test_an_accuracy_that_is_not_reached_is_told_and_has_a_status_of_its_own(tub
 
 
 def test_printed_seconds_include_the_range_of_friction(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a clock that stands still but there."""
+    clock = [0.0]
+
     def width(*_: object, **__: object) -> FrictionSet:
-        end = time.process_time() + 0.1
-        while time.process_time() < end:
-            pass
+        clock[0] += 1000.0
         return FrictionSet("loaded straight up", {}, {}, "")
 
+    monkeypatch.setattr(time, "process_time", lambda: clock[0])
     monkeypatch.setattr(friction_range, "friction_set", width)
     case = column(0.5).changed({"effects.friction.coefficient": 0.5})
     with small_meshes(1):
-        start = time.process_time()
         seconds = solve(case).report["cpu_seconds"]
-        spent = time.process_time() - start
-    assert seconds["range of friction"] >= 0.1
-    # Outside the stages hardly anything is computed.
-    assert spent - 0.25 < seconds["total"] <= spent
+    assert seconds["range of friction"] == seconds["total"] == 1000.0

@@ -1,6 +1,5 @@
 """The run around the step: input, stops, frames, checkpoints."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -63,7 +62,7 @@ def test_adaptive_damping_arrives_at_the_static_state(n_copies):
 def interrupting(step: int):
     def progress(told) -> None:
         if told.step >= step:
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
 
     return progress
 

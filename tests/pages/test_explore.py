@@ -265,7 +265,7 @@ def test_ctrl_c_ends_the_server_without_a_word_of_python() -> None:
     assert process.stdout is not None
     assert "http://127.0.0.1:" in process.stdout.readline()
     process.send_signal(signal.SIGINT)
-    words, errors = process.communicate(timeout=120)
+    words, errors = process.communicate()
     assert (process.returncode, words, errors) == (0, "stopped\n", "")
 
 
@@ -311,6 +311,7 @@ def test_a_slider_moves_the_number_and_the_picture(tmp_path) -> None:
         await page.wait(
             f"document.body.dataset.number > {after} && document.body.dataset.fine === 'true'"
         )
+        await page.evaluate("document.getElementById('picture').decode()")
 
     async def visit() -> None:
         async with served(tube()) as address, Page(tmp_path / "browser", 1400, 900) as page:

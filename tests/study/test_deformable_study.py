@@ -6,8 +6,6 @@ import csv
 from importlib import resources
 from pathlib import Path
 
-import pytest
-
 from validation import read_rows
 from validation.study.run import run_design
 from validation.study.study import load_study
@@ -26,19 +24,16 @@ def test_rows_are_those_of_the_study() -> None:
     assert ROWS.stat().st_size <= 200_000
 
 
-@pytest.mark.parametrize(("frequency", "thickness"), [(1.0, 40.0), (1.5, 60.0)])
-def test_designs_computed_again_agree_within_their_error_bars(
-    frequency: float, thickness: float
-) -> None:
+def test_a_design_computed_again_agrees_within_its_error_bars() -> None:
     """The solver of today gives what is stored: a change of it that matters is seen here.
 
-    They are among the cheapest designs of two thicknesses and frequencies.
+    It is one of the cheapest designs.
     """
     design = {
         "block.shift": 0.0,
-        "block.frequency": frequency,
+        "block.frequency": 1.0,
         "block.blocks_per_layer": 3,
-        "block.thickness": thickness,
+        "block.thickness": 40.0,
         "block.amplitude": 15.0,
     }
     (stored,) = (row for row in read_rows(ROWS) if design.items() <= row.items())

@@ -8,13 +8,20 @@ import shutil
 import subprocess
 import time
 import urllib.request
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+
+from tests.support.pixels import open_pixels
 
 #: Debian calls it chromium, others chromium-browser or google-chrome.
 BROWSER = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
 )
+#: When to give up waiting for what never comes [s]: no machine is that slow.
+PATIENCE = 300.0
 
 
 class Page:
@@ -45,7 +52,7 @@ class Page:
             stderr=subprocess.DEVNULL,
         )
         port_file = self.folder / "DevToolsActivePort"
-        end = time.monotonic() + 60
+        end = time.monotonic() + PATIENCE
         while not (port_file.exists() and port_file.read_text().strip()):
             assert time.monotonic() < end, "the browser did not start"
             assert self._process.poll() is None, "the browser ended at once"
@@ -70,7 +77,7 @@ class Page:
     async def __aexit__(self, *_: object) -> None:
         self._socket.close()
         self._process.terminate()
-        self._process.wait(20)
+        self._process.wait(PATIENCE)
 
     async def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Send a command and wait for its answer; notes errors of the page on the way."""
@@ -80,7 +87,7 @@ class Page:
             json.dumps({"id": number, "method": method, "params": parameters})
         )
         while True:
-            message = await asyncio.wait_for(self._socket.read_message(), 120)
+            message = await asyncio.wait_for(self._socket.read_message(), PATIENCE)
             data = json.loads(message)
             self._note(data)
             if data.get("id") == number:
@@ -114,9 +121,9 @@ class Page:
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
 
-    async def wait(self, condition: str, seconds: float = 120) -> None:
+    async def wait(self, condition: str) -> None:
         """Wait until a JavaScript condition holds."""
-        end = time.monotonic() + seconds
+        end = time.monotonic() + PATIENCE
         while not await self.evaluate(f"Boolean({condition})"):
             assert time.monotonic() < end, f"never became true: {condition}"
             await asyncio.sleep(0.2)
@@ -127,3 +134,11 @@ class Page:
 
         answer = await self.call("Page.captureScreenshot", captureBeyondViewport=whole)
         return base64.b64decode(answer["data"])
+
+    async def pixels(self, hold: Callable[[np.ndarray], bool]) -> np.ndarray:
+        """RGB (height, width, 3) of the window when a condition on them holds."""
+        end = time.monotonic() + PATIENCE
+        while not hold(pixels := open_pixels(await self.screenshot())):
+            assert time.monotonic() < end, "the window was never drawn as expected"
+            await asyncio.sleep(0.2)
+        return pixels

@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from tests.verification import (
+    accuracy,
     calculix,
     changed_decks,
     deck_dialects,
@@ -33,7 +34,6 @@ from tests.verification import (
     folder,
     lmgc90,
     macneal_harder,
-    test_accuracy,
     test_friction,
     test_hertz,
     test_masonry,
@@ -48,7 +48,7 @@ TABLES: dict[str, tuple[str, Callable[[], Iterable[Row]]]] = {
     "calculix": ("CalculiX against tubelock", calculix.rows),
     "hertz": ("Hertz and Cattaneo–Mindlin: off the closed form [%]", test_hertz.rows),
     "friction": ("Friction: static against explicit", test_friction.rows),
-    "accuracy": ("An accuracy on demand, start of the program included", test_accuracy.rows),
+    "accuracy": ("An accuracy on demand, start of the program included", accuracy.rows),
     "changed-decks": ("Random changes of a deck, judged by CalculiX", changed_decks.rows),
     "deck-dialects": ("Decks in fifty ways, beside CalculiX", deck_dialects.rows),
     "macneal-harder": ("Beams of MacNeal and Harder over theory", macneal_harder.beams),

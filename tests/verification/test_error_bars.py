@@ -1,4 +1,4 @@
-"""Rules for error bars, and that they hold on two cheap problems of the twenty."""
+"""Rules for error bars, and that they hold on a cheap problem of the twenty."""
 
 from __future__ import annotations
 
@@ -38,11 +38,8 @@ from geometry import Answer, Assembly, Measure, SineBlock, pipe, shaft, tube
 from geometry.answer import WIDEST
 from tests.verification import error_bars
 from tests.verification.concentric import Shells
-from tests.verification.error_problems import FINER_THAN, NEAR, Case, cases
+from tests.verification.error_problems import Case, cases
 from validation import load_case
-
-NAMES = ("tube 5: weight", "heavy boxes")
-
 
 #: A pressure beside what is tested.
 PRESSED = {"p_eff": Measure(1.0, "MPa")}
@@ -177,18 +174,13 @@ def test_no_reference_is_a_mesh_of_the_answer() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
-def test_bars_hold_on_cheap_problems(name: str) -> None:
-    """Nine of ten printed bars hold the value of a finer mesh, or the closed form.
+def test_bars_hold_on_a_cheap_problem() -> None:
+    """Nine of ten printed bars hold the closed form.
 
     One of ten may fail: that is the promise of an error bar, which is an estimate.
     """
-    case = _case(name)
-    kept = {"meshes": default_answer(name).report["meshes"]}
-    if case.reference != "closed form":
-        # Finer than the answer in every direction, a quarter of the work of the mesh of the table.
-        assert len(kept["meshes"]) <= FINER_THAN[NEAR][0]
-        kept["finer"] = error_bars.on_one_mesh(case.problem(), NEAR)
+    case = _case("heavy boxes")
+    kept = {"meshes": default_answer(case.name).report["meshes"]}
     judged = [row for row in error_bars.judged(case, kept) if not row["printed"]]
     assert len(judged) >= 4
     missed = [row for row in judged if not row["holds"]]

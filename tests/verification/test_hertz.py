@@ -97,22 +97,6 @@ def test_a_roller_and_its_order():
     assert errors[1] < (2.0 / 3.0 + 0.1) * errors[0]
 
 
-def test_a_roller_pushed_aside_sticks_in_the_middle():
-    """From a state that was pressed together: forces were balanced before the support moved, which
-    is no equilibrium yet."""
-    cells = 1.5 * ROLLER_MESHES[0]
-    _, found = slip_case(cells)
-    assert 0.3 < found.ratio < 0.7
-    assert found.found_c == pytest.approx(found.c, rel=bound(cells))
-    assert found.field_error < bound(cells)
-
-
-def test_two_balls():
-    """A quarter of two equal balls."""
-    cells = BALL_MESHES[0]
-    check(ball_case(cells, 4.0)[1], cells)
-
-
 # ---------------------------------------------------------------------------------------------
 # The table
 
