@@ -22,7 +22,7 @@ COARSE = Rung(2, 6, 1, 2, 1.0, 1.0)
 def hidden(problem: Problem) -> tuple[float, float]:
     """What is hidden and the largest pressure on a coarse mesh [MPa]."""
     (found,) = climbed(problem, [COARSE])
-    return hidden_between_nodes(found.solution)["p_max_point"], found.measures["p_max_point"].value
+    return hidden_between_nodes(found.state)["p_max_point"], found.measures["p_max_point"].value
 
 
 def pressed_tube(size: float, softer: float = 1.0) -> Problem:
