@@ -115,7 +115,7 @@ def test_interrupted_tube_continues_to_the_same_bits(tubelock, monkeypatch) -> N
 
     with monkeypatch.context() as patch:
         patch.setattr("validation.output.progress.explicit_progress", impatient)
-        status, said, _ = tubelock(*arguments, "-o", "cut")
+        status, _, said = tubelock(*arguments, "-o", "cut")
     assert status == 130
     assert "continue with --resume cut/checkpoint.npz" in said
     assert tubelock(*arguments, "-o", "cut", "--resume", "cut/checkpoint.npz")[0] == 0
