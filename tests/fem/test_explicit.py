@@ -231,7 +231,7 @@ def test_reported_rates_and_memory():
         ({"safety_factor": 0.0}, "safety_factor"),
         ({"safety_factor": 1.2}, "safety_factor"),
         ({"time_step": 1.0}, "critical time step"),
-        ({"time_step": 0.0}, "fem.time_step"),
+        ({"time_step": 0.0}, "^time_step"),
         ({"threads": 0}, "threads"),
         ({"sample_interval": 0}, "sample_interval"),
     ],
