@@ -45,6 +45,9 @@ from geometry.mesh import FloatArray
 _FIRST_HOLDING = 0.25
 #: Holding springs shrink by this factor from iteration to iteration …
 _FADING = 0.1
+#: … after steps that go this share of the way to the linear solution at least, and grow again
+#: where they do not go its square …
+_SHORT_STEP = 0.1
 #: … down to this share of the first ones: motions that no contact resists stay determined, and
 #: others do not notice.
 _LEAST_HOLDING = 1e-6
@@ -260,7 +263,7 @@ def _moved(
         displacement=displacement,
         gaps=gaps,
         at=at,
-        holding=max(_FADING * state.holding, _LEAST_HOLDING * state.first_holding),
+        holding=_next_holding(state, share),
         coarse_iterations=state.coarse_iterations - 1,
     )
     residual = _residual(problem, state)
@@ -269,6 +272,13 @@ def _moved(
         residuals=(*state.residuals, residual),
         converged=residual <= problem.tolerance,
     )
+
+
+def _next_holding(state: Iterate, share: float) -> float:
+    """Holding springs of the next iteration [N/mm]: weaker after a long step, else as they were."""
+    factor = _FADING if share > _SHORT_STEP else 1.0 if share > _SHORT_STEP**2 else 1.0 / _FADING
+    least, most = _LEAST_HOLDING * state.first_holding, max(state.first_holding, state.holding)
+    return min(max(factor * state.holding, least), most)
 
 
 def _after_full_step(
