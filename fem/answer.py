@@ -256,9 +256,10 @@ def _static_report(state: State) -> dict[str, Any]:
 
 def _explicit_report(state: State) -> dict[str, Any]:
     """Report of an explicit run."""
-    run, stated = state.run, state.statement
-    if run is None or stated is None:
+    run = state.run
+    if run is None:
         return {}
+    stated = run.stated
     energies, n_bytes = run.energies, run.state_bytes + run.constant_bytes
     data: dict[str, Any] = {
         "status": str(run.status),
@@ -274,8 +275,8 @@ def _explicit_report(state: State) -> dict[str, Any]:
         | {"viscous_dissipation": energies.viscous_dissipation, "total": energies.total},
         "energy_balance": run.energy_balance,
         "element_updates_per_cpu_second": run.element_updates_per_cpu_second,
-        "added_mass": added_mass_share(stated.model.groups),
-        "bytes_per_node": n_bytes / stated.model.n_nodes,
+        "added_mass": added_mass_share(stated.bodies),
+        "bytes_per_node": n_bytes / stated.system.n_nodes,
         "cpu_seconds": {"loop": run.cpu_seconds},
     }
     return data | _quasi_static_report(state)
@@ -283,15 +284,15 @@ def _explicit_report(state: State) -> dict[str, Any]:
 
 def _quasi_static_report(state: State) -> dict[str, Any]:
     """How static the end is, where a static state is expected."""
-    run, stated, report = state.run, state.statement, state.quasi_static
-    if run is None or stated is None or stated.recommended is None or report is None:
+    run, report = state.run, state.quasi_static
+    if run is None or run.stated.recommended is None or report is None:
         return {}
     meets = state.deformable.meets
     return {
         "loose_blocks": state.loose_blocks.tolist() if meets else [],
-        "counted_pressure": stated.counted_pressure,
+        "counted_pressure": run.stated.counted_pressure,
         "released_at_start": state.released_at_start,
         "quasi_static": asdict(report),
-        "recommended": asdict(stated.recommended),
+        "recommended": asdict(run.stated.recommended),
         "restarts": run.restarts,
     }

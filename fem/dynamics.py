@@ -20,7 +20,7 @@ from fem.accuracy.parts import NOT_AT_REST, StaticReference
 from fem.accuracy.statics import static_options
 from fem.answer import answer_of
 from fem.explicit.output.checkpoint import OtherProblemError
-from fem.explicit.setup.statement import ExplicitStatement, explicit_statement
+from fem.explicit.setup.timed_system import counting_more, state_of, timed_system
 from fem.explicit.solve import (
     CUT_SHORT,
     Frame,
@@ -31,6 +31,7 @@ from fem.explicit.solve import (
     UnstableRun,
     solve,
 )
+from fem.explicit.timed import TimedSystem
 from fem.measures import measures_of
 from fem.method import Explicit, Static, require_method
 from fem.problem import Problem, ProblemError, require_problem
@@ -262,8 +263,8 @@ def ramp_change(problem: Problem, method: Explicit) -> dict[str, float]:
 def _half_ramp_change(problem: Problem, method: Explicit) -> dict[str, float]:
     """The same on the mesh of a problem."""
     slow = _uninterrupted(problem, method)
-    assert slow.statement is not None
-    half = replace(method, ramp_time=0.5 * slow.statement.ramp_time)
+    assert slow.run is not None
+    half = replace(method, ramp_time=0.5 * slow.run.stated.ramp_time)
     fast = measures_of(_uninterrupted(problem, half))
     measures: list[tuple[str, Measure]] = list(measures_of(slow).items())
     pairs = ((name, m.value, fast[name].value) for name, m in measures)
@@ -276,10 +277,10 @@ def _with_its_times(method: Explicit, state: State) -> Explicit:
     Those recommended for other meshes are of another load. The time step is the same share of the
     critical one.
     """
-    stated, run = state.statement, state.run
-    if stated is None or run is None or method.damping == "static":
+    run = state.run
+    if run is None or method.damping == "static":
         return method
-    method = replace(method, ramp_time=stated.ramp_time, end_time=stated.end_time)
+    method = replace(method, ramp_time=run.stated.ramp_time, end_time=run.stated.end_time)
     if method.time_step is None:
         return method
     share = min(1.0, run.time_step / run.critical.critical_time_step)
@@ -299,10 +300,10 @@ def _uninterrupted(problem: Problem, method: Explicit) -> State:
     return state
 
 
-def stated_run(problem: Problem, method: Explicit) -> ExplicitStatement:
-    """State the explicit problem and the times of its run: `explicit_statement`."""
+def stated_run(problem: Problem, method: Explicit) -> TimedSystem:
+    """State the explicit problem and the times of its run: `timed_system`."""
     moves, turning = problem.motion is not None, problem.finite_rotation
-    return explicit_statement(
+    return timed_system(
         problem.deformable,
         effects=method.effects(moves=moves, finite_rotation=turning, gravity=problem.acceleration),
         symmetry=method.symmetry,
@@ -351,7 +352,7 @@ def explicit_state(
         while True:
             try:
                 result = solve(
-                    stated.model,
+                    stated,
                     end_time=stated.end_time,
                     time_step=method.time_step,
                     safety_factor=method.safety_factor,
@@ -367,27 +368,26 @@ def explicit_state(
                 break
             except (UnstableRun, OtherProblemError) as error:
                 # A checkpoint may be that of a run that had started again.
-                shorter = None if method.time_step is not None else stated.counting_more()
+                shorter = None if method.time_step is not None else counting_more(stated)
                 if shorter is None:
                     raise
                 if isinstance(error, UnstableRun):
                     resume, restarts = None, restarts + 1
                 stated = shorter
-    return stated.state(replace(result, restarts=restarts, static_below=method.residual))
+    return state_of(replace(result, restarts=restarts, static_below=method.residual))
 
 
-def _refuse_memory(stated: ExplicitStatement) -> None:
+def _refuse_memory(stated: TimedSystem) -> None:
     """Reject a run that needs more memory than it may have, before it is tried."""
-    groups = stated.model.groups
-    need = sum(g.n_nodes * (_CONSTANT + _STATE * g.n_copies) for g in groups)
+    need = sum(body.n_nodes * (_CONSTANT + _STATE * body.n_copies) for body in stated.bodies)
     require_memory(
-        f"{stated.model.n_nodes} nodes of {stated.system.assembly.n_blocks} blocks",
+        f"{stated.system.n_nodes} nodes of {stated.system.assembly.n_blocks} blocks",
         need,
         "fewer elements or fewer blocks",
     )
 
 
-def _of_all_blocks(output: Output, whole: ExplicitStatement, restarts: int) -> Output:
+def _of_all_blocks(output: Output, whole: TimedSystem, restarts: int) -> Output:
     """Callbacks that are told of all blocks where one of so many sectors is computed."""
     on_frame, progress = output.on_frame, output.progress
 

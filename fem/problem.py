@@ -28,6 +28,7 @@ from fem.element.material import (
     each_material,
     one_strength,
 )
+from fem.system.body import Body
 from fem.system.build import (
     DeformableAssemblyError,
     Frames,
@@ -40,7 +41,6 @@ from fem.system.build import (
     supports_at,
     touching_surfaces,
 )
-from fem.system.model import Model
 from fem.system.overlaps import check_overlaps
 from fem.system.system import Contact, System
 from geometry.assembly import AnyBlocks, Assembly, PlacedBlocks, UnmatchedJoint, spacing_offsets
@@ -71,10 +71,10 @@ class Motion:
     angular_velocity: FloatArray
     """About the mean of the block's nodes, (3,) [rad/s]."""
 
-    def velocities(self, model: Model) -> tuple[FloatArray, ...]:
-        """Of all nodes of each group of a model, (n_copies, n_nodes, 3) [mm/s]."""
+    def velocities(self, bodies: Sequence[Body]) -> tuple[FloatArray, ...]:
+        """Of all nodes of each body, (n_copies, n_nodes, 3) [mm/s]."""
         result = []
-        for group in model.groups:
+        for group in bodies:
             positions = group.reference_positions()
             arm = positions - positions.mean(axis=1, keepdims=True)
             result.append(self.velocity + np.cross(self.angular_velocity, arm))

@@ -38,7 +38,6 @@ from geometry.parts.measures import JointResultants, Planes, SectionForces
 
 if TYPE_CHECKING:
     from fem.explicit.setup.quasi_static import QuasiStaticReport
-    from fem.explicit.setup.statement import ExplicitStatement
     from fem.explicit.solve import Run
 
 #: Blocks move far where their displacement is this share of their size: relative errors of a
@@ -135,8 +134,6 @@ class State(ReadOnlyArrays):
     """How a static state was found."""
     run: Run | None = None
     """The explicit run that ended here; None for a static state."""
-    statement: ExplicitStatement | None = None
-    """What it ran, with its times."""
 
     @cached_property
     def deformable(self) -> System:
@@ -415,8 +412,7 @@ class State(ReadOnlyArrays):
         """Whether supports that move have arrived where they are prescribed."""
         if self.run is None:
             return self.evidence.stopped is None
-        stated = self.statement if self.deformable.moves else None
-        arrival = 0.0 if stated is None else stated.settled_after
+        arrival = self.run.stated.settled_after if self.deformable.moves else 0.0
         return self.run.time >= (1.0 - _ROUND_OFF) * arrival
 
     @property
@@ -481,16 +477,16 @@ class State(ReadOnlyArrays):
     @cached_property
     def quasi_static(self) -> QuasiStaticReport | None:
         """How static the end of an explicit run is; None where nothing recommends a frequency."""
-        run, stated = self.run, self.statement
-        if run is None or stated is None or stated.recommended is None:
+        run = self.run
+        if run is None or run.stated.recommended is None:
             return None
         # Loaded here: it brings the compiler along, which static runs do without.
         from fem.explicit.setup.quasi_static import quasi_static_report
 
         return quasi_static_report(
             run,
-            ramp_time=stated.settled_after,
-            frequency=stated.recommended.frequency,
+            ramp_time=run.stated.settled_after,
+            frequency=run.stated.recommended.frequency,
             largest_residual=run.static_below,
         )
 

@@ -111,7 +111,7 @@ def _coarser(problem: Problem) -> Iterable[tuple[Problem, str]]:
 
 def _member(state: State) -> str:
     """How the load was applied."""
-    if state.statement is None:
+    if state.run is None:
         steps = state.evidence.load_steps
         return f"monotonic loading in {steps} step{'s' if steps > 1 else ''}"
-    return f"smooth ramp of {1e3 * state.statement.ramp_time:.3g} ms, damped"
+    return f"smooth ramp of {1e3 * state.run.stated.ramp_time:.3g} ms, damped"

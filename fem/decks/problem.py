@@ -22,7 +22,6 @@ from fem.decks.write import write_deck as write_statement
 from fem.element.hexahedron import ElementType
 from fem.method import Explicit, Static
 from fem.problem import Problem, require_problem
-from fem.system.model import Model
 from fem.system.time_step import critical_time_step
 from geometry.assembly import Assembly
 from geometry.block import Block
@@ -281,9 +280,9 @@ _CALCULIX_SHARE = 0.25
 def _with_time_step(deck: Deck, run: Explicit) -> Explicit:
     """Choose the time step of an explicit run of CalculiX: it takes the one that a deck states."""
     effects = replace(deck.effects, finite_rotation=deck.problem.finite_rotation)
-    model = Model(deck.problem.deformable.bodies, effects=effects)
+    longest = critical_time_step(deck.problem.deformable.bodies, effects).critical_time_step
     share = min(run.safety_factor, _CALCULIX_SHARE)
-    count = np.ceil(deck.end_time / (share * critical_time_step(model).critical_time_step))
+    count = np.ceil(deck.end_time / (share * longest))
     return replace(run, time_step=deck.end_time / float(count))
 
 

@@ -8,7 +8,7 @@ share one stiffness. World vectors are R times these.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,10 +24,11 @@ from fem.explicit.kernels.layout import (
     padded_lanes,
     runs,
 )
+from fem.explicit.timed import TimedSystem
 from fem.system.body import Body
 from fem.system.effects import BulkViscosity
 from fem.system.held import held_rows
-from fem.system.model import Amplitude, Model, NodalLoad
+from fem.system.model import Amplitude, NodalLoad
 from fem.system.time_step import characteristic_length
 from geometry.mesh import FloatArray, IntArray
 
@@ -212,22 +213,24 @@ class LaneBody:
         return self.rows.n_nodes
 
 
-def make_body(model: Model, number: int, *, touched_nodes: Sequence[IntArray] = ()) -> LaneBody:
-    """Prepare group ``number`` of a model.
+def make_body(
+    stated: TimedSystem, number: int, *, touched_nodes: Sequence[IntArray] = ()
+) -> LaneBody:
+    """Prepare body ``number`` of a run.
 
     ``touched_nodes`` are further nodes on which forces will be applied (contact).
     """
-    group = model.groups[number]
+    group, effects, places = stated.bodies[number], stated.effects, stated.places(number)
     lanes = padded_lanes(group.n_copies)
     rows = block_rows(group.stiffness, lanes=lanes)
-    loads = [load for load in model.loads if load.group == number]
+    loads = [_of_places(load, places) for load in stated.system.forces if load.group == number]
     touched = np.unique(
         np.concatenate([np.empty(0, np.int64), *touched_nodes, *(load.nodes for load in loads)])
     ).astype(np.int64)
     applied = _applied_rows(rows, touched)
     centroid = group.lumped_mass @ group.mesh.nodes / group.lumped_mass.sum()
     hourglass = group.hourglass_stiffness
-    viscosity = model.effects.bulk_viscosity
+    viscosity = effects.bulk_viscosity
     return LaneBody(
         group=group,
         rows=rows,
@@ -238,8 +241,8 @@ def make_body(model: Model, number: int, *, touched_nodes: Sequence[IntArray] = 
         applied_row=applied if len(touched) else None,
         n_applied=len(touched),
         loads=tuple(_body_load(group, rows, applied, lanes, load) for load in loads),
-        held=_held_lanes(model, number, rows, lanes),
-        acceleration=_lane_gravity(group, model.effects.gravity, lanes),
+        held=_held_lanes(stated, number, rows, lanes),
+        acceleration=_lane_gravity(group, effects.gravity, lanes),
         viscosity=None if viscosity is None else element_viscosity(group, rows.row, viscosity),
     )
 
@@ -285,12 +288,20 @@ def _lane_gravity(group: Body, gravity: FloatArray | None, lanes: int) -> LaneAr
     return local
 
 
-def _held_lanes(model: Model, number: int, rows: BlockRows, lanes: int) -> HeldLanes | None:
-    """Supports of one group of a model; None: none."""
-    group = model.groups[number]
-    first = [np.full(g.n_copies, -1) for g in model.groups]
-    first[number] = group.n_nodes * np.arange(group.n_copies)
-    held = held_rows(model.groups, model.supports, first)
+def _of_places(load: NodalLoad, places: IntArray) -> NodalLoad:
+    """The part of a load on copies that are computed, by their places."""
+    copies = places[load.copies]
+    mine = copies >= 0
+    return replace(load, copies=copies[mine], nodes=load.nodes[mine], forces=load.forces[mine])
+
+
+def _held_lanes(stated: TimedSystem, number: int, rows: BlockRows, lanes: int) -> HeldLanes | None:
+    """Supports of one body; None: none."""
+    group, system = stated.bodies[number], stated.system
+    first = [np.full(body.n_copies, -1) for body in system.bodies]
+    places = stated.places(number)
+    first[number] = np.where(places < 0, -1, group.n_nodes * places)
+    held = held_rows(system.bodies, system.supports, first)
     node, axis = np.nonzero(held.held)
     if not len(node):
         return None

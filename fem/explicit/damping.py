@@ -133,7 +133,7 @@ def settling(system: ExplicitSystem, state: Lanes) -> float | None:
     A critically damped motion of frequency ω ends about v/ω from where it is. ω is half the
     adaptive mass damping; None without one, or while nothing has moved.
     """
-    adaptive = system.model.effects.adaptive_mass_damping
+    adaptive = system.stated.effects.adaptive_mass_damping
     if adaptive is None or not state.mass_damping:
         return None
     moved = speed = 0.0

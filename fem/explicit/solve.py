@@ -46,11 +46,11 @@ from fem.explicit.step import (
     set_internal_force,
     step,
 )
+from fem.explicit.timed import TimedSystem
 from fem.system.body import Body
 from fem.system.effects import SAFETY_FACTOR
-from fem.system.model import Model
 from fem.system.reactions import MovingSupport, PushCurve, moving_supports
-from fem.system.time_step import CriticalTimeStep, TimeStepError, critical_time_step
+from fem.system.time_step import CriticalTimeStep, TimeStepError
 from geometry.compilation.clocks import compiling
 from geometry.errors import RefusedError
 from geometry.machine.work import Budget, Operation, budget, count
@@ -148,11 +148,11 @@ CUT_SHORT = (Status.INTERRUPTED, Status.STOPPED)
 class Run:
     """How a run went and what it left in the blocks that are computed, in world axes.
 
-    `fem.explicit.setup.statement` makes the `fem.state.State` of the whole assembly of it.
+    `fem.explicit.setup.timed_system` makes the `fem.state.State` of the whole assembly of it.
     """
 
-    model: Model
-    """The statement."""
+    stated: TimedSystem
+    """What was computed."""
     status: Status
     """How the run ended."""
     displacements: tuple[FloatArray, ...]
@@ -215,13 +215,8 @@ class Run:
         return self.element_updates / max(self.cpu_seconds, 1e-12)
 
 
-def prepare(
-    model: Model,
-    *,
-    time_step: float,
-    threads: int = 1,
-) -> ExplicitSystem:
-    """Make a model ready for the loop with a time step [s].
+def prepare(stated: TimedSystem, *, time_step: float, threads: int = 1) -> ExplicitSystem:
+    """Make a statement ready for the loop with a time step [s].
 
     With one thread in the serial loops, with more in shared rows.
     """
@@ -230,12 +225,12 @@ def prepare(
     if threads > 1:
         numba.set_num_threads(min(threads, numba.config.NUMBA_NUM_THREADS))
     bodies = tuple(
-        make_body(model, k, touched_nodes=[i.touched_nodes(k) for i in model.interactions])
-        for k in range(len(model.groups))
+        make_body(stated, k, touched_nodes=[i.touched_nodes(k) for i in stated.interactions])
+        for k in range(len(stated.bodies))
     )
     kernels = SERIAL if threads == 1 else PARALLEL
-    interactions = tuple(i.bind(bodies) for i in model.interactions)
-    return ExplicitSystem(model, bodies, time_step, kernels, interactions)
+    interactions = tuple(i.bind(bodies) for i in stated.interactions)
+    return ExplicitSystem(stated, bodies, time_step, kernels, interactions)
 
 
 def initial_state(
@@ -249,22 +244,19 @@ def initial_state(
     Parameters
     ----------
     system
-        The model.
+        What is computed.
     displacements, velocities
         One array for each group, world axes, (n_copies, n_nodes, 3); None: at rest.
     """
-    model = system.model
+    effects = system.stated.effects
     n = len(system.bodies)
     u = [None] * n if displacements is None else list(displacements)
     v = [None] * n if velocities is None else list(velocities)
     state = Lanes(
         bodies=tuple(
-            initial_body_state(body, model.effects, u[k], v[k])
-            for k, body in enumerate(system.bodies)
+            initial_body_state(body, effects, u[k], v[k]) for k, body in enumerate(system.bodies)
         ),
-        mass_damping=0.0
-        if model.effects.adaptive_mass_damping is not None
-        else model.effects.mass_damping,
+        mass_damping=0.0 if effects.adaptive_mass_damping is not None else effects.mass_damping,
     )
     for body, now in zip(system.bodies, state.bodies, strict=True):
         set_internal_force(system, body, now, sample=False)
@@ -368,7 +360,7 @@ class StopCriterion:
 
 
 def solve(
-    model: Model,
+    stated: TimedSystem,
     *,
     end_time: float,
     time_step: float | None = None,
@@ -390,8 +382,8 @@ def solve(
 
     Parameters
     ----------
-    model
-        The statement.
+    stated
+        What is computed.
     end_time
         [s]
     time_step
@@ -426,9 +418,9 @@ def solve(
         raise TimeStepError(f"end_time: got {end_time} s, expected a finite positive number")
     if sample_interval < 1:
         raise TimeStepError(f"sample_interval: got {sample_interval}, expected at least 1")
-    critical = critical_time_step(model)
+    critical = stated.critical
     dt = choose_time_step(critical, time_step, safety_factor)
-    system = prepare(model, time_step=dt, threads=threads)
+    system = prepare(stated, time_step=dt, threads=threads)
     state = initial_state(system, displacements=displacements, velocities=velocities)
     history = History() if resume is None else read_checkpoint(resume, system, state)
     run = _Loop(
@@ -442,7 +434,7 @@ def solve(
         sample_interval=sample_interval,
         max_work=max_work,
         ends=clock.process_time() + max_seconds,
-        moving=tuple((support, {}) for support in moving_supports(model.supports)),
+        moving=tuple((support, {}) for support in moving_supports(stated.system.supports)),
     )
     first = run.counted = state.step
     started = clock.process_time()
@@ -486,7 +478,7 @@ class _Loop:
 
     def loop(self, request: StopRequest) -> Status:
         system, state = self.system, self.state
-        adaptive = system.model.effects.adaptive_mass_damping
+        adaptive = system.stated.effects.adaptive_mass_damping
         status = Status.FINISHED
         self.frame()
         while state.step < self.n_steps and status is Status.FINISHED:
@@ -507,7 +499,7 @@ class _Loop:
     def at_limit(self) -> bool:
         """Count the steps since the last call; whether a limit is reached before the end."""
         steps, self.counted = self.state.step - self.counted, self.state.step
-        count(Operation.STEP, float(steps * self.system.model.n_elements))
+        count(Operation.STEP, float(steps * self.system.stated.n_elements))
         count(Operation.TOUCH, steps * sum(i.touched_points() for i in self.system.interactions))
         late = clock.process_time() >= self.ends
         if self.state.step == self.n_steps or not (late or self.spent.seconds >= self.max_work):
@@ -528,7 +520,7 @@ class _Loop:
         time = number * system.time_step
         self.energies = energies(system, state)
         if self.moving:
-            forces = support_forces(system, state, time)
+            forces = system.stated.expand(support_forces(system, state, time))
             for support, at in self.moving:
                 at[time] = support.force(forces)
         self.history.observe(self.energies)
@@ -586,7 +578,7 @@ class _Loop:
         fields = displacements_of(self.system, state)
         # The end comes after all that were due before, where it lies between two of them.
         number = self.frame_number(state.step - 1) + 1 if ended else self.frame_number(state.step)
-        groups = self.system.model.groups
+        groups = self.system.stated.bodies
         self.output.on_frame(Frame(number, self.system.time(state), groups, fields, last=ended))
 
     def checkpoint(self, *, force: bool) -> None:
@@ -610,7 +602,7 @@ def _result(run: _Loop, critical: CriticalTimeStep, status: Status, cpu: float, 
     system, state = run.system, run.state
     pairs = list(zip(system.bodies, state.bodies, strict=True))
     return Run(
-        model=system.model,
+        stated=system.stated,
         status=status,
         time_step=system.time_step,
         critical=critical,
@@ -620,7 +612,7 @@ def _result(run: _Loop, critical: CriticalTimeStep, status: Status, cpu: float, 
         settling=run.settling,
         round_off=run.round_off if status is Status.STALLED else None,
         cpu_seconds=cpu,
-        element_updates=system.model.n_elements * steps,
+        element_updates=system.stated.n_elements * steps,
         state_bytes=sum(a.nbytes for a in state_arrays(system, state).values()),
         constant_bytes=sum(body.constant_bytes for body in system.bodies),
         displacements=displacements_of(system, state),
@@ -649,7 +641,7 @@ def _refuse_imbalance(result: Run) -> None:
 def _round_off_energy(result: Run) -> float:
     """Strain energy of the round-off of all positions [N mm]: what turns over less is no energy."""
     total = 0.0
-    for group, moved in zip(result.model.groups, result.displacements, strict=True):
+    for group, moved in zip(result.stated.bodies, result.displacements, strict=True):
         reach = np.abs(group.reference_positions()).max() + np.abs(moved).max(initial=0.0)
         error = _ROUND_OFF * np.finfo(np.float64).eps * reach
         stiffest = float(np.abs(group.stiffness.diagonal()).max())
@@ -675,7 +667,7 @@ def _forces_at_end(system: ExplicitSystem, state: Lanes) -> dict[str, Any]:
     touching = [i.contact() for i in system.interactions]
     searched, slips = touching[0] if touching else (None, None)
     return {
-        "support_forces": tuple(supports) if system.model.supports else (),
+        "support_forces": tuple(supports) if system.stated.system.supports else (),
         "contact_forces": tuple(contact),
         "searched": searched,
         "slips": slips,

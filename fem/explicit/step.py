@@ -30,7 +30,7 @@ from fem.explicit.kernels import (
 )
 from fem.explicit.kernels.layout import LaneArray
 from fem.explicit.state import BodyState, Lanes
-from fem.system.model import Model
+from fem.explicit.timed import TimedSystem
 from geometry.mesh import FloatArray
 
 
@@ -71,10 +71,10 @@ class Interaction(ABC):
 
 @dataclass(frozen=True)
 class ExplicitSystem:
-    """A model made ready for the loop."""
+    """A statement made ready for the loop."""
 
-    model: Model
-    """The statement."""
+    stated: TimedSystem
+    """What is computed."""
     bodies: tuple[LaneBody, ...]
     """Its groups in lanes."""
     time_step: float
@@ -167,7 +167,7 @@ def stiffness_force(
 def add_stiffness_damping(system: ExplicitSystem, body: LaneBody, now: BodyState) -> None:
     """F += β K v in the block frame, as (β/Δt)(K u_n - K u_{n-1})."""
     damping, frame = now.stiffness_damping, now.frame
-    coefficient = system.model.effects.stiffness_damping
+    coefficient = system.stated.effects.stiffness_damping
     assert damping is not None
     assert coefficient is not None
     moving = now.velocity if frame is None else frame.increment
@@ -190,7 +190,7 @@ def damping_ratio(system: ExplicitSystem, now: BodyState) -> Any:
     """β/Δt where `update` makes the damping force; or None."""
     if now.elastic_before is None:
         return None
-    coefficient = system.model.effects.stiffness_damping
+    coefficient = system.stated.effects.stiffness_damping
     assert coefficient is not None
     return coefficient / system.time_step
 
@@ -298,7 +298,7 @@ def load_power(body: LaneBody, now: BodyState, time: float, *, moved: bool = Fal
 
 def gravity_at(system: ExplicitSystem, body: LaneBody, time: float) -> LaneArray | None:
     """Acceleration of gravity at a time, (3, lanes) [mm/s²]; None without."""
-    amplitude = system.model.effects.gravity_amplitude
+    amplitude = system.stated.effects.gravity_amplitude
     if body.acceleration is None or amplitude is None:
         return body.acceleration
     return amplitude(time) * body.acceleration

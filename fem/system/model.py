@@ -6,13 +6,12 @@ Everything here is constant; what evolves is `fem.explicit.state.Lanes`. World a
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from fem.system.body import Body, ModelError
-from fem.system.effects import Effects
 from geometry.mesh import FloatArray, IntArray
 
 Amplitude = Callable[[float], float]
@@ -140,47 +139,10 @@ class InteractionModel(Protocol):
         """Prepare the force for the loop: a `fem.explicit.step.Interaction` of its bodies."""
 
 
-@dataclass(frozen=True)
-class Model:
-    """Deformable blocks with supports, loads and effects."""
-
-    groups: tuple[Body, ...]
-    """Distinct block shapes with their copies."""
-    supports: tuple[Support, ...] = ()
-    """Prescribed displacements."""
-    loads: tuple[NodalLoad, ...] = ()
-    """Nodal forces."""
-    effects: Effects = field(default_factory=Effects)
-    """Damping, viscosity, rotation, gravity."""
-    interactions: tuple[InteractionModel, ...] = ()
-    """Contact; empty when blocks do not meet."""
-
-    def __post_init__(self) -> None:
-        check_statement(self.groups, self.supports, self.loads)
-        if self.effects.finite_rotation:
-            refuse_turning_springs(self.groups)
-        elif any(load.follows_block for load in self.loads):
-            raise ModelError(
-                "loads: follows_block needs finite rotation; set effects.finite_rotation"
-            )
-
-    @property
-    def n_elements(self) -> int:
-        """Hexahedra of all copies."""
-        return sum(g.mesh.n_elements * g.n_copies for g in self.groups)
-
-    @property
-    def n_nodes(self) -> int:
-        """Nodes of all copies."""
-        return sum(g.n_nodes * g.n_copies for g in self.groups)
-
-
 def check_statement(
     bodies: Sequence[Body], supports: Sequence[Support], loads: Sequence[NodalLoad]
 ) -> None:
     """Reject supports and loads that bodies do not have."""
-    if not bodies:
-        raise ModelError("model: got no blocks; expected at least one group")
     for k, support in enumerate(supports):
         _check_entries(bodies, f"support {k}", support)
         _check_support(k, support)

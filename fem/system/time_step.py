@@ -32,7 +32,7 @@ from fem.element.kinds import Element
 from fem.element.material import Material
 from fem.system.body import Body, ModelError
 from fem.system.effects import Effects
-from fem.system.model import Model
+from fem.system.model import InteractionModel
 from geometry.errors import RefusedError
 from geometry.mesh import HEX_FACES, FloatArray, HexMesh
 
@@ -193,24 +193,21 @@ def _damped_step(
     return step * min(1.0, 4.0 / worst)
 
 
-def critical_time_step(model: Model) -> CriticalTimeStep:
-    """Critical time step of a model: of its most demanding block, interactions counted in."""
-    steps = [
-        group_critical_time_step(group, model.effects, extra_stiffness=_interaction(model, k))
-        for k, group in enumerate(model.groups)
-    ]
+def critical_time_step(
+    bodies: Sequence[Body], effects: Effects, interactions: Sequence[InteractionModel] = ()
+) -> CriticalTimeStep:
+    """Critical time step of the most demanding body, interactions counted in.
+
+    Springs to the ground are part of the stiffness of their body.
+    """
+    steps = []
+    for number, body in enumerate(bodies):
+        parts = [interaction.nodal_stiffness(number) for interaction in interactions]
+        present = [part for part in parts if part is not None]
+        extra = np.sum(present, axis=0) if present else None
+        steps.append(group_critical_time_step(body, effects, extra_stiffness=extra))
     governing = min(steps, key=lambda s: s.critical_time_step)
     return replace(governing, element_estimate=min(s.element_estimate for s in steps))
-
-
-def _interaction(model: Model, group: int) -> FloatArray | None:
-    """Sum of the stiffnesses of all interactions on the nodes of a group.
-
-    Springs to the ground are part of the stiffness of their block.
-    """
-    parts = [interaction.nodal_stiffness(group) for interaction in model.interactions]
-    present = [part for part in parts if part is not None]
-    return np.sum(present, axis=0) if present else None
 
 
 def scale_masses(bodies: Sequence[Body], factor: float) -> tuple[Body, ...]:

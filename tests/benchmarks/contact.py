@@ -16,13 +16,12 @@ from functools import partial
 import numpy as np
 
 from fem import CoulombFriction, Problem, concrete
-from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import Lanes
 from fem.explicit.step import ExplicitSystem, step
 from fem.system.effects import AdaptiveMassDamping, Effects
 from fem.system.system import System
-from fem.system.time_step import critical_time_step
 from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import SineTube
 from geometry.loads import named_load
@@ -73,14 +72,14 @@ def pressing(
     deformable: System, symmetry: int, effects: Effects, steps: int
 ) -> tuple[ExplicitSystem, Lanes]:
     """A damped run after some steps: blocks press by then."""
-    model = explicit_statement(
+    model = timed_system(
         deformable,
         symmetry="none" if symmetry == 1 else "sector",
         ramp_time=0.0,
         counted_pressure=4.0,  # above what presses here: no run has to start again
         effects=replace(effects, adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
-    ).model
-    system = prepare(model, time_step=0.9 * critical_time_step(model).critical_time_step)
+    )
+    system = prepare(model, time_step=0.9 * model.critical.critical_time_step)
     state = initial_state(system)
     state.mass_damping = 2000.0
     for _ in range(steps):
@@ -115,7 +114,7 @@ def measure(layers: int, elements: int, symmetry: int, effects: str) -> ContactR
         elements_per_block=elements,
         symmetry=symmetry,
         effects=effects,
-        million_updates_per_second=system.model.n_elements / whole / 1e6,
+        million_updates_per_second=system.stated.n_elements / whole / 1e6,
         contact_percent=100.0 * alone / whole,
         sliding_ratio=searched / whole,
     )

@@ -24,9 +24,10 @@ from fem.explicit.output.checkpoint import state_arrays
 from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import Lanes
 from fem.explicit.step import ExplicitSystem, step, stiffness_force
+from fem.explicit.timed import TimedSystem
 from fem.system.body import Body, placed_body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
-from fem.system.model import Model, fixed_nodes, nodal_load
+from fem.system.model import fixed_nodes, nodal_load
 from fem.system.time_step import critical_time_step
 from geometry.block import box_block
 from geometry.machine.system import peak_memory_mb
@@ -34,6 +35,7 @@ from tests.benchmarks.kernels import KernelRow, kernel_rows
 from tests.benchmarks.kernels import table as kernel_table
 from tests.benchmarks.roofline import Roofline, roofline
 from tests.benchmarks.stopwatch import best_cpu_seconds, best_wall_seconds, measuring
+from tests.support.lone_bodies import lone_bodies
 from validation.output.files import write_json
 
 CONCRETE = Material(density=2.4e-9, young_modulus=30_000.0, poisson_ratio=0.2)
@@ -78,20 +80,20 @@ def benchmark_group(divisions: tuple[int, int, int], copies: int) -> Body:
     return placed_body(mesh, CONCRETE, translations=np.zeros((copies, 3)))
 
 
-def loaded_model(group: Body) -> Model:
+def loaded_model(group: Body) -> TimedSystem:
     """Every copy held at one face and pushed on the opposite one."""
     nodes = group.mesh.nodes
     force = np.zeros_like(nodes)
     force[nodes[:, 2] == nodes[:, 2].max(), 0] = 1.0
     copies = np.arange(group.n_copies)
-    return Model(
+    return lone_bodies(
         (group,),
         supports=(fixed_nodes(0, np.flatnonzero(nodes[:, 2] == 0.0), copies=copies),),
         loads=(nodal_load(0, force, copies=copies),),
     )
 
 
-def ready(model: Model, time_step: float, **options: Any) -> tuple[ExplicitSystem, Lanes]:
+def ready(model: TimedSystem, time_step: float, **options: Any) -> tuple[ExplicitSystem, Lanes]:
     """System and state after a few steps, so that nothing is zero."""
     system = prepare(model, time_step=time_step, **options)
     state = initial_state(system)
@@ -141,14 +143,14 @@ def effect_costs(group: Body, time_step: float) -> dict[str, float]:
 
     Each pair is measured in turns, so that a busy machine disturbs both alike.
     """
-    plain = ready(Model((group,)), time_step)
+    plain = ready(lone_bodies((group,)), time_step)
     costs = {
         "effects off, against the two bare kernels": added_percent(
             lambda: bare_seconds(*plain), lambda: seconds_of_step(*plain, threads=1, repeats=2)
         )
     }
     cases = {"loads and supports": loaded_model(group)}
-    cases |= {name: Model((group,), effects=effects) for name, effects in EFFECTS.items()}
+    cases |= {name: lone_bodies((group,), effects=effects) for name, effects in EFFECTS.items()}
     for name, model in cases.items():
         case = ready(model, time_step)
         costs[name] = added_percent(
@@ -229,7 +231,7 @@ def benchmark() -> dict[str, Any]:
     limits = roofline()
     rows: list[Row] = []
     small = benchmark_group(SMALL, 52)
-    time_step = 0.9 * critical_time_step(Model((small,))).critical_time_step
+    time_step = 0.9 * critical_time_step([small], Effects()).critical_time_step
     for threads in (1, 2):
         rows.append(row(small, time_step, threads))
     for copies, divisions in ((12, SMALL), (1, SMALL), (LARGE_COPIES, LARGE), (1, LARGE)):
@@ -238,7 +240,7 @@ def benchmark() -> dict[str, Any]:
         rows.extend(row(group, time_step, threads) for threads in counts)
 
     def prepared(effects: Effects) -> tuple[ExplicitSystem, Lanes]:
-        return ready(Model((small,), effects=effects), time_step)
+        return ready(lone_bodies((small,), effects=effects), time_step)
 
     return {
         "roofline": dataclasses.asdict(limits),

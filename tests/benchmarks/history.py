@@ -23,12 +23,12 @@ from typing import Any
 
 from fem.system.body import Body
 from fem.system.effects import Effects
-from fem.system.model import Model
 from fem.system.time_step import critical_time_step
 from geometry.machine.system import write_whole
 from tests.benchmarks import contact, explicit, rigid
 from tests.benchmarks.kernels import internal_force_work, update_work
 from tests.benchmarks.roofline import Roofline, Work, roofline
+from tests.support.lone_bodies import lone_bodies
 from validation import InputError
 from validation.output.files import prepare_file
 from validation.output.provenance import processor, program
@@ -139,7 +139,7 @@ def explicit_rates(machine: Roofline) -> list[Rate]:
     rates = []
     unit = "M element updates/s"
     group = explicit.benchmark_group(explicit.SMALL, 1)
-    time_step = 0.9 * critical_time_step(Model((group,))).critical_time_step
+    time_step = 0.9 * critical_time_step([group], Effects()).critical_time_step
     for copies in (52, 12, 1):
         group = explicit.benchmark_group(explicit.SMALL, copies)
         row = explicit.row(group, time_step, 1)
@@ -150,7 +150,7 @@ def explicit_rates(machine: Roofline) -> list[Rate]:
     group = explicit.benchmark_group(explicit.SMALL, 52)
     limit = _works(group)[1].limit(machine)
     for name, effects in explicit.EFFECTS.items():
-        case = explicit.ready(Model((group,), effects=effects), time_step)
+        case = explicit.ready(lone_bodies((group,), effects=effects), time_step)
         seconds = explicit.seconds_of_step(*case, threads=1, repeats=3)
         updates = group.mesh.n_elements * group.n_copies
         rates.append(Rate(f"step with {name}", updates / seconds / 1e6, unit, limit))
@@ -160,10 +160,10 @@ def explicit_rates(machine: Roofline) -> list[Rate]:
 def contact_rates(machine: Roofline) -> list[Rate]:
     """Whole step of one layer in contact."""
     case = contact.pressing(contact.tube(1, 960), 1, Effects(), steps=500)
-    (group,) = case[0].model.groups
+    (group,) = case[0].model.bodies
     limit = _works(group)[1].limit(machine)
     seconds = explicit.seconds_of_step(*case, threads=1, repeats=20)
-    value = case[0].model.n_elements / seconds / 1e6
+    value = case[0].stated.n_elements / seconds / 1e6
     return [Rate("step with contact, 960 elements a block", value, "M element updates/s", limit)]
 
 

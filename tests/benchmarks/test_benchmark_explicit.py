@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from fem.system.model import Model
 from tests.benchmarks import explicit
 from tests.benchmarks.kernels import kernel_rows
 from tests.benchmarks.roofline import Roofline
+from tests.support.lone_bodies import lone_bodies
 
 
 def test_rows_and_table_on_a_tiny_block():
@@ -23,7 +23,7 @@ def test_rows_and_table_on_a_tiny_block():
     limits = Roofline(1.0, 2.0, 3.0)
 
     def prepared(effects):
-        return explicit.ready(Model((group,), effects=effects), 1e-8)
+        return explicit.ready(lone_bodies((group,), effects=effects), 1e-8)
 
     kernels = kernel_rows(group, limits, prepared)
     assert all(kernel.nanoseconds > 0.0 for kernel in kernels)

@@ -11,9 +11,9 @@ from fem.explicit.step import placed_internal_force
 from fem.system.body import ModelError, placed_body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
 from fem.system.forces import SmoothStepAmplitude
-from fem.system.model import Model, nodal_load
-from fem.system.time_step import critical_time_step
+from fem.system.model import nodal_load
 from tests.support.fem_problems import CONCRETE, distorted_box
+from tests.support.lone_bodies import lone_bodies
 
 FINITE = Effects(finite_rotation=True)
 PLACEMENTS = Rotation.from_rotvec([[0, 0, 0], [0, 0, 1.0], [0.6, -1.0, 0.3]]).as_matrix()
@@ -35,8 +35,8 @@ def test_rigid_motion_gives_no_strain(degrees):
     # u' is round-off of positions of size 10: strain 1e-15 or so, forces K times it.
     group = group_of()
     start = rigid_displacement(group, np.radians(degrees), [1.0, -2.0, 0.5], [5.0, -3.0, 8.0])
-    model = Model((group,), effects=FINITE)
-    dt = 0.9 * critical_time_step(model).critical_time_step
+    model = lone_bodies((group,), effects=FINITE)
+    dt = 0.9 * model.critical.critical_time_step
     result = solve(model, time_step=dt, end_time=50 * dt, displacements=[start], sample_interval=1)
     stiff = np.abs(group.stiffness.diagonal()).max() * group.n_nodes
     assert result.history.column("strain_energy").max() < stiff * (20 * 1e-15) ** 2
@@ -49,7 +49,7 @@ def test_frames_are_the_best_rotation():
     rng = np.random.default_rng(0)
     strain = 0.05 * rng.standard_normal((3, group.n_nodes, 3))
     start = rigid_displacement(group, 2.0, [1.0, 1.0, 0.0], [1.0, 2.0, 3.0]) + strain
-    system = prepare(Model((group,), effects=FINITE), time_step=1e-7)
+    system = prepare(lone_bodies((group,), effects=FINITE), time_step=1e-7)
     body = system.bodies[0]
     frame = initial_state(system, displacements=[start]).bodies[0].frame
     mass = group.lumped_mass
@@ -74,7 +74,7 @@ def test_forces_are_the_gradient_of_the_strain_energy():
     rng = np.random.default_rng(1)
     start = rigid_displacement(group, 1.0, [0, 0, 1.0], np.zeros(3))
     start += 0.05 * rng.standard_normal(start.shape)
-    system = prepare(Model((group,), effects=FINITE), time_step=1e-7)
+    system = prepare(lone_bodies((group,), effects=FINITE), time_step=1e-7)
 
     def evaluate(u):
         now = initial_state(system, displacements=[u]).bodies[0]
@@ -109,8 +109,8 @@ def test_free_spinning_block_keeps_both_momenta():
     spin = np.array([200.0, -3e4, 1e4])
     x = group.reference_positions()
     velocity = np.cross(spin, x) + np.array([500.0, 0.0, -200.0])
-    model = Model((group,), effects=FINITE)
-    dt = 0.9 * critical_time_step(model).critical_time_step
+    model = lone_bodies((group,), effects=FINITE)
+    dt = 0.9 * model.critical.critical_time_step
     turn = 2.0 * np.pi / np.linalg.norm(spin)
     short, long = (
         solve(model, time_step=dt, end_time=t, velocities=[velocity]) for t in (2 * dt, turn)
@@ -134,8 +134,8 @@ def test_damping_and_viscosity_do_not_brake_a_rigid_spin():
         bulk_viscosity=BulkViscosity(),
         finite_rotation=True,
     )
-    model = Model((group,), effects=effects)
-    dt = 0.9 * critical_time_step(model).critical_time_step
+    model = lone_bodies((group,), effects=effects)
+    dt = 0.9 * model.critical.critical_time_step
     first = solve(model, time_step=dt, end_time=2 * dt, velocities=[velocity])
     last = solve(model, time_step=dt, end_time=1000 * dt, velocities=[velocity])
     _, h0 = angular_momentum(group, first)
@@ -151,7 +151,7 @@ def test_small_motions_agree_with_the_small_rotation_path():
     force = 1e-2 * np.random.default_rng(0).standard_normal(group.mesh.nodes.shape)
     load = nodal_load(0, force, copies=[0, 1, 2], amplitude=SmoothStepAmplitude(1e-5))
     small, finite = (
-        solve(Model((group,), loads=(load,), effects=e), time_step=1.5e-7, end_time=2e-5)
+        solve(lone_bodies((group,), loads=(load,), effects=e), time_step=1.5e-7, end_time=2e-5)
         for e in (Effects(), FINITE)
     )
     size = np.abs(small.displacements[0]).max()
@@ -180,7 +180,9 @@ def test_following_load_turns_with_the_block():
     ):
         load = nodal_load(0, force, follows_block=follows)
         result = solve(
-            Model((group,), loads=(load,), effects=FINITE), end_time=end, velocities=[velocity]
+            lone_bodies((group,), loads=(load,), effects=FINITE),
+            end_time=end,
+            velocities=[velocity],
         )
         drift = mass @ result.velocities[0][0] / mass.sum()
         # The last step is left out of the velocity and the end time is rounded up to a step.
@@ -192,4 +194,4 @@ def test_following_load_needs_finite_rotation():
     group = group_of(1)
     load = nodal_load(0, np.ones((group.n_nodes, 3)), follows_block=True)
     with pytest.raises(ModelError, match="finite rotation"):
-        Model((group,), loads=(load,))
+        lone_bodies((group,), loads=(load,))

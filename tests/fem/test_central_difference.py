@@ -15,14 +15,15 @@ from fem.explicit.output.energy import History, energies
 from fem.explicit.solve import Frame, Output, UnstableRun, initial_state, prepare, solve, watch
 from fem.explicit.state import Lanes
 from fem.explicit.step import ExplicitSystem, step
+from fem.explicit.timed import TimedSystem
 from fem.system.body import Body, placed_body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
 from fem.system.forces import SmoothStepAmplitude
-from fem.system.model import Model, fixed_nodes, nodal_load
-from fem.system.time_step import critical_time_step
+from fem.system.model import fixed_nodes, nodal_load
 from geometry.block import box_block
 from geometry.mesh import CORNERS, HexMesh
 from tests.support.fem_problems import CONCRETE, distorted_box
+from tests.support.lone_bodies import lone_bodies
 
 PLACEMENTS = Rotation.from_rotvec([[0, 0, 0], [0, 0, 1.0], [0.6, -1.0, 0.3]]).as_matrix()
 
@@ -37,9 +38,9 @@ def bar(n: int, length: float = 100.0, width: float = 1.0, **options) -> Body:
     return placed_body(box_block((length, width, width), (n, 1, 1)).mesh, material, **options)
 
 
-def short(model: Model, n_steps: int, factor: float = 0.9) -> dict:
+def short(model: TimedSystem, n_steps: int, factor: float = 0.9) -> dict:
     """Options of a run of so many steps at a fraction of the critical step."""
-    time_step = factor * critical_time_step(model).critical_time_step
+    time_step = factor * model.critical.critical_time_step
     return {"time_step": time_step, "end_time": n_steps * time_step}
 
 
@@ -54,9 +55,9 @@ def modes(group: Body, held: np.ndarray | None = None) -> tuple[np.ndarray, np.n
     return np.sqrt(np.maximum(square, 0.0)), shapes.reshape(len(square), -1, 3)
 
 
-def modal_coordinate(model: Model, shape: np.ndarray, **options) -> np.ndarray:
+def modal_coordinate(model: TimedSystem, shape: np.ndarray, **options) -> np.ndarray:
     """Amplitude of a mass-normalised shape at every step of a run released from it."""
-    group = model.groups[0]
+    group = model.bodies[0]
     found: list[float] = []
 
     def keep(frame: Frame) -> None:
@@ -86,7 +87,7 @@ def test_patch_affine_state_stays_at_rest(element):
     group = placed_body(mesh, CONCRETE, element=element, rotations=PLACEMENTS)
     reaction = (group.stiffness @ affine.ravel()).reshape(-1, 3)
     turned = np.einsum("cij,nj->cni", PLACEMENTS, reaction)
-    model = Model((group,), loads=(nodal_load(0, turned, copies=[0, 1, 2]),))
+    model = lone_bodies((group,), loads=(nodal_load(0, turned, copies=[0, 1, 2]),))
     start = np.einsum("cij,nj->cni", PLACEMENTS, affine)
     result = solve(model, displacements=[start], sample_interval=1, **short(model, 100))
     assert result.n_steps == 100
@@ -99,7 +100,7 @@ def test_patch_affine_state_stays_at_rest(element):
 def test_a_mode_rings_at_the_frequency_of_central_differences():
     # sin(ω' Δt / 2) = ω Δt / 2 exactly; the recurrence is solved to round-off.
     group = placed_body(distorted_box((2, 2, 2)), CONCRETE)
-    model = Model((group,))
+    model = lone_bodies((group,))
     omega, shapes = modes(group)
     for k in (6, 20, -1):
         options = short(model, 60, factor=0.7)
@@ -114,7 +115,7 @@ def test_a_mode_rings_at_the_frequency_of_central_differences():
 def test_frequency_error_is_second_order_in_the_time_step():
     # ω' / ω - 1 = (ω Δt)² / 24 + O(Δt⁴): halving Δt divides it by 4 up to (ω Δt)² / 10 < 2 %.
     group = bar(8)
-    model = Model((group,))
+    model = lone_bodies((group,))
     omega, shapes = modes(group)
     k = len(omega) // 2
     error = []
@@ -146,7 +147,7 @@ def test_cantilever_released_from_its_mode_keeps_the_fixed_end_still():
     held = np.flatnonzero(mesh.nodes[:, 0] == 0.0)
     omega, shapes = modes(group, held)
     support = fixed_nodes(0, held, copies=[0, 1, 2])
-    model = Model((group,), supports=(support,))
+    model = lone_bodies((group,), supports=(support,))
     options = short(model, 200)
     start = 1e-3 * np.einsum("cij,nj->cni", PLACEMENTS, shapes[0])
     result = solve(model, displacements=[start], **options)
@@ -166,7 +167,7 @@ def test_wave_speed():
     end = np.flatnonzero(nodes[:, 0] == 0.0)
     force = np.zeros_like(nodes)
     force[end, 0] = 0.25
-    model = Model((group,), loads=(nodal_load(0, force),))
+    model = lone_bodies((group,), loads=(nodal_load(0, force),))
     speed = math.sqrt(1000.0 / 1e-9)
     node = int(np.flatnonzero(np.isclose(nodes[:, 0], 50.0))[0])
     times, moved = [], []
@@ -195,7 +196,7 @@ def test_prescribed_motion_follows_its_amplitude_and_its_work_is_counted(rayleig
     held = np.flatnonzero(mesh.nodes[:, 0] == 0.0)
     pulled = np.flatnonzero(mesh.nodes[:, 0] == 20.0)
     move = np.array([1e-3, -2e-3, 5e-4])
-    model = Model(
+    model = lone_bodies(
         (group,),
         supports=(
             fixed_nodes(0, held),
@@ -236,7 +237,7 @@ def test_energy_is_conserved_to_round_off(name):
     # Nothing drifts away: K u of a large translation would be all round-off.
     held = fixed_nodes(0, np.arange(2), copies=[0, 1, 2])
     guided = fixed_nodes(0, np.arange(2, 6), copies=[0, 1, 2], components=(0, 2))
-    model = Model((group,), supports=(held, guided), loads=(load,), effects=EFFECTS[name])
+    model = lone_bodies((group,), supports=(held, guided), loads=(load,), effects=EFFECTS[name])
     result = solve(model, sample_interval=7, **short(model, 2000))
     assert result.energy_balance < 1e-12
     lost = result.energies.viscous_dissipation
@@ -252,7 +253,7 @@ def test_a_body_that_starts_strained_and_at_rest_has_no_viscous_force(name, turn
     start = 1e-4 * np.random.default_rng(3).standard_normal((1, *group.mesh.nodes.shape))
     velocities = []
     for effects in (Effects(gravity=EFFECTS[name].gravity), EFFECTS[name]):
-        model = Model((group,), effects=replace(effects, finite_rotation=turning))
+        model = lone_bodies((group,), effects=replace(effects, finite_rotation=turning))
         system = prepare(model, time_step=1e-6)
         velocities.append(initial_state(system, displacements=[start]).bodies[0].velocity)
     elastic, damped = velocities
@@ -267,7 +268,7 @@ def test_energy_does_not_drift(n_steps, bound):
     rng = np.random.default_rng(0)
     velocity = rng.standard_normal((1, 8, 3))
     velocity[0, :3] = 0.0
-    model = Model((group,), supports=(fixed_nodes(0, np.arange(3)),))
+    model = lone_bodies((group,), supports=(fixed_nodes(0, np.arange(3)),))
     result = solve(model, velocities=[velocity], sample_interval=1000, **short(model, n_steps))
     assert result.n_steps == n_steps
     assert result.energy_balance < bound
@@ -281,7 +282,7 @@ def test_rayleigh_damping_ratio(alpha, beta):
     # a step) and (ω Δt)².
     group = placed_body(distorted_box((2, 2, 2)), CONCRETE)
     omega, shapes = modes(group)
-    model = Model((group,), effects=Effects(rayleigh=RayleighDamping(alpha, beta)))
+    model = lone_bodies((group,), effects=Effects(rayleigh=RayleighDamping(alpha, beta)))
     options = short(model, 400, factor=0.2)
     dt = options["time_step"]
     for k in (6, 30):
@@ -309,7 +310,7 @@ def test_bulk_viscosity_damps_the_dilatational_mode_of_one_element_by_b1():
     c, h, b1 = CONCRETE.dilatational_wave_speed, 10.0, 0.06
     effects = Effects(bulk_viscosity=BulkViscosity(b1, 0.0))
     sides = fixed_nodes(0, np.arange(8), components=(1, 2))
-    model = Model((group,), supports=(sides,), effects=effects)
+    model = lone_bodies((group,), supports=(sides,), effects=effects)
     omega = 2.0 * c / h
     dt = 0.01 / omega
     stretch = np.zeros((8, 3))
@@ -323,12 +324,12 @@ def test_bulk_viscosity_damps_the_dilatational_mode_of_one_element_by_b1():
 def test_quadratic_bulk_viscosity_acts_in_compression_only():
     mesh = cube(1)
     group = placed_body(mesh, CONCRETE)
-    model = Model((group,), effects=Effects(bulk_viscosity=BulkViscosity(0.0, 1.2)))
+    model = lone_bodies((group,), effects=Effects(bulk_viscosity=BulkViscosity(0.0, 1.2)))
     stretch = (mesh.nodes - 5.0)[None]
     rate = 1.0
     lost = {}
     for sign in (1.0, -1.0):
-        dt = 1e-3 * critical_time_step(model).critical_time_step
+        dt = 1e-3 * model.critical.critical_time_step
         result = solve(
             model,
             time_step=dt,
@@ -349,7 +350,7 @@ def test_critical_time_step_is_sharp(name):
     # A random start has all modes: bounded just below the limit; 1 % above it the worst mode
     # grows by e^(0.28) per step and the watchdog stops it.
     group = placed_body(distorted_box((2, 2, 2)), CONCRETE)
-    model = Model((group,), effects=EFFECTS[name])
+    model = lone_bodies((group,), effects=EFFECTS[name])
     velocity = np.random.default_rng(0).standard_normal((1, 27, 3))
     stable = solve(model, velocities=[velocity], **short(model, 3000, factor=0.999))
     start = 0.5 * group.lumped_mass @ (velocity[0] ** 2).sum(axis=1)
@@ -377,7 +378,7 @@ def test_hourglass_modes_do_not_grow():
     signs = np.prod(np.where(np.round(mesh.nodes / (10 / 3)).astype(int) % 2 == 0, 1, -1), axis=1)
     velocity = np.zeros((1, mesh.n_nodes, 3))
     velocity[0, :, 0] = signs
-    model = Model((group,))
+    model = lone_bodies((group,))
     result = solve(model, velocities=[velocity], sample_interval=3, **short(model, 9000, factor))
     put_in = 0.5 * group.lumped_mass.sum()
     hourglass = result.history.column("hourglass_energy")
@@ -390,8 +391,11 @@ def test_hourglass_modes_do_not_grow():
 def test_effects_that_are_off_leave_the_bits_of_the_bare_loop():
     group = placed_body(distorted_box((3, 2, 2)), CONCRETE, translations=np.zeros((5, 3)))
     velocity = np.random.default_rng(0).standard_normal((5, group.n_nodes, 3))
-    model = Model((group,))
-    system = prepare(model, time_step=0.9 * critical_time_step(model).critical_time_step)
+    model = lone_bodies((group,))
+    system = prepare(
+        model,
+        time_step=0.9 * model.critical.critical_time_step,
+    )
     body, dt = system.bodies[0], system.time_step
     state = initial_state(system, velocities=[velocity])
     for _ in range(200):
@@ -420,7 +424,7 @@ def test_threads_copies_and_samples_do_not_change_a_bit(name):
     results = []
     for n_copies, threads, interval in ((2, 1, 50), (2, 2, 50), (4, 1, 3)):
         group = placed_body(mesh, CONCRETE, rotations=PLACEMENTS[[0, 1, 2, 0]][:n_copies])
-        model = Model((group,), effects=effects)
+        model = lone_bodies((group,), effects=effects)
         results.append(
             solve(
                 model,
@@ -441,7 +445,7 @@ def test_one_copy_gives_the_answer_of_many():
     found = []
     for n in (1, 2):
         group = placed_body(mesh, CONCRETE, rotations=PLACEMENTS[1 : 1 + n])
-        model = Model((group,))
+        model = lone_bodies((group,))
         found.append(
             solve(model, velocities=[velocity[:n]], **short(model, 100)).displacements[0][0]
         )
@@ -454,7 +458,7 @@ def test_gravity_gives_free_fall():
     # u = ½ g t² exactly for a constant acceleration from rest.
     group = placed_body(cube(2), CONCRETE, rotations=PLACEMENTS)
     g = np.array([0.0, 3.0, -9810.0])
-    model = Model((group,), effects=Effects(gravity=g))
+    model = lone_bodies((group,), effects=Effects(gravity=g))
     result = solve(model, **short(model, 500))
     fall = 0.5 * g * result.time**2
     expected = np.broadcast_to(fall, result.displacements[0].shape)

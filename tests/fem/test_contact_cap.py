@@ -12,7 +12,6 @@ from fem.decks.problem import problem_deck
 from fem.decks.write import deck_lines
 from fem.dynamics import stated_run
 from fem.explicit.solve import Frame
-from fem.system.time_step import critical_time_step
 from tests.support.answers import on_its_mesh
 from tests.support.own_blocks import column, overclosure
 from tests.support.printed import printed
@@ -69,7 +68,7 @@ def test_a_run_that_outgrows_its_time_step_starts_again(tmp_path: Path) -> None:
     pressure = 8.0
     case = column(pressure).with_method("explicit")
     stated = stated_run(case.problem, case.method)
-    longest = critical_time_step(stated.model).critical_time_step
+    longest = stated.critical.critical_time_step
     frames: list[Frame] = []
     moving = changed(pressure, fem={"method": "explicit", "frames": 5})
     run = on_its_mesh(moving, on_frame=frames.append)
@@ -84,7 +83,7 @@ def test_a_run_that_outgrows_its_time_step_starts_again(tmp_path: Path) -> None:
     assert len(kept) < len(frames)
     assert [frame.number for frame in kept] == list(range(len(kept)))
     assert kept[-1].last
-    assert run.details.statement.counted_pressure >= 4.0
+    assert run.details.run.stated.counted_pressure >= 4.0
     top = 2 * overclosure(pressure) + pressure * 160.0 / 33e3
     # Damped until the residual is 1e-4 of the load.
     assert run.details.largest_displacement == pytest.approx(top, rel=1e-3)

@@ -14,11 +14,11 @@ from fem.explicit import block_frame, damping, solve, step
 from fem.system.body import placed_body
 from fem.system.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
 from fem.system.forces import SmoothStepAmplitude
-from fem.system.model import Model, fixed_nodes, nodal_load
+from fem.system.model import fixed_nodes, nodal_load
 from fem.system.springs import springs_on
-from fem.system.time_step import critical_time_step
 from geometry.mesh import boundary_quads
 from tests.support.fem_problems import CONCRETE, distorted_box
+from tests.support.lone_bodies import lone_bodies
 
 #: Functions of each effect: module, name. All are called from the loop over steps alone.
 FUNCTIONS: dict[str, tuple[tuple[Any, str], ...]] = {
@@ -87,8 +87,8 @@ def test_no_step_calls_an_effect_that_is_off(calls: Counter[str], name: str, loa
         expected |= {"loads", "supports"}
         if name == "stiffness":
             expected.add("viscosity at supports")
-    model = Model((group,), effects=effects, **parts)
-    time_step = 0.5 * critical_time_step(model).critical_time_step
+    model = lone_bodies((group,), effects=effects, **parts)
+    time_step = 0.5 * model.critical.critical_time_step
     solve.solve(
         model,
         time_step=time_step,
@@ -103,7 +103,7 @@ def test_springs_to_the_ground_are_stiffness_of_their_block(calls: Counter[str])
     mesh = distorted_box((2, 2, 2))
     quads = boundary_quads(mesh)[:2]
     springs = springs_on(mesh, [("bed", quads, 5.0, np.eye(3))])
-    model = Model((placed_body(mesh, CONCRETE, springs=springs),))
-    time_step = 0.5 * critical_time_step(model).critical_time_step
+    model = lone_bodies((placed_body(mesh, CONCRETE, springs=springs),))
+    time_step = 0.5 * model.critical.critical_time_step
     solve.solve(model, time_step=time_step, end_time=20.5 * time_step, sample_interval=7)
     assert not calls

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from fem import ElementType
-from fem.explicit import solve as explicit
 from fem.explicit.output.checkpoint import CheckpointError, content_digest
 from fem.explicit.solve import Output, Status, StopCriterion, UnstableRun, solve
 from fem.explicit.state import StateError
+from fem.explicit.timed import TimedSystem
 from fem.system.body import ModelError, placed_body
 from fem.system.effects import (
     AdaptiveMassDamping,
@@ -23,17 +23,18 @@ from fem.system.effects import (
     RayleighDamping,
 )
 from fem.system.forces import SmoothStepAmplitude
-from fem.system.model import Model, fixed_nodes, nodal_load
-from fem.system.time_step import TimeStepError, critical_time_step
+from fem.system.model import fixed_nodes, nodal_load
+from fem.system.time_step import TimeStepError
 from tests.support.blocks import random_rotation
 from tests.support.cantilever import EVERYTHING, HELD, MESH, cantilever
 from tests.support.fem_problems import CONCRETE, degrees_of_freedom, static_displacement
+from tests.support.lone_bodies import lone_bodies
 
 pytestmark = pytest.mark.quick
 
 
-def static_answer(model: Model) -> np.ndarray:
-    group, load = model.groups[0], model.loads[0]
+def static_answer(model: TimedSystem) -> np.ndarray:
+    group, load = model.bodies[0], model.system.forces[0]
     force = np.zeros((group.n_nodes, 3))
     first = load.copies == 0
     force[load.nodes[first]] = load.forces[first]
@@ -184,14 +185,14 @@ def test_unstable_run_stops_before_anything_not_finite_is_passed_on():
     group = placed_body(MESH, CONCRETE)
     force = np.zeros((group.n_nodes, 3))
     force[-1] = 1.0
-    model = Model((group,), loads=(nodal_load(0, force),))
+    model = lone_bodies((group,), loads=(nodal_load(0, force),))
     frames = []
-    dt = critical_time_step(model).critical_time_step
+    dt = model.critical.critical_time_step
     stiffer = placed_body(MESH, replace(CONCRETE, young_modulus=4.0 * CONCRETE.young_modulus))
-    wild = Model((stiffer,), loads=model.loads)
+    wild = lone_bodies((stiffer,), loads=model.system.forces)
     output = Output(on_frame=frames.append, frame_interval=10 * dt, progress=frames.append)
     patched = pytest.MonkeyPatch()
-    patched.setattr(explicit, "critical_time_step", lambda _: critical_time_step(model))
+    patched.setattr(TimedSystem, "critical", model.critical)
     with patched.context(), pytest.raises(UnstableRun, match=r"block\[0\].*safety_factor"):
         solve(wild, end_time=2000 * dt, time_step=dt, output=output)
     patched.undo()
@@ -274,22 +275,20 @@ def test_bad_effects_are_refused(make):
 
 def test_bad_models_are_refused():
     group = placed_body(MESH, CONCRETE)
-    with pytest.raises(ModelError, match="at least one group"):
-        Model(())
     with pytest.raises(ModelError, match="not a rotation"):
         placed_body(MESH, CONCRETE, rotations=-np.eye(3)[None])
     with pytest.raises(ModelError, match="node 63 to 63"):
-        Model((group,), supports=(fixed_nodes(0, np.array([63])),))
+        lone_bodies((group,), supports=(fixed_nodes(0, np.array([63])),))
     with pytest.raises(ModelError, match="group 1"):
-        Model((group,), loads=(nodal_load(1, np.ones((63, 3))),))
+        lone_bodies((group,), loads=(nodal_load(1, np.ones((63, 3))),))
     jump = fixed_nodes(0, HELD, displacement=np.ones(3))
     with pytest.raises(ModelError, match="jumps at time 0"):
-        Model((group,), supports=(jump,))
+        lone_bodies((group,), supports=(jump,))
     with pytest.raises(ModelError, match="not finite"):
-        Model((group,), loads=(nodal_load(0, np.full((63, 3), np.nan)),))
+        lone_bodies((group,), loads=(nodal_load(0, np.full((63, 3), np.nan)),))
     moves = fixed_nodes(0, HELD[:1], displacement=np.ones(3), amplitude=SmoothStepAmplitude(1e-5))
     with pytest.raises(ModelError, match="moved in two ways"):
-        solve(Model((group,), supports=(fixed_nodes(0, HELD), moves)), end_time=1e-4)
+        solve(lone_bodies((group,), supports=(fixed_nodes(0, HELD), moves)), end_time=1e-4)
 
 
 def test_directions_of_supports_may_be_oblique_or_stated_twice():
@@ -301,7 +300,7 @@ def test_directions_of_supports_may_be_oblique_or_stated_twice():
     supports = (oblique, fixed_nodes(0, HELD[:2], components=(0,)))
     load = nodal_load(0, np.ones((group.n_nodes, 3)))
     one, two = (
-        solve(Model((group,), supports=held, loads=(load,)), end_time=1e-4).displacements[0]
+        solve(lone_bodies((group,), supports=held, loads=(load,)), end_time=1e-4).displacements[0]
         for held in ((plain,), supports)
     )
     np.testing.assert_allclose(two, one, rtol=0.0, atol=1e-10 * np.abs(one).max())
@@ -311,12 +310,14 @@ def test_amplitudes_are_part_of_the_fingerprint(tmp_path):
     file = tmp_path / "run.npz"
     model = cantilever()
     solve(model, end_time=1e-4, output=Output(checkpoint=file, progress=interrupting(1)))
-    load = model.loads[0]
+    load = model.system.forces[0]
     none = load.forces[:0].reshape(0, 3)
     other = nodal_load(0, none, copies=[0], amplitude=SmoothStepAmplitude(1.0))
     with pytest.raises(CheckpointError, match="another model"):
         solve(
-            Model(model.groups, model.supports, (*model.loads, other)), end_time=1e-4, resume=file
+            lone_bodies(model.bodies, model.system.supports, (*model.system.forces, other)),
+            end_time=1e-4,
+            resume=file,
         )
 
 
@@ -325,7 +326,7 @@ def test_every_element_runs_to_the_same_bending_sign(element):
     group = placed_body(MESH, CONCRETE, element=element)
     force = np.zeros((group.n_nodes, 3))
     force[np.flatnonzero(MESH.nodes[:, 0] == 40.0), 2] = 0.5
-    model = Model(
+    model = lone_bodies(
         (group,),
         (fixed_nodes(0, HELD),),
         (nodal_load(0, force, amplitude=SmoothStepAmplitude(1e-4)),),

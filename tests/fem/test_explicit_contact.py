@@ -9,7 +9,7 @@ from fem.contact.surfaces import ContactNormals
 from fem.element.facet import FACET_SLOPES, FACET_VALUES
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.quasi_static import quasi_static_report
-from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.setup.timed_system import state_of, timed_system
 from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, solve
 from fem.explicit.state import world_vectors
 from fem.static.solve import solve_static
@@ -52,7 +52,7 @@ def kernel_forces(statement, displacements, *, then=None, **options):
     With ``then`` those at displacements that follow upon the first.
     """
     copy_of = statement.system.copy_of
-    system = prepare(statement.model, time_step=1e-9, **options)
+    system = prepare(statement, time_step=1e-9, **options)
     state = initial_state(system, displacements=in_model_order(statement, displacements))
     if then is not None:
         displacements = then
@@ -98,7 +98,7 @@ def test_kernel_agrees_with_the_plain_reference(normals, frames):
     deformable = tube(3, normals=normals, frames=frames, clearance=0.002)
     displacements = random_displacements(deformable, 5e-3)
     expected, energy = plain_forces(deformable, displacements)
-    found, stored = kernel_forces(explicit_statement(deformable), displacements)
+    found, stored = kernel_forces(timed_system(deformable), displacements)
     for a, b in zip(found, expected, strict=True):
         assert np.abs(b).max() > 1.0
         assert np.abs(a - b).max() < 1e-10 * np.abs(b).max()
@@ -112,7 +112,7 @@ def test_kernel_agrees_on_open_and_pressed_tubes(clearance):
         deformable = tube(**{kind: clearance})
         displacements = random_displacements(deformable, 0.02)
         expected, _ = plain_forces(deformable, displacements)
-        found, _ = kernel_forces(explicit_statement(deformable), displacements)
+        found, _ = kernel_forces(timed_system(deformable), displacements)
         assert np.abs(expected[0]).max() > 1.0
         assert np.abs(found[0] - expected[0]).max() < 1e-10 * np.abs(expected[0]).max()
 
@@ -167,7 +167,7 @@ def test_friction_agrees_with_the_plain_law():
         mine = deformable.group_of[blocks] == 0
         copies = deformable.copy_of[blocks[mine]]
         np.add.at(expected[0], (copies[:, None], quads[mine]), corners[mine, half : half + 4])
-    statement = explicit_statement(in_contact(deformable, friction=friction))
+    statement = timed_system(in_contact(deformable, friction=friction))
     found, _ = kernel_forces(statement, before, then=after)
     size = np.abs(force).max()
     assert np.abs(found[0] - expected[0]).max() < 1e-3 * size
@@ -180,7 +180,7 @@ def test_action_is_reaction_and_moments_balance():
     """
     deformable = tube(frames=Frames.DEFORMABLE)
     displacements = random_displacements(deformable, 5e-3)
-    forces, _ = kernel_forces(explicit_statement(deformable), displacements)
+    forces, _ = kernel_forces(timed_system(deformable), displacements)
     total, moment, size = np.zeros(3), np.zeros(3), 0.0
     for g, f, u in zip(deformable.bodies, forces, displacements, strict=True):
         total += f.sum(axis=(0, 1))
@@ -193,21 +193,21 @@ def test_action_is_reaction_and_moments_balance():
 def test_two_threads_give_the_same_bits():
     deformable = tube(3)
     displacements = random_displacements(deformable, 5e-3)
-    statement = explicit_statement(deformable)
+    statement = timed_system(deformable)
     one, _ = kernel_forces(statement, displacements, threads=1)
     two, _ = kernel_forces(statement, displacements, threads=2)
     assert np.array_equal(one[0], two[0])
 
 
 def run_to_static(deformable, symmetry="none", **options):
-    statement = explicit_statement(
+    statement = timed_system(
         deformable,
         counted_pressure=10.0,  # above what presses here: runs do not have to start again
         symmetry=symmetry,
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
     )
     result = solve(
-        statement.model,
+        statement,
         end_time=statement.end_time,
         stop=StopCriterion(1e-5, statement.ramp_time),
         **options,
@@ -262,7 +262,7 @@ def test_sector_gives_the_digits_of_the_whole(coarse_run):
     deformable, statement, result = coarse_run
     whole = statement.expand(result.displacements)[0]
     sector, found = run_to_static(deformable, "sector")
-    assert sector.model.n_nodes * 4 == statement.model.n_nodes
+    assert sector.system.n_nodes * 4 == statement.system.n_nodes
     assert found.n_steps == result.n_steps
     part = sector.expand(found.displacements)[0]
     assert np.abs(part - whole).max() < 1e-9 * np.abs(whole).max()
@@ -275,12 +275,12 @@ def test_a_half_turn_gives_the_whole(friction):
     deformable = in_contact(tube(2), friction=friction)
     found = []
     for symmetry, computed in (("none", 8), ("auto", 1)):
-        statement = explicit_statement(
+        statement = timed_system(
             deformable, symmetry=symmetry, ramp_time=5e-4, counted_pressure=10.0
         )
         assert len(statement.system.blocks) == computed
-        result = solve(statement.model, end_time=1e-3)
-        state = statement.state(result).contact_state
+        result = solve(statement, end_time=1e-3)
+        state = state_of(result).contact_state
         moved_by = statement.expand(result.displacements)[0]
         rubs = 0.0 if friction is None else state.point_frictions
         found.append((moved_by, state.point_pressures, rubs))
@@ -316,19 +316,19 @@ def test_a_resumed_run_gives_the_same_bits(tmp_path, coarse_run):
     options = {"end_time": statement.end_time, "stop": stop}
     with pytest.raises(KeyboardInterrupt):
         solve(
-            statement.model,
+            statement,
             **options,
             output=Output(checkpoint=path, checkpoint_seconds=0.0, progress=stop_midway),
         )
-    resumed = solve(statement.model, **options, resume=path)
+    resumed = solve(statement, **options, resume=path)
     assert resumed.n_steps == result.n_steps
     assert np.array_equal(resumed.displacements[0], result.displacements[0])
 
 
 def test_no_symmetry_keeps_every_block():
     deformable = tube(2)
-    statement = explicit_statement(deformable)
-    assert statement.model.groups[0].n_copies == 8
+    statement = timed_system(deformable)
+    assert statement.bodies[0].n_copies == 8
     displacements = random_displacements(deformable, 1.0)
     back = statement.expand(in_model_order(statement, displacements))
     # Into the frames of the blocks and back: rounding.

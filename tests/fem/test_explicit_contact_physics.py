@@ -1,7 +1,6 @@
 """Blocks on a rigid floor: bouncing, sliding at the friction angle, time step safety."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from fem import CoulombFriction, ExponentialLaw, LinearPenalty
 from fem.contact.friction import FrictionError
 from fem.contact.surfaces import ContactNormals
 from fem.explicit.damping import applied_forces
-from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import Output, UnstableRun, displacements_of, initial_state, prepare, solve
 from fem.explicit.state import world_vectors
 from fem.explicit.step import step
@@ -29,9 +28,9 @@ def falling(deformable, speed):
 
 def bounce(time_step):
     deformable = block_on_floor(lift=0.02)
-    statement = explicit_statement(deformable)
+    statement = timed_system(deformable)
     return solve(
-        statement.model,
+        statement,
         end_time=6e-3,
         time_step=time_step,
         velocities=falling(deformable, 10.0),
@@ -49,7 +48,7 @@ def test_a_bouncing_block_keeps_its_energy():
     assert coarse.history.column("contact_energy").max() > 0.1 * coarse.energies.kinetic_energy
     assert errors[0] < 1e-2
     assert 3.0 < errors[0] / errors[1] < 5.5
-    mass = coarse.model.groups[0].lumped_mass
+    mass = coarse.bodies[0].lumped_mass
     assert mass @ coarse.velocities[0][0, :, 2] / mass.sum() > 5.0
     assert abs(fine.history.column("energy_balance")[-1]) < 1e-4
 
@@ -70,9 +69,9 @@ def on_incline(ratio, *, coefficient=0.3, time=4e-3, floor_first=True, effects=N
         size, law=LinearPenalty(penalty), lift=-sink, gravity=gravity, floor_first=floor_first
     )
     friction = CoulombFriction(coefficient)
-    statement = explicit_statement(in_contact(deformable, friction=friction), effects=effects)
-    result = solve(statement.model, end_time=time)
-    mass = statement.model.groups[0].lumped_mass
+    statement = timed_system(in_contact(deformable, friction=friction), effects=effects)
+    result = solve(statement, end_time=time)
+    mass = statement.bodies[0].lumped_mass
     return float(mass @ result.displacements[0][0, :, 0] / mass.sum()), result
 
 
@@ -106,7 +105,7 @@ def test_a_damped_slide_reaches_its_terminal_velocity():
     rate, time = 2000.0, 4e-3
     effects = Effects(rayleigh=RayleighDamping(mass_proportional=rate))
     _, result = on_incline(1.5, time=time, effects=effects)
-    mass = result.model.groups[0].lumped_mass
+    mass = result.stated.bodies[0].lumped_mass
     speed = float(mass @ result.velocities[0][0, :, 0] / mass.sum())
     down = GRAVITY / math.hypot(1.0, 1.5 * 0.3)
     assert speed == pytest.approx(0.5 * 0.3 * down / rate, rel=0.01)
@@ -129,7 +128,7 @@ def test_no_friction_is_vanishing_friction_to_the_bit():
     deformable = block_on_floor(lift=0.001)
     runs = [
         solve(
-            explicit_statement(in_contact(deformable, friction=friction)).model,
+            timed_system(in_contact(deformable, friction=friction)),
             end_time=3e-4,
             velocities=falling(deformable, 10.0),
         )
@@ -141,7 +140,7 @@ def test_no_friction_is_vanishing_friction_to_the_bit():
 def test_friction_history_is_in_the_checkpoint(tmp_path):
     """A run with friction continued from a checkpoint ends in the same bits."""
     deformable = block_on_floor(lift=-1e-4, gravity=np.array([4000.0, 0.0, -9000.0]))
-    model = explicit_statement(in_contact(deformable, friction=CoulombFriction(0.3))).model
+    model = timed_system(in_contact(deformable, friction=CoulombFriction(0.3)))
     path = tmp_path / "checkpoint.npz"
     seen = []
 
@@ -169,9 +168,9 @@ def test_friction_is_refused_where_it_cannot_act():
         CoulombFriction(0.1, stick_stiffness=0.0)
     deformable = block_on_floor(normals=ContactNormals.REFERENCE)
     with pytest.raises(FrictionError, match="current normals"):
-        explicit_statement(in_contact(deformable, friction=CoulombFriction(0.1)))
+        timed_system(in_contact(deformable, friction=CoulombFriction(0.1)))
     with pytest.raises(FrictionError, match="critical time step"):
-        explicit_statement(
+        timed_system(
             in_contact(block_on_floor(), friction=CoulombFriction(0.1, stick_stiffness=1e5))
         )
 
@@ -182,7 +181,7 @@ def test_a_law_without_cap_is_watched():
     deformable = block_on_floor(lift=0.002, law=law)
     with pytest.raises(UnstableRun, match=r"blocks 0 and 1 reached .* MPa.*safety_factor"):
         solve(
-            explicit_statement(deformable).model,
+            timed_system(deformable),
             end_time=2e-3,
             velocities=falling(deformable, 2e4),
             safety_factor=1.0,
@@ -199,9 +198,9 @@ def test_time_step_counts_contact():
     sink = CONCRETE.density * GRAVITY * 20.0 / 1e5
     gravity = np.array([0.0, 0.0, -GRAVITY])
     deformable = block_on_floor(law=LinearPenalty(1e5), lift=-sink, gravity=gravity)
-    model = explicit_statement(deformable).model
-    with_contact = critical_time_step(model).critical_time_step
-    without = critical_time_step(replace(model, interactions=())).critical_time_step
+    model = timed_system(deformable)
+    with_contact = model.critical.critical_time_step
+    without = critical_time_step(model.bodies, model.effects).critical_time_step
     assert with_contact < 0.5 * without
     highest = []
     for time_step in (0.9 * with_contact, 0.9 * without):
@@ -225,9 +224,7 @@ def test_column_under_its_weight_sinks_by_the_inverse_of_the_law():
     law = ExponentialLaw()
     deformable = block_on_floor(law=law, gravity=np.array([0.0, 0.0, -1e3 * GRAVITY]))
     effects = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
-    result = solve(
-        explicit_statement(deformable, effects=effects, ramp_time=0.0).model, end_time=4e-3
-    )
+    result = solve(timed_system(deformable, effects=effects, ramp_time=0.0), end_time=4e-3)
     pressure = CONCRETE.density * 1e3 * GRAVITY * 20.0
     found, overclosure = matched_pressures(deformable, result.displacements)
     assert float((deformable.surfaces.weights * found).sum()) / 1200.0 == pytest.approx(
@@ -240,7 +237,7 @@ def test_column_under_its_weight_sinks_by_the_inverse_of_the_law():
 def floor_forces(model, path):
     """Forces on the blocks at the last of some displacements, (3,) or one row a block [mm]."""
     system = prepare(model, time_step=1e-9)
-    group = model.groups[0]
+    group = model.bodies[0]
     state = initial_state(system)
     for moved in path:
         copies = np.broadcast_to(moved, (group.n_copies, 3))
@@ -259,7 +256,7 @@ def test_friction_forgets_when_blocks_lift_off():
     Pressed and moved along without lifting, it rubs with μ times the pressing force.
     """
     deformable = block_on_floor(lift=0.05)
-    model = explicit_statement(in_contact(deformable, friction=CoulombFriction(0.3))).model
+    model = timed_system(in_contact(deformable, friction=CoulombFriction(0.3)))
     pressed, along = np.array([0.0, 0.0, -0.052]), np.array([0.05, 0.0, 0.0])
     lifted = np.array([0.0, 0.0, 0.1])
     fresh = floor_forces(model, [pressed + along])
@@ -273,7 +270,7 @@ def test_friction_forgets_when_blocks_lift_off():
 def test_friction_forgets_the_block_that_lifts_off_beside_one_that_stays():
     """They are lanes of one loop: what the facets of one forget, those of the other keep."""
     deformable = block_on_floor(lift=0.05, blocks=2)
-    model = explicit_statement(in_contact(deformable, friction=CoulombFriction(0.3))).model
+    model = timed_system(in_contact(deformable, friction=CoulombFriction(0.3)))
     pressed, along = np.array([0.0, 0.0, -0.052]), np.array([0.05, 0.0, 0.0])
     lifted = np.array([0.0, 0.0, 0.1])
     path = [[pressed, pressed], [pressed, lifted], [pressed, lifted + along]]

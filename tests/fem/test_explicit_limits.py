@@ -28,7 +28,7 @@ def test_a_run_ends_at_the_first_sample_whose_work_reaches_the_limit(tmp_path, p
     goes on to the bits of the whole."""
     whole = solve_explicit(problem, METHOD)
     steps, work = whole.report["n_steps"], whole.report["work"]["done"]
-    elements = whole.details.statement.model.n_elements
+    elements = whole.details.run.stated.n_elements
     assert work > SECONDS[Operation.STEP] * elements * steps
     kept = tmp_path / "run.npz"
     half = solve_explicit(problem, replace(METHOD, max_work=0.5 * work), checkpoint=kept)

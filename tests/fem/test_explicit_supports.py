@@ -11,7 +11,7 @@ from scipy.linalg import eigh
 from fem import Explicit, Problem, Static, concrete, solve_explicit, solve_static
 from fem.problem import Motion
 from fem.system.body import ModelError
-from fem.system.model import Model
+from fem.system.effects import Effects
 from fem.system.sector import SymmetryError
 from fem.system.time_step import TimeStepError, critical_time_step
 from geometry import SineBlock, pipe, tube
@@ -100,10 +100,10 @@ def test_the_time_step_is_that_of_block_and_springs() -> None:
     squares = eigh(
         group.stiffness.toarray(), np.diag(np.repeat(group.lumped_mass, 3)), eigvals_only=True
     )
-    step = critical_time_step(Model((group,))).critical_time_step
+    step = critical_time_step([group], Effects()).critical_time_step
     assert step == pytest.approx(2.0 / np.sqrt(squares[-1]), rel=1e-5)
     soft = Problem(ONE, case(ONE, held=(*SIDES, roller(ONE, 0, -Z))), concrete).deformable.bodies
-    assert step < 0.9 * critical_time_step(Model(soft)).critical_time_step
+    assert step < 0.9 * critical_time_step(soft, Effects()).critical_time_step
 
 
 def test_springs_of_blocks_that_turn_are_rejected() -> None:

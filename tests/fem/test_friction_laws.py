@@ -1,20 +1,19 @@
 """Known laws of friction in explicit runs: hysteresis, sticking, gravity that grows."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from fem import CoulombFriction, LinearPenalty
 from fem.dynamics import stated_run
-from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import solve
 from fem.system.effects import PAPER_RAYLEIGH, Effects
 from fem.system.forces import SmoothStepAmplitude, TabularAmplitude
-from fem.system.model import Model, fixed_nodes
+from fem.system.model import fixed_nodes
 from tests.support.answers import on_its_mesh
 from tests.support.fem_problems import in_contact
 from tests.support.floor import GRAVITY, block_on_floor
+from tests.support.lone_bodies import lone_bodies, with_supports
 from tests.support.sliding_plate import plate
 
 #: A block of 40 × 30 mm² pressed into the floor so far, on a linear law [mm, MPa/mm].
@@ -28,19 +27,19 @@ ELASTIC = FRICTION.coefficient * PENALTY * SINK / FRICTION.stick_stiffness
 def pushed(amplitude, cycles):
     """All nodes moved along x by 0, +A, -A, +A …, back to +A after so many cycles."""
     deformable = block_on_floor(law=LinearPenalty(PENALTY), lift=-SINK)
-    model = explicit_statement(in_contact(deformable, friction=FRICTION)).model
+    model = timed_system(in_contact(deformable, friction=FRICTION))
     turns = np.array([0.0, 1.0, *([-1.0, 1.0] * cycles)])
     times = np.cumsum([0.0, 1.0, *([2.0] * 2 * cycles)]) * 2.5e-4
     moved = fixed_nodes(
         0,
-        np.arange(model.groups[0].n_nodes),
+        np.arange(model.bodies[0].n_nodes),
         displacement=np.array([amplitude, 0.0, 0.0]),
         amplitude=TabularAmplitude(tuple(times), tuple(turns)),
     )
     end = float(times[-1])
     # Time steps meet the turning points.
     step = 2.5e-4 / 128
-    held = replace(model, supports=(moved,))
+    held = with_supports(model, moved)
     return solve(held, end_time=end, time_step=step, sample_interval=1)
 
 
@@ -75,10 +74,10 @@ def test_what_sticks_loses_nothing():
 def test_gravity_that_grows_does_the_work_that_it_does():
     """A free block: speed g T/2 after a smooth step of T, which is odd about its middle; work is
     kinetic energy to rounding, as by central differences."""
-    group = explicit_statement(block_on_floor()).model.groups[0]
+    group = timed_system(block_on_floor()).bodies[0]
     duration, down = 2e-4, np.array([0.0, 0.0, -GRAVITY])
     effects = Effects(gravity=down, gravity_amplitude=SmoothStepAmplitude(duration))
-    result = solve(Model(groups=(group,), effects=effects), end_time=2 * duration)
+    result = solve(lone_bodies((group,), effects=effects), end_time=2 * duration)
     speed = -result.velocities[0][0, :, 2]
     # Of the second half all, but for the half step by which velocities lag.
     late = 0.5 * result.time_step * GRAVITY
@@ -112,7 +111,7 @@ def test_gravity_grows_only_on_the_way_to_a_static_state():
     for damping, ramped in (("static", True), ("paper", False)):
         case = plate("explicit", damping)
         stated = stated_run(case.problem, case.method)
-        effects = stated.model.effects
+        effects = stated.effects
         assert (effects.gravity_amplitude is not None) is ramped
         if not ramped:
             assert effects.rayleigh == PAPER_RAYLEIGH

@@ -11,7 +11,7 @@ from fem import ExponentialLaw, Frames, Material, read_deck
 from fem.decks.deck import Flavour
 from fem.decks.laws import law_table
 from fem.decks.problem import problem_deck
-from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.setup.timed_system import state_of, timed_system
 from fem.explicit.solve import StopCriterion
 from fem.explicit.solve import solve as solve_model
 from fem.static.solve import solve_static
@@ -107,10 +107,10 @@ def test_gravity_of_the_assembly_reaches_an_explicit_run() -> None:
     """
     column = weighing_column()
     effects = Effects(adaptive_mass_damping=AdaptiveMassDamping())
-    stated = explicit_statement(column, effects=effects)
+    stated = timed_system(column, effects=effects)
     stop = StopCriterion(residual=1e-6, not_before=stated.ramp_time)
-    explicit = solve_model(stated.model, end_time=4 * stated.end_time, stop=stop)
-    dynamic = stated.state(explicit).contact_state
+    explicit = solve_model(stated, end_time=4 * stated.end_time, stop=stop)
+    dynamic = state_of(explicit).contact_state
     static = solve_static(column).contact_state
     bears = 40.0**2 * (1e-4 + CONCRETE.density * 9810.0 * 60.0)
     for state in (static, dynamic):
@@ -119,11 +119,11 @@ def test_gravity_of_the_assembly_reaches_an_explicit_run() -> None:
 
 def test_gravity_is_stated_once() -> None:
     column = weighing_column()
-    assert np.array_equal(explicit_statement(column).model.effects.gravity, GRAVITY)
-    same = explicit_statement(column, effects=Effects(gravity=GRAVITY.copy()))
-    assert np.array_equal(same.model.effects.gravity, GRAVITY)
+    assert np.array_equal(timed_system(column).effects.gravity, GRAVITY)
+    same = timed_system(column, effects=Effects(gravity=GRAVITY.copy()))
+    assert np.array_equal(same.effects.gravity, GRAVITY)
     with pytest.raises(EffectError, match="where the assembly has"):
-        explicit_statement(column, effects=Effects(gravity=2.0 * GRAVITY))
+        timed_system(column, effects=Effects(gravity=2.0 * GRAVITY))
 
 
 def test_rigid_blocks_carry_the_weight_that_the_scene_states() -> None:

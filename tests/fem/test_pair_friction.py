@@ -20,7 +20,7 @@ from fem import (
 )
 from fem.contact.friction import FrictionError
 from fem.decks.keywords import DeckError
-from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import solve as solve_explicit
 from fem.static.solve import solve_static as solve_blocks
 from fem.system.effects import Effects
@@ -82,10 +82,8 @@ def test_each_block_of_an_explicit_run_slides_at_its_own_limit(sliding: bool) ->
         finite_sliding=sliding,
         gravity=(lean * 9810.0, 0.0, -9810.0),
     )
-    stated = explicit_statement(
-        problem.deformable, effects=Effects(), ramp_time=0.0, end_time=duration
-    )
-    run = solve_explicit(stated.model, end_time=duration)
+    stated = timed_system(problem.deformable, effects=Effects(), ramp_time=0.0, end_time=duration)
+    run = solve_explicit(stated, end_time=duration)
     moved = run.displacements[0][:, :, 0].mean(axis=1)
     expected = 0.5 * 9810.0 * (lean - np.array([ROUGH, SMOOTH])) * run.time**2
     assert moved == pytest.approx(expected, rel=0.02)

@@ -21,7 +21,7 @@ from fem import (
 )
 from fem.contact.law import ContactLaw
 from fem.decks.keywords import DeckError
-from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import solve as solve_explicit
 from fem.static.solve import solve_static as solve_blocks
 from fem.system.effects import AdaptiveMassDamping, Effects
@@ -61,11 +61,11 @@ def test_each_joint_of_a_static_state_closes_by_its_own_law(sliding: bool) -> No
 @pytest.mark.parametrize("sliding", [False, True])
 def test_each_joint_of_an_explicit_run_closes_by_its_own_law(sliding: bool) -> None:
     """At rest, to the share of the motion that damping leaves: some 1e-4 of it in this time."""
-    stated = explicit_statement(
+    stated = timed_system(
         pressed(LAWS, sliding=sliding).deformable,
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping()),
     )
-    run = solve_explicit(stated.model, end_time=stated.end_time)
+    run = solve_explicit(stated, end_time=stated.end_time)
     expected = PRESSURE / np.array([500.0, 50.0]) + SHORTENED
     assert sunk(run.displacements) == pytest.approx(expected, rel=2e-3)
 

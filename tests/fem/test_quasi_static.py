@@ -12,7 +12,7 @@ from fem.explicit.setup.quasi_static import (
     motions_about_centroid,
     quasi_static_report,
 )
-from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import Status, StopCriterion, solve
 from fem.static.solve import solve_static
 from fem.system.effects import AdaptiveMassDamping, BulkViscosity, Effects, RayleighDamping
@@ -62,7 +62,7 @@ def test_frequency_of_a_brick_between_two_springs():
     stiff = Material(
         density=2.4e-9, young_modulus=1e16, poisson_ratio=0.2
     )  # next to which the springs' compliance is all, to 1e-13
-    found = block_frequencies(explicit_statement(column(law, material=stiff)).system, 0.01)
+    found = block_frequencies(timed_system(column(law, material=stiff)).system, 0.01)
     heave = 2.0 * stiffness * 6000.0 / mass
     # The lumped mass of the mesh turns with its own inertia, not the brick's.
     nodes = column(law).bodies[0].mesh.nodes
@@ -84,7 +84,7 @@ def test_stiff_contact_promises_no_frequency_that_no_elastic_block_has(stiffness
     blocks it was 470 times that for a law of 1e9 MPa/mm, and the run ended before a wave had
     crossed it. Half of a brick that yields as a whole gives the lower bound, c / 8h."""
     effects = Effects(adaptive_mass_damping=AdaptiveMassDamping())
-    times = explicit_statement(column(LinearPenalty(stiffness)), effects=effects).recommended
+    times = timed_system(column(LinearPenalty(stiffness)), effects=effects).recommended
     clamped = math.sqrt(CONCRETE.young_modulus / CONCRETE.density) / (2.0 * 50.0)
     assert clamped / 4.0 < times.frequency < clamped
     assert times.end_time > 50.0 / clamped
@@ -94,12 +94,12 @@ def test_stiff_contact_promises_no_frequency_that_no_elastic_block_has(stiffness
 def test_a_verdict_does_not_advise_what_is_on(damped):
     deformable = tube()
     damping = AdaptiveMassDamping() if damped else None
-    stated = explicit_statement(
+    stated = timed_system(
         deformable,
         effects=Effects(adaptive_mass_damping=damping),
         ramp_time=1e-4,
     )
-    result = solve(stated.model, end_time=2e-4, stop=StopCriterion(1e-12), sample_interval=10)
+    result = solve(stated, end_time=2e-4, stop=StopCriterion(1e-12), sample_interval=10)
     report = quasi_static_report(result, ramp_time=1e-4, frequency=1e3)
     assert "exceeds" in report.verdict
     assert ("fem.damping" in report.verdict) is not damped
@@ -109,13 +109,13 @@ def test_a_run_stops_where_its_round_off_stands():
     """ε √Σ (k u)² over the load is the residual that remains, within a factor of four either way;
     a run that asks for a tenth of it ends there, is not called static, and says what to do."""
     deformable = tube()
-    stated = explicit_statement(
+    stated = timed_system(
         deformable,
         counted_pressure=10.0,
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping()),
     )
     result = solve(
-        stated.model,
+        stated,
         end_time=20 * stated.end_time,
         sample_interval=10,
         stop=StopCriterion(1e-15, stated.ramp_time),
@@ -133,13 +133,13 @@ def test_a_law_that_presses_before_the_load_starts_with_a_blow():
     than the load ever does. The balance shows the error in time of that blow, of second order
     in the step; no stiffness is met that the first time step did not count."""
     deformable = tube(law=ExponentialLaw(pressure_at_zero_clearance=1.5))
-    statement = explicit_statement(
+    statement = timed_system(
         deformable, effects=Effects(adaptive_mass_damping=AdaptiveMassDamping())
     )
     assert statement.counted_pressure >= 1.5
     balance = []
     for factor in (0.2, 0.1, 0.05):
-        run = solve(statement.model, end_time=1e-4, safety_factor=factor, sample_interval=1)
+        run = solve(statement, end_time=1e-4, safety_factor=factor, sample_interval=1)
         column = run.history.column
         assert column("contact_energy")[0] > 10.0 * np.abs(column("external_work")).max()
         balance.append(run.energy_balance)
@@ -150,15 +150,15 @@ def test_a_law_that_presses_before_the_load_starts_with_a_blow():
 
 def test_frequencies_are_those_of_the_sector():
     deformable = tube()
-    whole = block_frequencies(explicit_statement(deformable).system, 0.01)
-    sector = block_frequencies(explicit_statement(deformable, symmetry="sector").system, 0.01)
+    whole = block_frequencies(timed_system(deformable).system, 0.01)
+    sector = block_frequencies(timed_system(deformable, symmetry="sector").system, 0.01)
     assert sector.excited == pytest.approx(whole.excited, rel=1e-9)
     assert sector.lowest >= whole.lowest * (1.0 - 1e-9)
 
 
 def test_nothing_resists_is_said():
     apart = column(LinearPenalty(50.0))
-    system = explicit_statement(apart).system
+    system = timed_system(apart).system
     none = system.points.subset(np.arange(0))
     with pytest.raises(ValueError, match="resists"):
         block_frequencies(system.on(none), 0.01)
@@ -169,19 +169,17 @@ def test_little_kinetic_energy_is_not_static():
     kinetic energy below 1 % of the internal energy (it swings through zero) and a force residual
     above 1 %. The report says that the end is not static."""
     deformable = tube()
-    times = explicit_statement(deformable).recommended
+    times = timed_system(deformable).recommended
     assert times.ramp_time == pytest.approx(10.0 / times.frequency)
     paper = Effects(rayleigh=RayleighDamping(2.0, 1e-8), bulk_viscosity=BulkViscosity())
     ramp = 2.0 / times.frequency
-    statement = explicit_statement(
+    statement = timed_system(
         deformable,
         counted_pressure=10.0,  # above what presses here
         effects=paper,
         ramp_time=ramp,
     )
-    result = solve(
-        statement.model, end_time=3.0 * ramp, stop=StopCriterion(1e-12), sample_interval=10
-    )
+    result = solve(statement, end_time=3.0 * ramp, stop=StopCriterion(1e-12), sample_interval=10)
     table = {name: result.history.column(name) for name in COLUMNS}
     held = table["time"] > ramp
     internal = table["strain_energy"] + table["contact_energy"]
@@ -198,13 +196,13 @@ def test_little_kinetic_energy_is_not_static():
 def test_elastic_frames_reach_the_static_state():
     """Frames that deform, held at their outer faces: explicit and static agree within 1e-3."""
     deformable = tube(frames=Frames.DEFORMABLE)
-    statement = explicit_statement(
+    statement = timed_system(
         deformable,
         counted_pressure=10.0,
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
     )
     stop = StopCriterion(1e-5, statement.ramp_time)
-    result = solve(statement.model, end_time=statement.end_time, stop=stop)
+    result = solve(statement, end_time=statement.end_time, stop=stop)
     static = solve_static(deformable)
     for a, b in zip(statement.expand(result.displacements), static.displacements, strict=True):
         assert np.sqrt(np.mean((a - b) ** 2)) < 1e-3 * np.sqrt(np.mean(b**2))

@@ -13,7 +13,7 @@ import pytest
 from fem import Explicit, Frames, Material, solve_explicit
 from fem.contact.search import points_of_search
 from fem.explicit.setup.quasi_static import block_frequencies
-from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import StopCriterion, initial_state, prepare, solve
 from fem.system.effects import AdaptiveMassDamping, Effects
 from fem.system.state import contact_state, facing_points
@@ -105,15 +105,15 @@ def test_forces_and_moments_of_a_smaller_box_that_crosses_facets() -> None:
 def test_random_motions_of_boxes_that_do_not_match_balance() -> None:
     """Action equals reaction and moments balance on cut facets too (rounding): the forces are the
     gradient of an energy that no rigid motion changes."""
-    stated = explicit_statement(column(*CROSSING).problem.deformable)
+    stated = timed_system(column(*CROSSING).problem.deformable)
     rng = np.random.default_rng(5)
-    moved = tuple(5e-3 * rng.standard_normal((1, g.n_nodes, 3)) for g in stated.model.groups)
+    moved = tuple(5e-3 * rng.standard_normal((1, g.n_nodes, 3)) for g in stated.bodies)
     whole = stated.system.whole
     points = points_of_search(facing_points(whole, moved), whole.surfaces.clearance)
     found = contact_state(whole, moved, points)
     assert found.point_pressures.max() > 0.1
-    system = prepare(stated.model, time_step=1e-9)
-    for support in stated.model.supports:
+    system = prepare(stated, time_step=1e-9)
+    for support in stated.system.supports:
         moved[support.group][support.copies, support.nodes] = 0.0
     state = initial_state(system, displacements=moved)
     for now in state.bodies:
@@ -211,14 +211,14 @@ def test_frequencies_are_those_of_the_facets_that_face_each_other() -> None:
     for case, rel in ((alike, 1e-9), (tube, 1e-3)):
         deformable = case.problem.deformable
         matched, searched = (
-            block_frequencies(explicit_statement(stated).system, 0.01)
+            block_frequencies(timed_system(stated).system, 0.01)
             for stated in (deformable, in_contact(deformable, finite_sliding=True))
         )
         assert searched.excited == pytest.approx(matched.excited, rel=rel)
         assert searched.lowest == pytest.approx(matched.lowest, rel=rel)
     # Vertical motion of rigid blocks is uniform on a joint: its frequency depends on area alone.
     found, expected = (
-        block_frequencies(explicit_statement(rigid(case.problem.deformable)).system, 0.01)
+        block_frequencies(timed_system(rigid(case.problem.deformable)).system, 0.01)
         for case in (column(*CROSSING), alike)
     )
     assert found.excited == pytest.approx(expected.excited, rel=1e-9)
@@ -303,15 +303,15 @@ def settled_box(built: float, slid: float) -> tuple[np.ndarray, np.ndarray]:
         frames=Frames.DEFORMABLE,
         finite_sliding=True,
     )
-    stated = explicit_statement(
+    stated = timed_system(
         deformable,
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50)),
         ramp_time=1e-3,
     )
-    start = tuple(np.zeros((1, group.n_nodes, 3)) for group in stated.model.groups)
+    start = tuple(np.zeros((1, group.n_nodes, 3)) for group in stated.bodies)
     start[1][:, :, 0] = slid
     stop = StopCriterion(1e-7, 1e-3)
-    result = solve(stated.model, end_time=0.1, displacements=start, stop=stop)
+    result = solve(stated, end_time=0.1, displacements=start, stop=stop)
     assert str(result.status) == "converged"
     found = stated.state(result).contact_state
     return found.point_pressures, found.positions - [built + slid, 0.0, 0.0]

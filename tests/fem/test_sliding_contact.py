@@ -13,7 +13,7 @@ from fem.contact.surfaces import ContactError, ContactNormals
 from fem.element.facet import bilinear
 from fem.explicit.contact.sliding import SlidingContact, surface_areas
 from fem.explicit.damping import applied_forces
-from fem.explicit.setup.statement import counted_stiffness, explicit_statement
+from fem.explicit.setup.timed_system import counted_stiffness, state_of, timed_system
 from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, solve
 from fem.explicit.state import world_vectors
 from fem.explicit.step import step
@@ -21,7 +21,7 @@ from fem.static.solve import solve_static
 from fem.system.body import placed_body
 from fem.system.effects import AdaptiveMassDamping, Effects
 from fem.system.forces import TabularAmplitude, pressure_forces
-from fem.system.model import Model, fixed_nodes, nodal_load
+from fem.system.model import fixed_nodes, nodal_load
 from fem.system.state import searched_state
 from geometry import Assembly
 from geometry.block import box_block
@@ -29,6 +29,7 @@ from geometry.families.boxes import brick
 from geometry.loads import LoadCase
 from geometry.mesh import HexMesh
 from tests.support.fem_problems import deformable_assembly, in_contact, matched_pressures
+from tests.support.lone_bodies import lone_bodies
 from tests.support.sliding_tube import CONCRETE, tube
 
 DAMPED = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
@@ -84,7 +85,7 @@ def two_boxes(upper, pressure):
     )
     load = pressure_forces(upper_box.mesh.nodes, upper_box.faces["z+"], pressure)
     bottom = np.unique(lower_box.faces["z-"])
-    model = Model(
+    model = lone_bodies(
         groups,
         supports=(fixed_nodes(0, bottom, components=(2,)),),
         loads=(nodal_load(1, load, amplitude=ramp(1e-4)),),
@@ -166,7 +167,7 @@ def hertz(cells, radius=1000.0, load=4000.0, size=150.0):
         law,
     )
     force = pressure_forces(mesh.nodes, box.faces["z+"], 0.5 * load / size)
-    model = Model(
+    model = lone_bodies(
         groups,
         supports=(
             fixed_nodes(0, np.flatnonzero(mesh.nodes[:, 0] == 0.0), components=(0,)),
@@ -222,7 +223,7 @@ def sliding_block(speed=1000.0, friction=None, law=None):
         law,
         friction=friction,
     )
-    model = Model(
+    model = lone_bodies(
         groups,
         effects=Effects(gravity=np.array([0.0, 0.0, -9810.0])),
         interactions=(statement,),
@@ -246,7 +247,7 @@ def test_a_block_slides_over_many_facets():
         step(system, state)
     bound = system.interactions[0]
     now = world_vectors(system.bodies[0], state.bodies[0].velocity)[0]
-    mass = model.groups[0].lumped_mass
+    mass = model.bodies[0].lumped_mass
     assert mass @ now[:, 0] / mass.sum() == pytest.approx(1000.0, rel=1e-7)
     moved = world_vectors(system.bodies[0], state.bodies[0].displacement)[0]
     assert moved[:, 0].mean() == pytest.approx(20.0, rel=1e-6)
@@ -260,7 +261,7 @@ def test_friction_stops_a_sliding_block():
     vibration that the start leaves)."""
     model, velocities = sliding_block(300.0, CoulombFriction(0.3))
     result = solve(model, end_time=4e-3, velocities=velocities)
-    mass = model.groups[0].lumped_mass
+    mass = model.bodies[0].lumped_mass
     speed = mass @ result.velocities[0][0, :, 0] / mass.sum()
     assert 300.0 - speed == pytest.approx(0.3 * 9810.0 * 4e-3, rel=0.02)
     lost = 0.5 * mass.sum() * (300.0**2 - speed**2)
@@ -294,12 +295,12 @@ def test_forces_and_moments_balance():
     """Random displacements of a tube whose frames deform as well: closest points make the
     forces the gradient of an energy that no rigid motion changes (rounding as for faces)."""
     deformable = tube(frames=Frames.DEFORMABLE)
-    statement = explicit_statement(in_contact(deformable, finite_sliding=True))
-    system = prepare(statement.model, time_step=1e-9)
+    statement = timed_system(in_contact(deformable, finite_sliding=True))
+    system = prepare(statement, time_step=1e-9)
     rng = np.random.default_rng(2)
-    groups = statement.model.groups
+    groups = statement.bodies
     moved = tuple(5e-3 * rng.standard_normal((g.n_copies, g.n_nodes, 3)) for g in groups)
-    for support in statement.model.supports:
+    for support in statement.system.supports:
         moved[support.group][support.copies, support.nodes] = 0.0
     state = initial_state(system, displacements=moved)
     for now in state.bodies:
@@ -322,13 +323,13 @@ def test_agrees_with_matched_facets_where_nothing_slides():
     deformable = tube()
     pressures = []
     for finite_sliding in (False, True):
-        statement = explicit_statement(
+        statement = timed_system(
             in_contact(deformable, finite_sliding=finite_sliding),
             counted_pressure=4.0,  # above what presses here
             effects=DAMPED,
             ramp_time=1e-3,
         )
-        result = solve(statement.model, end_time=2e-2, stop=StopCriterion(1e-6, 1e-3))
+        result = solve(statement, end_time=2e-2, stop=StopCriterion(1e-6, 1e-3))
         pressures.append(matched_pressures(deformable, statement.expand(result.displacements))[0])
     scale = np.sqrt(np.mean(pressures[0] ** 2))
     assert np.sqrt(np.mean((pressures[1] - pressures[0]) ** 2)) < 1e-3 * scale
@@ -372,7 +373,7 @@ def test_explicit_runs_that_search_refuse_reference_normals():
     deformable = tube()
     stated = replace(deformable.contact, normals=ContactNormals.REFERENCE)
     with pytest.raises(ContactError, match="current ones"):
-        explicit_statement(in_contact(replace(deformable, contact=stated), finite_sliding=True))
+        timed_system(in_contact(replace(deformable, contact=stated), finite_sliding=True))
 
 
 def test_a_sector_slides_as_the_whole_ring():
@@ -381,15 +382,13 @@ def test_a_sector_slides_as_the_whole_ring():
     which follows the other round the axis: the last joint of each layer differs, and is left out
     with the blocks that share it."""
     deformable = tube()
-    sector = explicit_statement(in_contact(deformable, finite_sliding=True), symmetry="sector")
-    whole = explicit_statement(in_contact(deformable, finite_sliding=True))
+    sector = timed_system(in_contact(deformable, finite_sliding=True), symmetry="sector")
+    whole = timed_system(in_contact(deformable, finite_sliding=True))
     rng = np.random.default_rng(7)
-    moved = tuple(
-        3e-3 * rng.standard_normal((g.n_copies, g.n_nodes, 3)) for g in sector.model.groups
-    )
+    moved = tuple(3e-3 * rng.standard_normal((g.n_copies, g.n_nodes, 3)) for g in sector.bodies)
     forces = []
     for stated, u in ((sector, moved), (whole, sector.expand(moved))):
-        system = prepare(stated.model, time_step=1e-9)
+        system = prepare(stated, time_step=1e-9)
         state = initial_state(system, displacements=u)
         for now in state.bodies:
             now.applied_force[:] = 0.0
@@ -422,9 +421,9 @@ def test_a_column_of_boxes_of_different_mesh_carries_its_weight():
     gravity = np.array([0.0, 0.0, -9810.0])
     deformable = deformable_assembly(assembly, load, CONCRETE, finite_sliding=True, gravity=gravity)
     effects = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
-    statement = explicit_statement(deformable, effects=effects, ramp_time=0.0)
-    result = solve(statement.model, end_time=0.05, stop=StopCriterion(1e-6))
-    found = statement.state(result).contact_state
+    statement = timed_system(deformable, effects=effects, ramp_time=0.0)
+    result = solve(statement, end_time=0.05, stop=StopCriterion(1e-6))
+    found = state_of(result).contact_state
     force = [found.areas[found.block_m == k] @ found.pressures[found.block_m == k] for k in (0, 1)]
     weight = 2.4e-9 * 9810.0 * 4000.0
     assert force == pytest.approx([2.0 * weight, weight], rel=1e-4)

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fem import CoulombFriction, Frames, LinearPenalty, Material
-from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import StopCriterion, solve
 from fem.static import rotation
 from fem.static.result import StaticError
@@ -51,13 +51,13 @@ def test_explicit_dynamics_ends_in_the_same_state(turned):
     """The explicit run stops 1e-6 of the load away: its softest motion amplifies that by 1e2."""
     deformable = turned.deformable
     effects = Effects(finite_rotation=True, adaptive_mass_damping=AdaptiveMassDamping())
-    stated = explicit_statement(
+    stated = timed_system(
         deformable,
         counted_pressure=10.0,  # above what presses here
         effects=effects,
     )
     run = solve(
-        stated.model,
+        stated,
         end_time=10 * stated.end_time,
         stop=StopCriterion(residual=1e-6, not_before=stated.ramp_time),
     )

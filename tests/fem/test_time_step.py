@@ -7,7 +7,6 @@ from scipy.linalg import eigh
 from fem import ElementType
 from fem.system.body import placed_body
 from fem.system.effects import BulkViscosity, Effects, RayleighDamping
-from fem.system.model import Model
 from fem.system.time_step import (
     critical_time_step,
     damping_matrix,
@@ -31,7 +30,7 @@ def test_lanczos_finds_the_largest_frequency_from_above(element):
     # The residual is added: never below, and Lanczos to 1e-6 is that close.
     group = placed_body(distorted_box((3, 3, 2)), CONCRETE, element=element)
     exact = dense_frequency(group)
-    found = critical_time_step(Model((group,)))
+    found = critical_time_step([group], Effects())
     assert exact <= found.max_frequency * (1 + 1e-12)
     assert found.max_frequency == pytest.approx(exact, rel=1e-5)
     assert found.critical_time_step == found.undamped == pytest.approx(2 / exact, rel=1e-5)
@@ -91,7 +90,7 @@ def test_extra_stiffness_counts_as_springs_to_ground():
 def test_the_smallest_step_of_all_groups_governs_and_l_over_c_is_reported():
     coarse = placed_body(box_block((10.0,) * 3, (2,) * 3).mesh, CONCRETE, name="coarse")
     fine = placed_body(box_block((10.0,) * 3, (4,) * 3).mesh, CONCRETE, name="fine")
-    found = critical_time_step(Model((coarse, fine)))
+    found = critical_time_step([coarse, fine], Effects())
     assert found.group == "fine"
     expected = 2.5 / CONCRETE.dilatational_wave_speed
     assert found.element_estimate == pytest.approx(expected, rel=1e-12)

@@ -9,13 +9,14 @@ import pytest
 from fem import CoulombFriction, Frames, LinearPenalty
 from fem.explicit.damping import applied_forces
 from fem.explicit.kernels.layout import to_lanes
-from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import world_vectors
 from geometry.mesh import HexMesh
 from tests.support.blocks import random_rotation
 from tests.support.fem_problems import in_contact
 from tests.support.floor import block_on_floor
+from tests.support.lone_bodies import with_supports
 
 pytestmark = [pytest.mark.quick, pytest.mark.parametrize("sliding", [False, True])]
 
@@ -34,8 +35,8 @@ def bricks(sliding, **options):
 def along_path(deformable, path):
     """Forces on the nodes of both bricks [N], energy stored and lost [N mm], at each of some
     displacements (2, n_nodes, 3) [mm]."""
-    statement = explicit_statement(deformable, ramp_time=0.0)
-    system = prepare(replace(statement.model, supports=()), time_step=1e-9)
+    statement = timed_system(deformable, ramp_time=0.0)
+    system = prepare(with_supports(statement), time_step=1e-9)
     state = initial_state(system)
     (body,), (now,) = system.bodies, state.bodies
     turns = body.group.rotations

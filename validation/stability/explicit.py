@@ -9,7 +9,7 @@ import numpy as np
 from fem.contact.law import ExponentialLaw, LinearPenalty
 from fem.explicit.output.energy import History, energies
 from fem.explicit.setup.quasi_static import quasi_static_report
-from fem.explicit.setup.statement import explicit_statement
+from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import (
     LARGEST_IMBALANCE,
     Run,
@@ -21,12 +21,12 @@ from fem.explicit.solve import (
 )
 from fem.explicit.solve import watch as watch_energy
 from fem.explicit.step import step as central_difference_step
-from fem.system.body import placed_body
+from fem.explicit.timed import TimedSystem
 from fem.system.effects import AdaptiveMassDamping, Effects
-from fem.system.model import Model, fixed_nodes
+from fem.system.model import fixed_nodes
 from fem.system.state import contact_state
 from fem.system.system import System
-from fem.system.time_step import TimeStepError, critical_time_step
+from fem.system.time_step import TimeStepError
 from geometry.block import box_block
 from geometry.mesh import FloatArray
 from validation.stability.case import Cases, Check, Finding, Verdict, refusal
@@ -34,6 +34,7 @@ from validation.stability.problems import (
     COLUMN,
     CONCRETE,
     deformable,
+    one_block,
     pressed,
     relative,
     stack,
@@ -47,29 +48,29 @@ IMPACT_SPEED = 10_000.0
 IMPACT_STIFFNESS = 1000.0
 
 
-def free_cube(effects: Effects | None = None) -> Model:
+def free_cube(effects: Effects | None = None) -> TimedSystem:
     """A cube of 10 mm that nothing holds, eight elements."""
-    group = placed_body(box_block((10.0, 10.0, 10.0), (2, 2, 2)).mesh, CONCRETE)
-    return Model((group,), effects=Effects() if effects is None else effects)
+    cube = one_block(box_block((10.0, 10.0, 10.0), (2, 2, 2)))
+    return timed_system(cube, effects=effects, ramp_time=0.0, end_time=1.0)
 
 
-def noise(model: Model, size: float) -> tuple[FloatArray, ...]:
+def noise(model: TimedSystem, size: float) -> tuple[FloatArray, ...]:
     """Random velocities that excite every mode [mm/s]."""
     rng = np.random.default_rng(1)
-    return tuple(size * rng.standard_normal((g.n_copies, g.n_nodes, 3)) for g in model.groups)
+    return tuple(size * rng.standard_normal((g.n_copies, g.n_nodes, 3)) for g in model.bodies)
 
 
 def settled(
     stated: System, *, ramp: float, end: float, residual: float = 1e-5
 ) -> tuple[Run, FloatArray]:
     """Run a pressed column to its static state; the run and its contact pressures [MPa]."""
-    whole = explicit_statement(
+    whole = timed_system(
         stated,
         effects=Effects(adaptive_mass_damping=AdaptiveMassDamping()),
         ramp_time=ramp,
     )
     result = solve(
-        whole.model,
+        whole,
         end_time=end,
         stop=StopCriterion(residual=residual, not_before=ramp),
     )
@@ -79,7 +80,7 @@ def settled(
 @CASES.add("time-step-0.99", "0.99 of the critical step, all modes excited: energy is kept")
 def _below_critical() -> Finding:
     model = free_cube()
-    critical = critical_time_step(model).critical_time_step
+    critical = model.critical.critical_time_step
     result = solve(
         model,
         end_time=5000 * critical,
@@ -92,7 +93,7 @@ def _below_critical() -> Finding:
 @CASES.add("time-step-1.01", "1.01 of the critical step: rejected")
 def _above_critical() -> Finding:
     model = free_cube()
-    critical = critical_time_step(model).critical_time_step
+    critical = model.critical.critical_time_step
     return refusal(
         lambda: solve(model, end_time=1e-3, time_step=1.01 * critical),
         TimeStepError,
@@ -106,7 +107,7 @@ def _above_critical() -> Finding:
 )
 def _forced() -> Finding:
     model = free_cube()
-    critical = critical_time_step(model).critical_time_step
+    critical = model.critical.critical_time_step
     system = prepare(model, time_step=1.01 * critical)
     state = initial_state(system, velocities=noise(model, 100.0))
     history = History()
@@ -136,8 +137,8 @@ def _impact() -> Finding:
     # Without a cap the blow would press with gigapascals, which no step of this length resolves.
     law = ExponentialLaw(maximum_stiffness=IMPACT_STIFFNESS)
     stated = deformable(assembly, load, material=CONCRETE, clearance=0.1, law=law)
-    model = replace(explicit_statement(stated).model, loads=())
-    group = model.groups[0]
+    model = timed_system(replace(stated, forces=()))
+    group = model.bodies[0]
     velocity = np.zeros((1, group.n_nodes, 3))
     velocity[:, :, 2] = -IMPACT_SPEED
 
@@ -169,8 +170,8 @@ def _impact() -> Finding:
 @CASES.add("rotation-360", "A cube turns by 360°: no strain but the centrifugal, energy is kept")
 def _revolution() -> Finding:
     model = free_cube(Effects(finite_rotation=True))
-    group = model.groups[0]
-    critical = critical_time_step(model).critical_time_step
+    group = model.bodies[0]
+    critical = model.critical.critical_time_step
     period = 4000 * critical
     arm = group.mesh.nodes - group.mesh.nodes.mean(axis=0)
     spin = 2.0 * np.pi / period
@@ -197,10 +198,10 @@ def _revolution() -> Finding:
 
 @CASES.add("steps-1e6", "A million steps of a held element: energy is kept", slow=True)
 def _million() -> Finding:
-    group = placed_body(box_block((10.0, 10.0, 10.0), (1, 1, 1)).mesh, CONCRETE)
-    held = np.flatnonzero(group.mesh.nodes[:, 2] == 0.0)
-    model = Model((group,), supports=(fixed_nodes(0, held),))
-    critical = critical_time_step(model).critical_time_step
+    cube = box_block((10.0, 10.0, 10.0), (1, 1, 1))
+    held = fixed_nodes(0, np.flatnonzero(cube.mesh.nodes[:, 2] == 0.0))
+    model = timed_system(one_block(cube, supports=(held,)), ramp_time=0.0, end_time=1.0)
+    critical = model.critical.critical_time_step
     result = solve(
         model,
         end_time=1e6 * 0.9 * critical,
@@ -218,8 +219,8 @@ def _million() -> Finding:
 def _rest() -> Finding:
     assembly = stack(2, top_fixed=True)
     stated = deformable(assembly, pressed(stack(2), 0.0), law=LinearPenalty(100.0))
-    model = replace(explicit_statement(stated).model, loads=())
-    critical = critical_time_step(model).critical_time_step
+    model = timed_system(replace(stated, forces=()))
+    critical = model.critical.critical_time_step
     result = solve(model, end_time=200 * critical)
     largest = max(float(np.abs(u).max()) for u in result.displacements)
     return Finding(Check("largest displacement [mm]", largest, 0.0))

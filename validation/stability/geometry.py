@@ -12,14 +12,21 @@ from fem.element.material import Material
 from fem.state import State
 from fem.static.solve import solve_static
 from fem.system.model import Support, fixed_nodes, nodal_load
-from geometry.assembly import Assembly, AssemblyError
+from geometry.assembly import AssemblyError
 from geometry.block import Block, box_block
 from geometry.errors import RefusedError
 from geometry.families.sine_block import TSB1
-from geometry.loads import LoadCase
 from geometry.mesh import FloatArray, HexMesh, MeshError, boundary_quads, check_mesh
 from validation.stability.case import Cases, Check, Finding, refusal
-from validation.stability.problems import BRICK, CONCRETE, deformable, relative, stack, tube
+from validation.stability.problems import (
+    BRICK,
+    CONCRETE,
+    deformable,
+    one_block,
+    relative,
+    stack,
+    tube,
+)
 
 CASES = Cases("geometry")
 
@@ -102,20 +109,10 @@ def _solved(
     force: FloatArray,
 ) -> State:
     """Static state of one block with supports and forces on its nodes."""
-    none = np.zeros(1, dtype=np.int64)
-    alone = Assembly(
-        name=block.name,
-        shapes=(block,),
-        shape_of=none,
-        rotations=np.eye(3)[None],
-        translations=np.zeros((1, 3)),
-        layer=none,
-        fixed=np.zeros(1, dtype=np.bool_),
+    forces = (nodal_load(0, force),)
+    return solve_static(
+        one_block(block, material, element=element, supports=supports, forces=forces)
     )
-    stated = deformable(
-        alone, LoadCase(alone, "forces", (), alone.fixed), material=material, element=element
-    )
-    return solve_static(replace(stated, supports=supports, forces=(nodal_load(0, force),)))
 
 
 def _deflection(divisions: tuple[int, int, int], element: ElementType, ratio: float) -> float:
@@ -165,9 +162,7 @@ def _too_large() -> Finding:
 
 @CASES.add("contacts-lost", "Blocks a hair apart: the brick that touches nothing is rejected")
 def _apart() -> Finding:
-    from dataclasses import replace
-
-    from validation.stability.problems import deformable, pressed
+    from validation.stability.problems import pressed
 
     assembly = stack(2)
     places = assembly.translations.copy()

@@ -17,12 +17,13 @@ from scipy.sparse.linalg import eigsh
 from fem.element.hexahedron import ElementType
 from fem.element.kinds import block_lumped_mass, block_stiffness
 from fem.element.material import Material
+from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import solve
-from fem.system.body import placed_body
-from fem.system.model import Model, fixed_nodes
+from fem.system.model import fixed_nodes
 from geometry.block import box_block
 from geometry.mesh import FloatArray
 from validation.stability.case import Cases, Check, Finding
+from validation.stability.problems import one_block
 
 CASES = Cases("orders")
 
@@ -101,16 +102,17 @@ def time_step_curve(fractions: tuple[float, ...] = (0.9, 0.45, 0.225)) -> dict[s
     Started in the first mode the motion is cos(ω t); after a quarter past several periods the
     tip passes zero, where phase = velocity-free displacement over amplitude, (ω - ω_exact) t.
     """
-    mesh = box_block(SIZE, (20, 2, 2)).mesh
+    bar = box_block(SIZE, (20, 2, 2))
     omega, mode = cantilever_frequency(2, ElementType.INCOMPATIBLE)
-    group = placed_body(mesh, MATERIAL, element=ElementType.INCOMPATIBLE)
-    held = np.flatnonzero(mesh.nodes[:, 0] == 0.0)
-    model = Model(groups=(group,), supports=(fixed_nodes(0, held),))
+    held = fixed_nodes(0, np.flatnonzero(bar.mesh.nodes[:, 0] == 0.0))
+    system = one_block(bar, MATERIAL, supports=(held,))
+    model = timed_system(system, ramp_time=0.0, end_time=1.0)
+    (body,) = model.bodies
     start = 1e-3 * mode / np.abs(mode).max()
     # The error of the phase grows with time: six periods make it well larger than round-off.
     periods = 6.25
     end = periods * 2 * np.pi / omega
-    weight = np.repeat(group.lumped_mass, 3)
+    weight = np.repeat(body.lumped_mass, 3)
     errors = []
     for fraction in fractions:
         run = solve(model, end_time=end, safety_factor=fraction, displacements=(start[None],))

@@ -12,8 +12,10 @@ from fem.contact.surfaces import ContactNormals
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.problem import Problem
+from fem.system.model import NodalLoad, Support
 from fem.system.system import System
 from geometry.assembly import Assembly
+from geometry.block import Block
 from geometry.families.boxes import BrickStack
 from geometry.families.sine_block import TSB1, SineBlockDivisions
 from geometry.families.tube import SineTube
@@ -68,6 +70,30 @@ def deformable(
         clearance=clearance,
         check_units=False,
     ).deformable
+
+
+def one_block(
+    block: Block,
+    material: Material = CONCRETE,
+    *,
+    element: ElementType = ElementType.INCOMPATIBLE,
+    supports: tuple[Support, ...] = (),
+    forces: tuple[NodalLoad, ...] = (),
+) -> System:
+    """A block that meets nothing, with supports and forces on its nodes."""
+    none = np.zeros(1, dtype=np.int64)
+    alone = Assembly(
+        name=block.name,
+        shapes=(block,),
+        shape_of=none,
+        rotations=np.eye(3)[None],
+        translations=np.zeros((1, 3)),
+        layer=none,
+        fixed=np.zeros(1, dtype=np.bool_),
+    )
+    load = LoadCase(alone, "forces", (), alone.fixed)
+    stated = deformable(alone, load, material=material, element=element)
+    return replace(stated, supports=supports, forces=forces)
 
 
 def relative(value: FloatArray | float, expected: FloatArray | float) -> float:

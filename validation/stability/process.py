@@ -11,7 +11,6 @@ import numpy as np
 
 from fem.explicit.output.checkpoint import CheckpointError
 from fem.explicit.solve import Output, Progress, Run, solve
-from fem.system.time_step import critical_time_step
 from geometry.machine.system import KILL
 from validation.stability.case import Cases, Check, Finding, refusal
 from validation.stability.explicit import free_cube, noise
@@ -40,7 +39,7 @@ def whole_run(
 ) -> Run:
     """Run a free cube for some hundred steps, checkpoints at every one."""
     model = free_cube()
-    critical = critical_time_step(model).critical_time_step
+    critical = model.critical.critical_time_step
     reported = progress if callable(progress) else None
     return solve(
         model,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -109,9 +109,9 @@ class BoundContact(Interaction):
     def _largest_stiffness(self, system: ExplicitSystem) -> float:
         """Stiffness of a law that is stable: (ω_bulk² + ω_contact²)/4 = 1/Δt² [MPa/mm]."""
         if self._allowed is None:
-            bulk = critical_time_step(replace(system.model, interactions=()))
+            bulk = critical_time_step(system.stated.bodies, system.stated.effects)
             square = 4.0 / system.time_step**2 - 4.0 / bulk.critical_time_step**2
-            groups = zip(self._statement.areas, system.model.groups, strict=True)
+            groups = zip(self._statement.areas, system.stated.bodies, strict=True)
             self._allowed = square / max(
                 float((areas / group.lumped_mass).max()) for areas, group in groups
             )

@@ -172,7 +172,9 @@ def set_state_number(state: Lanes, path: str, number: float | int) -> None:
 def fingerprint(system: ExplicitSystem) -> str:
     """Hash of everything that decides the bits of a run."""
     digest = hashlib.sha256()
-    _hash(digest, system.model)
+    stated = system.stated
+    _hash(digest, [stated.bodies, stated.blocks, stated.effects, stated.interactions])
+    _hash(digest, [stated.system.supports, stated.system.forces])
     _hash(digest, system.time_step)
     return digest.hexdigest()
 

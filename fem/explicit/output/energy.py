@@ -121,7 +121,7 @@ def gravity_work(system: ExplicitSystem, body: LaneBody, now: BodyState) -> floa
 
     Gravity that changes in time has no potential: its work is with that of the loads.
     """
-    if body.acceleration is None or system.model.effects.gravity_amplitude is not None:
+    if body.acceleration is None or system.stated.effects.gravity_amplitude is not None:
         return 0.0
     mass = body.mass
     moved = np.einsum("n,njk->jk", mass, now.displacement)

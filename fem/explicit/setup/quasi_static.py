@@ -22,6 +22,7 @@ import scipy.linalg
 
 from fem.contact.surfaces import ContactError
 from fem.explicit.solve import RESIDUAL, Run
+from fem.explicit.timed import RecommendedTimes
 from fem.system.body import Body, rigid_motions
 from fem.system.system import System
 from geometry.mesh import FloatArray, IntArray
@@ -180,20 +181,6 @@ FRACTION_WHILE_LOADING = 0.1
 _END_PERIODS = 50.0
 
 
-@dataclass(frozen=True)
-class RecommendedTimes:
-    """Times of a quasi-static run."""
-
-    frequency: float
-    """Lowest frequency that the loads excite, an estimate from above [Hz]."""
-    lowest_frequency: float
-    """Lowest frequency of all, excited or not [Hz]."""
-    ramp_time: float
-    """Smooth step of the loads [s]."""
-    end_time: float
-    """Latest end of a run that stops when it is static [s]."""
-
-
 def recommended_times(system: System, *, damped: bool, closing: bool = False) -> RecommendedTimes:
     """Recommend times from the lowest frequency of rigid blocks on their contacts.
 
@@ -269,7 +256,7 @@ def quasi_static_report(
         Bounds for a static state [-].
     """
     moved = speed = mass = 0.0
-    for group, u, v in zip(run.model.groups, run.displacements, run.velocities, strict=True):
+    for group, u, v in zip(run.stated.bodies, run.displacements, run.velocities, strict=True):
         moved += float(np.einsum("n,cni,cni->", group.lumped_mass, u, u))
         speed += float(np.einsum("n,cni,cni->", group.lumped_mass, v, v))
         mass += group.n_copies * float(group.lumped_mass.sum())
@@ -285,7 +272,7 @@ def quasi_static_report(
     faults = []
     if hold < 0.0:
         faults.append("the load is not fully applied: raise fem.end_time")
-    damped = run.model.effects.adaptive_mass_damping is not None
+    damped = run.stated.effects.adaptive_mass_damping is not None
     longer = "raise fem.end_time" + ("" if damped else ' or use fem.damping = "static"')
     if run.round_off is not None:
         faults.append(

@@ -237,7 +237,7 @@ def _verdict(answer: Answer) -> str:
     if answer.details.run is None:
         return str(answer.details.evidence.status)
     state = answer.details.quasi_static
-    return "" if state is None or answer.details.statement.recommended is None else state.verdict
+    return "" if state is None else state.verdict
 
 
 def _why_no_bars(answer: Answer) -> str:
@@ -253,8 +253,7 @@ def _why_no_bars(answer: Answer) -> str:
 def _explicit_rows(answer: Answer, result: Run) -> list[Row]:
     """The steps of an explicit run, and how close to static its end is."""
     details = answer.details
-    stated, state = details.statement, details.quasi_static
-    assert stated is not None
+    stated, state = result.stated, details.quasi_static
     steps = (
         f"{result.n_steps} to {1e3 * result.time:.4g} ms ({result.status}), "
         f"{result.time_step:.4g} s (critical {result.critical.critical_time_step:.4g} s)"
@@ -267,7 +266,7 @@ def _explicit_rows(answer: Answer, result: Run) -> list[Row]:
         )
         rows.append(Row("restarts", words))
     if answer.case.scene.fem.mass_scaling is not None:
-        share = added_mass_share(stated.model.groups)
+        share = added_mass_share(stated.bodies)
         words = f"{100 * share:.3g} % more mass; the static state does not depend on it"
         rows.append(Row("mass scaling", words, share))
     rate = result.element_updates_per_cpu_second

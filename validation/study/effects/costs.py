@@ -19,12 +19,11 @@ import numpy as np
 
 from fem.dynamics import stated_run
 from fem.explicit.output.checkpoint import state_arrays
-from fem.explicit.setup.statement import ExplicitStatement
 from fem.explicit.solve import initial_state, prepare
 from fem.explicit.state import Lanes
 from fem.explicit.step import ExplicitSystem, step
+from fem.explicit.timed import TimedSystem
 from fem.system.effects import PAPER_RAYLEIGH
-from fem.system.time_step import critical_time_step
 from validation.build.cell import refuse_cell
 from validation.build.problem import fem_section, scene_problem
 from validation.case import scene_case
@@ -114,7 +113,7 @@ def compiled_forms() -> frozenset[tuple[str, str]]:
     return frozenset(result)
 
 
-def _stated(scene: DeformableScene, name: str) -> ExplicitStatement:
+def _stated(scene: DeformableScene, name: str) -> TimedSystem:
     with named(name):
         return stated_run(scene_problem(scene, name), scene.in_time)
 
@@ -122,8 +121,7 @@ def _stated(scene: DeformableScene, name: str) -> ExplicitStatement:
 def ready(scene: DeformableScene, name: str) -> tuple[ExplicitSystem, Lanes]:
     """Model of a scene at its first step."""
     statement = _stated(scene, name)
-    model = statement.model
-    system = prepare(model, time_step=0.5 * critical_time_step(model).critical_time_step)
+    system = prepare(statement, time_step=0.5 * statement.critical.critical_time_step)
     return system, initial_state(system)
 
 

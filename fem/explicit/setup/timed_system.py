@@ -6,8 +6,8 @@ no static state is expected: nothing is recommended, and the ramp takes half of 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, TypeVar
+from dataclasses import replace
+from typing import Any, Literal
 
 import numpy as np
 
@@ -18,35 +18,18 @@ from fem.explicit.contact.alike_pairs import alike_pairs
 from fem.explicit.contact.paired import FaceContact, paired_frictions
 from fem.explicit.contact.sliding import SlidingContact, surface_areas
 from fem.explicit.setup.cell_hold import cell_hold
-from fem.explicit.setup.quasi_static import (
-    FRACTION_WHILE_LOADING,
-    RecommendedTimes,
-    recommended_times,
-)
+from fem.explicit.setup.quasi_static import FRACTION_WHILE_LOADING, recommended_times
 from fem.explicit.solve import Run
+from fem.explicit.timed import COUNTED_PRESSURE, RecommendedTimes, TimedSystem
 from fem.problem import Motion
 from fem.state import State
 from fem.system.effects import EffectError, Effects
 from fem.system.forces import ALL_THE_WAY, SmoothStepAmplitude, TabularAmplitude
-from fem.system.model import Amplitude, Model, NodalLoad, Support
-from fem.system.sector import (
-    SymmetryError,
-    largest_cyclic_orbits,
-    require_sector,
-    with_half_turn,
-)
-from fem.system.state import (
-    block_surfaces,
-    searched_state,
-)
-from fem.system.system import Orbits, System, free_motions
+from fem.system.sector import SymmetryError, largest_cyclic_orbits, require_sector, with_half_turn
+from fem.system.state import block_surfaces, searched_state
+from fem.system.system import Orbits, System
 from fem.system.time_step import TimeStepError, scale_masses
 from geometry.mesh import FloatArray, IntArray
-
-_Entries = TypeVar("_Entries", Support, NodalLoad)
-
-#: Pressure whose stiffness the critical time step counts in where the law has no cap [MPa].
-COUNTED_PRESSURE = 1.0
 
 #: Contact pressures that the critical time step counts in, one after the other [MPa].
 _COUNTED_PRESSURES = tuple(COUNTED_PRESSURE * 4.0**k for k in range(6))
@@ -61,113 +44,61 @@ TOUCHES = 4.0
 _APART = 1e-6
 
 
-@dataclass(frozen=True)
-class ExplicitStatement:
-    """The explicit problem of an assembly, one copy for each representative, and its times."""
+def counting_more(stated: TimedSystem) -> TimedSystem | None:
+    """The same with a larger contact pressure counted; None where that counts no stiffness.
 
-    system: System
-    """The blocks that are computed, with their contact, loads and supports."""
-    blocks: tuple[IntArray, ...]
-    """Block of each copy of the model's groups."""
-    model: Model
-    """Representative blocks with contact, loads and supports in time."""
-    recommended: RecommendedTimes | None
-    """Times recommended by the lowest excited frequency; None for single bodies."""
-    ramp_time: float
-    """Duration of the smooth step of the loads [s]."""
-    end_time: float
-    """Latest end of the run [s]."""
-    counted_pressure: float
-    """Pressure whose contact stiffness the critical time step counts in where no cap is
-    below it [MPa]."""
-    velocities: tuple[FloatArray, ...] | None = None
-    """Of the model's groups at time 0, (n_copies, n_nodes, 3) [mm/s]; None: at rest."""
-    settled_after: float = 0.0
-    """When loads and supports have arrived: a static state may be found from then on [s]."""
-
-    def counting_more(self) -> ExplicitStatement | None:
-        """The same with a larger contact pressure counted; None where that counts no stiffness.
-
-        A run whose contact outgrows its time step starts again with it.
-        """
-        law = self.system.contact.law
-        now = counted_stiffness(law, self.counted_pressure)
-        for pressure in _COUNTED_PRESSURES:
-            counted = counted_stiffness(law, pressure)
-            if pressure > self.counted_pressure and counted > now:
-                contact = replace(self.contact, counted_stiffness=counted)
-                interactions = (contact, *self.model.interactions[1:])
-                model = replace(self.model, interactions=interactions)
-                return replace(self, model=model, counted_pressure=pressure)
-        return None
-
-    @property
-    def contact(self) -> FaceContact | SlidingContact:
-        """Contact of the model, of blocks that meet."""
-        contact = self.model.interactions[0]
-        assert isinstance(contact, FaceContact | SlidingContact)
-        return contact
-
-    def state(self, run: Run) -> State:
-        """State of the whole assembly at the end of a run."""
-        system, slips, copies = self.system, run.slips, self.system.orbits.copies
-        if run.searched is not None:
-            system = system.on(run.searched)
-        energies = None if run.energies is None else run.energies.times(copies)
-        return State(
-            system=system,
-            displacement=self._of_system(run.displacements),
-            friction=None if slips is None else self._friction(run.displacements, slips),
-            support_force=self._of_system(run.support_forces) if run.support_forces else None,
-            contact_force=self._of_system(run.contact_forces),
-            time=run.time,
-            finite_rotation=self.model.effects.finite_rotation,
-            run=replace(run, energies=energies, history=run.history.times(copies)),
-            statement=self,
-        )
-
-    def _friction(self, displacements: tuple[FloatArray, ...], slips: FloatArray) -> FloatArray:
-        """Of elastic slips on block s at all points, world axes, (n_facets, n_points, 3) [MPa]."""
-        contact, friction = self.contact, self.system.contact.friction
-        if isinstance(contact, FaceContact):
-            moved = self._in_system(displacements)
-            return paired_frictions(self.system, contact.pairs, moved, slips)
-        assert friction is not None
-        return -friction.stick_stiffness * slips[:, None]
-
-    def expand(self, vectors: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
-        """Displacements or forces of every block from those of the representatives.
-
-        Parameters
-        ----------
-        vectors
-            Of the model's groups, world axes, (n_copies, n_nodes, 3).
-
-        Returns
-        -------
-        tuple[FloatArray, ...]
-            Of the groups of the whole, all copies; of a periodic cell without its motion as
-            a whole, as `fem.static.solve` gives them.
-        """
-        return tuple(self.system.expand(self._of_system(vectors)))
-
-    def _of_system(self, vectors: tuple[FloatArray, ...]) -> FloatArray:
-        """The same of the nodes of the system, block frames, (n_nodes, 3)."""
-        moved, free = self._in_system(vectors), free_motions(self.system)
-        return moved if free is None else free.without(moved)
-
-    def _in_system(self, displacements: tuple[FloatArray, ...]) -> FloatArray:
-        """Vectors of the nodes of the system, its motion as a whole included, (n_nodes, 3)."""
-        result = np.empty((self.system.n_nodes, 3))
-        turns = self.system.assembly.rotations
-        for blocks, moved in zip(self.blocks, displacements, strict=True):
-            for block, world in zip(blocks.tolist(), moved, strict=True):
-                slot = int(self.system.slot_of[block])
-                result[self.system.nodes_of(slot)] = world @ turns[block]
-        return result
+    A run whose contact outgrows its time step starts again with it.
+    """
+    law = stated.system.contact.law
+    now = counted_stiffness(law, stated.counted_pressure)
+    for pressure in _COUNTED_PRESSURES:
+        counted = counted_stiffness(law, pressure)
+        if pressure > stated.counted_pressure and counted > now:
+            contact = replace(_contact_of(stated), counted_stiffness=counted)
+            interactions = (contact, *stated.interactions[1:])
+            return replace(stated, interactions=interactions, counted_pressure=pressure)
+    return None
 
 
-def explicit_statement(
+def _contact_of(stated: TimedSystem) -> FaceContact | SlidingContact:
+    """Contact of blocks that meet."""
+    contact = stated.interactions[0]
+    assert isinstance(contact, FaceContact | SlidingContact)
+    return contact
+
+
+def state_of(run: Run) -> State:
+    """State of the whole assembly at the end of a run."""
+    stated, slips = run.stated, run.slips
+    system, copies = stated.system, stated.system.orbits.copies
+    if run.searched is not None:
+        system = system.on(run.searched)
+    energies = None if run.energies is None else run.energies.times(copies)
+    return State(
+        system=system,
+        displacement=stated.of_system(run.displacements),
+        friction=None if slips is None else _friction(stated, run.displacements, slips),
+        support_force=stated.of_system(run.support_forces) if run.support_forces else None,
+        contact_force=stated.of_system(run.contact_forces),
+        time=run.time,
+        finite_rotation=stated.effects.finite_rotation,
+        run=replace(run, energies=energies, history=run.history.times(copies)),
+    )
+
+
+def _friction(
+    stated: TimedSystem, displacements: tuple[FloatArray, ...], slips: FloatArray
+) -> FloatArray:
+    """Of elastic slips on block s at all points, world axes, (n_facets, n_points, 3) [MPa]."""
+    contact, friction = _contact_of(stated), stated.system.contact.friction
+    if isinstance(contact, FaceContact):
+        moved = stated.in_system(displacements)
+        return paired_frictions(stated.system, contact.pairs, moved, slips)
+    assert friction is not None
+    return -friction.stick_stiffness * slips[:, None]
+
+
+def timed_system(
     deformable: System,
     *,
     effects: Effects | None = None,
@@ -177,7 +108,7 @@ def explicit_statement(
     mass_scaling: float | None = None,
     counted_pressure: float = COUNTED_PRESSURE,
     motion: Motion | None = None,
-) -> ExplicitStatement:
+) -> TimedSystem:
     """State the explicit problem of an assembly.
 
     Parameters
@@ -222,23 +153,25 @@ def explicit_statement(
     contact = _contact(system, blocks, counted_pressure) if system.meets else None
     if isinstance(contact, SlidingContact):
         system = system.on(contact.at_start)
-    model = _representative_model(system, blocks, effects, contact)
+    hold = cell_hold(system, blocks)
     times, ramp, end = _times(system, effects, ramp_time, end_time)
     moved = _end_of_motion(deformable, ramp)
     if end_time is None:
         end += max(moved - ramp, 0.0)
-    model = _in_time(model, ramp, rubs=deformable.contact.friction is not None)
-    return ExplicitStatement(
-        system=system,
+    stated = TimedSystem(
+        system=_in_time(system, ramp),
         blocks=blocks,
-        model=model,
+        effects=_growing(effects, ramp, rubs=deformable.contact.friction is not None),
+        interactions=tuple(i for i in (contact, hold) if i is not None),
         recommended=times,
         ramp_time=ramp,
         end_time=end,
         counted_pressure=counted_pressure,
-        velocities=None if motion is None else motion.velocities(model),
         settled_after=max(ramp, moved),
     )
+    if motion is None:
+        return stated
+    return replace(stated, velocities=motion.velocities(stated.bodies))
 
 
 def _orbits(
@@ -331,49 +264,35 @@ def _with_gravity(effects: Effects | None, gravity: FloatArray | None) -> Effect
     return replace(effects, gravity=gravity)
 
 
-def _representative_model(
-    system: System,
-    blocks: tuple[IntArray, ...],
-    effects: Effects,
-    contact: FaceContact | SlidingContact | None,
-) -> Model:
-    """Model of representative blocks, without times."""
-    copies = [system.copy_of[mine] for mine in blocks]
-    hold = cell_hold(system, blocks)
-    return Model(
-        groups=tuple(
-            g.with_same_stiffness(rotations=g.rotations[k], translations=g.translations[k])
-            for g, k in zip(system.bodies, copies, strict=True)
-        ),
-        supports=tuple(_some(s, copies[s.group]) for s in system.supports),
-        loads=tuple(_some(f, copies[f.group]) for f in system.forces),
-        effects=effects,
-        interactions=tuple(i for i in (contact, hold) if i is not None),
+def _in_time(system: System, ramp: float) -> System:
+    """System whose loads grow in a smooth step [s], and supports where no table says when."""
+    if ramp <= 0.0:
+        return system
+    amplitude = SmoothStepAmplitude(ramp)
+    supports = tuple(
+        replace(s, amplitude=amplitude) if s.amplitude is ALL_THE_WAY else s
+        for s in system.supports
     )
+    forces = tuple(replace(load, amplitude=amplitude) for load in system.forces)
+    return replace(system, supports=supports, forces=forces)
 
 
-def _in_time(model: Model, ramp: float, *, rubs: bool) -> Model:
-    """Model whose loads grow in a smooth step [s], and supports where no table says when.
+def _growing(effects: Effects, ramp: float, *, rubs: bool) -> Effects:
+    """Effects on the way to a static state: gravity grows with the loads.
 
-    On the way to a static state gravity grows too. With friction, which remembers what drags,
-    adaptive damping is less while the load grows.
+    With friction, which remembers what drags, adaptive damping is less while the load grows.
     """
-    amplitude: Amplitude | None = SmoothStepAmplitude(ramp) if ramp > 0 else None
-    effects, supports = model.effects, model.supports
     adaptive = effects.adaptive_mass_damping
-    if adaptive is not None and rubs:
+    if adaptive is None:
+        return effects
+    if rubs:
         adaptive = replace(
             adaptive, loading_time=ramp, fraction_while_loading=FRACTION_WHILE_LOADING
         )
         effects = replace(effects, adaptive_mass_damping=adaptive)
-    if adaptive is not None and effects.gravity is not None:
-        effects = replace(effects, gravity_amplitude=amplitude)
-    if amplitude is not None:
-        supports = tuple(
-            replace(s, amplitude=amplitude) if s.amplitude is ALL_THE_WAY else s for s in supports
-        )
-    loads = tuple(replace(load, amplitude=amplitude) for load in model.loads)
-    return replace(model, supports=supports, loads=loads, effects=effects)
+    if effects.gravity is None or ramp <= 0.0:
+        return effects
+    return replace(effects, gravity_amplitude=SmoothStepAmplitude(ramp))
 
 
 def _contact(
@@ -457,19 +376,3 @@ def _representatives(system: System) -> tuple[IntArray, ...]:
     stands = order[representative[order] == order]
     groups = system.group_of[stands]
     return tuple(stands[groups == g] for g in range(len(system.bodies)))
-
-
-def _new_numbers(copies: IntArray, kept: IntArray) -> tuple[IntArray, IntArray]:
-    """Entries whose copy is kept, and the new number of that copy."""
-    number = np.full(int(max(copies.max(initial=0), kept.max())) + 1, -1, dtype=np.int64)
-    number[kept] = np.arange(len(kept))
-    mine = np.flatnonzero(number[copies] >= 0)
-    return mine, number[copies[mine]]
-
-
-def _some(entries: _Entries, kept: IntArray) -> _Entries:
-    """Entries of kept copies: the arrays of a support or a load have a row for each."""
-    mine, copies = _new_numbers(entries.copies, kept)
-    given = {f.name: getattr(entries, f.name) for f in fields(entries)}
-    rows: dict[str, Any] = {name: a[mine] for name, a in given.items() if isinstance(a, np.ndarray)}
-    return replace(entries, **(rows | {"copies": copies}))

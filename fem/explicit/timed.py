@@ -1,0 +1,135 @@
+"""What an explicit run computes: a system whose loads and supports act in time, and the times."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fem.system.body import Body, ModelError
+from fem.system.effects import Effects
+from fem.system.model import InteractionModel, refuse_turning_springs
+from fem.system.system import System, free_motions
+from fem.system.time_step import CriticalTimeStep, critical_time_step
+from geometry.mesh import FloatArray, IntArray
+
+#: Pressure whose stiffness the critical time step counts in where the law has no cap [MPa].
+COUNTED_PRESSURE = 1.0
+
+
+@dataclass(frozen=True)
+class RecommendedTimes:
+    """Times of a quasi-static run."""
+
+    frequency: float
+    """Lowest frequency that the loads excite, an estimate from above [Hz]."""
+    lowest_frequency: float
+    """Lowest frequency of all, excited or not [Hz]."""
+    ramp_time: float
+    """Smooth step of the loads [s]."""
+    end_time: float
+    """Latest end of a run that stops when it is static [s]."""
+
+
+@dataclass(frozen=True)
+class TimedSystem:
+    """A system, its effects in time, and the times of a run.
+
+    Raises
+    ------
+    ModelError
+        Forces that turn with their blocks, or springs, beside effects that exclude them.
+    """
+
+    system: System
+    """The blocks that are computed; loads and supports have their amplitudes."""
+    blocks: tuple[IntArray, ...]
+    """Representative blocks of each body in the order in which the loop has their copies."""
+    effects: Effects
+    """Damping, viscosity, rotation, gravity."""
+    interactions: tuple[InteractionModel, ...] = ()
+    """Contact; empty where blocks do not meet."""
+    recommended: RecommendedTimes | None = None
+    """Times recommended by the lowest excited frequency; None for single bodies."""
+    ramp_time: float = 0.0
+    """Duration of the smooth step of the loads [s]."""
+    end_time: float = math.inf
+    """Latest end of the run [s]."""
+    counted_pressure: float = COUNTED_PRESSURE
+    """Pressure whose contact stiffness the critical time step counts in where no cap is
+    below it [MPa]."""
+    velocities: tuple[FloatArray, ...] | None = None
+    """Of the bodies at time 0, (n_copies, n_nodes, 3) [mm/s]; None: at rest."""
+    settled_after: float = 0.0
+    """When loads and supports have arrived: a static state may be found from then on [s]."""
+
+    def __post_init__(self) -> None:
+        if self.effects.finite_rotation:
+            refuse_turning_springs(self.system.bodies)
+        elif any(load.follows_block for load in self.system.forces):
+            raise ModelError(
+                "loads: follows_block needs finite rotation; set effects.finite_rotation"
+            )
+
+    @cached_property
+    def critical(self) -> CriticalTimeStep:
+        """The largest stable step."""
+        return critical_time_step(self.bodies, self.effects, self.interactions)
+
+    @cached_property
+    def bodies(self) -> tuple[Body, ...]:
+        """With the copies that are computed."""
+        return tuple(
+            body.with_same_stiffness(rotations=body.rotations[k], translations=body.translations[k])
+            for body, k in zip(self.system.bodies, self._copies, strict=True)
+        )
+
+    @property
+    def _copies(self) -> list[IntArray]:
+        """Copies of each body that are computed, in the order in which the loop has them."""
+        return [self.system.copy_of[blocks] for blocks in self.blocks]
+
+    def places(self, number: int) -> IntArray:
+        """Place of each copy of a body among those that are computed, -1 where it is not."""
+        copies = self._copies[number]
+        result = np.full(self.system.bodies[number].n_copies, -1, dtype=np.int64)
+        result[copies] = np.arange(len(copies))
+        return result
+
+    @property
+    def n_elements(self) -> int:
+        """Hexahedra that are computed."""
+        return sum(body.mesh.n_elements * body.n_copies for body in self.bodies)
+
+    def expand(self, vectors: tuple[FloatArray, ...]) -> tuple[FloatArray, ...]:
+        """Displacements or forces of every block from those of the representatives.
+
+        Parameters
+        ----------
+        vectors
+            Of the bodies, world axes, (n_copies, n_nodes, 3).
+
+        Returns
+        -------
+        tuple[FloatArray, ...]
+            Of the bodies of the whole, all copies; of a periodic cell without its motion as
+            a whole, as `fem.static.solve` gives them.
+        """
+        return tuple(self.system.expand(self.of_system(vectors)))
+
+    def of_system(self, vectors: tuple[FloatArray, ...]) -> FloatArray:
+        """The same of the nodes of the system, block frames, (n_nodes, 3)."""
+        moved, free = self.in_system(vectors), free_motions(self.system)
+        return moved if free is None else free.without(moved)
+
+    def in_system(self, vectors: tuple[FloatArray, ...]) -> FloatArray:
+        """Vectors of the nodes of the system, its motion as a whole included, (n_nodes, 3)."""
+        result = np.empty((self.system.n_nodes, 3))
+        turns = self.system.assembly.rotations
+        for blocks, moved in zip(self.blocks, vectors, strict=True):
+            for block, world in zip(blocks.tolist(), moved, strict=True):
+                slot = int(self.system.slot_of[block])
+                result[self.system.nodes_of(slot)] = world @ turns[block]
+        return result
