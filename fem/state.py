@@ -477,18 +477,12 @@ class State(ReadOnlyArrays):
     @cached_property
     def quasi_static(self) -> QuasiStaticReport | None:
         """How static the end of an explicit run is; None where nothing recommends a frequency."""
-        run = self.run
-        if run is None or run.stated.recommended is None:
+        if self.run is None:
             return None
         # Loaded here: it brings the compiler along, which static runs do without.
         from fem.explicit.setup.quasi_static import quasi_static_report
 
-        return quasi_static_report(
-            run,
-            ramp_time=run.stated.settled_after,
-            frequency=run.stated.recommended.frequency,
-            largest_residual=run.static_below,
-        )
+        return quasi_static_report(self.run)
 
     @property
     def released_at_start(self) -> float | None:

@@ -32,7 +32,7 @@ from fem.element.kinds import Element
 from fem.element.material import Material
 from fem.system.body import Body, ModelError
 from fem.system.effects import Effects
-from fem.system.model import InteractionModel
+from fem.system.model import InteractionModel, refuse_turning_springs
 from geometry.errors import RefusedError
 from geometry.mesh import HEX_FACES, FloatArray, HexMesh
 
@@ -199,7 +199,14 @@ def critical_time_step(
     """Critical time step of the most demanding body, interactions counted in.
 
     Springs to the ground are part of the stiffness of their body.
+
+    Raises
+    ------
+    ModelError
+        Springs of bodies that may turn by any angle.
     """
+    if effects.finite_rotation:
+        refuse_turning_springs(bodies)
     steps = []
     for number, body in enumerate(bodies):
         parts = [interaction.nodal_stiffness(number) for interaction in interactions]

@@ -100,7 +100,7 @@ def test_a_verdict_does_not_advise_what_is_on(damped):
         ramp_time=1e-4,
     )
     result = solve(stated, end_time=2e-4, stop=StopCriterion(1e-12), sample_interval=10)
-    report = quasi_static_report(result, ramp_time=1e-4, frequency=1e3)
+    report = quasi_static_report(result)
     assert "exceeds" in report.verdict
     assert ("fem.damping" in report.verdict) is not damped
 
@@ -122,8 +122,7 @@ def test_a_run_stops_where_its_round_off_stands():
     )
     assert result.status is Status.STALLED
     assert 0.25 < result.history.column("residual").min() / result.round_off < 4.0
-    frequency = stated.recommended.frequency
-    report = quasi_static_report(result, ramp_time=stated.ramp_time, frequency=frequency)
+    report = quasi_static_report(result)
     assert not report.is_static
     assert "a larger fem.residual" in report.verdict
 
@@ -186,7 +185,7 @@ def test_little_kinetic_energy_is_not_static():
     still = table["kinetic_energy"] < 0.01 * internal
     assert (still & held).any()
     assert (table["residual"][still & held] > 0.01).any()
-    report = quasi_static_report(result, ramp_time=ramp, frequency=times.frequency)
+    report = quasi_static_report(result)
     assert not report.is_static
     assert "residual" in report.verdict
     assert report.hold_time == pytest.approx(2.0 * ramp, rel=1e-2)

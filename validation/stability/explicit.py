@@ -270,5 +270,6 @@ def _driven() -> Finding:
     assembly = stack(1)
     stated = deformable(assembly, pressed(assembly, 0.01, face="inner"))
     result, _ = settled(stated, ramp=2e-4, end=4e-3)
-    report = quasi_static_report(result, ramp_time=2e-4, frequency=1000.0)
+    report = quasi_static_report(result)
+    assert report is not None
     return Finding(Check("called static", report.is_static, 0, 0), refusal=report.verdict)

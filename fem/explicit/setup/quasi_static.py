@@ -21,7 +21,7 @@ import numpy as np
 import scipy.linalg
 
 from fem.contact.surfaces import ContactError
-from fem.explicit.solve import RESIDUAL, Run
+from fem.explicit.solve import Run
 from fem.explicit.timed import RecommendedTimes
 from fem.system.body import Body, rigid_motions
 from fem.system.system import System
@@ -180,6 +180,9 @@ FRACTION_WHILE_LOADING = 0.1
 #: Periods after which a damped run that has not settled will hardly do so.
 _END_PERIODS = 50.0
 
+#: Largest way still to go over the way gone in a static state [-].
+_SETTLED = 2e-3
+
 
 def recommended_times(system: System, *, damped: bool, closing: bool = False) -> RecommendedTimes:
     """Recommend times from the lowest frequency of rigid blocks on their contacts.
@@ -234,27 +237,11 @@ class QuasiStaticReport:
     """The same in words, with what to do."""
 
 
-def quasi_static_report(
-    run: Run,
-    *,
-    ramp_time: float,
-    frequency: float,
-    largest_residual: float = RESIDUAL,
-    largest_settling: float = 2e-3,
-) -> QuasiStaticReport:
-    """Judge the end of an explicit run.
-
-    Parameters
-    ----------
-    run
-        The run.
-    ramp_time
-        Duration of its loading [s].
-    frequency
-        Lowest excited frequency, of `recommended_times` [Hz].
-    largest_residual, largest_settling
-        Bounds for a static state [-].
-    """
+def quasi_static_report(run: Run) -> QuasiStaticReport | None:
+    """Judge the end of an explicit run; None where nothing recommends a frequency."""
+    times, ramp_time = run.stated.recommended, run.stated.settled_after
+    if times is None:
+        return None
     moved = speed = mass = 0.0
     for group, u, v in zip(run.stated.bodies, run.displacements, run.velocities, strict=True):
         moved += float(np.einsum("n,cni,cni->", group.lumped_mass, u, u))
@@ -262,7 +249,7 @@ def quasi_static_report(
         mass += group.n_copies * float(group.lumped_mass.sum())
     settling = run.settling
     if settling is None:
-        settling = np.sqrt(speed / moved) / (2.0 * np.pi * frequency) if moved else 0.0
+        settling = np.sqrt(speed / moved) / (2.0 * np.pi * times.frequency) if moved else 0.0
     energies = run.energies
     ratio = 0.0
     if energies is not None:
@@ -279,14 +266,14 @@ def quasi_static_report(
             f"the force residual {run.residual:.1e} no longer falls: round-off leaves about "
             f"{run.round_off:.1e}; use a larger fem.residual"
         )
-    elif run.residual is not None and not run.residual <= largest_residual:
+    elif run.residual is not None and not run.residual <= run.static_below:
         faults.append(
-            f"the force residual {run.residual:.1e} exceeds {largest_residual:.1e}: {longer}"
+            f"the force residual {run.residual:.1e} exceeds {run.static_below:.1e}: {longer}"
         )
-    if not settling <= largest_settling:
+    if not settling <= _SETTLED:
         faults.append(
             f"the remaining displacement is {100 * settling:.2g} % (at most "
-            f"{100 * largest_settling:.2g} %)" + ("" if run.round_off else f": {longer}")
+            f"{100 * _SETTLED:.2g} %)" + ("" if run.round_off else f": {longer}")
         )
     if run.residual is None:
         faults.append("the force residual was not monitored")
