@@ -160,7 +160,7 @@ def explicit_rates(machine: Roofline) -> list[Rate]:
 def contact_rates(machine: Roofline) -> list[Rate]:
     """Whole step of one layer in contact."""
     case = contact.pressing(contact.tube(1, 960), 1, Effects(), steps=500)
-    (group,) = case[0].model.bodies
+    (group,) = case[0].stated.bodies
     limit = _works(group)[1].limit(machine)
     seconds = explicit.seconds_of_step(*case, threads=1, repeats=20)
     value = case[0].stated.n_elements / seconds / 1e6

@@ -48,7 +48,7 @@ def test_a_bouncing_block_keeps_its_energy():
     assert coarse.history.column("contact_energy").max() > 0.1 * coarse.energies.kinetic_energy
     assert errors[0] < 1e-2
     assert 3.0 < errors[0] / errors[1] < 5.5
-    mass = coarse.bodies[0].lumped_mass
+    mass = coarse.stated.bodies[0].lumped_mass
     assert mass @ coarse.velocities[0][0, :, 2] / mass.sum() > 5.0
     assert abs(fine.history.column("energy_balance")[-1]) < 1e-4
 

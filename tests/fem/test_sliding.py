@@ -13,7 +13,7 @@ import pytest
 from fem import Explicit, Frames, Material, solve_explicit
 from fem.contact.search import points_of_search
 from fem.explicit.setup.quasi_static import block_frequencies
-from fem.explicit.setup.timed_system import timed_system
+from fem.explicit.setup.timed_system import state_of, timed_system
 from fem.explicit.solve import StopCriterion, initial_state, prepare, solve
 from fem.system.effects import AdaptiveMassDamping, Effects
 from fem.system.state import contact_state, facing_points
@@ -313,7 +313,7 @@ def settled_box(built: float, slid: float) -> tuple[np.ndarray, np.ndarray]:
     stop = StopCriterion(1e-7, 1e-3)
     result = solve(stated, end_time=0.1, displacements=start, stop=stop)
     assert str(result.status) == "converged"
-    found = stated.state(result).contact_state
+    found = state_of(result).contact_state
     return found.point_pressures, found.positions - [built + slid, 0.0, 0.0]
 
 

@@ -301,7 +301,8 @@ def test_forces_and_moments_balance():
     groups = statement.bodies
     moved = tuple(5e-3 * rng.standard_normal((g.n_copies, g.n_nodes, 3)) for g in groups)
     for support in statement.system.supports:
-        moved[support.group][support.copies, support.nodes] = 0.0
+        places = statement.places(support.group)[support.copies]
+        moved[support.group][places, support.nodes] = 0.0
     state = initial_state(system, displacements=moved)
     for now in state.bodies:
         now.applied_force[:] = 0.0
