@@ -1,4 +1,4 @@
-"""The statement of a problem: deformable blocks, what holds them, what loads them.
+"""Loads and supports at nodes of bodies, and forces between bodies.
 
 Everything here is constant; what evolves is `fem.explicit.state.Lanes`. World axes, mm, N, t, s.
 """
