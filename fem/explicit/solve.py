@@ -216,7 +216,7 @@ class Run:
 
 
 def prepare(stated: TimedSystem, *, time_step: float, threads: int = 1) -> ExplicitSystem:
-    """Make a statement ready for the loop with a time step [s].
+    """Make a timed system ready for the loop with a time step [s].
 
     With one thread in the serial loops, with more in shared rows.
     """

@@ -71,7 +71,7 @@ class Interaction(ABC):
 
 @dataclass(frozen=True)
 class ExplicitSystem:
-    """A statement made ready for the loop."""
+    """A timed system made ready for the loop."""
 
     stated: TimedSystem
     """What is computed."""
