@@ -32,7 +32,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from validation.calls import (
+    from validation.case import Case, load_case
+    from validation.errors import InputError
+    from validation.notebook import (
         compare,
         cost,
         optimise,
@@ -45,8 +47,6 @@ if TYPE_CHECKING:
         sweep,
         write,
     )
-    from validation.case import Case, load_case
-    from validation.errors import InputError
     from validation.scene.builtin import builtin_names, builtin_text
     from validation.solving import solve
 
@@ -71,7 +71,7 @@ __all__ = [
 ]
 
 
-#: Where names come from that are not in `validation.calls`.
+#: Where names come from that are not in `validation.notebook`.
 _PLACES = {
     "Case": "validation.case",
     "InputError": "validation.errors",
@@ -85,7 +85,7 @@ _PLACES = {
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'validation' has no attribute {name!r}")
-    return getattr(import_module(_PLACES.get(name, "validation.calls")), name)
+    return getattr(import_module(_PLACES.get(name, "validation.notebook")), name)
 
 
 def __dir__() -> list[str]:

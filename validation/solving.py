@@ -162,7 +162,7 @@ def _rigid_parts(case: Case, answer: Answer) -> dict[str, Part]:
         none = Notes([Row("sections", "none: no forces of the load")])
         parts["sections"] = answer.cut(cut) if shown and answer.cut is not None else none
     if isinstance(scene, PolyhedralScene):
-        from validation.build.doubts import doubts
+        from validation.build.readings import doubts
 
         straight = any(shape.straightened for shape in blocks.shapes)
         notes = {"edges": STRAIGHT_EDGES} if straight else {}

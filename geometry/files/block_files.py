@@ -26,7 +26,7 @@ from geometry.mesh import (
     MeshError,
     check_mesh,
 )
-from geometry.parts.chosen import numbers_of
+from geometry.parts.block_selection import numbers_of
 from geometry.polyhedra.polygons import surface_of_polygons
 from geometry.polyhedra.polyhedron import (
     Polyhedron,

@@ -19,7 +19,7 @@ from geometry.assembly import (
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.polyhedra.facet_contact import ContactPoints, find_contacts
 from geometry.polyhedra.options import DetectionOptions
-from geometry.polyhedra.placed import PlacedShapes
+from geometry.polyhedra.placed_shapes import PlacedShapes
 from geometry.polyhedra.polyhedron import Polyhedron, polyhedron_from_block
 
 #: Default contact tolerance in block lengths ∛V.

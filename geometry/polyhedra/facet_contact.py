@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 
 from geometry.mesh import BoolArray, FloatArray, IntArray, run_starts
 from geometry.polyhedra.options import ContactPlacement
-from geometry.polyhedra.placed import PlacedShapes
+from geometry.polyhedra.placed_shapes import PlacedShapes
 from geometry.polyhedra.point_contact import PointContacts, crossing_edges, standing_corners
 from geometry.polyhedra.polyhedron import widths
 from geometry.polyhedra.triangle_kernels import MOST_CORNERS, clip_pairs, hulls

@@ -19,7 +19,7 @@ import numpy as np
 
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.polyhedra.box_tree import overlapping_boxes
-from geometry.polyhedra.placed import PlacedShapes
+from geometry.polyhedra.placed_shapes import PlacedShapes
 from geometry.polyhedra.polyhedron import Polyhedron
 
 #: Edges closer to parallel than this do not cross (sine of the angle).

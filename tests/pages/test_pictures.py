@@ -28,7 +28,6 @@ from validation.output.pictures import gallery as gallery_pictures
 from validation.output.pictures.bodies import EYE, block_edges, eye, labelled, sharp_edges
 from validation.output.pictures.canvas import Lines, Surface, View
 from validation.output.pictures.gallery import Mark, Numbers, Panel, gallery, round_length
-from validation.output.pictures.look import Look, looking
 from validation.output.pictures.polyhedra import draw_polyhedra
 from validation.output.pictures.scales import (
     Scale,
@@ -38,6 +37,7 @@ from validation.output.pictures.scales import (
     symmetric_scale,
 )
 from validation.output.pictures.sections import section
+from validation.output.pictures.style import Look, looking
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

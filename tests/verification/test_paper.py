@@ -19,8 +19,8 @@ from validation.paper.claims.judge import claims, judge_claims
 from validation.paper.errata import errata, show_errata
 from validation.paper.evidence import Evidence, StudyTable
 from validation.paper.reading import SharedTubes, ingredients, sensitivity, to_the_digit
-from validation.paper.statement import Truth
 from validation.paper.tables import compute_tables
+from validation.paper.verdict import Truth
 
 # ---------------------------------------------------------------------------------------------
 # Parameter study

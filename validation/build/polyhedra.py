@@ -17,7 +17,7 @@ from geometry.files.hexahedral_solids import with_hexahedra
 from geometry.files.named_surfaces import Y_UP
 from geometry.loads import LoadCase
 from geometry.mesh import FloatArray
-from geometry.parts.chosen import numbers_of
+from geometry.parts.block_selection import numbers_of
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import check_assembly

@@ -17,7 +17,7 @@ from fem.system.build import Frames
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase
 from geometry.machine.work import LimitError, budget
-from geometry.parts.chosen import chosen_blocks
+from geometry.parts.block_selection import chosen_blocks
 from geometry.parts.measures import Planes, planes
 from validation.build.cell import build_cell
 from validation.build.materials import build_materials, friction_of_pairs, laws_of_pairs

@@ -16,7 +16,7 @@ from geometry.loads import (
     TractionLoad,
 )
 from geometry.mesh import FloatArray, IntArray, QuadSurface
-from geometry.parts.chosen import chosen_block, chosen_blocks
+from geometry.parts.block_selection import chosen_block, chosen_blocks
 from geometry.parts.regions import (
     Box,
     Edges,

@@ -12,7 +12,7 @@ import typer.core
 import typer.main
 from typer.core import TyperCommand, TyperGroup
 
-from validation.cli import compare, cost, decks, fem, look, paper, rigid, study, trust
+from validation.cli import compare, cost, decks, fem, paper, rigid, robustness, scenes, study
 from validation.cli.options import command
 from validation.errors import InputError, places_of, run_command
 
@@ -122,14 +122,14 @@ reproduce = typer.Typer()
 #: Commands by subject, in the order of ``tubelock --help``.
 _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
     "Analyse": {
-        "scenes": look.scenes,
+        "scenes": scenes.scenes,
         "check": decks.check,
-        "show": look.show,
+        "show": scenes.show,
         "mbd": rigid.mbd,
         "fem": fem.fem,
         "compare": compare.compare,
-        "report": look.report,
-        "explore": look.explore,
+        "report": scenes.report,
+        "explore": scenes.explore,
         "sweep": study.sweep,
         "sensitivity": study.sensitivity,
         "optimise": study.optimise,
@@ -137,9 +137,9 @@ _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "deck": decks.deck,
     },
     "How far to believe it": {
-        "effects": trust.effects,
+        "effects": robustness.effects,
         "cost": cost.cost,
-        "stability": trust.stability,
+        "stability": robustness.stability,
     },
 }
 _PARTS: tuple[Callable[..., None], ...] = (

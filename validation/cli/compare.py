@@ -36,8 +36,8 @@ def compare(
     """
     from geometry.machine.system import peak_memory_mb
     from validation.build.cell import refuse_cell
-    from validation.calls import compare as compared
     from validation.case import load_case, require_deformable, with_auto
+    from validation.notebook import compare as compared
     from validation.output.progress import solver_progress
     from validation.study.comparison import report
     from validation.study.comparison.scene import comparable_problem, compared_runs

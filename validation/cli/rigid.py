@@ -66,7 +66,7 @@ def mbd(
     from validation.case import load_case
     from validation.output.progress import following
     from validation.output.rigid import FILES, explosion_table, rigid_table, write_rigid
-    from validation.run.rigid.changed import (
+    from validation.run.rigid.mesh_and_frames import (
         frame_warning,
         layers_to_unlock,
         refined,

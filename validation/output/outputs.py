@@ -17,7 +17,7 @@ from validation.errors import InputError
 from validation.output.answer_files import LARGE, answer_files, remove_others
 from validation.output.console import process_words, text_console
 from validation.output.files import PAGES, PICTURES, output_folder, prepare_file, write_json
-from validation.output.pictures.look import Look, looking
+from validation.output.pictures.style import Look, looking
 from validation.output.progress import following
 from validation.output.provenance import Provenance, stamp_vtu, stamped
 from validation.scene.keys.idle import default_words, idle_keys, ignored_words

@@ -17,7 +17,7 @@ from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.near_joints import distance_between
 from geometry.polyhedra.overlap import Overlap, find_overlaps
 from geometry.polyhedra.polyhedron import Polyhedron
-from validation.build.doubts import facing_words
+from validation.build.readings import facing_words
 from validation.errors import InputError
 from validation.output.console import RowTable
 from validation.output.files import prepare_file

@@ -23,7 +23,7 @@ from validation.output.rigid import is_meshed, rigid_pictures, rigid_table
 from validation.pages.page import page_text, webp_of
 from validation.pages.verdicts import OPEN, Verdict, verdicts
 from validation.pages.views import layer_words, middle_layers, pressure_view, stress_view
-from validation.run.rigid.changed import frame_warning
+from validation.run.rigid.mesh_and_frames import frame_warning
 from validation.scene.combinations import combined
 from validation.scene.family import RoundScene
 from validation.scene.keys.toml_text import toml_text

@@ -18,7 +18,7 @@ from validation import InputError
 from validation import read_rows as csv_rows
 from validation.paper.claims.rigid import RIGID_CLAIMS
 from validation.paper.evidence import PATHS, Design, Evidence, StudyTable
-from validation.paper.statement import Truth, Verdict, judged
+from validation.paper.verdict import Truth, Verdict, judged
 
 RIGID, DEFORMABLE = "paper-480", "paper-480-fem"
 #: Folder of the built-in studies and their rows.

@@ -15,7 +15,7 @@ from validation import load_case, solve
 from validation.paper.evidence import Evidence, FloatArray, p_max, sine_block
 from validation.paper.reading import Ingredient, ingredients, sensitivity
 from validation.paper.reference import reference
-from validation.paper.statement import Statements, Truth, Verdict
+from validation.paper.verdict import Statements, Truth, Verdict
 from validation.statement import Statement, chosen_by_name
 
 #: In the order of their demonstrations.

@@ -22,9 +22,9 @@ from geometry.machine.system import peak_memory_mb
 from geometry.parts.measures import SectionError
 from geometry.parts.rows import Notes, Part, Row
 from geometry.polyhedra.assembly import bare_joints
-from validation.build.doubts import doubts
 from validation.build.polyhedra import build_polyhedra
 from validation.build.problem import fem_section, scene_planes
+from validation.build.readings import doubts
 from validation.case import Case
 from validation.errors import InputError, named
 from validation.run.held_by_faces import faces_words, require_held_by_faces, squeeze_words

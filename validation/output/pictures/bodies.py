@@ -27,7 +27,6 @@ from validation.output.pictures.canvas import (
     rgb,
 )
 from validation.output.pictures.gallery import Panel
-from validation.output.pictures.look import look
 from validation.output.pictures.scales import (
     BLUE,
     GREY,
@@ -36,6 +35,7 @@ from validation.output.pictures.scales import (
     Scale,
     pressure_scale,
 )
+from validation.output.pictures.style import look
 
 #: The eye is outside, a little above the horizontal.
 EYE: Direction = (2.4, -1.6, 0.9)

@@ -21,8 +21,8 @@ import numpy as np
 from geometry.machine.system import write_whole
 from geometry.mesh import FloatArray
 from validation.output.pictures.canvas import LARGEST, View
-from validation.output.pictures.look import look, settings
 from validation.output.pictures.scales import VERMILION, Scale
+from validation.output.pictures.style import look, settings
 from validation.output.provenance import program
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import numpy as np
 
 from geometry import Answer, effective_facets
 from validation.paper.evidence import BoolArray, Evidence, FloatArray, sine_block
-from validation.paper.statement import Statements, Truth, Verdict, judged
+from validation.paper.verdict import Statements, Truth, Verdict, judged
 
 FEM_CLAIMS = Statements("claim")
 

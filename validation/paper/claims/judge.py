@@ -8,7 +8,7 @@ from typing import Any
 from validation.paper.claims.deformable import FEM_CLAIMS
 from validation.paper.claims.rigid import RIGID_CLAIMS
 from validation.paper.evidence import Evidence
-from validation.paper.statement import NOT_COMPUTED, Verdict
+from validation.paper.verdict import NOT_COMPUTED, Verdict
 from validation.statement import Statement, chosen_by_name
 
 

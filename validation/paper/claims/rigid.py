@@ -18,7 +18,7 @@ from validation.paper.evidence import (
     p_max,
 )
 from validation.paper.reference import reference
-from validation.paper.statement import Statements, Truth, Verdict, judged
+from validation.paper.verdict import Statements, Truth, Verdict, judged
 
 RIGID_CLAIMS = Statements("claim")
 

@@ -10,8 +10,8 @@ from rich.table import Table
 
 from validation.output.console import RowTable, listing, tabled
 from validation.paper.reference import reference
-from validation.paper.statement import Truth
 from validation.paper.tables import HEADS, count_words, lines_by_block, number
+from validation.paper.verdict import Truth
 
 
 def print_tables(tables: dict[str, Any], console: Console) -> None:

@@ -27,8 +27,8 @@ from validation.paper.errata import show_errata
 from validation.paper.evidence import Evidence
 from validation.paper.reading import Sensitivity, sensitivity
 from validation.paper.shown.figures import CostRow, FigureFile, cost_rows, draw_figures
-from validation.paper.statement import Truth
 from validation.paper.tables import compute_tables, count_words, lines_by_block
+from validation.paper.verdict import Truth
 
 
 class Extent(StrEnum):
