@@ -64,7 +64,7 @@ class NoContactError(RefusedError):
 
 
 @dataclass
-class Evidence:
+class Evidence(ReadOnlyArrays):
     """How a static state was found."""
 
     residuals: tuple[float, ...] = ()
@@ -505,7 +505,7 @@ class State(ReadOnlyArrays):
         energy = 0.0
         for group, u in zip(self.deformable.bodies, self.displacements, strict=True):
             local, _ = block_displacements(group, u, finite_rotation=self.finite_rotation)
-            energy += 0.5 * float(np.vdot(local, group.internal_force(local)))
+            energy += 0.5 * float((local * group.internal_force(local)).sum())
         return energy
 
     @cached_property

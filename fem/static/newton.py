@@ -92,6 +92,16 @@ class StaticProblem:
         """Motions that nothing resists."""
         return free_motions(self.system, self.step.kept)
 
+    @cached_property
+    def farthest_overclosure(self) -> FloatArray:
+        """Where contact presses as hard as the stiffest block is stiff, as strains of 1 need [mm].
+
+        One number, or one for each facet.
+        """
+        system, law = self.system, self.system.law
+        moduli = [system.body(k).material.young_modulus for k in range(system.n_slots)]
+        return law.normal.overclosure(np.maximum(max(moduli, default=0.0), law.touching_pressure))
+
 
 @dataclass(frozen=True)
 class Iterate:
@@ -237,9 +247,26 @@ def _iterate(problem: StaticProblem, state: Iterate) -> Iterate:
     linear = _linearise(problem, state)
     # One pressure a facet at first.
     simple = coarsened(linear) if state.coarse_iterations > 0 else linear
-    trial, state = _solve(problem, simple, state)
-    share = _step_share(problem, state, trial)
-    return _moved(problem, linear, state, trial, share)
+    while True:
+        trial, state = _solve(problem, simple, state)
+        share = _step_share(problem, state, trial)
+        moved = _moved(problem, linear, state, trial, share)
+        if state.rescues >= _MAX_RESCUES or not _runs_away(problem, state, moved):
+            return moved
+        state = _held_more(state)
+
+
+def _runs_away(problem: StaticProblem, state: Iterate, moved: Iterate) -> bool:
+    """Whether a step overlaps blocks as no load can: with friction its energy need not tell."""
+    if not problem.system.held.met(state.displacement, state.time):
+        return False
+    return bool((problem.farthest_overclosure < moved.gaps.x[..., 0].T).any())
+
+
+def _held_more(state: Iterate) -> Iterate:
+    """The state with stronger holding springs."""
+    stronger = max(10.0 * state.holding, _RESCUE_HOLDING * state.first_holding)
+    return replace(state, holding=stronger, rescues=state.rescues + 1)
 
 
 def _moved(
@@ -354,8 +381,7 @@ def _solve(
         except UnheldBlocksError as error:
             if state.rescues >= _MAX_RESCUES:
                 raise StaticError(_unheld_text(error)) from None
-            stronger = max(10.0 * state.holding, _RESCUE_HOLDING * state.first_holding)
-            state = replace(state, holding=stronger, rescues=state.rescues + 1)
+            state = _held_more(state)
 
 
 def _check_near(system: System, displacement: FloatArray) -> None:

@@ -51,7 +51,7 @@ from fem.system.sector import (
 )
 from fem.system.state import facing_points
 from fem.system.system import Orbits, System
-from geometry.mesh import FloatArray
+from geometry.mesh import FloatArray, read_only
 
 __all__ = ["StaticMethod", "StaticOptions", "solve_static"]
 
@@ -189,7 +189,8 @@ def with_evidence(found: list[State], options: StaticOptions, clocks: tuple[floa
     state = replace(last, evidence=evidence)
     if state.deformable.contact.friction is None:
         at_points = state.displacements, state.pressures, state.points
-        evidence.loose_blocks = loose_blocks(state.deformable, *at_points, state.representative)
+        loose = loose_blocks(state.deformable, *at_points, state.representative)
+        evidence.loose_blocks = read_only(loose)
     evidence.status = _status(state, options)
     return state
 

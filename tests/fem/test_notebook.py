@@ -319,7 +319,7 @@ def test_what_an_answer_does_not_have_is_refused(problem) -> None:
     [
         ({"load": concrete}, "load: got a Material"),
         ({"material": pipe(0.01)}, "material: got a Load"),
-        ({"load": pipe(1e5)}, "more than material.young_modulus"),
+        ({"load": pipe(1e5)}, "more than `young_modulus`"),
         ({"material": replace(concrete, young_modulus=33.0)}, "young_modulus in GPa"),
         ({"material": replace(concrete, density=2400.0)}, "density in kg/m³"),
     ],
@@ -355,7 +355,7 @@ def test_absurd_blocks_are_refused() -> None:
         ({"degree": 1.5}, r"degree: got 1\.5"),
         ({"frames": "soft"}, r"frames: got 'soft'; expected one of Frames\.RIGID"),
         ({"element": "C3D8"}, r"element: got 'C3D8'; expected one of ElementType\."),
-        ({"friction": -0.2}, r"friction\.coefficient: got -0\.2"),
+        ({"friction": -0.2}, r"coefficient: got -0\.2.*leave friction out for none"),
     ],
 )
 def test_what_no_solver_has_is_refused_when_a_problem_is_made(problem, changes, words) -> None:
