@@ -257,8 +257,12 @@ def _iterate(problem: StaticProblem, state: Iterate) -> Iterate:
 
 
 def _runs_away(problem: StaticProblem, state: Iterate, moved: Iterate) -> bool:
-    """Whether a step overlaps blocks as no load can: with friction its energy need not tell."""
-    if not problem.system.held.met(state.displacement, state.time):
+    """Whether a step overlaps blocks as no load can: with friction its energy need not tell.
+
+    Blocks that have moved by their length are a mechanism, and no springs help.
+    """
+    far = np.abs(moved.displacement).max() > problem.system.assembly.characteristic_length
+    if far or not problem.system.held.met(state.displacement, state.time):
         return False
     return bool((problem.farthest_overclosure < moved.gaps.x[..., 0].T).any())
 

@@ -6,23 +6,20 @@ import numpy as np
 
 from fem import Material, Problem, Static, solve_static
 from geometry import Assembly
-from geometry.mesh import FloatArray
 from mbd import analyse
 
 #: Corners of the six sides of a voussoir.
 SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
 
 
-def voussoir(low: float, high: float) -> FloatArray:
-    """Corners of a voussoir between two angles, (8, 3) [mm]."""
-    return np.array(
-        [
-            (radius * np.cos(angle), y, radius * np.sin(angle))
-            for y in (0.0, 400.0)
-            for radius in (1500.0, 1750.0)
-            for angle in (high, low)
-        ]
-    )
+def voussoir(low: float, high: float) -> list[tuple[float, float, float]]:
+    """Corners of a voussoir between two angles [mm]."""
+    return [
+        (radius * np.cos(angle), y, radius * np.sin(angle))
+        for y in (0.0, 400.0)
+        for radius in (1500.0, 1750.0)
+        for angle in (high, low)
+    ]
 
 
 def test_an_arch_stands_on_tilted_ground() -> None:

@@ -78,7 +78,12 @@ def fem(
     )
     if "accuracy" in stated and resume is not None:
         raise InputError(f"--resume {resume}: a resumed run keeps its mesh; remove --accuracy")
-    if not static_reference and case.scene.fem.method != "static":
+    if not static_reference:
+        if case.scene.fem.method == "static":
+            raise InputError(
+                "--no-static-reference: got a static scene, and only an explicit run has a static "
+                'state to compare with; leave it out, or set fem.method = "explicit"'
+            )
         stated["static_reference"] = False
     case = with_auto(with_fields(case, stated), auto, keep or ())
     if combinations:
