@@ -98,9 +98,14 @@ class StaticProblem:
 
         One number, or one for each facet.
         """
-        system, law = self.system, self.system.law
-        moduli = [system.body(k).material.young_modulus for k in range(system.n_slots)]
-        return law.normal.overclosure(np.maximum(max(moduli, default=0.0), law.touching_pressure))
+        law = self.system.law
+        return law.normal.overclosure(np.maximum(self.stiffest, law.touching_pressure))
+
+    @cached_property
+    def stiffest(self) -> float:
+        """Largest Young's modulus of a block [MPa]; 0 where none deforms."""
+        slots = range(self.system.n_slots)
+        return max((self.system.body(k).material.young_modulus for k in slots), default=0.0)
 
 
 @dataclass(frozen=True)
@@ -486,8 +491,7 @@ def _least_force(problem: StaticProblem, farthest: float) -> float:
     system = problem.system
     length = system.assembly.characteristic_length
     touch = float(system.law.touching_pressure.max(initial=0.0)) * length**2
-    moduli = [system.body(k).material.young_modulus for k in range(system.n_slots)]
-    rounding = _EPSILON * max(moduli, default=0.0) * length * farthest * math.sqrt(system.n_nodes)
+    rounding = _EPSILON * problem.stiffest * length * farthest * math.sqrt(system.n_nodes)
     return max(touch, rounding / problem.tolerance)
 
 

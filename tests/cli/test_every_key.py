@@ -137,10 +137,10 @@ WALKS = {
     "compare": Walk(
         ("compare", "--explicit"),
         "column",
-        ("effects.friction=0.3", "fem.symmetry='none'", "fem.mesh='scene'"),
-        # Left out without a word: rigid blocks by both norms, without margin, under the load.
-        frozenset({"load.as_printed", "rigid.norm", "rigid.solver", "rigid.friction_law"})
-        | {"rigid.margin", "fem.safety_factor"},
+        (
+            *("effects.friction=0.3", "fem.symmetry='none'", "fem.mesh='scene'"),
+            *("rigid.norm='force'", "rigid.friction_law='cone'", "rigid.margin=true"),
+        ),
     ),
 }
 
