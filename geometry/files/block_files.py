@@ -13,8 +13,9 @@ from scipy.spatial import cKDTree
 
 from geometry.errors import unreadable
 from geometry.files.mesh_io import read_any_mesh
-from geometry.files.named_surfaces import OWN_UNITS, READERS, NamedSurface, read_named
+from geometry.files.named_surfaces import NamedSurface
 from geometry.files.obj import read_obj
+from geometry.files.readers import OWN_UNITS, READERS, read_named
 from geometry.files.repair import repaired, turned_alike
 from geometry.files.stl import is_text, read_stl_text
 from geometry.mesh import (

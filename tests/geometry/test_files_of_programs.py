@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from geometry.files.block_files import read_blocks
-from geometry.files.named_surfaces import left_out
+from geometry.files.readers import left_out
 from geometry.mesh import MeshError
 from tests.support.drawn_blocks import BOX, Drawn, cuboid, triangles_of, write_obj
 

@@ -193,24 +193,6 @@ def test_compas_reads_what_is_written(tmp_path: Path) -> None:
     np.testing.assert_allclose(volumes, [s.volume for s in some_solids()], rtol=1e-9)
 
 
-def test_a_model_of_compas_moves_its_elements(tmp_path: Path) -> None:
-    write_solids(tmp_path / "a.json", placed(some_solids()[1:], [False]))
-    data = json.loads((tmp_path / "a.json").read_text())
-    mesh = data["data"]["graph"]["data"]["node"]["0"]["block"]
-    matrix = [[0, -1, 0, 5], [1, 0, 0, 6], [0, 0, 1, 7], [0, 0, 0, 1]]
-    element = {
-        "name": "lintel",
-        "is_support": True,
-        "geometry": mesh | {"data": mesh["data"] | {"attributes": {}}},
-        "transformation": {"data": {"matrix": matrix}},
-    }
-    (tmp_path / "m.json").write_text(json.dumps({"data": {"elements": {"x": {"data": element}}}}))
-    (block,) = read_blocks(tmp_path / "m.json")
-    assert (block.given_name, block.held) == ("lintel", True)
-    # The first block was written at 0, 1, 2 mm.
-    np.testing.assert_allclose(block.centroid, [5 - 26, 6 + 25, 7 + 27], atol=1e-9)
-
-
 @pytest.mark.parametrize(("suffix", "unit"), [(".glb", "meter"), (".3mf", "cm")])
 def test_formats_with_units_are_read_in_millimetres(tmp_path: Path, suffix: str, unit: str) -> None:
     trimesh = pytest.importorskip("trimesh")

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from geometry.assembly import AnyBlocks
-from geometry.files.named_surfaces import left_out
+from geometry.files.readers import left_out
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.near_joints import facing_surfaces
 from validation.build.polyhedra import file_solids

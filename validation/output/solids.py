@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from geometry.files.block_files import STEP_SUFFIXES, UNITS, diagnosed_blocks
-from geometry.files.named_surfaces import OWN_UNITS, Y_UP, left_out
+from geometry.files.named_surfaces import Y_UP
+from geometry.files.readers import OWN_UNITS, left_out
 from geometry.files.write_solids import SOLID_SUFFIXES, write_solids
 from geometry.mesh import FloatArray, MeshError
 from geometry.parts.rows import Row
