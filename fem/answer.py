@@ -78,10 +78,8 @@ def answer_of(
             }
         ),
         contacts=contacts_of(state, facets),
-        reported=lambda: (
-            report_of(state, facets)
-            | {name: part.as_json() for name, part in found.items()}
-            | dict(beside or {})
+        reported=lambda: report_of(state, facets).beside(
+            {name: part.as_json() for name, part in found.items()} | dict(beside or {})
         ),
         details=state,
         problem=problem,
@@ -138,21 +136,16 @@ def _fields(state: State) -> Lazy[Array]:
 # Report
 
 
-def report_of(state: State, facets: tuple[Assembly, FloatArray] | None = None) -> dict[str, Any]:
+def report_of(state: State, facets: tuple[Assembly, FloatArray] | None = None) -> Lazy[Any]:
     """Evidence and statistics of the solver, as plain data."""
     result = state.deformable
     least, largest = state.nodal_stress_range
-    return {
+    evidence = {
         "n_blocks": len(result.deformable_blocks),
         "n_elements": result.n_elements,
         "n_nodes": result.n_nodes,
         "max_displacement": state.largest_displacement,
         "principal_stress": {"max": float(largest), "min": float(least)},
-        "dimensions": dimensions(
-            result.assembly if facets is None else facets[0],
-            result.densities,
-            contact_area=_searched_area(state),
-        ).as_json(),
         "assumptions": assumptions(state),
         **({"large_motion": state.large_motion} if state.large_motion else {}),
         **(contact_report(state, facets) if result.meets else face_displacements(state)),
@@ -160,6 +153,12 @@ def report_of(state: State, facets: tuple[Assembly, FloatArray] | None = None) -
         **_static_report(state),
         **_explicit_report(state),
     }
+    blocks = result.assembly if facets is None else facets[0]
+
+    def built() -> dict[str, Any]:
+        return dimensions(blocks, result.densities, contact_area=_searched_area(state)).as_json()
+
+    return Lazy({"dimensions": built}, evidence)
 
 
 def assumptions(state: State) -> list[str]:

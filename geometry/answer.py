@@ -404,7 +404,7 @@ class Answer:
     ``slip`` of the second block along the facet, relative to the first, (n, 3) [mm]. Flat patches
     of triangulated blocks have no layer, facet, side and corners. Empty where blocks do not
     meet. ``pandas.DataFrame(answer.contacts)`` is their table."""
-    reported: Callable[[], dict[str, Any]]
+    reported: Callable[[], Lazy[Any]]
     """Makes `report`."""
     details: Any = None
     """The solver's own result; None in an answer that was pickled or read."""
@@ -445,13 +445,16 @@ class Answer:
         return self.measures[ALIASES.get(name, name)]
 
     @cached_property
-    def report(self) -> dict[str, Any]:
-        """How it was computed: residual, iterations, times and more, as plain data."""
+    def report(self) -> Lazy[Any]:
+        """How it was computed: residual, iterations, times and more, as plain data.
+
+        The dimensions of the blocks are measured when they are first read.
+        """
         return self.reported()
 
     def with_report(self, more: Mapping[str, Any]) -> Answer:
         """Return the same answer with more, plain data, in its report."""
-        return replace(self, reported=lambda: self.report | dict(more)) if more else self
+        return replace(self, reported=lambda: self.report.beside(more)) if more else self
 
     def beside(self, parts: Mapping[str, Part], more: Mapping[str, Any]) -> Answer:
         """Return the same answer with more parts, and with more plain data in its report."""
@@ -548,12 +551,12 @@ class Answer:
         kept = {"title": self.title, "method": self.method, "measures": known(dict(self.measures))}
         arrays = known(dict.fromkeys(self.arrays, np.zeros(0)))
         nothing = {"arrays": arrays, "fields": {}, "contacts": Contacts({})}
-        return _restored({**kept, **nothing}, self.report)
+        return _restored({**kept, **nothing}, dict(self.report))
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle what is plain: everything computed, without the solver's own result."""
         kept = {name: getattr(self, name) for name in _PLAIN}
-        return _restored, (kept, self.report)
+        return _restored, (kept, dict(self.report))
 
 
 _PLAIN = ("title", "method", "measures", "fields", "contacts", "arrays")
@@ -561,7 +564,7 @@ _PLAIN = ("title", "method", "measures", "fields", "contacts", "arrays")
 
 def _restored(kept: dict[str, Any], report: dict[str, Any]) -> Answer:
     """Return an answer that was pickled."""
-    return Answer(**kept, reported=lambda: report)
+    return Answer(**kept, reported=partial(known, report))
 
 
 # ---------------------------------------------------------------------------------------------

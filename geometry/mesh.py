@@ -393,6 +393,17 @@ def row_keys(rows: IntArray, size: int = 0) -> npt.NDArray[Any]:
     return packed.ravel()
 
 
+def along_curve(points: FloatArray) -> IntArray:
+    """Order of points along a Morton curve: what is near in it is mostly near in space."""
+    low = points.min(axis=0)
+    size = float((points.max(axis=0) - low).max())
+    cells = ((points - low) * (1023.0 / size if size > 0.0 else 0.0)).astype(np.int64)
+    # Two zeros between each two of the ten bits.
+    for shift, mask in ((16, 0x30000FF), (8, 0x300F00F), (4, 0x30C30C3), (2, 0x9249249)):
+        cells = (cells | cells << shift) & mask
+    return np.argsort(cells @ np.array([1, 2, 4]), kind="stable")
+
+
 def run_starts(*keys: IntArray) -> IntArray:
     """First position of each run of equal keys, and the total."""
     n = len(keys[0])

@@ -230,10 +230,10 @@ class _Found:
         result |= _joint_extremes(self.assembly, self.result.joints)
         return result | {"total_reaction": Measure(float(np.linalg.norm(self.reaction)), "N")}
 
-    def report(self) -> dict[str, Any]:
+    def report(self) -> Lazy[Any]:
         """What the analysis says of itself, as plain data."""
         result, balance, holds = self.result, self.result.equilibrium, self.result.holds
-        return {
+        evidence = {
             "mechanism": str(result.mechanism),
             "mechanism_as_supported": str(result.supported_classification.mechanism),
             "certificate": result.classification.as_json()["certificate"],
@@ -255,11 +255,11 @@ class _Found:
             "free_blocks": np.flatnonzero(~self.load.fixed).tolist(),
             "n_blocks": result.n_blocks,
             "n_contacts": result.n_contacts,
-            "dimensions": dimensions(self.assembly).as_json(),
             "cpu_seconds": result.cpu_seconds,
             **self._solids(),
             **{name: part.as_json() for name, part in result.parts.items()},
         }
+        return Lazy({"dimensions": lambda: dimensions(self.assembly).as_json()}, evidence)
 
     def _solids(self) -> dict[str, Any]:
         """What solids alone have, whose contacts are points on flat patches."""

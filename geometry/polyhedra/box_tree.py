@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from geometry.mesh import FloatArray, IntArray
+from geometry.mesh import FloatArray, IntArray, along_curve
 from geometry.polyhedra.triangle_kernels import DEEPEST, boxes_in_tree
 
 #: Pairs that there is room for at first, for each box.
@@ -30,7 +30,7 @@ class BoxTree:
     @classmethod
     def of(cls, low: FloatArray, high: FloatArray, group: IntArray | None = None) -> BoxTree:
         """Make a tree of the boxes between two corners, (n, 3) each; groups as in `pairs`."""
-        order = _along_curve(0.5 * (low + high))
+        order = along_curve(0.5 * (low + high))
         n = 1 << (len(order) - 1).bit_length()
         boxes, groups = np.full((2 * n - 1, 6), np.inf), np.full(2 * n - 1, -1)
         boxes[:, 3:] = -np.inf
@@ -92,14 +92,3 @@ def boxes_of_triangles(corners: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Lower and upper corners of the boxes round triangles (n, 3, 3): (n, 3) each."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
-
-
-def _along_curve(points: FloatArray) -> IntArray:
-    """Order of points along a Morton curve: what is near in it is mostly near in space."""
-    low = points.min(axis=0)
-    size = float((points.max(axis=0) - low).max())
-    cells = ((points - low) * (1023.0 / size if size > 0.0 else 0.0)).astype(np.int64)
-    # Two zeros between each two of the ten bits.
-    for shift, mask in ((16, 0x30000FF), (8, 0x300F00F), (4, 0x30C30C3), (2, 0x9249249)):
-        cells = (cells | cells << shift) & mask
-    return np.argsort(cells @ np.array([1, 2, 4]), kind="stable")

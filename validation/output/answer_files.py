@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -145,7 +146,7 @@ def answer_of(data: Mapping[str, Any], arrays: Mapping[str, Any] | None = None) 
         measures=known(measures),
         fields=known(_named(stored, "field ")),
         contacts=Contacts(known(_named(stored, "contact "))),
-        reported=lambda: report,
+        reported=partial(known, report),
         arrays=known({name: stored[name] for name in _ARRAYS}),
     )
 

@@ -15,7 +15,7 @@ from fem.method import Explicit, Static
 from fem.problem import Problem
 from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
-from geometry.answer import Answer
+from geometry.answer import Answer, Lazy
 from geometry.compilation.clocks import stages, summed
 from geometry.errors import RefusedError
 from geometry.machine.system import peak_memory_mb
@@ -155,10 +155,9 @@ def _of_scene(case: Case, answer: Answer, built: dict[str, float]) -> Answer:
         of_solver = answer.parts["notes"].rows if "notes" in answer.parts else []
         parts["notes"] = Notes([*of_solver, *(Row(*note) for note in notes.items())])
 
-    def reported() -> dict[str, Any]:
+    def reported() -> Lazy[Any]:
         search = {"contact_search": str(_contact_search(scene, solution))}
-        return {
-            **answer.report,
+        of_scene = {
             "scene": case.name,
             "load": scene.load_words,
             **{name: part.as_json() for name, part in parts.items()},
@@ -166,6 +165,7 @@ def _of_scene(case: Case, answer: Answer, built: dict[str, float]) -> Answer:
             "cpu_seconds": summed(answer.report["cpu_seconds"], built),
             "peak_memory_mb": peak_memory_mb(),
         }
+        return answer.report.beside(of_scene)
 
     return replace(
         answer,
