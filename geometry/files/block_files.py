@@ -31,7 +31,6 @@ from geometry.parts.block_selection import numbers_of
 from geometry.polyhedra.polygons import surface_of_polygons
 from geometry.polyhedra.polyhedron import (
     Polyhedron,
-    check_polyhedron,
     faults,
     is_closed,
     merge_points,
@@ -47,7 +46,7 @@ UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 _LARGEST = 1e30
 #: Suffixes of STEP files.
 STEP_SUFFIXES = {".step", ".stp"}
-#: Suffixes of files that hold no hexahedra, and whose surfaces have names.
+#: Suffixes of files that hold no hexahedra.
 SURFACES_ALONE = {".obj", *READERS}
 #: gmsh's number for eight-node hexahedra.
 _HEXAHEDRON = 5
@@ -306,6 +305,18 @@ class _Solid:
     """File and its unit, as in `Polyhedron`."""
     step: tuple[Path, IntArray, tuple[float, FloatArray]] | None = None
     """STEP file, the faces of the triangles and the extent as in `StepFaces`."""
+    unrepaired: tuple[Path, NamedSurface, FloatArray, IntArray] | None = None
+    """Surface that it is a part of, which can be mended; None: it was mended, or is of a STEP
+    file."""
+
+    def faults(self, block: Polyhedron) -> list[str]:
+        """All that keeps it from being a block, and whether `repair` mends it."""
+        words = [self.fault] if self.fault else [*faults(block)]
+        if words and self.unrepaired is not None:
+            mended = _solids_of(*self.unrepaired, repair=True)
+            if not any(solid.faults(solid.block()) for solid in mended):
+                words[0] += ", or set repair = true"
+        return words
 
     def block(self, *, straightened: bool = False) -> Polyhedron:
         """As a block, not checked."""
@@ -331,10 +342,10 @@ class _Solid:
         MeshError
             When it bounds no solid.
         """
-        if self.fault:
-            raise MeshError(self.fault)
         block = self.block(straightened=straightened)
-        check_polyhedron(block)
+        words = self.faults(block)
+        if words:
+            raise MeshError(f"{self.name}: {words[0]}")
         return block
 
 
@@ -348,7 +359,8 @@ def read_blocks(
 ) -> list[Polyhedron]:
     """Read the solids of a file: each closed surface is one block shape.
 
-    Objects and groups that are closed by themselves are taken one by one and keep their names.
+    Objects and groups that are closed by themselves are taken one by one and keep their names; one
+    solid without a name has that of its file.
     Solids that touch along faces, edges or corners are told apart, and cavities belong to the
     solid round them; see `closed_solids`.
 
@@ -430,11 +442,7 @@ def diagnosed_blocks(
         When the file cannot be read.
     """
     solids, _ = _solids(path, units, element_size, repair=repair)
-    return [
-        (block, [solid.fault.removeprefix(f"{solid.name}: ")] if solid.fault else [*faults(block)])
-        for solid in solids
-        for block in [solid.block()]
-    ]
+    return [(block, solid.faults(block)) for solid in solids for block in [solid.block()]]
 
 
 def _solids(
@@ -451,6 +459,7 @@ def _solids(
                 f"{path.name}{f' part {k}' if several else ''}",
                 points,
                 triangles,
+                "" if several else path.stem,
                 source=(path, units),
                 step=(path, faces, extent),
             )
@@ -474,6 +483,7 @@ def _solids(
         replace(
             solid,
             name=solid.name if solid.given_name or not several else f"{path.name} part {k}",
+            given_name=solid.given_name if several else solid.given_name or path.stem,
             source=(path, units),
         )
         for k, solid in enumerate(solids)
@@ -555,14 +565,17 @@ def _solids_of(
 ) -> list[_Solid]:
     """Solids of one surface; one with its fault where it cannot be taken apart."""
     name = f"{path.name}: {surface.name}" if surface.name else path.name
+    unrepaired = None if repair else (path, surface, points, triangles)
     repairs: tuple[str, ...] = ()
     if repair:
         points, triangles, repairs = repaired(points, triangles)
-    whole = _Solid(name, points, triangles, surface.name, surface.held, repairs)
+    whole = _Solid(
+        name, points, triangles, surface.name, surface.held, repairs, unrepaired=unrepaired
+    )
     try:
-        solids = closed_solids(name if surface.name else str(path), points, triangles)
+        solids = closed_solids(name, points, triangles)
     except MeshError as error:
-        return [replace(whole, fault=str(error))]
+        return [replace(whole, fault=str(error).removeprefix(f"{name}: "))]
     if len(solids) == 1:
         return [replace(whole, triangles=solids[0])]
     return [

@@ -1,4 +1,4 @@
-"""Readers of formats whose files name their surfaces, by suffix."""
+"""Readers of formats of surfaces that meshio does not read, or not all of, by suffix."""
 
 from __future__ import annotations
 
@@ -9,17 +9,19 @@ from geometry.errors import unreadable
 from geometry.files.compas_json import read_compas
 from geometry.files.gltf import read_scene_graph
 from geometry.files.named_surfaces import NamedSurface
+from geometry.files.off import read_off
 from geometry.files.rhino import read_rhino
 from geometry.files.three_mf import read_3mf
 from geometry.mesh import MeshError
 
-#: Readers by suffix of formats whose files name their surfaces.
+#: By suffix.
 READERS: Mapping[str, Callable[[Path], list[NamedSurface]]] = {
     ".json": read_compas,
     ".glb": read_scene_graph,
     ".gltf": read_scene_graph,
     ".3mf": read_3mf,
     ".3dm": read_rhino,
+    ".off": read_off,
 }
 #: Suffixes of files that say in which unit they are, beside STEP; read in mm.
 OWN_UNITS = {".glb", ".gltf", ".3mf", ".3dm"}

@@ -362,7 +362,7 @@ def _misfits(block: Polyhedron) -> Iterator[str]:
         yield (
             f"the surface is open: {open_edges.size} edges belong to one triangle only, "
             f"the first near {np.round(middle, 3).tolist()} mm; expected a closed surface: "
-            "close the holes in the program that made it, or set repair = true"
+            "close the holes in the program that made it"
         )
     turned = np.flatnonzero((uses[:, 0] != 0) & (uses[:, 1] != 1))
     if turned.size:
@@ -370,7 +370,7 @@ def _misfits(block: Polyhedron) -> Iterator[str]:
         yield (
             f"neighbouring triangles face opposite ways at {turned.size} edges, the first "
             f"near {np.round(middle, 3).tolist()} mm; expected normals that all point outward: "
-            "turn them in the program that made it, or set repair = true"
+            "turn them in the program that made it"
         )
 
 

@@ -152,7 +152,7 @@ def _check_distinct(name: str, points: FloatArray, triangles: IntArray) -> None:
         raise MeshError(
             f"{name}: {int((count - 1).sum())} triangles are there more than once, the first near "
             f"{np.round(place, 3).tolist()}; expected each once: remove duplicate faces in the "
-            "program that made it, or set repair = true"
+            "program that made it"
         )
 
 

@@ -205,6 +205,13 @@ def test_a_tube_is_seen_from_the_side_of_a_point(small_tube: Assembly, turn: flo
     assert seen == pytest.approx(np.sort(np.abs(View([square()], EYE).axes[0, :2])))
 
 
+@pytest.mark.parametrize("scene", ["arch", "wall", "tetrahedra", "versatile-panel"])
+def test_pictures_of_all_methods_are_seen_from_one_side(scene: str) -> None:
+    case = load_case(scene)
+    solids = case.with_method("rigid").problem.blocks
+    assert eye(case.problem.blocks) == eye(solids)
+
+
 @given(st.floats(1e-6, 1e6))
 def test_scale_bars_are_round(most: float) -> None:
     length = round_length(most)

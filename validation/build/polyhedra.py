@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -16,7 +17,7 @@ from geometry.files.block_files import read_blocks
 from geometry.files.hexahedral_solids import with_hexahedra
 from geometry.files.named_surfaces import Y_UP
 from geometry.loads import LoadCase
-from geometry.mesh import FloatArray
+from geometry.mesh import BoolArray, FloatArray
 from geometry.parts.block_selection import numbers_of
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.options import DetectionOptions
@@ -74,29 +75,48 @@ def motion(place: PlaceSection) -> tuple[FloatArray, FloatArray]:
 
 
 def _from_files(scene: MeshScene, folder: Path, detection: DetectionOptions) -> PolyhedralAssembly:
+    placed = placed_solids(scene, [file_solids(scene, part, folder) for part in scene.parts])
+    assembly = polyhedral_assembly(
+        "own blocks",
+        placed.blocks,
+        placed.fixed,
+        detection,
+        placed.names,
+        supported=bool(scene.supports),
+    )
+    return replace(assembly, parts=placed.parts)
+
+
+@dataclass(frozen=True)
+class PlacedSolids:
+    """Blocks of a scene as its parts place them."""
+
+    blocks: list[tuple[Polyhedron, FloatArray, FloatArray]]
+    """Shape, rotation (3, 3) and translation (3,) [mm]."""
+    fixed: BoolArray
+    """(n_blocks,)"""
+    names: tuple[str, ...]
+    """Of each block; none where no file names one."""
+    parts: tuple[int, ...]
+    """Number of the part of each block."""
+
+
+def placed_solids(scene: MeshScene, solids: Sequence[Sequence[Polyhedron]]) -> PlacedSolids:
+    """Place the solids of each part."""
     blocks: list[tuple[Polyhedron, FloatArray, FloatArray]] = []
     held: list[bool] = []
     parts: list[int] = []
     upright = Y_UP if scene.block.up == "y" else np.eye(3)
-    for number, part in enumerate(scene.parts):
-        solids = file_solids(scene, part, folder)
+    for number, (part, of_part) in enumerate(zip(scene.parts, solids, strict=True)):
         for place in part.places:
             turn, shift = motion(place)
-            blocks += [(solid, turn @ upright, shift) for solid in solids]
-            held += [part.fixed or place.fixed or solid.held for solid in solids]
-            parts += [number] * len(solids)
-    names, fixed = tuple(solid.given_name for solid, _, _ in blocks), np.array(held)
+            blocks += [(solid, turn @ upright, shift) for solid in of_part]
+            held += [part.fixed or place.fixed or solid.held for solid in of_part]
+            parts += [number] * len(of_part)
+    names, fixed = tuple(solid.given_name for solid, _, _ in blocks), np.array(held, dtype=np.bool_)
     for one in scene.assembly.fixed:
         fixed[numbers_of("assembly.fixed", one, names)] = True
-    assembly = polyhedral_assembly(
-        "own blocks",
-        blocks,
-        fixed,
-        detection,
-        names if any(names) else (),
-        supported=bool(scene.supports),
-    )
-    return replace(assembly, parts=tuple(parts))
+    return PlacedSolids(blocks, fixed, names if any(names) else (), tuple(parts))
 
 
 def file_solids(scene: MeshScene, part: PartSection, folder: Path) -> list[Polyhedron]:

@@ -32,9 +32,7 @@ def doubts(
     """
     rows = {}
     if isinstance(scene, MeshScene):
-        out = [f"{Path(part.file).name}: {one}" for part in scene.parts for one in part.leave_out]
-        for file in dict.fromkeys(part.file for part in scene.parts):
-            out += [f"{Path(file).name}: {one}" for one in left_out(folder / file)]
+        out = parts_left_out(scene, folder)
         if out:
             rows["left out"] = ", ".join(out)
         if scene.block.repair:
@@ -47,6 +45,14 @@ def doubts(
         if aside:
             rows["which way is up"] = aside
     return rows
+
+
+def parts_left_out(scene: MeshScene, folder: Path) -> list[str]:
+    """Solids and objects of the files of a scene that are no blocks."""
+    out = [f"{Path(part.file).name}: {one}" for part in scene.parts for one in part.leave_out]
+    for file in dict.fromkeys(part.file for part in scene.parts):
+        out += [f"{Path(file).name}: {one}" for one in left_out(folder / file)]
+    return out
 
 
 def facing_words(surfaces: PolyhedralAssembly) -> str:

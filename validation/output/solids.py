@@ -13,15 +13,19 @@ from geometry.files.named_surfaces import Y_UP
 from geometry.files.readers import OWN_UNITS, left_out
 from geometry.files.write_solids import SOLID_SUFFIXES, write_solids
 from geometry.mesh import FloatArray, MeshError
+from geometry.parts.block_selection import numbers_of
 from geometry.parts.rows import Row
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.near_joints import distance_between
+from geometry.polyhedra.options import DetectionOptions
 from geometry.polyhedra.overlap import Overlap, find_overlaps
 from geometry.polyhedra.polyhedron import Polyhedron
-from validation.build.readings import facing_words
+from validation.build.polyhedra import PlacedSolids, placed_solids
+from validation.build.readings import facing_words, parts_left_out
 from validation.errors import InputError
 from validation.output.console import RowTable
 from validation.output.files import prepare_file
+from validation.scene.polyhedra import MeshScene
 
 #: Faces farther apart than this many contact tolerances are no gap of a joint.
 _GAPS = 100.0
@@ -32,12 +36,13 @@ _METRES = 5.0
 
 
 @dataclass(frozen=True)
-class FileCheck:
-    """The blocks of a file, and what is wrong with them."""
+class BlockCheck:
+    """The blocks of a file or of a scene of files, and what is wrong with them."""
 
     path: Path
+    """Of the file or of the scene."""
     units: str
-    blocks: list[Polyhedron]
+    placed: PlacedSolids
     faults: list[list[str]]
     """Of each block."""
     overlaps: list[Overlap] = field(default_factory=list)
@@ -48,10 +53,13 @@ class FileCheck:
     """Pairs of blocks that touch."""
     assembly: PolyhedralAssembly | None = None
     """The blocks without faults."""
-    up: FloatArray = field(default_factory=lambda: np.eye(3))
-    """Rotation that turns the file's z up, (3, 3)."""
     left_out: list[str] = field(default_factory=list)
     """Objects that the file says are no blocks."""
+
+    @property
+    def blocks(self) -> list[Polyhedron]:
+        """Shape of each block."""
+        return [block for block, _, _ in self.placed.blocks]
 
     @property
     def clean(self) -> bool:
@@ -76,14 +84,14 @@ class FileCheck:
             "blocks": [
                 {
                     "name": block.given_name or block.name,
-                    "support": block.held,
-                    "volume": None if faults else block.volume,
-                    "lowest_point": self._lowest(block).tolist(),
+                    "support": bool(self.placed.fixed[k]),
+                    "volume": None if self.faults[k] else block.volume,
+                    "lowest_point": self._lowest(k).tolist(),
                     "triangles": len(block.triangles),
-                    "faults": faults,
+                    "faults": self.faults[k],
                     "repairs": list(block.repairs),
                 }
-                for block, faults in zip(self.blocks, self.faults, strict=True)
+                for k, block in enumerate(self.blocks)
             ],
             "left_out": self.left_out,
             "size": self.size.tolist(),
@@ -100,12 +108,16 @@ class FileCheck:
     @property
     def size(self) -> np.ndarray[Any, Any]:
         """Edges of the box round all blocks [mm]."""
-        points = np.concatenate([block.points for block in self.blocks])
-        return np.ptp(points @ self.up.T, axis=0)
+        return np.ptp(np.concatenate([*map(self._points, range(len(self.blocks)))]), axis=0)
 
-    def _lowest(self, block: Polyhedron) -> FloatArray:
+    def _points(self, k: int) -> FloatArray:
+        """Vertices of a block where it stands, (n, 3) [mm]."""
+        block, turn, shift = self.placed.blocks[k]
+        return block.points @ turn.T + shift
+
+    def _lowest(self, k: int) -> FloatArray:
         """Lowest vertex of a block, (3,) [mm]."""
-        points = np.round(block.points @ self.up.T, 6) + 0.0
+        points = np.round(self._points(k), 6) + 0.0
         return points[int(np.argmin(points[:, 2]))]
 
     def table(self) -> RowTable:
@@ -120,7 +132,7 @@ class FileCheck:
             rows.append(Row("likely unit", f"{words}, block.units in a scene"))
         rows += [Row(self._name(k), "; ".join(self.faults[k])) for k in bad[:_MOST]]
         for k in closed[:_MOST]:
-            volume, (x, y, z) = self.blocks[k].volume, self._lowest(self.blocks[k]).tolist()
+            volume, (x, y, z) = self.blocks[k].volume, self._lowest(k).tolist()
             words = f"{volume:.5g} mm³, lowest at z = {z:.5g} mm (x {x:.5g}, y {y:.5g})"
             rows.append(Row(self._name(k), words, volume, "mm³"))
         for k in repaired[:_MOST]:
@@ -134,8 +146,8 @@ class FileCheck:
         rows.append(Row("size", f"{size} mm (x, y, z)"))
         if self.left_out:
             rows.append(Row("left out", ", ".join(self.left_out)))
-        held = sum(bool(block.held) for block in self.blocks)
-        rows.append(Row("supports", f"{held} by the file" if held else "the file names none"))
+        held, of = int(self.placed.fixed.sum()), "scene" if self.path.suffix == ".toml" else "file"
+        rows.append(Row("supports", f"{held} by the {of}" if held else f"the {of} names none"))
         return RowTable(f"{self.path}: {len(self.blocks)} blocks", [rows])
 
     def _joint_rows(self, assembly: PolyhedralAssembly) -> list[Row]:
@@ -162,25 +174,65 @@ class FileCheck:
         return f"block {k}" + (f" ({block.given_name})" if block.given_name else "")
 
 
-def check_file(path: Path, *, units: str, up: str, repair: bool) -> FileCheck:
+def check_file(path: Path, *, units: str, up: str, repair: bool) -> BlockCheck:
     """Read a file and look for all that keeps its blocks from being analysed."""
     try:
         result = diagnosed_blocks(path, units=units, repair=repair)
         out = left_out(path)
     except MeshError as error:
         raise InputError(str(error)) from None
-    number = [k for k, (_, faults) in enumerate(result) if not faults]
-    check = FileCheck(
-        path,
-        units,
-        [block for block, _ in result],
-        [faults for _, faults in result],
-        up=Y_UP if up == "y" else np.eye(3),
-        left_out=out,
+    blocks = [block for block, _ in result]
+    names = tuple(block.given_name for block in blocks)
+    placed = PlacedSolids(
+        [(block, Y_UP if up == "y" else np.eye(3), np.zeros(3)) for block in blocks],
+        np.array([block.held for block in blocks], dtype=np.bool_),
+        names if any(names) else (),
+        (0,) * len(blocks),
     )
+    check = BlockCheck(path, units, placed, [faults for _, faults in result], left_out=out)
+    return _with_neighbours(check, DetectionOptions())
+
+
+def check_parts(scene: MeshScene, folder: Path, path: Path) -> BlockCheck:
+    """Look at all blocks of a scene of files, where it places them, as `check_file` does."""
+    section, solids = scene.block, []
+    faults: dict[int, list[str]] = {}
+    for part in scene.parts:
+        result = diagnosed_blocks(
+            folder / part.file,
+            units=section.units,
+            element_size=section.element_size,
+            repair=section.repair,
+        )
+        names = [block.given_name for block, _ in result]
+        no_block = {k for one in part.leave_out for k in numbers_of("parts.leave_out", one, names)}
+        kept = [one for k, one in enumerate(result) if k not in no_block]
+        solids.append([block for block, _ in kept])
+        faults |= {id(block): of_block for block, of_block in kept}
+    placed = placed_solids(scene, solids)
+    of_blocks = [faults[id(block)] for block, _, _ in placed.blocks]
+    out = parts_left_out(scene, folder)
+    check = BlockCheck(path, section.units, placed, of_blocks, left_out=out)
+    return _with_neighbours(check, scene.detection.options)
+
+
+def _with_neighbours(check: BlockCheck, detection: DetectionOptions) -> BlockCheck:
+    """Add overlaps and gaps between the blocks that have no fault."""
+    placed = check.placed
+    number = [k for k, faults in enumerate(check.faults) if not faults]
     if not number:
         return check
-    assembly = _assembly(path.stem, [result[k][0] for k in number], check.up)
+    shapes, turns, shifts = zip(*(placed.blocks[k] for k in number), strict=True)
+    assembly = PolyhedralAssembly(
+        name=check.path.stem,
+        shapes=shapes,
+        shape_of=np.arange(len(number)),
+        rotations=np.array(turns),
+        translations=np.array(shifts),
+        fixed=placed.fixed[number],
+        names=tuple(placed.names[k] for k in number) if placed.names else (),
+        detection=detection,
+    )
     overlaps, gaps, touching = _neighbours(assembly)
     return replace(
         check,
@@ -190,21 +242,6 @@ def check_file(path: Path, *, units: str, up: str, repair: bool) -> FileCheck:
         gaps=[(number[a], number[b], gap) for a, b, gap in gaps],
         n_touching=len(touching),
         assembly=assembly,
-    )
-
-
-def _assembly(name: str, blocks: list[Polyhedron], up: FloatArray) -> PolyhedralAssembly:
-    """Blocks where their file has them, y up turned to z up; held where the file says so."""
-    n = len(blocks)
-    names = tuple(block.given_name for block in blocks)
-    return PolyhedralAssembly(
-        name=name,
-        shapes=tuple(blocks),
-        shape_of=np.arange(n),
-        rotations=np.tile(up, (n, 1, 1)),
-        translations=np.zeros((n, 3)),
-        fixed=np.array([block.held for block in blocks], dtype=np.bool_),
-        names=names if any(names) else (),
     )
 
 
@@ -228,7 +265,7 @@ def _pairs(assembly: PolyhedralAssembly, tolerance: float) -> _Pairs:
     return [(a, b) for a, b in np.unique(pairs, axis=0).tolist()]
 
 
-def write_repaired(path: Path, output: Path, *, units: str, up: str) -> FileCheck:
+def write_repaired(path: Path, output: Path, *, units: str, up: str) -> BlockCheck:
     """Mend the blocks of a file and write them again, in mm with z up."""
     if output.suffix.lower() not in SOLID_SUFFIXES:
         raise InputError(f"--repair {output}: expected a name that ends in .obj or .json (compas)")

@@ -11,7 +11,6 @@ import numpy as np
 from fem.state import State
 from geometry.answer import Answer
 from validation.output.pictures.bodies import (
-    FROM_THE_SIDE,
     PressedFacets,
     colours_of_blocks,
     eye,
@@ -61,10 +60,10 @@ def rigid_view(run: Answer, layers: Sequence[int] | None = None) -> tuple[View, 
     blocks = run.details.blocks
     if not is_meshed(run):
         parts, scale = contact_parts(run)
-        view = View(parts, FROM_THE_SIDE)
+        view = View(parts, eye(blocks))
         if scale.reached[1] > 0.0:
             return view, scale, "contact interfaces, coloured by mean contact pressure"
-        return View(polyhedra_parts(blocks), FROM_THE_SIDE), None, "blocks; fixed ones grey"
+        return View(polyhedra_parts(blocks), eye(blocks)), None, "blocks; fixed ones grey"
     if run.details.shown:
         view, scale = pressed(pressed_facets(run), layers)
         return view, scale, words

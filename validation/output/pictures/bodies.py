@@ -39,8 +39,9 @@ from validation.output.pictures.style import look
 
 #: The eye is outside, a little above the horizontal.
 EYE: Direction = (2.4, -1.6, 0.9)
-#: Triangulated blocks are seen from the side, a little above.
+#: Blocks that are no tube are seen from the side, a little above; flat panels from above.
 FROM_THE_SIDE: Direction = (1.0, -1.9, 1.5)
+FROM_ABOVE: Direction = (0.9, -1.2, 2.4)
 
 #: A value by less above those that are drawn is not said: three digits are.
 _SHOWN = 1.005
@@ -82,21 +83,17 @@ def quarter(direction: Direction, arm: FloatArray) -> Direction:
 
 
 def eye(assembly: AnyBlocks, before: FloatArray | None = None) -> Direction:
-    """Direction from which all blocks are seen: against the assembly's smallest extent.
+    """Direction from which all blocks are seen, the same for the pictures of all methods.
 
-    Of a tube, `EYE` or, turned by quarters, the one that has a point (3,) [mm] most in front.
+    Of a tube, `EYE` or, turned by quarters, the one that has a point (3,) [mm] most in front. Flat
+    panels are seen from farther above than other blocks.
     """
-    if not isinstance(assembly, Assembly):
-        return FROM_THE_SIDE
-    if is_tube(assembly):
+    if isinstance(assembly, Assembly) and is_tube(assembly):
         return EYE if before is None else quarter(EYE, before - assembly.origin)
-    points = np.concatenate([assembly.nodes(b) for b in range(assembly.n_blocks)])
-    extent = np.ptp(points, axis=0)
-    if extent[1] < 0.5 * min(extent[0], extent[2]):
-        return (0.9, 2.4, 0.9)
-    if extent[2] < 0.5 * min(extent[0], extent[1]):
-        return (0.9, -1.2, 2.4)
-    return EYE
+    shapes = [s.mesh.nodes if isinstance(s, Block) else s.points for s in assembly.shapes]
+    placed = [assembly.place(b, shapes[k]) for b, k in enumerate(assembly.shape_of)]
+    extent = np.ptp(np.concatenate(placed), axis=0)
+    return FROM_ABOVE if extent[2] < 0.5 * min(extent[0], extent[1]) else FROM_THE_SIDE
 
 
 def steep(direction: Direction, sign: float) -> Direction:

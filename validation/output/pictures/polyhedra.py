@@ -16,9 +16,9 @@ from geometry.polyhedra.box_tree import overlapping_boxes
 from geometry.polyhedra.overlap import SignedDistance
 from validation.output.pictures.bodies import (
     EYE,
-    FROM_THE_SIDE,
     block_legend,
     colours_of_blocks,
+    eye,
     outlines,
     surfaces,
     with_labels,
@@ -63,7 +63,7 @@ def draw_blocks(
 ) -> None:
     """Draw the blocks where they stand."""
     free, fixed = int((~assembly.fixed).sum()), int(assembly.fixed.sum())
-    view = View(polyhedra_parts(assembly), FROM_THE_SIDE, weight=weight)
+    view = View(polyhedra_parts(assembly), eye(assembly), weight=weight)
     words = f"{_count(free, 'free block')}, {fixed} fixed"
     panel = with_labels(Panel(words, view), assembly, range(assembly.n_blocks))
     gallery([[panel]], title, path, height=6.5, legend=block_legend())
@@ -105,7 +105,7 @@ def draw_polyhedra(run: Answer, path: Path) -> None:
         ends = np.column_stack([np.arange(len(row) - 1), np.arange(1, len(row))])
         points = run.details.joints.points[row]
         # In front of the interfaces, which would hide it.
-        nearer = np.ptp(interfaces.polygons.corners, axis=0).max() * np.array(FROM_THE_SIDE)
+        nearer = np.ptp(interfaces.polygons.corners, axis=0).max() * np.array(eye(assembly))
         contacts.append(Lines(points + nearer, ends, VERMILION, width=5.0))
         legend.append(Line2D([], [], color=VERMILION, label="thrust line"))
     bare = interfaces.patch < 0
@@ -124,12 +124,12 @@ def draw_polyhedra(run: Answer, path: Path) -> None:
     requested = result.friction is not None
     answer = run.details.words if requested else f"{verdict} ({result.mechanism})"
     weight = run.case.scene.weight
-    blocks = Panel("blocks", View(polyhedra_parts(assembly), FROM_THE_SIDE, weight=weight))
+    blocks = Panel("blocks", View(polyhedra_parts(assembly), eye(assembly), weight=weight))
     counts = (result.n_blocks, "free block"), (interfaces.n_contacts, "contact point")
     gallery(
         [
             [with_labels(blocks, assembly, every)],
-            [Panel("contact interfaces", View(contacts, FROM_THE_SIDE, weight=weight))],
+            [Panel("contact interfaces", View(contacts, eye(assembly), weight=weight))],
         ],
         f"{run.case.name}, rigid blocks: {run.case.scene.load_words}; {answer}\n"
         f"{', '.join(_count(*count) for count in counts)}",
