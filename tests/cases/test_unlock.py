@@ -37,22 +37,3 @@ def test_the_least_number_of_layers_is_least() -> None:
     assert class_with_layers(found - 1) == "locked"
     sine = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2")
     assert unlocking("tsb1-pipe", *sine)["layers_to_unlock"]["layers"] is None
-
-
-def test_a_short_tube_says_that_its_frames_lock_it() -> None:
-    warning = unlocking("thb0-pipe", *COARSE, "assembly.layers=1")["frame_warning"]
-    assert "with 12 layers the tube is activated" in warning
-    # Long tubes, tubes that are not locked and tubes of Sine Blocks have nothing to say.
-    assert not unlocking("thb0-pipe", *COARSE).get("frame_warning")
-    sine = ("mesh.around=12", "mesh.radial=2", "mesh.axial=2", "assembly.layers=1")
-    assert not unlocking("tsb1-pipe", *sine).get("frame_warning")
-
-
-def test_the_command_warns_and_finds(tubelock) -> None:
-    settings = [part for value in (*COARSE, "assembly.layers=1") for part in ("--set", value)]
-    status, out, _ = tubelock("mbd", "thb0-pipe", *settings, "--layers-to-unlock", "--json", "-")
-    assert status == 0
-    data = json.loads(out)
-    assert "locked by the frames" in data["frame_warning"]
-    found = data["layers_to_unlock"]
-    assert found["classes"][str(found["layers"])] == "activated"

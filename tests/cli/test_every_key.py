@@ -86,17 +86,17 @@ BOX = ("mesh.divisions=[2,1,1]",)
 ON_SCENE = "fem.mesh='scene'"
 WALKS = {
     "deck, general": Walk(
-        ("export", "--no-distance", "--flavour", "general"),
+        ("export", "--flavour", "general"),
         "tsb1-shaft",
         (*TUBE, *EFFECTS, *JOINTS, *EXPLICIT, "load.layer=1"),
     ),
     "deck, pairs": Walk(
-        ("export", "--no-distance", "--flavour", "standard"),
+        ("export", "--flavour", "standard"),
         "tsb1-shaft",
         (*TUBE, *EFFECTS, *JOINTS, *STATIC),
     ),
     "deck, calculix": Walk(
-        ("export", "--no-distance", "--flavour", "calculix"), "column", (*EFFECTS, *JOINTS, *STATIC)
+        ("export", "--flavour", "calculix"), "column", (*EFFECTS, *JOINTS, *STATIC)
     ),
     "static box": Walk(("fem",), "cantilever", (*BOX, *EFFECTS, *STATIC, ON_SCENE)),
     "explicit box": Walk(

@@ -48,7 +48,7 @@ def said(path: Path) -> str:
 @pytest.mark.parametrize("flavour", ["general", "standard", "calculix"])
 def test_an_exported_deck_is_read(tubelock, flavour) -> None:
     status, out, _ = tubelock(
-        "export", "--no-distance", "tsb1-pipe", *SMALL, "-o", "a.inp", "--flavour", flavour, "-v"
+        "export", "tsb1-pipe", *SMALL, "-o", "a.inp", "--flavour", flavour, "-v"
     )
     assert status == 0
     assert "*Surface Interaction (1)" in out
@@ -63,7 +63,7 @@ def test_an_exported_deck_is_read(tubelock, flavour) -> None:
 
 def test_a_deck_is_written_again_and_solved(tubelock) -> None:
     small = (*SMALL, "--set", "assembly.layers=1", "--set", "mesh.radial=1")
-    tubelock("export", "--no-distance", "tsb1-pipe", *small, "-o", "a.inp", "--flavour", "standard")
+    tubelock("export", "tsb1-pipe", *small, "-o", "a.inp", "--flavour", "standard")
     found = []
     for words in (("a.inp", "--write", "b.inp"), ("b.inp",)):
         assert tubelock("deck", *words, "--run", "--json", "a.json")[0] == 0
@@ -74,7 +74,7 @@ def test_a_deck_is_written_again_and_solved(tubelock) -> None:
 def test_a_deck_is_solved_as_accurately_as_is_asked(tubelock) -> None:
     """On finer meshes than its own, of which a limit of time leaves the first."""
     small = (*SMALL, "--set", "assembly.layers=1", "--set", "mesh.radial=1")
-    tubelock("export", "--no-distance", "tsb1-pipe", *small, "-o", "a.inp", "--flavour", "standard")
+    tubelock("export", "tsb1-pipe", *small, "-o", "a.inp", "--flavour", "standard")
     run = ("deck", "a.inp", "--run", "--json", "a.json")
     status, said, _ = tubelock(*run, "--accuracy", "u=0.01%", "--max-seconds", "1e-9")
     accuracy = json.loads(Path("a.json").read_text())["accuracy"]
@@ -117,7 +117,7 @@ def test_static_decks_request_the_forces_of_contact_pairs(flavour, count, tmp_pa
 
 @pytest.mark.slow
 def test_a_deck_is_drawn_with_its_load(tubelock) -> None:
-    tubelock("export", "--no-distance", "tsb1-beam", *SMALL, "-o", "a.inp", "--flavour", "standard")
+    tubelock("export", "tsb1-beam", *SMALL, "-o", "a.inp", "--flavour", "standard")
     status, out, _ = tubelock("deck", "a.inp", "--open")
     assert status == 0
     assert "out/a/assembly.png" in out
@@ -131,9 +131,7 @@ def test_a_deck_is_drawn_with_its_load(tubelock) -> None:
 def test_the_same_scene_gives_the_same_bytes(tubelock) -> None:
     for flavour in Flavour:
         for name in ("a.inp", "b.inp"):
-            tubelock(
-                "export", "--no-distance", "tsb2-shaft", *SMALL, "-o", name, "--flavour", flavour
-            )
+            tubelock("export", "tsb2-shaft", *SMALL, "-o", name, "--flavour", flavour)
         assert Path("a.inp").read_bytes() == Path("b.inp").read_bytes()
 
 
@@ -193,7 +191,7 @@ def test_general_contact_has_a_clearance_on_every_joint(tubelock) -> None:
         ("general", "CONTACT CLEARANCE ASSIGNMENT"),
         ("standard", "CONTACT PAIR"),
     ):
-        assert tubelock("export", "--no-distance", "tsb1-pipe", *SMALL, *where, flavour)[0] == 0
+        assert tubelock("export", "tsb1-pipe", *SMALL, *where, flavour)[0] == 0
         cards = read_cards(Path("a.inp").read_text().splitlines())
         assigned.append(
             {tuple(line.split(", ")[:2]) for c in cards if c.keyword == keyword for line in c.data}
@@ -221,7 +219,7 @@ def test_mass_scaling_is_in_the_deck_as_the_step_that_every_element_allows(tmp_p
     box = ["fem.method=explicit", "fem.end_time=0.001", "fem.mass_scaling=2", "fem.element=full"]
     words = [word for setting in box for word in ("--set", setting)]
     asked = ("--flavour", "calculix", "-o", str(tmp_path / "b.inp"))
-    status, _, refused = command("export", "--no-distance", "cantilever", *words, *asked)
+    status, _, refused = command("export", "cantilever", *words, *asked)
     assert status == 2
     assert "fem.mass_scaling: got 2 with --flavour calculix" in refused
 
@@ -250,7 +248,6 @@ def test_scene_sections_reach_the_deck(tubelock) -> None:
     words = [word for setting in settings for word in ("--set", setting)]
     status, _, _ = tubelock(
         "export",
-        "--no-distance",
         "tsb1-pipe",
         *SMALL,
         *words,
@@ -308,9 +305,7 @@ def test_heading_counts_the_elements_and_says_how_their_error_is_learnt(tmp_path
 
 
 def test_header_lists_every_difference(tubelock) -> None:
-    tubelock(
-        "export", "--no-distance", "tsb1-shaft", *SMALL, "-o", "c.inp", "--flavour", "calculix"
-    )
+    tubelock("export", "tsb1-shaft", *SMALL, "-o", "c.inp", "--flavour", "calculix")
     text = heading("c.inp")
     for words in ("table of 200 points", "NODE TO SURFACE", "sampled", "nodal forces", "flat:"):
         assert words in text
@@ -325,7 +320,7 @@ def test_header_lists_every_difference(tubelock) -> None:
     ("arguments", "message"),
     [
         (
-            ["export", "--no-distance", "tsb1-pipe", "-o", "/proc/nowhere/a.inp", *SMALL],
+            ["export", "tsb1-pipe", "-o", "/proc/nowhere/a.inp", *SMALL],
             "cannot be written",
         ),
         (["deck", "/proc"], "is a folder"),
@@ -342,7 +337,7 @@ def test_bad_input_gives_one_line_and_status_2(tubelock, arguments, message) -> 
 
 
 def test_a_truncated_deck_leaves_nothing_behind(tubelock) -> None:
-    tubelock("export", "--no-distance", "tsb1-pipe", *SMALL, "-o", "a.inp")
+    tubelock("export", "tsb1-pipe", *SMALL, "-o", "a.inp")
     text = Path("a.inp").read_text()
     Path("a.inp").write_text(text[: len(text) // 3])
     Path("b.inp").write_text("an earlier file")

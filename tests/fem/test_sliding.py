@@ -153,7 +153,6 @@ def test_decks_of_joints_that_do_not_match(tubelock) -> None:
     for flavour in ("general", "standard", "calculix"):
         export = (
             "export",
-            "--no-distance",
             "column-nonmatching",
             "--flavour",
             flavour,

@@ -18,7 +18,7 @@ def exported(
     path: Path, scene: str | Path, settings: Sequence[str] = (), *, flavour: str | None = None
 ) -> Path:
     """The deck that ``tubelock export`` writes."""
-    words = ["export", "--no-distance", str(scene), "-o", str(path)]
+    words = ["export", str(scene), "-o", str(path)]
     words += [word for setting in settings for word in ("--set", setting)]
     words += [] if flavour is None else ["--flavour", flavour]
     status, _, said = command(*words)

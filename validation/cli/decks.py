@@ -48,13 +48,6 @@ def export(
     ] = None,
     *,
     settings: SetOption = None,
-    distance: Annotated[
-        bool,
-        typer.Option(
-            help="Say in the heading how far the answer of the deck's mesh is from the converged "
-            "one, where both are little work."
-        ),
-    ] = True,
     verbose: Annotated[
         bool, typer.Option("-v", "--verbose", help="Print how often each keyword occurs.")
     ] = False,
@@ -75,18 +68,14 @@ def export(
         )
     file = load_case(scene, settings or ())
     if output.suffix.lower() != ".inp":
-        given = {
-            f"--flavour {flavour}": flavour is not None,
-            "--no-distance": not distance,
-            "--verbose": verbose,
-        }
+        given = {f"--flavour {flavour}": flavour is not None, "--verbose": verbose}
         for option in (option for option, is_given in given.items() if is_given):
             raise InputError(f"{option}: {output} is no deck; expected -o FILE.inp")
         _export_blocks(file, output)
         return
     with Outputs(files={"-o": output}, scene=file) as outputs:
         kind = None if flavour is None else Flavour(flavour)
-        written = export_deck(file, kind, output, distance=distance)
+        written = export_deck(file, kind, output)
         outputs.console.print(export_table(written, verbose=verbose))
         step = "static" if written.deck.in_time is None else "explicit"
         outputs.tell_keys(f"{step} deck")

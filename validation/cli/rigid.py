@@ -67,7 +67,6 @@ def mbd(
     from validation.output.progress import following
     from validation.output.rigid import FILES, explosion_table, rigid_table, write_rigid
     from validation.run.rigid.mesh_and_frames import (
-        frame_warning,
         layers_to_unlock,
         refined,
         require_mesh,
@@ -105,10 +104,6 @@ def mbd(
         answer = answer.beside(parts, {})
         outputs.show(rigid_table(answer))
         outputs.tell_keys()
-        warning = frame_warning(file, answer) if file.scene.frames_may_lock else None
-        if warning is not None:
-            outputs.console.print(f"{'note':9} {warning}")
-            added["frame_warning"] = warning
         if explosion is not None:
             from validation.output.pictures.polyhedra import draw_explosion
 

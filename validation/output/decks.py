@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from fem.decks.deck import Deck, Flavour
-from fem.decks.problem import noted, problem_deck
+from fem.decks.problem import problem_deck
 from fem.decks.read.deck import InputDeck, read_deck
 from fem.decks.write import write_deck
 from fem.element.hexahedron import ElementType
@@ -31,8 +31,6 @@ from validation.case import Case
 from validation.errors import InputError, named
 from validation.output.console import RowTable
 from validation.output.files import prepare_file
-from validation.scene.deformable import Method
-from validation.solving import solve
 
 #: Largest strain, and rotation [rad] where it is linear: their products are a fiftieth of them.
 LARGEST_STRAIN = 0.02
@@ -40,8 +38,6 @@ LARGEST_STRAIN = 0.02
 _CHECKED_NODES = 50_000
 #: Change of displacements by that degree from which a mesh is called coarse [-].
 _COARSE = 0.1
-#: Limit of work for answers on the mesh of a deck and on finer ones [s of the reference machine].
-_LITTLE_WORK = 2.0
 #: Time that an explicit program takes for an element and an increment, by experience [s].
 _ELEMENT_INCREMENT = 1.0e-6
 
@@ -62,46 +58,12 @@ class WrittenDeck:
     """CPU time of building and writing it."""
 
 
-def export_deck(
-    file: Case, flavour: Flavour | None, path: Path, *, distance: bool = False
-) -> WrittenDeck:
-    """Write the deck of a scene, whole or not at all.
-
-    With ``distance`` its heading says how far the answer of its mesh is from the converged one.
-    """
+def export_deck(file: Case, flavour: Flavour | None, path: Path) -> WrittenDeck:
+    """Write the deck of a scene, whole or not at all."""
     start = time.process_time()
     if path.suffix.lower() != ".inp":
         raise InputError(f"-o {path}: expected a file name that ends in .inp")
-    deck = build_deck(file, flavour)
-    if distance:
-        deck = noted(deck, [distance_of_mesh(file)])
-    return _write(deck, path, start)
-
-
-def distance_of_mesh(file: Case) -> str:
-    """How far static answers on the mesh of a scene are from the converged one, in words.
-
-    Both are solved, where that is little work.
-    """
-    little = {"fem.max_work": _LITTLE_WORK, "fem.error_estimate": False}
-    unknown = "mesh: how far its answer is from the converged one is not known: "
-    if file.scene.fem.method is not Method.STATIC:
-        return f"{unknown}the scene is not static"
-    try:
-        here = solve(file.changed({**little, "fem.mesh": "scene"}))
-        there = solve(file.changed({"fem.max_work": _LITTLE_WORK, "fem.mesh": "converged"}))
-    except RefusedError as error:
-        return f"{unknown}{str(error).removeprefix(f'{file.name}: ')}"
-    names = {"max_displacement": "u", "p_max_facet": "largest mean pressure of a facet"}
-    changes = []
-    for name, words in names.items():
-        if name in here.measures and name in there.measures and there[name].value:
-            value, bar = there[name].value, there[name].error
-            known = f"known to {100.0 * bar / abs(value):.2g} %" if bar else "without an error bar"
-            changes.append(f"{words} {100.0 * (here[name].value / value - 1.0):+.2g} % ({known})")
-    if not changes:
-        return f"{unknown}no measure has a value on both"
-    return f"mesh: its answer differs from the converged answer: {', '.join(changes)}"
+    return _write(build_deck(file, flavour), path, start)
 
 
 def _write(deck: Deck, path: Path, start: float) -> WrittenDeck:

@@ -21,9 +21,8 @@ from validation.output.pictures.view_3d import View3d, viewer_page
 from validation.output.provenance import Provenance
 from validation.output.rigid import is_meshed, rigid_pictures, rigid_table
 from validation.pages.page import page_text, webp_of
-from validation.pages.verdicts import OPEN, Verdict, verdicts
+from validation.pages.verdicts import Verdict, verdicts
 from validation.pages.views import layer_words, middle_layers, pressure_view, stress_view
-from validation.run.rigid.mesh_and_frames import frame_warning
 from validation.scene.combinations import combined
 from validation.scene.family import RoundScene
 from validation.scene.keys.toml_text import toml_text
@@ -82,16 +81,11 @@ class SceneReport:
     """Why there is no rigid or no deformable answer, by its kind."""
     loads: tuple[LoadTable, ...] = ()
     loads_title: str = ""
-    warning: str | None = None
-    """That the end rings alone lock a short tube."""
 
     @cached_property
     def verdicts(self) -> list[Verdict]:
         """Answers to what a reader asks first."""
-        found = verdicts(self.file.scene, self.rigid, self.deformable, self.failed)
-        if self.warning:
-            found[0] = replace(found[0], tone=OPEN, lines=(self.warning, *found[0].lines))
-        return found
+        return verdicts(self.file.scene, self.rigid, self.deformable, self.failed)
 
     @property
     def title(self) -> str:
@@ -161,10 +155,7 @@ def report_scene(
         for kind, answered in known.items()
         if answered is not None and scenes
     ]
-    warning = None
-    if rigid is not None and file.scene.frames_may_lock:
-        warning = frame_warning(file, rigid)
-    return SceneReport(file, rigid, run, failed, tuple(loads), title, warning)
+    return SceneReport(file, rigid, run, failed, tuple(loads), title)
 
 
 def _tried(failed: dict[str, str], kind: str, solve: Callable[[], Any]) -> Any:

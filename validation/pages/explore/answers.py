@@ -30,7 +30,7 @@ from validation.scene.keys.toml_text import toml_text
 from validation.solving import solve
 
 _STRESS = "maximum principal stress σ₁, red is tension"
-_FRAMES = "end rings may lock a short tube whose blocks alone are not: `tubelock mbd` checks it"
+_FRAMES = "end rings may lock a short tube: `tubelock mbd SCENE --layers-to-unlock` checks it"
 #: Most pixels along one side of a picture, and the farthest that the eye comes near.
 _LARGEST, _NEAREST = 2000, 8.0
 

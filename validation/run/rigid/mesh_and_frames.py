@@ -4,7 +4,7 @@ Forces between rigid blocks are not unique: the answer is the one of least norm 
 ``[mesh]``, and its means follow the facets. How far they do is seen on facets of half the length.
 
 Between two frames a few layers can be locked whose blocks, in a longer tube, are not: tubes of
-hexagon-based blocks under internal pressure are. More layers tell.
+hexagon-based blocks under internal pressure are. `layers_to_unlock` finds how many layers it takes.
 """
 
 from __future__ import annotations
@@ -104,8 +104,8 @@ def _compared(answer: Answer) -> dict[str, float]:
 # ---------------------------------------------------------------------------------------------
 # Other numbers of layers
 
-#: Layers of the paper's tubes: a shorter one is compared with one as long.
-LONG_TUBE = 12
+#: Most layers that are tried: four times the paper's tubes.
+_MOST_LAYERS = 48
 
 
 @dataclass(frozen=True)
@@ -141,46 +141,26 @@ def require_tube(file: Case) -> RoundScene:
     return file.scene
 
 
-def class_with_layers(file: Case, layers: int) -> MechanismClass:
-    """Mechanism class, frames held, of a tube with another number of layers."""
-    scene = require_tube(file).changed({"assembly.layers": layers})
-    mechanism: MechanismClass = solve(file.stating(scene).with_method("rigid")).details.mechanism
-    return mechanism
-
-
-def layers_to_unlock(file: Case, most: int = 4 * LONG_TUBE) -> Unlocking:
+def layers_to_unlock(file: Case) -> Unlocking:
     """Find the least number of layers with which a tube is not locked.
 
     Doubled until it is not, then halved in between: a mechanism of some layers is taken to be one
     of more layers too.
     """
+    tube = require_tube(file)
     result: dict[int, MechanismClass] = {}
 
     def locked(layers: int) -> bool:
-        result[layers] = class_with_layers(file, layers)
+        scene = tube.changed({"assembly.layers": layers})
+        result[layers] = solve(file.stating(scene).with_method("rigid")).details.mechanism
         return result[layers] is MechanismClass.LOCKED
 
     low, high = 0, 1
     while locked(high):
         low, high = high, 2 * high
-        if high > most:
+        if high > _MOST_LAYERS:
             return Unlocking(dict(sorted(result.items())), None)
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (middle, high) if locked(middle) else (low, middle)
     return Unlocking(dict(sorted(result.items())), high)
-
-
-def frame_warning(file: Case, answer: Answer) -> str | None:
-    """Say where a short tube is locked by its frames alone."""
-    scene = require_tube(file)
-    if scene.assembly.layers >= LONG_TUBE or answer.details.mechanism is not MechanismClass.LOCKED:
-        return None
-    other = class_with_layers(file, LONG_TUBE)
-    if other is MechanismClass.LOCKED:
-        return None
-    return (
-        f"{scene.assembly.layers} layers are locked by the frames at their ends, not by the "
-        f"blocks: with {LONG_TUBE} layers the tube is {other}; --layers-to-unlock finds how many "
-        "it takes"
-    )
