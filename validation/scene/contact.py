@@ -13,21 +13,26 @@ from validation.scene.keys.docstrings import CLEARANCE, FRICTION, OF_LAWS, field
 from validation.scene.sections import Finite, NoAngle, NonNegative, Positive, Section
 
 
-def _law_keys() -> dict[str, Any]:
-    """Keys of all contact laws: None where a law has no finite constant of its own."""
+def _law_section() -> Any:
+    """Section with the keys of all contact laws.
+
+    None is the default where a law has no finite constant of its own.
+    """
     keys: dict[str, Any] = {"law": (Literal[tuple(LAWS)], "exponential")}
+    documented: dict[str, tuple[type, str]] = {}
     for law in LAWS.values():
-        about = field_docstrings(cast("type", law))
         for constant in fields(law):
             own = constant.default is not MISSING and math.isfinite(constant.default)
             kind, default = (Positive, constant.default) if own else (Positive | None, None)
-            field = Field(default, description=about[constant.name])
             key = law.keys.get(constant.name, constant.name)
-            keys[key] = (Annotated[kind, OF_LAWS[key]] if key in OF_LAWS else kind, field)
-    return keys
+            keys[key] = Annotated[kind, OF_LAWS[key]] if key in OF_LAWS else kind, Field(default)
+            documented[key] = cast("type", law), constant.name
+    made = create_model("_LawKeys", __base__=Section, **keys)
+    made.documented_by = documented
+    return made
 
 
-_LawKeys: Any = create_model("_LawKeys", __base__=Section, **_law_keys())
+_LawKeys: Any = _law_section()
 
 
 class _LawSection(_LawKeys):  # type: ignore[misc]
@@ -62,7 +67,8 @@ class _LawSection(_LawKeys):  # type: ignore[misc]
                 field = type(self).model_fields[key]
                 given = field.default is not None or getattr(self, key) is not None
                 if law.name == self.law and not given and constant.default is MISSING:
-                    unit = str(field.description).rpartition(" ")[2].rstrip(".")
+                    about = field_docstrings(cast("type", law))[constant.name]
+                    unit = about.rpartition(" ")[2].rstrip(".")
                     raise ValueError(
                         f'{self.place}.{key} is missing: the law "{law.name}" needs it {unit}'
                     )

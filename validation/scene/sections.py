@@ -77,6 +77,10 @@ class Section(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True, allow_inf_nan=False)
 
+    #: Dataclass and field of keys that are fields of dataclasses: their words are read when a
+    #: message or a page needs them, for reading sources takes long.
+    documented_by: ClassVar[Mapping[str, tuple[type, str]]] = {}
+
     @field_validator("*", mode="before")
     @classmethod
     def _no_truth_for_a_number(cls, value: Any, info: ValidationInfo) -> Any:
@@ -157,16 +161,18 @@ def section_of(
         Annotations and defaults of further keys, before the others.
     """
     result: dict[str, Any] = more
+    documented: dict[str, tuple[type, str]] = {}
     for kind in kinds:
-        words = field_docstrings(kind)
         for key, (hint, default) in option_fields(kind).items():
             if key in result or key in absent or (keys is not None and key not in keys):
                 continue
             beside = (about or {}).get(key)
             ranged = hint if beside is None else Annotated[hint, beside]
-            result[key] = ranged, Field(default, description=words.get(key))
+            result[key], documented[key] = (ranged, Field(default)), (kind, key)
     name = name or f"{kinds[0].__name__}Keys"
-    return create_model(name, __base__=base, **result)
+    made = create_model(name, __base__=base, **result)
+    made.documented_by = documented
+    return made
 
 
 def fewer(count: int, share: float, multiple: int = 1) -> int:

@@ -16,13 +16,17 @@ from pydantic import BaseModel
 
 @cache
 def field_docstrings(section: type) -> dict[str, str]:
-    """Literals below the fields of a class and of its bases, in one line each."""
+    """Literals below the fields of a class and of its bases, in one line each.
+
+    Keys that are fields of dataclasses (`Section.documented_by`) have the words of these.
+    """
     result: dict[str, str] = {}
     for base in reversed(section.__mro__):
+        for key, (kind, field) in vars(base).get("documented_by", {}).items():
+            words = field_docstrings(kind)
+            if field in words:
+                result[key] = words[field]
         result |= _own_docstrings(base)
-    for name, field in getattr(section, "model_fields", {}).items():
-        if field.description is not None:
-            result.setdefault(name, field.description)
     return result
 
 
