@@ -65,10 +65,10 @@ class PlainTube(Options):
         return SineTube(shape, divisions, self.layers).build()
 ''',
     "validation/scene/families/plain.py": """
-from geometry.families.plain import PlainTube
 from validation.scene.family import RoundScene, family
 
-family(RoundScene, "plain", PlainTube, assembly="layers", mesh="around radial axial")
+plain = "geometry.families.plain:PlainTube"
+family(RoundScene, "plain", plain, assembly="layers", mesh="around radial axial")
 """,
 }
 SCENE = """

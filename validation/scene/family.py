@@ -6,8 +6,10 @@ A record is one call of `family`, in `validation.scene.families` or, of triangul
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
+from functools import partial
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, get_type_hints
 
 import numpy as np
@@ -28,8 +30,48 @@ if TYPE_CHECKING:
     from geometry.loads import LoadCase
 
 
-#: Scene class of each family by the type of its block.
-FAMILIES: dict[str, Any] = {}
+class Families(Mapping[str, Any]):
+    """Scene class of each family by the type of its block, made when it is first read.
+
+    A command needs one of them. Those of hexahedra come first, whatever is imported first.
+    """
+
+    def __init__(self) -> None:
+        self._makers: dict[str, Callable[[], Any]] = {}
+        self._made: dict[str, Any] = {}
+        self.bases: dict[str, type[FamilyScene]] = {}
+
+    def add(
+        self, types: str, base: type[FamilyScene], make: Callable[[], Any] | None = None
+    ) -> None:
+        """Add a family, whose scene class is made from a base or is the base itself."""
+        for kind in types.split():
+            self.bases[kind], self._makers[kind] = base, make or (lambda: base)
+
+    def __getitem__(self, kind: str) -> Any:
+        """Return the scene class of a type of block."""
+        if kind not in self._made:
+            make = self._makers[kind]
+            made = make()
+            self._made |= {name: made for name, other in self._makers.items() if other is make}
+        return self._made[kind]
+
+    def __contains__(self, kind: object) -> bool:
+        """Whether there is such a type; nothing is made."""
+        return kind in self.bases
+
+    def __iter__(self) -> Iterator[str]:
+        """Go through the types; nothing is made."""
+        hexahedra = {k for k, base in self.bases.items() if issubclass(base, AssemblyScene)}
+        return iter(sorted(self.bases, key=lambda kind: kind not in hexahedra))
+
+    def __len__(self) -> int:
+        """Return how many types there are."""
+        return len(self.bases)
+
+
+#: All families.
+FAMILIES = Families()
 
 
 class FamilyScene(DeformableSections):
@@ -142,14 +184,14 @@ class MeshSection(Section):
 def family(
     base: type[FamilyScene],
     types: str,
-    parameters: type,
+    parameters: str,
     *,
     assembly: str = "",
     mesh: str = "",
     default: Mapping[str, Any] | Callable[[Any], Mapping[str, Any]] | None = None,
     about: Mapping[str, Any] | None = None,
 ) -> None:
-    """Make the scene class of a family, whose sections have the fields of a dataclass.
+    """List a family, whose sections have the fields of a dataclass.
 
     Parameters
     ----------
@@ -158,7 +200,7 @@ def family(
     types
         Types of ``[block]`` that are scenes of this class.
     parameters
-        The dataclass.
+        Module and name of the dataclass, ``"geometry.families.tube:SineTube"``.
     assembly, mesh
         Its fields that are keys of these sections, the others are of ``[block]``; unless its fields
         ``block`` and ``divisions`` are dataclasses of ``[block]`` and ``[mesh]``.
@@ -167,10 +209,26 @@ def family(
     about
         Plausible ranges of fields.
     """
-    inner = dict(_inner(parameters).values())
     keys = {"assembly": assembly.split(), "mesh": mesh.split()}
-    keys["block"] = [n for n in _names(parameters) if n not in (*keys["assembly"], *keys["mesh"])]
-    keys |= {name: _names(kind) for name, kind in inner.items()}
+    make = partial(_scene_class, base, types, parameters, keys=keys, default=default, about=about)
+    FAMILIES.add(types, base, make)
+
+
+def _scene_class(
+    base: type[FamilyScene],
+    types: str,
+    place: str,
+    *,
+    keys: Mapping[str, list[str]],
+    default: Mapping[str, Any] | Callable[[Any], Mapping[str, Any]] | None,
+    about: Mapping[str, Any] | None,
+) -> Any:
+    """Make the scene class of a family; `family` has the arguments."""
+    module, _, name = place.partition(":")
+    parameters: Any = getattr(import_module(module), name)
+    inner = dict(_inner(parameters).values())
+    others = [n for n in _names(parameters) if n not in (*keys["assembly"], *keys["mesh"])]
+    keys = {**keys, "block": others, **{name: _names(kind) for name, kind in inner.items()}}
 
     def section(name: str, of: type[Section] = Section, **more: Any) -> Any:
         title, kind = f"{parameters.__name__}{name.title()}", inner.get(name, parameters)
@@ -197,7 +255,7 @@ def family(
         f"{parameters.__name__}Scene", __base__=base, __doc__=parameters.__doc__, **result
     )
     scene.parameters = parameters
-    FAMILIES.update(dict.fromkeys(types.split(), scene))
+    return scene
 
 
 def _inner(kind: type) -> dict[str, tuple[str, Any]]:
@@ -269,5 +327,5 @@ class RoundScene(AssemblyScene):
 
 def round_types() -> str:
     """Types of block that make tubes, in words."""
-    result = [kind for kind, scene in FAMILIES.items() if issubclass(scene, RoundScene)]
+    result = [kind for kind, base in FAMILIES.bases.items() if issubclass(base, RoundScene)]
     return " or ".join(f'"{kind}"' for kind in sorted(result, reverse=True))

@@ -8,10 +8,6 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from geometry.assembly import Assembly
-from geometry.families.masonry import CircularArch, RunningBondWall
-from geometry.families.platonic_layers import CubesLayer, OctahedraLayer, TetrahedraLayer
-from geometry.families.versatile_panel import VersatilePanel
-from geometry.families.voxels import VoxelPuzzle
 from geometry.polyhedra.options import DetectionOptions
 from validation.scene.deformable import MATERIALS
 from validation.scene.family import FAMILIES, FamilyScene, family
@@ -172,13 +168,14 @@ class MeshScene(PolyhedralScene):
 
 
 for _kind, _shape, _assembly in (
-    ("tetrahedra", TetrahedraLayer, "columns rows freed"),
-    ("octahedra", OctahedraLayer, "rings"),
-    ("cubes", CubesLayer, "rings"),
-    ("versatile", VersatilePanel, "columns rows"),
-    ("wall", RunningBondWall, "columns rows"),
-    ("arch", CircularArch, "voussoirs embrace"),
-    ("voxels", VoxelPuzzle, "fixed"),
+    ("tetrahedra", "platonic_layers:TetrahedraLayer", "columns rows freed"),
+    ("octahedra", "platonic_layers:OctahedraLayer", "rings"),
+    ("cubes", "platonic_layers:CubesLayer", "rings"),
+    ("versatile", "versatile_panel:VersatilePanel", "columns rows"),
+    ("wall", "masonry:RunningBondWall", "columns rows"),
+    ("arch", "masonry:CircularArch", "voussoirs embrace"),
+    ("voxels", "voxels:VoxelPuzzle", "fixed"),
 ):
-    family(PolyhedralScene, _kind, _shape, assembly=_assembly, about={"size": SIZE})
-FAMILIES["mesh"] = MeshScene
+    _place = f"geometry.families.{_shape}"
+    family(PolyhedralScene, _kind, _place, assembly=_assembly, about={"size": SIZE})
+FAMILIES.add("mesh", MeshScene)

@@ -32,10 +32,8 @@ TubeScene = sine.TubeScene
 #: All scenes: their blocks can be rigid or deformable.
 DeformableScene: TypeAlias = AssemblyScene | PolyhedralScene
 
-#: Scene class by ``[block] type``: those of hexahedra first, whatever is imported first.
-SCENE_TYPES: dict[str, type[DeformableScene]] = dict(
-    sorted(FAMILIES.items(), key=lambda family: issubclass(family[1], PolyhedralScene))
-)
+#: Scene class by ``[block] type``.
+SCENE_TYPES: Mapping[str, type[DeformableScene]] = FAMILIES
 
 
 # ---------------------------------------------------------------------------------------------

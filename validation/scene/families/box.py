@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from geometry.families.boxes import SeparateBoxes
 from validation.scene.deformable import Method
 from validation.scene.family import AssemblyScene, family
 from validation.scene.keys.docstrings import SIZE
@@ -125,7 +124,7 @@ class BoxScene(AssemblyScene):
 family(
     BoxScene,
     "box",
-    SeparateBoxes,
+    "geometry.families.boxes:SeparateBoxes",
     assembly="copies",
     mesh="divisions",
     default={"divisions": (8, 4, 4)},

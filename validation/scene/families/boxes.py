@@ -76,4 +76,4 @@ class BoxesScene(AssemblyScene):
         return None if boxes == self.block.boxes else self.changed({"block.boxes": boxes})
 
 
-FAMILIES["boxes"] = BoxesScene
+FAMILIES.add("boxes", BoxesScene)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from geometry.families.boxes import BrickStack
 from validation.scene.family import WallScene, family
 from validation.scene.keys.docstrings import SIZE
 
 family(
     WallScene,
     "brick",
-    BrickStack,
+    "geometry.families.boxes:BrickStack",
     assembly="columns layers",
     mesh="divisions",
     default={"divisions": (8, 4, 4)},

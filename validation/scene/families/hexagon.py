@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from geometry.families.tube import HexagonTube
 from validation.scene.family import RoundScene, family
 from validation.scene.sections import fewer
 
@@ -25,7 +24,7 @@ class HexagonTubeScene(RoundScene):
 family(
     HexagonTubeScene,
     "hexagon",
-    HexagonTube,
+    "geometry.families.tube:HexagonTube",
     assembly="layers",
     default={"edge": 28, "radial": 8},
 )

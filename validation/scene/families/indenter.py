@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from geometry.families.indenter import Indenter
 from validation.scene.family import AssemblyScene, family
 from validation.scene.sections import Section
 
@@ -28,4 +27,4 @@ class IndenterScene(AssemblyScene):
         return {}
 
 
-family(IndenterScene, "roller ball", Indenter, mesh="elements")
+family(IndenterScene, "roller ball", "geometry.families.indenter:Indenter", mesh="elements")

@@ -60,4 +60,4 @@ class TubeScene(RoundScene):
         return result | {"around": max(result.get("around", self.mesh.around), least)}
 
 
-family(TubeScene, "sine", SineTube, default=_as_in_the_paper)
+family(TubeScene, "sine", "geometry.families.tube:SineTube", default=_as_in_the_paper)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from geometry.families.planar_wall import OsteomorphicWall, PlanarSineWall
 from validation.scene.family import WallScene, family
 
 
@@ -16,7 +15,7 @@ def _as_built_in(block: Any) -> dict[str, Any]:
 family(
     WallScene,
     "planar-sine",
-    PlanarSineWall,
+    "geometry.families.planar_wall:PlanarSineWall",
     assembly="columns layers",
     mesh="divisions",
     default=_as_built_in,
@@ -24,7 +23,7 @@ family(
 family(
     WallScene,
     "osteomorphic",
-    OsteomorphicWall,
+    "geometry.families.planar_wall:OsteomorphicWall",
     assembly="columns layers",
     mesh="divisions",
     default={"divisions": (24, 12, 8)},
