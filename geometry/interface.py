@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy
 
 from geometry.block import Block
 from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays
+from geometry.neighbours import coincident, pairs_within
 
 if TYPE_CHECKING:
     from geometry.assembly import AnyBlocks, Assembly
@@ -75,8 +75,6 @@ class _Facets:
     quads: IntArray
     corners: FloatArray
     centroids: FloatArray
-    tree: scipy.spatial.cKDTree
-    """Of the centroids."""
     centre: FloatArray
     radius: float
 
@@ -94,7 +92,7 @@ def _facets(shape: Block) -> _Facets:
     ends = corners.reshape(-1, 3) if len(quads) else np.zeros((1, 3))
     centre = 0.5 * (ends.min(axis=0) + ends.max(axis=0))
     radius = float(np.linalg.norm(ends - centre, axis=1).max())
-    return _Facets(quads, corners, centroids, scipy.spatial.cKDTree(centroids), centre, radius)
+    return _Facets(quads, corners, centroids, centre, radius)
 
 
 @dataclass(frozen=True)
@@ -123,9 +121,7 @@ def _near_pairs(facets: Sequence[_Facets], blocks: AnyBlocks) -> IntArray:
     centre = blocks.place_each(np.array([f.centre for f in facets]))
     radius = np.array([f.radius for f in facets])[blocks.shape_of]
     reach = 2.0 * float(radius.max(initial=0.0)) * (1 + 1e-9)
-    tree = scipy.spatial.cKDTree(centre)
-    pairs: IntArray = tree.query_pairs(reach, output_type="ndarray").astype(np.int64)
-    pairs.sort(axis=1)
+    pairs = pairs_within(centre, reach)
     apart = np.linalg.norm(centre[pairs[:, 0]] - centre[pairs[:, 1]], axis=1)
     pairs = pairs[apart <= (radius[pairs[:, 0]] + radius[pairs[:, 1]]) * (1 + 1e-9)]
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
@@ -175,8 +171,7 @@ def _match(m: _Facets, s: _Facets, placement: Placement, tolerance: float) -> _M
     there = (m.centroids - placement.translation) @ placement.rotation
     low, high = s.centroids.min(axis=0) - tolerance, s.centroids.max(axis=0) + tolerance
     near = np.flatnonzero(((there >= low) & (there <= high)).all(axis=1))
-    nearest = s.tree.query(there[near], distance_upper_bound=tolerance)[1]
-    result = np.asarray(nearest, dtype=np.int64)
+    result = coincident(there[near], s.centroids, tolerance)
     met = result < len(s.quads)
     facet_m, facet_s = near[met], result[met]
     placed = s.corners[facet_s] @ placement.rotation.T + placement.translation
