@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from fem.element.material import Material, concrete
     from fem.method import Explicit, Static
     from fem.problem import Problem
-    from fem.system.build import Frames
+    from fem.system.frames import Frames
 
 __all__ = [
     "CoulombFriction",
@@ -72,7 +72,7 @@ _PLACES = {
     "ElementType": "fem.element.hexahedron",
     "Explicit": "fem.method",
     "ExponentialLaw": "fem.contact.law",
-    "Frames": "fem.system.build",
+    "Frames": "fem.system.frames",
     "LinearPenalty": "fem.contact.law",
     "PairLaws": "fem.contact.pair_laws",
     "Material": "fem.element.material",

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fem.contact.surfaces import ContactNormals
+from fem.contact.normals import ContactNormals
 from fem.element.stress import von_mises
 from fem.measures import contact_on, contacts_of, measures_of
 from fem.problem import Problem

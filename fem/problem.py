@@ -10,15 +10,15 @@ from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field, fields, replace
 from functools import cached_property
 from numbers import Real
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw, ExponentialLaw
+from fem.contact.normals import ContactNormals
 from fem.contact.own_law import PressureLaw, as_law
 from fem.contact.pair_laws import PairLaws
-from fem.contact.surfaces import ContactNormals, MatchedFacets
 from fem.element.hexahedron import ElementType
 from fem.element.material import (
     FASTEST_SOUND,
@@ -28,27 +28,18 @@ from fem.element.material import (
     each_material,
     one_strength,
 )
-from fem.system.body import Body
-from fem.system.build import (
-    DeformableAssemblyError,
-    Frames,
-    block_groups,
-    check_cell,
-    check_held,
-    curved,
-    held_faces,
-    nodal_loads,
-    supports_at,
-    touching_surfaces,
-)
-from fem.system.overlaps import check_overlaps
-from fem.system.system import Contact, System
+from fem.system.frames import Frames
 from geometry.assembly import AnyBlocks, Assembly, PlacedBlocks, UnmatchedJoint, spacing_offsets
 from geometry.block import Block
 from geometry.errors import RefusedError, is_number
 from geometry.loads import Load, LoadCase
 from geometry.mesh import BoolArray, FloatArray, IntArray, check_mesh
 from geometry.parts.pairs import OfPairs, check_pairs
+
+if TYPE_CHECKING:
+    from fem.contact.surfaces import MatchedFacets
+    from fem.system.body import Body
+    from fem.system.system import System
 
 #: Depth that is no overlap, in block lengths ∛V: meshes of curved faces that do not match.
 _LEAST_OVERLAP = 1e-3
@@ -276,6 +267,8 @@ class Problem:
                 "expected a clearance, or blocks with gaps"
             )
         if not self.is_solid and self.blocks.image_of is not None:
+            from fem.system.build import check_cell
+
             check_cell(self.blocks, self.frames, finite_sliding=self.finite_sliding)
 
     def _check_blocks(self) -> None:
@@ -291,6 +284,9 @@ class Problem:
 
             check_contacts(blocks, _supported(load))
             return
+        from fem.system.build import check_held
+        from fem.system.overlaps import check_overlaps
+
         for shape in blocks.shapes:
             if shape.charts is None:  # those of families are checked when they are made
                 check_mesh(shape.mesh, shape.name)
@@ -340,6 +336,8 @@ class Problem:
         load, n = self.load_case, self.blocks.n_blocks
         deforms = ~load.fixed if self.frames is Frames.RIGID else np.ones(n, dtype=np.bool_)
         if not deforms.any():
+            from fem.system.build import DeformableAssemblyError
+
             raise DeformableAssemblyError(
                 f"{self.blocks.name}: every block is fixed; expected at least one that can deform"
             )
@@ -347,6 +345,8 @@ class Problem:
 
     def _surfaces(self, assembly: Assembly, deforms: BoolArray) -> MatchedFacets:
         """Facets that touch, with the gaps before the load acts."""
+        from fem.system.build import touching_surfaces
+
         offsets = spacing_offsets(assembly, self.spacing)
         facets = touching_surfaces(assembly, deforms, offsets, self.clearance, self.contact_law)
         current = self.normals is ContactNormals.CURRENT
@@ -608,6 +608,16 @@ class Problem:
         """
         if self.is_solid:
             return self.meshed.deformable
+        from fem.system.build import (
+            block_groups,
+            check_held,
+            curved,
+            held_faces,
+            nodal_loads,
+            supports_at,
+        )
+        from fem.system.system import Contact, System
+
         assembly, load, sliding = self.blocks, self.load_case, self.searches
         if self.degree > 1:
             assembly = curved(assembly, self.degree)

@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
-import scipy.spatial  # noqa: F401 - what matches facets, loaded before the clock runs
 
 from geometry.assembly import AnyBlocks, Assembly, PlacedBlocks
 from geometry.errors import RefusedError
@@ -26,7 +25,7 @@ from geometry.parts.measures import (
 )
 from geometry.parts.pairs import OfPairs
 from geometry.parts.rows import Part
-from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
+from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
 from mbd.contact_jacobian import contact_jacobian
 from mbd.equilibrium import Equilibrium, column_weights, equilibrium
 from mbd.mechanism import (
@@ -39,11 +38,11 @@ from mbd.mechanism import (
     judged,
 )
 from mbd.options import Norm, Rigid, Solver
-from mbd.parts import ByFaces, Friction, Question
-from mbd.pushes import Push, Pushes, push_limit
 
 if TYPE_CHECKING:
     from geometry.polyhedra.assembly import PolyhedralAssembly
+    from mbd.parts import Friction
+    from mbd.pushes import Push
 
 
 @dataclass(frozen=True)
@@ -284,6 +283,8 @@ def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) 
     coulomb = stated.coulomb
     parts: dict[str, Part] = {}
     if coulomb is not None or method.asks_more:
+        from mbd.parts import Question
+
         parts = Question(
             whole=blocks,
             load=whole,
@@ -298,11 +299,15 @@ def _result(stated: RigidStatement, method: Rigid, tell: Callable[[str], None]) 
         ).parts()
     balance = result.equilibrium
     if coulomb is None and balance.holds and not result.supported_classification.locked:
+        from mbd.pushes import Pushes
+
         alone = bool(np.any(dead)) and not np.any(live)
         parts = {"pushes": Pushes(blocks, whole, result.norm, balance, alone), **parts}
     if pushed is not live_case:
         parts["push_limit"] = _push(blocks, pushed.with_wrenches(weight), coulomb)
     if sum(result.bare_contacts.values()):
+        from mbd.parts import ByFaces
+
         tell("class by faces alone")
         parts["by_faces_alone"] = ByFaces(class_by_faces(result))
     spent = time.process_time() - start
@@ -316,6 +321,8 @@ def _push(blocks: AnyBlocks, load: LoadCase, coulomb: Coulomb | None) -> Push:
 
     They are those of deformable blocks: edges and corners carry nothing.
     """
+    from mbd.pushes import Push, push_limit
+
     faces = blocks
     if not isinstance(blocks, Assembly):
         faces = cast("PolyhedralAssembly", blocks).with_faces_alone()

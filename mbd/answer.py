@@ -34,7 +34,7 @@ from geometry.parts.measures import (
     first_largest,
     sections_through_joints,
 )
-from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
+from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
 from mbd.analysis import AnalysisError, RigidResult, RigidStatement, as_statement, rigid_result
 from mbd.contact_jacobian import contact_wrenches
 from mbd.mechanism import Mechanism

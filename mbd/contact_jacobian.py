@@ -17,7 +17,8 @@ from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
-import scipy
+import scipy.linalg
+import scipy.sparse.csgraph
 
 from geometry.assembly import AnyBlocks
 from geometry.interface import Interfaces

@@ -20,13 +20,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
+import scipy.linalg
 import scipy.sparse as sp
 
 from geometry.mesh import BoolArray, FloatArray, ReadOnlyArrays
 from mbd.contact_jacobian import ContactJacobian
 from mbd.options import Norm, Solver
-from mbd.programs import least_quadratic
 
 #: Relative residual above which nothing is called equilibrium (the paper's tolerance).
 EQUILIBRIUM_TOLERANCE = 1e-6
@@ -366,6 +365,8 @@ def clarabel_equilibrium(
     mechanism comes from the projection min ½‖G λ + f‖², λ >= 0, solved by clarabel too: its
     residual is a load-activated mechanism.
     """
+    from mbd.programs import least_quadratic
+
     n_rows, n_contacts = jacobian.shape
     size = load_size(load)
     known = _at_once(jacobian, load, size)

@@ -19,7 +19,8 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
-import scipy
+import scipy.linalg
+import scipy.sparse
 
 from geometry.mesh import FloatArray, ReadOnlyArrays
 from mbd.contact_jacobian import ContactJacobian

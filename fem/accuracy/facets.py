@@ -13,7 +13,8 @@ import math
 import numpy as np
 
 from fem.accuracy.transfer import interpolation_on_faces, unique_rows
-from fem.contact.surfaces import ContactNormals, MatchedFacets, facet_pressures, matched_facets
+from fem.contact.normals import ContactNormals
+from fem.contact.surfaces import MatchedFacets, facet_pressures, matched_facets
 from fem.element.facet import (
     FACET_CORNERS,
     FacetBasis,

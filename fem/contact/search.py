@@ -17,7 +17,8 @@ from scipy.spatial import cKDTree
 
 from fem.contact.cuts import OPPOSITE, carry_over, cut_facets
 from fem.contact.edge_points import ending_edges, matching_facets
-from fem.contact.surfaces import ContactNormals, ContactPoints
+from fem.contact.normals import ContactNormals
+from fem.contact.surfaces import ContactPoints
 from fem.element.facet import FACET_CORNERS, bilinear, facet_areas, facet_functions
 from fem.element.functions import lobatto_points
 from geometry.machine.work import Operation, count

@@ -22,7 +22,6 @@ overclosure is linear in the displacement.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
-from enum import StrEnum
 from functools import cached_property
 from typing import Any, Self
 
@@ -39,15 +38,6 @@ from geometry.mesh import FloatArray, IntArray, ReadOnlyArrays, cross_matrix, ru
 
 class ContactError(RefusedError):
     """Contact that cannot be computed: which faces, what is wrong, what to do."""
-
-
-class ContactNormals(StrEnum):
-    """Which normals measure the gap."""
-
-    CURRENT = "current"
-    """Of the deformed surfaces."""
-    REFERENCE = "reference"
-    """Of the undeformed surfaces: the gap is linear in the displacement."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from functools import cache, lru_cache
 
 import numpy as np
 from numpy.polynomial import legendre
-from scipy.special import roots_jacobi
 
 from geometry.mesh import FloatArray, grid_points
 
@@ -20,6 +19,8 @@ from geometry.mesh import FloatArray, grid_points
 def lobatto_points(degree: int) -> FloatArray:
     """Gauss-Lobatto points on [-1, 1], (degree + 1,)."""
     # The inner ones are the roots of P'_n, which is a Jacobi polynomial (1, 1) of degree n - 1.
+    from scipy.special import roots_jacobi
+
     inner = roots_jacobi(degree - 1, 1, 1)[0] if degree > 1 else np.empty(0)
     return np.concatenate([[-1.0], inner, [1.0]])
 

@@ -28,7 +28,8 @@ from functools import cached_property, partial
 import numpy as np
 
 from fem.contact.friction import Coulomb
-from fem.contact.surfaces import ContactNormals, Gaps
+from fem.contact.normals import ContactNormals
+from fem.contact.surfaces import Gaps
 from fem.static.energy_descent import minimise_energy
 from fem.static.linear_step.linearisation import (
     Linearisation,

@@ -7,7 +7,6 @@ Congruent blocks are copies of one group with one stiffness. Frame blocks are ri
 from __future__ import annotations
 
 from dataclasses import replace
-from enum import StrEnum
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -32,6 +31,7 @@ from fem.system.forces import (
     traction_forces,
     wrench_forces,
 )
+from fem.system.frames import Frames
 from fem.system.model import Amplitude, NodalLoad, Support, fixed_nodes
 from fem.system.springs import Springs, springs_on
 from geometry.assembly import Assembly
@@ -44,15 +44,6 @@ from geometry.parts.supports import HeldFace
 
 class DeformableAssemblyError(RefusedError):
     """An assembly that cannot be computed as deformable blocks."""
-
-
-class Frames(StrEnum):
-    """How the blocks that the load case holds are modelled."""
-
-    RIGID = "rigid"
-    """They do not move or deform."""
-    DEFORMABLE = "deformable"
-    """They deform and are held at their outer faces."""
 
 
 #: Directions that differ by less are one [-].

@@ -16,8 +16,9 @@ from scipy.sparse import block_diag, csr_array
 
 from fem.contact.friction import Coulomb, CoulombFriction, coulomb
 from fem.contact.law import ContactLaw
+from fem.contact.normals import ContactNormals
 from fem.contact.search import SearchedPoints
-from fem.contact.surfaces import ContactNormals, ContactPoints, MatchedFacets
+from fem.contact.surfaces import ContactPoints, MatchedFacets
 from fem.element.lagrange_mesh import in_pieces
 from fem.system.body import Body
 from fem.system.held import Held, held_rows

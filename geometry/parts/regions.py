@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from geometry.assembly import AnyBlocks
 from geometry.block import Block
 from geometry.errors import RefusedError
 from geometry.mesh import BoolArray, FloatArray, IntArray, ReadOnlyArrays
+
+if TYPE_CHECKING:
+    from scipy.spatial import KDTree
 
 #: Distance from a plane or a box that still counts as on it, in block sizes (∛V).
 _ON = 1e-6
@@ -70,6 +72,8 @@ class Points(ReadOnlyArrays):
 
     @cached_property
     def _tree(self) -> KDTree:
+        from scipy.spatial import KDTree
+
         return KDTree(self.places)
 
     def has(self, points: FloatArray, tolerance: float) -> BoolArray:

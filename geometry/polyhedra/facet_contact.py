@@ -21,6 +21,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from geometry.mesh import BoolArray, FloatArray, IntArray, run_starts
+from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
 from geometry.polyhedra.options import ContactPlacement
 from geometry.polyhedra.placed_shapes import PlacedShapes
 from geometry.polyhedra.point_contact import PointContacts, crossing_edges, standing_corners
@@ -28,10 +29,6 @@ from geometry.polyhedra.polyhedron import widths
 from geometry.polyhedra.triangle_kernels import MOST_CORNERS, clip_pairs, hulls
 from geometry.polyhedra.triangle_search import ASKEW, distinct_rows
 
-#: What stands for a patch at contacts without area: an edge that crosses an edge …
-CROSSING_EDGES = -1
-#: … and a corner that stands on a face.
-STANDING_CORNER = -2
 #: Area that a contact without area stands for, as a part of the mean area of the others.
 _POINT_AREA = 1e-2
 #: Patches smaller than this part of the mean patch of their joint are what clipping left.

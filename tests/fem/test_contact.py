@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fem import ExponentialLaw, Frames, LinearPenalty, Material
+from fem.contact.normals import ContactNormals
 from fem.contact.surfaces import (
     ContactError,
-    ContactNormals,
     contact_surfaces,
     corner_overclosures,
     curvature,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fem import Material
-from fem.contact.surfaces import ContactNormals
+from fem.contact.normals import ContactNormals
 from fem.static.energy_descent import _conjugate_gradients, _Energy, minimise_energy
 from fem.static.linear_step.linearisation import SparseStep
 from fem.static.solve import StaticMethod, StaticOptions, solve_static

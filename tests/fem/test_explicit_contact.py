@@ -7,7 +7,7 @@ import pytest
 
 from fem import CoulombFriction, Frames, Material
 from fem.contact.friction import Coulomb
-from fem.contact.surfaces import ContactNormals
+from fem.contact.normals import ContactNormals
 from fem.element.facet import FACET_SLOPES, FACET_VALUES
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.quasi_static import quasi_static_report

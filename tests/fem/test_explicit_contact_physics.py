@@ -7,7 +7,7 @@ import pytest
 
 from fem import CoulombFriction, ExponentialLaw, LinearPenalty
 from fem.contact.friction import FrictionError
-from fem.contact.surfaces import ContactNormals
+from fem.contact.normals import ContactNormals
 from fem.explicit.damping import applied_forces
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import Output, UnstableRun, displacements_of, initial_state, prepare, solve

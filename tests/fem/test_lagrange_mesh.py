@@ -21,7 +21,7 @@ from fem import (
     solve_explicit,
     solve_static,
 )
-from fem.contact.surfaces import ContactNormals
+from fem.contact.normals import ContactNormals
 from fem.decks.deck import Flavour
 from fem.decks.keywords import DeckError
 from fem.decks.problem import problem_deck

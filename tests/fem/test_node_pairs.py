@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fem import CoulombFriction
-from fem.contact.surfaces import ContactNormals
+from fem.contact.normals import ContactNormals
 from fem.static.linear_step.condensed import CondensedStep
 from fem.static.linear_step.linearisation import Linearisation, SparseStep
 from fem.system.sector import largest_cyclic_orbits

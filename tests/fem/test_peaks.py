@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem.contact.surfaces import ContactNormals, corner_overclosures
+from fem.contact.normals import ContactNormals
+from fem.contact.surfaces import corner_overclosures
 from fem.element.facet import FACET_VALUES
 from fem.element.kinds import integration_points
 from fem.stresses.ball_averages import ball_averages

@@ -20,7 +20,7 @@ from fem import (
     solve_explicit,
     solve_static,
 )
-from fem.contact.surfaces import ContactNormals
+from fem.contact.normals import ContactNormals
 from geometry import ColumnBox, LoadCase, box_column
 from tests.support.answers import on_its_mesh
 from tests.support.own_blocks import column

@@ -8,8 +8,9 @@ import pytest
 
 from fem import CoulombFriction, ExponentialLaw, Frames, LinearPenalty, Material
 from fem.contact.cuts import closest_point
+from fem.contact.normals import ContactNormals
 from fem.contact.search import BlockSurface, closest_points
-from fem.contact.surfaces import ContactError, ContactNormals
+from fem.contact.surfaces import ContactError
 from fem.element.facet import bilinear
 from fem.explicit.contact.sliding import SlidingContact, surface_areas
 from fem.explicit.damping import applied_forces

@@ -14,7 +14,7 @@ from fem import (
     LinearPenalty,
     Material,
 )
-from fem.contact.surfaces import ContactNormals
+from fem.contact.normals import ContactNormals
 from fem.static.linear_step import condensed as flexibility
 from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticError, StaticMethod, StaticOptions, solve_static

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fem import CoulombFriction, Frames, LinearPenalty
-from fem.contact.surfaces import ContactNormals
+from fem.contact.normals import ContactNormals
 from fem.static import solve as static_solve
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from fem.system.forces import SmoothStepAmplitude

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from fem.contact.law import ExponentialLaw
-from fem.contact.surfaces import ContactNormals, contact_surfaces
+from fem.contact.normals import ContactNormals
+from fem.contact.surfaces import contact_surfaces
 from fem.explicit.timed import TimedSystem
 from fem.system.body import Body
 from fem.system.effects import Effects

@@ -9,11 +9,11 @@ import numpy as np
 
 from fem.contact.friction import CoulombFriction
 from fem.contact.law import ContactLaw
+from fem.contact.normals import ContactNormals
 from fem.contact.pair_laws import PairLaws
-from fem.contact.surfaces import ContactNormals
 from fem.method import Static
 from fem.problem import Problem
-from fem.system.build import Frames
+from fem.system.frames import Frames
 from geometry.assembly import AnyBlocks, Assembly
 from geometry.loads import LoadCase
 from geometry.machine.work import LimitError, budget
@@ -21,7 +21,6 @@ from geometry.parts.block_selection import chosen_blocks
 from geometry.parts.measures import Planes, planes
 from validation.build.cell import build_cell
 from validation.build.materials import build_materials, friction_of_pairs, laws_of_pairs
-from validation.build.polyhedra import build_live_load, build_polyhedra
 from validation.build.supports import held_at_faces, stated_load
 from validation.errors import InputError, named
 from validation.scene.deformable import (
@@ -173,6 +172,8 @@ def rigid_problem(
     """
     with named(name):
         if isinstance(scene, PolyhedralScene):
+            from validation.build.polyhedra import build_live_load, build_polyhedra
+
             solids = build_polyhedra(scene, folder)
             live = build_live_load(scene, solids)
             load = LoadCase(solids, "variable load", (), solids.fixed, body_wrenches=live)

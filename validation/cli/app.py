@@ -191,7 +191,9 @@ def _program() -> Any:
 
 def main() -> None:
     """Run the command line."""
-    # Loaded modules are never freed: collecting less often saves 5 % of a short command.
+    gc.freeze()
+    gc.enable()
+    # Commands load more modules: collecting less often saves 5 % of a short one.
     gc.set_threshold(50_000)
     run_command(_program())
 

@@ -11,12 +11,10 @@ import numpy as np
 
 from geometry.answer import FACTORS, Answer, Measure
 from geometry.assembly import AnyBlocks, Assembly
-from geometry.files.block_files import SURFACES_ALONE
-from geometry.files.hexahedral_solids import six_sided_hexahedra
 from geometry.files.mesh_io import write_cells
 from geometry.parts.measures import JointResultants, Measures, SectionForces
 from geometry.parts.rows import Row, number
-from geometry.polyhedra.facet_contact import CROSSING_EDGES, STANDING_CORNER
+from geometry.polyhedra.bare_contacts import CROSSING_EDGES, STANDING_CORNER
 from mbd.options import Norm
 from validation.output import answer_files
 from validation.output.console import RowTable, cpu_row, dimension_rows, part_rows
@@ -28,8 +26,6 @@ from validation.output.forces import (
     write_sections,
 )
 from validation.output.outputs import Outputs
-from validation.output.pictures.assemblies import draw_mechanism, draw_pressures
-from validation.output.pictures.polyhedra import draw_polyhedra
 from validation.scene.polyhedra import MeshScene
 
 if TYPE_CHECKING:
@@ -51,8 +47,6 @@ FILES = (
 )
 #: Components below this part of the largest are round-off.
 _NOISE = 1e-9
-#: Files that hold surfaces alone.
-_SURFACES = {".stl", ".ply", ".off", *SURFACES_ALONE}
 #: What a load factor of rigid blocks is.
 OF_RIGID_BLOCKS = "by mean pressures of facets of rigid blocks, without peaks"
 #: Why nothing of rigid blocks has an error bar.
@@ -84,6 +78,9 @@ def write_rigid(answer: Answer, outputs: Outputs) -> None:
 
 def rigid_pictures(answer: Answer) -> dict[str, Callable[[Path], None]]:
     """Pictures of a rigid answer by the names of their files."""
+    from validation.output.pictures.assemblies import draw_mechanism, draw_pressures
+    from validation.output.pictures.polyhedra import draw_polyhedra
+
     result: dict[str, Callable[[Path], None]] = {}
     meshed = is_meshed(answer)
     if not meshed:
@@ -303,9 +300,13 @@ def _solid_groups(answer: Answer) -> list[list[Row]]:
 
 def volume_words(answer: Answer) -> str:
     """Describe how `tubelock fem` meshes the blocks."""
+    from geometry.files.block_files import SURFACES_ALONE
+    from geometry.files.hexahedral_solids import six_sided_hexahedra
+
     scene, shapes = answer.case.scene, answer.details.blocks.shapes
     parts = scene.parts if isinstance(scene, MeshScene) else ()
-    if any(Path(part.file).suffix.lower() not in _SURFACES for part in parts):
+    surfaces = {".stl", ".ply", ".off", *SURFACES_ALONE}
+    if any(Path(part.file).suffix.lower() not in surfaces for part in parts):
         return "hexahedra of the files, where they have them"
     other = sum(six_sided_hexahedra(shape, 1) is None for shape in shapes)
     if not other:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fem.contact.law import ContactLaw, ExponentialLaw
-from fem.contact.surfaces import ContactNormals
+from fem.contact.normals import ContactNormals
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.problem import Problem

@@ -12,8 +12,9 @@ import numba
 import numpy as np
 
 from fem.contact.friction import FrictionError, slip_sides
+from fem.contact.normals import ContactNormals
 from fem.contact.search import SearchedPoints
-from fem.contact.surfaces import ContactNormals, MatchedFacets
+from fem.contact.surfaces import MatchedFacets
 from fem.element.facet import FACET_CORNERS
 from fem.explicit.body import LaneBody
 from fem.explicit.contact.alike_pairs import WIDEST, AlikePairs, unit_widths

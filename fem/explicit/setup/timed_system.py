@@ -12,8 +12,9 @@ from typing import Any, Literal
 import numpy as np
 
 from fem.contact.law import ContactLaw
+from fem.contact.normals import ContactNormals
 from fem.contact.search import SearchedPoints
-from fem.contact.surfaces import ContactError, ContactNormals, refuse_overlap
+from fem.contact.surfaces import ContactError, refuse_overlap
 from fem.explicit.contact.alike_pairs import alike_pairs
 from fem.explicit.contact.paired import FaceContact, paired_frictions
 from fem.explicit.contact.sliding import SlidingContact, surface_areas
