@@ -71,8 +71,6 @@ class Evidence(ReadOnlyArrays):
     """Norm of the unbalanced forces over norm of the loads after each iteration [-]."""
     converged: bool = False
     """Whether the residual reached the tolerance."""
-    saddles: int = 0
-    """Stationary states that were left because the energy falls from them."""
     stopped: float | None = None
     """Time of the first step of a motion without an equilibrium [s]; None: all have one."""
     status: str = ""

@@ -102,7 +102,7 @@ def solve_static(
     AccuracyError
         A requested accuracy of a problem that cannot be refined.
     StaticError
-        Without an equilibrium, or where Newton's method did not converge.
+        No equilibrium exists, or none was found.
     ContactError
         Blocks overlap at the start by more than the contact law covers.
     DeformableAssemblyError

@@ -494,20 +494,6 @@ def corner_overclosures(surfaces: MatchedFacets, moved: FloatArray) -> FloatArra
     return -np.einsum("fci,fci->fc", normal, to_looks @ frame.d) - surfaces.clearance
 
 
-def curvature(surfaces: ContactPoints, moved: FloatArray) -> FloatArray:
-    """Second derivative of the overclosure.
-
-    Returns
-    -------
-    FloatArray
-        (n, n_points, m, m) [1/mm], degrees of freedom 3 · node + component.
-    """
-    hessian = _second_derivatives(surfaces.frame(moved))
-    spread = np.einsum("fpka,ij->fpkiaj", _frame_factors(surfaces), np.eye(3))
-    spread = spread.reshape(*spread.shape[:2], 9, -1)
-    return _transposed(spread) @ hessian @ spread
-
-
 def motion_derivatives(
     surfaces: ContactPoints, moved: FloatArray, motions: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -573,19 +559,6 @@ def _transposed(matrix: FloatArray) -> FloatArray:
 
 # ---------------------------------------------------------------------------------------------
 # Forces
-
-
-def curvature_tangent(
-    surfaces: ContactPoints, moved: FloatArray, point_forces: FloatArray
-) -> FloatArray:
-    """Part of the derivative of minus the corner forces that comes from turning normals.
-
-    Returns
-    -------
-    FloatArray
-        (n, m, m) [N/mm].
-    """
-    return np.einsum("fp,fpij->fij", point_forces, curvature(surfaces, moved))
 
 
 def facet_pressures(surfaces: ContactPoints, point_pressures: FloatArray) -> FloatArray:

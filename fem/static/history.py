@@ -92,7 +92,7 @@ def _through(stages: Sequence[System], options: StaticOptions, store: Flexibilit
         acts = stage.moves or system.loads.any()
         parts = load_factors(options.load_steps if acts else 1, friction=number == 1)
         begin = replace(begin, load_factor=0.0, time=0.0)
-        found = follow(problem, begin, [(s, s) for s in parts], options, search=search)
+        found = follow(problem, begin, [(s, s) for s in parts], search=search)
         state = found[-1]
         failed, reached = state.evidence.stopped, state.load_factor
         if failed is None and not state.converged:

@@ -15,22 +15,20 @@ they fade, and what is called equilibrium never contains them.
 
 The residual is that of the law itself: f - K u - Σ w p(x(u)) ∂x/∂u.
 
-Where current normals turn so much that this does not converge, the energy itself is followed down
-with the exact tangent (`fem.static.energy_descent`).
+The iteration leaves out Σ w p ∂²x/∂u²: where blocks turn so much in gaps that this term decides, it
+finds no equilibrium.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
 from fem.contact.friction import Coulomb
-from fem.contact.normals import ContactNormals
 from fem.contact.surfaces import Gaps
-from fem.static.energy_descent import minimise_energy
 from fem.static.linear_step.linearisation import (
     Linearisation,
     LinearStep,
@@ -131,7 +129,6 @@ class Iterate:
     dissipation: float = 0.0
     residuals: tuple[float, ...] = ()
     converged: bool = False
-    saddles: int = 0
 
 
 def start_iterate(system: System, start: FloatArray | None = None) -> Iterate:
@@ -210,41 +207,6 @@ def converge(problem: StaticProblem, state: Iterate) -> Iterate:
         if state.converged or since > (_PATIENCE_NEAR if least < _NEAR else _PATIENCE):
             break
     return state
-
-
-def has_potential(problem: StaticProblem) -> bool:
-    """Whether the energy can be followed: what the plain iteration leaves out then decides."""
-    normals = problem.system.contact.normals
-    return not problem.system.has_friction and normals is ContactNormals.CURRENT
-
-
-def descend(problem: StaticProblem, state: Iterate) -> Iterate:
-    """Follow the energy from the equilibrium with reference normals."""
-    straight = problem.system.with_reference_normals
-    start = converge(replace(problem, system=straight), state)
-    try:
-        descent = minimise_energy(
-            problem.system,
-            problem.step,
-            start.displacement,
-            residual=partial(_relative, problem),
-            load_factor=state.load_factor,
-            holding=start.holding,
-            tolerance=problem.tolerance,
-            max_iterations=problem.max_iterations,
-        )
-    except UnheldBlocksError as error:
-        raise StaticError(_unheld_text(error)) from None
-    gaps = problem.system.points.gaps(descent.displacement)
-    return replace(
-        start,
-        displacement=descent.displacement,
-        gaps=gaps,
-        at=gaps.x,
-        residuals=(*start.residuals, *descent.residuals),
-        converged=descent.converged,
-        saddles=state.saddles + descent.saddles,
-    )
 
 
 def _iterate(problem: StaticProblem, state: Iterate) -> Iterate:

@@ -22,9 +22,7 @@ from fem.static.newton import (
     StaticProblem,
     bounded,
     converge,
-    descend,
     frictions,
-    has_potential,
     held_in_motion,
     support_forces,
 )
@@ -100,8 +98,7 @@ class StaticOptions:
     """Parts of the way of supports that move, after the load; the times of their tables come on
     top. None: all their way at once, with the load."""
     once: bool = False
-    """Whether what does not converge is given up, not tried in smaller load steps or along the
-    energy, which takes long."""
+    """Whether what does not converge is given up, not tried in smaller load steps."""
 
     def __post_init__(self) -> None:
         if not (is_number(self.tolerance) and self.tolerance > 0.0):
@@ -123,7 +120,6 @@ def follow(
     problem: StaticProblem,
     state: Iterate,
     path: Sequence[Target],
-    options: StaticOptions,
     *,
     known: Known = (),
     search: Search | None = None,
@@ -141,8 +137,6 @@ def follow(
         The problem, and where the path begins.
     path
         Share of the loads and time of each point.
-    options
-        Whether other ways are tried.
     known
         States under some loads that are nearly equilibria.
     search
@@ -178,9 +172,7 @@ def follow(
         elif rate is not None and leads:
             guess = _led_on(problem, guess, length * rate)
         try:
-            there, reached, goes_on = _equilibrium(
-                problem, guess, state.displacement, options, search
-            )
+            there, reached, goes_on = _equilibrium(problem, guess, state.displacement, search)
         except StaticError:
             shorter = moment and 0.5 * (moment - (state.time or 0.0)) >= shortest
             if not (shorter or any(s.time is not None and s.converged for s in found)):
@@ -222,7 +214,7 @@ def state_at(problem: StaticProblem, last: Iterate) -> State:
         load_factor=last.load_factor,
         time=last.time,
         frictional_dissipation=last.dissipation,
-        evidence=Evidence(residuals=last.residuals, converged=last.converged, saddles=last.saddles),
+        evidence=Evidence(residuals=last.residuals, converged=last.converged),
     )
 
 
@@ -230,7 +222,6 @@ def _equilibrium(
     problem: StaticProblem,
     state: Iterate,
     begin: FloatArray,
-    options: StaticOptions,
     search: Search | None,
 ) -> tuple[StaticProblem, Iterate, bool]:
     """Take a state, or a guess of it, to its own point of the path from that before, at ``begin``.
@@ -246,8 +237,6 @@ def _equilibrium(
     if problem.system.has_friction and reached.residuals[-1] > _HISTORY:
         # What follows would start from a history that no equilibrium has.
         return problem, reached, False
-    if not reached.converged and not options.once and has_potential(problem):
-        reached = descend(problem, replace(state, residuals=reached.residuals))
     return problem, _advance_friction(problem, reached, begin), True
 
 

@@ -158,7 +158,7 @@ def _load(
         search.begin = np.zeros_like(first.displacement)
     again = None if search is None else replace(search)
     path = load_path(problem, options, options.load_steps)
-    found = follow(problem, first, path, options, known=known, search=search)
+    found = follow(problem, first, path, known=known, search=search)
     more = options.load_steps < _FALLBACK_LOAD_STEPS and options.load_path is None
     if more and not options.once and not found[-1].converged:
         first = replace(first, residuals=found[-1].evidence.residuals)
@@ -166,7 +166,7 @@ def _load(
             problem, first = again.anew(problem, first)
             again.elastic = ElasticSlips.none(again.points)
         path = load_path(problem, options, _FALLBACK_LOAD_STEPS)
-        in_parts = follow(problem, first, path, options, known=known, search=again)
+        in_parts = follow(problem, first, path, known=known, search=again)
         found = _closer(found, in_parts)
         options = replace(options, load_steps=_FALLBACK_LOAD_STEPS)
     return with_evidence(found, options, (clock, ready))
@@ -315,16 +315,11 @@ def _ways(state: State) -> str:
 
 
 def _status(state: State, options: StaticOptions) -> str:
-    evidence, saddles = state.evidence, state.evidence.saddles
+    evidence = state.evidence
     loose = evidence.loose_blocks
     count, residual = len(evidence.residuals), evidence.residual
     names = ", ".join(str(b) for b in loose[:8]) + (", …" if len(loose) > 8 else "")
     unheld = f"; no contact holds blocks {names} in every direction" if len(loose) else ""
-    if saddles:
-        unheld = (
-            f"; left {saddles} stationary state{'s' if saddles > 1 else ''} from which "
-            f"the energy falls: other equilibria exist{unheld}"
-        )
     if evidence.stopped is not None:
         return (
             f"equilibrium while supports moved until {state.time:.4g} s of their tables "
@@ -338,7 +333,7 @@ def _status(state: State, options: StaticOptions) -> str:
             f"equilibrium after {count} iterations, residual {residual:.1e}{unheld}{undetermined}"
         )
     return (
-        f"Newton did not converge in {count} iterations: residual {residual:.1e}, expected "
-        f"{options.tolerance:.1e}{unheld}; raise fem.load_steps, lower contact.clearance or "
-        'contact.spacing, or set fem.method = "explicit"'
+        f"no equilibrium found in {count} iterations: residual {residual:.1e}, expected "
+        f'{options.tolerance:.1e}{unheld}; use an explicit run (fem.method = "explicit"), or '
+        "more load steps (fem.load_steps)"
     )

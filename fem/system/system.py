@@ -359,11 +359,6 @@ class System:
         """The same with other points of contact."""
         return replace(self, chosen=points)
 
-    @property
-    def with_reference_normals(self) -> System:
-        """The same with normals that do not turn."""
-        return self.on(self.points.with_reference_normals)
-
     @cached_property
     def stiffness(self) -> csr_array:
         """Stiffness of all representatives, (3 n_nodes, 3 n_nodes) [N/mm]."""

@@ -47,6 +47,7 @@ REFUSED = {
     "strain-1e4-static",
     "time-step-1.01",
     "time-step-1.01-forced",
+    "turning-normals",
     "units-metre-scene",
 }
 

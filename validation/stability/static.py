@@ -6,20 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from fem.accuracy.one_mesh import static_state
 from fem.contact.law import ExponentialLaw
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
 from fem.problem import Problem, ProblemError
 from fem.static.result import StaticError
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
-from fem.system.state import contact_state
-from fem.system.system import System
 from geometry.assembly import moved
 from geometry.families.hexagon_block import HexagonBlock, HexagonBlockDivisions
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.families.tube import HexagonTube
 from geometry.loads import named_load
-from geometry.mesh import FloatArray
 from validation.stability.case import Cases, Check, Finding, refusal
 from validation.stability.contact_law import COLUMN_LAW, TOLERANCE, pressed_column, solved_column
 from validation.stability.problems import (
@@ -142,44 +140,19 @@ def _incompressible() -> Finding:
     )
 
 
-def _energy(stated: System, displacements: tuple[FloatArray, ...]) -> float:
-    """Strain and contact energy minus the work of the loads, all blocks [N mm]."""
-    state, surfaces = contact_state(stated, displacements), stated.surfaces
-    overclosure = state.point_overclosures.reshape(surfaces.weights.shape)
-    law, weights = stated.contact.law.on(surfaces.block_m, surfaces.block_s), surfaces.weights
-    energy = float(np.vdot(weights, law.stored_energy(overclosure)))
-    for group, world in zip(stated.bodies, displacements, strict=True):
-        for moved_by, rotation in zip(world, group.rotations, strict=True):
-            own = (moved_by @ rotation).ravel()
-            energy += 0.5 * float(own @ (group.stiffness @ own))
-    for load in stated.forces:
-        energy -= float(np.vdot(load.forces, displacements[load.group][load.copies, load.nodes]))
-    return energy
-
-
 @CASES.add(
-    "turning-normals", "Blocks that turn 0.1 mm before they press: a minimum, all blocks free to go"
+    "turning-normals",
+    "Blocks that turn 0.1 mm before they press: no equilibrium is found, and said",
 )
 def _turning() -> Finding:
     assembly = tube(2, SineBlockDivisions(12, 2, 4))
     load = named_load("tunnel", 0.01).on(assembly)
-    stated = Problem(assembly, load, CONCRETE, clearance=0.1, check_units=False).deformable
-    result = solve_static(stated)
-    least = _energy(stated, result.displacements)
-    random = np.random.default_rng(0)
-    rises = []
-    for size in (1e-3, 1e-4, 1e-5):
-        for _ in range(8):
-            tried = []
-            for group, world in zip(stated.bodies, result.displacements, strict=True):
-                arm = group.mesh.nodes - group.mesh.nodes.mean(axis=0)
-                shift, turn = random.normal(scale=size, size=(2, group.n_copies, 1, 3))
-                spin = np.cross(turn / assembly.characteristic_length, arm)
-                tried.append(world + shift + np.einsum("cij,cnj->cni", group.rotations, spin))
-            rises.append(_energy(stated, tuple(tried)) - least)
-    return Finding(
-        Check("residual", result.evidence.residual, 1e-8),
-        Check("energy lost along 24 random motions [N mm]", -min(rises), 0.0),
+    stated = Problem(assembly, load, CONCRETE, clearance=0.1, check_units=False)
+    return refusal(
+        lambda: static_state(stated.deformable),
+        StaticError,
+        "no equilibrium found",
+        "use an explicit run",
     )
 
 
