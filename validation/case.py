@@ -99,11 +99,6 @@ class Case:
         return scene_problem(self.stated, self.name)
 
     @property
-    def is_of_scene(self) -> bool:
-        """Whether a scene states it, and not a problem."""
-        return isinstance(self.stated, DeformableSections)
-
-    @property
     def keys(self) -> dict[str, Any]:
         """What its scene states, as plain data."""
         return self.scene.model_dump(mode="json", exclude_unset=True)

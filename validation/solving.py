@@ -75,7 +75,6 @@ def solve(
                 f"{run.n_steps} time steps were done; no checkpoint was written: -o names a folder "
                 "for one"
             )
-        answer = _with_cell_error(case, answer)
     return replace(answer, case=case)
 
 
@@ -105,18 +104,6 @@ def repeatable(answer: Answer) -> Answer:
             f"the machine; expected {section}.max_work, which is the same on every machine"
         )
     return answer
-
-
-def _with_cell_error(case: Case, answer: Answer) -> Answer:
-    """Answer of a periodic cell, with its error beside the tube that it stands for."""
-    cell = case.is_of_scene and case.scene.is_cell
-    if not (cell and case.method.error_estimate):  # type: ignore[union-attr]
-        return answer
-    from validation.run.cell import CellError, probed_cell_error
-
-    part = CellError(case.name, probed_cell_error(case.scene, case.name))
-    parts = {**answer.parts, "periodic_cell": part}
-    return replace(answer.with_report({"periodic_cell": part.as_json()}), parts=parts)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 The lower face of the lower layer meets the upper face of the upper one, and the cell keeps its
 height, as the middle of a tube between fixed frames does when the tube is long. Nothing of the
 ends is in it: its answer is that of the middle layers, with an error of the order of one over
-the number of layers. `validation.run.cell` measures it.
+the number of layers.
 """
 
 from __future__ import annotations

@@ -108,21 +108,14 @@ def solve_probe(
         ) from None
 
 
-def probe_scene(scene: DeformableScene, name: str, *, fineness: int = 1) -> DeformableScene:
+def probe_scene(scene: DeformableScene, name: str) -> DeformableScene:
     """Return the scene as a static problem on a mesh that is as coarse as its blocks allow.
 
     Layers, loads and contact stay: what an effect does to a tall tube shows only in a tall tube.
-
-    Parameters
-    ----------
-    scene, name
-        The scene.
-    fineness
-        Times as many elements along each edge as the coarsest mesh has.
     """
     still = {"rayleigh": None, "bulk_viscosity": None, "auto": None}
     static = scene.changed({"fem": {"method": Method.STATIC, "frames": 0}, "effects": still})
-    for factor in (fineness, 2 * fineness, 4 * fineness):
+    for factor in (1, 2, 4):
         coarse = _coarse_mesh(scene, factor)
         if not coarse:
             break
@@ -140,9 +133,9 @@ def without_motion(scene: DeformableScene) -> DeformableScene:
     return scene.changed({"effects": {"finite_rotation": False, "finite_sliding": False}})
 
 
-def _coarse_mesh(scene: DeformableScene, fineness: int) -> dict[str, Any]:
+def _coarse_mesh(scene: DeformableScene, factor: int) -> dict[str, Any]:
     """Values of ``[mesh]`` that are lower in the probe; none where the mesh is given."""
-    result = scene.coarse_mesh(fineness * _PER_WAVE, fineness * _THROUGH, fineness * _OTHER)
+    result = scene.coarse_mesh(factor * _PER_WAVE, factor * _THROUGH, factor * _OTHER)
     own = scene.element_counts
     return {key: value for key, value in result.items() if value != own[key]}
 

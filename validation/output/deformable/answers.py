@@ -166,10 +166,10 @@ def run_table(answer: Answer) -> RowTable:
         *parts("meshes"),
         cpu_row(answer.report["cpu_seconds"]),
     ]
-    last = [parts("periodic_cell"), parts("static_reference")]
+    last = parts("static_reference")
     if paper:
-        return RowTable(answer.title, [first, evidence, paper, beside, computed, *last])
-    return RowTable(answer.title, [first, [*evidence, *beside], computed, *last])
+        return RowTable(answer.title, [first, evidence, paper, beside, computed, last])
+    return RowTable(answer.title, [first, [*evidence, *beside], computed, last])
 
 
 def _slip_rows(slip: dict[str, float] | None) -> list[Row]:
