@@ -14,7 +14,6 @@ from fem.measures import contact_on, contacts_of, measures_of
 from fem.problem import Problem
 from fem.state import State
 from fem.static.result import StaticError
-from fem.system.time_step import added_mass_share
 from geometry.answer import Answer, Array, Lazy, Measure
 from geometry.assembly import Assembly
 from geometry.mesh import FloatArray
@@ -274,7 +273,6 @@ def _explicit_report(state: State) -> dict[str, Any]:
         | {"viscous_dissipation": energies.viscous_dissipation, "total": energies.total},
         "energy_balance": run.energy_balance,
         "element_updates_per_cpu_second": run.element_updates_per_cpu_second,
-        "added_mass": added_mass_share(stated.bodies),
         "bytes_per_node": n_bytes / stated.system.n_nodes,
         "cpu_seconds": {"loop": run.cpu_seconds},
     }

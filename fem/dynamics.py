@@ -309,7 +309,6 @@ def stated_run(problem: Problem, method: Explicit) -> TimedSystem:
         symmetry=method.symmetry,
         ramp_time=method.ramp_time,
         end_time=method.end_time,
-        mass_scaling=method.mass_scaling,
         motion=problem.motion,
     )
 

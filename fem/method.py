@@ -13,7 +13,6 @@ from fem.system.effects import (
     SAFETY_FACTOR,
     AdaptiveMassDamping,
     BulkViscosity,
-    EffectError,
     Effects,
     RayleighDamping,
 )
@@ -92,9 +91,6 @@ class Explicit:
     """Time step [s]; by default safety_factor times the critical time step."""
     safety_factor: Annotated[float, Gt(0), Le(1)] = SAFETY_FACTOR
     """Time step over the critical one [-]."""
-    mass_scaling: Annotated[float, Ge(1)] | None = None
-    """Time step that every element must allow, relative to the shortest one [-]; inactive by
-    default."""
     threads: Annotated[int, Ge(1)] = 1
     """Of the loops; the bits of the answer do not depend on it."""
     symmetry: Literal["auto", "none", "sector"] = "auto"
@@ -137,18 +133,7 @@ class Explicit:
         finite_rotation: bool = False,
         gravity: FloatArray | None = None,
     ) -> Effects:
-        """Its effects of time integration, beside finite rotation and gravity (3,) [mm/s²].
-
-        Raises
-        ------
-        EffectError
-            Mass scaling beside gravity.
-        """
-        if self.mass_scaling is not None and gravity is not None:
-            raise EffectError(
-                f"mass_scaling: got {self.mass_scaling:g} beside `gravity`; added mass "
-                "would weigh: expected one of the two"
-            )
+        """Its effects of time integration, beside finite rotation and gravity (3,) [mm/s²]."""
         damping, rayleigh, viscosity = self.damped(moves=moves), self.rayleigh, self.bulk_viscosity
         if damping == "paper":
             rayleigh, viscosity = rayleigh or PAPER_RAYLEIGH, viscosity or BulkViscosity()

@@ -33,7 +33,6 @@ _KEYS = {
     "end_time": "fem.end_time",
     "friction": "effects.friction",
     "gravity": "effects.gravity",
-    "mass_scaling": "fem.mass_scaling",
     "max_work": "fem.max_work",
     "maximum_stiffness": "contact.maximum_stiffness",
     "pressure": "load.pressure",

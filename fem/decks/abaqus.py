@@ -342,9 +342,6 @@ def _explicit(deck: Deck, run: Explicit) -> Iterator[str]:
     else:
         yield f"*Dynamic, Explicit, scale factor={real(run.safety_factor)}"
         yield f", {real(deck.end_time)}"
-    if run.mass_scaling is not None:
-        scaled = run.mass_scaling * deck.element_time_step(moving=True)
-        yield f"*Fixed Mass Scaling, type=BELOW MIN, dt={real(scaled)}"
     yield keyword("Bulk Viscosity")
     if viscosity is None:
         yield "0.0, 0.0"

@@ -92,11 +92,6 @@ def check_calculix(deck: Deck) -> None:
             "fem.element: CalculiX's explicit dynamics computes C3D8I wrongly (deflections 2.4 "
             "times too large); expected full or reduced"
         )
-    if deck.in_time is not None and deck.in_time.mass_scaling is not None:
-        raise DeckError(
-            f"fem.mass_scaling: got {deck.in_time.mass_scaling:g} with --flavour calculix, which "
-            "scales no single elements; remove it, or choose --flavour general"
-        )
 
 
 #: Distance over the root of a node's area beyond which CalculiX has no spring.

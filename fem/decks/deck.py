@@ -120,21 +120,15 @@ class Deck:
             return "CalculiX"
         return "Abaqus/Standard" if self.in_time is None else "Abaqus/Explicit"
 
-    def element_time_step(self, *, moving: bool = False) -> float:
-        """Least time step of an element as Abaqus/Explicit estimates it, without contact [s].
-
-        Of all blocks, or of those that deform.
-        """
-        blocks = (
-            self.problem.deforming if moving else np.full(self.assembly.n_blocks, fill_value=True)
-        )
+    def element_time_step(self) -> float:
+        """Least time step of an element as Abaqus/Explicit estimates it, without contact [s]."""
         viscosity = self.effects.bulk_viscosity
         linear = 0.0 if viscosity is None else viscosity.linear_bulk_viscosity
         return min(
             characteristic_time_step(
                 self.assembly.shapes[k].mesh, self.materials[k], linear_bulk_viscosity=linear
             )
-            for k in np.unique(self.assembly.shape_of[blocks]).tolist()
+            for k in np.unique(self.assembly.shape_of).tolist()
         )
 
     @cached_property
@@ -143,9 +137,7 @@ class Deck:
         run = self.in_time
         if run is None:
             return None
-        scaled = 1.0 if run.mass_scaling is None else run.mass_scaling
-        least = scaled * self.element_time_step(moving=run.mass_scaling is not None)
-        increment = run.time_step or run.safety_factor * least
+        increment = run.time_step or run.safety_factor * self.element_time_step()
         return self.end_time / increment, increment
 
     @property

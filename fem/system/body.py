@@ -55,8 +55,6 @@ class Body(ReadOnlyArrays):
     """(n_copies, 3) [mm]."""
     springs: Springs | None = None
     """Between the surface of each copy and the ground; None: none."""
-    added_mass: FloatArray | float = 0.0
-    """What mass scaling adds to each node, (n_nodes,) [t]."""
     name: str = "block"
     """Name in messages; a copy is ``name[k]``."""
 
@@ -65,7 +63,7 @@ class Body(ReadOnlyArrays):
         _check(self)
 
     def with_same_stiffness(self, **changes: Any) -> Body:
-        """The body with other copies or another mass; the assembled stiffness is shared."""
+        """The body with other copies; the assembled stiffness is shared."""
         result = replace(self, **changes)
         shared = "stiffness", "hourglass_stiffness"
         vars(result).update({name: getattr(self, name) for name in shared})
@@ -84,7 +82,7 @@ class Body(ReadOnlyArrays):
     @cached_property
     def lumped_mass(self) -> FloatArray:
         """(n_nodes,) [t]."""
-        return block_lumped_mass(self.mesh, self.material.density) + self.added_mass
+        return block_lumped_mass(self.mesh, self.material.density)
 
     @cached_property
     def stiffness(self) -> bsr_array:

@@ -30,7 +30,7 @@ from fem.element.hexahedron import (
 )
 from fem.element.kinds import Element
 from fem.element.material import Material
-from fem.system.body import Body, ModelError
+from fem.system.body import Body
 from fem.system.effects import Effects
 from fem.system.model import InteractionModel, refuse_turning_springs
 from geometry.errors import RefusedError
@@ -215,46 +215,3 @@ def critical_time_step(
         steps.append(group_critical_time_step(body, effects, extra_stiffness=extra))
     governing = min(steps, key=lambda s: s.critical_time_step)
     return replace(governing, element_estimate=min(s.element_estimate for s in steps))
-
-
-def scale_masses(bodies: Sequence[Body], factor: float) -> tuple[Body, ...]:
-    """Add mass so that elements allow a longer step.
-
-    Elements that bound the step below the one asked for, by their highest frequency with their own
-    lumped mass, get mass until they allow it; all others keep theirs. A static state does not
-    depend on mass, and slow motions hardly notice that of few small elements.
-
-    Parameters
-    ----------
-    bodies
-        Without weight: added mass must not weigh.
-    factor
-        Step that every element is to allow, over that of the most demanding one [-].
-    """
-    if not (math.isfinite(factor) and factor >= 1.0):
-        raise ModelError(f"mass_scaling: got {factor}, expected a factor of at least 1")
-    frequencies = [element_frequencies(g.mesh, g.material, g.element) for g in bodies]
-    allowed = max(float(f.max()) for f in frequencies) / factor
-    return tuple(
-        _scaled_group(group, np.maximum(1.0, result / allowed) ** 2)
-        for group, result in zip(bodies, frequencies, strict=True)
-    )
-
-
-def _scaled_group(group: Body, factors: FloatArray) -> Body:
-    """Block whose elements have ``factors`` times their mass, (n_elements,)."""
-    mesh = group.mesh
-    added = np.zeros(mesh.n_nodes)
-    for part in chunks(mesh.n_elements):
-        nodes = mesh.elements[part]
-        mass = group.element.mass(mesh.nodes[nodes], group.material.density)
-        more = (factors[part] - 1.0)[:, None] * mass
-        added += np.bincount(nodes.ravel(), more.ravel(), minlength=mesh.n_nodes)
-    return group.with_same_stiffness(added_mass=group.added_mass + added)
-
-
-def added_mass_share(bodies: Sequence[Body]) -> float:
-    """Mass that scaling added over the mass that was there, all copies [-]."""
-    added = sum(g.n_copies * float(np.sum(g.added_mass)) for g in bodies)
-    total = sum(g.n_copies * float(g.lumped_mass.sum()) for g in bodies)
-    return added / (total - added)

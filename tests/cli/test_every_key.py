@@ -25,7 +25,7 @@ WITHOUT_BARS = ("fem.error_estimate=false",)
 STATIC = ("fem.method='static'", "fem.load_steps=2")
 EXPLICIT = (
     *("fem.method='explicit'", "fem.end_time=2e-5", "fem.ramp_time=1e-5", "fem.residual=0.5"),
-    *("fem.time_step=1e-6", "fem.safety_factor=0.5", "fem.mass_scaling=2.0", "fem.threads=1"),
+    *("fem.time_step=1e-6", "fem.safety_factor=0.5", "fem.threads=1"),
     "fem.sample_interval=3",
 )
 JOINTS = (

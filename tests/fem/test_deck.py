@@ -17,7 +17,6 @@ from fem.decks.problem import problem_deck
 from fem.decks.read.cards import Card, read_cards
 from fem.decks.write import deck_lines
 from fem.system.effects import SAFETY_FACTOR
-from tests.support.commands import command
 from tests.support.decks import exported
 from validation import InputError, load_case
 
@@ -200,28 +199,6 @@ def test_general_contact_has_a_clearance_on_every_joint(tubelock) -> None:
             gap = next(c for c in cards if c.keyword == "CONTACT CLEARANCE")
             assert gap.parameters == {"NAME": "GAP", "ADJUST": "NO", "CLEARANCE": "0.05"}
     assert assigned[0] == assigned[1] != set()
-
-
-def test_mass_scaling_is_in_the_deck_as_the_step_that_every_element_allows(tmp_path: Path) -> None:
-    """The stated increments are twice as long, so half as many."""
-    found = {}
-    deck = problem_deck(load_case("tsb1-pipe", EXPLICIT).problem, Flavour.GENERAL)
-    for factor in (1, 2):
-        settings = [*EXPLICIT, f"fem.mass_scaling={factor}"]
-        path = exported(tmp_path / "a.inp", "tsb1-pipe", settings)
-        found[factor] = float(re.search(r"step: (\S+) increments of", said(path))[1])  # type: ignore[index]
-        lines = path.read_text().splitlines()
-        written = next(line for line in lines if line.startswith("*Fixed Mass Scaling"))
-        assert float(written.split("dt=")[1]) == pytest.approx(
-            factor * deck.element_time_step(moving=True), rel=1e-14
-        )
-    assert found[1] == pytest.approx(2.0 * found[2], rel=0.05)  # printed with two digits
-    box = ["fem.method=explicit", "fem.end_time=0.001", "fem.mass_scaling=2", "fem.element=full"]
-    words = [word for setting in box for word in ("--set", setting)]
-    asked = ("--flavour", "calculix", "-o", str(tmp_path / "b.inp"))
-    status, _, refused = command("export", "cantilever", *words, *asked)
-    assert status == 2
-    assert "fem.mass_scaling: got 2 with --flavour calculix" in refused
 
 
 @pytest.mark.parametrize(("end_time", "double"), [(0.01, False), (8.0, True)])

@@ -239,8 +239,8 @@ def explicit_progress(follow: Following) -> Callable[[_Sample], None]:
             words += " at most: the run ends where the blocks are at rest"
         if left > LONG:
             words += (
-                "; Ctrl-C stops it at a checkpoint; fem.end_time, fem.time_step, "
-                'fem.mass_scaling or fem.method = "static" make it shorter'
+                "; Ctrl-C stops it at a checkpoint; fem.end_time, fem.time_step or "
+                'fem.method = "static" make it shorter'
             )
         follow.line(words)
 

@@ -29,7 +29,7 @@ from fem.system.forces import ALL_THE_WAY, SmoothStepAmplitude, TabularAmplitude
 from fem.system.sector import SymmetryError, largest_cyclic_orbits, require_sector, with_half_turn
 from fem.system.state import block_surfaces, searched_state
 from fem.system.system import Orbits, System
-from fem.system.time_step import TimeStepError, scale_masses
+from fem.system.time_step import TimeStepError
 from geometry.mesh import FloatArray, IntArray
 
 #: Contact pressures that the critical time step counts in, one after the other [MPa].
@@ -106,7 +106,6 @@ def timed_system(
     symmetry: Literal["auto", "none", "sector"] = "none",
     ramp_time: float | None = None,
     end_time: float | None = None,
-    mass_scaling: float | None = None,
     counted_pressure: float = COUNTED_PRESSURE,
     motion: Motion | None = None,
 ) -> TimedSystem:
@@ -125,8 +124,6 @@ def timed_system(
         where facets are matched.
     ramp_time, end_time
         [s]; None: recommended. The load stays as long after another ramp.
-    mass_scaling
-        Step that every element is to allow, over the shortest; None: absent.
     counted_pressure
         Pressure whose contact stiffness the critical time step counts in, see `counted_stiffness`
         [MPa].
@@ -142,8 +139,6 @@ def timed_system(
     ContactError, EffectError, FrictionError, ModelError, TimeStepError
         If the model, a load or an option is not valid for an explicit run.
     """
-    if mass_scaling is not None:
-        deformable = replace(deformable, bodies=scale_masses(deformable.bodies, mass_scaling))
     # What presses before any load acts is counted too.
     before = -deformable.surfaces.clearance
     at_start = max(float(law.pressure(before)) for law in deformable.contact.law.members)

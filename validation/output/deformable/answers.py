@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from fem.accuracy.parts import MeshFacets
 from fem.measures import contact_on
 from fem.system.state import CapAction
-from fem.system.time_step import added_mass_share
 from geometry.answer import PAPER, Answer, measure_rows
 from geometry.machine.system import write_whole
 from geometry.parts.measures import SectionForces
@@ -265,10 +264,6 @@ def _explicit_rows(answer: Answer, result: Run) -> list[Row]:
             " the run restarted with a shorter one; set contact.maximum_stiffness or fem.time_step"
         )
         rows.append(Row("restarts", words))
-    if answer.case.scene.fem.mass_scaling is not None:
-        share = added_mass_share(stated.bodies)
-        words = f"{100 * share:.3g} % more mass; the static state does not depend on it"
-        rows.append(Row("mass scaling", words, share))
     rate = result.element_updates_per_cpu_second
     rows.append(Row("element updates", f"{rate / 1e6:.3g} million per CPU second", rate, "1/s"))
     if state is not None and stated.recommended is not None:

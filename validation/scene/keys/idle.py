@@ -45,7 +45,7 @@ _ABSENT: Mapping[str, tuple[str, ...]] = {
     "rigid": ("fem", *_ELASTIC, *_IN_TIME, "pictures.mises", "pictures.arrows"),
     "static": ("rigid", *_IN_TIME),
     "explicit": ("rigid",),
-    "static deck": (*_NOT_WRITTEN, *_IN_TIME, "fem.damping", "fem.mass_scaling"),
+    "static deck": (*_NOT_WRITTEN, *_IN_TIME, "fem.damping"),
     "explicit deck": (*_NOT_WRITTEN, "effects.finite_sliding"),
 }
 #: Keys that are printed: others a scene may state for other methods, and the data name them.

@@ -1,9 +1,4 @@
-"""What `tubelock cost` varies: methods, elements, meshes, ramps, damping.
-
-Mass scaling is that of the elements that allow the shortest steps. That of all elements is not
-among them: with a ramp in periods of the tube it changes the unit of time and nothing else (as many
-steps, the same answer); with a ramp in seconds it is a longer or shorter ramp, which is measured.
-"""
+"""What `tubelock cost` varies: methods, elements, meshes, ramps, damping."""
 
 from __future__ import annotations
 
@@ -169,7 +164,6 @@ def variants(level: int) -> list[CostSetting]:
     result: dict[str, tuple[dict[str, str], dict[str, float]]] = {
         "residual 1e-2": ({"residual": "1e-2"}, {}),
         "residual 1e-6": ({"residual": "1e-6"}, {}),
-        "mass scaling 2": ({"mass_scaling": "2"}, {}),
         "ramp × 0.1": ({}, {"ramp_factor": 0.1}),
         "ramp × 10": ({}, {"ramp_factor": 10.0}),
         "constant damping": ({}, {"hold_periods": 4.0, "damping_ratio": 1.0}),
@@ -192,6 +186,6 @@ def with_setting(scene: AssemblyScene, base: BaseMesh, setting: CostSetting) -> 
         # What the plan varies and a setting does not name is as by default.
         usual: dict[str, Any] = {"degree": 1}
         if changes.get("fem.method") == "explicit":
-            usual = dict.fromkeys(("ramp_time", "end_time", "mass_scaling")) | {"residual": 1.0e-4}
+            usual = dict.fromkeys(("ramp_time", "end_time")) | {"residual": 1.0e-4}
         changes = {f"fem.{key}": value for key, value in usual.items()} | changes
     return scene.changed(changes)
