@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -11,6 +12,9 @@ from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block
 from geometry.interface import ROUGHLY_SAME, placements
 from geometry.mesh import HEX_TETRAHEDRA, BoolArray, FloatArray
+
+if TYPE_CHECKING:
+    from geometry.polyhedra.polyhedron import Polyhedron
 
 #: Points of two meshes that lie closer than this share of a block are one.
 _SAME = 1e-9
@@ -44,6 +48,8 @@ def check_overlaps(assembly: Assembly, tolerance: float) -> None:
         of_b = other.points @ way.rotation.T + way.translation
         of_a = (one.points - way.translation) @ way.rotation
         depth = max(one.depth(of_b), other.depth(of_a))
+        if depth > tolerance:
+            depth = one.overlap(other, (way.rotation, way.translation), tolerance)
         result += [(depth, m, s) for m, s in pairs[way.pairs].tolist()]
     depth, a, b = max(result, default=(0.0, 0, 0))
     if depth > tolerance:
@@ -84,10 +90,22 @@ class _Solid:
         if not inside.any():
             return 0.0
         from geometry.polyhedra.overlap import SignedDistance
+
+        return float(-SignedDistance(self._polyhedron)(points[inside]).min())
+
+    def overlap(
+        self, other: _Solid, motion: tuple[FloatArray, FloatArray], tolerance: float
+    ) -> float:
+        """Depth of the overlap with a solid that is placed by a motion [mm]."""
+        from geometry.polyhedra.overlap import overlap_depth
+
+        return overlap_depth(self._polyhedron, other._polyhedron, motion, tolerance)[0]
+
+    @cached_property
+    def _polyhedron(self) -> Polyhedron:
         from geometry.polyhedra.polyhedron import polyhedron_from_block
 
-        distance = SignedDistance(polyhedron_from_block(self._shape))
-        return float(-distance(points[inside]).min())
+        return polyhedron_from_block(self._shape)
 
     def _inside(self, points: FloatArray) -> BoolArray:
         """Whether points (n, 3) lie in a hexahedron, cut into tetrahedra; (n,)."""

@@ -5,9 +5,8 @@ middles of its triangles, and the middles of what lies inside where its edges pi
 block; and a coarse lattice in the box that both share, for blocks that coincide. The distance to a
 block's surface is VTK's signed distance, which is fast on fine surfaces.
 
-The depth of two blocks that overlap is that of the vertices that are deepest, each along the normal
-of the face that it went through: a corner at the rim of a joint lies on the sides of both blocks,
-and no distance to the whole surface measures it.
+The depth of two blocks that overlap is the least translation that separates them. Of blocks that no
+short one separates, one inside the other or held all round, it is that of the deepest point.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ from geometry.mesh import FloatArray, IntArray
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.box_tree import overlapping_boxes
 from geometry.polyhedra.polyhedron import Polyhedron
+from geometry.polyhedra.separation import separations
 from geometry.polyhedra.triangle_search import Surface, enclosed, segment_piercings
 
 #: Points along each edge of the lattice in the shared box.
@@ -33,10 +33,6 @@ _EDGE = 7
 _LATTICE = (np.indices((_EDGE,) * 3).reshape(3, -1).T + 0.5) / _EDGE
 #: Surfaces with more triangles than this are fine enough to be judged by their vertices.
 _FINE = 2000
-#: Cosine of the angle to a face's normal above which edges lead out of it or along it: 14.5°.
-_OUTWARD = 0.25
-#: How far beside a block, in depths, a corner may be whose depth counts there.
-_BESIDE = 0.25
 #: What two blocks may be, by whether b is inside a and a inside b.
 _INSIDE = {
     (False, False): "",
@@ -44,8 +40,12 @@ _INSIDE = {
     (True, False): "the second inside the first: a hollow block is one object of both surfaces",
     (False, True): "the first inside the second: a hollow block is one object of both surfaces",
 }
-#: Blocks of more planes than this have curved faces, of small facets: their middles are enough.
-_CURVED = 60
+#: Translations that are tried, shortest first, and overlap of moved blocks that is round-off, over
+#: their size.
+_TRIED, _ROUND_OFF = 12, 1e-9
+#: Blocks that must be moved farther than this many depths of the deepest point are held all round:
+#: a dovetail 0.2 mm too wide is not as deep as it is long.
+_HELD = 10.0
 #: Part of the tolerance within which a point that is deeper can be moved and stays inside.
 _SURELY = 0.9
 
@@ -57,9 +57,10 @@ class Overlap:
     block_a: int
     block_b: int
     depth: float
-    """How deep the deepest point of one lies inside the other [mm]."""
+    """Least translation that separates them; of blocks that no short one separates, depth of the
+    deepest point of one inside the other [mm]."""
     point: FloatArray
-    """That point, (3,) [mm]."""
+    """A point in the overlap where it is deepest, (3,) [mm]."""
     words: str = ""
     """What both blocks may be, where one is inside the other or both are one; empty else."""
 
@@ -109,56 +110,6 @@ def _inner_middles(points: FloatArray, edges: IntArray, surface: Surface) -> Flo
     middle = 0.5 * (position[1:] + position[:-1])[same]
     edge = edge[1:][same]
     return start[edge] + middle[:, None] * (end - start)[edge]
-
-
-def _deepest(
-    a: Polyhedron,
-    b: Polyhedron,
-    motion: tuple[FloatArray, FloatArray],
-    distances: tuple[SignedDistance, SignedDistance],
-    tolerance: float,
-) -> tuple[float, int]:
-    """Depth of the deepest vertex of a behind a face of b that it went through, and its number.
-
-    A vertex went through a face of b if no edge of a leads much deeper from it, and a is on both
-    sides of the face above it.
-
-    Parameters
-    ----------
-    a, b
-        Shapes.
-    motion
-        Rotation and translation of a relative to b.
-    distances
-        Signed distances to a and to b, each in its own frame.
-    tolerance
-        Points this near to a surface are on it [mm].
-    """
-    (turn, shift), (to_a, to_b) = motion, distances
-    points = a.points @ turn.T + shift
-    start, end = np.concatenate([a.edges, a.edges[:, ::-1]]).T
-    ray = points[end] - points[start]
-    rising = ray / np.linalg.norm(ray, axis=1, keepdims=True) @ b.plane_normals.T
-    lowest = np.full((len(points), len(b.plane_normals)), np.inf)
-    np.minimum.at(lowest, start, rising)
-    _, on_plane = np.unique(b.plane_of, return_index=True)
-    height = np.einsum("pi,pi->p", b.corners[on_plane, 0], b.plane_normals)
-    depth = height - points @ b.plane_normals.T
-    inside = to_b(points) <= tolerance
-    vertex, plane = np.nonzero((lowest >= -_OUTWARD) & (depth >= -tolerance) & inside[:, None])
-    depths, normals = depth[vertex, plane], b.plane_normals[plane]
-    above = points[vertex] + depths[:, None] * normals
-    beside = np.maximum(tolerance, _BESIDE * depths)
-    outside = above + 2.0 * beside[:, None] * normals
-    through = to_a((outside - shift) @ turn) <= beside
-    for k in np.unique(plane).tolist():
-        mine = plane == k
-        face = SignedDistance(Polyhedron("", b.points, b.triangles[b.plane_of == k]))
-        through[mine] &= np.abs(face(above[mine])) <= beside[mine]
-    least = np.full(len(points), np.inf)
-    np.minimum.at(least, vertex[through], depths[through])
-    least[np.isinf(least)] = 0.0
-    return float(least.max()), int(np.argmax(least))
 
 
 def penetration(
@@ -225,24 +176,42 @@ def penetration(
         result = depths(points)
         if result.max(initial=0.0) > depth:
             depth, where = float(result.max()), points[int(np.argmax(result))]
-    if depth <= tolerance or max(len(a.plane_areas), len(b.plane_areas)) > _CURVED:
-        return depth, where
-    back = rotation.T, -translation @ rotation
-    for one, other, way, to, placed in (
-        (b, a, motion, (to_b, to_a), b_points),
-        (a, b, back, (to_a, to_b), a.points),
-    ):
-        deeper, corner = _deepest(one, other, way, to, tolerance)
-        if deeper > depth:
-            depth, where = deeper, placed[corner]
     return depth, where
 
 
-def find_overlaps(blocks: PolyhedralAssembly, tolerance: float) -> list[Overlap]:
+def overlap_depth(
+    a: Polyhedron,
+    b: Polyhedron,
+    motion: tuple[FloatArray, FloatArray],
+    tolerance: float,
+    distances: tuple[SignedDistance, SignedDistance] | None = None,
+) -> tuple[float, FloatArray]:
+    """Return the depth of an overlap of two shapes, as of `Overlap`, and where it is deepest.
+
+    Arguments as of `penetration`. The depth is the tolerance or less where blocks only touch.
+    """
+    distances = distances or (SignedDistance(a), SignedDistance(b))
+    depth, where = penetration(a, b, motion, tolerance, distances)
+    if depth <= tolerance:
+        return depth, where
+    rotation, translation = motion
+    touch = max(tolerance, _ROUND_OFF * float(np.ptp(a.points, axis=0).max()))
+    for way in separations(a, b, motion, least=tolerance, most=_HELD * depth)[:_TRIED]:
+        there = rotation, translation + way.distance * way.direction
+        if penetration(a, b, there, touch, distances)[0] <= touch:
+            return way.distance, way.point
+    return depth, where
+
+
+def find_overlaps(
+    blocks: PolyhedralAssembly, tolerance: float, *, by_points: bool = False
+) -> list[Overlap]:
     """Pairs of blocks that are deeper in each other than a tolerance [mm], deepest first.
 
-    Pairs of equal shapes in equal relative positions are looked at once.
+    Pairs of equal shapes in equal relative positions are looked at once. ``by_points``: the depth
+    of all is that of the deepest point, which is less work.
     """
+    depth_of = penetration if by_points else overlap_depth
     points = [blocks.points(block) for block in range(blocks.n_blocks)]
     least, most = (np.array([end(p, axis=0) for p in points]) for end in (np.min, np.max))
     low, high = least + 0.5 * tolerance, most - 0.5 * tolerance
@@ -254,7 +223,7 @@ def find_overlaps(blocks: PolyhedralAssembly, tolerance: float) -> list[Overlap]
     for one in placements(pairs, blocks, size=size, same=ROUGHLY_SAME):
         a, b = blocks.shapes[one.shape_m], blocks.shapes[one.shape_s]
         of_a, of_b = distances[one.shape_m], distances[one.shape_s]
-        depth, where = penetration(a, b, (one.rotation, one.translation), tolerance, (of_a, of_b))
+        depth, where = depth_of(a, b, (one.rotation, one.translation), tolerance, (of_a, of_b))
         if depth <= tolerance:
             continue
         b_in_a = of_a(b.points @ one.rotation.T + one.translation).max() <= tolerance

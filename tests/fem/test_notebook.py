@@ -401,8 +401,8 @@ def _boxes(*, sunk: float = 0.0, fine: int = 1) -> Assembly:
 def test_problems_reject_blocks_that_overlap_and_name_both_and_the_depth() -> None:
     with pytest.raises(AssemblyError, match=r"blocks 1 and 2 overlap by 7 mm; .* move them apart"):
         Problem(_boxes(sunk=7.0), _pressed(_boxes()), concrete)
-    # Two blocks at one place have no corner in each other.
-    with pytest.raises(AssemblyError, match="blocks 1 and 2 overlap by 30 mm"):
+    # Two blocks at one place have no corner in each other; one must move by its width.
+    with pytest.raises(AssemblyError, match="blocks 1 and 2 overlap by 60 mm"):
         Problem(_boxes(sunk=60.0), _pressed(_boxes()), concrete)
 
 

@@ -91,7 +91,7 @@ def follow_explosion(
 
     def deepest(distance: float) -> Overlap | None:
         there = replace(surfaces, translations=surfaces.translations + distance * directions)
-        overlaps = find_overlaps(there, 1e-9 * surfaces.characteristic_length)
+        overlaps = find_overlaps(there, 1e-9 * surfaces.characteristic_length, by_points=True)
         return overlaps[0] if overlaps else None
 
     depths = np.zeros(len(distances))
