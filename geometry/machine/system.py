@@ -45,6 +45,8 @@ def one_thread_of_blas() -> Iterator[None]:
 
 def machine_memory() -> int:
     """Memory of the machine [bytes]."""
+    if hasattr(os, "sysconf"):
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     import psutil
 
     return int(psutil.virtual_memory().total)
