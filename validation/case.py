@@ -19,7 +19,6 @@ from validation.scene.deformable import (
     parse_share,
 )
 from validation.scene.keys.toml_text import toml_value
-from validation.scene.polyhedra import MeshScene
 from validation.scene.read import DeformableScene, apply_overrides, check_scene, scene_data
 from validation.scene.sections import LimitsSection
 
@@ -112,7 +111,7 @@ class Case:
     @property
     def reads(self) -> tuple[Path, ...]:
         """Files that say what the case is: its own, and those of its blocks."""
-        parts = self.stated.parts if isinstance(self.stated, MeshScene) else ()
+        parts = self.stated.files if isinstance(self.stated, DeformableSections) else ()
         own = () if self.source is None else (self.source,)
         return (*own, *(self.folder / part.file for part in parts))
 
@@ -191,8 +190,7 @@ def load_case(
         text, path = str(source), Path(source)
         name, data = scene_data(text)
     scene = check_scene(apply_overrides(data, settings_words(settings)), text)
-    if isinstance(scene, MeshScene):
-        scene = scene.located(path.parent)
+    scene = scene.located(path.parent)
     own = path if path.is_file() else None
     case = Case(name=name, stated=scene, method=scene.method, folder=path.parent, source=own)
     return case if method is None else case.with_method(method)

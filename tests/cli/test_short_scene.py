@@ -11,8 +11,9 @@ import jsonschema
 import pytest
 
 from validation import InputError, load_case
+from validation.scene.families.sine import TubeScene
 from validation.scene.keys.schema import scene_schema
-from validation.scene.read import TubeScene, check_scene
+from validation.scene.read import check_scene
 
 README = (Path(__file__).parents[2] / "README.md").read_text("utf-8")
 SHORT = re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL)[0]

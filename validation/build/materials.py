@@ -16,7 +16,6 @@ from geometry.parts.block_selection import numbers_of
 from geometry.parts.pairs import OfPairs, PairError
 from validation.errors import InputError
 from validation.scene.deformable import MaterialSection
-from validation.scene.polyhedra import MeshScene
 from validation.scene.read import DeformableScene
 from validation.scene.sections import Vector
 
@@ -86,9 +85,9 @@ def _sections(scene: DeformableScene, assembly: AnyBlocks) -> list[MaterialSecti
 
 def _choices(scene: DeformableScene, assembly: AnyBlocks) -> Iterator[tuple[int, str]]:
     """Blocks whose material is stated, and its name."""
-    if isinstance(scene, MeshScene):
+    if scene.files:
         for block, part in enumerate(assembly.parts):
-            name = scene.parts[part].material
+            name = scene.files[part].material
             if name is not None:
                 yield block, name
     names = assembly.names or ("",) * assembly.n_blocks

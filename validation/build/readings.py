@@ -11,7 +11,8 @@ from geometry.files.readers import left_out
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.near_joints import facing_surfaces
 from validation.build.polyhedra import file_solids
-from validation.scene.polyhedra import MeshScene, PolyhedralScene
+from validation.scene.families.mesh import MeshScene
+from validation.scene.polyhedra import PolyhedralScene
 
 #: Part of the facing area that may be without contact unsaid.
 _MISSING = 0.01

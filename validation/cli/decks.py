@@ -168,7 +168,7 @@ def _check_scene(file: Path, json: str | None) -> None:
     from validation.output.outputs import Outputs
     from validation.output.solids import check_parts
     from validation.scene.earlier import check_earlier
-    from validation.scene.polyhedra import MeshScene
+    from validation.scene.families.mesh import MeshScene
 
     with Outputs(json, reads=(file,), exit_line=False) as outputs:
         found = check_earlier(file)

@@ -112,7 +112,7 @@ def _draw_one_block(file: Case, output: Path) -> None:
     """Draw one block of a tube of Sine Blocks with the measures of its scene."""
     from validation.errors import InputError
     from validation.output.pictures.block import draw_block
-    from validation.scene.read import TubeScene
+    from validation.scene.families.sine import TubeScene
 
     if not isinstance(file.scene, TubeScene):
         raise InputError(

@@ -26,7 +26,6 @@ from validation.output.forces import (
     write_sections,
 )
 from validation.output.outputs import Outputs
-from validation.scene.polyhedra import MeshScene
 
 if TYPE_CHECKING:
     from geometry.polyhedra.assembly import PolyhedralAssembly
@@ -304,9 +303,8 @@ def volume_words(answer: Answer) -> str:
     from geometry.files.hexahedral_solids import six_sided_hexahedra
 
     scene, shapes = answer.case.scene, answer.details.blocks.shapes
-    parts = scene.parts if isinstance(scene, MeshScene) else ()
     surfaces = {".stl", ".ply", ".off", *SURFACES_ALONE}
-    if any(Path(part.file).suffix.lower() not in surfaces for part in parts):
+    if any(Path(part.file).suffix.lower() not in surfaces for part in scene.files):
         return "hexahedra of the files, where they have them"
     other = sum(six_sided_hexahedra(shape, 1) is None for shape in shapes)
     if not other:

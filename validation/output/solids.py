@@ -25,7 +25,7 @@ from validation.build.readings import facing_words, parts_left_out
 from validation.errors import InputError
 from validation.output.console import RowTable
 from validation.output.files import prepare_file
-from validation.scene.polyhedra import MeshScene
+from validation.scene.families.mesh import MeshScene
 
 #: Faces farther apart than this many contact tolerances are no gap of a joint.
 _GAPS = 100.0

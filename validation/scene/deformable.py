@@ -41,6 +41,7 @@ from validation.scene.sections import (
     Vector,
     WholeScene,
     section_of,
+    unset,
 )
 from validation.scene.supports import (
     NOT_LOADS,
@@ -381,10 +382,10 @@ class DeformableSections(WholeScene):
     material: MaterialSection = MaterialSection.model_validate("concrete")
     materials: dict[str, NamedMaterialSection] = Field(default={})
     """Materials of some blocks by name."""
-    contact: ContactSection = ContactSection()
-    effects: EffectsSection = EffectsSection()
-    fem: FemSection = FemSection()
-    rigid: RigidSection = RigidSection()
+    contact: ContactSection = unset(ContactSection)
+    effects: EffectsSection = unset(EffectsSection)
+    fem: FemSection = unset(FemSection)
+    rigid: RigidSection = unset(RigidSection)
     supports: tuple[SupportSection, ...] = ()
     """``[[supports]]``: parts of the surfaces that are held, moved or on springs."""
     loads: tuple[SurfaceLoadSection, ...] = ()

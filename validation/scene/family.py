@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from functools import partial
 from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, get_type_hints
 
 import numpy as np
@@ -23,6 +25,7 @@ from validation.scene.sections import (
     WallLoadSection,
     fewer,
     section_of,
+    unset,
 )
 
 if TYPE_CHECKING:
@@ -33,24 +36,36 @@ if TYPE_CHECKING:
 class Families(Mapping[str, Any]):
     """Scene class of each family by the type of its block, made when it is first read.
 
-    A command needs one of them. Those of hexahedra come first, whatever is imported first.
+    A command needs one of them, and a file of the type's name is looked at first.
     """
 
     def __init__(self) -> None:
         self._makers: dict[str, Callable[[], Any]] = {}
         self._made: dict[str, Any] = {}
-        self.bases: dict[str, type[FamilyScene]] = {}
+        self._bases: dict[str, type[FamilyScene]] = {}
 
     def add(
         self, types: str, base: type[FamilyScene], make: Callable[[], Any] | None = None
     ) -> None:
         """Add a family, whose scene class is made from a base or is the base itself."""
         for kind in types.split():
-            self.bases[kind], self._makers[kind] = base, make or (lambda: base)
+            self._bases[kind], self._makers[kind] = base, make or (lambda: base)
+
+    @property
+    def bases(self) -> dict[str, type[FamilyScene]]:
+        """What the scene classes of all types are made from; none of them is made.
+
+        Types of hexahedra come first.
+        """
+        _import_records()
+        solid = {kind: not issubclass(base, AssemblyScene) for kind, base in self._bases.items()}
+        return {kind: self._bases[kind] for kind in sorted(solid, key=lambda k: (solid[k], k))}
 
     def __getitem__(self, kind: str) -> Any:
         """Return the scene class of a type of block."""
         if kind not in self._made:
+            if kind not in self:
+                raise KeyError(kind)
             make = self._makers[kind]
             made = make()
             self._made |= {name: made for name, other in self._makers.items() if other is make}
@@ -58,12 +73,13 @@ class Families(Mapping[str, Any]):
 
     def __contains__(self, kind: object) -> bool:
         """Whether there is such a type; nothing is made."""
-        return kind in self.bases
+        if kind not in self._bases:
+            _import_records(str(kind))
+        return kind in self._bases or kind in self.bases
 
     def __iter__(self) -> Iterator[str]:
         """Go through the types; nothing is made."""
-        hexahedra = {k for k, base in self.bases.items() if issubclass(base, AssemblyScene)}
-        return iter(sorted(self.bases, key=lambda kind: kind not in hexahedra))
+        return iter(self.bases)
 
     def __len__(self) -> int:
         """Return how many types there are."""
@@ -72,6 +88,15 @@ class Families(Mapping[str, Any]):
 
 #: All families.
 FAMILIES = Families()
+
+
+def _import_records(kind: str = "") -> None:
+    """Import the file of a type's name, where there is one; without a type all files."""
+    from validation.scene import families, polyhedra  # noqa: F401 - those of polyhedra are there
+
+    for module in iter_modules(families.__path__):
+        if kind in ("", module.name):
+            import_module(f"{families.__name__}.{module.name}")
 
 
 class FamilyScene(DeformableSections):
@@ -93,7 +118,9 @@ class FamilyScene(DeformableSections):
             for key in _names(self.parameters):
                 if key in inner:
                     section, kind = inner[key]
-                    given[key] = kind(**getattr(scene, section).model_dump(exclude={"type"}))
+                    stated = getattr(scene, section)
+                    names = type(stated).model_fields.keys() - {"type"}
+                    given[key] = kind(**{name: getattr(stated, name) for name in names})
                 else:
                     given[key] = next(getattr(s, key) for s in sections if hasattr(s, key))
             return self.parameters(**given)
@@ -108,6 +135,15 @@ class FamilyScene(DeformableSections):
             for name, section in sections.items()
             for key in getattr(type(section), "model_fields", ())
         }
+
+    @property
+    def files(self) -> tuple[Any, ...]:
+        """Files that hold the blocks, `PartSection`; families have none."""
+        return ()
+
+    def located(self, folder: Path) -> Self:  # noqa: ARG002
+        """Return the same scene with absolute file names, relative ones taken from a folder."""
+        return self
 
     @property
     def element_counts(self) -> dict[str, Any]:
@@ -272,7 +308,7 @@ def _names(kind: type) -> list[str]:
 def _stated(section: Any) -> tuple[Any, Any]:
     """Annotation and default of a section, which scenes need not have where no key is required."""
     needed = any(key.is_required() for key in section.model_fields.values())
-    return section, ... if needed else section()
+    return section, ... if needed else unset(section)
 
 
 class AssemblyScene(FamilyScene):

@@ -20,7 +20,6 @@ from geometry.errors import unreadable
 from validation.errors import InputError, one_line
 from validation.scene.builtin import builtin_names, builtin_text
 from validation.scene.deformable import METHODS, keys_of_other
-from validation.scene.families import sine
 from validation.scene.family import FAMILIES, AssemblyScene
 from validation.scene.plausibility import implausible, too_large
 from validation.scene.polyhedra import PolyhedralScene
@@ -28,7 +27,6 @@ from validation.scene.polyhedra import PolyhedralScene
 #: A value with a decimal comma, which is no TOML.
 _DECIMAL_COMMA = re.compile(r"^\s*\w+\s*=\s*([-+]?\d+,\d+)\s*(?:#.*)?$", re.MULTILINE)
 
-TubeScene = sine.TubeScene
 #: All scenes: their blocks can be rigid or deformable.
 DeformableScene: TypeAlias = AssemblyScene | PolyhedralScene
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -134,6 +134,14 @@ class Section(BaseModel):
             return type(self).model_validate(result)
         except ValidationError as error:
             raise InputError(one_line(error, type(self))) from None
+
+
+_Named = TypeVar("_Named", bound=Section)
+
+
+def unset(section: type[_Named]) -> _Named:
+    """Return a section that a scene does not name: the defaults need no check."""
+    return section.model_construct()
 
 
 def section_of(
@@ -282,9 +290,9 @@ class WholeScene(Section):
     #: Whether frames at both ends may lock a short assembly whose blocks alone would not be.
     frames_may_lock: ClassVar[bool] = False
 
-    plausibility: PlausibilitySection = PlausibilitySection()
-    pictures: PicturesSection = PicturesSection()
-    limits: LimitsSection = LimitsSection()
+    plausibility: PlausibilitySection = unset(PlausibilitySection)
+    pictures: PicturesSection = unset(PicturesSection)
+    limits: LimitsSection = unset(LimitsSection)
     sections: tuple[CutSection, ...] = ()
     """Planes whose section forces are printed and written."""
 

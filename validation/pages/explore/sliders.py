@@ -12,10 +12,11 @@ from annotated_types import Ge
 from geometry.loads import CASES
 from validation.case import Case
 from validation.errors import InputError
+from validation.scene.families.sine import TubeScene
 from validation.scene.family import AssemblyScene
 from validation.scene.keys.docstrings import field_docstrings
 from validation.scene.keys.quantities import unit_of
-from validation.scene.read import TubeScene, check_scene
+from validation.scene.read import check_scene
 from validation.scene.sections import Section, TubeLoadSection
 
 #: Sections whose numbers have sliders.

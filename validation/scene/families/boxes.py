@@ -9,7 +9,7 @@ from pydantic import Field
 from geometry.families.boxes import ColumnBox
 from validation.scene.family import FAMILIES, AssemblyScene
 from validation.scene.keys.docstrings import PRESSURE, SIZE
-from validation.scene.sections import Finite, Section, fewer, section_of
+from validation.scene.sections import Finite, Section, fewer, section_of, unset
 
 if TYPE_CHECKING:
     from geometry.assembly import Assembly
@@ -49,7 +49,7 @@ class BoxesScene(AssemblyScene):
     stands: ClassVar[bool] = True
 
     block: BoxesSection
-    load: TopPressureSection = TopPressureSection()
+    load: TopPressureSection = unset(TopPressureSection)
 
     def build(self) -> Assembly:
         """Build the column."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from validation.scene.family import AssemblyScene, family
-from validation.scene.sections import Section
+from validation.scene.sections import Section, unset
 
 
 class NoLoadSection(Section):
@@ -20,7 +20,7 @@ class NoLoadSection(Section):
 class IndenterScene(AssemblyScene):
     """A round body on a plane one, held, moved and loaded by ``[[supports]]`` and ``[[loads]]``."""
 
-    load: NoLoadSection = NoLoadSection()
+    load: NoLoadSection = unset(NoLoadSection)
 
     def coarse_mesh(self, wave: int, through: int, other: int) -> dict[str, Any]:  # noqa: ARG002
         """None: elements are as large as the contact asks for."""
