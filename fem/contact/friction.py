@@ -27,6 +27,8 @@ from geometry.parts.pairs import OfPairs, pair_values
 
 #: Overclosure that counts as touch where a law has no pressure at none [mm].
 _TOUCHING = 1e-9
+#: Default stick stiffness over Young's modulus per length of a block [-].
+STIFFER = 3.0
 #: Coefficients of dry materials stay below 2; beyond this a number is something else.
 MOST_FRICTION = 10.0
 
@@ -62,16 +64,18 @@ class CoulombFriction:
 
     coefficient: float
     """mu [-]"""
-    stick_stiffness: float = 100.0
-    """Slope of the traction while sticking [MPa/mm]. The default lets a point slip elastically by
-    mu p / 100: 0.05 µm at mu = 0.01 and 0.5 MPa, a hundredth of the slips in the paper's tubes,
-    and is softer than the contact law where it matters, so it costs no time step."""
+    stick_stiffness: float | None = None
+    """Slope of the traction while sticking [MPa/mm]. None: `STIFFER` times Young's modulus per
+    length of a block; explicit runs take no more than the contact stiffness that their time step
+    allows."""
     of_pairs: OfPairs = ()
     """Coefficients between some pairs of blocks, such as ``((0, 1, 0.6),)``; 0: frictionless."""
 
     def __post_init__(self) -> None:
         for name in ("coefficient", "stick_stiffness"):
             value = getattr(self, name)
+            if value is None and name == "stick_stiffness":
+                continue
             some = name == "coefficient" and any(pair[2] > 0.0 for pair in self.of_pairs)
             if not (is_number(value) and (value > 0.0 or (some and value == 0.0))):
                 raise FrictionError(
@@ -85,6 +89,15 @@ class CoulombFriction:
                     f"{MOST_FRICTION:g}; an angle of friction φ is given as its tangent: 30° is "
                     "0.577"
                 )
+
+    def stick(self, modulus: float, length: float) -> float:
+        """Stiffness of points that stick, as stated or of blocks [MPa/mm].
+
+        By default it scales with Young's modulus [MPa] and the length of a block [mm], and does
+        not depend on a mesh.
+        """
+        stated = self.stick_stiffness
+        return STIFFER * modulus / length if stated is None else stated
 
     def on(self, block_m: IntArray, block_s: IntArray) -> float | FloatArray:
         """Coefficient of each of some joints, blocks (n,) each; one number where all have it."""
@@ -161,12 +174,16 @@ class Coulomb:
 
 
 def coulomb(
-    law: ContactLaw, friction: CoulombFriction | None, block_m: IntArray, block_s: IntArray
+    law: ContactLaw,
+    friction: CoulombFriction | None,
+    stick: float,
+    block_m: IntArray,
+    block_s: IntArray,
 ) -> Coulomb:
-    """Law of facets or points between blocks (n,) each."""
+    """Law of facets or points between blocks (n,) each, and its stick stiffness [MPa/mm]."""
     normal = law.on(block_m, block_s)
     if friction is None:
         return Coulomb(normal)
     found = friction.on(block_m, block_s)
     coefficient = found if isinstance(found, float | int) else found[:, None]
-    return Coulomb(normal, coefficient, friction.stick_stiffness)
+    return Coulomb(normal, coefficient, stick)

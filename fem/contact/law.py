@@ -37,6 +37,15 @@ LARGEST_OVERCLOSURE = 1e90
 #: constants): products and squares of what lies beyond are still floats [-].
 LARGEST_EXPONENT = 40.0
 
+#: Pressure whose stiffness the critical time step counts in where the law has no cap [MPa].
+COUNTED_PRESSURE = 1.0
+
+#: How often the stiffness of a linear law counts, which begins and ends at once when a joint closes
+#: and opens. Central differences keep ½ v₋ v₊ + ½ ω² x² while a point touches. It touches and
+#: leaves within a step, so that one touch multiplies its kinetic energy by up to
+#: 1 / (1 - (ω Δt)²/4): without bound at the critical step, by 4/3 at half of it.
+TOUCHES = 4.0
+
 #: Blocks whose surfaces press with more than this before any load acts are badly placed [MPa].
 LARGEST_INITIAL_PRESSURE = 10.0
 
@@ -331,3 +340,18 @@ class LinearPenalty(ContactLaw):
 LAWS: dict[str, type[ExponentialLaw | LinearPenalty]] = {
     law.name: law for law in (ExponentialLaw, LinearPenalty)
 }
+
+
+def counted_stiffness(law: ContactLaw, pressure: float = COUNTED_PRESSURE) -> float:
+    """Stiffness of a law that the critical time step counts in [MPa/mm]; of several, the largest.
+
+    The stiffness at ``pressure`` [MPa], which a run then watches; where the law is linear there,
+    nothing exceeds it, and it counts `TOUCHES` times.
+    """
+    return max(_counted(one, pressure) for one in law.members)
+
+
+def _counted(law: ContactLaw, pressure: float) -> float:
+    largest = law.constants.linear_stiffness
+    there = float(law.stiffness(law.overclosure(pressure)))
+    return there if there < largest else TOUCHES * largest

@@ -274,15 +274,14 @@ def material_lines(deck: Deck) -> Iterator[str]:
 
 
 def _interaction(deck: Deck) -> Iterator[str]:
-    law, coulomb = deck.problem.contact_law, deck.problem.coulomb
-    slope = {} if coulomb is None else {"shear_traction_slope": real(coulomb.stick_stiffness)}
+    law = deck.problem.contact_law
     for (place, friction), name in deck.interactions.items():
         yield keyword("Surface Interaction", name=name)
         yield from law_lines(law.members[place], explicit=deck.in_time is not None)
         if friction is None:
             yield "** frictionless"
         else:
-            yield keyword("Friction", **slope)
+            yield keyword("Friction", shear_traction_slope=real(deck.stick))
             yield f"{real(friction)},"
 
 

@@ -129,16 +129,15 @@ def _material(deck: Deck) -> Iterator[str]:
 
 
 def _contact(deck: Deck, patches: Patches) -> Iterator[str]:
-    law, coulomb = deck.problem.contact_law, deck.problem.coulomb
+    law = deck.problem.contact_law
     for (place, friction), name in deck.interactions.items():
         yield keyword("Surface Interaction", name=name)
         yield from _law(deck, law.members[place])
         if friction is None:
             yield "** frictionless"
         else:
-            assert coulomb is not None
             yield keyword("Friction")
-            yield reals([friction, coulomb.stick_stiffness])
+            yield reals([friction, deck.stick])
     for pair in patches.pairs:
         yield pair_keyword(deck, pair)
         yield ", ".join(pair_sides(deck, pair))

@@ -12,7 +12,7 @@ from itertools import accumulate
 
 import numpy as np
 
-from fem.contact.law import LinearPenalty
+from fem.contact.law import LinearPenalty, counted_stiffness
 from fem.contact.pair_laws import PairLaws
 from fem.decks.keywords import label, safe_names
 from fem.decks.meshes import SerendipityMesh
@@ -148,6 +148,18 @@ class Deck:
 
     # -----------------------------------------------------------------------------------------
     # Contact
+
+    @property
+    def stick(self) -> float:
+        """Stiffness of points that stick, as our own run of the method has it [MPa/mm]."""
+        friction, law = self.problem.coulomb, self.problem.contact_law
+        assert friction is not None
+        deforming = np.unique(self.assembly.shape_of[self.problem.deforming]).tolist()
+        modulus = max(self.materials[shape].young_modulus for shape in deforming)
+        stick = friction.stick(modulus, self.assembly.characteristic_length)
+        if self.in_time is None or friction.stick_stiffness is not None:
+            return stick
+        return min(stick, counted_stiffness(law))
 
     @cached_property
     def searched(self) -> bool:

@@ -8,15 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
+from fem.contact.law import COUNTED_PRESSURE
 from fem.system.body import Body, ModelError
 from fem.system.effects import Effects
 from fem.system.model import InteractionModel, refuse_turning_springs
 from fem.system.system import System, free_motions
 from fem.system.time_step import CriticalTimeStep, critical_time_step
 from geometry.mesh import FloatArray, IntArray
-
-#: Pressure whose stiffness the critical time step counts in where the law has no cap [MPa].
-COUNTED_PRESSURE = 1.0
 
 
 @dataclass(frozen=True)

@@ -299,7 +299,16 @@ class System:
     def law(self) -> Coulomb:
         """Pressure and friction there."""
         points = self.points
-        return coulomb(self.contact.law, self.contact.friction, points.block_m, points.block_s)
+        law, friction = self.contact.law, self.contact.friction
+        stick = 0.0 if friction is None else self.stick
+        return coulomb(law, friction, stick, points.block_m, points.block_s)
+
+    @property
+    def stick(self) -> float:
+        """Stiffness of points that stick, of a system with friction [MPa/mm]."""
+        assert self.contact.friction is not None
+        modulus = max(body.material.young_modulus for body in self.bodies)
+        return self.contact.friction.stick(modulus, self.assembly.characteristic_length)
 
     @cached_property
     def loads(self) -> FloatArray:

@@ -5,6 +5,8 @@ import pytest
 
 from fem import CoulombFriction, ExponentialLaw, LinearPenalty
 from fem.contact.friction import Coulomb, FrictionError
+from tests.support.answers import on_its_mesh
+from validation import load_case
 
 #: A stiffness of one: overclosures are pressures.
 LAW = Coulomb(LinearPenalty(1.0), 0.3, 50.0)
@@ -102,3 +104,36 @@ def test_unusable_constants_are_refused(mu, stiffness):
 def test_an_angle_in_place_of_a_coefficient_is_named():
     with pytest.raises(FrictionError, match=r"got 30, expected up to 10; an angle .* tangent"):
         CoulombFriction(30.0)
+
+
+def test_friction_scales_with_lengths_moduli_and_forces():
+    """By dimensions: lengths × 3, moduli × 5, the law's stiffness × 5/3 and pressures × 5 give
+    displacements × 3 and stresses × 5, whichever stiffness points stick with by default."""
+    answers = [sheared(1.0, 1.0), sheared(3.0, 5.0)]
+    for name, factor in (("max_displacement", 3.0), ("p_max_point", 5.0), ("sigma_1_max", 5.0)):
+        one, other = (answer[name].value for answer in answers)
+        assert other == pytest.approx(factor * one, rel=1e-6), name
+
+
+def sheared(length, modulus):
+    """Answer of a box on a held one that is pressed and drawn sideways below the limit."""
+    size = (length * np.array([50.0, 40.0, 30.0])).tolist()
+    boxes = [{"size": size, "divisions": [2, 2, 2]}] * 2
+    law = {"law": "linear", "stiffness": 500.0 * modulus / length}
+    return on_its_mesh(
+        load_case(
+            {
+                "block": {"type": "boxes", "boxes": boxes},
+                "load": {"pressure": 0.1 * modulus},
+                "material": {
+                    "density": 2.4e-9 * modulus / length,
+                    "young_modulus": 33e3 * modulus,
+                    "poisson_ratio": 0.2,
+                },
+                "contact": law,
+                "effects": {"gravity": [5e5, 0.0, 0.0], "friction": 0.6},
+            },
+            method="static",
+        ),
+        method="static",
+    )

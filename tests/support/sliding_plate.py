@@ -8,7 +8,7 @@ from validation import Case, load_case
 
 def plate(method: str, damping: str = "static", *, rough: bool = True) -> Case:
     """A plate on a held one, gravity leaning by 0.8 of the angle of friction, 0.3, or not rough."""
-    friction = {"friction": {"coefficient": 0.3}} if rough else {}
+    friction = {"friction": {"coefficient": 0.3, "stick_stiffness": 100.0}} if rough else {}
     boxes = [{"size": [50.0, 50.0, 10.0], "divisions": [2, 2, 1]}] * 2
     return load_case(
         {

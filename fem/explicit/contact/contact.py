@@ -33,12 +33,18 @@ class ExplicitContact(ABC):
     """Needs current normals; None: absent."""
 
     def __post_init__(self) -> None:
-        if self.friction is not None and self.friction.stick_stiffness > self.counted_stiffness:
+        if self.friction is not None and self.stick > self.counted_stiffness:
             raise FrictionError(
-                f"stick_stiffness: got {self.friction.stick_stiffness} MPa/mm, expected at most "
+                f"stick_stiffness: got {self.stick} MPa/mm, expected at most "
                 f"{self.counted_stiffness:.4g}, the contact stiffness "
                 "included in the critical time step"
             )
+
+    @property
+    def stick(self) -> float:
+        """Stiffness of points that stick: the most that the time step allows unless stated."""
+        stated = None if self.friction is None else self.friction.stick_stiffness
+        return self.counted_stiffness if stated is None else stated
 
     def touched_nodes(self, group: int) -> IntArray:
         """Mesh nodes of the group on which contact may act, (n,)."""
@@ -72,14 +78,15 @@ class BoundContact(Interaction):
         stiffness, (2,) or (n, 2).
         """
         law, friction = self._statement.law, self._statement.friction
+        stick = self._statement.stick
         self._law = law.on(block_m, block_s)
         self._constants = compiled_law(self._law, self._statement.clearance)
         self._rubs: FloatArray | None = None
         if friction is not None and not friction.of_pairs:
-            self._rubs = np.array([friction.coefficient, friction.stick_stiffness])
+            self._rubs = np.array([friction.coefficient, stick])
         elif friction is not None:
             result = np.broadcast_to(friction.on(block_m, block_s), len(block_m))
-            self._rubs = np.column_stack([result, np.full(len(result), friction.stick_stiffness)])
+            self._rubs = np.column_stack([result, np.full(len(result), stick)])
 
     @abstractmethod
     def _deepest(self) -> tuple[int, float, int, int] | None:

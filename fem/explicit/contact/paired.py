@@ -169,8 +169,7 @@ class _BoundFaces(BoundContact):
 
     def _stick_energy(self, unit: int) -> float:
         """Energy of the elastic slip of one unit [N mm]."""
-        friction = self._statement.friction
-        if self._slip is None or friction is None:
+        if self._slip is None:
             return 0.0
         kind, width, real, _, _, point, *_ = self._data.units[unit]
         first, last = self._data.alike[kind, 1], self._data.alike[kind + 1, 1]
@@ -178,12 +177,12 @@ class _BoundFaces(BoundContact):
         slip = self._slip[4 * point : 4 * (point + 4 * n * width)].reshape(n, 4, 4, width)
         square = (slip[:, :, :2, :real] ** 2).sum(axis=(2, 3))
         weights = self._data.weights[first:last]
-        return 0.5 * friction.stick_stiffness * float((weights * square).sum())
+        return 0.5 * self._statement.stick * float((weights * square).sum())
 
 
 def paired_frictions(
     system: System,
-    pairs: tuple[AlikePairs, ...],
+    contact: FaceContact,
     displacement: FloatArray,
     slips: FloatArray,
 ) -> FloatArray:
@@ -191,15 +190,14 @@ def paired_frictions(
 
     Parameters
     ----------
-    system, pairs
+    system, contact
         Those facets, and how the loops have them.
     displacement
         Of all nodes, block frames, (n_nodes, 3) [mm].
     slips
         Elastic slips of their points (`Interaction.contact`), (n, 2) [mm].
     """
-    friction, points = system.contact.friction, system.points
-    assert friction is not None
+    points, pairs = system.points, contact.pairs
     assert isinstance(points, MatchedFacets)
     facets = np.concatenate([alike.facets.ravel() for alike in pairs])
     begins = np.concatenate([alike.begins.reshape(-1, 4) for alike in pairs])
@@ -210,7 +208,7 @@ def paired_frictions(
     tangents = np.take_along_axis(tangents, begins[:, :, None, None], axis=1)
     sides = slip_sides(np.einsum("fjk,fpji->fpki", turn, tangents))
     traction = np.einsum("fpk,fpki->fpi", slips.reshape(-1, 4, 2), sides)
-    sign = np.where(masters == points.block_m[facets], -1.0, 1.0) * friction.stick_stiffness
+    sign = np.where(masters == points.block_m[facets], -1.0, 1.0) * contact.stick
     result = np.empty((points.n_facets, 4, 3))
     result[facets[:, None], begins] = sign[:, None, None] * traction
     return result

@@ -271,10 +271,9 @@ class BoundSlidingContact(BoundContact):
         """Energy stored at the last force evaluation [N mm]."""
         weights = self.points.now.weights
         stored = float(weights @ self._law.stored_energy(-self._gaps()))
-        friction = self._statement.friction
-        if self._slip is not None and friction is not None:
+        if self._slip is not None:
             slip = self._slip[: self.points.count, :2]
-            stored += 0.5 * friction.stick_stiffness * float(weights @ (slip**2).sum(axis=1))
+            stored += 0.5 * self._statement.stick * float(weights @ (slip**2).sum(axis=1))
         return stored
 
     def dissipation(self) -> float:

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fem.contact.law import ContactLaw
+from fem.contact.law import COUNTED_PRESSURE, counted_stiffness
 from fem.contact.normals import ContactNormals
 from fem.contact.search import SearchedPoints
 from fem.contact.surfaces import ContactError, refuse_overlap
@@ -21,7 +21,7 @@ from fem.explicit.contact.sliding import SlidingContact, surface_areas
 from fem.explicit.setup.cell_hold import cell_hold
 from fem.explicit.setup.quasi_static import FRACTION_WHILE_LOADING, recommended_times
 from fem.explicit.solve import Run
-from fem.explicit.timed import COUNTED_PRESSURE, RecommendedTimes, TimedSystem
+from fem.explicit.timed import RecommendedTimes, TimedSystem
 from fem.problem import Motion
 from fem.state import State
 from fem.system.effects import EffectError, Effects
@@ -34,12 +34,6 @@ from geometry.mesh import FloatArray, IntArray
 
 #: Contact pressures that the critical time step counts in, one after the other [MPa].
 _COUNTED_PRESSURES = tuple(COUNTED_PRESSURE * 4.0**k for k in range(6))
-
-#: How often the stiffness of a linear law counts, which begins and ends at once when a joint closes
-#: and opens. Central differences keep ½ v₋ v₊ + ½ ω² x² while a point touches. It touches and
-#: leaves within a step, so that one touch multiplies its kinetic energy by up to
-#: 1 / (1 - (ω Δt)²/4): without bound at the critical step, by 4/3 at half of it.
-TOUCHES = 4.0
 
 #: Gaps beyond this part of the size of a block are no rounding of single precision.
 _APART = 1e-6
@@ -91,12 +85,11 @@ def _friction(
     stated: TimedSystem, displacements: tuple[FloatArray, ...], slips: FloatArray
 ) -> FloatArray:
     """Of elastic slips on block s at all points, world axes, (n_facets, n_points, 3) [MPa]."""
-    contact, friction = _contact_of(stated), stated.system.contact.friction
+    contact = _contact_of(stated)
     if isinstance(contact, FaceContact):
         moved = stated.in_system(displacements)
-        return paired_frictions(stated.system, contact.pairs, moved, slips)
-    assert friction is not None
-    return -friction.stick_stiffness * slips[:, None]
+        return paired_frictions(stated.system, contact, moved, slips)
+    return -contact.stick * slips[:, None]
 
 
 def timed_system(
@@ -306,11 +299,15 @@ def _contact(
     for mine in blocks:
         copy[mine] = np.arange(len(mine))
     copy_of = copy[system.orbits.representative]
+    counted = counted_stiffness(contact.law, counted_pressure)
+    friction = contact.friction
+    if friction is not None and friction.stick_stiffness is None:
+        friction = replace(friction, stick_stiffness=min(system.stick, counted))
     common: dict[str, Any] = {
         "law": contact.law,
         "clearance": system.surfaces.clearance,
-        "counted_stiffness": counted_stiffness(contact.law, counted_pressure),
-        "friction": contact.friction,
+        "counted_stiffness": counted,
+        "friction": friction,
     }
     if sliding:
         surfaces = block_surfaces(system, copy_of)
@@ -338,21 +335,6 @@ def _areas(system: System) -> tuple[FloatArray, ...]:
         largest = areas[system.group_of[block]]
         np.maximum(largest, total[system.rows.of_block(block)], out=largest)
     return areas
-
-
-def counted_stiffness(law: ContactLaw, pressure: float = COUNTED_PRESSURE) -> float:
-    """Stiffness of a law that the critical time step counts in [MPa/mm]; of several, the largest.
-
-    The stiffness at ``pressure`` [MPa], which a run then watches; where the law is linear there,
-    nothing exceeds it, and it counts `TOUCHES` times.
-    """
-    return max(_counted(one, pressure) for one in law.members)
-
-
-def _counted(law: ContactLaw, pressure: float) -> float:
-    largest = law.constants.linear_stiffness
-    there = float(law.stiffness(law.overclosure(pressure)))
-    return there if there < largest else TOUCHES * largest
 
 
 def _representatives(system: System) -> tuple[IntArray, ...]:
