@@ -216,7 +216,9 @@ def _own_scene(random: Random, folder: Path, specimens: Path) -> str:
             "[[parts.places]]\nfixed = true",
             f"[[parts.places]]\nat = [{scale - 1.0!r}, 0.0, {apart!r}]",
             f"[effects]\ngravity = [0.0, 0.0, {random.choice((-9810.0, -9810.0, -9810.0, 1e8))!r}]",
-            random.choice(("", "", "[rigid]\nfriction = 0.6", "[detection]\ntolerance = 1e-320")),
+            random.choice(
+                ("", "", "[effects.friction]\ncoefficient = 0.6", "[detection]\ntolerance = 1e-320")
+            ),
         )
     )
     path = folder / "own.toml"

@@ -13,7 +13,6 @@ from mbd.options import Rigid
 from validation.errors import InputError
 from validation.scene.deformable import (
     METHODS,
-    AutoSection,
     DeformableSections,
     EffectName,
     parse_share,
@@ -219,9 +218,9 @@ def require_deformable(case: Case, command: str) -> DeformableScene:
 
 
 def with_auto(case: Case, tolerance: str | None, keep: Iterable[str] = ()) -> Case:
-    """Case whose effects are decided before a run, as ``[effects.auto]`` would say.
+    """Case whose effects are decided before a run, as ``effects.auto`` would state.
 
-    A tolerance is such as ``1%``, None that of the scene; effects to keep are not decided.
+    A tolerance is such as ``1%``, None that of the scene; names of effects to keep are checked.
     """
     names = tuple(keep)
     if tolerance is None and not names:
@@ -231,19 +230,14 @@ def with_auto(case: Case, tolerance: str | None, keep: Iterable[str] = ()) -> Ca
             f"{case.name}: --auto compares contact pressures of deformable blocks; expected a "
             "scene with contact, such as tsb1-pipe"
         )
-    effects = case.scene.effects
-    if tolerance is None and effects.auto is None:
+    if tolerance is None and case.scene.effects.auto is None:
         raise InputError("--keep: nothing is decided without --auto; expected --auto 1% beside it")
     unknown = [name for name in names if name not in set(EffectName)]
     if unknown:
         raise InputError(f"--keep {unknown[0]}: expected one of {', '.join(EffectName)}")
-    share = None if tolerance is None else parse_share(tolerance)
-    if tolerance is not None and share is None:
+    if tolerance is None:
+        return case
+    share = parse_share(tolerance)
+    if share is None:
         raise InputError(f"--auto {tolerance}: expected a share between 0 and 100 %, such as 1%")
-    given = effects.auto or AutoSection()
-    kept = tuple(dict.fromkeys((*given.keep, *(EffectName(name) for name in names))))
-    decide = None if given.decide is None else tuple(e for e in given.decide if e not in kept)
-    auto = AutoSection(
-        tolerance=given.tolerance if share is None else share, decide=decide, keep=kept
-    )
-    return case.stating(case.scene.changed({"effects.auto": auto}))
+    return case.stating(case.scene.changed({"effects.auto": share}))

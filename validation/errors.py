@@ -162,23 +162,6 @@ _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 _MOST_NAMED = 3
 
 
-_NO_HEAT = (
-    "temperature imposes no strain here: blocks have no thermal expansion; remove it, or state the "
-    "gaps that it makes, contact.clearance"
-)
-#: Keys of earlier versions and of other programs, and why they are rejected.
-_REMOVED = {
-    "load.gravity": "the weight of blocks is effects.gravity; move it there",
-    "load.density": "the density of blocks is material.density; move it there",
-    "load.temperature": _NO_HEAT,
-    "effects.temperature": _NO_HEAT,
-    "material.expansion": _NO_HEAT,
-    "fem.formulation": "the rate form of C3D8R was removed, every explicit run has the shared "
-    "stiffness of a block; remove the key",
-    "fem.precision": "explicit runs are in float64; remove the key",
-}
-
-
 def _known_keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
     """Keys allowed at a place of the scene."""
     inside = False  # a list or table of sections: its places and names are no keys of a section
@@ -199,7 +182,6 @@ def _known_keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str
 _ELSEWHERE = {
     "alpha": "effects.rayleigh.mass_proportional",
     "beta": "effects.rayleigh.stiffness_proportional",
-    "friction": "effects.friction.coefficient",
     "mu": "effects.friction.coefficient",
     "hard": 'contact.law = "linear" with a stiff contact.stiffness',
 }
@@ -211,28 +193,24 @@ def places_of(key: str, model: type[BaseModel], above: str = "") -> Iterator[str
         place = f"{above}{name}"
         inner = field.annotation
         sections = [kind for kind in (inner, *get_args(inner)) if hasattr(kind, "model_fields")]
-        if sections and get_origin(inner) not in (tuple, list, dict):
-            yield from places_of(key, sections[0], f"{place}.")
-        elif name == key and above:
+        if name == key and above:
             yield place
+        elif sections and get_origin(inner) not in (tuple, list, dict):
+            yield from places_of(key, sections[0], f"{place}.")
 
 
 def _unknown_key(path: tuple[int | str, ...], model: type[BaseModel]) -> str:
-    """Name a key that is not known, and the one that was meant."""
+    """Name a key that is not known, and the nearest one that is."""
     place, key = ".".join(str(k) for k in path), str(path[-1])
-    bare = re.sub(r"\.\d+(?=\.|$)", "", re.sub(r"^materials\.[^.]+", "material", place))
-    removed = _REMOVED.get(bare)
-    if removed is not None:
-        return f"unknown key {place}: {removed}"
     if len(path) > 1 and key in model.model_fields:
         return f"unknown key {place}: {key} stands above the first [section] of a scene"
+    there = _ELSEWHERE.get(key) or next(places_of(key, model), None)
+    if there is not None and there != place:
+        return f"unknown key {place}: did you mean {there}?"
     known = _known_keys(model, path[:-1])
     near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
     if near:
         return f"unknown key {place}: did you mean {near[0]!r}?"
-    there = _ELSEWHERE.get(key) or next(places_of(key, model), None)
-    if there is not None and there != place:
-        return f"unknown key {place}: did you mean {there}?"
     hint = f": expected one of {', '.join(known)}" if known else "; remove it"
     return f"unknown key {place}{hint}"
 

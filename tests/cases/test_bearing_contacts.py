@@ -20,7 +20,7 @@ def test_five_rings_stand_by_their_faces_alone(
 ) -> None:
     """The axisymmetric limit is t/R = 0.0310. Corners where four voussoirs meet would tie the
     rings at any thickness, whatever the tolerance of contact."""
-    scene = f"[rigid]\nfriction = 0.6\n[detection]\ntolerance = {tolerance}\n"
+    scene = f"[effects.friction]\ncoefficient = 0.6\n[detection]\ntolerance = {tolerance}\n"
     path = write_dome(tmp_path, voussoirs(thickness, 16, FIVE_RINGS), scene)
     answer = solve(load_case(path, method="rigid")).as_dict()
     assert answer["carried"] is carried
@@ -31,7 +31,8 @@ def test_five_rings_stand_by_their_faces_alone(
 def test_the_limit_load_of_a_dome_is_that_of_its_faces(tmp_path: Path) -> None:
     """An independent linear program in space puts it between 3.886 and 4.063; with corners that
     have no area 4.658 was printed."""
-    scene = "[load]\nacceleration = [981.0, 0.0, 0.0]\n[rigid]\nfriction = 0.5\ncollapse = true\n"
+    scene = "[load]\nacceleration = [981.0, 0.0, 0.0]\n[effects.friction]\ncoefficient = 0.5\n"
+    scene += "[rigid]\ncollapse = true\n"
     blocks = voussoirs(120.0, 8, np.linspace(10.0, 90.0, 7), cap=True)
     path = write_dome(tmp_path, blocks, scene)
     answer = solve(load_case(path, method="rigid")).as_dict()

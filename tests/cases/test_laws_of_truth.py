@@ -11,7 +11,7 @@ from fem import Explicit, Static
 from geometry import RefusedError
 from mbd import Rigid, analyse
 from tests.support.commands import command
-from validation import load_case, optimise, read_answer, sensitivity, solve, write
+from validation import load_case, optimise, read_answer, sensitivity, write
 
 #: One layer of the tube of the paper, coarse.
 COARSE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 1, "mesh.axial": 4}
@@ -42,21 +42,6 @@ def test_pressures_on_facets_that_are_written_have_the_largest_of_the_table(tmp_
     facets = pyvista.read(tmp_path / "contact_pressures.vtu")
     largest = read_answer(tmp_path).measures["p_max_facet"].value
     assert facets.cell_data["contact_pressure"].max() == pytest.approx(largest, rel=1e-9)
-
-
-def test_an_exported_deck_says_how_far_its_mesh_is_from_a_converged_answer(tmp_path):
-    deck = tmp_path / "tube.inp"
-    status, printed, _ = command("export", "tsb1-pipe", *sets(COARSE), "-o", str(deck))
-    assert status == 0
-    here = solve(
-        load_case("tsb1-pipe", COARSE | {"fem.mesh": "scene", "fem.error_estimate": False})
-    )
-    there = solve(load_case("tsb1-pipe", COARSE))
-    values = [answer["max_displacement"].value for answer in (here, there)]
-    words = f"u {100.0 * (values[0] / values[1] - 1.0):+.2g} %"
-    for text in (printed, deck.read_text("utf-8")):
-        assert words in text
-        assert "from the converged answer" in text
 
 
 def test_normals_that_measure_gaps_are_named(tmp_path):
@@ -103,6 +88,19 @@ def test_numbers_of_numpy_are_numbers(tube):
     """Friction of single precision is that coefficient to its digits."""
     assert replace(tube, friction=np.float32(0.25)).coulomb == replace(tube, friction=0.25).coulomb
     assert Static(load_steps=np.int64(2)) == Static(load_steps=2)
+
+
+@pytest.mark.parametrize("scene", ["wall", "tsb1-shaft"])
+def test_settings_of_friction_replace_it_in_both_spellings(scene):
+    """Whether the scene states it or not, and in which spelling."""
+    names = ("effects.friction", "effects.friction.coefficient")
+    for before in ((), *((f"{name}=0.4",) for name in names)):
+        for name in names:
+            case = load_case(scene, [*before, f"{name}=0.5"])
+            assert case.scene.effects.friction.coefficient == 0.5
+            assert case.changed({name: 0.7}).scene.effects.friction.coefficient == 0.7
+    case = load_case(scene, ["effects.friction=0.4", "effects.friction.stick_stiffness=50.0"])
+    assert case.scene.effects.friction.coefficient == 0.4
 
 
 def test_a_problem_can_be_pickled(tube):

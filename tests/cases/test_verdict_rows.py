@@ -80,7 +80,7 @@ def test_a_block_that_only_lies_there_is_held_down_by_its_weight(tmp_path: Path)
 
 def test_a_state_held_by_prestress_is_yellow_and_has_no_pressures(tmp_path: Path) -> None:
     """A cube between two fixed ones needs W / 2 μ from each."""
-    more = "[rigid]\nfriction = 0.5\n"
+    more = "[effects.friction]\ncoefficient = 0.5\n"
     path = cubes(tmp_path, [[0, 0, 0], [100, 0, 0], [200, 0, 0]], [0, 2], more)
     file = load_case(str(path))
     run = solve(file.with_method("rigid"))

@@ -156,7 +156,7 @@ def test_check_and_mbd_say_what_is_wrong(name: str, tmp_path: Path) -> None:
     scene.write_text(
         '[block]\ntype = "mesh"\n[[parts]]\nfile = "arch.obj"\n'
         '[assembly]\nfixed = ["S_left", "S_right"]\n[effects]\ngravity = [0, 0, -9810]\n'
-        "[rigid]\nfriction = 0.7\n",
+        "[effects.friction]\ncoefficient = 0.7\n",
         "utf-8",
     )
     told = _said("check", str(tmp_path / "arch.obj"))

@@ -49,25 +49,6 @@ def test_json_of_mbd_has_the_promised_keys_in_full_precision(tubelock) -> None:
     assert not Path("out").exists()
 
 
-@pytest.mark.parametrize(
-    "word",
-    [
-        *("clearance", "cell", "convergence", "peaks", "combinations", "schema", "studies"),
-        *("repair", "rescue", "explode", "demo", "plot", "solve"),
-    ],
-)
-def test_a_word_that_is_no_command_names_the_one_to_type(tubelock, word) -> None:
-    status, _, error = tubelock(word, "tsb1-pipe")
-    assert (status, error.count("\n")) == (2, 1)
-    first, *rest = error.strip().rstrip("?").partition("did you mean tubelock ")[2].split()
-    status, help_text, _ = tubelock(first, "--help")
-    assert status == 0
-    options = [one.split("=")[0] for one in rest if one.startswith("--")]
-    assert [one for one in options if one not in help_text] == []
-    studies = [one for one in rest if first == "sweep" and one.islower()]
-    assert [tubelock("scenes", "--studies", one)[0] for one in studies] == [0] * len(studies)
-
-
 def test_mbd_writes_pressures_and_picture(tubelock) -> None:
     import meshio
 

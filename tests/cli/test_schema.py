@@ -57,16 +57,7 @@ def test_schema_refuses_what_reading_refuses(
         check_scene(data)
 
 
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("auto", 0.01),
-        ("auto", "1%"),
-        ("auto", True),
-        ("elastic_frame", "auto"),
-        ("friction", {"coefficient": 0.01, "when": "auto"}),
-    ],
-)
+@pytest.mark.parametrize(("key", "value"), [("auto", 0.01), ("friction", 0.4)])
 def test_schema_accepts_the_short_ways_of_writing(
     judge: jsonschema.Draft7Validator, key: str, value: Any
 ) -> None:

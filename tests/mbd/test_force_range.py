@@ -191,7 +191,8 @@ def test_scene_answers_with_ranges_and_sliding(tmp_path: Path) -> None:
     scene.write_text(
         '[block]\ntype = "wall"\nsize = [200, 100, 80]\n[assembly]\ncolumns = 2\nrows = 2\n'
         "[effects]\ngravity = [0, 0, -9810]\n[load]\nacceleration = [981, 0, 0]\n"
-        "[rigid]\nfriction = 0.6\ncollapse = true\nsliding = true\nranges = true\n"
+        "[effects.friction]\ncoefficient = 0.6\n"
+        "[rigid]\ncollapse = true\nsliding = true\nranges = true\n"
     )
     answer = tmp_path / "answer.json"
     status, out, err = command("mbd", str(scene), "--json", str(answer))

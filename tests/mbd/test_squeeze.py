@@ -123,8 +123,8 @@ young_modulus = 33000.0
 poisson_ratio = 0.2
 [effects]
 gravity = [0.0, 0.0, -9810.0]
-[rigid]
-friction = 0.5
+[effects.friction]
+coefficient = 0.5
 """
     )
     write_hex_mesh(tmp_path / "cube.inp", box_block((100.0, 100.0, 100.0), (1, 1, 1)).mesh)

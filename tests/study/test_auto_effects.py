@@ -32,9 +32,14 @@ def numbers(answer: Answer) -> Numbers:
     return Numbers(*(answer[name].value for name in ("p_max", "p_eff", "max_displacement")))
 
 
-def decided(case: Case) -> tuple[Case, EffectsDecision]:
+#: Switches that a scene sets are not decided.
+SWITCHES = [f"effects.{name}=false" for name in ("elastic_frame", "finite_rotation")]
+SWITCHES_IN_TIME = [*SWITCHES, "effects.finite_sliding=false"]
+
+
+def decided(case: Case, *keep: str) -> tuple[Case, EffectsDecision]:
     """The case with what matters and nothing to decide, and the decision."""
-    scene, found = decide_effects(case.scene, case.name)
+    scene, found = decide_effects(case.scene, case.name, keep)
     return case.stating(scene), found
 
 
@@ -91,7 +96,8 @@ def test_finite_rotation_is_estimated_as_explicit_runs_find_it() -> None:
     explicit = ["fem.method='explicit'", "fem.residual=1e-6"]
     # A cap keeps contact soft at this load: without one the answer changes half as much.
     stated = [*COARSE, "load.pressure=3.0", "contact.maximum_stiffness=1000", *explicit]
-    _, found = decided(load_case("tsb1-beam", [*stated, "effects.auto.decide=['finite_rotation']"]))
+    off = ("effects.elastic_frame=false", "effects.finite_sliding=false", "effects.auto=0.01")
+    _, found = decided(load_case("tsb1-beam", [*stated, *off]))
     _, estimated = of(found, "finite_rotation")
     without, with_it = (
         numbers(on_its_mesh("tsb1-beam", [*stated, f"effects.finite_rotation={word}"]))
@@ -109,8 +115,8 @@ def test_damping_does_not_change_the_state_at_rest() -> None:
     # static to 1e-3, the bound of its settling.
     plain = [*COARSE, "fem.method='explicit'", "fem.damping='static'"]
     damped = ["effects.bulk_viscosity={}", "effects.rayleigh.stiffness_proportional=1e-7"]
-    words = "effects.auto.decide=['rayleigh','bulk_viscosity']"
-    case, found = decided(load_case("tsb1-pipe", [*plain, *damped, words]))
+    auto = [*SWITCHES_IN_TIME, "effects.auto=0.01"]
+    case, found = decided(load_case("tsb1-pipe", [*plain, *damped, *auto]))
     assert set(found.left_out) == {"rayleigh", "bulk_viscosity"}
     with_damping, without, bare = (
         on_its_mesh(c)
@@ -124,22 +130,19 @@ def test_damping_does_not_change_the_state_at_rest() -> None:
 def test_damping_stays_in_a_run_that_is_not_driven_to_rest() -> None:
     moving = [*COARSE, "fem.method='explicit'", "fem.damping='paper'", "fem.end_time=1e-3"]
     viscous = [*moving, "effects.bulk_viscosity={}"]
-    with pytest.raises(InputError, match="names rayleigh, which has no value"):
-        decided(load_case("tsb1-pipe", [*viscous, "effects.auto.decide=['rayleigh']"]))
-    _, found = decided(load_case("tsb1-pipe", [*viscous, "effects.auto.decide=['bulk_viscosity']"]))
+    _, found = decided(load_case("tsb1-pipe", [*viscous, *SWITCHES_IN_TIME, "effects.auto=0.01"]))
     assert of(found, "bulk_viscosity") == (True, None)
 
 
 def test_what_is_kept_stays_and_what_is_left_out_leaves_no_bit() -> None:
     small = [*COARSE, "effects.friction.coefficient=1e-4", "effects.elastic_frame=false"]
-    auto = [*small, "effects.auto.tolerance='5%'"]
-    case, found = decided(load_case("tsb1-pipe", auto))
+    stated = load_case("tsb1-pipe", [*small, "effects.auto=0.05"])
+    case, found = decided(stated)
     # Written off stays off, and is not even a candidate.
     assert "elastic_frame" not in {d.effect for d in found.decisions}
     assert of(found, "friction")[0] is False
-    kept = load_case("tsb1-pipe", [*auto, "effects.auto.keep=['friction']"])
-    overruled, also = decided(kept)
-    assert overruled.scene.effects.friction == kept.scene.effects.friction
+    overruled, also = decided(stated, "friction")
+    assert overruled.scene.effects.friction == stated.scene.effects.friction
     assert also.as_written == ("friction",)
     bare, again = on_its_mesh("tsb1-pipe", COARSE), on_its_mesh(case)
     np.testing.assert_array_equal(bare.fields["displacement"], again.fields["displacement"])
@@ -160,46 +163,22 @@ def test_probes_take_a_third_of_the_limit_of_work_and_what_is_dearer_stays_as_wr
     assert "more than a third of the limit of work" in found.words
 
 
-def test_effects_can_be_written_as_auto() -> None:
-    # Only what is written so is decided; its value stays where it is.
-    friction = "effects.friction={coefficient=0.2,when='auto'}"
-    effects = load_case("tsb1-pipe", ["effects.elastic_frame='auto'", friction]).scene.effects
-    assert effects.auto is not None
-    assert set(effects.auto.decide or ()) == {"elastic_frame", "friction"}
-    assert effects.auto.tolerance == 0.01
-    assert effects.friction is not None
-    assert effects.friction.coefficient == 0.2
-    assert not effects.elastic_frame
-    words = ["effects.finite_rotation='auto'", "effects.auto='3%'"]
-    both = load_case("tsb1-pipe", words).scene.effects.auto
-    assert both is not None
-    assert (both.tolerance, both.decide) == (0.03, ("finite_rotation",))
-    assert load_case("tsb1-pipe", ["effects.auto=false"]).scene.effects.auto is None
-    with pytest.raises(InputError, match='expected "auto"'):
-        load_case("tsb1-pipe", ["effects.friction={coefficient=0.2,when='maybe'}"])
-    words = ["effects.elastic_frame='auto'", "effects.auto.keep=['elastic_frame']"]
-    with pytest.raises(InputError, match="in decide and in keep"):
-        load_case("tsb1-pipe", words)
-
-
 def test_effects_that_are_small_alone_but_not_together_are_put_back() -> None:
     # The tolerance is put between the larger change and the sum of both: the larger is simulated.
-    names = "effects.auto.decide=['clearance','elastic_frame']"
-    stated = load_case(
-        "tsb1-pipe", [*COARSE, "contact.clearance=1e-4", "effects.auto.tolerance=0.9", names]
-    )
+    off = ("effects.finite_rotation=false", "effects.auto=0.9")
+    stated = load_case("tsb1-pipe", [*COARSE, "contact.clearance=1e-4", *off])
     _, wide = decided(stated)
     sizes = [d.change.largest for d in wide.decisions if d.change is not None]
     assert len(wide.left_out) == 2
     tolerance = 0.5 * (max(sizes) + sum(sizes))
-    _, found = decided(stated.changed({"effects.auto.tolerance": tolerance}))
+    _, found = decided(stated.changed({"effects.auto": tolerance}))
     assert len(found.left_out) == 1
     assert of(found, found.left_out[0])[1].largest == pytest.approx(min(sizes))
     assert "too much together" in " ".join(d.reason for d in found.decisions if d.simulated)
 
 
-def test_sliding_that_matters_is_part_of_the_static_run() -> None:
-    auto = ["load.pressure=3.0", "effects.auto='0.5%'", "effects.finite_sliding='auto'"]
+def test_sliding_that_matters_is_part_of_the_explicit_run() -> None:
+    auto = ["load.pressure=3.0", "effects.auto=0.005", "fem.method='explicit'", *SWITCHES]
     case, found = decided(load_case("tsb1-beam", [*COARSE, *auto]))
     assert case.scene.effects.finite_sliding
     assert "of a facet" in found.decisions[0].reason
@@ -207,8 +186,7 @@ def test_sliding_that_matters_is_part_of_the_static_run() -> None:
 
 def test_finite_rotation_that_matters_is_part_of_the_static_run() -> None:
     opened = [*COARSE, "contact.clearance=0.1", "effects.elastic_frame=false"]
-    auto = ("effects.auto.tolerance='0.05%'", "effects.auto.decide=['finite_rotation']")
-    case, found = decided(load_case("tsb1-pipe", [*opened, *auto]))
+    case, found = decided(load_case("tsb1-pipe", [*opened, "effects.auto=0.0005"]), "clearance")
     assert case.scene.effects.finite_rotation is True
     (decision,) = found.decisions
     assert decision.change is not None
@@ -270,7 +248,7 @@ def test_command_line_keeps_what_it_is_told(tmp_path: Path) -> None:
 
 
 def test_meshes_that_do_not_match_are_probed() -> None:
-    _, found = decided(load_case("column-nonmatching"))
+    _, found = decided(load_case("column-nonmatching", ["effects.auto=0.01"]))
     (sliding,) = (d for d in found.decisions if d.effect == "finite_sliding")
     assert sliding.simulated
     assert "do not match" in sliding.reason

@@ -75,7 +75,8 @@ friction = 0.1
 
 def frictionless_answer(scene: Path) -> dict[str, Any]:
     """What ``tubelock fem`` writes where it finds that friction changes less than 99 %."""
-    auto = ("--auto", "99%", "--set", "effects.auto.decide=['friction']")
+    switches = (f"effects.{name}=false" for name in ("elastic_frame", "finite_rotation"))
+    auto = ("--auto", "99%", *(word for one in switches for word in ("--set", one)))
     on_its_mesh = ("--set", "fem.method=static", "--set", "fem.mesh=scene")
     path = scene.with_suffix(".json")
     status, said, wrong = command("fem", str(scene), *on_its_mesh, *auto, "--json", str(path))

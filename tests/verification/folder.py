@@ -167,7 +167,7 @@ def _scene(path: Path, units: str) -> str:
     return (
         f'[block]\ntype = "mesh"\nunits = "{units}"\n[[parts]]\nfile = "{path.resolve()}"\n'
         f"{fixed}[effects]\ngravity = [0.0, 0.0, -9810.0]\n"
-        "[effects.friction]\ncoefficient = 0.6\n[rigid]\nfriction = 0.6\n"
+        "[effects.friction]\ncoefficient = 0.6\n"
         '[mesh]\ndivisions = 2\n[fem]\nmesh = "scene"\nerror_estimate = false\n'
     )
 

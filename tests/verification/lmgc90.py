@@ -47,7 +47,7 @@ def analysed(path: Path) -> Answer:
             f'[block]\ntype = "mesh"\nunits = "m"\n[[parts]]\nfile = "{path.resolve()}"\n'
             "[material]\nyoung_modulus = 20000.0\npoisson_ratio = 0.2\n"
             f"density = {DENSITY}\n[effects]\ngravity = [0.0, 0.0, -9810.0]\n"
-            f"[rigid]\nfriction = {FRICTION}\nranges = true\n",
+            f"[effects.friction]\ncoefficient = {FRICTION}\n[rigid]\nranges = true\n",
             "utf-8",
         )
         run = solve(load_case(str(scene), method="rigid"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import gc
 from collections.abc import Callable
 from functools import cache
@@ -15,42 +16,6 @@ from typer.core import TyperCommand, TyperGroup
 from validation.cli import compare, cost, decks, fem, paper, rigid, robustness, scenes, study
 from validation.cli.options import command
 from validation.errors import InputError, places_of, run_command
-
-#: What answers a word that is no command: what people try first, and commands of earlier versions.
-_MEANT = {
-    "rigid": "mbd",
-    "static": "fem",
-    "explicit": "fem",
-    "run": "fem",
-    "solve": "fem",
-    "plot": "show",
-    "list": "scenes",
-    "abaqus": "export",
-    "import": "deck",
-    "explode": "mbd SCENE --disassemble",
-    "combinations": "fem SCENE --combinations (rigid blocks: mbd)",
-    "clearance": "sweep clearance",
-    "peaks": "sweep degrees",
-    "cell": 'fem SCENE --set fem.symmetry="periodic cell"',
-    "convergence": "stability --only orders",
-    "schema": "scenes --schema",
-    "studies": "scenes --studies",
-    "rescue": "sweep STUDY",
-    "repair": "check FILE --repair NEW.obj",
-    "demo": "reproduce tables",
-}
-
-
-class Group(TyperGroup):
-    """Commands, some of which have a name that a person tries first."""
-
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Find the command, or name the one that was meant."""
-        if args and args[0] in _MEANT and args[0] not in self.commands:
-            raise InputError(
-                f"tubelock {args[0]}: no such command; did you mean tubelock {_MEANT[args[0]]}?"
-            )
-        return super().resolve_command(ctx, args)
 
 
 class Command(TyperCommand):
@@ -92,8 +57,16 @@ _EPILOG = (
 )
 
 
-class _Grouped(Group):
-    """A group of commands whose help lists them by subject."""
+class _Group(TyperGroup):
+    """Commands, listed by subject in the help."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command, or name the nearest one."""
+        if args and args[0] not in self.commands:
+            near = difflib.get_close_matches(args[0], self.commands, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"expected {', '.join(self.commands)}"
+            raise InputError(f"{args[0]}: no such command; {hint}")
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write one section for each subject, in the order of the commands."""
@@ -110,14 +83,14 @@ class _Grouped(Group):
 
 app = typer.Typer(
     name="tubelock",
-    cls=_Grouped,
+    cls=_Group,
     help=_HELP,
     epilog=_EPILOG,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-reproduce = typer.Typer()
+reproduce = typer.Typer(cls=_Group)
 
 #: Commands by subject, in the order of ``tubelock --help``.
 _COMMANDS: dict[str, dict[str, Callable[..., None]]] = {

@@ -48,7 +48,7 @@ def compare(
         if checked.effects.auto is not None:
             from validation.study.effects.report import decided
 
-            checked, decision = decided(checked, file.name, outputs.console)
+            checked, decision = decided(checked, file.name, outputs.console, keep or ())
             added["effects_decision"] = decision.as_json()
         refuse_cell(checked, file.name, "compare")
         comparable_problem(checked, file.name)

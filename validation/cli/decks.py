@@ -126,10 +126,7 @@ def check(
         ),
     ] = None,
 ) -> None:
-    """Check a file of blocks, or those of a scene: faults, overlaps, gaps; repair a file.
-
-    Of a scene of an earlier version, print the file as this version has it.
-    """
+    """Check a file of blocks, or those of a scene: faults, overlaps, gaps; repair a file."""
     from validation.output.outputs import Outputs
     from validation.output.progress import following
     from validation.output.solids import check_file, write_repaired
@@ -160,31 +157,21 @@ def check(
 
 
 def _check_scene(file: Path, json: str | None) -> None:
-    """Check a scene and the blocks of its files.
-
-    It is printed anew where its keys are those of an earlier version.
-    """
+    """Check a scene and the blocks of its files."""
     from validation.case import load_case
     from validation.output.outputs import Outputs
     from validation.output.solids import check_parts
-    from validation.scene.earlier import check_earlier
     from validation.scene.families.mesh import MeshScene
 
     with Outputs(json, reads=(file,), exit_line=False) as outputs:
-        found = check_earlier(file)
-        case = None if found.changes else load_case(str(file))
-        blocks = None
-        if case is not None and isinstance(case.scene, MeshScene):
+        case, blocks = load_case(str(file)), None
+        if isinstance(case.scene, MeshScene):
             blocks = check_parts(case.scene, case.folder, file)
             outputs.console.print(blocks.table())
-        if found.changes:
-            lines = [found.text.rstrip(), "", *(f"# Changed: {words}" for words in found.changes)]
-            outputs.console.out("\n".join(lines), highlight=False)
-        else:
-            outputs.say("scene", file)
-        data = {"changes": list(found.changes), "scene": found.data}
-        outputs.write_json(data | ({} if blocks is None else blocks.as_dict()))
-    if found.changes or not (blocks is None or blocks.clean):
+        outputs.say("scene", file)
+        found = {} if blocks is None else blocks.as_dict()
+        outputs.write_json({"scene": case.keys, **found})
+    if not (blocks is None or blocks.clean):
         raise typer.Exit(1)
 
 

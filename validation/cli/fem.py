@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -99,7 +100,7 @@ def fem(
     if resume is not None and not _goes_on(resume, written):
         written.reads = (resume,)
     with written as outputs:
-        case, added = _decided(case, outputs)
+        case, added = _decided(case, outputs, keep or ())
         answer = _solved(case, outputs, resume).with_report(added)
         outputs.show(run_table(answer))
         outputs.tell_keys()
@@ -126,13 +127,13 @@ def _goes_on(resume: Path, outputs: Outputs) -> bool:
     return kept is not None and resume.resolve() == (kept / CHECKPOINT).resolve()
 
 
-def _decided(case: Case, outputs: Outputs) -> tuple[Case, dict[str, Any]]:
+def _decided(case: Case, outputs: Outputs, keep: Sequence[str]) -> tuple[Case, dict[str, Any]]:
     """The case with its effects decided where it leaves that to the program."""
     if case.scene.effects.auto is None:
         return case, {}
     from validation.study.effects.report import decided
 
-    scene, decision = decided(case.scene, case.name, outputs.console)
+    scene, decision = decided(case.scene, case.name, outputs.console, keep)
     return case.stating(scene), {"effects_decision": decision.as_json()}
 
 

@@ -199,38 +199,12 @@ def parse_share(value: object) -> float | None:
     return share if 0.0 < share < 1.0 and not isinstance(value, bool) else None
 
 
-class AutoSection(Section):
-    """``[effects.auto]``: disable effects whose influence is below a tolerance."""
-
-    tolerance: Annotated[float, Field(gt=0, lt=1)] = 0.01
-    """Relative change of p_max, p_eff and the largest displacement [-]; also "1%"."""
-    decide: tuple[EffectName, ...] | None = None
-    """Candidates; by default every effect with a value, and switches that the scene does not
-    set."""
-    keep: tuple[EffectName, ...] = ()
-    """Effects that do not change."""
-
-    @field_validator("tolerance", mode="before")
-    @classmethod
-    def _share(cls, value: object) -> object:
-        share = parse_share(value)
-        return value if share is None else share
-
-    @model_validator(mode="after")
-    def _either_or(self) -> AutoSection:
-        both = set(self.decide or ()) & set(self.keep)
-        if both:
-            raise ValueError(
-                f"effects.auto: {', '.join(sorted(both))} is in decide and in keep; expected one"
-            )
-        return self
-
-
 class EffectsSection(Section):
     """``[effects]``: unlisted effects are inactive."""
 
-    auto: AutoSection | None = None
-    """Disable negligible effects before the run; ``auto = 0.01`` sets the tolerance."""
+    auto: Annotated[float, Field(gt=0, lt=1)] | None = None
+    """Share of p_max, p_eff and the largest displacement [-]; effects that change them by less are
+    left out of the run."""
 
     rayleigh: RayleighSection | None = None
     bulk_viscosity: BulkViscositySection | None = None
@@ -245,49 +219,20 @@ class EffectsSection(Section):
     """Blocks of the boundary ring deform and are fixed at their outer faces; otherwise they are
     rigid."""
 
-    @model_validator(mode="before")
+    @field_validator("friction", mode="before")
     @classmethod
-    def _written_as_auto(cls, data: Any) -> Any:
-        """Read ``auto = 0.01``, ``elastic_frame = "auto"`` and ``when = "auto"`` beside values."""
-        if not isinstance(data, dict):
-            return data
-        data = dict(data)
-        given = data.get("auto")
-        if isinstance(given, bool):
-            given = {} if given else None
-        elif isinstance(given, int | float | str):
-            given = {"tolerance": given}
-        if isinstance(data.get("friction"), int | float | str) and data["friction"] != "auto":
-            data["friction"] = {"coefficient": data["friction"]}
-        named = []
-        for key, value in list(data.items()):
-            if key in set(EffectName) and value == "auto":
-                named.append(key)
-                del data[key]
-            elif key in set(EffectName) and isinstance(value, dict) and "when" in value:
-                if value["when"] != "auto":
-                    raise ValueError(f'{key}.when: got {value["when"]!r}; expected "auto"')
-                named.append(key)
-                data[key] = {k: v for k, v in value.items() if k != "when"}
-        if named:
-            given = dict(given or {}) if isinstance(given, dict | None) else given
-            if isinstance(given, dict):
-                given["decide"] = [*(given.get("decide") or ()), *named]
-        data["auto"] = given
-        return data
+    def _by_its_coefficient(cls, value: Any) -> Any:
+        """Read ``friction = 0.4``."""
+        return {"coefficient": value} if isinstance(value, int | float | str) else value
 
     @classmethod
     def __get_pydantic_json_schema__(
         cls, core: Any, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """Add the short ways of writing to the schema that editors use."""
+        """Accept a coefficient in place of the section of friction."""
         result = handler.resolve_ref_schema(handler(core))
         keys = result["properties"]
-        when = {"type": "object", "required": ["when"], "properties": {"when": {"const": "auto"}}}
-        for name in set(EffectName) & set(keys):
-            keys[name] = {"anyOf": [keys[name], {"const": "auto"}, when]}
         keys["friction"] = {"anyOf": [keys["friction"], {"type": ["number", "string"]}]}
-        keys["auto"] = {"anyOf": [keys["auto"], {"type": ["number", "string", "boolean"]}]}
         return result
 
 
@@ -392,27 +337,6 @@ class DeformableSections(WholeScene):
     """``[[loads]]``: on parts of the surfaces, along edges, on single blocks."""
     combinations: dict[str, dict[str, Finite]] = Field(default_factory=dict)
     """``[combinations.NAME]``: factors of loads by name; `fem --combinations` solves them."""
-
-    @model_validator(mode="after")
-    def _one_friction(self) -> Self:
-        """Read ``rigid.friction`` as ``effects.friction``, which holds for every method."""
-        given, effects = self.rigid.friction, self.effects
-        if given is None:
-            return self
-        stated = effects.friction
-        if stated is not None and stated.coefficient != given:
-            raise ValueError(
-                f"rigid.friction: got {given:g} beside effects.friction = {stated.coefficient:g}; "
-                "expected one of the two: effects.friction holds for every method"
-            )
-        if stated is None and given:
-            effects = effects.changed({"friction": FrictionSection(coefficient=given)})
-        others = {key: self.rigid.__dict__[key] for key in self.rigid.model_fields_set}
-        del others["friction"]
-        object.__setattr__(self, "effects", effects)
-        object.__setattr__(self, "rigid", RigidSection(**others))
-        self.model_fields_set.add("effects")  # copies have it too
-        return self
 
     @field_validator("combinations", mode="before")
     @classmethod

@@ -84,8 +84,8 @@ def apply_overrides(data: Mapping[str, Any], overrides: Iterable[str]) -> dict[s
             raise InputError(
                 f"--set {override}: expected section.key=value, e.g. --set assembly.layers=4"
             )
-        if keys[:2] in (["rigid", "friction"], ["effects", "friction"]):
-            keys = _keys_of_friction(result, keys, value)
+        if keys[:2] == ["effects", "friction"] and len(keys) > 2:
+            _open_friction(result.get("effects"))
         target = result
         for key in keys[:-1]:
             inner = target.setdefault(key, {})
@@ -97,26 +97,11 @@ def apply_overrides(data: Mapping[str, Any], overrides: Iterable[str]) -> dict[s
     return result
 
 
-def _keys_of_friction(data: dict[str, Any], keys: list[str], value: Any) -> list[str]:
-    """Where a value of friction is set: in its one statement, a section where a part of it is set.
-
-    ``rigid.friction = 0`` is none.
-    """
-    effects, rigid = data.get("effects", {}), data.get("rigid", {})
-    if not isinstance(effects, dict) or not isinstance(rigid, dict):
-        return keys
-    stated = effects.get("friction")
-    if keys[0] == "rigid":
-        if stated is None or value == 0:
-            effects.pop("friction", None)
-            return keys
-        keys = ["effects", "friction", "coefficient"]
-    old = rigid.pop("friction", None)
-    stated = old if stated is None else stated
-    if len(keys) > 2 and isinstance(stated, int | float | str) and stated != "auto":
+def _open_friction(effects: Any) -> None:
+    """Write ``friction = 0.4`` as a section, a part of which can be set."""
+    stated = effects.get("friction") if isinstance(effects, dict) else None
+    if isinstance(stated, int | float | str):
         effects["friction"] = {"coefficient": stated}
-        data["effects"] = effects
-    return keys
 
 
 def _drop_keys_of_replaced_method(before: Any, after: Any) -> None:

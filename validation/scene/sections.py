@@ -22,7 +22,7 @@ from geometry.loads import CASES
 from geometry.parts.options import option_fields
 from mbd.options import Rigid
 from validation.errors import InputError, one_line
-from validation.scene.keys.docstrings import FRICTION, PRESSURE, field_docstrings, leaves
+from validation.scene.keys.docstrings import PRESSURE, field_docstrings, leaves
 from validation.scene.keys.quantities import Unit, converted, parse_unit, unit_of
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -230,13 +230,10 @@ _RigidKeys: Any = section_of(Rigid)
 class RigidSection(_RigidKeys):  # type: ignore[misc]
     """``[rigid]``: rigid-block analysis."""
 
-    friction: Annotated[NonNegative | None, NoAngle, FRICTION] = None
-    """Coefficient of friction μ: asks whether the load can be carried with Coulomb friction."""
-
     @property
     def method(self) -> Rigid:
         """The method itself."""
-        return Rigid(**self.model_dump(exclude={"friction"}))
+        return Rigid(**self.model_dump())
 
 
 class PlausibilitySection(Section):

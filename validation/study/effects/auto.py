@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -32,7 +32,7 @@ from validation.run.probe import (
     probe_scene,
     solve_probe,
 )
-from validation.scene.deformable import AutoSection, EffectName, Method
+from validation.scene.deformable import EffectName, Method
 from validation.scene.family import AssemblyScene
 from validation.scene.read import DeformableScene
 
@@ -135,20 +135,12 @@ def without_effect(scene: DeformableScene, effect: EffectName) -> DeformableScen
     return scene.changed({f"effects.{effect}": False if effect in _SWITCHES else None})
 
 
-def candidates(scene: DeformableScene, name: str, auto: AutoSection) -> tuple[EffectName, ...]:
-    """Return the effects to decide."""
-    if auto.decide is not None:
-        for effect in auto.decide:
-            if effect not in _SWITCHES and not has_effect(scene, effect):
-                raise InputError(
-                    f"{name}: effects.auto.decide names {effect}, which has no value in the scene; "
-                    "expected its value beside it, or another list"
-                )
-        return auto.decide
+def candidates(scene: DeformableScene, keep: Collection[str]) -> tuple[EffectName, ...]:
+    """Effects to decide: those with a value, and switches that the scene does not set."""
     explicit = scene.fem.method is Method.EXPLICIT
     result = []
     for effect in EffectName:
-        if effect in auto.keep:
+        if effect in keep:
             continue
         if effect in _SWITCHES:
             written = effect in scene.effects.model_fields_set
@@ -186,38 +178,41 @@ def require_wider(scene: DeformableScene, name: str) -> None:
         return
     least = min(accuracy, key=lambda measure: accuracy[measure])
     share = f"{100 * accuracy[least]:g}%"
-    if auto.tolerance > accuracy[least]:
+    if auto > accuracy[least]:
         raise InputError(
             f"{name}: fem.accuracy: got {least}={share} where effects may be left out that change "
-            f"{100 * auto.tolerance:g} %; expected --auto of at most {share}"
+            f"{100 * auto:g} %; expected --auto of at most {share}"
         )
 
 
 def decide_effects(
     scene: DeformableScene,
     name: str,
+    keep: Collection[str] = (),
     *,
     told: Callable[[str], None] | None = None,
 ) -> tuple[DeformableScene, EffectsDecision]:
     """Decide which effects of a scene with ``effects.auto`` matter, and tell what is probed next.
 
-    Returns the scene with what matters and nothing to decide, and the decision.
+    Effects to keep are not decided. Returns the scene with what matters and nothing to decide, and
+    the decision.
     """
-    auto = scene.effects.auto or AutoSection()
+    tolerance = scene.effects.auto
+    assert tolerance is not None
     plain = scene.changed({"effects.auto": None})
     fem_section(plain, name)
     require_wider(scene, name)
-    names = candidates(plain, name, auto)
+    names = candidates(plain, keep)
     start = time.process_time()
     probe = _Probe(plain, name, names, told or (lambda _: None))
-    result = _together([probe.decision(effect) for effect in names], auto.tolerance)
+    result = _together([probe.decision(effect) for effect in names], tolerance)
     decided = plain
     for decision in result:
         change = with_effect if decision.simulated else without_effect
         if decision.simulated is not has_effect(plain, decision.effect):
             decided = change(decided, decision.effect)
     return decided, EffectsDecision(
-        tolerance=auto.tolerance,
+        tolerance=tolerance,
         decisions=result,
         as_written=tuple(e for e in EffectName if e not in names and has_effect(plain, e)),
         probe=f"static, {mesh_words(probe.scene)}",

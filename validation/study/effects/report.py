@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +22,11 @@ PICTURE = "effects.png"
 
 
 def decided(
-    scene: DeformableScene, name: str, console: Console
+    scene: DeformableScene, name: str, console: Console, keep: Collection[str] = ()
 ) -> tuple[DeformableScene, EffectsDecision]:
-    """Scene with the effects that matter, and the decision that it asks for; printed."""
+    """Scene with the effects that matter or are kept, and the decision; printed."""
     with following(f"{name}: which effects matter") as follow:
-        scene, decision = decide_effects(scene, name, told=follow)
+        scene, decision = decide_effects(scene, name, keep, told=follow)
     console.print(decision.words)
     return scene, decision
 
@@ -34,7 +34,7 @@ def decided(
 def bound(scene: DeformableScene, tolerance: str | None) -> float:
     """Change beyond which an effect matters: as asked, as ``effects.auto`` says, or 1 %."""
     if tolerance is None:
-        return TOLERANCE if scene.effects.auto is None else scene.effects.auto.tolerance
+        return scene.effects.auto or TOLERANCE
     share = parse_share(tolerance)
     if share is None:
         raise InputError(
