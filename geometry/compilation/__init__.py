@@ -1,4 +1,4 @@
-"""Compiled functions: made or loaded when the first one is called, kept by their content.
+"""Compiled functions: made or loaded when the first one is called.
 
 The compiler takes a second to load; a program that calls no compiled function does not wait for it.
 """
@@ -6,10 +6,12 @@ The compiler takes a second to load; a program that calls no compiled function d
 from __future__ import annotations
 
 import functools
+import time
 from collections.abc import Callable
 from typing import Any
 
-import geometry.compilation.started  # noqa: F401 - now, before any kernel
+#: When the first kernels were read [s since the epoch]: sources that are newer are not what runs.
+STARTED = time.time()
 
 
 class Kernel:
@@ -26,12 +28,14 @@ class Kernel:
         """What numba makes of the function; in its place wherever numba meets it."""
         import numba
 
-        from geometry.compilation.cache import KernelCache
+        from geometry.compilation.compiler import KernelCache, folder_of
 
         result = numba.njit(**self._options)(self._function)
         # Absent where compilation is disabled.
         if self._cached and hasattr(result, "targetoptions"):
-            result._cache = KernelCache(self._function, result.targetoptions)
+            folder = folder_of(self._function.__module__)
+            if folder is not None:
+                result._cache = KernelCache(self._function, result.targetoptions, folder)
         return result
 
     def __call__(self, *arguments: Any) -> Any:
@@ -48,6 +52,12 @@ class Kernel:
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """`numba.njit`; with ``cache=True`` the machine code is kept in a `KernelCache`."""
+    """`numba.njit`; with ``cache=True`` machine code is kept: of a function without a closure."""
     cached = options.pop("cache", False)
-    return lambda function: Kernel(function, options, cached=cached)
+
+    def kernel(function: Callable[..., Any]) -> Kernel:
+        # Functions of one factory differ in nothing by which code is kept.
+        assert not (cached and function.__closure__)
+        return Kernel(function, options, cached=cached)
+
+    return kernel

@@ -18,7 +18,6 @@ import hashlib
 import json
 import math
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -40,8 +39,10 @@ _LEFT_OUT = {
     *("element_updates_per_cpu_second", "bytes_per_block", "state_mb", "remarks", "memory"),
     "eccentricity",
 }
+#: Compiled code of all trees, by their sources.
+KERNELS = ROOT / "out" / "kernels"
 #: With more threads linear algebra sums in an order that changes from run to run.
-_ALONE = {"OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
+_ALONE = {"OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg", "NUMBA_CACHE_DIR": str(KERNELS)}
 #: CPU times that differ by more are marked [-].
 _CPU = 0.1
 
@@ -174,7 +175,7 @@ def command(*words: str) -> None:
 
 def runs(name: str, trees: Sequence[Path]) -> list[dict[str, Any]]:
     """The same in each tree at the same time, again where machine code was compiled."""
-    kernels = [len(list(tree.rglob("*.kernel"))) for tree in trees]
+    kernels = len(list(KERNELS.rglob("*")))
     with contextlib.ExitStack() as stack:
         folders = [Path(stack.enter_context(TemporaryDirectory())) for _ in trees]
         begun = [
@@ -194,7 +195,7 @@ def runs(name: str, trees: Sequence[Path]) -> list[dict[str, Any]]:
             out, errors = run.communicate()
             last = errors.strip().splitlines()[-1:] or ["no answer"]
             results.append({"failed": last[0]} if run.returncode else json.loads(out))
-    if [len(list(tree.rglob("*.kernel"))) for tree in trees] != kernels:
+    if len(list(KERNELS.rglob("*"))) != kernels:
         return runs(name, trees)
     return results
 
@@ -284,7 +285,7 @@ def compared(name: str, trees: Sequence[Path]) -> bool:
 
 @contextlib.contextmanager
 def checked_out(commit: str | None) -> Iterator[Path]:
-    """Folder of a commit with the machine code that is here already; None: the working tree."""
+    """Folder of a commit; None: the working tree."""
     if commit is None:
         yield ROOT
         return
@@ -293,11 +294,6 @@ def checked_out(commit: str | None) -> Iterator[Path]:
         git = ["git", "-C", str(ROOT), "worktree"]
         subprocess.run([*git, "add", "--quiet", "--detach", str(tree), commit], check=True)
         try:
-            for package in PACKAGES:
-                for file in (ROOT / package).rglob("*.kernel"):
-                    there = tree / file.relative_to(ROOT)
-                    there.parent.mkdir(parents=True, exist_ok=True)
-                    shutil.copy(file, there)
             yield tree
         finally:
             subprocess.run([*git, "remove", "--force", str(tree)], check=True)

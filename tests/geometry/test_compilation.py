@@ -1,8 +1,8 @@
 """Compiled code that is kept is that of the sources in the tree, whatever ran before."""
 
+import ast
+import importlib
 import os
-import shutil
-import stat
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -11,32 +11,31 @@ from pathlib import Path
 import pytest
 
 from geometry.compilation import njit
-from geometry.compilation.cache import KernelCache, source_digest
 from geometry.compilation.clocks import compiling, stages, summed
 
 ROOT = Path(__file__).parents[2]
-CHOICES = ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")
 
 FILES = {
     "pack/__init__.py": "",
     "pack/constants.py": "OPTIONS = {'error_model': 'numpy'}\nFACTOR = 2.0\n",
     "pack/helper.py": (
-        "from geometry.compilation import njit\nfrom .constants import FACTOR, OPTIONS\n"
-        "@njit(**OPTIONS)\ndef scaled(x):\n    return FACTOR * x\n"
+        "from geometry.compilation import njit\nfrom pack.constants import (\n    FACTOR,\n"
+        "    OPTIONS,\n)\n@njit(**OPTIONS)\ndef scaled(x):\n    return FACTOR * x\n"
     ),
     "pack/kernel.py": (
-        "from geometry.compilation import njit\nfrom pack.helper import scaled\n"
-        "from numba import prange\n"
-        "@njit(cache=True)\ndef total(n):\n"
-        "    s = 0.0\n    for i in prange(n):\n        s += scaled(1.0)\n    return s\n"
-        "serial = total\n"
-        "@njit(cache=True, parallel=True)\ndef total(n):\n"
-        "    s = 0.0\n    for i in prange(n):\n        s += scaled(1.0)\n    return s\n"
+        "from geometry.compilation import njit\nfrom pack import (\n    helper,\n)\n"
+        "from numba import prange\nscaled = helper.scaled\n"
+        "def total(x):\n"
+        "    s = 0.0 * x\n    for i in prange(3):\n        s += scaled(x)\n    return s\n"
+        "serial = njit(cache=True)(total)\n"
+        "parallel = njit(cache=True, parallel=True)(total)\n"
     ),
 }
+#: Both sums, and how many forms were loaded that another process had compiled.
 RUN = (
-    "from pack.kernel import serial, total\n"
-    "print(serial(3), total(3), sum(f._cache_hits.total() for f in (serial, total)))"
+    "import sys\nfrom pack.kernel import serial, parallel\n"
+    "number = eval(sys.argv[1])\nprint(serial(number), parallel(number), "
+    "sum(f._cache_hits.total() for f in (serial, parallel)))"
 )
 
 
@@ -49,14 +48,15 @@ def package(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def run(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run the kernel in a new process; source files are read, never yesterday's bytecode."""
+def run(folder: Path, number: str = "1.0", **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run both forms in a new process; source files are read, never yesterday's bytecode."""
     return subprocess.run(
-        [sys.executable, "-c", RUN],
+        [sys.executable, "-c", RUN, number],
         env={
-            **{k: v for k, v in os.environ.items() if k not in CHOICES},
+            **os.environ,
             "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)]),
             "PYTHONDONTWRITEBYTECODE": "1",
+            "NUMBA_CACHE_DIR": str(folder / "kept"),
             **environment,
         },
         capture_output=True,
@@ -65,28 +65,105 @@ def run(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_processes_that_start_together_compile_each_form_once(package: Path) -> None:
-    """Both forms are loaded by the process that came second; they were compiled by both."""
-    with ThreadPoolExecutor() as pool:
-        together = list(pool.map(lambda _: run(package).stdout.split(), range(2)))
-    assert [answer[:2] for answer in together] == [["6.0", "6.0"]] * 2
-    assert sum(int(answer[2]) for answer in together) == 2
-    assert not list(package.rglob("*.lock"))
+def folders(package: Path) -> list[Path]:
+    return sorted((package / "kept").iterdir())
 
 
-def kernels(folder: Path) -> list[Path]:
-    return sorted(folder.rglob("*.kernel"))
-
-
-def test_an_edit_of_a_helpers_constant_changes_the_answer(package: Path) -> None:
-    """The kernel's own file stays as it is; with numba's cache both runs gave 6."""
+def test_a_change_of_any_source_changes_the_folder_and_the_answer(package: Path) -> None:
+    """The kernel's own file stays as it is; with numba's own folders all runs gave 6."""
     assert run(package).stdout.split() == ["6.0", "6.0", "0"]
     assert run(package).stdout.split() == ["6.0", "6.0", "2"]
+    (before,) = folders(package)
     constants = package / "pack" / "constants.py"
     constants.write_text(constants.read_text().replace("FACTOR = 2.0", "FACTOR = 5.0"))
+    os.utime(before, (0, 0))  # used last in 1970
     assert run(package).stdout.split() == ["15.0", "15.0", "0"]
-    # Nothing will ask for the code of the older sources: one file for each of the two forms.
-    assert len(kernels(package)) == 2
+    (after,) = folders(package)
+    assert after != before
+
+
+def test_processes_that_start_together_all_answer(package: Path) -> None:
+    """Each compiles for another type, and adds its code to the same index."""
+    answers = {"1.0": ["6.0", "6.0"], "1j": ["6j", "6j"]}
+    for _ in range(2):
+        with ThreadPoolExecutor() as pool:
+            given = list(pool.map(lambda number: run(package, number).stdout.split(), answers))
+        assert [words[:2] for words in given] == [*answers.values()]
+
+
+def test_an_index_that_two_processes_write_leads_to_no_code_of_another_form(tmp_path: Path) -> None:
+    """Both read it, both write it, and the first to write it writes its code last."""
+    from geometry.compilation.compiler import KernelCache
+
+    kernel = njit()(lambda x: x + x)
+    assert (kernel(1.0), kernel(1)) == (2.0, 2)
+    forms = list(kernel.overloads.values())
+    first, second, third = (KernelCache(kernel.py_func, {}, tmp_path) for _ in range(3))
+    write = first._files._save_data
+
+    def write_last(*given: object) -> None:
+        second.save_overload(forms[1].signature, forms[1])
+        write(*given)
+
+    first._files._save_data = write_last
+    second._files._load_index = dict
+    first.save_overload(forms[0].signature, forms[0])
+    loaded = [third.load_overload(form.signature, kernel.targetctx) for form in forms]
+    assert loaded[0] is None
+    assert loaded[1].signature == forms[1].signature
+
+
+def test_where_nothing_can_be_written_every_run_compiles_and_says_so(package: Path) -> None:
+    """A file in the place of a folder: no one can write there, a superuser neither."""
+    (package / "kept").write_text("")
+    for _ in range(2):
+        answer = run(package)
+        assert answer.stdout.split() == ["6.0", "6.0", "0"]
+        assert answer.stderr.count("every run compiles anew") == 1
+        assert len(answer.stderr.splitlines()) == 1
+
+
+def test_damaged_files_are_compiled_anew(package: Path) -> None:
+    run(package)
+    for file in folders(package)[0].glob("*.nbc"):
+        file.write_bytes(b"")
+    assert run(package).stdout.split() == ["6.0", "6.0", "0"]
+    assert run(package).stdout.split() == ["6.0", "6.0", "2"]
+
+
+def imported(file: Path) -> set[str]:
+    """Modules and names that a file imports when it is read itself."""
+    names = set()
+    for node in ast.parse(file.read_text("utf-8")).body:
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, file
+            names |= {node.module or "", *(f"{node.module}.{a.name}" for a in node.names)}
+    return names
+
+
+def test_every_kernel_of_the_program_has_all_that_it_imports_in_the_name_of_its_folder() -> None:
+    """The files are found by the words of their imports; here by those of the language."""
+    from geometry.compilation.compiler import sources
+
+    kernels = []
+    for file in (*ROOT.glob("geometry/**/*.py"), *ROOT.glob("fem/**/*.py")):
+        if "geometry.compilation" not in imported(file):
+            continue
+        module = ".".join(file.relative_to(ROOT).with_suffix("").parts)
+        importlib.import_module(module)
+        kernels.append(module)
+        found = sources(module)
+        assert found[module] == file
+        for source in found.values():
+            for name in imported(source):
+                ours = name.partition(".")[0] in {"geometry", module.partition(".")[0]}
+                assert not ours or name in found or name not in sys.modules, (module, name)
+    assert "fem.explicit.contact.paired_kernel" in kernels
+    law = "fem.contact.law"
+    assert law in sources("fem.explicit.contact.sliding_kernel")
+    assert law not in sources("geometry.polyhedra.triangle_kernels")
 
 
 CLOSURES = """
@@ -149,85 +226,15 @@ def test_code_of_two_processes_is_not_mixed(tmp_path: Path) -> None:
     """
     file = tmp_path / "closures.py"
     file.write_text(CLOSURES)
-    environment = {k: v for k, v in os.environ.items() if k not in CHOICES}
-    environment |= {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)]),
+        "NUMBA_CACHE_DIR": str(tmp_path / "kept"),
+    }
     answers = {"ascending": "ascending 2 2 3 3", "descending": "descending 3 3 2 2"}
     for names in (["ascending"], ["descending"], [*answers]):
         command = [sys.executable, str(file), *names]
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
         assert done.stdout.splitlines() == [answers[name] for name in names]
-
-
-def test_damaged_files_are_compiled_anew(package: Path) -> None:
-    run(package)
-    files = kernels(package)
-    flipped = bytearray(files[0].read_bytes())
-    flipped[len(flipped) // 2] ^= 1
-    files[0].write_bytes(flipped)
-    files[1].write_bytes(b"")
-    assert run(package).stdout.split() == ["6.0", "6.0", "0"]
-    assert run(package).stdout.split() == ["6.0", "6.0", "2"]
-
-
-def test_where_nothing_can_be_written_beside_the_program_code_is_kept_elsewhere(
-    package: Path, tmp_path: Path
-) -> None:
-    """A file in the place of a folder: no one can write there, a superuser neither."""
-    (package / "pack" / "__pycache__").write_text("")
-    first = run(package, HOME=str(tmp_path / "home"))
-    assert first.stdout.split() == ["6.0", "6.0", "0"]
-    assert first.stderr.count("cannot be written") == len(first.stderr.splitlines()) == 1
-    second = run(package, HOME=str(tmp_path / "home"))
-    assert (second.stdout.split(), second.stderr) == (["6.0", "6.0", "2"], "")
-
-
-def test_without_a_home_code_is_kept_in_a_private_temporary_folder_or_not_at_all(
-    package: Path, tmp_path: Path
-) -> None:
-    (package / "pack" / "__pycache__").write_text("")
-    (tmp_path / "file").write_text("")
-    temporary = tmp_path / "temporary"
-    temporary.mkdir()
-    no_home = {"HOME": str(tmp_path / "file"), "TMPDIR": str(temporary)}
-    run(package, **no_home)
-    assert run(package, **no_home).stdout.split() == ["6.0", "6.0", "2"]
-    (private,) = temporary.iterdir()
-    assert stat.S_IMODE(private.stat().st_mode) == 0o700
-    # A folder that others may write to is not trusted with code.
-    private.chmod(0o777)
-    answer = run(package, **no_home)
-    assert answer.stdout.split() == ["6.0", "6.0", "0"]
-    assert "every run compiles anew" in answer.stderr
-
-
-def test_every_kernel_of_the_program_has_its_helpers_in_its_key() -> None:
-    from fem.explicit.contact.sliding_kernel import sliding_forces
-    from fem.explicit.kernels.stiffness import stiffness_product
-
-    assert isinstance(stiffness_product.serial._cache, KernelCache)
-    assert isinstance(stiffness_product.parallel._cache, KernelCache)
-    assert isinstance(sliding_forces._cache, KernelCache)
-    assert njit()(lambda x: 2 * x)(3) == 6
-
-
-def test_an_edit_of_the_contact_law_changes_the_key_of_the_loop_that_calls_it(
-    tmp_path: Path,
-) -> None:
-    """On a copy of the program: the loop over sliding points stays, the law is edited."""
-    for name in ("geometry", "fem"):
-        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("*.kernel"))
-    law = tmp_path / "fem" / "contact" / "law.py"
-    law.write_text(law.read_text() + "\n# edited\n")
-    script = "import geometry.compilation.cache as c, fem; print(c.source_digest({!r}))"
-    for module, changes in (
-        ("fem.explicit.contact.sliding_kernel", True),
-        ("geometry.polyhedra.triangle_kernels", False),
-    ):
-        command = [sys.executable, "-c", script.format(module)]
-        answer = subprocess.run(
-            command, cwd=tmp_path, capture_output=True, text=True, check=True
-        ).stdout.strip()
-        assert (answer != source_digest(module)) is changes
 
 
 def test_compilation_is_counted_and_told_once() -> None:

@@ -24,10 +24,10 @@ import numpy.typing as npt
 from numba import prange
 
 from fem.contact.law import pressure_formula
-from fem.explicit.contact.alike_pairs import WIDEST
 from fem.explicit.contact.compiled_law import law_at
 from fem.explicit.kernels.forms import serial_and_parallel
 from fem.explicit.kernels.lanes import (
+    REGISTER_DOUBLES,
     ROUNDING_SHIFT,
     add_to,
     any_below,
@@ -467,10 +467,12 @@ def _unit_loops(width: int) -> tuple[Callable[..., Any], Callable[..., Any], Cal
     return gather, facets, part
 
 
-_load_wide = lane_operations(WIDEST)[0]
+_load_wide = lane_operations(REGISTER_DOUBLES)[0]
 _load_4 = lane_operations(4)[0]
-_gather, _facets, _part = _unit_loops(WIDEST)
-_gather_4, _facets_4, _part_4 = (_gather, _facets, _part) if WIDEST == 4 else _unit_loops(4)
+_gather, _facets, _part = _unit_loops(REGISTER_DOUBLES)
+_gather_4, _facets_4, _part_4 = (
+    (_gather, _facets, _part) if REGISTER_DOUBLES == 4 else _unit_loops(4)
+)
 _gather_1, _facets_1, _part_1 = _unit_loops(1)
 
 
@@ -482,7 +484,7 @@ def _unit(unit, thread, data, displacements, work, law, normals, slip, sliding, 
     d, m = work.scratch[thread, 0], work.scratch[thread, 1]
     on_d, on_m = work.scratch[thread, 2], work.scratch[thread, 3]
     if wide is not None:
-        if width == WIDEST:
+        if width == REGISTER_DOUBLES:
             _gather(unit, data, u_m, u_s, d, m)
             _facets(unit, data, work, law, normals, slip, sliding, d, m, on_d, on_m)
             _part(unit, data, work, normals, on_d, on_m)
@@ -530,7 +532,8 @@ def contact_forces(data, displacements, work, law, normals, slip, sliding, wide,
         None, or friction coefficient and stick stiffness, (2,) or (n_units, 2), and the energy
         dissipated so far, flat (n_units, 8) [N mm].
     wide, four, one
-        None where no unit is `WIDEST`, 4 or 1 wide: its loops are not compiled, a third of all.
+        None where no unit is `REGISTER_DOUBLES`, 4 or 1 wide: its loops are not compiled, a third
+        of all.
     """
     threads = len(work.scratch)
     for thread in prange(threads):
@@ -559,11 +562,11 @@ def _collect_chunk(c, chunks, pointer, entries, data, work, lanes, applied):
         for e in range(pointer[row], pointer[row + 1]):
             unit, at, first = entries[e, 0], entries[e, 1], entries[e, 2]
             width = data.units[unit, 1]
-            if first >= 0 and width == WIDEST:
+            if first >= 0 and width == REGISTER_DOUBLES:
                 to = base + first
                 add_to(applied, to, _load_wide(force, at))
-                add_to(applied, to + lanes, _load_wide(force, at + WIDEST))
-                add_to(applied, to + 2 * lanes, _load_wide(force, at + 2 * WIDEST))
+                add_to(applied, to + lanes, _load_wide(force, at + REGISTER_DOUBLES))
+                add_to(applied, to + 2 * lanes, _load_wide(force, at + 2 * REGISTER_DOUBLES))
             elif first >= 0 and width == 4:
                 to = base + first
                 add_to(applied, to, _load_4(force, at))
