@@ -323,9 +323,9 @@ def volume_and_centroid(mesh: HexMesh) -> tuple[float, FloatArray]:
 def boundary_quads(mesh: HexMesh) -> IntArray:
     """Facets that belong to one hexahedron only, oriented outward; (n_facets, 4)."""
     quads = mesh.elements[:, HEX_FACES].reshape(-1, 4)
-    corners = np.sort(quads, axis=1)
-    order = np.lexsort(corners.T)
-    same = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)
+    keys = row_keys(np.sort(quads, axis=1))
+    order = np.argsort(keys, kind="stable")
+    same = keys[order[1:]] == keys[order[:-1]]
     alone = ~(np.append(same, False) | np.append(False, same))
     return quads[np.sort(order[alone])]
 
