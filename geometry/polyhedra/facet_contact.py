@@ -27,7 +27,7 @@ from geometry.polyhedra.placed_shapes import PlacedShapes
 from geometry.polyhedra.point_contact import PointContacts, crossing_edges, standing_corners
 from geometry.polyhedra.polyhedron import widths
 from geometry.polyhedra.triangle_kernels import MOST_CORNERS, clip_pairs, hulls
-from geometry.polyhedra.triangle_search import ASKEW, distinct_rows
+from geometry.polyhedra.triangle_search import ASKEW, distinct_rows, segment_piercings
 
 #: Area that a contact without area stands for, as a part of the mean area of the others.
 _POINT_AREA = 1e-2
@@ -37,6 +37,10 @@ _SLIVER_PATCH = 0.05
 _SLIVER = 1e-7
 #: … and polygons smaller than this fraction of the smaller of two triangles are corners.
 _SPECK = 1e-12
+#: Points of triangles that lines of sight go through, by their corners, (9, 3) …
+_SAMPLES = np.array([[i, j, 8 - i - j] for i in (1, 3, 5) for j in (1, 3, 5) if i + j < 8]) / 8.0
+#: … and the part of a line at each of its ends where its own blocks hide nothing.
+_INSET = 1e-3
 #: Largest angle between facing facets of flat faces unless stated [°].
 _ANGLE = 5.0
 
@@ -227,16 +231,70 @@ def _opposing(world: PlacedShapes, angle: float | None) -> IntArray:
     return pairs[dot <= -np.cos(most)]
 
 
-def facing_areas(world: PlacedShapes, angle: float) -> tuple[IntArray, FloatArray]:
-    """Pairs of blocks that face each other within the tolerance, sorted, (n, 2); areas [mm²].
+def facing_areas(world: PlacedShapes, angle: float, touching: float) -> tuple[IntArray, FloatArray]:
+    """Pairs of blocks that see each other within the tolerance, sorted, (n, 2); areas [mm²].
 
-    ``angle`` is the largest one between facets [°].
+    Parameters
+    ----------
+    world
+        The blocks.
+    angle
+        Largest one between facets [°].
+    touching
+        Nothing lies between facets this near to each other [mm].
     """
     pairs = _opposing(world, angle)
-    area = _clipped(world, pairs)[2]
-    blocks = world.block[pairs[area > 0.0]]
+    corners, count, area = _clipped(world, pairs)
+    kept = np.flatnonzero((count >= 3) & (area > 0.0))
+    used = np.arange(MOST_CORNERS) < count[kept][:, None]
+    polygons = ContactPolygons(
+        corners=corners[kept][used],
+        start=np.concatenate([[0], np.cumsum(count[kept])]),
+        areas=area[kept],
+        patch=np.arange(len(kept)),
+    )
+    area = _seen_areas(world, pairs[kept], polygons, touching)
+    blocks = world.block[pairs[kept[area > 0.0]]]
     first, row, _ = distinct_rows(blocks)
     return blocks[first], np.bincount(row, weights=area[area > 0.0], minlength=len(first))
+
+
+def _seen_areas(
+    world: PlacedShapes, pairs: IntArray, polygons: ContactPolygons, touching: float
+) -> FloatArray:
+    """Area of polygons between pairs of triangles that no facet hides, (n,) [mm²].
+
+    It is sampled by lines from one triangle to the other.
+    """
+    fans, owner = polygons.triangles
+    points = _SAMPLES @ polygons.corners[fans]
+    m, s = pairs[owner].T
+    direction = world.normals[m] - world.normals[s]
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+
+    def height(facets: IntArray) -> FloatArray:
+        """From the points to the planes of facets, along the direction."""
+        arm, n = world.corners[facets][:, :1] - points, world.normals[facets]
+        return np.einsum("nqi,ni->nq", arm, n) / np.einsum("ni,ni->n", direction, n)[:, None]
+
+    low, high = height(m), height(s)
+    row, sample = np.nonzero(high - low > touching)
+    at, along, length = points[row, sample], direction[row], (high - low)[row, sample]
+    # What touches both sides is met just outside the line, and by no facet of either block.
+    start = at + (low[row, sample] - touching)[:, None] * along
+    end = at + (high[row, sample] + touching)[:, None] * along
+    met, part = segment_piercings(start, end, world.surface)
+    line, facet = met.T
+    away = part * (length[line] + 2.0 * touching) - touching
+    own = (world.block[facet] == world.block[m[row[line]]]) | (
+        world.block[facet] == world.block[s[row[line]]]
+    )
+    inside = (away > _INSET * length[line]) & (away < (1.0 - _INSET) * length[line])
+    barred = line[~own | inside]
+    seen = np.ones(low.shape)
+    seen[row[barred], sample[barred]] = 0.0
+    areas = polygons.triangle_areas[1] * seen.mean(axis=1)
+    return np.bincount(owner, weights=areas, minlength=len(pairs))
 
 
 def _clipped(world: PlacedShapes, pairs: IntArray) -> tuple[FloatArray, IntArray, FloatArray]:

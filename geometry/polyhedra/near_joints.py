@@ -46,11 +46,12 @@ class FacingSurfaces:
 
 
 def facing_surfaces(assembly: PolyhedralAssembly) -> FacingSurfaces:
-    """Compare the area that faces another block with the area in contact, pair by pair.
+    """Compare the area that sees another block with the area in contact, pair by pair.
 
     Pairs of two fixed blocks do not count.
     """
-    pairs, facing = facing_areas(assembly.placed(_REACH * assembly.tolerance), _ANGLE)
+    world = assembly.placed(_REACH * assembly.tolerance)
+    pairs, facing = facing_areas(world, _ANGLE, assembly.tolerance)
     free = ~assembly.fixed[pairs].all(axis=1)
     patches, n = assembly.interfaces.patches, assembly.n_blocks
     key = pairs[:, 0] * n + pairs[:, 1]

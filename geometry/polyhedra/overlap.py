@@ -243,6 +243,11 @@ _MOST_NAMED = 20
 _ROUNDING = 0.01
 
 
+def largest_tolerance(assembly: PolyhedralAssembly) -> float:
+    """Contact tolerance from which on blocks are no solids with gaps [mm]."""
+    return _LARGEST * assembly.characteristic_length
+
+
 def check_contacts(assembly: PolyhedralAssembly, supported: IntArray | None = None) -> None:
     """Reject free blocks that touch nothing, but for those whose numbers are ``supported``.
 
@@ -261,9 +266,10 @@ def check_contacts(assembly: PolyhedralAssembly, supported: IntArray | None = No
         return
     block = int(lonely[0])
     remedy = "move it, or fix or remove it"
-    tolerance = assembly.tolerance
-    for _ in range(3):
-        tolerance *= 10.0
+    for factor in (10.0, 100.0, 1000.0):
+        tolerance = float(f"{factor * assembly.tolerance:.3g}")
+        if tolerance > largest_tolerance(assembly):
+            break
         wider = assembly.contacts_within(tolerance)
         if block in wider.block_m or block in wider.block_s:
             remedy = (
@@ -308,7 +314,7 @@ def check_overlaps(assembly: PolyhedralAssembly) -> None:
 def _wider(assembly: PolyhedralAssembly, depth: float) -> str:
     """Words for a tolerance that takes overlaps as joints; empty where none may be so large."""
     tolerance = float(f"{1.05 * depth:.2g}")
-    if tolerance > _LARGEST * assembly.characteristic_length:
+    if tolerance > largest_tolerance(assembly):
         return ""
     return f", or set `tolerance` = {tolerance:g} if they are meant to touch"
 
@@ -325,7 +331,7 @@ def check_assembly(assembly: PolyhedralAssembly, supported: IntArray | None = No
         raise AssemblyError(
             f"tolerance: got {assembly.tolerance}, expected a positive length in mm"
         )
-    if assembly.tolerance > _LARGEST * assembly.characteristic_length:
+    if assembly.tolerance > largest_tolerance(assembly):
         raise AssemblyError(
             f"tolerance: got {assembly.tolerance:g} mm for blocks of "
             f"{assembly.characteristic_length:.3g} mm; expected a small fraction of a block"

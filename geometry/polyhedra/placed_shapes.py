@@ -13,6 +13,7 @@ from geometry.assembly import PlacedBlocks
 from geometry.mesh import BoolArray, FloatArray, IntArray
 from geometry.polyhedra.box_tree import BoxTree, boxes_of_triangles
 from geometry.polyhedra.polyhedron import Polyhedron
+from geometry.polyhedra.triangle_search import Surface
 
 Values = TypeVar("Values", FloatArray, IntArray)
 
@@ -145,6 +146,14 @@ class PlacedShapes:
         """Corners of the boxes round triangles, larger by half the tolerance, (n, 3) each [mm]."""
         low, high = boxes_of_triangles(self.corners)
         return low - 0.5 * self.tolerance, high + 0.5 * self.tolerance
+
+    @cached_property
+    def surface(self) -> Surface:
+        """All triangles, ready to be searched."""
+        numbers = np.arange(3 * len(self.corners)).reshape(-1, 3)
+        vectors = self.areas[:, None] * self.normals
+        tree = BoxTree.of(*boxes_of_triangles(self.corners))
+        return Surface(numbers, self.corners, vectors, tree)
 
     @cached_property
     def tree(self) -> BoxTree:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -69,3 +70,8 @@ def test_gaps_are_reported_where_the_blocks_are_analysed(tmp_path: Path) -> None
     # One joint of six alike.
     assert doubts[_ROW].startswith("17%")
     assert "gaps up to 0.99 mm" in doubts[_ROW]
+    # What the row proposes is accepted, and is enough.
+    proposed = re.search(r"detection\.tolerance = ([\d.]+)", doubts[_ROW])
+    assert proposed is not None
+    file = load_case(str(tmp_path / "a.toml"), [f"detection.tolerance={proposed[1]}"])
+    assert _ROW not in solve(file.with_method("rigid")).report["notes"]

@@ -10,6 +10,7 @@ from geometry.assembly import AnyBlocks
 from geometry.files.readers import left_out
 from geometry.polyhedra.assembly import PolyhedralAssembly
 from geometry.polyhedra.near_joints import facing_surfaces
+from geometry.polyhedra.overlap import largest_tolerance
 from validation.build.polyhedra import file_solids
 from validation.scene.families.mesh import MeshScene
 from validation.scene.polyhedra import PolyhedralScene
@@ -65,11 +66,16 @@ def facing_words(surfaces: PolyhedralAssembly) -> str:
     pair = f"{surfaces.named(worst.block_m)} and {surfaces.named(worst.block_s)}"
     gap = max(joint.gap for joint in result.joints)
     apart = f", gaps up to {gap:.3g} mm" if gap else ""
-    remedy = f"detection.tolerance = {float(f'{1.05 * gap:.2g}'):g}" if gap else "detection.angle"
+    tolerance = float(f"{1.05 * gap:.2g}")
+    remedy = "set detection.angle or detection.tolerance higher"
+    if gap:
+        remedy = f"set detection.tolerance = {tolerance:g}"
+    if tolerance > largest_tolerance(surfaces):
+        remedy = "move them together"
     return (
         f"{result.missing / result.area:.0%}: {result.missing:.4g} of {result.area:.4g} mm² at "
         f"{len(result.joints)} joints, most between blocks {pair}{apart}; if they are meant to "
-        f"touch, set {remedy}{'' if gap else ' or detection.tolerance higher'}"
+        f"touch, {remedy}"
     )
 
 
