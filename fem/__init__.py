@@ -45,9 +45,11 @@ if TYPE_CHECKING:
     from fem.element.material import Material, concrete
     from fem.method import Explicit, Static
     from fem.problem import Problem
+    from fem.system.effects import BulkViscosity, RayleighDamping
     from fem.system.frames import Frames
 
 __all__ = [
+    "BulkViscosity",
     "CoulombFriction",
     "ElementType",
     "Explicit",
@@ -57,6 +59,7 @@ __all__ = [
     "Material",
     "PairLaws",
     "Problem",
+    "RayleighDamping",
     "Static",
     "TabularLaw",
     "concrete",
@@ -68,6 +71,7 @@ __all__ = [
 
 #: Where each name comes from: imported, and with solvers the compiler, when it is asked for.
 _PLACES = {
+    "BulkViscosity": "fem.system.effects",
     "CoulombFriction": "fem.contact.friction",
     "ElementType": "fem.element.hexahedron",
     "Explicit": "fem.method",
@@ -77,6 +81,7 @@ _PLACES = {
     "PairLaws": "fem.contact.pair_laws",
     "Material": "fem.element.material",
     "Problem": "fem.problem",
+    "RayleighDamping": "fem.system.effects",
     "TabularLaw": "fem.contact.own_law",
     "Static": "fem.method",
     "read_deck": "fem.decks.read.deck",

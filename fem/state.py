@@ -360,7 +360,7 @@ class State(ReadOnlyArrays):
         """
         whole = self.deformable
         others, loads = np.zeros((whole.assembly.n_blocks, 6)), whole.forces_in_frames()
-        acting, needed = np.zeros((whole.assembly.n_blocks, 3)), self._contact_forces(loads)
+        acting, needed = np.zeros(whole.assembly.n_blocks), self._contact_forces(loads)
         centres = whole.assembly.centroids + whole.offsets
         for number, (group, u) in enumerate(zip(whole.bodies, self.displacements, strict=True)):
             blocks = whole.deformable_blocks[whole.group_of[whole.deformable_blocks] == number]
@@ -368,11 +368,12 @@ class State(ReadOnlyArrays):
             places = (group.reference_positions() + u)[whole.copy_of[blocks]]
             moment = np.cross(places - centres[blocks][:, None], force)
             others[blocks] = -np.hstack([force.sum(axis=1), moment.sum(axis=1)])
-            acting[blocks] = loads[number][whole.copy_of[blocks]].sum(axis=1)
+            sizes = np.linalg.norm(loads[number][whole.copy_of[blocks]], axis=2)
+            acting[blocks] = sizes.sum(axis=1)
         return imbalance(
             whole.assembly,
             self.joints,
-            loads=acting,
+            acting=acting,
             others=others,
             centres=centres,
             free=whole.deformable_blocks,

@@ -256,6 +256,18 @@ class LoadCase(ReadOnlyArrays):
             wrench[:, k] += np.bincount(self.block, column, n)
         return wrench
 
+    @property
+    def acting(self) -> FloatArray:
+        """Sizes of the forces on each block, summed over facets, (n_blocks,) [N].
+
+        Forces that balance each other count.
+        """
+        sizes = np.linalg.norm(self.facet_forces, axis=1)
+        result = np.bincount(self.block, sizes, self.assembly.n_blocks)
+        if self.body_wrenches is not None:
+            result += np.linalg.norm(self.body_wrenches[:, :3], axis=1)
+        return result
+
     def with_wrenches(self, wrenches: FloatArray | None) -> LoadCase:
         """Return the load with forces and moments on whole blocks on top; None: itself.
 

@@ -189,7 +189,7 @@ class _Found:
         return imbalance(
             self.assembly,
             self.result.joints,
-            loads=self.load.wrenches[:, :3],
+            acting=self.load.acting,
             others=others,
             centres=self.assembly.centroids,
             free=free,

@@ -198,7 +198,7 @@ def converge(
         As `fem.solve_static`.
     """
     check_refinable(problem)
-    targets = requested or otherwise or (TARGETS if problem.friction is None else WITH_FRICTION)
+    targets = requested or otherwise or (TARGETS if problem.coulomb is None else WITH_FRICTION)
     if ladder is None:
         ladder = ladder_for(requested or otherwise or TARGETS, problem)
     # Of earlier meshes only their numbers stay in memory.
@@ -304,7 +304,7 @@ def why_not_refined(problem: Problem) -> str | None:
     """What stands against refining the mesh of a problem; None where nothing does."""
     if problem.searches:
         second = on_rung(problem, ladder_for(TARGETS, problem)[_FOR_BARS - 1])
-        friction = problem.friction is not None
+        friction = problem.coulomb is not None
         if general_work(second.blocks, second.degree, friction=friction) > MOST_SECONDS:
             return "general contact of so many facets that a second mesh is beyond the usual work"
     if problem.blocks.image_of is not None:
@@ -393,7 +393,7 @@ def _state(
     if before is not None and deformable.meets and _may_start(stated, before.problem):
         coarse = before.state
         move = partial(transferred, source=coarse.deformable, target=deformable)
-        if stated.friction is None:
+        if stated.coulomb is None:
             start = move(coarse.displacements)
         else:
             path = (*coarse.evidence.path, coarse)

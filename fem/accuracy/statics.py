@@ -142,7 +142,7 @@ def _of_usual_degree(stated: Problem, meshed: Problem) -> Problem:
     other = (meshed.degree, meshed.element) != (1, ElementType.INCOMPATIBLE)
     if other or not stated.is_solid:
         return meshed
-    degree = usual_degree(meshed.blocks, friction=meshed.friction is not None)
+    degree = usual_degree(meshed.blocks, friction=meshed.coulomb is not None)
     return meshed if degree == 1 else replace(meshed, degree=degree)
 
 

@@ -27,7 +27,7 @@ class Imbalance:
     """Largest force and moment that the printed forces leave on one block."""
 
     force: float
-    """Over the largest joint force, or the load of one block where that is larger [-]."""
+    """Over the largest joint force, or what acts on one block where that is larger [-]."""
     moment: float
     """Over the same force times the characteristic length of the blocks [-]."""
     block: int
@@ -64,7 +64,7 @@ def imbalance(
     assembly: AnyBlocks,
     joints: JointResultants,
     *,
-    loads: FloatArray,
+    acting: FloatArray,
     others: FloatArray,
     centres: FloatArray,
     free: IntArray,
@@ -77,8 +77,9 @@ def imbalance(
         The blocks.
     joints
         Their joints.
-    loads
-        Force of the loads and the weight on each block, (n_blocks, 3) [N].
+    acting
+        Sizes of the loads at the points of each block and of its weight, summed, (n_blocks,) [N]:
+        not their resultant, which is zero where they balance each other.
     others
         Force and moment about its centre of everything but joints on each block, (n_blocks, 6) [N,
         N mm]: loads and supports; of deformable blocks less what stress and inertia take.
@@ -90,8 +91,7 @@ def imbalance(
     if not len(free):
         return Imbalance(0.0, 0.0, -1)
     left = (joint_wrenches(assembly, joints, centres) + others)[free]
-    acting = np.concatenate([joints.forces, loads[free]])
-    size = float(np.linalg.norm(acting, axis=1).max()) or 1.0
+    size = max(np.linalg.norm(joints.forces, axis=1).max(initial=0.0), acting[free].max()) or 1.0
     parts = np.stack([np.linalg.norm(left[:, :3], axis=1), np.linalg.norm(left[:, 3:], axis=1)])
     parts /= size * np.array([[1.0], [assembly.characteristic_length]])
     block = int(free[parts.max(axis=0).argmax()])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from geometry import Answer
+from fem import Problem, concrete, solve_static
+from geometry import Answer, SineBlock, pipe, tube
 from validation import load_case, solve
 
 SCENES = sorted(file.stem for file in Path(str(files("validation") / "scenes")).glob("*.toml"))
@@ -246,3 +248,29 @@ def test_a_joint_carries_the_weight_of_the_block_on_it(
     (base,) = answer.report["reactions"].values()
     assert base["force"][2] == pytest.approx(weight, rel=near)
     assert base["horizontal"] < 1e-6 * weight
+
+
+@pytest.mark.parametrize("method", ["rigid", "static"])
+def test_a_load_that_balances_itself_is_measured_by_its_parts(method: str) -> None:
+    """A block pressed from both sides: resultant and joint forces are zero, and what is left of
+    them is round-off of the pressures on its sides, 3 600 N each."""
+    size = {"size": [60.0, 60.0, 60.0], "divisions": [2, 2, 2]}
+    sides = [{"blocks": [1], "face": face, "pressure": 1.0} for face in ("x+", "x-")]
+    scene = {"block": {"type": "boxes", "boxes": [size] * 2}, "loads": sides}
+    scene["material"] = {"name": "concrete"}
+    more = {"fem.mesh": "scene", "fem.error_estimate": False} if method == "static" else {}
+    answer = solve(load_case(scene, more, method=method))
+    assert imbalance(answer) <= 1e-6
+
+
+def test_no_friction_is_friction_of_zero() -> None:
+    """In Python too: the same measures with the same error bars, from the same work."""
+    block = SineBlock(
+        height=200, amplitude=20, frequency=1.5, blocks_per_layer=4, inner_radius=120, thickness=40
+    )
+    problem = Problem(tube(block, layers=1, mesh=(12, 1, 2)), pipe(0.01), concrete)
+    without, zero = (solve_static(replace(problem, friction=mu)) for mu in (None, 0.0))
+    assert {n: m.as_json() for n, m in zero.measures.items()} == {
+        n: m.as_json() for n, m in without.measures.items()
+    }
+    assert zero.report["work"]["done"] == without.report["work"]["done"]
