@@ -11,7 +11,7 @@ OUT    ?= out/demo
 export OMP_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: setup anew demo test lowest processor check quick lint types floors spelling format bench benchmark frozen fuzz mutation docs pages wheel clean
+.PHONY: setup anew demo test lowest processor check quick lint types floors spelling format bench frozen fuzz mutation docs pages wheel clean
 
 setup: $(VENV)/.installed
 
@@ -100,14 +100,9 @@ format: setup
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# Rates of all solvers beside the machine's roofline, one line in tests/benchmarks/history.jsonl;
-# says what has become slower; then whole runs beside their counted work (`tests/benchmarks/work.py`).
+# Rates as shares of their limits: explicit step, dense algebra, start of the program.
 bench: setup
-	$(BIN)/python -m tests.benchmarks.history
-	$(BIN)/python -m tests.benchmarks.work
-
-benchmark: setup
-	$(BIN)/python -m tests.benchmarks.rigid
+	$(BIN)/python -m tests.benchmarks.rates
 
 # Answers and CPU times of 27 problems beside those of a commit: `make frozen OLD=main~1`.
 OLD ?= HEAD

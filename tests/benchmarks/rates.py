@@ -1,0 +1,117 @@
+"""Rates as shares of their limits: ``python -m tests.benchmarks.rates`` (``make bench``).
+
+One core, the least of several times. An explicit step has the roofline of the operations and bytes
+of an element, counted with the rates of a large product and of a sum in the cache (Williams,
+Waterman and Patterson, CACM 52 (2009) 65). The condensation of a block has the rate of the product.
+The start of the program has the time of Python with numpy and scipy.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from fem.explicit.setup.timed_system import timed_system
+from fem.explicit.solve import initial_state, prepare
+from fem.explicit.step import step
+from fem.explicit.timed import TimedSystem
+from fem.static.linear_step.condensation import condense
+from fem.system.body import Body
+from fem.system.effects import AdaptiveMassDamping, Effects
+from geometry.machine.system import children_cpu_seconds
+from geometry.machine.work import Operation, budget
+from validation import load_case
+
+#: Blocks of 960 elements, pressed from within; blocks of degree 3.
+EXPLICIT = {"assembly.layers": 1, "mesh.around": 24, "mesh.radial": 4, "mesh.axial": 10}
+DENSE = {"assembly.layers": 1, "mesh.around": 12, "mesh.radial": 2, "mesh.axial": 4}
+RIGID = ("mbd", "tsb1-pipe", "--json", "-")
+#: Steps before the clock starts: blocks press by then.
+WARM_UP = 1500
+
+
+def least(call: Callable[[], object], clock: Callable[[], float], repeats: int = 1) -> float:
+    """Least time of a call [s]."""
+    times = []
+    for _ in range(6):
+        start = clock()
+        for _ in range(repeats):
+            call()
+        times.append(clock() - start)
+    return min(times) / repeats
+
+
+def machine() -> tuple[float, float]:
+    """Multiply-adds [1/s] and bytes from the cache [1/s] of this core."""
+    square = np.ones((1500, 1500))
+    a, b, c = np.ones((3, 100_000))
+    product = least(lambda: square @ square, time.process_time)
+    total = least(lambda: np.add(a, b, out=c), time.process_time, 200)
+    return len(square) ** 3 / product, 3.0 * a.nbytes / total
+
+
+def roofline(body: Body, adds: float, stream: float) -> float:
+    """Element updates a second: K u, shared by all copies, and central differences."""
+    blocks, nodes = len(body.stiffness.indices), body.n_nodes
+    count = 9.0 * blocks + 8.0 * nodes
+    size = 76.0 * blocks / body.n_copies + 8.0 * 24.0 * nodes
+    return body.mesh.n_elements * min(adds / count, stream / size)
+
+
+def explicit_rate(model: TimedSystem, threads: int) -> float:
+    """Element updates a second of a damped run in motion, those of two threads by the clock."""
+    dt = 0.9 * model.critical.critical_time_step
+    system = prepare(model, time_step=dt, threads=threads)
+    state = initial_state(system)
+    state.mass_damping = 2000.0
+    for _ in range(WARM_UP):
+        step(system, state)
+    clock = time.process_time if threads == 1 else time.perf_counter
+    return model.system.n_elements / least(partial(step, system, state), clock, 50)
+
+
+def condensation_rate() -> float:
+    """Multiply-adds a second, as counted, of a block of degree 3 on its faces that touch."""
+    body = load_case("tsb1-pipe", DENSE | {"fem.degree": 3}).problem.deformable.bodies[0]
+    z = body.mesh.nodes[:, 2]
+    faces = np.flatnonzero((z < np.quantile(z, 0.2)) | (z > np.quantile(z, 0.8)))
+    with budget() as spent:
+        condense(body, faces)
+    return spent.done[Operation.DENSE] / least(lambda: condense(body, faces), time.process_time)
+
+
+def start(*words: str) -> float:
+    """CPU time of Python with these words [s]."""
+    command = partial(subprocess.run, [sys.executable, *words], check=True, capture_output=True)
+    return least(command, children_cpu_seconds)
+
+
+def main() -> None:
+    """Print the table."""
+    adds, stream = machine()
+    print(f"One core: {2e-9 * adds:.0f} GF/s of a product, {1e-9 * stream:.0f} GB/s from the cache")
+    damped = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
+    blocks = load_case("tsb1-pipe", EXPLICIT).problem.deformable
+    touching = timed_system(blocks, ramp_time=0.0, counted_pressure=4.0, effects=damped)
+    apart = replace(touching, interactions=())
+    limit = roofline(blocks.bodies[0], adds, stream)
+    alone, both = explicit_rate(apart, 1), explicit_rate(touching, 1)
+    for title, rate in (("without contact", alone), ("with contact", both)):
+        print(f"explicit step {title}: {1e-6 * rate:.1f} M updates/s, {rate / limit:.2f} of limit")
+    print(
+        f"  contact: {alone / both:.2f} times; two threads: {explicit_rate(touching, 2) / both:.2f}"
+    )
+    rate = condensation_rate()
+    print(f"condensation: {2e-9 * rate:.1f} GF/s, {rate / adds:.2f} of limit")
+    limit, cpu = start("-c", "import numpy, scipy.sparse"), start("-m", "validation.cli", *RIGID)
+    print(f"tubelock {' '.join(RIGID)}: {cpu:.2f} CPU s, {limit / cpu:.2f} of limit")
+
+
+if __name__ == "__main__":
+    main()
