@@ -11,7 +11,7 @@ OUT    ?= out/demo
 export OMP_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: setup anew demo test lowest processor check quick lint types floors spelling format bench frozen fuzz mutation docs pages wheel clean
+.PHONY: setup anew demo test lowest processor check quick lint types floors spelling format bench frozen mutation docs pages wheel clean
 
 setup: $(VENV)/.installed
 
@@ -109,14 +109,28 @@ OLD ?= HEAD
 frozen: setup
 	$(BIN)/python -m tests.benchmarks.frozen $(OLD)
 
-# Random command lines (seed and count: `python -m tests.fuzz --help`); a minute for a hundred.
-fuzz: setup
-	$(BIN)/python -m tests.fuzz
-
-# What the tests let pass: a sample of small changes of the program, about an hour.
+# What the tests let pass: COUNT random small changes by cosmic-ray (cosmic-ray.toml) in a copy of the
+# last commit, about a minute each; the tests of a room must notice changes of it.
+COUNT ?= 40
+SEED  ?= 31
+TRIED  = out/mutation
+# Slips of a hand: not bits for numbers, not another annotation or decorator.
+SLIPS  = (RShift|LShift|BitXor|BitOr|BitAnd|Mod|FloorDiv|Pow)$$|BitOr_|Decorator|Exception
+SAMPLE = import random, re, sqlite3; s = sqlite3.connect("session.sqlite"); \
+  jobs = sorted(s.execute("select module_path, operator_name, occurrence, job_id from mutation_specs")); \
+  jobs = [job for job in jobs if not re.search("$(SLIPS)", job[1])]; \
+  kept = {job[-1] for job in random.Random($(SEED)).sample(jobs, $(COUNT))}; \
+  left = [job for job in s.execute("select job_id from work_items") if job[0] not in kept]; \
+  [s.executemany(f"delete from {t} where job_id = ?", left) for t in ("mutation_specs", "work_items")]; \
+  s.commit()
+mutation: export PATH := $(abspath $(BIN)):$(PATH)
 mutation: setup
 	$(BIN)/python -m pip install --quiet --group mutation
-	$(BIN)/python tests/mutation.py
+	rm -rf $(TRIED)
+	git clone --quiet . $(TRIED)
+	cd $(TRIED) && cosmic-ray init cosmic-ray.toml session.sqlite && python -c '$(SAMPLE)'
+	cd $(TRIED) && cosmic-ray exec cosmic-ray.toml session.sqlite
+	cd $(TRIED) && cr-report --show-diff --surviving-only session.sqlite && cr-rate session.sqlite
 
 # The site, without network. The first build runs the gallery, about half an hour; runs are cached
 # in out/gallery. `make docs GALLERY=cached` runs nothing and takes about a minute.
