@@ -21,9 +21,8 @@ ROOMS = {
     "mbd": _LAWS,
     "fem": _LAWS,
     "support": _LAWS,
-    # Programs that print tables, and lines of the command at random.
+    # Programs that print tables.
     "benchmarks": (*_LAWS, "validation.output"),
-    "fuzz.py": (*_LAWS, "validation.cli"),
     # Searches among designs whose answers are all known are verified there too.
     "verification": (*_LAWS, "validation.paper", "validation.study.optimisation"),
     # What studies keep their rows in, and the probe by which they decide on effects.
