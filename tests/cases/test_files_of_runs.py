@@ -8,7 +8,7 @@ import pyvista
 
 from mbd import analyse
 from tests.support.commands import command
-from validation import load_case, write
+from validation import load_case, read_answer, write
 
 MESH = ("mesh.around=12", "mesh.radial=1", "mesh.axial=4", "assembly.layers=1", "fem.mesh=scene")
 COARSE = tuple(word for setting in MESH for word in ("--set", setting))
@@ -95,3 +95,12 @@ def test_an_answer_that_is_written_again_leaves_no_file_of_the_other(tmp_path):
     assert (tmp_path / "contact_pressures.vtu").exists()
     write(replace(answer, contacts=type(answer.contacts)({})), tmp_path)
     assert not (tmp_path / "contact_pressures.vtu").exists()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_pressures_on_facets_that_are_written_have_the_largest_of_the_table(tmp_path):
+    status, _, error = command("fem", "tsb1-pipe", *COARSE, "--fields", "-o", str(tmp_path))
+    assert status == 0, error
+    facets = pyvista.read(tmp_path / "contact_pressures.vtu")
+    largest = read_answer(tmp_path).measures["p_max_facet"].value
+    assert facets.cell_data["contact_pressure"].max() == pytest.approx(largest, rel=1e-9)

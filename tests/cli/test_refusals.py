@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import tomllib
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+
+import fem
+import geometry
+import mbd
+import validation
+from geometry import RefusedError
 
 pytestmark = pytest.mark.quick
 
-REFUSALS: dict[str, str] = {
-    words: line
-    for rows in tomllib.loads(
-        (Path(__file__).parents[1] / "refusals.toml").read_text("utf-8")
-    ).values()
-    for words, line in rows.items()
-}
+ROWS = tomllib.loads((Path(__file__).parents[1] / "refusals.toml").read_text("utf-8"))
+#: Files of the folder in which commands are typed, and expressions of Python.
+FILES, PYTHON = ROWS.pop("files"), ROWS.pop("python")
+REFUSALS: dict[str, str] = {words: line for rows in ROWS.values() for words, line in rows.items()}
 
 
 def typed(words: str) -> Iterator[str]:
@@ -30,9 +37,51 @@ def typed(words: str) -> Iterator[str]:
         before = word
 
 
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() if path.is_file() else b"" for path in folder.iterdir()}
+
+
 @pytest.mark.parametrize("words", REFUSALS)
 def test_bad_input_gets_the_line_of_the_table(
-    tubelock: Callable[..., tuple[int, str, str]], words: str
+    tubelock: Callable[..., tuple[int, str, str]], tmp_path: Path, words: str
 ) -> None:
+    for name, text in FILES.items():
+        (tmp_path / name).write_text(text, "utf-8")
+    # What is no file, and is never opened: a pipe that nobody fills, links in a circle, a folder.
+    os.mkfifo(tmp_path / "pipe.toml")
+    (tmp_path / "loop.toml").symlink_to("loop.toml")
+    (tmp_path / "zero.toml").symlink_to("/dev/zero")
+    (tmp_path / "folder.toml").mkdir()
+    (tmp_path / "link.toml").symlink_to("scene.toml")
+    before = contents(tmp_path)
     assert tubelock(*typed(words)) == (2, "", f"error: {REFUSALS[words]}\n")
-    assert not list(Path().iterdir())
+    assert contents(tmp_path) == before
+
+
+class Names(dict[str, Any]):
+    """Public names, and what expressions are about: a tube of one layer under pressure."""
+
+    def __missing__(self, name: str) -> Any:
+        package = next(p for p in (geometry, mbd, fem, validation) if name in dir(p))
+        return getattr(package, name)
+
+
+@pytest.fixture(scope="module", name="names")
+def _names() -> Names:
+    sizes = {"height": 200, "amplitude": 20, "frequency": 1.5, "blocks_per_layer": 4}
+    sine = geometry.SineBlock(**sizes, inner_radius=120, thickness=40)
+    blocks = geometry.tube(sine, layers=1, mesh=(12, 1, 2))
+    load = geometry.pipe(0.01).on(blocks)
+    problem = fem.Problem(blocks, geometry.pipe(0.01), fem.concrete)
+    cube = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))])
+    quads = [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
+    low, high = ((100.0 * cube + [0.0, 0.0, z], quads) for z in (0.0, 100.0))
+    solids = geometry.Assembly.from_blocks([low, high], fixed=[0])
+    return Names(locals() | {"np": np, "replace": replace})
+
+
+@pytest.mark.parametrize("words", PYTHON)
+def test_misuse_from_python_gets_the_line_of_the_table(names: Names, words: str) -> None:
+    with pytest.raises(RefusedError) as refused:
+        eval(words, {}, names)
+    assert str(refused.value) == PYTHON[words]

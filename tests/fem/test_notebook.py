@@ -16,7 +16,7 @@ import fem
 import geometry
 import mbd
 import validation
-from fem import Explicit, Frames, Material, Problem, Static, concrete, solve_explicit, solve_static
+from fem import Explicit, Material, Problem, Static, concrete, solve_explicit, solve_static
 from fem.answer import answer_of
 from fem.problem import ProblemError
 from fem.system.system import System
@@ -33,7 +33,6 @@ from geometry import (
     tube,
     tunnel,
 )
-from geometry.answer import AnswerError
 from geometry.assembly import AssemblyError
 from geometry.errors import RefusedError
 from geometry.families.boxes import ColumnBox, box_column
@@ -145,8 +144,6 @@ def test_a_measure_is_a_number_with_error_unit_and_place(static) -> None:
         np.maximum.at(largest, static.contacts["blocks"][:, side], pressures)
     # The paper's p_max: the mean over the free blocks of their largest facet pressure.
     assert static["p_max"].value == pytest.approx(largest[4:8].mean(), rel=1e-12)
-    with pytest.raises(AnswerError, match="got 'sigma_1'; expected one of"):
-        static["sigma_1"]
 
 
 def test_the_table_is_the_repr(static) -> None:
@@ -237,8 +234,6 @@ def test_the_rigid_answer_has_the_same_type(problem) -> None:
 def test_options_of_the_rigid_analysis_are_words(problem) -> None:
     assert analyse(problem, Rigid(norm="pressure"))["p_eff"] == analyse(problem)["p_eff"]
     assert analyse(problem, Rigid(norm="force"))["p_eff"] != analyse(problem)["p_eff"]
-    with pytest.raises(RefusedError, match="norm: got 'forces'; expected 'force' or 'pressure'"):
-        analyse(problem, Rigid(norm="forces"))
 
 
 def test_rigid_blocks_that_move_show_how(problem) -> None:
@@ -302,65 +297,16 @@ def test_every_load_has_a_name(load) -> None:
     assert 0.01 in (getattr(face, "pressure", None), getattr(face, "traction", None))
 
 
-def test_what_an_answer_does_not_have_is_refused(problem) -> None:
-    with pytest.raises(ProblemError, match="clearance"):
-        analyse(replace(problem, clearance=0.1))
-    for name in ("finite_sliding", "finite_rotation"):
-        with pytest.raises(ProblemError, match=f"{name}: got True"):
-            analyse(replace(problem, **{name: True}))
-    with pytest.raises(ProblemError, match="three finite"):
-        replace(problem, gravity=(0.0, -9810.0))
-    assert replace(problem, friction=0.3).deformable.contact.friction.coefficient == 0.3
-    assert replace(problem, frames=Frames.DEFORMABLE).deformable.deformable_blocks.size == 12
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"load": concrete}, "load: got a Material"),
-        ({"material": pipe(0.01)}, "material: got a Load"),
-        ({"load": pipe(1e5)}, "more than `young_modulus`"),
-        ({"material": replace(concrete, young_modulus=33.0)}, "young_modulus in GPa"),
-        ({"material": replace(concrete, density=2400.0)}, "density in kg/m³"),
-    ],
-)
-def test_absurd_statements_are_refused(problem, changes, words: str) -> None:
-    with pytest.raises(ProblemError, match=words):
-        replace(problem, **changes)
-
-
 def test_constants_are_named() -> None:
     with pytest.raises(TypeError):
         Material(33e3, 0.2, 2.4e-9)  # type: ignore[misc]
 
 
-def test_absurd_blocks_are_refused() -> None:
-    with pytest.raises(RefusedError, match="thickness: got -40; expected greater than 0"):
-        SineBlock(**(SHAPE | {"thickness": -40}))
-    with pytest.raises(TypeError):
-        SineBlock(200, 20, 1.5, 0, 4, 120, 40)  # type: ignore[misc]
-    metres = {key: value / 1e3 for key, value in SHAPE.items()}
-    metres |= {"frequency": 1.5, "blocks_per_layer": 4}
-    with pytest.raises(AssemblyError, match="millimetres"):
-        tube(SineBlock(**metres), layers=1, mesh=(12, 2, 2))
-    with pytest.raises(AssemblyError, match="3 numbers of elements"):
-        tube(SineBlock(**SHAPE), layers=1, mesh=(12, 2))
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"blocks": None}, "blocks: got a NoneType"),
-        ({"degree": 0}, "degree: got 0; expected a whole number"),
-        ({"degree": 1.5}, r"degree: got 1\.5"),
-        ({"frames": "soft"}, r"frames: got 'soft'; expected one of Frames\.RIGID"),
-        ({"element": "C3D8"}, r"element: got 'C3D8'; expected one of ElementType\."),
-        ({"friction": -0.2}, r"coefficient: got -0\.2.*leave friction out for none"),
-    ],
-)
-def test_what_no_solver_has_is_refused_when_a_problem_is_made(problem, changes, words) -> None:
-    with pytest.raises(RefusedError, match=words):
-        replace(problem, **changes)
+def test_numbers_of_numpy_are_numbers(problem) -> None:
+    """Friction of single precision is that coefficient to its digits."""
+    single, double = (replace(problem, friction=mu).coulomb for mu in (np.float32(0.25), 0.25))
+    assert single == double
+    assert Static(load_steps=np.int64(2)) == Static(load_steps=2)
 
 
 @pytest.mark.parametrize("package", [fem, geometry, mbd, validation])

@@ -52,6 +52,8 @@ def test_rigid_pressures_are_proportional_to_the_load() -> None:
     result = sensitivity("tsb1-pipe", COARSE, parameters=["load.pressure"])
     values = {s.measure: s.elasticity for s in result.slopes}
     assert values == pytest.approx({"p_max": 1.0, "p_eff": 1.0, "volume": 0.0}, abs=1e-6)
+    # The error is that of the quotient: deformable blocks may have another sign.
+    assert "deformable" in str(result)
 
 
 def test_whole_numbers_and_half_waves_go_by_whole_steps() -> None:
