@@ -31,8 +31,6 @@ ROOMS = {
     "robustness": ("validation.stability", "validation.statement"),
     "cli/test_explode.py": (*_LAWS, "validation.run.rigid.explosion"),
     "cli": ("validation.cli", "validation.scene", "validation.output"),
-    # The one file that knows where tests find CalculiX, which they compare with.
-    "support/ccx.py": (*_LAWS, "validation.study.comparison.calculix"),
     # What tests leave out of commands, because it takes long.
     "fixtures/commands.py": ("fem.accuracy", "validation.output.outputs"),
     # A table that judges decks as `tubelock deck --run` solves them, with its remarks.

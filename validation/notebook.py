@@ -176,7 +176,7 @@ def cost(
 
     file = _case(case, settings)
     checked = require_cost_scene(file.scene, file.name)
-    plan = (quick_plan if quick else full_plan)(file.name, checked, others=False)
+    plan = (quick_plan if quick else full_plan)(file.name, checked)
     with store_or_none(store) as path:
         return run_cost(file.name, checked, plan, path)
 

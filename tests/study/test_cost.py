@@ -14,13 +14,9 @@ import numpy as np
 import pytest
 
 from fem import ElementType
-from geometry import Answer, Assembly
+from geometry import Assembly
 from mbd import Norm
-from tests.support.answers import on_its_mesh
-from tests.support.ccx import CalculixResult, calculix_available
-from tests.verification.calculix import half_facet_angle
 from validation import Case, InputError, load_case
-from validation.study.costs import calculix as costs_calculix
 from validation.study.costs import measure as costs_measure
 from validation.study.costs import study as cost
 from validation.study.costs.analysis import (
@@ -46,7 +42,6 @@ from validation.study.costs.settings import (
     BaseMesh,
     CostSetting,
     base_mesh,
-    calculix_setting,
     curved_setting,
     degree_setting,
     graded,
@@ -417,69 +412,6 @@ def test_degrees_judge_points_and_fields_where_there_is_no_ladder(tmp_path, meas
         unsure = found.reference_errors[quantity]
         assert unsure == pytest.approx(1.5 * second.errors[quantity], rel=1e-12)
         assert trilinear.errors[quantity] > unsure
-
-
-def test_another_program_is_left_out_where_it_is_not_installed(monkeypatch) -> None:
-    monkeypatch.setenv("PATH", "")
-    plan = quick_plan("a", tube(), others=True)
-    assert "not installed" in dict(plan.left_out)["CalculiX"]
-    assert all(setting.method != "calculix" for setting in plan.settings)
-    assert not quick_plan("a", tube()).left_out
-
-
-def test_what_calculix_prints_is_measured_as_our_own_answer(monkeypatch) -> None:
-    """Our static state as CalculiX would print it: the same measures, but for round-off."""
-    scene = with_setting(
-        tube(), base_mesh(tube(), "a"), static_setting(ElementType.INCOMPATIBLE, 1)
-    )
-    ours = on_its_mesh(case_of(scene))
-    nodes = np.concatenate([ours_of(ours, block) for block in range(ours.problem.blocks.n_blocks)])
-    every = np.arange(len(nodes))
-    printed = CalculixResult(nodes, every, np.zeros_like(every), np.full(len(nodes), 0.3), {}, 1.0)
-    monkeypatch.setattr(costs_calculix, "run_calculix", lambda *_, **__: printed)
-    found = costs_calculix.solve_by_calculix("a", scene)
-    for quantity in ("max_displacement", "sigma_1_averaged"):
-        # Places of blocks are rounded to 14 digits in a deck, and the solver stops at 1e-10.
-        assert found.scalars[quantity] == pytest.approx(ours[quantity].value, rel=1e-8)
-    # Uniform nodal pressures are uniform on facets, and so are the paper's means of them.
-    np.testing.assert_allclose(found.pressures, 0.3, rtol=1e-14)
-    assert found.scalars["p_max_point"] == 0.3
-    assert found.scalars["p_eff"] == pytest.approx(0.3, rel=1e-12)
-    assert np.array_equal(np.sort(found.contacts), np.sort(ours.details.contact_state.matched))
-
-
-def ours_of(run: Answer, block: int) -> np.ndarray:
-    """Displacements of a block; none where it is held."""
-    deformable = run.details.deformable
-    if deformable.group_of[block] < 0:
-        return np.zeros_like(deformable.assembly.shape(block).mesh.nodes)
-    return run.details.displacement_of(block)
-
-
-@pytest.mark.skipif(not calculix_available(), reason="ccx is not installed")
-def test_calculix_converges_to_what_we_find() -> None:
-    """A ring pressed from outside.
-
-    CalculiX presses at nodes, along the normal of one facet of the other surface: forces differ by
-    half the angle between neighbouring facets, and with them the largest pressure; nodes that
-    leave a rim are lost. All of that falls with the mesh.
-    """
-    scene = load_case("tsb1-tunnel", ["assembly.layers=1"]).scene
-    base = base_mesh(scene, "a")
-    apart: dict[str, list[float]] = {"max_displacement": [], "p_eff": [], "field": []}
-    for level in (1, 2):
-        setting = static_setting(ElementType.INCOMPATIBLE, level)
-        shape = built(scene, setting).shape(4)
-        ours = measure("a", scene, base, setting, repeats=1)
-        theirs = measure("a", scene, base, calculix_setting(level, "x"), repeats=1)
-        differs = {q: abs(theirs["scalars"][q] / ours["scalars"][q] - 1.0) for q in ours["scalars"]}
-        assert differs["p_max_point"] < half_facet_angle(shape, "top")
-        weights, own = np.array(ours["areas"]), np.array(ours["pressures"])
-        change = np.array(theirs["pressures"]) - own
-        differs["field"] = np.sqrt(weights @ change**2 / (weights @ own**2))
-        for quantity, found in apart.items():
-            found.append(differs[quantity])
-    assert all(fine < coarse for coarse, fine in apart.values())
 
 
 def test_killed_run_resumes_where_it_was(tmp_path, monkeypatch, measured_once) -> None:

@@ -28,9 +28,6 @@ def cost(
     quick: Annotated[
         bool, typer.Option("--quick", help="Coarse meshes only; takes seconds.")
     ] = False,
-    others: Annotated[
-        bool, typer.Option("--others", help="Include other installed programs (CalculiX).")
-    ] = False,
     json: JsonOption = None,
     output: Annotated[Path | None, folder_option("the figure", "out/SCENE-cost")] = None,
     store: CostStoreOption = COST_STORE,
@@ -48,7 +45,7 @@ def cost(
 
     file = with_fields(load_case(scene, settings or ()), method_fields(max_work=max_work))
     checked = require_cost_scene(file.scene, file.name)
-    plan = (quick_plan if quick else full_plan)(file.name, checked, others=others)
+    plan = (quick_plan if quick else full_plan)(file.name, checked)
     names, stores = ("cost.png",), {"--store": store}
     with scene_outputs(file, json, output, names, ending="-cost", stores=stores) as outputs:
         with following(file.name) as follow:

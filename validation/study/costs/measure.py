@@ -7,7 +7,7 @@ import gc
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,9 +17,10 @@ from fem.accuracy.ladder import LADDER
 from fem.dynamics import stated_run
 from fem.state import State
 from geometry.answer import Answer
+from geometry.assembly import Assembly
 from geometry.families.sine_block import SineBlockDivisions
 from geometry.machine.work import budget
-from geometry.mesh import FloatArray
+from geometry.mesh import FloatArray, IntArray
 from validation.build.problem import build_assembly, scene_problem
 from validation.case import scene_case
 from validation.errors import InputError, named
@@ -27,7 +28,6 @@ from validation.output.provenance import processor
 from validation.run.deformable import deformable_answer, on_its_mesh
 from validation.scene.family import AssemblyScene
 from validation.solving import repeatable, solve
-from validation.study.costs.calculix import MethodAnswer, solve_by_calculix
 from validation.study.costs.partition import PARTITION_LEVEL, partition_pressures
 from validation.study.costs.settings import BaseMesh, CostSetting, with_setting
 
@@ -35,6 +35,21 @@ from validation.study.costs.settings import BaseMesh, CostSetting, with_setting
 SCALARS = ("p_max_point", "p_eff", "sigma_1_averaged", "max_displacement")
 #: Settings cheaper than this are run twice [CPU s].
 CHEAP = 3.0
+
+
+@dataclass(frozen=True)
+class MethodAnswer:
+    """What a method says of a scene."""
+
+    assembly: Assembly
+    scalars: dict[str, float]
+    contacts: IntArray
+    """Facets in the interfaces of the assembly, (n,)."""
+    pressures: FloatArray
+    """Mean pressure of each, (n,) [MPa]."""
+    cpu_seconds: float
+    details: dict[str, Any] = field(default_factory=dict)
+    """Numbers of the solver."""
 
 
 # ---------------------------------------------------------------------------------------------
@@ -65,8 +80,6 @@ def measure(
 
 def warm_up(name: str, scene: AssemblyScene, base: BaseMesh, setting: CostSetting) -> None:
     """Run a setting once on its coarsest mesh for a few steps, so that all kernels are compiled."""
-    if setting.method == "calculix":
-        return  # its program is compiled
     solved = _timed(setting, with_setting(scene, base, setting), name)
     if setting.method == "explicit":
         short = {"end_time": 1e-3, "ramp_time": 1e-4, "residual": 1e300}
@@ -176,7 +189,6 @@ _METHODS: dict[str, Callable[[str, AssemblyScene, CostSetting], MethodAnswer]] =
     "static": _deformable,
     "explicit": _deformable,
     "curved": _curved,
-    "calculix": lambda where, scene, _: solve_by_calculix(where, scene),
 }
 
 

@@ -1,7 +1,6 @@
 """Which settings `tubelock cost` runs on a scene, which is the reference, and what is left out why.
 
-What a scene or a machine does not have is left out by name: curved elements, a grading across the
-wall, another program.
+What a scene does not have is left out by name: curved elements, a grading across the wall.
 """
 
 from __future__ import annotations
@@ -23,14 +22,12 @@ from validation.build.cell import refuse_cell
 from validation.build.problem import fem_section, scene_problem
 from validation.errors import InputError
 from validation.scene.family import AssemblyScene
-from validation.study.comparison.calculix import calculix_version
 from validation.study.costs.measure import SCALARS
 from validation.study.costs.settings import (
     ELEMENT_NAMES,
     BaseMesh,
     CostSetting,
     base_mesh,
-    calculix_setting,
     curved_setting,
     degree_setting,
     explicit_setting,
@@ -134,8 +131,8 @@ def require_cost_scene(scene: Any, name: str) -> AssemblyScene:
     return scene
 
 
-def full_plan(name: str, scene: AssemblyScene, *, others: bool = False) -> CostPlan:
-    """Everything, to decide by; of ``others``, programs that are installed."""
+def full_plan(name: str, scene: AssemblyScene) -> CostPlan:
+    """Everything, to decide by."""
     base, best = base_mesh(scene, name), ElementType.INCOMPATIBLE
     left_out: list[tuple[str, str]] = []
     result = [rigid_setting(norm, k) for norm in Norm for k in (1, 2, 4, 6)]
@@ -150,8 +147,6 @@ def full_plan(name: str, scene: AssemblyScene, *, others: bool = False) -> CostP
     else:
         left_out.append(("graded meshes", f'[mesh] of "{scene.block.type}" has no grading'))
     result += variants(2)
-    if others:
-        result += calculix_settings(left_out, (1, 2, 3))
     why = _why_no_ladder(name, scene)
     if why is not None:
         left_out.append(("mesh sequence of `fem --accuracy`", why))
@@ -186,7 +181,7 @@ def _work(deformable: System) -> float:
     return SECONDS[Operation.DENSE] * float((points**3).sum())
 
 
-def quick_plan(name: str, scene: AssemblyScene, *, others: bool = False) -> CostPlan:
+def quick_plan(name: str, scene: AssemblyScene) -> CostPlan:
     """Coarse meshes: shows how it works, in seconds."""
     result = [rigid_setting(norm, k) for norm in Norm for k in (1, 2)]
     result += [
@@ -196,19 +191,5 @@ def quick_plan(name: str, scene: AssemblyScene, *, others: bool = False) -> Cost
     ]
     result += [explicit_setting(ElementType.INCOMPATIBLE, 1)]
     result += [variants(1)[0]]
-    left_out: list[tuple[str, str]] = []
-    if others:
-        result += calculix_settings(left_out, (1, 2))
     base = base_mesh(scene, name)
-    return CostPlan(base, tuple(result), extrapolated(base, (2, 3, 4)), tuple(left_out))
-
-
-def calculix_settings(
-    left_out: list[tuple[str, str]], levels: tuple[int, ...]
-) -> list[CostSetting]:
-    """CalculiX on some meshes; nothing, and said so, where it is not installed."""
-    version = calculix_version()
-    if version is None:
-        left_out.append(("CalculiX", "not installed (Debian: calculix-ccx)"))
-        return []
-    return [calculix_setting(k, version) for k in levels]
+    return CostPlan(base, tuple(result), extrapolated(base, (2, 3, 4)))

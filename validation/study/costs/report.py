@@ -25,7 +25,6 @@ _CURVES = {
     "static": ("static, trilinear elements", BLUE),
     "curved": ("static, elements of higher degree", GREEN),
     "explicit": ("explicit", VERMILION),
-    "calculix": ("CalculiX", "black"),
 }
 
 

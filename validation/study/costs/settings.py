@@ -74,7 +74,7 @@ class CostSetting:
     family: str
     """What it is apart from the mesh; settings of one family are meshes of one method."""
     method: str
-    """``rigid``, ``static``, ``curved``, ``explicit`` or ``calculix``."""
+    """``rigid``, ``static``, ``curved`` or ``explicit``."""
     level: int
     """Refinement of the base mesh; of curved elements the rung, from 1."""
     changes: tuple[tuple[str, str], ...] = ()
@@ -138,13 +138,6 @@ def curved_setting(rung: int) -> CostSetting:
     return CostSetting("static curved", "curved", rung, (("fem.method", "static"),))
 
 
-def calculix_setting(level: int, version: str) -> CostSetting:
-    """The same blocks by CalculiX, from the deck that `tubelock export` writes."""
-    element = ElementType.INCOMPATIBLE
-    changes = (("fem.method", "static"), ("fem.element", element.value), ("calculix", version))
-    return CostSetting(f"CalculiX {version} {ELEMENT_NAMES[element]}", "calculix", level, changes)
-
-
 def graded(setting: CostSetting) -> CostSetting:
     """Return the same on meshes with short elements at the outer face, where pressures peak."""
     family = f"{setting.family}, graded"
@@ -179,8 +172,7 @@ def variants(level: int) -> list[CostSetting]:
 
 def with_setting(scene: AssemblyScene, base: BaseMesh, setting: CostSetting) -> AssemblyScene:
     """Scene that a setting solves; times that depend on its frequency are left to the run."""
-    # The version of another program stands in no section.
-    changes: dict[str, Any] = {key: text for key, text in setting.changes if "." in key}
+    changes: dict[str, Any] = dict(setting.changes)
     changes["mesh"] = setting.mesh(base)
     if any(key.startswith("fem.") for key in changes):
         # What the plan varies and a setting does not name is as by default.
