@@ -101,11 +101,8 @@ class RigidResult(ReadOnlyArrays):
         return self.equilibrium.holds if self.friction is None else self.friction.holds
 
     @property
-    def shown(self) -> bool:
-        """Whether forces are those of the load itself.
-
-        Else they are of some state that was pressed beforehand, or there are none.
-        """
+    def of_load(self) -> bool:
+        """Whether the load itself brings forces about that balance it, as far as is known."""
         return self.holds and not (self.friction is not None and self.friction.needs_squeeze)
 
     @property
@@ -139,7 +136,7 @@ class RigidResult(ReadOnlyArrays):
     @cached_property
     def shown_measures(self) -> Measures | None:
         """The paper's measures of `normal_forces`; None where no joint presses."""
-        if not self.shown or not self.normal_forces.any():
+        if not self.holds or not self.normal_forces.any():
             return None
         if self.friction is None:
             return self.measures

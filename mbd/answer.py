@@ -115,8 +115,8 @@ def _answer(stated: RigidStatement, result: RigidResult) -> Answer:
             assembly, moving, arrays["points"], arrays["block_of_point"]
         )
     verdict = "carries the load" if result.holds else "does not carry the load"
-    if result.holds and not result.shown:
-        verdict += " only if pressed beforehand"
+    if result.holds and not result.of_load:
+        verdict += " if pressed beforehand (a hint, not proved)"
     if result.friction is not None:
         verdict += f" with friction μ = {result.friction.coefficient:g}"
     found = _Found(assembly, load, result)
@@ -161,7 +161,7 @@ class _Found:
     def contacts(self) -> Contacts:
         """`Answer.contacts`; nothing where nothing balances the load."""
         index = self.result.contact_index
-        makers = _contacts(self.assembly, index, self.result) if self.result.shown else {}
+        makers = _contacts(self.assembly, index, self.result) if self.result.holds else {}
         return Contacts(Lazy(makers))
 
     @cached_property
@@ -205,8 +205,8 @@ class _Found:
 
     def sections(self, cut: Planes) -> SectionForces:
         """Sum the forces of the joints between blocks on both sides of planes."""
-        if not self.result.shown:
-            raise SectionError("section: nothing carries the load by itself: there are no forces")
+        if not self.result.holds:
+            raise SectionError("section: nothing carries the load: there are no forces")
         if getattr(self.assembly, "image_of", None) is not None:
             raise SectionError("section: a periodic cell is a part of a section; cut the tube")
         return sections_through_joints(self.result.joints, self.assembly.centroids, cut)
@@ -217,9 +217,9 @@ class _Found:
         return self.result.shown_measures if isinstance(self.assembly, Assembly) else None
 
     def measures(self) -> dict[str, Measure]:
-        """Pressures, joint forces and reaction; none where the load brings none about."""
+        """Pressures, joint forces and reaction; none where nothing balances the load."""
         pressed = self.result.forces.any()
-        if not self.result.shown or not (pressed or self.reaction.any()):
+        if not self.result.holds or not (pressed or self.reaction.any()):
             return {}
         result: dict[str, Measure] = {}
         if self.contacts and pressed:
@@ -248,8 +248,8 @@ class _Found:
             "carried": holds,
             **({} if self.paper is None else {"contact": asdict(self.paper)}),
             "reaction": self.reaction.tolist() if holds else None,
-            "joints": self.result.joints.as_json() if self.result.shown else [],
-            **(self._balance() if self.result.shown else {}),
+            "joints": self.result.joints.as_json() if self.result.holds else [],
+            **(self._balance() if self.result.holds else {}),
             "units": REPORT_UNITS,
             "rotation_length": self.assembly.characteristic_length,
             "free_blocks": np.flatnonzero(~self.load.fixed).tolist(),
@@ -269,7 +269,7 @@ class _Found:
         patches, bare = solids.interfaces.patches, result.bare_contacts
 
         def largest(values: FloatArray) -> float | None:
-            return float(values.max(initial=0.0)) if result.shown else None
+            return float(values.max(initial=0.0)) if result.holds else None
 
         return {
             "interlocked": result.classification.locked,

@@ -238,30 +238,12 @@ def admissible_cones(contacts: FrictionalContacts) -> tuple[sp.csc_array, list[A
     return sp.vstack(rows).tocsc() if rows else sp.csc_array((0, 0)), cones
 
 
-def _limited_cones(
-    contacts: FrictionalContacts, limits: FloatArray
-) -> tuple[sp.csc_array, list[Any], FloatArray]:
-    """Rows R, cones K and g: R x + g in K says λ_n >= 0 and ‖λ_t‖ <= fixed limits (n,)."""
-    import clarabel
-
-    n, rows = contacts.n_contacts, contacts.sides(np.zeros(4), TANGENTS)
-    plus, cones = np.repeat(limits, 4), [clarabel.NonnegativeConeT(4 * n)]
-    if contacts.law is FrictionLaw.CONE:
-        rows = sp.diags_array(np.tile([0.0, 1.0, 1.0], n))
-        plus = np.column_stack([limits, np.zeros((n, 2))]).ravel()
-        cones = [clarabel.SecondOrderConeT(3)] * n
-    normal = sp.eye_array(3 * n, format="csr")[3 * np.arange(n)]
-    every = [clarabel.NonnegativeConeT(n), *cones]
-    return sp.vstack([normal, rows]).tocsc(), every, np.concatenate([np.zeros(n), plus])
-
-
 def least_forces(
     contacts: FrictionalContacts,
     load: FloatArray,
     *,
     cost: FloatArray | None = None,
     weights: FloatArray | None = None,
-    limits: FloatArray | None = None,
     work: Work,
 ) -> Any:
     """Solve for the admissible forces of least cost that balance a load of one.
@@ -276,8 +258,6 @@ def least_forces(
         Of each force, (3 n_contacts,); None: half the sum of their squares …
     weights
         … over those of these, (n_contacts,); None: ones.
-    limits
-        Of friction at each contact, whatever presses there, (n_contacts,); None: μ λ_n.
     work
         Counts the program.
 
@@ -286,11 +266,8 @@ def least_forces(
     Any
         Solution of clarabel: ``x`` the forces, ``z`` begins with the multipliers of balance.
     """
-    n, plus = contacts.n_contacts, None
-    if limits is None:
-        rows, cones = admissible_cones(contacts)
-    else:
-        rows, cones, plus = _limited_cones(contacts, limits)
+    n = contacts.n_contacts
+    rows, cones = admissible_cones(contacts)
     column = np.ones(n) if weights is None else weights
     squares = sp.diags_array(np.repeat(column**-2.0, 3))
     return least_conic(
@@ -300,7 +277,6 @@ def least_forces(
         target=-load,
         rows=rows,
         cones=cones,
-        plus=plus,
         work=work,
     )
 

@@ -85,11 +85,10 @@ def least_conic(
     target: FloatArray,
     rows: Any,
     cones: list[Any],
-    plus: FloatArray | None = None,
     tolerance: float = 1e-11,
     work: Work | None,
 ) -> Any:
-    """Minimise ½ xᵀPx + qᵀx subject to equal x = target, rows x + plus in the cones (clarabel).
+    """Minimise ½ xᵀPx + qᵀx subject to equal x = target, rows x in the cones (clarabel).
 
     Counted as work, if that is given.
     """
@@ -102,7 +101,7 @@ def least_conic(
     settings.tol_infeas_abs = settings.tol_infeas_rel = tolerance
     settings.max_iter = 300
     constraint = sp.vstack([equal, -rows]).tocsc()
-    right = np.concatenate([target, np.zeros(rows.shape[0]) if plus is None else plus])
+    right = np.concatenate([target, np.zeros(rows.shape[0])])
     solver = clarabel.DefaultSolver(
         sp.csc_matrix(quadratic),
         cost,

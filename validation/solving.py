@@ -145,9 +145,9 @@ def _rigid_parts(case: Case, answer: Answer) -> dict[str, Part]:
         parts["ring_pressure"] = hoop
     cut = scene_planes(scene, blocks)
     if cut is not None:
-        shown = answer.details.shown and answer.cut is not None
-        none = Notes([Row("sections", "none: no forces of the load")])
-        parts["sections"] = answer.cut(cut) if shown and answer.cut is not None else none
+        carried = answer.details.holds and answer.cut is not None
+        none = Notes([Row("sections", "none: the load is not carried")])
+        parts["sections"] = answer.cut(cut) if carried and answer.cut is not None else none
     if isinstance(scene, PolyhedralScene):
         from validation.build.readings import doubts
 

@@ -376,12 +376,12 @@ def test_little_friction_holds_a_panel_by_a_squeeze_alone(tmp_path: Path) -> Non
     slide down their faces together, in explicit runs as well. `mbd` and `fem` name one
     force, of one of joints that are alike: both count the contacts that have an area."""
     scene = panel_scene(tmp_path, 2, 0.3)
-    with pytest.raises(InputError, match="carried only if pressed beforehand") as error:
+    with pytest.raises(InputError, match="carried if pressed beforehand") as error:
         on_its_mesh(scene, method="static")
     rough = load_case(tmp_path / "own.toml", ["effects.friction=0.3"], method="rigid")
     rigid = solve(rough).as_dict()
     verdict, _, joint = rigid["answer"].partition(":")
-    assert verdict == "carried only if pressed beforehand"
+    assert verdict == "carried if pressed beforehand (a hint, not proved)"
     assert joint.partition(" between")[0] in str(error.value)
 
 

@@ -175,13 +175,12 @@ def test_a_tube_shows_the_answer_with_friction() -> None:
     assert 0.0 < answer["measures"]["p_max"]["value"] <= largest
 
 
-def test_forces_of_what_was_pressed_beforehand_are_not_those_of_the_load() -> None:
+def test_what_must_be_pressed_beforehand_has_forces_and_what_is_not_carried_has_none() -> None:
     """Rings in tension open: friction carries the load where something else presses the joints."""
     answer = tube("thb0-pipe", "effects.friction=0.6")
     assert answer["carried"]
-    assert answer["answer"].startswith("carried only if pressed beforehand")
-    assert not answer["measures"]
-    assert answer["joints"] == []
+    assert answer["answer"].startswith("carried if pressed beforehand (a hint, not proved)")
+    assert answer["imbalance"]["force"] < 1e-6
     assert tube("thb0-pipe")["joints"] == []
 
 

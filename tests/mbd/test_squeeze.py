@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fem import Problem, concrete
+from geometry import Assembly
 from geometry.block import box_block
 from geometry.files.mesh_io import write_hex_mesh
 from geometry.mesh import FloatArray
 from geometry.polyhedra.assembly import PolyhedralAssembly, polyhedral_assembly
 from geometry.polyhedra.polyhedron import convex_polyhedron
-from mbd import contact_jacobian
+from mbd import analyse, contact_jacobian
 from mbd.friction import frictional_contacts, frictional_equilibrium
 from mbd.options import FrictionLaw
 from mbd.squeeze import Squeeze, squeeze
@@ -60,7 +62,9 @@ def test_upright_walls_must_press_with_half_the_weight_over_mu(mu: float, law: F
     assert found.needed
     assert found.least == pytest.approx(1000.0 / (2.0 * mu), rel=1e-6)
     assert found.blocks in {(0, 2), (1, 2)}
-    assert "pressed beforehand: at least" in found.words()
+    assert "if pressed beforehand (a hint, not proved): at least" in found.words()
+    assert found.motion is not None
+    assert found.motion == pytest.approx([0, 0, -1, 0, 0, 0], abs=1e-6)
 
 
 def test_walls_that_lean_over_the_block_must_press_harder() -> None:
@@ -130,5 +134,38 @@ coefficient = 0.5
     write_hex_mesh(tmp_path / "cube.inp", box_block((100.0, 100.0, 100.0), (1, 1, 1)).mesh)
     file = load_case(str(path), ())
     words = solve(file.with_method("rigid")).details.words
-    assert "carried only if pressed beforehand: at least 9.81 N between 0 and 1" in words
+    assert "carried if pressed beforehand (a hint, not proved): at least 9.81 N between 0" in words
     assert ("interference fit of 0.02 mm" in words) == (interference > 0.0)
+
+
+def toppling_blocks() -> tuple[list[FloatArray], list[bool]]:
+    """Corners of Goodman and Bray's 16 blocks of 10 m on stairs of 1 m, 1 m thick, and what is
+    fixed: a stair below each, whose side the block before it touches [mm]."""
+    heights = [4.0 * n for n in range(1, 11)]
+    heights += [heights[-1] - 6.2 * k for k in range(1, 7)]
+    boxes, fixed = [], []
+    for n, height in enumerate(heights):
+        for low, high, stays in ((-8.0, n, True), (n, n + height, False)):
+            sides = (10.0 * n, 10.0 * (n + 1)), (0.0, 1.0), (low, high)
+            boxes.append(
+                1e3 * np.array([[x, y, z] for x in sides[0] for y in sides[1] for z in sides[2]])
+            )
+            fixed.append(stays)
+    return boxes, fixed
+
+
+@pytest.mark.parametrize(("share", "stands"), [(0.99, False), (1.01, True)])
+def test_toppling_blocks_stand_from_the_published_friction_on(share: float, stands: bool) -> None:
+    """Goodman and Bray, "Toppling of rock slopes" (1976): limit equilibrium at tan φ = 0.7855.
+    Forces within the friction cones exist below it, too, where sliding would have to dilate."""
+    boxes, fixed = toppling_blocks()
+    blocks = [convex_polyhedron("block", corners) for corners in boxes]
+    slope = Assembly.from_blocks(blocks, fixed=np.flatnonzero(fixed).tolist())
+    down = -9810.0 * np.array([0.5, 0.0, np.sqrt(0.75)])
+    problem = Problem(slope, None, concrete, friction=0.7855 * share, gravity=tuple(down))
+    answer = analyse(problem)
+    assert answer.as_dict()["carried"]
+    assert ("if pressed beforehand (a hint, not proved)" in answer.title) is not stands
+    assert answer["total_reaction"].value == pytest.approx(
+        np.linalg.norm(problem.rigid_weight[:, :3][~slope.fixed].sum(axis=0)), rel=1e-6
+    )

@@ -69,7 +69,7 @@ def write_rigid(answer: Answer, outputs: Outputs) -> None:
         outputs.write("contacts", "contacts.vtu", lambda path: write_contacts(answer, path))
     for name, draw in rigid_pictures(answer).items():
         outputs.write("picture", name, draw)
-    if answer.details.shown:
+    if answer.details.holds:
         write_joints(answer.details.joints, outputs, answer.details.blocks.names)
         cut = answer.parts.get("sections")
         write_sections(cut if isinstance(cut, SectionForces) else None, outputs)
@@ -84,7 +84,7 @@ def rigid_pictures(answer: Answer) -> dict[str, Callable[[Path], None]]:
     meshed = is_meshed(answer)
     if not meshed:
         result["contacts.png"] = partial(draw_polyhedra, answer)
-    elif answer.details.shown:
+    elif answer.details.holds:
         result["contact_pressures.png"] = partial(draw_pressures, answer)
     if "mechanism" in answer.fields:
         result["mechanism.png"] = partial(draw_mechanism, answer)
@@ -202,8 +202,8 @@ def _first_rows(answer: Answer) -> list[Row]:
             rows.append(Row("without friction", verdict_words(answer)))
     if measures:
         rows.append(Row("error bars", _NO_BARS))
-    if result.holds and not result.shown:
-        words = "none of the load alone: they follow from what presses before"
+    if result.holds and not result.of_load:
+        words = "of one state that balances; whether the load brings it about is not proved"
         rows.append(Row("forces", words))
     return rows
 
@@ -276,7 +276,7 @@ def _solid_groups(answer: Answer) -> list[list[Row]]:
     solids: PolyhedralAssembly = result.blocks
     forces, patches = result.normal_forces, solids.interfaces.patches
     shown = []
-    if result.shown and forces.max(initial=0.0) > 0:
+    if result.holds and forces.max(initial=0.0) > 0:
         if not result.patch_pressures.size:
             shown.append(Row("largest contact pressure", "none: edges and points have no area"))
         largest = float(forces.max())

@@ -248,7 +248,7 @@ def _views(report: SceneReport) -> list[View3d]:
     rigid, run = report.rigid, report.deformable
     if rigid is not None:
         layers = middle_layers(rigid.case.scene, rigid.details.blocks)
-        words = "contact pressures" if rigid.details.shown else "blocks"
+        words = "contact pressures" if rigid.details.holds else "blocks"
         title = f"{rigid_title(rigid)}; {words}{layer_words(layers)}"
         views.append(pressure_view(rigid, title, "rigid", layers))
     if run is not None:

@@ -93,7 +93,7 @@ def _carried(rigid: Answer) -> Verdict:
     words, tone = ("yes", GOOD) if result.holds else ("no", BAD)
     pressed = None if result.friction is None else result.friction.squeeze
     if pressed is not None and pressed.needed is not False:
-        words = "only if pressed beforehand" if pressed.needed else "not decided"
+        words = "if pressed beforehand" if pressed.needed else "if the load presses the joints"
         tone = CAUTION if pressed.needed else OPEN
     return Verdict("Does it carry the load?", words, tone, tuple(lines))
 

@@ -64,7 +64,7 @@ def rigid_view(run: Answer, layers: Sequence[int] | None = None) -> tuple[View, 
         if scale.reached[1] > 0.0:
             return view, scale, "contact interfaces, coloured by mean contact pressure"
         return View(polyhedra_parts(blocks), eye(blocks)), None, "blocks; fixed ones grey"
-    if run.details.shown:
+    if run.details.holds:
         view, scale = pressed(pressed_facets(run), layers)
         return view, scale, words
     some = _in_layers(blocks.layer, layers)

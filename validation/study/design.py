@@ -95,11 +95,11 @@ def rigid_results(case: Case) -> dict[str, Any]:
     idle: dict[str, Any] = dict.fromkeys(NO_COLUMN, False)
     answer = repeatable(solve(case.with_method(replace(case.method, **idle))))
     result, friction = answer.details, answer.details.friction
-    # With friction the forces and the verdict are those with it: a load that is carried only if
-    # joints were pressed beforehand is not in equilibrium by itself.
+    # With friction the forces and the verdict are those with it: a load that is carried if joints
+    # were pressed beforehand is not in equilibrium by itself, as far as is known.
     row: dict[str, Any] = {
         "mechanism": str(result.mechanism),
-        "equilibrium": int(result.shown),
+        "equilibrium": int(result.of_load),
         "residual": (result if friction is None else friction).equilibrium.residual,
         "n_blocks": result.n_blocks,
         "n_contacts": result.n_contacts,

@@ -76,7 +76,7 @@ def _count(n: int, what: str) -> str:
 def contact_parts(run: Answer) -> tuple[list[Part], Scale]:
     """Contact interfaces in the colours of their pressures, within the edges of the blocks."""
     interfaces = run.details.blocks.interfaces
-    pressures = run.details.patch_pressures if run.details.shown else np.zeros(0)
+    pressures = run.details.patch_pressures if run.details.holds else np.zeros(0)
     joints = np.arange(len(pressures))
     scale = pressure_scale("mean contact pressure [MPa]", pressures, joints)
     triangles, owner = interfaces.polygons.triangles

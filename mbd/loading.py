@@ -1,0 +1,162 @@
+"""Forces that a load brings about in joints that were free of stress before it.
+
+Joints are a little elastic, with a stiffness that is theirs per area, and slide by Coulomb's law:
+
+    λ_n = k max(0, -δ_n),   λ_t = k (a - δ_t), cut back to μ λ_n,
+
+where δ = Gᵀq are relative displacements and a where a joint last stuck. The load grows by
+increments against a viscous resistance c to all motions,
+
+    G λ(q) + s f = c (q - q_before),
+
+so that every increment has a solution, by Newton's method; c falls with each one. Blocks that come
+to rest are in equilibrium by Coulomb's law, in a state that the load itself has brought about. Of
+blocks that keep moving nothing is proved: elastic joints are one assumption.
+
+References: Cundall, "A computer model for simulating progressive, large-scale movements in blocky
+rock systems", Proc. ISRM Symposium, Nancy (1971), for the joints; Simo and Hughes, Computational
+Inelasticity (1998), chapter 3, for cutting back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from geometry.mesh import FloatArray
+from mbd.equilibrium import EQUILIBRIUM_TOLERANCE
+from mbd.friction import FrictionalContacts
+from mbd.options import FrictionLaw
+from mbd.programs import Work
+
+#: Increments in which the load grows, and most of them in which the imbalance does not halve.
+_INCREMENTS, _PATIENCE = 4, 15
+#: Imbalance of an increment over the load, and most iterations for it.
+_TARGET, _MOST_ITERATIONS = 1e-9, 30
+#: Resistance falls by this after an increment of at most so many iterations, and grows after one
+#: that fails.
+_FALLS, _EASY, _GROWS = 0.25, 10, 4.0
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """What became of blocks under a growing load."""
+
+    rests: bool | None
+    """Whether they came to rest; None where the limit of work came first."""
+    forces: FloatArray
+    """(λ_n, λ_1, λ_2) of each contact of the last increment, (n_contacts, 3) [N]."""
+    motion: FloatArray
+    """Their last motion, ‖d‖ = 1, (n_rows,)."""
+
+
+@dataclass(frozen=True)
+class _Joints:
+    """Elastic joints that slide."""
+
+    contacts: FrictionalContacts
+    stiffness: FloatArray
+    """(n_contacts,)"""
+
+    def forces(self, displacement: FloatArray, stuck: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Forces (n, 3), and their derivatives by relative displacements, (n, 3, 3).
+
+        ``stuck`` is where each joint last stuck, (n, 2).
+        """
+        moved, k, mu = self.contacts.slip(displacement), self.stiffness, self.contacts.friction
+        normal = k * np.maximum(-moved[:, 0], 0.0)
+        trial = k[:, None] * (stuck - moved[:, 1:])
+        size, limit = self.contacts.shear_size(trial), mu * normal
+        slides, size = size > limit, np.maximum(size, 1e-300)
+        share = np.where(slides, limit / size, 1.0)
+        way = slides[:, None] * trial / size[:, None]
+        along = way if self.contacts.law is FrictionLaw.CONE else np.sign(trial)
+        slope = np.zeros((len(k), 3, 3))
+        slope[:, 0, 0] = 1.0
+        slope[:, 1:, 0] = mu[:, None] * way
+        slope[:, 1:, 1:] = share[:, None, None] * (np.eye(2) - way[:, :, None] * along[:, None])
+        slope *= (-k * (normal > 0.0))[:, None, None]
+        return np.column_stack([normal, share[:, None] * trial]), slope
+
+    def sticks(self, displacement: FloatArray, forces: FloatArray) -> FloatArray:
+        """Where the joints stick that carry forces (n, 3), (n, 2)."""
+        return self.contacts.slip(displacement)[:, 1:] + forces[:, 1:] / self.stiffness[:, None]
+
+
+def load_by_increments(
+    contacts: FrictionalContacts, load: FloatArray, stiffness: FloatArray, work: Work
+) -> Loaded:
+    """Let a load (n_rows,) [N] grow on joints with a stiffness each, (n_contacts,) [-]."""
+    joints = _Joints(contacts, stiffness)
+    n, size = len(load), float(np.linalg.norm(load))
+    unit, mean = load / size, float(stiffness.sum()) / n
+    displacement, motion = np.zeros(n), np.zeros(n)
+    stuck, forces = np.zeros((contacts.n_contacts, 2)), np.zeros((contacts.n_contacts, 3))
+    resistance, share, rests = mean, 0.0, None
+    done, least, halved = 0, np.inf, 0
+    while not work.spent:
+        done += 1
+        if done - halved > _PATIENCE:
+            rests = False
+            break
+        grown = min(1.0, share + 1.0 / _INCREMENTS)
+        following, iterations = _increment(
+            joints, displacement, stuck, load=grown * unit, resistance=resistance, work=work
+        )
+        if following is None:
+            resistance *= _GROWS
+            continue
+        motion, displacement, share = following - displacement, following, grown
+        forces, _ = joints.forces(displacement, stuck)
+        stuck = joints.sticks(displacement, forces)
+        left = float(np.linalg.norm(contacts.matrix @ forces.ravel() + unit))
+        if share == 1.0 and left <= 0.1 * EQUILIBRIUM_TOLERANCE:
+            rests = True
+            break
+        if left < 0.5 * least:
+            least, halved = left, done
+        if iterations <= _EASY:
+            resistance *= _FALLS
+    motion = motion / (float(np.linalg.norm(motion)) or 1.0)
+    return Loaded(rests, size * forces, motion)
+
+
+def _increment(
+    joints: _Joints,
+    start: FloatArray,
+    stuck: FloatArray,
+    *,
+    load: FloatArray,
+    resistance: float,
+    work: Work,
+) -> tuple[FloatArray | None, int]:
+    """Displacement (n_rows,) in balance with a load, and iterations; None where none is found."""
+    from scipy.sparse.linalg import splu
+
+    matrix, resist = joints.contacts.matrix, sp.eye_array(len(load)) * resistance
+    entries = int(matrix.nnz)
+
+    def imbalance(displacement: FloatArray) -> tuple[FloatArray, FloatArray]:
+        forces, slope = joints.forces(displacement, stuck)
+        return matrix @ forces.ravel() + load - resistance * (displacement - start), slope
+
+    displacement = start
+    rest, slope = imbalance(displacement)
+    for iteration in range(_MOST_ITERATIONS):
+        size = float(np.linalg.norm(rest))
+        if size <= _TARGET:
+            return displacement, iteration
+        inner = sp.bsr_array(
+            (slope, np.arange(len(slope)), np.arange(len(slope) + 1)), shape=(3 * len(slope),) * 2
+        )
+        step = splu(sp.csc_array(resist - matrix @ inner.tocsc() @ matrix.T)).solve(rest)
+        work.conic(1, entries)
+        for halving in range(8):
+            trial = displacement + 0.5**halving * step
+            rest, slope = imbalance(trial)
+            if np.linalg.norm(rest) < size:
+                break
+        displacement = trial
+    return None, _MOST_ITERATIONS
