@@ -14,10 +14,8 @@ from scipy.spatial import cKDTree
 from geometry.errors import unreadable
 from geometry.files.mesh_io import read_any_mesh
 from geometry.files.named_surfaces import NamedSurface
-from geometry.files.obj import read_obj
-from geometry.files.readers import OWN_UNITS, READERS, read_named
+from geometry.files.readers import OWN_UNITS, READ, read_named
 from geometry.files.repair import repaired, turned_alike
-from geometry.files.stl import is_text, read_stl_text
 from geometry.mesh import (
     HEX_FACES,
     BoolArray,
@@ -47,7 +45,7 @@ _LARGEST = 1e30
 #: Suffixes of STEP files.
 STEP_SUFFIXES = {".step", ".stp"}
 #: Suffixes of files that hold no hexahedra.
-SURFACES_ALONE = {".obj", *READERS}
+SURFACES_ALONE = {".obj", *READ}
 #: gmsh's number for eight-node hexahedra.
 _HEXAHEDRON = 5
 #: Faces of solid cells, all counter-clockwise seen from outside where the first one is.
@@ -500,10 +498,14 @@ def millimetres(units: str) -> float:
 def _named_surfaces(path: Path, suffix: str) -> list[NamedSurface]:
     """Surfaces of a format that names them; none of others."""
     if suffix == ".obj":
+        from geometry.files.obj import read_obj
+
         return read_obj(path)
-    if suffix == ".stl" and unreadable(path) is None and is_text(path):
-        return read_stl_text(path)
-    return read_named(path) if suffix in READERS else []
+    if suffix == ".stl" and unreadable(path) is None:
+        from geometry.files.stl import is_text, read_stl_text
+
+        return read_stl_text(path) if is_text(path) else []
+    return read_named(path) if suffix in READ else []
 
 
 _Part = tuple[NamedSurface, FloatArray, IntArray]

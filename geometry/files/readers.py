@@ -2,33 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from geometry.errors import unreadable
-from geometry.files.compas_json import read_compas
-from geometry.files.gltf import read_scene_graph
 from geometry.files.named_surfaces import NamedSurface
-from geometry.files.off import read_off
-from geometry.files.rhino import read_rhino
-from geometry.files.three_mf import read_3mf
 from geometry.mesh import MeshError
 
-#: By suffix.
-READERS: Mapping[str, Callable[[Path], list[NamedSurface]]] = {
-    ".json": read_compas,
-    ".glb": read_scene_graph,
-    ".gltf": read_scene_graph,
-    ".3mf": read_3mf,
-    ".3dm": read_rhino,
-    ".off": read_off,
-}
+#: Suffixes of the formats.
+READ = (".json", ".glb", ".gltf", ".3mf", ".3dm", ".off")
 #: Suffixes of files that say in which unit they are, beside STEP; read in mm.
 OWN_UNITS = {".glb", ".gltf", ".3mf", ".3dm"}
 
 
 def read_named(path: Path) -> list[NamedSurface]:
-    """Surfaces of a file of one of the formats in `READERS`, without those in `left_out`.
+    """Surfaces of a file of one of the formats in `READ`, without those in `left_out`.
 
     Raises
     ------
@@ -38,7 +25,7 @@ def read_named(path: Path) -> list[NamedSurface]:
     why = unreadable(path)
     if why is not None:
         raise MeshError(f"{path}: {why}; expected a file of surfaces")
-    every = READERS[path.suffix.lower()](path)
+    every = _every(path)
     result = [one for one in every if not one.left_out]
     if not result:
         raise MeshError(f"{path}: got no block; left out: {', '.join(_words(every))}")
@@ -53,8 +40,23 @@ def left_out(path: Path) -> list[str]:
     MeshError
         As `read_named`.
     """
-    reader = READERS.get(path.suffix.lower())
-    return [] if reader is None else _words(reader(path))
+    return _words(_every(path)) if path.suffix.lower() in READ else []
+
+
+def _every(path: Path) -> list[NamedSurface]:
+    """Surfaces of a file by the reader of its format, which is imported when one is read."""
+    match path.suffix.lower():
+        case ".json":
+            from geometry.files.compas_json import read_compas as read
+        case ".glb" | ".gltf":
+            from geometry.files.gltf import read_scene_graph as read
+        case ".3mf":
+            from geometry.files.three_mf import read_3mf as read
+        case ".3dm":
+            from geometry.files.rhino import read_rhino as read
+        case _:
+            from geometry.files.off import read_off as read
+    return read(path)
 
 
 def _words(surfaces: list[NamedSurface]) -> list[str]:

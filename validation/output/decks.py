@@ -7,14 +7,13 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from fem.decks.deck import Deck, Flavour
 from fem.decks.problem import problem_deck
-from fem.decks.read.deck import InputDeck, read_deck
 from fem.decks.write import write_deck
 from fem.element.hexahedron import ElementType
 from fem.element.material import Material
@@ -31,6 +30,9 @@ from validation.case import Case
 from validation.errors import InputError, named
 from validation.output.console import RowTable
 from validation.output.files import prepare_file
+
+if TYPE_CHECKING:
+    from fem.decks.read.deck import InputDeck
 
 #: Largest strain, and rotation [rad] where it is linear: their products are a fiftieth of them.
 LARGEST_STRAIN = 0.02
@@ -108,6 +110,8 @@ def run_command(deck: Deck, path: Path) -> str:
 
 def read_file(path: Path, dialect: str | None) -> InputDeck:
     """Read a deck, and check all that a solution checks before it begins."""
+    from fem.decks.read.deck import read_deck
+
     try:
         deck = read_deck(path, dialect=dialect)
     except RefusedError as error:
