@@ -6,10 +6,8 @@ one mode with damping ratio ξ this is Belytschko's Δt = (2/ω)(√(1 + ξ²) -
 proportional to mass does not appear: it acts at the mean of the two half-step velocities,
 which leaves the limit as it is.
 
-Single elements say what Abaqus quotes, and a true bound. `characteristic_time_step` is L / c_d,
-the estimate that Abaqus/Explicit documents; it is not a bound (a cube of nu = 0.4 rings faster than
-that). Two over the largest of `element_frequencies` is one: with the lumped mass an assembled mesh
-is never stiffer than its stiffest free element (Irons and Treharne 1971).
+Single elements say what Abaqus quotes: `characteristic_time_step` is L / c_d, the estimate that
+Abaqus/Explicit documents. It is not a bound (a cube of nu = 0.4 rings faster than that).
 """
 
 from __future__ import annotations
@@ -23,12 +21,10 @@ from scipy.sparse import bsr_array, csr_array, diags_array
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from fem.element.hexahedron import (
-    chunks,
     gauss_gradients,
     mean_gradients,
     point_volumes,
 )
-from fem.element.kinds import Element
 from fem.element.material import Material
 from fem.system.body import Body
 from fem.system.effects import Effects
@@ -66,18 +62,6 @@ def characteristic_time_step(
     """
     length = characteristic_length(mesh.nodes[mesh.elements]).min()
     return float(length) / material.dilatational_wave_speed * damped_factor(linear_bulk_viscosity)
-
-
-def element_frequencies(mesh: HexMesh, material: Material, element: Element) -> FloatArray:
-    """Highest frequency of each free element with its lumped mass, (n_elements,) [rad/s]."""
-    squares = np.empty(mesh.n_elements)
-    for part in chunks(mesh.n_elements):
-        coordinates = mesh.nodes[mesh.elements[part]]
-        stiffness = element.stiffness(coordinates, material)
-        scale = np.repeat(1.0 / np.sqrt(element.mass(coordinates, material.density)), 3, axis=1)
-        scaled = stiffness * scale[:, :, None] * scale[:, None, :]
-        squares[part] = np.linalg.eigvalsh(scaled)[:, -1]
-    return np.sqrt(squares)
 
 
 class TimeStepError(RefusedError):
