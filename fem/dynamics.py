@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Literal
 
 from fem.accuracy.converge import Progress as Refinement
-from fem.accuracy.converge import converge, is_a_set, usual_work, why_not_refined
+from fem.accuracy.converge import converge, usual_work, why_not_refined
 from fem.accuracy.errors import SAFETY
-from fem.accuracy.friction_range import friction_set
 from fem.accuracy.ladder import OF_FACETS, coarser
 from fem.accuracy.one_mesh import SHARES, static_errors
 from fem.accuracy.parts import NOT_AT_REST, StaticReference
@@ -176,12 +175,6 @@ def _beside(
         measures = measures_of(state)
         errors = {n: e + dragged.get(n, 0.0) * abs(measures[n].value) for n, e in errors.items()}
     watch.lap("error bars")
-    if static and is_a_set(problem):
-        tell("how wide the set of answers with friction is")
-        parts["friction"] = friction_set(
-            problem, state, _statically(problem, method), refined=False
-        )
-        watch.lap("range of friction")
     return errors, parts
 
 
@@ -251,7 +244,9 @@ def ramp_change(problem: Problem, method: Explicit) -> dict[str, float]:
     Mass-proportional damping drags blocks back while the load grows, and friction keeps it. The
     error falls with the rate of loading: that of the ramp is what half of it changes.
     """
-    if method.damping != "static" or not is_a_set(problem):
+    moves = any(held.moves for held in problem.load_case.held)
+    rubs = problem.coulomb is not None and problem.deformable.meets and not moves
+    if method.damping != "static" or not rubs:
         return {}
     for stated in (coarser(problem, SHARES[-1]), problem):
         with suppress(RefusedError):

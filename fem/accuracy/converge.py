@@ -316,12 +316,6 @@ def why_not_refined(problem: Problem) -> str | None:
     return None
 
 
-def is_a_set(problem: Problem) -> bool:
-    """Whether the static states of a problem are a set: friction between blocks that meet."""
-    moves = any(held.moves for held in problem.load_case.held)
-    return problem.coulomb is not None and problem.deformable.meets and not moves
-
-
 def usual_work(problem: Problem) -> float:
     """Work at most where neither a limit nor an accuracy is stated [reference s]."""
     opened = problem.clearance > 0.0 or problem.spacing > 0.0

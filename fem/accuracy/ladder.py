@@ -178,12 +178,6 @@ def on_mesh(problem: Problem, shapes: tuple[Block, ...], degree: int) -> Problem
     return replace(problem, blocks=blocks, load=load, degree=degree, check_blocks=False)
 
 
-def mesh_of(problem: Problem) -> str:
-    """Number and degree of the elements of all shapes, by which meshes of one problem differ."""
-    elements = sum(shape.mesh.n_elements for shape in problem.blocks.shapes)
-    return f"{elements} of degree {problem.degree}"
-
-
 def on_rung(problem: Problem, rung: Rung) -> Problem:
     """State a problem on the mesh of a rung.
 

@@ -1,7 +1,7 @@
 """What a deformable answer has beside its measures: `geometry.answer.Answer.parts`.
 
 `accuracy` and `meshes` of a state on finer and finer meshes, with the `facets` of its means;
-`friction`; `static_reference` of an explicit run to the static state.
+`static_reference` of an explicit run to the static state.
 """
 
 from __future__ import annotations
@@ -21,8 +21,6 @@ from geometry.parts.rows import Row
 
 #: Why a run has no error bars.
 NOT_AT_REST = Row("error bars", "not at rest: no error bar")
-#: Measures whose width the rows show; JSON has all.
-_WIDTHS = {"p_max": "p_max", "p_eff": "p_eff", "max_displacement": "displacement"}
 
 
 @dataclass(frozen=True)
@@ -126,42 +124,6 @@ class MeshFacets:
     def as_json(self) -> dict[str, Any]:
         """Return plain data."""
         return {"size": self.size, "n": len(self.pressures)}
-
-
-@dataclass(frozen=True)
-class FrictionSet:
-    """Where an answer with friction lies among those that the laws admit."""
-
-    member: str
-    """How the load was applied."""
-    change: Mapping[str, float]
-    """Of each measure when half as many load steps are taken, in its unit; empty where only one
-    number of them was solved."""
-    width: Mapping[str, float]
-    """Of each measure after the overload-and-unload path, relative to the monotonic path, less
-    one [-]; empty where that path has no end."""
-    remark: str
-    """Why there is no width, or where it was found."""
-
-    @property
-    def rows(self) -> list[Row]:
-        """The load path of the answer, and how much another path changes it."""
-        words = f"the load path counts (here {self.member}): loading to 150 % and back changes"
-        shown = ", ".join(
-            f"{title} {100 * self.width[name]:+.2g} %"
-            for name, title in _WIDTHS.items()
-            if name in self.width
-        )
-        return [Row("friction", f"{words} {shown or 'nothing known'} ({self.remark})")]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return plain data."""
-        return {
-            "member": self.member,
-            "change_by_load_steps": dict(self.change),
-            "past_and_back": dict(self.width),
-            "remark": self.remark,
-        }
 
 
 @dataclass(frozen=True)

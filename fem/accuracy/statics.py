@@ -19,13 +19,11 @@ from fem.accuracy.converge import (
     check_refinable,
     checked_targets,
     converge,
-    is_a_set,
     usual_degree,
     usual_work,
     why_not_refined,
 )
-from fem.accuracy.ladder import mesh_of, on_rung
-from fem.accuracy.one_mesh import static_errors, static_state, values_of
+from fem.accuracy.one_mesh import static_errors, static_state
 from fem.answer import answer_of
 from fem.contact.law import LinearPenalty
 from fem.element.hexahedron import ElementType
@@ -38,7 +36,7 @@ from fem.static.result import LOAD_TOLERANCE, StaticError
 from fem.static.solve import StaticOptions
 from fem.static.solve import solve_static as solve_blocks
 from fem.system.sector import require_sector
-from geometry.answer import Answer, Lazy, Measure
+from geometry.answer import Answer, Measure
 from geometry.assembly import Assembly
 from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
@@ -51,7 +49,7 @@ if TYPE_CHECKING:
     from fem.accuracy.strength import Bars
     from fem.explicit.solve import Frame
 
-#: Part of the work that the range of friction and load factors keep.
+#: Part of the work that load factors keep.
 _AFTER = 0.25
 #: First load steps of blocks with friction that close a clearance: slip before touch is no stick.
 _CLOSING_STEPS = 4
@@ -163,8 +161,6 @@ class _Bars:
     """Of each measure, in its unit."""
     under: Bars
     """The same under a factor times the loads."""
-    known: Mapping[str, Mapping[str, float]]
-    """Measures on the meshes that were solved, by `mesh_of`."""
     parts: dict[str, Part]
     """Of the answer."""
     facets: tuple[Assembly, FloatArray] | None = None
@@ -188,7 +184,7 @@ def _answer(
     strong = problem.after is None and _has_strengths(problem)
     share = None
     if finer and work is not None:
-        share = work * (1.0 - _AFTER * (strong or is_a_set(problem)))
+        share = work * (1.0 - _AFTER * strong)
     with _floating_named(problem, options), budget(share) as spent:
         if finer:
             result = converge(
@@ -215,13 +211,6 @@ def _answer(
         else:
             bars = _of_meshes(problem, options, result)
         parts, factors = bars.parts, dict[str, Measure]()
-        if bars.known and is_a_set(problem):
-            from fem.accuracy.friction_range import friction_set
-
-            tell("how wide the set of answers with friction is")
-            known = bars.known
-            parts["friction"] = friction_set(problem, state, options, refined=finer, known=known)
-            watch.lap("range of friction")
         if strong:
             from fem.accuracy.strength import strength_factors
 
@@ -244,12 +233,10 @@ def _answer(
 
 def _of_meshes(problem: Problem, options: StaticOptions, result: Converged) -> _Bars:
     """Bars of the last of finer and finer meshes."""
-    meshes = result.meshes.meshes
-    rungs = [mesh.rung for mesh in meshes]
+    rungs = [mesh.rung for mesh in result.meshes.meshes]
     return _Bars(
         errors=result.errors,
         under=lambda factor, _: bars_under(problem, rungs, options, factor),
-        known={mesh_of(on_rung(problem, mesh.rung)): mesh.values for mesh in meshes},
         parts=result.parts,
         facets=result.solved.facets,
         remarks=result.remarks,
@@ -271,21 +258,13 @@ def _of_coarser(
     ``work`` is what the state took, and what may be done now.
     """
     (spent, left), parts, errors = work, dict[str, Part](), dict[str, float]()
-    solved = dict[Any, State]()
-
-    def solve(other: Problem) -> State:
-        solved[mesh_of(other)] = _state(other, options)
-        return solved[mesh_of(other)]
-
     if method.error_estimate and problem.after is None:
-        solved[mesh_of(problem)] = state
         follower.tell("coarser meshes, for the errors")
-        errors = static_errors(problem, state, solve, spent)
+        errors = static_errors(problem, state, partial(_state, options=options), spent)
         if left.stopped_by and not errors:
             parts["notes"] = Notes([Row("error bars", f"none: {LIMITS[left.stopped_by]}")])
         follower.watch.lap("error bars")
-    known = Lazy({mesh: partial(values_of, one) for mesh, one in solved.items()})
-    return _Bars(errors, partial(_errors_under, problem, options, spent), known, parts)
+    return _Bars(errors, partial(_errors_under, problem, options, spent), parts)
 
 
 def _has_strengths(problem: Problem) -> bool:

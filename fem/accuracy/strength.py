@@ -81,7 +81,7 @@ def strength_factors(
     if not any(strengths.values()):
         return {}
     store = FlexibilityStore()
-    options = replace(options or StaticOptions(), load_path=None, once=True)
+    options = replace(options or StaticOptions(), once=True)
 
     last, solved = 1.0, {1.0: state}
     path_counts = state.deformable.contact.friction is not None

@@ -49,14 +49,9 @@ def solve_history(
     Raises
     ------
     StaticError
-        An increment without an equilibrium, or a load path of its own; and as
+        An increment without an equilibrium; and as
         `fem.static.solve.solve_static`.
     """
-    if options.load_path is not None:
-        raise StaticError(
-            f"static: got load_path {options.load_path} for a problem after another, whose loads "
-            "change in equal increments; expected load_steps, or a problem for each part of the way"
-        )
     store = FlexibilityStore() if store is None else store
 
     def in_parts(parts: int) -> State:

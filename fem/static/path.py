@@ -91,9 +91,6 @@ class StaticOptions:
     load_tolerance: float | None = None
     """With friction the parts are doubled until that changes displacements and pressures by less
     [-]; None: they stay as they are, and so they do from a given start."""
-    load_path: tuple[float, ...] | None = None
-    """Load factors at the ends of the load steps, the last one 1; None: monotonic, in
-    `load_steps` of `load_factors`."""
     motion_steps: int | None = None
     """Parts of the way of supports that move, after the load; the times of their tables come on
     top. None: all their way at once, with the load."""
@@ -106,11 +103,6 @@ class StaticOptions:
         change = self.load_tolerance
         if change is not None and not (math.isfinite(change) and change > 0.0):
             raise StaticError(f"fem.load_tolerance: got {change}, expected a positive number")
-        path = self.load_path
-        if path is not None and not (path and path[-1] == 1.0 and min(path) > 0.0):
-            raise StaticError(
-                f"load_path: got {path}, expected positive load factors that end with 1"
-            )
         for name in ("max_iterations", "load_steps", "motion_steps"):
             if getattr(self, name) is not None and getattr(self, name) < 1:
                 raise StaticError(f"fem.{name}: got {getattr(self, name)}, expected at least 1")
@@ -271,9 +263,8 @@ def load_path(problem: StaticProblem, options: StaticOptions, parts: int) -> lis
 
     Without supports that move there is no time.
     """
-    requested, moving = options.load_path, problem.system.held.moving
-    if requested is None:
-        requested = load_factors(parts, friction=problem.system.has_friction)
+    moving = problem.system.held.moving
+    requested = load_factors(parts, friction=problem.system.has_friction)
     if not moving or options.motion_steps is None:
         return [(factor, None) for factor in requested]
     tables = [np.array(share.times) for share, _ in moving if isinstance(share, TabularAmplitude)]

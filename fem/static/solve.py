@@ -112,7 +112,7 @@ def solve_static(
         return _load(deformable, once, start, store)
     change = options.load_tolerance
     without = deformable.contact.friction is None or start is not None
-    if without or change is None or options.load_path is not None:
+    if without or change is None:
         return _load(deformable, options, start, store, slips_from_rest=slips_from_rest)
 
     near = dict(known)
@@ -159,7 +159,7 @@ def _load(
     again = None if search is None else replace(search)
     path = load_path(problem, options, options.load_steps)
     found = follow(problem, first, path, known=known, search=search)
-    more = options.load_steps < _FALLBACK_LOAD_STEPS and options.load_path is None
+    more = options.load_steps < _FALLBACK_LOAD_STEPS
     if more and not options.once and not found[-1].converged:
         first = replace(first, residuals=found[-1].evidence.residuals)
         if again is not None:

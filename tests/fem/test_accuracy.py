@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from fem.accuracy import converge as converging
-from fem.accuracy import friction_range
+from fem.accuracy import strength
 from fem.accuracy.converge import climbed, converge
 from fem.accuracy.errors import (
     LEAST_MESHES,
@@ -32,7 +32,6 @@ from fem.accuracy.ladder import (
     graded_to_both_ends,
     graded_to_one_end,
 )
-from fem.accuracy.parts import FrictionSet
 from geometry import Measure
 from tests.fixtures.commands import small_meshes
 from tests.support.commands import command
@@ -241,17 +240,17 @@ def test_an_accuracy_that_is_not_reached_is_told_and_has_a_status_of_its_own(tub
     assert data["measures"]["max_displacement"]["value"] > 0.0
 
 
-def test_printed_seconds_include_the_range_of_friction(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_printed_seconds_include_the_load_factors(monkeypatch: pytest.MonkeyPatch) -> None:
     """By a clock that stands still but there."""
     clock = [0.0]
 
-    def width(*_: object, **__: object) -> FrictionSet:
+    def factors(*_: object, **__: object) -> dict[str, Measure]:
         clock[0] += 1000.0
-        return FrictionSet("loaded straight up", {}, {}, "")
+        return {}
 
     monkeypatch.setattr(time, "process_time", lambda: clock[0])
-    monkeypatch.setattr(friction_range, "friction_set", width)
-    case = column(0.5).changed({"effects.friction.coefficient": 0.5})
+    monkeypatch.setattr(strength, "strength_factors", factors)
+    case = column(0.5).changed({"material.tensile_strength": 1.0})
     with small_meshes(1):
         seconds = solve(case).report["cpu_seconds"]
-    assert seconds["range of friction"] == seconds["total"] == 1000.0
+    assert seconds["load factors"] == seconds["total"] == 1000.0

@@ -6,21 +6,16 @@ import numpy as np
 import pytest
 
 from fem import CoulombFriction
-from fem.accuracy import friction_range
-from fem.accuracy.one_mesh import static_state
-from fem.measures import load_step_change
+from fem.static.history import solve_history
 from fem.static.result import (
     LOAD_TOLERANCE,
     MOST_PARTS,
-    StaticError,
     load_factors,
     path_change,
     refined,
 )
 from fem.static.solve import StaticOptions, solve_static
-from tests.support.answers import on_its_mesh
 from tests.support.pressed_pipe import pipe, sheared_column
-from tests.support.sliding_plate import plate
 
 TIGHT = StaticOptions(tolerance=1e-10)
 
@@ -109,7 +104,7 @@ def test_a_state_is_not_compared_with_itself():
 def test_much_friction_converges_in_every_load_step():
     """Limits that follow the pressures at once swing for ever with a coefficient of 0.6, at a
     residual of a tenth."""
-    found = solve_static(pipe(friction=CoulombFriction(0.6)), StaticOptions(load_path=(1.0,)))
+    found = solve_static(pipe(friction=CoulombFriction(0.6)), StaticOptions(once=True))
     assert found.converged
 
 
@@ -118,7 +113,8 @@ def test_what_sticks_does_not_remember_the_way():
     whose state is its load's whatever came before, without any work lost."""
     friction = CoulombFriction(0.3, 50.0)
     direct = solve_static(sheared_column(0.2, friction), TIGHT)
-    back = solve_static(sheared_column(0.2, friction), replace(TIGHT, load_path=(0.5, 1.2, 1.0)))
+    stages = [sheared_column(0.2, friction, pressure=p) for p in (0.12, 0.1)]
+    back = solve_history(stages, TIGHT)
     moved = direct.displacements[0]
     assert np.abs(back.displacements[0] - moved).max() < 1e-7 * np.abs(moved).max()
     assert back.frictional_dissipation == direct.frictional_dissipation == 0.0
@@ -130,43 +126,8 @@ def test_what_slid_stays_behind_the_load():
     friction = CoulombFriction(0.3, 50.0)
     model = sheared_column(0.285, friction)
     direct = solve_static(model, replace(TIGHT, load_steps=4))
-    back = solve_static(model, replace(TIGHT, load_path=(0.5, 1.0, 1.03, 1.0)))
+    back = solve_history([sheared_column(0.285, friction, pressure=0.103), model], TIGHT)
     assert direct.converged
     assert back.converged
     assert back.displacements[0][0][:, 0].mean() > direct.displacements[0][0][:, 0].mean()
     assert back.frictional_dissipation > direct.frictional_dissipation > 0.0
-
-
-@pytest.mark.parametrize("path", [(), (0.5,), (0.0, 1.0), (1.0, 2.0)])
-def test_ways_that_do_not_end_at_the_load_are_refused(path):
-    with pytest.raises(StaticError, match="load_path: got"):
-        StaticOptions(load_path=path)
-
-
-def test_the_answer_names_its_member_and_the_width(monkeypatch):
-    """A plate under gravity that leans by 0.8 of the angle of friction sticks: its answer is that
-    of the load alone, to the residual of 1e-8, tenfold by the softest motion. Where half as much
-    more is not carried there is no other end, and the reason is said."""
-    run = on_its_mesh(plate("static"), method="static", error_estimate=True)
-    found = run.parts["friction"]
-    assert f"monotonic loading in {run.details.evidence.load_steps} steps" in found.member
-    assert set(found.change) == set(found.width) == set(run.measures)
-    assert max(found.change.values()) < 1e-6
-    assert np.abs(list(found.width.values())).max() < 1e-6
-
-    def carries_no_more(deformable, options, **more):
-        if options.load_path is not None:
-            raise StaticError("too much")
-        return static_state(deformable, options, **more)
-
-    monkeypatch.setattr(friction_range, "static_state", carries_no_more)
-    refused = on_its_mesh(plate("static"), method="static", error_estimate=True)
-    assert not refused.parts["friction"].width
-    assert "too much" in refused.parts["friction"].remark
-    assert refused.as_dict()["friction"]["past_and_back"] == {}
-
-
-def test_without_friction_there_is_no_set():
-    run = on_its_mesh(plate("static", rough=False), method="static", error_estimate=True)
-    assert "friction" not in run.parts
-    assert load_step_change(run.details) == {}

@@ -301,8 +301,7 @@ def _contact_rows(answer: Answer) -> tuple[list[Row], list[Row]]:
     facets, details = answer.parts.get("facets"), answer.details
     contact = contact_on(details, facets.of if isinstance(facets, MeshFacets) else None)
     search = Row("contact search", answer.report["contact_search"])
-    rows = [*part_rows(answer, "facets"), search, *part_rows(answer, "friction")]
-    rows += _slip_rows(details.slip)
+    rows = [*part_rows(answer, "facets"), search, *_slip_rows(details.slip)]
     if details.cap is not None:
         rows.append(Row("contact stiffness cap", cap_words(details.cap)))
     depth = contact.mean_overclosure
