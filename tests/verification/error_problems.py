@@ -297,7 +297,8 @@ def exact_push() -> dict[str, float]:
     """Uniform pressure and shear: the box shortens and leans, the joint closes and sticks."""
     problem = pushed_box()
     modulus = problem.material.young_modulus
-    slip = PUSHED / CoulombFriction(FRICTION).stick_stiffness
+    length = problem.blocks.characteristic_length
+    slip = PUSHED / CoulombFriction(FRICTION).stick(modulus, length)
     closed = float(problem.contact_law.overclosure(np.array([PRESSED]))[0])
     moved = (
         slip + 2.0 * PUSHED / modulus * BOX_HEIGHT,
