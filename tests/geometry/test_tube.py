@@ -78,6 +78,28 @@ def test_free_blocks_share_one_shape_and_layers_stack(small_tube: Assembly) -> N
     assert ends[1].max() - ends[0].min() == pytest.approx(800.0, rel=1e-14)
 
 
+@pytest.mark.parametrize(("shift", "frequency"), [(0.0, 1.5), (0.5, 1.0), (0.3, 2.0)])
+def test_the_outer_face_is_at_the_outer_radius_and_as_steep_as_stated(
+    shift: float, frequency: float
+) -> None:
+    """Chords of n per wave are flatter than the tangent where it is steepest: by (π/n)²/6."""
+    waves, n = round(2 * frequency), 48
+    block = tsb(shift, frequency=frequency)
+    built = SineTube(block, SineBlockDivisions(waves * n, 2, 2), 1).build()
+    shape = built.shape(int(built.free_blocks[0]))
+    radius = np.hypot(*(shape.mesh.nodes - built.origin)[:, :2].T)
+    assert radius.max() == pytest.approx(block.outer_radius, rel=1e-12)
+    assert radius.min() == pytest.approx(block.inner_radius, rel=1e-12)
+    corners = shape.mesh.nodes[shape.faces["top"]]
+    ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2, 3)
+    away = np.hypot(ends[..., 0], ends[..., 1])
+    ends = ends[(np.abs(away - block.outer_radius) < 1e-9).all(axis=1)]
+    arc = block.outer_radius * 2 * np.pi / (block.blocks_per_layer * waves * n)
+    slope = np.abs(ends[:, 1, 2] - ends[:, 0, 2]).max() / arc
+    # A node at a zero of the wave or half a chord beside it: (π/n)²/2 at most.
+    assert block.steepest_slope * (1 - (np.pi / n) ** 2) <= slope <= block.steepest_slope
+
+
 def test_pressure_resultants_are_closed_forms(small_tube: Assembly) -> None:
     # A uniform pressure on a whole ring has no resultant; on the flat top it is p A with the
     # area of the inscribed polygon.

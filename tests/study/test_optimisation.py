@@ -170,6 +170,19 @@ def test_the_front_of_two_measures_is_that_of_all_points() -> None:
             assert not all(o <= m for o, m in zip(other, mine, strict=True))
 
 
+@pytest.mark.parametrize(("measures", "count"), [(["p_max"], 2), (["p_max", "p_eff"], 3)])
+def test_finalists_are_the_best_and_reach_from_end_to_end(measures: list[str], count: int) -> None:
+    """Of one measure the least ones and the worst; of two, both ends of the front are judged."""
+    judge = {"count": count, "settings": {"fem.mesh": "scene", "fem.error_estimate": False}}
+    search = Search(check_optimisation(stated(minimise=measures, judge=judge)))
+    for k, number in enumerate(search.numbers()):
+        # Six designs on a falling line: all are a front of two measures.
+        values = {"p_max": float(k), "p_eff": float(-k)}
+        search.take({"number": number, "status": "ok", "message": "", **values})
+    values = [p.row["p_max"] for p in search.finalists]
+    assert values == ([0.0, 1.0, 5.0] if len(measures) == 1 else [0.0, 2.0, 5.0])
+
+
 def test_the_worst_case_of_a_design_counts_with_its_own_error() -> None:
     """Largest pressure, least load factor; a missing one leaves none."""
     rows = [
