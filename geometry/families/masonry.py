@@ -113,7 +113,10 @@ def voussoir(
 
 @dataclass(frozen=True)
 class CircularArch(Options):
-    """Circular arch between two fixed voussoirs beyond its springings."""
+    """Circular arch between two fixed voussoirs beyond its springings.
+
+    Each curved face of a voussoir is four flat pieces; a row prints what its volume lacks.
+    """
 
     radius: Length
     """Of the centre line [mm]."""
@@ -133,6 +136,12 @@ class CircularArch(Options):
                 f"thickness: got {self.thickness:g} mm, more than twice the radius "
                 f"{self.radius:g} mm"
             )
+
+    @property
+    def flat_pieces(self) -> tuple[int, float]:
+        """Flat pieces of each curved face, and what they take of the volume (a part of it, < 0)."""
+        angle = np.radians(self.embrace) / self.voussoirs / _PIECES
+        return _PIECES, float(np.sin(angle) / angle - 1.0)
 
     def build(
         self, detection: DetectionOptions | None = None, *, pieces: int = _PIECES

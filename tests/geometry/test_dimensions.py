@@ -10,6 +10,7 @@ import scipy.integrate
 
 from geometry import SineBlock, tube
 from geometry.families.boxes import BrickStack
+from geometry.families.masonry import CircularArch
 from geometry.parts.dimensions import dimensions
 from geometry.parts.walls import least_wall
 from geometry.polyhedra.polyhedron import Polyhedron
@@ -102,3 +103,13 @@ def test_limits_are_compared_and_counted(tubelock) -> None:
     assert status == 0
     assert "TOO THIN, limits.least_wall is 50 mm" in out
     assert "limits" not in out.partition("ignored")[2]
+
+
+@pytest.mark.parametrize(("embrace", "voussoirs"), [(180.0, 40), (24.0, 2), (120.0, 5)])
+def test_the_row_on_flat_pieces_says_what_an_arch_weighs_less(
+    embrace: float, voussoirs: int
+) -> None:
+    arch = CircularArch(1000.0, 110.0, 300.0, voussoirs, embrace)
+    _, less = arch.flat_pieces
+    exact = np.radians(embrace) / voussoirs * 1000.0 * 110.0 * 300.0
+    assert arch.build().shape(1).volume == pytest.approx(exact * (1.0 + less), rel=1e-9)

@@ -33,6 +33,12 @@ def doubts(
     ``surfaces`` are the blocks as contacts were found on them; None where nothing was searched.
     """
     rows = {}
+    pieces = None if isinstance(scene, MeshScene) else getattr(scene.stated, "flat_pieces", None)
+    if pieces is not None:
+        number, less = pieces
+        rows["curved faces"] = (
+            f"{number} flat pieces for each: volume and weight {100.0 * less:+.2g} %"
+        )
     if isinstance(scene, MeshScene):
         out = parts_left_out(scene, folder)
         if out:
