@@ -33,8 +33,6 @@ ROOMS = {
     "cli": ("validation.cli", "validation.scene", "validation.output"),
     # What tests leave out of commands, because it takes long.
     "fixtures/commands.py": ("fem.accuracy", "validation.output.outputs"),
-    # A table that judges decks as `tubelock deck --run` solves them, with its remarks.
-    "verification/decks.py": (*_LAWS, "validation.output.decks"),
 }
 
 

@@ -4,9 +4,6 @@ Without names all tables but the long ones, four CPU minutes; CalculiX and compa
 are installed. ``error-bars`` takes an hour, goes on where it was stopped, gives up a problem after
 ten CPU minutes, and keeps what ``error-bars-problems`` lists and ``error-bars-summary`` sums up.
 ``error-bars-twelve`` solves twelve drawn tubes of one layer, ten minutes.
-``first-answers`` runs commands with their defaults, five minutes. ``--folder PATH`` tries all files
-of blocks in a folder instead, ``--decks PATH`` all input decks in one, ``--lmgc90 FILE`` the barrel
-vault that compas_dem publishes with its forces.
 """
 
 from __future__ import annotations
@@ -14,7 +11,6 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable, Iterable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,20 +18,13 @@ from rich.console import Console
 from rich.table import Table
 
 from tests.verification import (
-    accuracy,
     calculix,
     changed_decks,
     deck_dialects,
-    deck_friction,
     deck_press_fit,
-    decks,
     error_bars,
-    first_answers,
-    folder,
-    lmgc90,
     macneal_harder,
     test_friction,
-    test_hertz,
     test_masonry,
     test_optimiser,
 )
@@ -46,17 +35,13 @@ TABLES: dict[str, tuple[str, Callable[[], Iterable[Row]]]] = {
     "printed": ("Rigid blocks with friction: numbers of others", test_masonry.printed),
     "compas": ("Walls and arches under their weight, one core", test_masonry.peers),
     "calculix": ("CalculiX against tubelock", calculix.rows),
-    "hertz": ("Hertz and Cattaneo–Mindlin: off the closed form [%]", test_hertz.rows),
     "friction": ("Friction: static against explicit", test_friction.rows),
-    "accuracy": ("An accuracy on demand, start of the program included", accuracy.rows),
     "changed-decks": ("Random changes of a deck, judged by CalculiX", changed_decks.rows),
     "deck-dialects": ("Decks in fifty ways, beside CalculiX", deck_dialects.rows),
     "macneal-harder": ("Beams of MacNeal and Harder over theory", macneal_harder.beams),
     "le10": ("NAFEMS LE10 from a deck of C3D20", macneal_harder.plate),
-    "deck-friction": ("A cube with friction on another, finer and finer", deck_friction.rows),
     "deck-press-fit": ("A press fit and a push through, from decks", deck_press_fit.rows),
     "optimiser": ("Searches of 48 among 480 designs", test_optimiser.rows),
-    "first-answers": ("Answers by default, and before", first_answers.rows),
     "error-bars": ("Error bars of twenty problems", error_bars.rows),
     "error-bars-problems": ("Each problem with its reference", error_bars.problems),
     "error-bars-twelve": ("Error bars of twelve drawn tubes", error_bars.twelve),
@@ -65,7 +50,7 @@ TABLES: dict[str, tuple[str, Callable[[], Iterable[Row]]]] = {
 #: Tables that are made where they are named.
 LONG = (
     *("error-bars", "error-bars-problems", "error-bars-summary", "error-bars-twelve"),
-    *("first-answers", "changed-decks", "deck-friction"),
+    "changed-decks",
 )
 
 
@@ -90,29 +75,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(TABLES))
     parser.add_argument("--json", type=Path, metavar="FILE")
-    parser.add_argument("--folder", type=Path, metavar="PATH", help="of files of blocks")
-    parser.add_argument("--decks", type=Path, metavar="PATH", help="of input decks")
-    parser.add_argument("--lmgc90", type=Path, metavar="FILE", help="results of compas_dem")
     asked = parser.parse_args()
     unknown = [name for name in asked.names if name not in TABLES]
     if unknown:
         parser.error(f"{unknown[0]}: expected {', '.join(TABLES)}")
     console, found = Console(width=180, markup=False), {}
-    tables, names = TABLES, asked.names or [name for name in TABLES if name not in LONG]
-    if asked.folder is not None:
-        tables = {"folder": ("Files of blocks", partial(folder.rows, asked.folder))}
-        names = ["folder"]
-    if asked.decks is not None:
-        tables = {
-            "decks": ("Input decks", partial(decks.rows, asked.decks)),
-            "fates": ("Decks by fate", lambda: decks.fates(found["decks"])),
-        }
-        names = ["decks", "fates"]
-    if asked.lmgc90 is not None:
-        tables = {"lmgc90": ("A barrel vault: LMGC90", partial(lmgc90.rows, asked.lmgc90))}
-        names = ["lmgc90"]
-    for name in names:
-        title, make = tables[name]
+    for name in asked.names or [name for name in TABLES if name not in LONG]:
+        title, make = TABLES[name]
         found[name] = list(make())
         console.print(table(title, found[name]) if found[name] else f"{title}: not installed")
     if asked.json is not None:

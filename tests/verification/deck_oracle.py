@@ -1,12 +1,7 @@
-"""CalculiX as the judge of how a deck is read: displacements of its nodes by number.
-
-The deck as it is and the one that this package writes of it are solved by CalculiX; our answer and
-the reference files of its test suite (``NAME.dat.ref``) stand beside.
-"""
+"""CalculiX as the judge of how a deck is read: displacements of its nodes by number."""
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,19 +9,12 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from scipy.spatial import KDTree
 
-from fem import read_deck
-from fem.decks.deck import Flavour
 from fem.decks.read.deck import InputDeck
 from geometry import Answer
 from tests.support.ccx import CalculixResult, run_calculix
-from tests.support.decks import written_again as lines_of
 
 #: Set of all nodes that the judge prints.
 _EVERY = "TUBELOCK-EVERY-NODE"
-_STRESS = re.compile(
-    r"contact stress .* time +\S+\s*\n\s*\n((?: *\d+(?: +\d+)?(?: +\S+\.\S+){3} *\n)+)"
-)
-_TABLE = re.compile(r"displacements .* time +(\S+)\s*\n\s*\n((?: *\d+(?: +\S+){3} *\n)+)")
 
 
 @dataclass(frozen=True)
@@ -72,29 +60,6 @@ def ours(nodes: Nodes, answer: Answer) -> np.ndarray:
     return at_nodes(nodes, answer.block_of_point, answer.points, answer.fields["displacement"])
 
 
-def printed(nodes: Nodes, path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Displacements at the last time of a printed file: positions in `nodes`, values [mm]."""
-    tables = _TABLE.findall(path.read_text("latin-1"))
-    last = [rows for time, rows in tables if time == tables[-1][0]]
-    values = np.array([row.split() for rows in last for row in rows.splitlines()], dtype=np.float64)
-    values = values.reshape(-1, 4)
-    position = {label: k for k, label in enumerate(nodes.label.tolist())}
-    known = [row for row in values.tolist() if int(row[0]) in position]
-    where = np.array([position[int(row[0])] for row in known], dtype=np.int64)
-    return where, np.array(known).reshape(-1, 4)[:, 1:]
-
-
-def printed_pressures(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Slaves, their sides and pressures [MPa] of the last table of a printed file; None: none."""
-    tables = _STRESS.findall(path.read_text("latin-1"))
-    if not tables:
-        return None
-    rows = np.array([row.split() for row in tables[-1].splitlines()], dtype=np.float64)
-    slaves = rows[:, 0].astype(np.int64)
-    sides = rows[:, 1].astype(np.int64) if rows.shape[1] > 4 else np.zeros_like(slaves)
-    return slaves, sides, rows[:, -3]
-
-
 def gradual(lines: list[str]) -> list[str]:
     """Deck whose static steps begin with a tenth of their time.
 
@@ -135,44 +100,6 @@ def original(nodes: Nodes, path: Path) -> CalculixResult:
         result = run_calculix(copy)
     moved = result.displacements[-len(every) :]
     return replace(result, displacements=moved[np.searchsorted(every, nodes.label)])
-
-
-def pressures(
-    deck: InputDeck, answer: Answer, slaves: np.ndarray, sides: np.ndarray, values: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Contact pressures of tubelock and of another program at the slaves of this, (n,) [MPa].
-
-    Slaves are numbers of nodes, or of elements, of which ``sides`` then has the side. Each of our
-    facets counts at the nearest slave, by its area: sides have the mean of their points.
-    """
-    part, body = deck.places.instances[0].part, deck.built.blocks.bodies[0]
-    places = body.hexahedra.nodes
-    alike, group = np.unique(np.column_stack([slaves, sides]), axis=0, return_inverse=True)
-    theirs = np.bincount(group.ravel(), values) / np.bincount(group.ravel())
-    corners = [
-        body.corners[part.element_index[slave], side - 1] if side else [part.index[slave]]
-        for slave, side in alike.tolist()
-    ]
-    centre = np.array([places[rows].mean(axis=0) for rows in corners])
-    at, pressure, area = (answer.contacts[key] for key in ("centroid", "pressure", "area"))
-    share = np.zeros((len(at), len(centre)))
-    # Facets between nodes count at all that are as near as the nearest.
-    away = np.linalg.norm(at[:, None] - centre, axis=2)
-    share[away <= 1.01 * away.min(axis=1, keepdims=True)] = 1.0
-    share *= (area / share.sum(axis=1))[:, None]
-    found = pressure @ share / np.maximum(share.sum(axis=0), 1e-300)
-    touched = share.any(axis=0)
-    return found[touched], theirs[touched]
-
-
-def written_again(nodes: Nodes, deck: InputDeck) -> np.ndarray:
-    """Displacements by CalculiX of the deck that this package writes, (n, 3) [mm]."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder, "again.inp")
-        path.write_text("\n".join([*lines_of(deck, Flavour.CALCULIX), ""]), "ascii")
-        again = deck_nodes(read_deck(path))
-        moved = run_calculix(path).displacements[again.label - 1]
-    return at_nodes(nodes, again.block, again.place, moved)
 
 
 def difference(one: np.ndarray, other: np.ndarray) -> float:
