@@ -237,6 +237,13 @@ def test_no_rendered_page_has_an_empty_name_a_dead_link_or_a_torn_sentence(page:
             assert anchor in _anchors(leads_to), target
 
 
+def test_every_picture_of_the_readme_is_in_the_repository() -> None:
+    text = (ROOT / "README.md").read_text("utf-8")
+    pictures = re.findall(r"!\[[^]]+\]\(([^)]+)\)", text) + re.findall(r'<img src="([^"]+)"', text)
+    assert len(pictures) > 1
+    assert [p for p in pictures if not (ROOT / p).is_file()] == []
+
+
 @cache
 def _anchors(page: Path) -> set[str]:
     """Names that links may lead to: headings, as GitHub and MyST write them, and labels."""
