@@ -263,7 +263,8 @@ class LoadCase(ReadOnlyArrays):
         Forces that balance each other count.
         """
         sizes = np.linalg.norm(self.facet_forces, axis=1)
-        result = np.bincount(self.block, sizes, self.assembly.n_blocks)
+        # Of no facets the count is of integers.
+        result = np.bincount(self.block, sizes, self.assembly.n_blocks).astype(np.float64)
         if self.body_wrenches is not None:
             result += np.linalg.norm(self.body_wrenches[:, :3], axis=1)
         return result
