@@ -114,9 +114,9 @@ def _part(
     yield f"** {shape.name}: {np.count_nonzero(deck.assembly.shape_of == number)} instances"
     yield keyword("Part", name=label(shape.name))
     yield keyword("Node")
-    yield from node_lines(mesh.nodes[: mesh.n_nodes] + 0.0)
-    yield keyword("Element", type=deck.element_of(shape))
-    yield from element_lines(mesh.connectivity)
+    yield from node_lines(mesh.nodes + 0.0)
+    yield keyword("Element", type=deck.element)
+    yield from element_lines(mesh.elements)
     yield keyword("Nset", nset=ALL, generate=None)
     yield f"1, {mesh.n_nodes}, 1"
     yield keyword("Elset", elset=ALL, generate=None)
@@ -134,7 +134,7 @@ def _part(
     held = {s.face for s in supports.sets if deck.assembly.shape_of[s.block] == number}
     for name in (name for name in shape.faces if name in held):
         yield keyword("Nset", nset=f"{label(name)}-NODES")
-        yield from node_lines_of(np.unique(mesh.facet_nodes(shape.faces[name])).tolist())
+        yield from node_lines_of(np.unique(shape.faces[name]).tolist())
     yield from _section(deck, number)
     yield keyword("End Part")
 

@@ -230,8 +230,8 @@ def _mesh(deck: Deck) -> Iterator[str]:
         zip(deck.first_node[:-1], deck.first_element, strict=False)
     ):
         shape = assembly.shape(block)
-        yield keyword("Element", type=deck.element_of(shape), elset=deck.labels[block])
-        yield from element_lines(shape.mesh.connectivity, element + 1, node + 1)
+        yield keyword("Element", type=deck.element, elset=deck.labels[block])
+        yield from element_lines(shape.mesh.elements, element + 1, node + 1)
     yield keyword("Elset", elset=EVERY_ELEMENT, generate=None)
     yield f"1, {deck.first_element[-1]}, 1"
     for layer in np.unique(assembly.layer).tolist():
@@ -266,7 +266,7 @@ def _held_sets(deck: Deck, supports: DeckSupports) -> Iterator[str]:
         yield keyword("Nset", nset=name)
         shape, nodes = deck.assembly.shape(held.block), held.nodes
         if held.face is not None:
-            nodes = tuple(np.unique(shape.mesh.facet_nodes(shape.faces[held.face])).tolist())
+            nodes = tuple(np.unique(shape.faces[held.face]).tolist())
         yield from node_lines_of(nodes or (), first)
     if supports.hold_frame:
         yield keyword("Nset", nset=FRAME)

@@ -15,7 +15,6 @@ import numpy as np
 from fem.contact.law import LinearPenalty, counted_stiffness
 from fem.contact.pair_laws import PairLaws
 from fem.decks.keywords import label, safe_names
-from fem.decks.meshes import SerendipityMesh
 from fem.element.hexahedron import ELEMENTS
 from fem.element.material import Material
 from fem.method import Explicit, Static
@@ -23,7 +22,6 @@ from fem.problem import Problem, before_motion
 from fem.system.effects import Effects
 from fem.system.time_step import characteristic_time_step
 from geometry.assembly import Assembly, spacing_offsets
-from geometry.block import Block
 from geometry.mesh import FloatArray, IntArray
 
 
@@ -249,15 +247,14 @@ class Deck:
 
     @property
     def elements(self) -> dict[str, str]:
-        """The program's names of the hexahedra of eight nodes that it has, by ours."""
+        """The program's names of the hexahedra that it has, by ours."""
         names = ((e, of.calculix if self.is_flat else of.abaqus) for e, of in ELEMENTS.items())
         return {element.value: name for element, name in names if name}
 
-    def element_of(self, shape: Block) -> str:
-        """Name of the elements of a shape: by their nodes, hexahedra of eight by their kind."""
-        if isinstance(shape.mesh, SerendipityMesh):
-            return "C3D20"
-        return self.elements.get(self.problem.element.value, self.problem.element.value)
+    @property
+    def element(self) -> str:
+        """Name of the elements."""
+        return self.elements[self.problem.element.value]
 
     @cached_property
     def materials(self) -> tuple[Material, ...]:

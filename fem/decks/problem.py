@@ -15,7 +15,6 @@ from fem.decks.faces import half_facet_angle
 from fem.decks.keywords import DeckError, safe_names
 from fem.decks.laws import law_notes
 from fem.decks.loads import check_loads
-from fem.decks.meshes import serendipity_block
 from fem.decks.placement import canonical
 from fem.decks.supports import DeckSupports, check_springs
 from fem.decks.write import write_deck as write_statement
@@ -113,8 +112,8 @@ def problem_deck(
         problem = replace(problem, finite_rotation=True)
     stated = _on(problem, canonical(problem.blocks))
     deck = Deck(name or problem.blocks.name, flavour, stated, run)
-    blocks, elements = _with_elements(deck)
-    stated = _on(stated, _of_one_material_each(blocks, problem))
+    elements = _element_notes(problem)
+    stated = _on(stated, _of_one_material_each(deck.assembly, problem))
     deck = replace(deck, problem=replace(stated, degree=1))
     _check(deck)
     if deck.is_flat and isinstance(run, Explicit) and run.time_step is None:
@@ -176,38 +175,25 @@ def _on(problem: Problem, blocks: Assembly) -> Problem:
     return replace(problem, blocks=blocks, load=load, after=after, check_blocks=False)
 
 
-def _with_elements(deck: Deck) -> tuple[Assembly, list[str]]:
-    """Blocks with the elements of a problem that a program has, and a note where it has others.
-
-    Tetrahedra that tubelock split into hexahedra are these hexahedra, of degree 1 where the
-    program has no others.
+def _element_notes(problem: Problem) -> list[str]:
+    """Where a deck has other elements: hexahedra of degree 1, also those of split tetrahedra.
 
     Raises
     ------
     DeckError
-        Elements that decks do not have.
+        Hexahedra of a higher degree.
     """
-    blocks, degree = deck.assembly, deck.problem.degree
-    split = any(shape.tetrahedra is not None for shape in blocks.shapes)
-    at_nodes = deck.is_flat and deck.meets and not deck.on_faces
-    notes = ["elements: hexahedra, four of each tetrahedron, as in tubelock"] * split
-    if degree == 1:
-        return blocks, notes
-    if split and (deck.flavour is Flavour.GENERAL or at_nodes):
-        return blocks, [*notes, "elements: degree 1; tubelock's answer has degree 2"]
-    if degree > 2:
-        raise DeckError(f"fem.degree: got {degree}; decks have C3D20, of degree 2: expected 1 or 2")
-    if deck.flavour is Flavour.GENERAL:
-        raise DeckError(
-            "fem.degree: got 2 with --flavour general, an explicit step, which has no "
-            "C3D20; expected 1, or --flavour standard or calculix"
-        )
-    if at_nodes:
-        raise DeckError(
-            "fem.degree: got 2 with --flavour calculix, whose contact presses at nodes "
-            "and finds no increment with C3D20; expected 1, or --flavour standard"
-        )
-    return replace(blocks, shapes=tuple(map(serendipity_block, blocks.shapes))), notes
+    if not any(shape.tetrahedra is not None for shape in problem.blocks.shapes):
+        if problem.degree > 1:
+            raise DeckError(
+                f"fem.degree: got {problem.degree}; decks have elements of degree 1: expected 1"
+            )
+        return []
+    lower = [f"elements: degree 1; tubelock's answer has degree {problem.degree}"]
+    return [
+        "elements: hexahedra, four of each tetrahedron, as in tubelock",
+        *(lower if problem.degree > 1 else ()),
+    ]
 
 
 def _of_one_material_each(blocks: Assembly, problem: Problem) -> Assembly:
@@ -292,14 +278,9 @@ def _with_time_step(deck: Deck, run: Explicit) -> Explicit:
 
 def _mesh_notes(deck: Deck) -> list[str]:
     """Which mesh a deck has, and how its error is learnt."""
-    count: dict[str, int] = {}
-    for block in range(deck.assembly.n_blocks):
-        shape = deck.assembly.shape(block)
-        name = deck.element_of(shape)
-        count[name] = count.get(name, 0) + shape.mesh.n_elements
-    mesh = ", ".join(f"{number} {name}" for name, number in count.items())
     return [
-        f"mesh: {mesh}; tubelock's own answer refines it until its error bars are narrow",
+        f"mesh: {deck.first_element[-1]} {deck.element}; tubelock's own answer refines it until "
+        "its error bars are narrow",
         "mesh: `tubelock deck FILE --run` solves it and prints its error bars",
     ]
 

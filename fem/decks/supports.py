@@ -13,7 +13,6 @@ import numpy as np
 
 from fem.decks.deck import ALL, FRAME, LOADING, Deck, Flavour
 from fem.decks.keywords import DeckError, entry_lines, keyword, label, real, reals
-from fem.decks.meshes import SerendipityMesh
 from fem.problem import Problem
 from fem.system.build import held_faces
 from fem.system.forces import traction_forces
@@ -271,7 +270,7 @@ def spring_lines(deck: Deck, first: int) -> Iterator[str]:
     Raises
     ------
     DeckError
-        Springs in an explicit step, of quadratic elements, or along no world axis.
+        Springs in an explicit step, or along no world axis.
     """
     kinds: dict[tuple[int, str], list[str]] = {}
     for support in deck.problem.load_case.held:
@@ -297,7 +296,7 @@ def _shares(deck: Deck, support: HeldFace) -> FloatArray:
         share = np.zeros(mesh.n_nodes)
         share[region_nodes(*where, support.face)] = support.spring
         return share
-    quads = mesh.facet_nodes(region_quads(*where, support.face))
+    quads = region_quads(*where, support.face)
     return traction_forces(mesh.nodes, quads, np.array([support.spring, 0.0, 0.0]))[:, 0]
 
 
@@ -310,11 +309,6 @@ def check_springs(deck: Deck) -> None:
             raise DeckError(
                 f"support {support.title}: got springs, which Abaqus/Explicit does not have to the "
                 "ground (SPRING1); expected --flavour standard or calculix, a static step"
-            )
-        if isinstance(deck.assembly.shape(support.block).mesh, SerendipityMesh):
-            raise DeckError(
-                f"support {support.title}: got springs below C3D20, whose corners have negative "
-                "shares of an area; expected fem.degree = 1"
             )
         if _world_axes(support) is None:
             raise DeckError(

@@ -6,7 +6,7 @@ Corners are counter-clockwise seen from outside.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
@@ -153,29 +153,8 @@ def lagrange_basis(degree: int) -> FacetBasis:
     )
 
 
-@cache
-def _serendipity_basis() -> FacetBasis:
-    """Facets of eight nodes, corners and middles of edges, with the points of degree two.
-
-    Their functions are those of nine nodes, the middle of the facet following the others.
-    """
-    nine = lagrange_basis(2)
-    follow = np.zeros((9, 8))
-    follow[[0, 6, 8, 2, 3, 7, 5, 1], np.arange(8)] = 1.0
-    follow[4] = [-0.25] * 4 + [0.5] * 4
-    return replace(
-        nine,
-        values=nine.values @ follow,
-        slopes=np.einsum("pak,ab->pbk", nine.slopes, follow),
-        corners=np.arange(4),
-        looks=nine.looks @ follow,
-    )
-
-
 def basis_of(quads: IntArray) -> FacetBasis:
-    """Functions of facets by their number of nodes: 4, 8 or (degree + 1)²."""
-    if quads.shape[1] == 8:
-        return _serendipity_basis()
+    """Functions of facets by their number of nodes, (degree + 1)²."""
     return facet_basis(math.isqrt(quads.shape[1]) - 1)
 
 

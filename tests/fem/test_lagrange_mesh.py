@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
-from scipy.spatial import cKDTree
 
 from fem import (
     CoulombFriction,
@@ -22,10 +19,6 @@ from fem import (
     solve_static,
 )
 from fem.contact.normals import ContactNormals
-from fem.decks.deck import Flavour
-from fem.decks.keywords import DeckError
-from fem.decks.problem import problem_deck
-from fem.decks.write import write_deck
 from fem.element.kinds import block_lumped_mass
 from fem.element.lagrange_mesh import LagrangeMesh, in_pieces, with_degree
 from fem.problem import ProblemError
@@ -44,14 +37,13 @@ from geometry.loads import face_pressure
 from geometry.mesh import QuadSurface, boundary_quads, check_mesh
 from tests.support.answers import by_options, on_its_mesh
 from tests.support.blocks import tsb
-from tests.support.ccx import calculix_available, run_calculix
 from tests.support.fem_problems import (
     CONCRETE,
     degrees_of_freedom,
     distorted_box,
     static_displacement,
 )
-from tests.support.lagrange_meshes import CURVED, HEXAGON, from_twenty, relative, sine
+from tests.support.lagrange_meshes import CURVED, HEXAGON, relative, sine
 from validation import load_case
 
 
@@ -329,57 +321,3 @@ def test_pieces_fill_the_block_and_its_faces_close_it(name: str, degree: int) ->
     assert outward == pytest.approx(pieces.volume, rel=0.01)
     angle = np.pi / 2 / degree  # of an element at most, of these
     assert pieces.volume == pytest.approx(block.volume, rel=angle**2 / 6.0)
-
-
-# ---------------------------------------------------------------------------------------------
-# Decks
-
-
-def test_twenty_nodes_have_the_forces_of_their_pressure() -> None:
-    """As the patch test of 27 nodes; on a box of straight edges both have the same geometry."""
-    block = distorted()
-    twenty, follow = from_twenty(block)
-    mesh = with_degree(block, 2).mesh
-    np.testing.assert_allclose(follow @ twenty.mesh.nodes, mesh.nodes, atol=1e-14 * 10.0)
-    quads = boundary_quads(mesh)
-    ours = pressure_forces(mesh.nodes, mesh.facet_nodes(quads), 1.0)
-    theirs = pressure_forces(twenty.mesh.nodes, twenty.mesh.facet_nodes(quads), 1.0)
-    np.testing.assert_allclose(theirs, follow.T @ ours, atol=1e-13)
-
-
-CANTILEVER = ("fem.method='static'", "mesh.divisions=[4,1,2]", "fem.degree=2")
-
-
-@pytest.mark.skipif(not calculix_available(), reason="CalculiX (ccx) is not installed")
-def test_calculix_solves_the_quadratic_deck_as_our_element_does(tmp_path: Path) -> None:
-    """The same 20 functions and 27 Gauss points: seven digits are printed."""
-    problem = stated("cantilever", *CANTILEVER)
-    write_deck(tmp_path / "bar.inp", problem_deck(problem, Flavour.CALCULIX))
-    found = run_calculix(tmp_path / "bar.inp").displacements
-    deformable = problem.deformable
-    twenty, follow = from_twenty(problem.blocks.shape(0))
-    (group,) = deformable.bodies
-    spread = np.kron(follow, np.eye(3))
-    stiffness = csr_array(spread.T @ (group.stiffness @ spread))
-    force = spread.T @ deformable.forces_in_frames()[0][0].ravel()
-    held = np.unique(deformable.supports[0].nodes)
-    fixed = cKDTree(twenty.mesh.nodes).query(group.mesh.nodes[held])
-    middles = fixed[1][fixed[0] < 1e-9]
-    expected = static_displacement(stiffness, force, degrees_of_freedom(middles))
-    assert relative(found, expected.reshape(-1, 3)) < 2e-6
-
-
-@pytest.mark.parametrize(
-    ("scene", "flavour", "settings", "text"),
-    [
-        ("cantilever", Flavour.STANDARD, ("fem.degree=3",), "of degree 2: expected 1 or 2"),
-        ("cantilever", Flavour.GENERAL, (), "no C3D20"),
-        ("column", Flavour.CALCULIX, (), "no increment with C3D20"),
-    ],
-)
-def test_decks_refuse_degrees_by_name(
-    scene: str, flavour: Flavour, settings: tuple[str, ...], text: str
-) -> None:
-    problem = stated(scene, "fem.degree=2", *settings)
-    with pytest.raises(DeckError, match=text):
-        problem_deck(problem, flavour)

@@ -9,20 +9,15 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
 
 from fem import Material, Problem, Static, solve_static
-from fem.element.kinds import block_lumped_mass
 from fem.element.lagrange_mesh import LagrangeMesh, with_degree
-from fem.system.body import placed_body
 from geometry import Block, LoadCase, read_blocks
 from geometry.files.hexahedral_solids import file_blocks
 from geometry.files.quadratic import NATURAL
 from geometry.mesh import CORNERS, MeshError, grid_points
 from tests.support.answers import on_its_mesh
-from tests.support.ccx import calculix_available, run_calculix
-from tests.support.fem_problems import CONCRETE, degrees_of_freedom, static_displacement
-from tests.support.lagrange_meshes import CURVED, WALL, from_twenty, relative
+from tests.support.lagrange_meshes import CURVED, WALL
 from tests.support.own_blocks import own_scene
 
 GRAVITY = "[effects]\ngravity = [0.0, 1e6, -1e6]\n"
@@ -133,39 +128,6 @@ places = [{{at = [0, 0, 0]}}, {{at = [0, 0, -{HEIGHT}], fixed = true}}]
     volume = PIECES * angle * 0.5 * (RADII[1] ** 2 - RADII[0] ** 2) * HEIGHT
     assert run.details.contact.force == pytest.approx(2.4e-9 * 9810.0 * volume, rel=1e-7)
     assert ("edges" in run.as_dict().get("notes", {})) == (degree == 1)
-
-
-@pytest.mark.skipif(not calculix_available(), reason="CalculiX (ccx) is not installed")
-def test_twenty_nodes_bend_as_those_of_calculix(tmp_path: Path) -> None:
-    """A curved cantilever of C3D20 under its weight: seven digits are printed.
-
-    Ours has 27 nodes on the same shape; faces and centres made to follow the edges are C3D20.
-    """
-    block = read(ring(tmp_path))
-    twenty, follow = from_twenty(block)
-    mesh = with_degree(block, 2).mesh
-    held = np.flatnonzero(np.abs(twenty.mesh.nodes[:, 1]) < 1e-9)
-    rows = [
-        "*NODE, NSET=ALL",
-        *(f"{k}, " + ", ".join(map(repr, p)) for k, p in enumerate(twenty.mesh.nodes.tolist(), 1)),
-        "*ELEMENT, TYPE=C3D20, ELSET=BODY",
-    ]
-    for number, members in enumerate(1 + twenty.mesh.connectivity, 1):
-        words = [str(number), *map(str, members.tolist())]
-        rows += [", ".join(words[:11]) + ",", ", ".join(words[11:])]
-    rows += ["*NSET, NSET=HELD", *(f"{k}" for k in (held + 1).tolist())]
-    rows += ["*MATERIAL, NAME=M", "*ELASTIC", "30000., 0.2", "*DENSITY", "2.4e-9"]
-    rows += ["*SOLID SECTION, ELSET=BODY, MATERIAL=M", "*STEP", "*STATIC"]
-    rows += ["*BOUNDARY", "HELD, 1, 3", "*DLOAD", "BODY, GRAV, 9810., 0., 0., -1."]
-    rows += ["*NODE PRINT, NSET=ALL", "U", "*END STEP", ""]
-    (tmp_path / "bar.inp").write_text("\n".join(rows))
-    found = run_calculix(tmp_path / "bar.inp").displacements
-    spread = np.kron(follow, np.eye(3))
-    stiffness = csr_array(spread.T @ (placed_body(mesh, CONCRETE).stiffness @ spread))
-    assert isinstance(mesh, LagrangeMesh)
-    weight = np.outer(follow.T @ block_lumped_mass(mesh, 2.4e-9), [0.0, 0.0, -9810.0])
-    expected = static_displacement(stiffness, weight.ravel(), degrees_of_freedom(held))
-    assert relative(found, expected.reshape(-1, 3)) < 2e-6
 
 
 def test_rigid_answers_say_that_edges_are_straight(tubelock, tmp_path: Path) -> None:

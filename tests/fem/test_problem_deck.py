@@ -82,7 +82,7 @@ def test_a_table_is_one_for_calculix(problem, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "options", "words"),
     [
-        ({"degree": 3}, {}, "degree: got 3; decks have C3D20"),
+        ({"degree": 2}, {}, "degree: got 2; decks have elements of degree 1: expected 1"),
         ({}, {"program": "nastran"}, "program: got 'nastran'; expected abaqus"),
     ],
 )

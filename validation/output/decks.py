@@ -361,7 +361,7 @@ def deck_json(deck: Deck) -> dict[str, Any]:
         "n_nodes": deck.first_node[-1],
         "n_elements": deck.first_element[-1],
         "volume": float(assembly.volumes.sum()),
-        "element": ", ".join(dict.fromkeys(map(deck.element_of, assembly.shapes))),
+        "element": deck.element,
         "material": _constants(next(iter(names)))
         if len(names) == 1
         else {name: _constants(material) for material, name in names.items()},
