@@ -18,7 +18,7 @@ from fem.system.build import held_faces
 from fem.system.forces import traction_forces
 from fem.system.frames import Frames
 from geometry.mesh import FloatArray
-from geometry.parts.regions import Points, region_nodes, region_quads
+from geometry.parts.regions import region_nodes, region_quads
 from geometry.parts.supports import HeldFace
 
 #: Directions that lean from a world axis by less lie along it [-].
@@ -291,12 +291,8 @@ def spring_lines(deck: Deck, first: int) -> Iterator[str]:
 
 def _shares(deck: Deck, support: HeldFace) -> FloatArray:
     """Stiffness of the spring at each node of the block of a bed, (n_nodes,) [N/mm]."""
-    mesh, where = deck.assembly.shape(support.block).mesh, (deck.assembly, support.block)
-    if isinstance(support.face, Points):
-        share = np.zeros(mesh.n_nodes)
-        share[region_nodes(*where, support.face)] = support.spring
-        return share
-    quads = region_quads(*where, support.face)
+    mesh = deck.assembly.shape(support.block).mesh
+    quads = region_quads(deck.assembly, support.block, support.face)
     return traction_forces(mesh.nodes, quads, np.array([support.spring, 0.0, 0.0]))[:, 0]
 
 

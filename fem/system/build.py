@@ -38,7 +38,7 @@ from geometry.assembly import Assembly
 from geometry.errors import RefusedError
 from geometry.loads import FaceLoad, LoadCase, PressureLoad
 from geometry.mesh import BoolArray, FloatArray, IntArray
-from geometry.parts.regions import Points, region_nodes, region_quads
+from geometry.parts.regions import region_nodes, region_quads
 from geometry.parts.supports import HeldFace
 
 
@@ -169,9 +169,7 @@ def _springs(
         beds = [
             (
                 face.title,
-                (region_nodes if isinstance(face.face, Points) else region_quads)(
-                    assembly, block, face.face
-                ),
+                region_quads(assembly, block, face.face),
                 float(face.spring or 0.0),
                 face.axes @ turn,
             )

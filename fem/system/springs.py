@@ -11,7 +11,7 @@ import numpy as np
 from scipy.sparse import bsr_array, coo_array
 
 from fem.element.facet import basis_of, facet_area_vectors
-from geometry.mesh import FloatArray, HexMesh, IntArray, ReadOnlyArrays, boundary_quads
+from geometry.mesh import FloatArray, HexMesh, IntArray, ReadOnlyArrays
 from geometry.meshing.charts import facet_elements
 
 
@@ -71,20 +71,12 @@ class Springs(ReadOnlyArrays):
         return bound
 
 
-#: Name of the springs, corners of facets (n, 4) or nodes (n,), stiffness, directions (k, 3).
+#: Name of the springs, corners of facets (n, 4), stiffness per area, directions (k, 3).
 Bed: TypeAlias = tuple[str, IntArray, float, FloatArray]
 
 
-def facets_at(mesh: HexMesh, nodes: IntArray) -> IntArray:
-    """Corners of a facet of the surface that has each of some nodes, (n, 4)."""
-    corners = boundary_quads(mesh)
-    quads = mesh.facet_nodes(corners)
-    first = [int((quads == node).any(axis=1).argmax()) for node in nodes.tolist()]
-    return corners[first]
-
-
 def springs_on(mesh: HexMesh, beds: Sequence[Bed]) -> Springs | None:
-    """Consistent stiffness of beds of springs, ∫ k N_a N_b d dᵀ dA, and k d dᵀ at nodes.
+    """Consistent stiffness of beds of springs, ∫ k N_a N_b d dᵀ dA.
 
     None without any.
 
@@ -94,23 +86,18 @@ def springs_on(mesh: HexMesh, beds: Sequence[Bed]) -> Springs | None:
         Of the block.
     beds
         Name, corners of facets (n, 4), stiffness per area [N/mm³] and unit directions in the
-        block's frame (k, 3) of each; or nodes of the surface (n,) and the stiffness at each [N/mm].
+        block's frame (k, 3) of each.
     """
     if not beds:
         return None
     element, nodes, places, matrices = [], [], [], []
     names: list[str] = []
-    for name, where, stiffness, directions in beds:
-        corners = where if where.ndim == 2 else facets_at(mesh, where)
+    for name, corners, stiffness, directions in beds:
         names += [name] * len(corners)
         quads = mesh.facet_nodes(corners)
-        if where.ndim == 2:
-            area = np.linalg.norm(facet_area_vectors(mesh.nodes, quads), axis=-1)
-            values = basis_of(quads).values
-            product = stiffness * np.einsum("fp,pa,pb->fab", area, values, values)
-        else:
-            here = (quads == where[:, None]).astype(np.float64)
-            product = stiffness * np.einsum("fa,fb->fab", here, here)
+        area = np.linalg.norm(facet_area_vectors(mesh.nodes, quads), axis=-1)
+        values = basis_of(quads).values
+        product = stiffness * np.einsum("fp,pa,pb->fab", area, values, values)
         blocks = np.einsum("fab,ij->faibj", product, directions.T @ directions)
         size = 3 * quads.shape[1]
         of, _ = facet_elements(mesh, corners)

@@ -1,4 +1,4 @@
-"""Where something acts: parts of the surfaces of blocks, by name, by a plane, by a box; nodes."""
+"""Where something acts: parts of the surfaces of blocks, by name, by a plane, by a box; edges."""
 
 from __future__ import annotations
 
@@ -64,8 +64,8 @@ EVERYWHERE = Box(np.full(3, -np.inf), np.full(3, np.inf))
 
 
 @dataclass(frozen=True)
-class Points(ReadOnlyArrays):
-    """Nodes by their places, such as a set of nodes of another program; inner ones too."""
+class Edges(ReadOnlyArrays):
+    """Edges of a block's surface between corners that are at some places, and those corners."""
 
     places: FloatArray
     """World coordinates, (n, 3) [mm]."""
@@ -82,21 +82,13 @@ class Points(ReadOnlyArrays):
 
     def __str__(self) -> str:
         """In words."""
-        return f"{len(self.places)} points, the first at {self.places[0].tolist()}"
-
-
-class Edges(Points):
-    """Edges of a block's surface between corners that are at some places, and those corners."""
-
-    def __str__(self) -> str:
-        """In words."""
         return (
             f"the edges between {len(self.places)} points, the first at {self.places[0].tolist()}"
         )
 
 
-#: Part of a block: a face by its name, what of the surface lies on a plane or in a box, or nodes.
-Where: TypeAlias = str | Plane | Box | Points
+#: Part of a block: a face by its name, what of the surface lies on a plane or in a box, or edges.
+Where: TypeAlias = str | Plane | Box | Edges
 
 
 def region_quads(assembly: AnyBlocks, block: int, where: Where) -> IntArray:
@@ -113,15 +105,12 @@ def region_quads(assembly: AnyBlocks, block: int, where: Where) -> IntArray:
 
 
 def region_nodes(assembly: AnyBlocks, block: int, where: Where) -> IntArray:
-    """Surface nodes of a block in a region, those between corners too, ascending; (n,).
-
-    Of `Points` inner nodes too.
-    """
+    """Surface nodes of a block in a region, those between corners too, ascending; (n,)."""
     shape = assembly.shape(block)
     named = isinstance(where, str)
-    if isinstance(where, Points):
-        nodes = np.flatnonzero(where.has(_nodes(assembly, block), _tolerance(assembly)))
-        return _between(assembly, block, nodes) if isinstance(where, Edges) else nodes
+    if isinstance(where, Edges):
+        corners = np.flatnonzero(where.has(_nodes(assembly, block), _tolerance(assembly)))
+        return _between(assembly, block, corners)
     quads = region_quads(assembly, block, where) if named else _facets(assembly, block)
     nodes = np.unique(shape.mesh.facet_nodes(quads) if isinstance(shape, Block) else quads)
     if isinstance(where, str):

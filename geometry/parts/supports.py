@@ -9,7 +9,7 @@ import numpy as np
 from geometry.assembly import AnyBlocks
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, ReadOnlyArrays
-from geometry.parts.regions import EVERYWHERE, Points, Where, check_region, region_nodes
+from geometry.parts.regions import Where, check_region, region_nodes
 
 
 class SupportError(RefusedError):
@@ -39,7 +39,7 @@ class HeldFace(ReadOnlyArrays):
     """Times [s] and shares of the displacement, straight between; (): from none to all of it."""
     spring: float | None = None
     """Stiffness of springs per area between the surface and the ground along the directions
-    [N/mm³], on `Points` that of the spring at each [N/mm]; None: held fast."""
+    [N/mm³]; None: held fast."""
     name: str = ""
     """In tables of reactions; empty: of the face."""
 
@@ -104,20 +104,8 @@ class HeldFace(ReadOnlyArrays):
 
     def check(self, assembly: AnyBlocks) -> None:
         """Reject a region without nodes, and springs without facets."""
-        bed = self.spring is not None and not isinstance(self.face, Points)
-        if isinstance(self.face, str) or bed:
+        if isinstance(self.face, str) or self.spring is not None:
             check_region(assembly, np.array([self.block]), self.face, "support", SupportError)
-        elif (
-            self.spring is not None
-            and np.setdiff1d(
-                region_nodes(assembly, self.block, self.face),
-                region_nodes(assembly, self.block, EVERYWHERE),
-            ).size
-        ):
-            raise SupportError(
-                f"support {self.title}: got springs at inner nodes of block "
-                f"{assembly.named(self.block)}; expected nodes on its surface"
-            )
         elif not len(region_nodes(assembly, self.block, self.face)):
             raise SupportError(
                 f"support: no surface node of block {assembly.named(self.block)} lies on "

@@ -21,13 +21,13 @@ TUBE = {"mesh.around": 12, "mesh.radial": 1, "mesh.axial": 1, "assembly.layers":
 HEXAGONS = {"mesh.edge": 4, "mesh.radial": 1, "assembly.layers": 1}
 COARSE = {"mesh.divisions": 1}
 LOADS = ("beam", "pillar", "pipe", "shaft", "tunnel")
-#: Built-in scenes on coarse meshes. `wall` and `spinning-block` have what no deck that is read has.
+#: Built-in scenes on coarse meshes. `wall`, `spinning-block` and `beam-on-springs` have what no
+#: deck that is read has.
 SCENES = {
     **{f"tsb1-{load}": TUBE for load in LOADS},
     **{f"tsb2-{load}": TUBE for load in LOADS},
     **{f"thb0-{load}": HEXAGONS for load in LOADS},
     "arch": {**COARSE, "assembly.voussoirs": 8},
-    "beam-on-springs": {"mesh.divisions": "[6,1,1]", "fem.degree": 1},
     "brick-stack": {"mesh.divisions": "[2,1,1]"},
     "cantilever": {"mesh.divisions": "[8,1,2]", "fem.element": "full", "fem.end_time": 0.001},
     "cattaneo-mindlin": {"mesh.elements": 2},
@@ -49,7 +49,6 @@ SCENES = {
 }
 #: What a program has no words for: why `export` rejects it.
 REJECTED = {
-    ("beam-on-springs", Flavour.GENERAL): "got springs, which Abaqus/Explicit does not have",
     ("cantilever", Flavour.STANDARD): "has no name for",
     ("cantilever", Flavour.GENERAL): "has no name for",
 }
@@ -87,7 +86,10 @@ def test_what_is_read_and_written_is_read_as_the_same(scene, flavour, tmp_path: 
     assert read.blocks.volumes == pytest.approx(stated.blocks.volumes, rel=1e-10)
     assert read.deforming.tolist() == stated.deforming.tolist()
     assert set(read.materials) == set(stated.materials)
-    assert (read.coulomb, read.clearance) == (stated.coulomb, stated.clearance)
+    # Decks state the stick stiffness that the problem leaves to its default.
+    rough = [one.coulomb and replace(one.coulomb, stick_stiffness=1.0) for one in (read, stated)]
+    assert rough[0] == rough[1]
+    assert read.clearance == stated.clearance
     (mine, size), (theirs, _) = map(resultant, (stated, read))
     assert theirs == pytest.approx(mine, abs=1e-9 * (size or 1.0))
 
@@ -116,12 +118,12 @@ SOLVED = {
 }
 
 
-@pytest.mark.parametrize("flavour", list(Flavour))
+@pytest.mark.parametrize("flavour", [Flavour.STANDARD, Flavour.CALCULIX])
 @pytest.mark.parametrize("scene", SOLVED)
 def test_an_exported_deck_has_the_answer_of_its_scene(scene, flavour, tmp_path: Path) -> None:
     """On that mesh, with the law that the deck states: CalculiX has a table, off by 7e-4."""
-    if (scene, flavour) in REJECTED or (scene, flavour) == ("shifted-boxes", Flavour.GENERAL):
-        return  # steps with large rotations have no static answer with supports that move
+    if (scene, flavour) in REJECTED:
+        return
     read = read_deck(
         exported(tmp_path / "deck.inp", scene, settings(scene), flavour=flavour)
     ).problem()
@@ -130,9 +132,8 @@ def test_an_exported_deck_has_the_answer_of_its_scene(scene, flavour, tmp_path: 
     theirs, ours = (one.contact_law.pressure(over) for one in (read, own))
     if own.deformable.meets:
         assert theirs == pytest.approx(ours, rel=1e-3, abs=1e-6)
-    turns = read.finite_rotation and own.deformable.meets  # single bodies have none
-    read = replace(read, finite_rotation=turns)
-    stated = replace(own, law=read.law, finite_rotation=turns, check_blocks=False)
+    read = replace(read, finite_rotation=False, check_blocks=False)  # the cantilever is explicit
+    stated = replace(own, law=read.law, finite_rotation=False, check_blocks=False)
     method = Static(mesh="scene", error_estimate=False)
     one, other = (solve_static(problem, method) for problem in (stated, read))
     # Flat decks have no two blocks of one shape: another linear step, alike to Newton's residual.

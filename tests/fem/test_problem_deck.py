@@ -139,10 +139,12 @@ def test_supports_that_lean_have_axes_of_their_own(program, tmp_path: Path) -> N
     # A traction across it, on nodes that have axes of their own: as forces along these.
     across = TractionLoad(np.zeros(1, dtype=np.int64), "y+", 33.0 * aside)
     load = LoadCase(blocks, "stretch", (across,), blocks.fixed, held=tuple(held))
-    path = write_deck(Problem(blocks, load, concrete), tmp_path / "case.inp", program=program)
-    read = read_deck(path).problem()
-    (moved,) = by_block(read.deformable)[None] @ turn
-    places = (read.blocks.nodes(0) - 1.0) @ turn
+    problem = Problem(blocks, load, concrete)
+    path = write_deck(problem, tmp_path / "case.inp", program=program)
+    with pytest.raises(DeckError, match=r"\*Transform is not read"):
+        read_deck(path)
+    (moved,) = by_block(problem.deformable)[None] @ turn
+    places = (blocks.nodes(0) - 1.0) @ turn
     assert moved[:, 0] == pytest.approx(0.01 * places[:, 0] / 20.0, abs=1e-9)
     # Free along y and z: strain 33 / E - 0.2 (0.01 / 20 E + 0.2 33) / E.
     strain = 33.0 / 33000.0 - 0.2 * (0.01 / 20.0 + 0.2 * 33.0 / 33000.0)

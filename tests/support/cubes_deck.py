@@ -28,6 +28,10 @@ CUBES = """*Node, nset=ALL
 2, 11, 12, 13, 14, 15, 16, 17, 18
 *Nset, nset=FOOT
 1, 2, 3, 4
+*Nset, nset=CORNER
+11
+*Nset, nset=NEXT
+12
 *Surface, name=TOP
 LOWER, S2
 *Surface, name=UNDER
@@ -44,8 +48,8 @@ UPPER, S1
 UNDER, TOP
 *Boundary
 FOOT, 1, 3
-11, 1, 2
-12, 2
+CORNER, 1, 2
+NEXT, 2
 *Step
 *Static
 *Dload

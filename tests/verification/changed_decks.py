@@ -54,15 +54,11 @@ def verdict(lines: list[str], folder: Path) -> str:
 
 
 def _decks() -> dict[str, list[str]]:
-    """Cubes as they are, with friction, on springs, in two steps, pushed and written again."""
-    springs = (
-        "*Element, type=SPRING1, elset=G\n91, 1\n92, 2\n93, 3\n94, 4\n*Spring, elset=G\n3\n250."
-    )
+    """Cubes as they are, with friction, in two steps, pushed and written again."""
     second = "*End Step\n*Step\n*Static\n*Dload\nUPPER, P2, 1.\n*End Step"
     return {
         "cubes": CUBES,
         "with friction": changed("500.\n", "500.\n*Friction\n0.2, 5000.\n"),
-        "on springs": changed("*Boundary\nFOOT, 1, 3", f"{springs}\n*Boundary\nFOOT, 1, 2"),
         "two steps": changed("*End Step", second),
         "pushed with friction": block(6),
         "written again": written_again(deck_of_lines(CUBES)),

@@ -27,7 +27,6 @@ _LOAD = "UPPER, P2, 2."
 _HEAVY = changed("*Elastic", "*Density\n1e-10\n*Elastic", CUBES)
 _ROUGH = changed("500.\n", "500.\n*Friction\n0.2, 5000.\n", CUBES)
 _SECOND = "*End Step\n*Step\n*Static\n*Dload{}\n{}\n*End Step"
-_SPRINGS = "*Element, type=SPRING1, elset=G\n91, 1\n92, 2\n93, 3\n94, 4\n*Spring, elset=G\n3\n250."
 
 
 def _law(words: str) -> list[str]:
@@ -39,17 +38,12 @@ def decks() -> dict[str, list[str]]:
     pushed = changed(_LOAD, f"{_LOAD}\n*Cload\n15, 1, 0.02\n18, 1, 0.02", _ROUGH)
     table = "*Amplitude, name=A\n0., 0., 1., 0.5\n*Step"
     steel = "*Material, name=N\n*Elastic\n2000., 0.\n*Material"
-    turn = (
-        "*Nset, nset=LID\n15, 16, 17, 18\n*Transform, nset=LID\n0., 0., 1., 1., 0., 0.\n*Boundary"
-    )
-    wheel = "*Transform, type=C, nset=ALL\n0.5, 0.5, 0., 0.5, 0.5, 1.\n*Boundary"
     along = "GRAV, 1e10, 0., 0., -1."
     return {
         "as it is": CUBES,
         "lower case, blanks": [line.lower().replace(",", " , ") for line in CUBES],
         "keyword lines that go on": changed("*Contact Pair, ", "*Contact Pair,\n"),
         "linear law, softer": _law("LINEAR\n250."),
-        "hard contact": _law("HARD"),
         "exponential law": _law("EXPONENTIAL\n0.01, 2.0"),
         "law as a table": _law("TABULAR\n0., 0.\n1., 0.002\n4., 0.006"),
         "node to surface": changed("SURFACE TO SURFACE", "NODE TO SURFACE"),
@@ -85,17 +79,7 @@ def decks() -> dict[str, list[str]]:
         "gravity of both": changed(_LOAD, f"UPPER, {along}\nLOWER, {along}", _HEAVY),
         "gravity of one": changed(_LOAD, f"{_LOAD}\nUPPER, {along}", _HEAVY),
         "force per volume": changed(_LOAD, f"{_LOAD}\nUPPER, BZ, -1."),
-        "springs to the ground": changed(
-            "*Boundary\nFOOT, 1, 3", f"{_SPRINGS}\n*Boundary\nFOOT, 1, 2"
-        ),
-        "supports by node": changed("FOOT, 1, 3", "1, 1, 3\n2, 1, 3\n3, 1, 3\n4, 1, 3"),
         "a support that moves": changed("*Dload", "*Boundary\nFOOT, 3, 3, -0.001\n*Dload"),
-        "axes of nodes": changed(
-            f"*Dload\n{_LOAD}", "*Cload\nLID, 1, -0.5", changed("*Boundary", turn)
-        ),
-        "cylindrical axes of nodes": changed(
-            "11, 1, 2\n12, 2", "11, 2\n12, 2\n13, 2", changed("*Boundary", wheel)
-        ),
         "sets of sets": changed(
             "*Boundary\nFOOT",
             "*Nset, nset=HALF\n1, 2\n*Nset, nset=BASE\nHALF, 3, 4\n*Boundary\nBASE",
@@ -114,9 +98,6 @@ def decks() -> dict[str, list[str]]:
             "elset=UPPER, m",
             "elset=UPPER, orientation=O, m",
             changed("*Material", "*Orientation, name=O\n0., 1., 0., 1., 0., 0.\n*Material"),
-        ),
-        "a temperature": changed(
-            "*Boundary", "*Initial Conditions, type=TEMPERATURE\nALL, 20.\n*Boundary"
         ),
         "density": _HEAVY,
         "a pusher with friction, two steps": block(6),

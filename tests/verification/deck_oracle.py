@@ -31,17 +31,12 @@ class Nodes:
 
 def deck_nodes(deck: InputDeck) -> Nodes:
     """Nodes of the elements of a flat deck, by block."""
-    blocks = deck.built.blocks
-    rows = []
-    for block in range(len(blocks.owners)):
-        part, solid = blocks.instance(block).part, blocks.solid(block)
-        own = np.union1d(solid.nodes, solid.others)
-        rows.append(own[own < len(part.places)])
-    label = np.array(list(part.index))
+    parts = [one.part for one in deck.blocks.instances]
+    labels = [np.array(list(part.index)) for part in parts]
     return Nodes(
-        np.concatenate([label[own] for own in rows]),
-        np.repeat(np.arange(len(rows)), [len(own) for own in rows]),
-        np.concatenate([blocks.coordinates(b, own) for b, own in enumerate(rows)]),
+        np.concatenate(labels),
+        np.repeat(np.arange(len(parts)), list(map(len, labels))),
+        np.concatenate([part.nodes for part in parts]),
     )
 
 

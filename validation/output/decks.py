@@ -269,7 +269,8 @@ def rewrite(deck: InputDeck, path: Path) -> WrittenDeck:
     if path.suffix.lower() != ".inp":
         raise InputError(f"--write {path}: expected a file name that ends in .inp")
     with named(deck.name):
-        stated = problem_deck(deck.problem(), deck.flavour, deck.method)
+        notes = tuple(deck.model.notes)
+        stated = problem_deck(deck.problem(), deck.flavour, deck.method, notes=notes)
     return _write(stated, path, start)
 
 

@@ -1,25 +1,51 @@
-"""Supports of the last step of a deck: what holds, moves and springs its nodes."""
+"""Supports and loads that act at the end of the last step of a deck; its supports."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from itertools import groupby
 
 import numpy as np
 
-from fem.decks.keywords import DeckError
-from fem.decks.read.bodies import Blocks
+from fem.decks.read.blocks import Blocks
 from fem.decks.read.cards import Card
 from fem.decks.read.model import ModelLines, Step, path_of, smooth_time
-from geometry.files.named_sets import face_name
 from geometry.loads import FaceLoad
 from geometry.mesh import FloatArray, IntArray
-from geometry.parts.forces import NodeForces
-from geometry.parts.regions import Edges, Points, Where
 from geometry.parts.supports import HeldFace
 
 #: Displacement of a component [mm], and times [s] and shares of it; (): with the loads.
 Moved = tuple[float, tuple[tuple[float, float], ...]]
 _STILL: Moved = (0.0, ())
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of a support or a load."""
+
+    number: int
+    """Of its step, from 1; 0: of the model data."""
+    step: Step
+    card: Card
+    line: int
+    row: list[str]
+
+    @property
+    def target(self) -> str:
+        """Set or surface that it names, upper case."""
+        return self.row[0].strip('"').upper()
+
+    @property
+    def kind(self) -> str:
+        """Second entry, upper case: kind of a load, first component or word of a support."""
+        return self.row[1].upper() if len(self.row) > 1 else ""
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """What a later step states anew: the load, or the same components."""
+        last = self.row[2:3] if self.card.keyword == "BOUNDARY" else ()
+        return self.card.keyword, self.target, self.kind, *last
 
 
 @dataclass
@@ -29,14 +55,13 @@ class Actions:
     blocks: Blocks
     model: ModelLines
     steps: tuple[Step, ...]
-    time: float | None = None
-    """In the last step; None: at its end."""
-    held: dict[tuple[int, int], dict[int, Moved]] = field(default_factory=dict)
-    """Components of each block and node of its part."""
-    axes: dict[tuple[int, int], FloatArray] = field(default_factory=dict)
-    """Local axes of nodes that *Transform turns, unit vectors, each (3, 3)."""
-    names: dict[tuple[int, int, int], str] = field(default_factory=dict)
-    """Of the set that first holds a component of a node."""
+    time: float
+    """In the last step [s]."""
+    at_end: bool = False
+    """Whether supports are where they are at that time, else on their way."""
+    held: list[HeldFace] = field(default_factory=list)
+    fixed: list[int] = field(default_factory=list)
+    """Blocks of which every node stays."""
     faces: list[FaceLoad] = field(default_factory=list)
     forces: list[tuple[int, FloatArray, FloatArray]] = field(default_factory=list)
     """Block, place and force."""
@@ -55,15 +80,30 @@ class Actions:
 
     def time_in(self, step: Step) -> float:
         """Time in a step at which its loads and motions count: its end, but in the last one [s]."""
-        return self.time if step is self.step and self.time is not None else step.duration
+        return self.time if step is self.step else step.duration
 
-    @property
-    def nodes(self) -> tuple[NodeForces, ...]:
-        """Forces on nodes."""
-        if not self.forces:
-            return ()
-        block, places, forces = zip(*self.forces, strict=True)
-        return (NodeForces(np.array(block), np.array(places), np.array(forces)),)
+    def acting(self, words: set[str], before: Iterable[Card] = ()) -> list[Line]:
+        """Lines of keywords that act at the end of the last step.
+
+        ``before`` are cards of the model data.
+
+        Raises
+        ------
+        DeckError
+            Body forces that op=NEW takes back: CalculiX (2.20) takes back pressures alone.
+        """
+        result: list[Line] = []
+        for number, step in enumerate((self.steps[0], *self.steps)):
+            cards = [c for c in (step.cards if number else before) if c.keyword in words]
+            new = {card.keyword for card in cards if card.option("OP") == "NEW"}
+            rows = [Line(number, step, card, *row) for card in cards for row in card.rows()]
+            anew = {row.key for row in rows}
+            result = [row for row in result if row.key not in anew]
+            for row in (row for row in result if row.card.keyword in new):
+                if row.kind.startswith(("B", "GRAV")) and self.blocks.each_once:
+                    raise row.card.unread(f"{row.kind} that op=NEW of a later step ends", row.line)
+            result = [row for row in result if row.card.keyword not in new] + rows
+        return result
 
     def ramp(self, card: Card, ramp: float) -> None:
         """Keep the smooth step of an explicit run.
@@ -74,9 +114,7 @@ class Actions:
             A second one.
         """
         if self.ramp_time not in {None, ramp}:
-            raise DeckError(
-                f"{card.at()}: loads of an explicit step have several amplitudes; expected one"
-            )
+            raise card.unread("several amplitudes of loads in an explicit step")
         self.ramp_time = ramp
 
 
@@ -88,76 +126,53 @@ def read_supports(actions: Actions) -> None:
     DeckError
         Naming the line of the first that cannot be solved.
     """
-    _transforms(actions)
-    for card in actions.model.other:
-        if card.keyword == "BOUNDARY":
-            _boundary(actions, card, None)
-    for step in actions.steps:
-        for number, card in enumerate(c for c in step.cards if c.keyword == "BOUNDARY"):
-            if card.option("OP") == "NEW" and not number:
-                actions.held.clear()
-            _boundary(actions, card, step)
+    blocks, sets = actions.blocks, dict[str, tuple[Line, dict[int, Moved]]]()
+    for stated in actions.acting({"BOUNDARY"}, actions.model.other):
+        components, moved = _moved(actions, stated)
+        _, known = sets.setdefault(stated.target, (stated, {}))
+        known.update(dict.fromkeys(components, moved))
+    number = {_STILL: 0}
+    way_of = [np.full((len(one.part.places), 3), -1) for one in blocks.instances]
+    located = {}
+    for target, (stated, ways) in sets.items():
+        card, line = stated.card, stated.line
+        if target.rpartition(".")[2].isdigit():
+            raise card.unread(f"node {target} by its number, without a set,", line)
+        nodes = blocks.members(card, line, target, nodes=True)
+        located[target] = blocks.located(nodes)
+        for block, rows in located[target].items():
+            for component, moved in ways.items():
+                known, own = way_of[block][rows, component], number.setdefault(moved, len(number))
+                if ((known >= 0) & (known != own)).any():
+                    raise card.wrong(f"{target}, which another set moves otherwise", "one", line)
+                way_of[block][rows, component] = own
+    of_blocks = enumerate(zip(way_of, blocks.instances, strict=True))
+    actions.fixed = [b for b, (of, one) in of_blocks if not of[one.part.members].any()]
+    for target, (stated, ways) in sets.items():
+        for block, rows in located[target].items():
+            if ways and block not in actions.fixed:
+                actions.held += _held_faces(blocks, stated, ways, block, rows)
 
 
-def _transforms(actions: Actions) -> None:
-    """Read *Transform: axes of the components of nodes."""
-    for card in actions.model.other:
-        if card.keyword != "TRANSFORM":
-            continue
-        kind, values = card.option("TYPE") or "R", card.numbers()
-        a, b = values[:3], values[3:6]
-        turned = np.cross(a, b) if kind == "R" else b - a
-        if kind not in {"R", "C"} or len(values) != 6 or not turned.any():
-            raise DeckError(
-                f"{card.at()}: *Transform of type {kind} with {len(values)} numbers; expected R "
-                "or C with two points that are apart"
-            )
-        nodes = actions.blocks.places.members(card, card.line, card.parameter("NSET"), nodes=True)
-        for block, indices in actions.blocks.located(nodes).items():
-            places = actions.blocks.coordinates(block, indices)
-            for node, place in zip(indices.tolist(), places, strict=True):
-                # R: x through the first point, the second beside it; C: radius, around, along.
-                along = b - a
-                first = (
-                    a
-                    if kind == "R"
-                    else place - a - along * ((place - a) @ along) / (along @ along)
-                )
-                third = turned
-                if not first.any():
-                    raise DeckError(
-                        f"{card.at()}: a node lies on the axis of *Transform; expected none there"
-                    )
-                x, z = first / np.linalg.norm(first), third / np.linalg.norm(third)
-                actions.axes[block, node] = np.array([x, np.cross(z, x), z])
+def _held_faces(
+    blocks: Blocks, stated: Line, ways: dict[int, Moved], block: int, nodes: IntArray
+) -> Iterable[HeldFace]:
+    """Support of nodes of a block, for each path of its motions."""
+    name = stated.target.lower()
+    where = blocks.where(stated.card, stated.line, block, nodes, name)
+    alike = sorted(ways.items(), key=lambda way: way[1][1])
+    for path, parts in groupby(alike, key=lambda way: way[1][1]):
+        moved = {component: value for component, (value, _) in parts}
+        rows, way = np.eye(3)[sorted(moved)], np.zeros(3)
+        way[list(moved)] = list(moved.values())
+        held = None if len(moved) == 3 else rows
+        yield HeldFace(block, where, held, way if way.any() else None, path, name=name)
 
 
-def _boundary(actions: Actions, card: Card, step: Step | None) -> None:
-    if card.option("TYPE") not in {"", "DISPLACEMENT"}:
-        raise DeckError(
-            f"{card.at()}: *Boundary of type {card.option('TYPE')} is not covered; expected "
-            "displacements"
-        )
-    for line, row in card.rows():
-        components, moved = _moved(actions, card, line, row, step or actions.steps[0])
-        nodes = actions.blocks.places.members(card, line, row[0], nodes=True)
-        name = row[0].strip('"').lower()
-        if name.isdigit():
-            name = f"boundary-{card.line}"
-        in_solids = [k for k in components if k < 3]
-        for block, indices in actions.blocks.located(nodes).items():
-            for index in indices.tolist():
-                for component in in_solids:
-                    actions.names.setdefault((block, index, component), name)
-                held = actions.held.setdefault((block, index), {})
-                held.update(dict.fromkeys(in_solids, moved))
-
-
-def _moved(
-    actions: Actions, card: Card, line: int, row: list[str], step: Step
-) -> tuple[list[int], Moved]:
+def _moved(actions: Actions, stated: Line) -> tuple[list[int], Moved]:
     """Components of a line and where they go in a step."""
-    components, value = _components(card, line, row)
+    components, value = _components(stated)
+    card, step = stated.card, stated.step
     if not value:
         return components, _STILL
     path = path_of(actions.model, card)
@@ -167,11 +182,9 @@ def _moved(
         path = None
     if path is None:
         return components, (value, ())
-    times = _path(step, path)
-    if step.explicit or (len(actions.steps) == 1 and actions.time is None):
-        return components, (value, times)
-    at = np.interp(actions.time_in(step), *np.array(times).T)
-    return components, (value * float(at), ())
+    if actions.at_end:
+        return components, (value * float(np.interp(actions.time_in(step), *path.T)), ())
+    return components, (value, _path(step, path))
 
 
 def _path(step: Step, path: FloatArray) -> tuple[tuple[float, float], ...]:
@@ -184,158 +197,18 @@ def _path(step: Step, path: FloatArray) -> tuple[tuple[float, float], ...]:
     return tuple((time, share) for time, share in rows)
 
 
-#: Components of supports that Abaqus names, from 1: u1 to u3, ur1 to ur3.
-_WORDS = {
-    "ENCASTRE": (1, 2, 3, 4, 5, 6),
-    "PINNED": (1, 2, 3),
-    "XSYMM": (1, 5, 6),
-    "YSYMM": (2, 4, 6),
-    "ZSYMM": (3, 4, 5),
-    "XASYMM": (2, 3, 4),
-    "YASYMM": (1, 3, 5),
-    "ZASYMM": (1, 2, 6),
-}
+#: Components of supports that Abaqus names, from 0; solids have no others.
+_WORDS = {"ENCASTRE": [0, 1, 2], "PINNED": [0, 1, 2], "XSYMM": [0], "YSYMM": [1], "ZSYMM": [2]}
 
 
-def _components(card: Card, line: int, row: list[str]) -> tuple[list[int], float]:
+def _components(stated: Line) -> tuple[list[int], float]:
     """Components, from 0, and value of a line of *Boundary; rotations of solids do nothing."""
-    word = row[1].upper() if len(row) > 1 else ""
-    if word in _WORDS and len(row) == 2:
-        return [number - 1 for number in _WORDS[word]], 0.0
-    if not word.isdigit():
-        raise DeckError(
-            f"{card.at(line)}: got {', '.join(row)}; expected a node or a set, a first component, "
-            f"a last one and a displacement, or one of {', '.join(_WORDS)}"
-        )
-    first = card.whole(line, word)
+    card, line, row = stated.card, stated.line, stated.row
+    if stated.kind in _WORDS and len(row) == 2:
+        return _WORDS[stated.kind], 0.0
+    first = card.whole(line, stated.kind)
     last = card.whole(line, row[2]) if len(row) > 2 and row[2] else first
     value = card.number(line, row[3]) if len(row) > 3 and row[3] else 0.0
     if not 1 <= first <= last <= 6 or (last > 3 and value):
-        raise DeckError(
-            f"{card.at(line)}: got components {first} to {last}; expected 1 to 3: solids have no "
-            "rotations at nodes"
-        )
-    return list(range(first - 1, last)), value
-
-
-# ---------------------------------------------------------------------------------------------
-# As supports of blocks
-
-
-def fixed_blocks(actions: Actions) -> set[int]:
-    """Blocks of which every node stays."""
-    result = set()
-    for block in range(len(actions.blocks.owners)):
-        solid = actions.blocks.solid(block)
-        every = np.concatenate([solid.nodes, solid.others])
-        local = actions.blocks.places.instances[actions.blocks.owners[block][0]].part
-        own = every[every < len(local.places)].tolist()
-        still = dict.fromkeys(range(3), _STILL)
-        if all(actions.held.get((block, node)) == still for node in own):
-            result.add(block)
-    return result
-
-
-def held_faces(actions: Actions, fixed: set[int]) -> list[HeldFace]:
-    """Parts of blocks that are not fixed which are held, moved or on springs."""
-    free = (block for block in range(len(actions.blocks.owners)) if block not in fixed)
-    return [face for block in free for face in _held_faces(actions, block)] + _springs(actions)
-
-
-def _held_faces(actions: Actions, block: int) -> list[HeldFace]:
-    """Supports of a block: for each direction the nodes held alike, then directions of the same.
-
-    Nodes at edges are held along more directions than others. Together they make faces, of which
-    elements that are split, or of degree 2, have nodes that the deck does not have.
-    """
-    alike: dict[tuple[bytes, Moved], list[int]] = {}
-    names: dict[tuple[bytes, Moved], str] = {}
-    for (number, node), stated in actions.held.items():
-        if number != block:
-            continue
-        still = stated == dict.fromkeys(range(3), _STILL)
-        axes = None if still else actions.axes.get((block, node))
-        for component, value in stated.items():
-            along = np.eye(3)[component] if axes is None else np.round(axes[component], 12) + 0.0
-            alike.setdefault((along.tobytes(), value), []).append(node)
-            names.setdefault((along.tobytes(), value), actions.names[block, node, component])
-    together: dict[
-        tuple[tuple[int, ...], str, tuple[tuple[float, float], ...]],
-        list[tuple[FloatArray, float]],
-    ] = {}
-    for (direction, (moved, path)), members in alike.items():
-        along = np.frombuffer(direction)
-        key = tuple(sorted(members)), names[direction, (moved, path)], path if moved else ()
-        together.setdefault(key, []).append((along / np.linalg.norm(along), moved))
-    result = []
-    for (nodes, name, path), parts in together.items():
-        rows = np.array([along for along, _ in parts])
-        way = np.array([moved for _, moved in parts]) @ rows
-        where = _where(actions.blocks, block, np.array(nodes), name)
-        held = None if len(rows) == 3 else rows
-        there = way if way.any() else None
-        result.append(HeldFace(block, where, held, there, path, name=name))
-    return result
-
-
-def _where(blocks: Blocks, block: int, nodes: IntArray, name: str) -> Where:
-    """A face where nodes are all those of whole facets, edges where they are those; else nodes."""
-    solid, rows = blocks.solid(block), blocks.whole_sides(block, nodes)
-    corners = solid.nodes[np.unique(solid.outer[rows])]
-    if np.isin(np.setdiff1d(nodes, solid.others), corners).all():
-        face = face_name(_of_block(blocks.name(block), name))
-        while not np.array_equal(blocks.faces[block].get(face, rows), rows):
-            face += "x"
-        blocks.add_face(block, face, rows)
-        return face
-    if blocks.are_edges(block, nodes):
-        return Edges(blocks.coordinates(block, np.intersect1d(nodes, solid.nodes)))
-    return Points(blocks.coordinates(block, np.union1d(nodes, corners)))
-
-
-def _of_block(block: str, name: str) -> str:
-    """Name of nodes without that of their block, as the sets of our decks have it."""
-    own = name.removeprefix(f"{block.lower()}.").removeprefix(f"{block.lower()}_")
-    return own.removesuffix("-nodes")
-
-
-def _springs(actions: Actions) -> list[HeldFace]:
-    """Springs between nodes and the ground: SPRING1, a component and a stiffness of each set."""
-    nodes: dict[str, list[tuple[int, int]]] = {}
-    places, result, known = actions.blocks.places, list[HeldFace](), set[str]()
-    for card in actions.model.other:
-        if card.keyword == "ELEMENT":
-            for line, row in card.rows():
-                numbers = [row[0], *(text.rpartition(".")[2] for text in row[1:])]
-                if len(row) != 2 or not all(map(str.isdigit, numbers)) or row[0] in known:
-                    raise DeckError(
-                        f"{card.at(line)}: got {', '.join(row)}; expected a number of its own and "
-                        "a node"
-                    )
-                known.add(row[0])
-                found = places.members(card, line, row[1], nodes=True)
-                nodes.setdefault(card.parameter("ELSET"), []).extend(found)
-    for card in actions.model.other:
-        if card.keyword != "SPRING":
-            continue
-        name = card.parameter("ELSET")
-        rows = [(line, [text for text in row if text]) for line, row in card.rows()]
-        if [len(row) for _, row in rows] != [1, 1] or name not in nodes:
-            raise DeckError(
-                f"{card.at()}: *Spring of the set {name}; expected a set of SPRING1, a line with a "
-                "component and one with a stiffness"
-            )
-        component = card.whole(rows[0][0], rows[0][1][0])
-        stiffness = card.number(rows[1][0], rows[1][1][0])
-        if component not in {1, 2, 3} or stiffness <= 0.0:
-            raise DeckError(
-                f"{card.at()}: got component {component} and {stiffness:g} N/mm; expected 1, 2 or "
-                "3 and a positive stiffness"
-            )
-        along = np.eye(3)[[component - 1]]
-        for block, indices in actions.blocks.located(nodes.pop(name)).items():
-            where = Points(actions.blocks.coordinates(block, indices))
-            result.append(HeldFace(block, where, along, spring=stiffness, name=name.lower()))
-    if nodes:
-        raise DeckError(f"SPRING1 elements of the set {next(iter(nodes))} have no *Spring")
-    return result
+        raise card.wrong(f"components {first} to {last}", "1 to 3: solids do not rotate", line)
+    return list(range(first - 1, min(last, 3))), value

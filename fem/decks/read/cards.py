@@ -18,6 +18,8 @@ from geometry.mesh import FloatArray
 
 #: Files may include files to this depth.
 _DEPTH = 10
+#: Size of a deck with all that it includes, at most [bytes].
+_LARGEST = 1 << 30
 #: Words between commas; a comma inside quotes is part of the word.
 _WORD = re.compile(r'(?:[^,"]|"[^"]*")*')
 
@@ -48,6 +50,17 @@ class Card:
         """Keyword as people write it."""
         return f"*{self.keyword.title()}"
 
+    def wrong(self, got: str, expected: str, line: int | None = None) -> DeckError:
+        """Refusal of an entry that its keyword cannot have."""
+        return DeckError(f"{self.at(line)}: {self.title}: got {got}; expected {expected}")
+
+    def unread(self, what: str = "", line: int | None = None) -> DeckError:
+        """Refusal of what the subset does not have, in one wording."""
+        return DeckError(
+            f"{self.at(line)}: {self.title}{what and f', {what}'} is not read; expected words of "
+            "the table in docs/tutorials/decks.md"
+        )
+
     def parameter(self, name: str) -> str:
         """Value of a parameter, upper case, without quotes.
 
@@ -58,7 +71,7 @@ class Card:
         """
         value = self.option(name)
         if not value:
-            raise DeckError(f"{self.at()}: {self.title} has no {name.lower()}; expected one")
+            raise self.wrong("no value", f"{name.lower()}=…")
         return value
 
     def option(self, name: str) -> str:
@@ -83,9 +96,7 @@ class Card:
         except ValueError:
             value = np.nan
         if not np.isfinite(value):
-            raise DeckError(
-                f"{self.at(line)}: got {text[:40]!r} under {self.title}; expected a finite number"
-            )
+            raise self.wrong(repr(text[:40]), "a finite number", line)
         return value
 
     def whole(self, line: int, text: str) -> int:
@@ -97,9 +108,7 @@ class Card:
             Naming the line.
         """
         if not re.fullmatch(r"[+-]?\d{1,15}", text):
-            raise DeckError(
-                f"{self.at(line)}: got {text[:40]!r} under {self.title}; expected a whole number"
-            )
+            raise self.wrong(repr(text[:40]), "a whole number", line)
         return int(text)
 
     def numbers(self) -> FloatArray:
@@ -110,12 +119,6 @@ class Card:
         DeckError
             Naming the line of a field that is no finite number.
         """
-        try:
-            values = np.array(",".join(self.data).split(","), dtype=np.float64)
-            if np.isfinite(values).all():
-                return values
-        except ValueError:
-            pass
         return np.array([self.number(n, text) for n, row in self.rows() for text in row if text])
 
 
@@ -135,7 +138,7 @@ def read_cards(lines: Iterable[str], folder: Path | None = None) -> list[Card]:
     lines
         Of the deck.
     folder
-        Where included files are; None: there are none.
+        Folder of the deck: included files are in it or below; None: there are none.
 
     Raises
     ------
@@ -143,74 +146,93 @@ def read_cards(lines: Iterable[str], folder: Path | None = None) -> list[Card]:
         A data line before the first keyword, a keyword line that is none, an included file that
         cannot be read.
     """
-    cards: list[Card] = []
-    _read(lines, folder, "", cards, 0)
-    return cards
+    files = _Files(folder)
+    files.read(lines)
+    return files.cards
 
 
-def _read(
-    lines: Iterable[str], folder: Path | None, file: str, cards: list[Card], depth: int
-) -> None:
-    begun: tuple[int, str] | None = None
-    for number, raw in enumerate(lines, start=1):
-        text = raw.strip()
-        if not text or text.startswith(("**", ">**")):  # CalculiX skips the second, too
-            continue
-        if begun is not None and not text.startswith("*"):
-            first, head = begun
-            number, text = first, head + text  # noqa: PLW2901 - a keyword line goes on
-        elif begun is not None:
-            raise DeckError(f"line {begun[0]}: the keyword line ends with a comma; expected more")
-        begun = (number, text) if text.startswith("*") and text.endswith(",") else None
-        if begun is not None:
-            continue
-        if text.startswith("*"):
-            card = _keyword_card(number, text, file)
-            if card.keyword == "INCLUDE":
-                _include(card, folder, cards, depth)
+@dataclass
+class _Files:
+    """A deck with the files that it includes, as cards."""
+
+    folder: Path | None
+    cards: list[Card] = field(default_factory=list)
+    size: int = 0
+    """Of the files that were included [bytes]."""
+
+    def read(self, lines: Iterable[str], file: str = "", depth: int = 0) -> None:
+        """Read the lines of a file."""
+        begun: tuple[int, str] | None = None
+        for number, raw in enumerate(lines, start=1):
+            text, first = raw.strip(), number
+            if not text or text.startswith(("**", ">**")):  # CalculiX skips the second, too
+                continue
+            if begun is not None:
+                if text.startswith("*"):
+                    break
+                first, text = begun[0], begun[1] + text
+            begun = (first, text) if text.startswith("*") and text.endswith(",") else None
+            if begun is not None:
+                continue
+            if text.startswith("*"):
+                card = _keyword_card(first, text, file)
+                if card.keyword == "INCLUDE":
+                    self._include(card, depth + 1)
+                else:
+                    self.cards.append(card)
+            elif not self.cards:
+                raise DeckError(
+                    f"line {number}: got {text[:40]!r}; expected a keyword such as *Heading"
+                )
             else:
-                cards.append(card)
-        elif not cards:
-            raise DeckError(
-                f"line {number}: got {text[:40]!r}; expected a keyword such as *Heading"
+                self.cards[-1].data.append(text)
+                self.cards[-1].data_line.append(number)
+        if begun is not None:
+            raise DeckError(f"line {begun[0]}: the keyword line ends with a comma; expected more")
+
+    def _include(self, card: Card, depth: int) -> None:
+        name = card.parameters.get("INPUT", "").strip('"')
+        path = (self.folder or Path()) / name
+        try:
+            lines = deck_text(path)
+            below = path.resolve().is_relative_to((self.folder or Path()).resolve())
+            self.size += path.stat().st_size
+        except DeckError as error:
+            raise DeckError(f"{card.at()}: *Include: {error}") from None
+        if not below or self.folder is None or depth > _DEPTH or self.size > _LARGEST:
+            raise card.wrong(
+                repr(name),
+                f"a file in the folder of the deck or below, {_DEPTH} files deep and 1 GiB in all "
+                "at most: copy it there",
             )
-        else:
-            cards[-1].data.append(text)
-            cards[-1].data_line.append(number)
-    if begun is not None:
-        raise DeckError(f"line {begun[0]}: the keyword line ends with a comma; expected more")
-
-
-def _include(card: Card, folder: Path | None, cards: list[Card], depth: int) -> None:
-    name = card.parameters.get("INPUT", "").strip('"')
-    if not name or depth >= _DEPTH or folder is None:
-        raise DeckError(
-            f"{card.at()}: *Include of {name!r} cannot be read here; expected input=FILE, at most "
-            f"{_DEPTH} files deep"
-        )
-    path = folder / name
-    why = unreadable(path)
-    if why is not None:
-        raise DeckError(f"{card.at()}: *Include: {path}: {why}; expected a file of the deck")
-    _read(deck_text(path), folder, name, cards, depth + 1)
+        self.read(lines, name, depth)
 
 
 def deck_text(path: Path) -> list[str]:
-    """Lines of a file of any encoding: names keep all bytes."""
+    """Lines of a file of any encoding: names keep all bytes.
+
+    Raises
+    ------
+    DeckError
+        No file, a device, a file larger than a deck.
+    """
+    why = unreadable(path)
+    if why is None and path.stat().st_size > _LARGEST:
+        why = f"has {path.stat().st_size / 2**30:.3g} GiB"
+    if why is not None:
+        raise DeckError(f"{path}: {why}; expected a deck of 1 GiB at most")
     return path.read_text("latin-1").splitlines()
 
 
 def _keyword_card(number: int, text: str, file: str) -> Card:
     words = [word.strip() for word in _WORD.findall(text[1:])]
     name = " ".join(words[0].upper().split())
-    if not re.fullmatch(r"[A-Z][A-Z -]*", name):
-        raise DeckError(
-            f"{file and f'{file}, '}line {number}: got {text[:40]!r}; expected a keyword such as "
-            "*Node"
-        )
     parameters = {}
     for word in words[1:]:
         if word:
             key, _, value = word.partition("=")
             parameters[" ".join(key.upper().replace("_", " ").split())] = value.strip()
-    return Card(number, name, parameters, file=file)
+    card = Card(number, name, parameters, file=file)
+    if not re.fullmatch(r"[A-Z][A-Z -]*", name):
+        raise DeckError(f"{card.at()}: got {text[:40]!r}; expected a keyword such as *Node")
+    return card

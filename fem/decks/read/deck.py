@@ -10,14 +10,15 @@ from pathlib import Path
 
 from fem.decks.deck import Flavour
 from fem.decks.keywords import DeckError
+from fem.decks.read.blocks import Blocks, placed
 from fem.decks.read.cards import Card, deck_text, read_cards
-from fem.decks.read.mesh import Instance, Part, Places, add_elements, add_nodes, add_set, placed
-from fem.decks.read.model import ModelLines, Step, add_model, effects_of
-from fem.decks.read.problem import Built, build_problem
+from fem.decks.read.mesh import Part, add_elements, add_nodes, add_set
+from fem.decks.read.model import ModelLines, Step, effects_of
+from fem.decks.read.problem import build_problem
 from fem.decks.read.words import Dialect, check_words, dialect_of, spelt
 from fem.method import Explicit, Static
 from fem.problem import Problem
-from geometry.errors import RefusedError, unreadable
+from geometry.errors import RefusedError
 
 
 @dataclass
@@ -33,7 +34,7 @@ class InputDeck:
     """Program whose meaning its keywords have."""
     detected: str
     """What says so."""
-    places: Places
+    blocks: Blocks
     """Parts at their places, with sets and surfaces."""
     model: ModelLines
     """Materials, interactions and the like."""
@@ -43,15 +44,8 @@ class InputDeck:
     """Keywords and parameters that change nothing in the answer."""
 
     @cached_property
-    def built(self) -> Built:
-        """Blocks, contact, supports and loads as a problem.
-
-        Raises
-        ------
-        RefusedError
-            Naming the line of what is not covered.
-        """
-        return build_problem(self.name, self.places, self.model, self.steps)
+    def _built(self) -> tuple[Problem, float | None]:
+        return build_problem(self.name, self.blocks, self.model, self.steps)
 
     def problem(self) -> Problem:
         """State the problem: blocks, material, contact, supports and loads.
@@ -63,7 +57,7 @@ class InputDeck:
         ProblemError, AssemblyError, MeshError, MaterialError, ContactLawError
             Blocks, units and constants that no solver takes.
         """
-        return self.built.problem
+        return self._built[0]
 
     def validate(self) -> tuple[str, ...]:
         """Check everything that a solution checks before it begins.
@@ -98,14 +92,13 @@ class InputDeck:
         Forces on nodes belong to that mesh, and have no error bars.
         """
         if not self.steps[-1].explicit:
-            of_mesh = bool(self.problem().load_case.nodes)
-            return Static(mesh="scene", error_estimate=not of_mesh)
+            return Static(mesh="scene", error_estimate=not self.problem().load_case.nodes)
         effects = effects_of(self.model, self.steps[0])
         return Explicit(
             damping="none",
             rayleigh=effects.rayleigh,
             bulk_viscosity=effects.bulk_viscosity,
-            ramp_time=self.built.ramp_time or 0.0,
+            ramp_time=self._built[1] or 0.0,
             end_time=self.steps[-1].duration,
             error_estimate=False,
         )
@@ -117,7 +110,7 @@ def read_deck(path: str | Path, *, dialect: str | None = None) -> InputDeck:
     Parameters
     ----------
     path
-        The file; those that it includes are beside it.
+        The file; those that it includes are in its folder or below.
     dialect
         ``abaqus`` or ``calculix``; None: what its keywords are.
 
@@ -129,17 +122,14 @@ def read_deck(path: str | Path, *, dialect: str | None = None) -> InputDeck:
     Raises
     ------
     DeckError
-        No file, or the line of a keyword, parameter or value that is not covered.
+        No file, or the line of a keyword, parameter or value that is not read.
     """
     path = Path(path)
-    why = unreadable(path)
-    if why is not None:
-        raise DeckError(f"{path}: {why}; expected a deck")
     if dialect is not None and dialect not in set(Dialect):
         raise DeckError(f"dialect: got {dialect!r}; expected {' or '.join(Dialect)}")
+    lines, stated = deck_text(path), None if dialect is None else Dialect(dialect)
     try:
-        stated = None if dialect is None else Dialect(dialect)
-        return deck_of_lines(deck_text(path), name=path.stem, folder=path.parent, dialect=stated)
+        return deck_of_lines(lines, name=path.stem, folder=path.parent, dialect=stated)
     except RefusedError as error:
         raise type(error)(f"{path}: {error}") from None
 
@@ -158,14 +148,14 @@ def deck_of_lines(
         raise DeckError("line 1: the file is empty; expected a deck")
     kind, detected = dialect_of(cards, dialect)
     reader = _Reader(ModelLines(kind))
-    reader.places.each_once = kind is Dialect.CALCULIX
+    reader.blocks.each_once = kind is Dialect.CALCULIX
     for card in cards:
         reader.read(card)
     heading = next((card for card in cards if card.keyword == "HEADING"), cards[0])
     reader.model.cap = _cap(heading)
-    places = reader.finished(cards[-1])
+    blocks = reader.finished(cards[-1])
     steps = tuple(reader.steps)
-    return InputDeck(name, kind, detected, places, reader.model, steps, without)
+    return InputDeck(name, kind, detected, blocks, reader.model, steps, without)
 
 
 def _cap(heading: Card) -> float:
@@ -177,10 +167,12 @@ def _cap(heading: Card) -> float:
     return inf
 
 
-#: Keywords of meshes, and what reads them.
+#: Keywords of meshes.
 _MESH = {"NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "SOLID SECTION"}
 #: Model data that may stand in a step too.
 _NAMED = {"SURFACE INTERACTION", "SURFACE BEHAVIOR", "FRICTION", "AMPLITUDE"}
+#: What may be open, and what it stands in.
+_OPEN = {"PART": "", "ASSEMBLY": "", "INSTANCE": "ASSEMBLY", "STEP": ""}
 
 
 @dataclass
@@ -189,9 +181,9 @@ class _Reader:
 
     model: ModelLines
     parts: dict[str, Part] = field(default_factory=dict)
-    flat: Part = field(default_factory=lambda: Part(""))
-    part: Part | None = None
-    places: Places = field(default_factory=lambda: Places([]))
+    part: Part = field(default_factory=lambda: Part(""))
+    """The last one that was opened, before the first that of a flat deck."""
+    blocks: Blocks = field(default_factory=Blocks)
     open: list[Card] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
 
@@ -202,93 +194,48 @@ class _Reader:
 
     def read(self, card: Card) -> None:
         """Read one card."""
-        word = card.keyword
-        if word.startswith("END "):
-            self._end(card)
-        elif word in {"PART", "ASSEMBLY", "INSTANCE", "STEP"}:
+        word, inside = card.keyword, self.inside
+        if word.startswith("END ") and word == f"END {inside}":
+            self.open.pop()
+        elif _OPEN.get(word) == inside:
             self._begin(card)
-        elif self.inside == "STEP":
-            self._in_step(card)
-        elif word == "SPRING" or (word == "ELEMENT" and card.option("TYPE") == "SPRING1"):
-            if self.inside in {"PART", "INSTANCE"}:
-                raise DeckError(
-                    f"{card.at()}: springs of a part are not covered; expected them in *Assembly"
-                )
-            self.model.other.append(card)
-        elif word in _MESH:
-            self._mesh(card)
-        elif self.inside in {"PART", "INSTANCE"}:
-            raise DeckError(
-                f"{card.at()}: {card.title} stands in {self.open[-1].title}; expected it in the "
-                "model data"
-            )
+        elif inside == "STEP" and word not in _MESH and word not in _OPEN:
+            if word in _NAMED:
+                self.model.add(card)
+            else:
+                self.steps[-1].cards.append(card)
+        elif word in _MESH and (inside == "PART" or (not self.parts and not inside)):
+            self._in_part(card)
+        elif word in {"NSET", "ELSET", "SURFACE"} and inside in {"ASSEMBLY", ""}:
+            if word == "SURFACE":
+                self.blocks.surfaces[card.parameter("NAME")] = card
+            else:
+                self.blocks.add_set(card)
+        elif inside in {"ASSEMBLY", ""} and word not in _MESH and not word.startswith("END "):
+            self.model.add(card)
         else:
-            add_model(self.model, card)
-
-    def _in_step(self, card: Card) -> None:
-        if card.keyword in _MESH | {"SPRING", "TRANSFORM"}:
-            raise DeckError(f"{card.at()}: {card.title} stands in a step; expected it before")
-        if card.keyword in _NAMED:
-            add_model(self.model, card)
-        else:
-            self.steps[-1].cards.append(card)
+            raise card.unread(f"in {self.open[-1].title if self.open else 'the model data'},")
 
     def _begin(self, card: Card) -> None:
         word = card.keyword
-        outer = {"PART": "", "ASSEMBLY": "", "INSTANCE": "ASSEMBLY", "STEP": ""}[word]
-        if self.inside != outer:
-            raise DeckError(
-                f"{card.at()}: {card.title} stands in {self.open[-1].title if self.open else 'no'}"
-                f"{'' if self.open else ' *Assembly'}; expected it "
-                + ("in *Assembly" if outer else "after its end")
-            )
         self.open.append(card)
         if word == "PART":
             name = card.parameter("NAME")
             if name in self.parts:
-                raise DeckError(f"{card.at()}: *Part {name} is there twice; expected it once")
+                raise card.wrong(f"{name} twice", "it once")
             self.part = self.parts[name] = Part(name)
         elif word == "STEP":
             large = any("NLGEOM" in s.card.parameters and s.large_rotations for s in self.steps)
             self.steps.append(Step(card, follows_large=large))
         elif word == "INSTANCE":
-            self._instance(card)
+            part, name = card.parameter("PART"), card.parameter("NAME")
+            if part not in self.parts or name in self.blocks.by_name:
+                raise card.wrong(f"{name} of part {part}", "a name of its own, and a part")
+            self.blocks.by_name[name] = len(self.blocks.instances)
+            self.blocks.instances.append(placed(card, self.parts[part]))
 
-    def _instance(self, card: Card) -> None:
-        part, name = card.parameter("PART"), card.parameter("NAME")
-        if part not in self.parts or name in self.places.by_name:
-            raise DeckError(
-                f"{card.at()}: got instance {name} of part {part}; expected a name of its own and "
-                f"one of {', '.join(self.parts) or 'the parts, of which there is none'}"
-            )
-        self.places.by_name[name] = len(self.places.instances)
-        self.places.instances.append(placed(card, self.parts[part]))
-
-    def _end(self, card: Card) -> None:
-        if card.keyword != f"END {self.inside}":
-            raise DeckError(f"{card.at()}: {card.title} ends nothing; expected it after its begin")
-        self.open.pop()
-        self.part = None
-
-    def _mesh(self, card: Card) -> None:
-        if self.inside == "INSTANCE":
-            raise DeckError(
-                f"{card.at()}: {card.title} stands in an instance; expected meshes in parts"
-            )
-        assembled = bool(self.parts) and self.part is None
-        if assembled and card.keyword in {"NSET", "ELSET"}:
-            self.places.add_set(card)
-        elif assembled and card.keyword == "SURFACE":
-            self.places.surfaces[card.parameter("NAME")] = card
-        elif assembled:
-            raise DeckError(
-                f"{card.at()}: {card.title} of the assembly is not covered; expected it in a part"
-            )
-        else:
-            self._in_part(self.flat if self.part is None else self.part, card)
-
-    def _in_part(self, part: Part, card: Card) -> None:
-        word = card.keyword
+    def _in_part(self, card: Card) -> None:
+        word, part = card.keyword, self.part
         if word == "NODE":
             add_nodes(part, card)
         elif word == "ELEMENT":
@@ -300,13 +247,13 @@ class _Reader:
         else:
             add_set(part, card)
 
-    def finished(self, last: Card) -> Places:
+    def finished(self, last: Card) -> Blocks:
         """All parts at their places.
 
         Raises
         ------
         DeckError
-            A file that ends early, or without a step.
+            A file that ends early, or without a step; a part that is not one solid.
         """
         end = last.data_line[-1] if last.data_line else last.line
         if self.open:
@@ -318,8 +265,11 @@ class _Reader:
         if not self.steps:
             raise DeckError(f"{last.at(end)}: the file ends without a *Step; expected one")
         if not self.parts:
-            import numpy as np
-
-            self.places.instances.append(Instance("", self.flat, np.eye(3), np.zeros(3)))
-            self.places.by_name[""] = 0
-        return self.places
+            self.blocks.add_flat(self.part)
+        for part in self.parts.values():
+            if (count := len(part.pieces())) > 1:
+                raise DeckError(
+                    f"{part.kind_at}: *Element: got {count} solids in part {part.name}; expected "
+                    "one: a part for each"
+                )
+        return self.blocks

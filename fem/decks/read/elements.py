@@ -22,9 +22,10 @@ VOLUMES = {
     "C3D10M": 10,
     "C3D10T": 10,
 }
-#: Hexahedra of degree 1 by dialect: C3D8 averages the dilatation in Abaqus (its manual: selectively
-#: reduced integration), and is integrated fully in CalculiX.
+#: Hexahedra of eight nodes by their integration: C3D8 in CalculiX, which integrates it fully; in
+#: Abaqus it averages the dilatation (its manual: selectively reduced integration).
 KINDS = {
+    "C3D8": ElementType.FULL,
     "C3D8R": ElementType.REDUCED,
     "C3D8I": ElementType.INCOMPATIBLE,
 }

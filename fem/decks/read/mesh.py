@@ -1,18 +1,23 @@
-"""Nodes, elements, sets and surfaces of parts, and instances of parts: everything by its number."""
+"""Parts of a deck: nodes, elements and sets by their numbers, and the mesh that they are."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from fem.decks.keywords import DeckError
-from fem.decks.placement import rotation_matrix
 from fem.decks.read.cards import Card
-from fem.decks.read.elements import VOLUMES
-from geometry.mesh import FloatArray
+from fem.decks.read.elements import HEX_SIDES, TET_SIDES, VOLUMES, Hexahedra, as_hexahedra
+from geometry.block import Curve
+from geometry.files.named_sets import face_name
+from geometry.files.quadratic import quadratic_curve
+from geometry.mesh import HEX_EDGES, FloatArray, HexMesh, IntArray, boundary_quads, check_mesh
 
 #: Largest number of entries that a generated set may have.
 _MOST = 50_000_000
@@ -25,104 +30,213 @@ class Part:
     name: str
     index: dict[int, int] = field(default_factory=dict)
     """Position of each node by its number in the deck."""
-    places: list[FloatArray] = field(default_factory=list)
-    """Their coordinates, each (3,) [mm]."""
+    places: list[list[float]] = field(default_factory=list)
+    """Their coordinates, three each [mm]."""
     element_index: dict[int, int] = field(default_factory=dict)
-    """Position of each element with volume by its number in the deck."""
+    """Position of each element by its number in the deck."""
     kind: str = ""
-    """Type of the elements with volume."""
+    """Type of the elements."""
     kind_at: str = ""
     volumes: list[list[int]] = field(default_factory=list)
-    """Nodes of each, as numbered in the deck."""
+    """Nodes of each element, as numbered in the deck."""
+    titles: list[str] = field(default_factory=list)
+    """Set that *Element puts each in."""
     node_sets: dict[str, list[int]] = field(default_factory=dict)
     element_sets: dict[str, list[int]] = field(default_factory=dict)
     surfaces: dict[str, Card] = field(default_factory=dict)
     sections: list[Card] = field(default_factory=list)
+
+    def pieces(self) -> list[Part]:
+        """Connected elements, each as a part that has the set of its elements as its name.
+
+        Raises
+        ------
+        DeckError
+            No elements.
+        """
+        if not self.volumes:
+            raise DeckError(f"part {self.name}: got no elements; expected {', '.join(VOLUMES)}")
+        corners = self.members[:, : self.sides.max() + 1]
+        row = np.repeat(np.arange(len(corners)), corners.shape[1])
+        shape = len(corners), len(self.places)
+        graph = coo_array((np.ones(corners.size), (row, corners.ravel())), shape=shape).tocsr()
+        count, label = connected_components(graph @ graph.T, directed=False)
+        numbers, elements = list(self.index), list(self.element_index)
+        titles, result = np.array(self.titles), []
+        for number in range(count):
+            mine = np.flatnonzero(label == number).tolist()
+            title = titles[mine[0]]
+            own = np.array_equal(np.flatnonzero(titles == title), mine)
+            used = np.unique(self.members[mine]).tolist()
+            piece = replace(
+                self,
+                name=str(title) if own and title else f"BLOCK-{number + 1}",
+                index={numbers[k]: at for at, k in enumerate(used)},
+                places=[self.places[k] for k in used],
+                element_index={elements[k]: at for at, k in enumerate(mine)},
+                volumes=[self.volumes[k] for k in mine],
+            )
+            result.append(piece)
+        return result
+
+    @cached_property
+    def section_of(self) -> dict[int, Card]:
+        """Section of elements, the last that names each."""
+        result: dict[int, Card] = {}
+        for card in self.sections:
+            name = card.parameter("ELSET")
+            if name not in self.element_sets:
+                raise card.wrong(f"elset {name}", "a set of elements that is defined")
+            result |= dict.fromkeys(self.element_sets[name], card)
+        return result
+
+    # -----------------------------------------------------------------------------------------
+    # As a mesh
 
     @cached_property
     def nodes(self) -> FloatArray:
         """(n, 3) [mm]."""
         return np.array(self.places, dtype=np.float64).reshape(-1, 3)
 
+    @cached_property
+    def members(self) -> IntArray:
+        """Positions of the nodes of each element, (n_elements, n)."""
+        return np.array([[self.index[n] for n in row] for row in self.volumes], dtype=np.int64)
+
+    @property
+    def sides(self) -> IntArray:
+        """Corners of the sides of an element, (n_sides, k)."""
+        return TET_SIDES if VOLUMES[self.kind] in {4, 10} else HEX_SIDES
+
+    @cached_property
+    def hexahedra(self) -> Hexahedra:
+        """Its elements as hexahedra."""
+        return as_hexahedra(self.nodes, self.members)
+
+    @cached_property
+    def corners(self) -> IntArray:
+        """Nodes of the part at the corners of the mesh, (n,)."""
+        return np.unique(self.hexahedra.elements[:, :8])
+
+    @cached_property
+    def others(self) -> IntArray:
+        """Nodes of the part between corners, of curved elements, (n,)."""
+        return np.setdiff1d(self.hexahedra.elements, self.corners)
+
+    @cached_property
+    def mesh(self) -> HexMesh:
+        """Hexahedra with eight nodes.
+
+        Raises
+        ------
+        MeshError
+            Bad elements.
+        """
+        elements = np.searchsorted(self.corners, self.hexahedra.elements[:, :8])
+        mesh = HexMesh(self.hexahedra.nodes[self.corners], elements)
+        check_mesh(mesh, face_name(self.name))
+        return mesh
+
+    @property
+    def curve(self) -> Curve | None:
+        """Exact shape of curved elements."""
+        elements = self.hexahedra.elements
+        if elements.shape[1] == 8:
+            return None
+        return quadratic_curve(Path(self.name), self.mesh.elements, self.hexahedra.nodes[elements])
+
+    @property
+    def tetrahedra(self) -> float | None:
+        """Mean edge of tetrahedra of ten nodes, of volume a³ / (6 √2) [mm]; None: of others."""
+        if VOLUMES[self.kind] != 10:
+            return None
+        return float(np.cbrt(6.0 * np.sqrt(2.0) * self.mesh.extent()[0] / len(self.volumes)))
+
+    @cached_property
+    def outer(self) -> IntArray:
+        """Facets of the surface, corners of the mesh, (n, 4)."""
+        return boundary_quads(self.mesh)
+
+    @cached_property
+    def _row(self) -> dict[tuple[int, ...], int]:
+        """Facet of the surface by the nodes of the part at its corners."""
+        corners = np.sort(self.corners[self.outer], axis=1).tolist()
+        return {tuple(row): k for k, row in enumerate(corners)}
+
+    def rows(self, quads: IntArray) -> IntArray:
+        """Those of facets, nodes of the part (n, 4), that are on the surface."""
+        result = (self._row.get(tuple(quad)) for quad in np.sort(quads, axis=1).tolist())
+        return np.unique([row for row in result if row is not None]).astype(np.int64)
+
+    def whole_sides(self, nodes: IntArray) -> IntArray:
+        """Rows of the facets of all sides of elements whose corners are among nodes."""
+        element, side = np.nonzero(np.isin(self.members[:, self.sides], nodes).all(axis=2))
+        return self.rows(self.hexahedra.sides[element, side].reshape(-1, 4))
+
+    def are_edges(self, nodes: IntArray) -> bool:
+        """Whether nodes are corners of the surface, and all middles of edges between them."""
+        inside, outer = np.intersect1d(nodes, self.corners), self.corners[self.outer]
+        elements = self.hexahedra.elements
+        ends = np.sort(elements[:, HEX_EDGES], axis=2)
+        mine = np.isin(ends, inside).all(axis=2)
+        edges = np.sort(np.stack([outer, np.roll(outer, -1, axis=1)], axis=2), axis=2)
+        at_surface = set(map(tuple, edges.reshape(-1, 2).tolist()))
+        middles = elements[:, 8:20][mine[:, : elements.shape[1] - 8]]
+        between = np.setdiff1d(np.intersect1d(nodes, self.others), elements[:, 20:])
+        return (
+            len(inside) > 0
+            and bool(np.isin(inside, outer).all())
+            and np.array_equal(between, np.unique(middles))
+            and (not len(middles) or at_surface.issuperset(map(tuple, ends[mine].tolist())))
+        )
+
 
 def add_nodes(part: Part, card: Card) -> None:
     """Read *Node: number and coordinates, missing ones are zero."""
-    members = []
     for line, row in card.rows():
         label = card.whole(line, row[0])
         if label in part.index or len(row) > 7:
-            raise DeckError(
-                f"{card.at(line)}: got node {label} "
-                + ("twice" if label in part.index else f"with {len(row)} entries")
-                + "; expected a number of its own and up to three coordinates"
-            )
+            got = "twice" if label in part.index else f"with {len(row)} entries"
+            raise card.wrong(f"node {label} {got}", "a number of its own, coordinates", line)
         values = [card.number(line, text) if text else 0.0 for text in row[1:4]]
         part.index[label] = len(part.places)
-        part.places.append(np.array(values + [0.0] * (3 - len(values))))
-        members.append(label)
-    if name := card.option("NSET"):
-        part.node_sets.setdefault(name, []).extend(members)
+        part.places.append(values + [0.0] * (3 - len(values)))
+        if name := card.option("NSET"):
+            part.node_sets.setdefault(name, []).append(label)
 
 
 def add_elements(part: Part, card: Card) -> None:
     """Read *Element: number and nodes; an element may go on over lines."""
-    kind = card.parameter("TYPE")
+    kind, name = card.parameter("TYPE"), card.option("ELSET")
     count = VOLUMES.get(kind)
-    if count is None:
-        raise DeckError(
-            f"{card.at()}: elements of type {kind} are not covered; expected "
-            f"{', '.join(VOLUMES)}, or SPRING1"
-        )
+    if count is None or part.kind not in {"", kind}:
+        raise card.unread(f"type={kind}" + (f" beside {part.kind}" if count else ""))
+    part.kind, part.kind_at = kind, card.at()
     values = [(line, text) for line, row in card.rows() for text in row if text]
     numbers = [card.whole(line, text) for line, text in values]
     if len(numbers) % (count + 1):
-        raise DeckError(
-            f"{card.at(values[-1][0])}: got {len(numbers)} entries in elements of type {kind}; "
-            f"expected a number and {count} nodes each"
-        )
-    table = [numbers[k : k + count + 1] for k in range(0, len(numbers), count + 1)]
-    name = card.option("ELSET")
-    if part.kind not in {"", kind}:
-        raise DeckError(
-            f"{card.at()}: got elements of type {kind} beside {part.kind} ({part.kind_at}); "
-            "expected one type in a part"
-        )
-    part.kind, part.kind_at = kind, card.at()
-    for k, (label, *nodes) in enumerate(table):
-        line = values[k * (count + 1)][0]
+        raise card.wrong(f"{len(numbers)} entries", f"a number and {count} nodes each")
+    for k in range(0, len(numbers), count + 1):
+        label, *nodes = numbers[k : k + count + 1]
+        twice = label in part.element_index or len(set(nodes)) < count
         missing = [node for node in nodes if node not in part.index]
-        if label in part.element_index or missing or len(set(nodes)) < count:
-            raise DeckError(
-                f"{card.at(line)}: element {label} "
-                + ("is there twice" if label in part.element_index else f"has {_wrong(missing)}")
-                + "; expected a number of its own and nodes of the part, each once"
-            )
+        if twice or missing:
+            got = f"with node {missing[0]}" if missing else "twice, or a node of it twice"
+            raise card.wrong(f"element {label} {got}", "defined nodes, each once", values[k][0])
         part.element_index[label] = len(part.volumes)
         part.volumes.append(nodes)
-    if name:
-        part.element_sets.setdefault(name, []).extend(row[0] for row in table)
-
-
-def _wrong(missing: list[int]) -> str:
-    return f"node {missing[0]}, which is not defined" if missing else "a node twice"
+        part.titles.append(name)
+        if name:
+            part.element_sets.setdefault(name, []).append(label)
 
 
 def set_entries(card: Card) -> Iterator[tuple[int, str | int]]:
     """Lines and entries of a set: numbers, those of a range, or names of others."""
     for line, row in card.rows():
         if "GENERATE" in card.parameters:
-            if len(row) not in {2, 3}:
-                raise DeckError(
-                    f"{card.at(line)}: got {len(row)} entries; expected a first number, a last one "
-                    "and a step"
-                )
-            first, last, *step = (card.whole(line, text) for text in row)
-            by = step[0] if step else 1
-            if by <= 0 or last < first or (last - first) // by > _MOST:
-                raise DeckError(
-                    f"{card.at(line)}: got {', '.join(row)}; expected a first number, a last one "
-                    "and a positive step"
-                )
+            first, last, by = ([*(card.whole(line, text) for text in row), 1, -1, 1])[:3]
+            if len(row) not in {2, 3} or by <= 0 or last < first or (last - first) // by > _MOST:
+                raise card.wrong(", ".join(row), "a first, a last number and a step", line)
             yield from ((line, number) for number in range(first, last + 1, by))
             continue
         for text in row:
@@ -134,136 +248,13 @@ def add_set(part: Part, card: Card) -> None:
     """Read *Nset or *Elset of a part."""
     nodes = card.keyword == "NSET"
     known = part.node_sets if nodes else part.element_sets
-    index = part.index if nodes else part.element_index
     members = known.setdefault(card.parameter(card.keyword), [])
-    if nodes and "ELSET" in card.parameters:
-        of = set(_named(card, part.element_sets, card.option("ELSET"), card.line))
-        rows = [part.volumes[part.element_index[e]] for e in of if e in part.element_index]
-        members += sorted({node for row in rows for node in row})
     for line, entry in set_entries(card):
         if isinstance(entry, str):
-            members += _named(card, known, entry, line)
-        elif entry in index or not nodes:
+            if entry not in known:
+                raise card.wrong(repr(entry), "a set that is defined before", line)
+            members += list(known[entry])
+        elif entry in part.index or not nodes:
             members.append(entry)
         elif "GENERATE" not in card.parameters:
-            raise DeckError(f"{card.at(line)}: node {entry} is not defined; expected one that is")
-
-
-def _named(card: Card, known: dict[str, list[int]], name: str, line: int) -> list[int]:
-    if name not in known:
-        raise DeckError(
-            f"{card.at(line)}: got {name!r}, which names no set; expected one of "
-            f"{', '.join(list(known)[:6]) or 'those defined before'}"
-        )
-    return list(known[name])
-
-
-@dataclass(frozen=True)
-class Instance:
-    """A part at its place."""
-
-    name: str
-    """Empty: of a flat deck."""
-    part: Part
-    rotation: FloatArray
-    translation: FloatArray
-
-
-def placed(card: Card, part: Part) -> Instance:
-    """Read *Instance: a translation, then a rotation about an axis through two points [degrees].
-
-    Raises
-    ------
-    DeckError
-        Numbers that are no such motion.
-    """
-    rows = [[card.number(line, text) for text in row if text] for line, row in card.rows()]
-    if [len(row) for row in rows] not in ([], [3], [3, 7]):
-        raise DeckError(
-            f"{card.at()}: *Instance has lines of {[len(row) for row in rows]} numbers; expected a "
-            "translation of 3, then a rotation of 7"
-        )
-    shift = np.array(rows[0]) if rows else np.zeros(3)
-    turn = np.eye(3)
-    if len(rows) == 2:
-        a, b = np.array(rows[1][:3]), np.array(rows[1][3:6])
-        if np.linalg.norm(b - a) == 0.0:
-            raise DeckError(f"{card.at()}: the axis of rotation has no length; expected two points")
-        turn = rotation_matrix(b - a, rows[1][6])
-        shift = turn @ (shift - a) + a
-    return Instance(card.parameter("NAME"), part, turn, shift)
-
-
-@dataclass
-class Places:
-    """Instances, with sets and surfaces of the assembly: nodes and elements by instance."""
-
-    instances: list[Instance]
-    node_sets: dict[str, list[tuple[int, int]]] = field(default_factory=dict)
-    """Instance and number of each node."""
-    element_sets: dict[str, list[tuple[int, int]]] = field(default_factory=dict)
-    surfaces: dict[str, Card] = field(default_factory=dict)
-    by_name: dict[str, int] = field(default_factory=dict)
-    """Position of each instance."""
-    each_once: bool = False
-    """Whether sets of loads and surfaces may have members once alone: CalculiX loads those that are
-    there twice twice, Abaqus once."""
-
-    def members(self, card: Card, line: int, text: str, *, nodes: bool) -> list[tuple[int, int]]:
-        """Instance and number of the nodes or elements that an entry names.
-
-        Raises
-        ------
-        DeckError
-            Naming the line: what names none.
-        """
-        result = self._members(card, line, text, nodes=nodes)
-        acts = self.each_once and card.keyword in {"CLOAD", "DLOAD", "SURFACE"}
-        if acts and len(set(result)) < len(result):
-            raise DeckError(
-                f"{card.at(line)}: {text} has a member twice, which CalculiX loads twice; expected "
-                "each once"
-            )
-        return result
-
-    @property
-    def elements(self) -> list[tuple[int, int]]:
-        """Instance and number of all elements."""
-        return [(k, of) for k, one in enumerate(self.instances) for of in one.part.element_index]
-
-    def _members(self, card: Card, line: int, text: str, *, nodes: bool) -> list[tuple[int, int]]:
-        entry = text.strip('"').upper()
-        known = self.node_sets if nodes else self.element_sets
-        if entry in known:
-            return known[entry]
-        first, dot, rest = entry.rpartition(".")
-        if not dot:
-            first, rest = "", entry
-        number = self.by_name.get(first)
-        if number is None:
-            raise self._missing(card, line, text, nodes=nodes)
-        part = self.instances[number].part
-        sets = part.node_sets if nodes else part.element_sets
-        index = part.index if nodes else part.element_index
-        if rest in sets:
-            return [(number, label) for label in sets[rest] if label in index]
-        if rest.isdigit() and int(rest) in index:
-            return [(number, int(rest))]
-        raise self._missing(card, line, text, nodes=nodes)
-
-    def _missing(self, card: Card, line: int, text: str, *, nodes: bool) -> DeckError:
-        word = "node" if nodes else "element"
-        return DeckError(
-            f"{card.at(line)}: got {text!r} under {card.title}, which names no {word} and no set "
-            f"of {word}s; expected a number or a set that is defined"
-        )
-
-    def add_set(self, card: Card) -> None:
-        """Read *Nset or *Elset of the assembly."""
-        nodes = card.keyword == "NSET"
-        known = self.node_sets if nodes else self.element_sets
-        members = known.setdefault(card.parameter(card.keyword), [])
-        instance = card.option("INSTANCE")
-        for line, entry in set_entries(card):
-            text = f"{instance}.{entry}" if instance else str(entry)
-            members += self.members(card, line, text, nodes=nodes)
+            raise card.wrong(f"node {entry}", "one that is defined", line)
