@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -25,23 +24,21 @@ from fem.accuracy.converge import (
 )
 from fem.accuracy.one_mesh import static_errors, static_state
 from fem.answer import answer_of
-from fem.contact.law import LinearPenalty
 from fem.element.hexahedron import ElementType
 from fem.measures import measures_of
 from fem.method import Static, require_method
 from fem.problem import Problem, require_problem
 from fem.state import State
 from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.result import LOAD_TOLERANCE, StaticError
+from fem.static.result import LOAD_TOLERANCE
 from fem.static.solve import StaticOptions
-from fem.static.solve import solve_static as solve_blocks
 from fem.system.sector import require_sector
 from geometry.answer import Answer, Measure
 from geometry.assembly import Assembly
 from geometry.compilation.clocks import Stages, stages
 from geometry.errors import RefusedError
 from geometry.machine.system import one_thread_of_blas
-from geometry.machine.work import LIMITS, Budget, LimitError, budget, clock, unlimited
+from geometry.machine.work import LIMITS, Budget, budget, clock, unlimited
 from geometry.mesh import FloatArray
 from geometry.parts.rows import Notes, Part, Row
 
@@ -53,8 +50,6 @@ if TYPE_CHECKING:
 _AFTER = 0.25
 #: First load steps of blocks with friction that close a clearance: slip before touch is no stick.
 _CLOSING_STEPS = 4
-#: Springs in the joints by which blocks are known to float [MPa/mm], and blocks that are named.
-_SPRINGS, _NAMED = 1000.0, 8
 _DEFAULT = Static()
 
 
@@ -185,7 +180,7 @@ def _answer(
     share = None
     if finer and work is not None:
         share = work * (1.0 - _AFTER * strong)
-    with _floating_named(problem, options), budget(share) as spent:
+    with budget(share) as spent:
         if finer:
             result = converge(
                 problem,
@@ -341,53 +336,6 @@ def static_options(problem: Problem, method: Static) -> StaticOptions:
         load_steps=steps if method.load_steps is None else method.load_steps,
         load_tolerance=None if once else LOAD_TOLERANCE,
         motion_steps=method.motion_steps if moves else None,
-    )
-
-
-# ---------------------------------------------------------------------------------------------
-# Blocks that float in gaps
-
-
-@contextmanager
-def _floating_named(problem: Problem, options: StaticOptions) -> Iterator[None]:
-    """Name blocks that float in gaps where a search ends without an equilibrium."""
-    try:
-        yield
-    except LimitError:
-        raise
-    except RefusedError:
-        words = _floating_words(problem, options)
-        if words is None:
-            raise
-        raise StaticError(words) from None
-
-
-def _floating_words(problem: Problem, options: StaticOptions) -> str | None:
-    """Say which blocks float in their gaps; None where there are no gaps, or all are held.
-
-    For a search that found no equilibrium: springs in the joints find one where the exponential
-    law, which is flat in a gap, wanders; blocks that none of them holds have no place of their own.
-    """
-    opened = problem.clearance > 0.0 or problem.spacing > 0.0
-    if not opened or problem.coulomb is not None or not problem.deformable.meets:
-        return None
-    deformable = problem.deformable
-    springs = replace(deformable.contact, law=LinearPenalty(_SPRINGS))
-    once = replace(options, load_steps=1)
-    try:
-        result = solve_blocks(replace(deformable, contact=springs), once)
-    except RefusedError:
-        return None
-    loose = result.loose_blocks.tolist()
-    if not result.converged or not loose:
-        return None
-    named = ", ".join(map(str, loose[:_NAMED])) + (", …" if len(loose) > _NAMED else "")
-    given = ((name, getattr(problem, name)) for name in ("clearance", "spacing"))
-    gaps = ", ".join(f"{name} {value:g} mm" for name, value in given if value)
-    return (
-        f"blocks {named} float in their gaps ({gaps}): the "
-        "load closes some joints and leaves others open, so that nothing says where these blocks "
-        "stand; expected a smaller gap, a load or a weight that closes all joints, or friction"
     )
 
 

@@ -22,11 +22,11 @@ from fem import (
     solve_explicit,
     solve_static,
 )
+from fem.accuracy.one_mesh import static_state
 from fem.decks.deck import Flavour
 from fem.decks.problem import problem_deck
 from fem.decks.write import write_deck
 from fem.problem import ProblemError
-from fem.static.solve import solve_static as solve_blocks
 from geometry import SineBlock, pipe, tube
 from geometry.block import box_block
 from geometry.families.boxes import ColumnBox, box_column
@@ -86,7 +86,7 @@ def test_decks_have_a_material_for_each_part(flavour: Flavour, tmp_path: Path) -
     read = read_deck(tmp_path / "two.inp").problem()
     assert read.materials == (SOFT, STIFF)
     if flavour is Flavour.STANDARD:
-        moved = solve_blocks(read.deformable).displacements
+        moved = static_state(read.deformable).displacements
         shortening = PRESSURE * (50.0 / 3_000.0 + 50.0 / 60_000.0 + 1.0 / JOINT)
         assert -moved[1][:, :, 2].min() == pytest.approx(shortening, rel=1e-7)
 

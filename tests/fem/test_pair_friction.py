@@ -18,11 +18,11 @@ from fem import (
     solve_static,
     write_deck,
 )
+from fem.accuracy.one_mesh import static_state
 from fem.contact.friction import FrictionError
 from fem.decks.keywords import DeckError
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import solve as solve_explicit
-from fem.static.solve import solve_static as solve_blocks
 from fem.system.effects import Effects
 from fem.system.sector import largest_cyclic_orbits
 from geometry import SineBlock, shaft, tube
@@ -57,7 +57,7 @@ def test_each_joint_of_a_static_state_slides_at_its_own_limit(sliding: bool) -> 
     the dice by less than 1e-4; dice that all have the middle coefficient need that."""
     weight = PRESSURE * EDGE**2
     for friction, expected in ((FRICTION, (ROUGH, SMOOTH)), (CoulombFriction(0.2), (0.2, 0.2))):
-        found = solve_blocks(pushed(friction, sliding=sliding).deformable)
+        found = static_state(pushed(friction, sliding=sliding).deformable)
         (forces,) = found.support_forces
         push = forces[:, :, 0].sum(axis=1)
         assert push == pytest.approx(np.array(expected) * weight, rel=1e-4)

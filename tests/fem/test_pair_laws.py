@@ -19,11 +19,11 @@ from fem import (
     solve_static,
     write_deck,
 )
+from fem.accuracy.one_mesh import static_state
 from fem.contact.law import ContactLaw
 from fem.decks.keywords import DeckError
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import solve as solve_explicit
-from fem.static.solve import solve_static as solve_blocks
 from fem.system.effects import AdaptiveMassDamping, Effects
 from fem.system.sector import largest_cyclic_orbits
 from geometry.parts.pairs import PairError
@@ -51,7 +51,7 @@ def sunk(displacements: tuple[np.ndarray, ...]) -> np.ndarray:
 @pytest.mark.parametrize("sliding", [False, True])
 def test_each_joint_of_a_static_state_closes_by_its_own_law(sliding: bool) -> None:
     """p / k and the die's own shortening; uniform states are exact for trilinear elements."""
-    found = solve_blocks(pressed(LAWS, sliding=sliding).deformable)
+    found = static_state(pressed(LAWS, sliding=sliding).deformable)
     expected = PRESSURE / np.array([500.0, 50.0]) + SHORTENED
     assert sunk(found.displacements) == pytest.approx(expected, rel=1e-8)
     state = found.contact_state
@@ -76,7 +76,7 @@ def test_a_law_that_every_pair_has_is_the_law_of_all(sliding: bool) -> None:
     alike = PairLaws(SOFT, ((0, 1, STIFF), (0, 2, STIFF)))
     one, other = (pressed(law, sliding=sliding) for law in (STIFF, alike))
     assert other.contact_law.on(np.array([0, 2]), np.array([1, 0])) is STIFF
-    (a,), (b,) = (solve_blocks(p.deformable).displacements for p in (one, other))
+    (a,), (b,) = (static_state(p.deformable).displacements for p in (one, other))
     if not sliding:  # a search reaches as far as the first of all laws
         assert np.array_equal(a, b)
     assert a == pytest.approx(b, rel=1e-9, abs=1e-12)
@@ -85,7 +85,7 @@ def test_a_law_that_every_pair_has_is_the_law_of_all(sliding: bool) -> None:
 def test_laws_of_ones_own_are_taken_by_pairs() -> None:
     """A table with the slope of the linear law, on one joint."""
     table = TabularLaw([(0.0, 0.0), (0.1, 5.0)])
-    found = solve_blocks(pressed(PairLaws(STIFF, ((0, 2, table),))).deformable)
+    found = static_state(pressed(PairLaws(STIFF, ((0, 2, table),))).deformable)
     expected = PRESSURE / np.array([500.0, 50.0]) + SHORTENED
     assert sunk(found.displacements) == pytest.approx(expected, rel=1e-8)
 

@@ -8,16 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem.accuracy import statics
 from fem.explicit.solve import Status
-from fem.static.result import StaticError
 from fem.static.solve import StaticMethod, StaticOptions, solve_static
 from fem.system.state import corner_displacements
 from geometry import Answer
 from tests.support.answers import on_its_mesh
 from tests.support.commands import command
 from tests.support.fem_problems import pair_resultants
-from validation import Case, InputError, load_case
+from validation import Case, load_case
 
 COARSE = ["mesh.around=12", "mesh.radial=1", "mesh.axial=2"]
 CELL = [*COARSE, "fem.symmetry='periodic cell'"]
@@ -201,22 +199,3 @@ def test_commands_that_need_the_whole_tube_refuse_a_cell(asked: str) -> None:
     status, out, err = command(asked, "tsb1-pipe", *(f"--set={s}" for s in CELL), "--json", "-")
     assert (status, out, err.count("\n")) == (2, "", 1)
     assert "needs the whole tube" in err
-
-
-def test_blocks_that_float_in_their_gaps_are_named(monkeypatch) -> None:
-    """Outside pressure closes the joints of a layer and leaves those between layers open."""
-    coarse = ("mesh.around=12", "mesh.radial=1", "mesh.axial=2", "assembly.layers=2")
-    cell = (*coarse, 'fem.symmetry="periodic cell"')
-
-    def wanders(*_: object, **__: object) -> None:
-        raise StaticError("no equilibrium after 500 iterations")
-
-    monkeypatch.setattr(statics, "static_state", wanders)
-    for gap, case, words in (
-        (0.01, "tunnel", r"tsb2-tunnel: blocks 0, 1, 2.* float in their gaps"),
-        (0.01, "pipe", "no equilibrium after 500"),
-        (0.0, "tunnel", "no equilibrium after 500"),
-    ):
-        settings = (*cell, f"contact.clearance={gap}", f"load.case={case}")
-        with pytest.raises(InputError, match=words):
-            on_its_mesh("tsb2-tunnel", settings)

@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fem import CoulombFriction, Frames, Problem, TabularLaw, concrete, read_deck, write_deck
+from fem.accuracy.one_mesh import static_state
 from fem.decks.keywords import DeckError, label, safe_names
-from fem.static.solve import solve_static as solve_blocks
 from geometry import Assembly, SineBlock, pipe, shaft, tube
 from geometry.block import box_block
 from geometry.loads import LoadCase, TractionLoad
@@ -50,7 +50,7 @@ def test_a_deck_states_what_the_problem_states(problem, changes, tmp_path: Path)
 
 def by_block(deformable) -> np.ndarray:
     """Displacements of all nodes, block by block, (n, 3) [mm]."""
-    moved = solve_blocks(deformable).displacements
+    moved = static_state(deformable).displacements
     places = zip(deformable.group_of.tolist(), deformable.copy_of.tolist(), strict=True)
     return np.concatenate([moved[g][c] for g, c in places if g >= 0])
 
