@@ -1,6 +1,6 @@
 # Two commands do everything on a machine that has Python 3.11+ and make:
 #   make demo   sets up, runs the main job, says where the pictures are
-#   make test   sets up, runs every test
+#   make test   sets up, runs the tests; make thorough runs those of which one of a kind is enough
 # Those who change the code want the third, a minute and a half:
 #   make check  linters, types, floors and the quick tests
 PYTHON ?= python3
@@ -11,7 +11,7 @@ OUT    ?= out/demo
 export OMP_NUM_THREADS ?= 1
 export MPLBACKEND ?= Agg
 
-.PHONY: setup anew demo test lowest processor check quick lint types floors spelling format bench frozen mutation docs pages wheel clean
+.PHONY: setup anew demo test thorough lowest processor check quick lint types floors spelling format bench frozen mutation docs pages wheel clean
 
 setup: $(VENV)/.installed
 
@@ -34,7 +34,11 @@ demo: setup
 	$(BIN)/tubelock export tsb1-pipe --set assembly.layers=2 --flavour calculix --output $(OUT)/tsb1-pipe.inp
 
 test: setup
-	$(BIN)/python -m pytest -n 2 --dist worksteal --durations 40 --durations-min 3
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not thorough" --durations 40 --durations-min 3
+
+# More of the kinds of tests that `make test` has one of: kill, Ctrl-C, Dask, random input, hard cases.
+thorough: setup
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m thorough --durations 40 --durations-min 3
 
 # Quick tests with the lowest versions that pyproject.toml allows. Their environment stays in the
 # user's cache until pyproject.toml changes.
@@ -44,7 +48,7 @@ LOWEST  = $(CACHE)/$(shell cksum pyproject.toml | cut -d ' ' -f 1)
 lowest:
 	test -e $(LOWEST)/installed || $(MAKE) --no-print-directory $(LOWEST)/installed
 	$(LOWEST)/bin/uv pip install --quiet --python $(LOWEST)/bin/python --no-deps --editable .
-	UNTIMED=1 $(LOWEST)/bin/python -m pytest -n 2 --dist worksteal -m "quick and not slow"
+	UNTIMED=1 $(LOWEST)/bin/python -m pytest -n 2 --dist worksteal -m "quick and not slow and not thorough"
 
 $(LOWEST)/installed:
 	rm -rf $(CACHE)
@@ -81,7 +85,7 @@ check: setup
 	$(MAKE) --no-print-directory --jobs 2 types lint floors quick
 
 quick: setup
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m "quick and not slow"
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "quick and not slow and not thorough"
 
 lint: setup
 	$(BIN)/ruff check .

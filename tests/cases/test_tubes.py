@@ -99,7 +99,7 @@ def test_json_and_files_of_a_static_tube(tubelock) -> None:
     }
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.usefixtures("undrawn")
 def test_interrupted_tube_continues_to_the_same_bits(tubelock, monkeypatch) -> None:
     arguments = ["fem", "tsb1-pipe", *SETTINGS, "--fields", "--set", "fem.method=explicit"]

@@ -56,6 +56,7 @@ def test_characters_that_the_output_lacks_are_replaced(tmp_path: Path) -> None:
     assert {p.name for p in (tmp_path / "o").iterdir()} == FILES
 
 
+@pytest.mark.thorough
 def test_a_file_name_that_the_locale_lacks_is_one_line(tmp_path: Path) -> None:
     scene = tmp_path / "scene.toml"
     scene.write_text('[block]\ntype = "mesh"\n[[parts]]\nfile = "ä.stl"\n', "utf-8")
@@ -72,11 +73,9 @@ def test_a_file_name_that_the_locale_lacks_is_one_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("module", "wait"),
     [
-        ("typer", 0.0),
-        ("pydantic", 0.0),
+        pytest.param("typer", 0.0, marks=pytest.mark.thorough),
         ("numpy", 0.0),
-        ("fem.state", 0.0),
-        ("fem.state", 1.0),
+        pytest.param("fem.state", 1.0, marks=pytest.mark.thorough),
     ],
 )
 def test_an_interruption_is_told_whenever_it_comes(

@@ -77,13 +77,20 @@ PROGRESS = r" … [\d.]+ \w+$"
 SMALL = ("assembly.layers=1", "mesh.around=12", "mesh.radial=1", "mesh.axial=2")
 
 
-@pytest.mark.parametrize(("command", "key"), [("mbd", "load.layer=1"), ("fem", "fem.mesh=scene")])
+@pytest.mark.parametrize(
+    ("command", "key"),
+    [
+        ("mbd", "load.layer=1"),
+        pytest.param("fem", "fem.mesh=scene", marks=pytest.mark.thorough),
+    ],
+)
 def test_an_answer(command: str, key: str, tmp_path: Path, poor: dict[str, str]) -> None:
     settings = [word for setting in (*SMALL, key) for word in ("--set", setting)]
     done = tubelock(command, "tsb1-beam", *settings, cwd=tmp_path, env=poor)
     assert (done.returncode, reported(done)) == (0, [])
 
 
+@pytest.mark.thorough
 def test_an_interrupted_run_goes_on(tmp_path: Path, poor: dict[str, str]) -> None:
     """Ctrl-C ends it with a checkpoint, from which it comes to the same fields."""
     run = ("fem", "cantilever", "--set", "mesh.divisions=[4,1,1]", "--set", "fem.frames=0")
@@ -100,6 +107,7 @@ def test_an_interrupted_run_goes_on(tmp_path: Path, poor: dict[str, str]) -> Non
     assert fields[0] == fields[1]
 
 
+@pytest.mark.thorough
 def test_an_interrupted_study_goes_on(tmp_path: Path, poor: dict[str, str]) -> None:
     with endless.endless_sweep(tmp_path, start=START + endless.ENDLESS) as process:
         endless.interrupted(process)

@@ -414,6 +414,7 @@ def test_degrees_judge_points_and_fields_where_there_is_no_ladder(tmp_path, meas
         assert trilinear.errors[quantity] > unsure
 
 
+@pytest.mark.thorough
 def test_killed_run_resumes_where_it_was(tmp_path, monkeypatch, measured_once) -> None:
     scene, store = tube(), tmp_path / "cost.jsonl"
     plan = small_plan(scene)

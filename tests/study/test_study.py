@@ -387,7 +387,7 @@ def test_kill_9_in_the_middle_and_resume_gives_the_same_rows(many_walls, tmp_pat
     assert both[0] == both[1]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_ctrl_c_keeps_the_rows_and_leaves_no_process(tmp_path) -> None:
     with endless.endless_sweep(tmp_path) as process:
         endless.interrupted(process)
@@ -396,7 +396,7 @@ def test_ctrl_c_keeps_the_rows_and_leaves_no_process(tmp_path) -> None:
     assert 1 <= endless.rows(tmp_path) <= 3
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_killed_worker_process_loses_no_design(many_walls, tmp_path) -> None:
     results = StudyRows(tmp_path / "killed.jsonl", many_walls)
     tally = sweep(results, LocalRunner(many_walls, 2), on_row=kill_the_first_worker())
@@ -469,7 +469,7 @@ def test_a_scheduler_that_is_not_there_is_told(walls) -> None:
         DaskRunner(walls, "tcp://127.0.0.1:1", timeout=0.2)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_scheduler_that_dies_halfway_stops_the_sweep_in_one_line(many_walls, tmp_path) -> None:
     pytest.importorskip("distributed")
     with ExitStack() as processes:
