@@ -162,10 +162,6 @@ def test_friction_history_is_in_the_checkpoint(tmp_path):
 
 
 def test_friction_is_refused_where_it_cannot_act():
-    with pytest.raises(FrictionError, match="coefficient"):
-        CoulombFriction(-0.1)
-    with pytest.raises(FrictionError, match="stick_stiffness"):
-        CoulombFriction(0.1, stick_stiffness=0.0)
     deformable = block_on_floor(normals=ContactNormals.REFERENCE)
     with pytest.raises(FrictionError, match="current normals"):
         timed_system(in_contact(deformable, friction=CoulombFriction(0.1)))

@@ -1,12 +1,11 @@
-"""Contact with finite sliding: patch test, Hertz, far slides, balances."""
+"""Contact with finite sliding: far slides, balances, closest points. Patch tests: test_sliding."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from fem import CoulombFriction, ExponentialLaw, Frames, LinearPenalty, Material
+from fem import CoulombFriction, Frames, LinearPenalty
 from fem.contact.cuts import closest_point
 from fem.contact.normals import ContactNormals
 from fem.contact.search import BlockSurface, closest_points
@@ -14,31 +13,18 @@ from fem.contact.surfaces import ContactError
 from fem.element.facet import bilinear
 from fem.explicit.contact.sliding import SlidingContact, surface_areas
 from fem.explicit.damping import applied_forces
-from fem.explicit.setup.timed_system import counted_stiffness, state_of, timed_system
+from fem.explicit.setup.timed_system import counted_stiffness, timed_system
 from fem.explicit.solve import Output, StopCriterion, initial_state, prepare, solve
 from fem.explicit.state import world_vectors
 from fem.explicit.step import step
-from fem.static.solve import solve_static
 from fem.system.body import placed_body
 from fem.system.effects import AdaptiveMassDamping, Effects
-from fem.system.forces import TabularAmplitude, pressure_forces
-from fem.system.model import fixed_nodes, nodal_load
-from fem.system.state import searched_state
-from geometry import Assembly
 from geometry.block import box_block
-from geometry.families.boxes import brick
-from geometry.loads import LoadCase
-from geometry.mesh import HexMesh
-from tests.support.fem_problems import deformable_assembly, in_contact, matched_pressures
+from tests.support.fem_problems import in_contact, matched_pressures
 from tests.support.lone_bodies import lone_bodies
 from tests.support.sliding_tube import CONCRETE, tube
 
 DAMPED = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
-
-
-def ramp(duration):
-    """Linear from 0 to 1, then 1."""
-    return TabularAmplitude((0.0, duration), (0.0, 1.0))
 
 
 def surface(number, mesh, quads, *, group, at=(0.0, 0.0, 0.0)):
@@ -64,147 +50,6 @@ def contact(surfaces, groups, law, **options):
         counted_stiffness=counted_stiffness(law),
         **options,
     )
-
-
-def two_boxes(upper, pressure):
-    """A box of ``upper`` × ``upper`` facets pressed on one of 2 × 2; pressures at the points."""
-    lower_box = box_block((20.0, 20.0, 10.0), (2, 2, 1))
-    upper_box = box_block((20.0, 20.0, 10.0), (upper, upper, 1))
-    place = np.array([0.0, 0.0, 10.0])
-    groups = (
-        placed_body(lower_box.mesh, CONCRETE, name="lower"),
-        placed_body(upper_box.mesh, CONCRETE, translations=place[None], name="upper"),
-    )
-    law = ExponentialLaw()
-    bound = contact(
-        [
-            surface(0, lower_box.mesh, lower_box.faces["z+"], group=0),
-            surface(1, upper_box.mesh, upper_box.faces["z-"], group=1, at=place),
-        ],
-        groups,
-        law,
-    )
-    load = pressure_forces(upper_box.mesh.nodes, upper_box.faces["z+"], pressure)
-    bottom = np.unique(lower_box.faces["z-"])
-    model = lone_bodies(
-        groups,
-        supports=(fixed_nodes(0, bottom, components=(2,)),),
-        loads=(nodal_load(1, load, amplitude=ramp(1e-4)),),
-        effects=DAMPED,
-        interactions=(bound,),
-    )
-    result = solve(model, end_time=5e-3, stop=StopCriterion(1e-10, 1e-4, settling=1e-9))
-    found = contact_at_end(bound, result)
-    assert (found.block_m == 0).all()
-    assert (found.block_s == 1).all()
-    return result, found.point_pressures, found.point_areas
-
-
-def contact_at_end(statement, result):
-    """Contact of the points that a run ended with."""
-    points, surfaces = result.searched, {s.block: s for s in statement.surfaces}
-
-    def moved(block, nodes):
-        surface = surfaces[block]
-        if surface.group < 0:
-            return np.zeros((len(nodes), 3))
-        return result.displacements[surface.group][surface.copy, nodes]
-
-    sides = zip(points.block_m, points.quads_m, points.block_s, points.quads_s, strict=True)
-    corners = [np.concatenate([moved(m, a), moved(s, b)]) for m, a, s, b in sides]
-    return searched_state(points, np.array(corners), statement.law)
-
-
-def test_patch_test_across_nested_meshes():
-    """4 × 4 facets on 2 × 2: every fine facet lies in one coarse facet, so the quadrature is
-    exact and a uniform uniaxial stress passes: all pressures are the load's, up to the residual
-    1e-10 times the softness of contact, stiffness c0/p ~ 1e3 of the strain: 1e-7."""
-    result, pressures, areas = two_boxes(4, 0.1)
-    assert areas.sum() == pytest.approx(400.0, rel=1e-12)
-    assert pressures == pytest.approx(0.1, rel=1e-6)
-    strain = np.ptp(result.displacements[1][0, :, 2])
-    assert strain == pytest.approx(0.1 / 33e3 * 10.0, rel=1e-5)
-
-
-@pytest.mark.parametrize("upper", [3, 5])
-def test_patch_test_across_crossing_meshes(upper):
-    """Fine facets straddle the edges of 2 × 2 coarse ones and are cut there: on every piece both
-    shape functions are polynomials of degree two, which the points integrate exactly."""
-    result, pressures, areas = two_boxes(upper, 0.1)
-    assert len(pressures) > 4 * upper**2
-    # The points of the run itself: it lets slivers err by 1e-7.
-    assert areas.sum() == pytest.approx(400.0, rel=1e-7)
-    assert pressures == pytest.approx(0.1, rel=1e-6)
-    strain = np.ptp(result.displacements[1][0, :, 2])
-    assert strain == pytest.approx(0.1 / 33e3 * 10.0, rel=1e-5)
-
-
-def hertz(cells, radius=1000.0, load=4000.0, size=150.0):
-    """Half of a cylinder (symmetry at x = 0) pressed on a rigid plane with ``load`` N/mm.
-
-    A block with a cylindrical bottom, cells graded towards the contact, one through the
-    thickness of 1 mm, plane strain with nu = 0. Largest point pressure and width found.
-    """
-    grading = (np.linspace(0.0, 1.0, cells + 1) ** 1.8) * size
-    box = box_block((size, 1.0, size), (cells, 1, cells))
-    nodes = box.mesh.nodes.copy()
-    step = size / cells
-    x = grading[np.rint(nodes[:, 0] / step).astype(int)]
-    depth = grading[np.rint(nodes[:, 2] / step).astype(int)]
-    bottom = radius - np.sqrt(radius**2 - x**2)
-    nodes[:, 0] = x
-    nodes[:, 2] = bottom + depth * (1.0 - bottom / size)
-    mesh = HexMesh(nodes, box.mesh.elements)
-    material = Material(density=2.4e-9, young_modulus=33e3, poisson_ratio=0.0)
-    groups = (placed_body(mesh, material),)
-    floor = box_block((3.0 * size, 3.0, 5.0), (1, 1, 1))
-    law = LinearPenalty(1e5)
-    statement = contact(
-        [
-            surface(0, mesh, box.faces["z-"], group=0),
-            surface(1, floor.mesh, floor.faces["z+"], group=-1, at=(-size, -1.0, -5.0)),
-        ],
-        groups,
-        law,
-    )
-    force = pressure_forces(mesh.nodes, box.faces["z+"], 0.5 * load / size)
-    model = lone_bodies(
-        groups,
-        supports=(
-            fixed_nodes(0, np.flatnonzero(mesh.nodes[:, 0] == 0.0), components=(0,)),
-            fixed_nodes(0, np.arange(mesh.n_nodes), components=(1,)),
-        ),
-        loads=(nodal_load(0, force, amplitude=ramp(1e-4)),),
-        effects=DAMPED,
-        interactions=(statement,),
-    )
-    result = solve(model, end_time=4e-3, stop=StopCriterion(1e-4, 1e-4))
-    assert str(result.status) == "converged"
-    found = contact_at_end(statement, result)
-    assert found.areas @ found.pressures == pytest.approx(0.5 * load, rel=1e-3)
-    return found.positions[:, 0], found.point_pressures
-
-
-@pytest.mark.slow
-def test_hertz_cylinder():
-    """Line contact: p(x) = p0 √(1 - x²/a²), p0 = √(P E / (π R)), a = √(4 P R / (π E)), nu = 0.
-
-    P = 4000 N/mm, R = 1000 mm: p0 = 205 MPa, a = 12.4 mm. What differs is the size of the block
-    (150 mm: (a/size)² ~ 7e-3) and the penalty (205 MPa / 1e5 = 2 µm against an indentation
-    a²/2R of 77 µm: 3 %). The mesh limits the width, known to a point: its error falls by a
-    third and more when facets are halved.
-    """
-    peak = math.sqrt(4000.0 * 33e3 / (math.pi * 1000.0))
-    width = math.sqrt(4.0 * 4000.0 * 1000.0 / (math.pi * 33e3))
-    widths = []
-    for cells in (8, 16):
-        x, pressure = hertz(cells)
-        expected = peak * np.sqrt(np.maximum(1.0 - (x / width) ** 2, 0.0))
-        error = np.sqrt(np.mean((pressure - expected) ** 2) / np.mean(expected**2))
-        assert error < 0.04
-        assert pressure.max() == pytest.approx(peak, rel=0.03)
-        widths.append(abs(1.0 - x[pressure > 0.0].max() / width))
-    assert widths[1] < 0.67 * widths[0]
 
 
 def sliding_block(speed=1000.0, friction=None, law=None):
@@ -404,33 +249,3 @@ def test_a_sector_slides_as_the_whole_ring():
     for ours, theirs in zip(*forces, strict=True):
         assert np.abs(theirs).max() > 0.1
         assert np.abs(ours - theirs)[inner].max() < 1e-6 * np.abs(theirs).max()
-
-
-def test_a_column_of_boxes_of_different_mesh_carries_its_weight():
-    """Three boxes that do not conform, under gravity: the force between two is the weight above
-    (equilibrium, to the residual 1e-6), static and explicit."""
-    shapes = tuple(brick((20.0, 20.0, 10.0), (n, n, 1)) for n in (2, 3, 5))
-    assembly = Assembly(
-        name="column",
-        shapes=shapes,
-        shape_of=np.arange(3),
-        rotations=np.tile(np.eye(3), (3, 1, 1)),
-        translations=np.array([[0.0, 0.0, 10.0 * k] for k in range(3)]),
-        layer=np.arange(3),
-        fixed=np.array([True, False, False]),
-    )
-    load = LoadCase(assembly, "weight", (), assembly.fixed)
-    gravity = np.array([0.0, 0.0, -9810.0])
-    deformable = deformable_assembly(assembly, load, CONCRETE, finite_sliding=True, gravity=gravity)
-    effects = Effects(adaptive_mass_damping=AdaptiveMassDamping(interval=50))
-    statement = timed_system(deformable, effects=effects, ramp_time=0.0)
-    result = solve(statement, end_time=0.05, stop=StopCriterion(1e-6))
-    found = state_of(result).contact_state
-    force = [found.areas[found.block_m == k] @ found.pressures[found.block_m == k] for k in (0, 1)]
-    weight = 2.4e-9 * 9810.0 * 4000.0
-    assert force == pytest.approx([2.0 * weight, weight], rel=1e-4)
-    static = solve_static(deformable).contact_state
-    force = [
-        static.areas[static.block_m == k] @ static.pressures[static.block_m == k] for k in (0, 1)
-    ]
-    assert force == pytest.approx([2.0 * weight, weight], rel=1e-6)
