@@ -131,7 +131,7 @@ def left_by_hand(answer: Answer) -> np.ndarray:
     return wrench[~load.fixed]
 
 
-@pytest.mark.parametrize("seed", range(50))
+@pytest.mark.parametrize("seed", range(16))
 def test_random_rigid_assemblies_are_balanced_by_their_table_of_joints(seed: int) -> None:
     """Summed here from the table alone, by the residual of 1e-6 that an equilibrium may have. What
     fixed blocks do together is minus all loads on free ones."""
