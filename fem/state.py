@@ -379,6 +379,14 @@ class State(ReadOnlyArrays):
             free=whole.deformable_blocks,
         )
 
+    @cached_property
+    def _internal_forces(self) -> tuple[FloatArray, ...]:
+        """K u of the nodes of each group, for balance and energy, (n_copies, n_nodes, 3) [N]."""
+        groups = zip(self.deformable.bodies, self.displacements, strict=True)
+        return tuple(
+            internal_forces(group, u, finite_rotation=self.finite_rotation) for group, u in groups
+        )
+
     def _contact_forces(self, loads: list[FloatArray]) -> tuple[FloatArray, ...]:
         """What contact has to do to the nodes of each group, (n_copies, n_nodes, 3) [N].
 
@@ -387,11 +395,9 @@ class State(ReadOnlyArrays):
         if self.contact_force is not None:
             return tuple(self.system.expand(self.contact_force))
         held, result = self.support_forces, list[FloatArray]()
-        for number, (group, u) in enumerate(
-            zip(self.deformable.bodies, self.displacements, strict=True)
-        ):
-            force = internal_forces(group, u, finite_rotation=self.finite_rotation)
-            force -= loads[number] @ group.rotations.transpose(0, 2, 1)
+        for number, group in enumerate(self.deformable.bodies):
+            load = loads[number] @ group.rotations.transpose(0, 2, 1)
+            force = self._internal_forces[number] - load
             result.append(force - held[number] if held else force)
         return tuple(result)
 
@@ -501,6 +507,9 @@ class State(ReadOnlyArrays):
     @cached_property
     def strain_energy(self) -> float:
         """Of all blocks, rigid rotation removed where it may be finite [N mm]."""
+        if not self.finite_rotation:
+            forces = zip(self.displacements, self._internal_forces, strict=True)
+            return 0.5 * sum(float((u * force).sum()) for u, force in forces)
         energy = 0.0
         for group, u in zip(self.deformable.bodies, self.displacements, strict=True):
             local, _ = block_displacements(group, u, finite_rotation=self.finite_rotation)
