@@ -21,6 +21,7 @@ and unknown are the displacements between these (`fem.static.linear_step.pairs`)
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
@@ -55,6 +56,8 @@ from geometry.mesh import FloatArray, IntArray
 #: pressure is far below rounding of any other, while their flexibility would drown the rest.
 _LEAST_STIFFNESS = 1e-12
 
+#: A large prime: sums of a few multiples of it seldom agree.
+_MIXED = 2_654_435_761
 #: Matrices of the rows of each level, and of the nodes of each kind of block, that are in
 #: memory at once; and of the kind that is made. Measured: 4.4 with friction, 2 and 4.
 _FORCE_COPIES, _KEPT_COPIES, _NODE_COPIES = 4.5, 2.0, 4.0
@@ -485,11 +488,33 @@ class _Rows:
 
     def flexibility(self, inverse: FloatArray) -> FloatArray:
         """Answer of each row to a unit force of each, (n, n)."""
-        used = np.unique(self.gradient.indices)
-        near = csr_array(csc_array(self.gradient)[:, used])
-        flexible: FloatArray = near @ (near @ inverse[np.ix_(used, used)]).T
-        count(Operation.ENTRY, near.nnz * (len(used) + near.shape[0]))
+        n, facets = len(self.points), list(_facets(self.gradient))
+        half, flexible = np.zeros((n, len(inverse))), np.zeros((n, n))
+        for rows, columns, values in facets:
+            half[rows] = values @ inverse[columns]
+        half = np.ascontiguousarray(half.T)
+        for rows, columns, values in facets:
+            flexible[rows] = values @ half[columns]
+        used = len(np.unique(self.gradient.indices))
+        count(Operation.ENTRY, self.gradient.nnz * (used + n))
         return flexible
+
+
+def _facets(gradient: csr_array) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
+    """Rows with the same columns, those of one facet: rows (k,), columns (m,), values (k, m).
+
+    Products of facets are dense, three times as fast as those of the sparse matrix.
+    """
+    n_entries = np.diff(gradient.indptr)
+    for m in np.unique(n_entries[n_entries > 0]).tolist():
+        rows = np.flatnonzero(n_entries == m)
+        at = gradient.indptr[rows][:, None] + np.arange(m)
+        columns = gradient.indices[at]
+        # Alike rows get one number, and so come together; others that share it are told apart.
+        order = np.argsort(columns @ (_MIXED * np.arange(1, m + 1)), kind="stable")
+        change = (columns[order[1:]] != columns[order[:-1]]).any(axis=1)
+        for facet in np.split(order, np.flatnonzero(change) + 1):
+            yield rows[facet], columns[facet[0]], gradient.data[at[facet]]
 
 
 @dataclass(frozen=True)
