@@ -107,8 +107,13 @@ class _Eliminated:
         """Subtract what the level does to the next one."""
         first = level.first_shared
         n = level.next_flexibility.shape[1]
-        coupling = np.asfortranarray(np.hstack([level.next_flexibility, -level.next_motions]))
-        response = _lower_solve(self.factor[first:, first:], coupling)
+        # As LAPACK has it from the start: to turn a large matrix costs as much as to eliminate it.
+        coupling = np.empty(
+            (len(level.next_flexibility), n + level.next_motions.shape[1]), order="F"
+        )
+        coupling[:, :n] = level.next_flexibility
+        np.negative(level.next_motions, out=coupling[:, n:])
+        response = _lower_solve(self.factor[first:, first:], coupling, overwrite=True)
         update = response.T @ response
         if len(self.pivot):
             push = self.motions[first:].T @ response
@@ -256,8 +261,10 @@ def factor_chain(levels: Sequence[Level]) -> ChainFactor:
     return ChainFactor(levels, tuple(done))
 
 
-def _lower_solve(factor: FloatArray, right: FloatArray) -> FloatArray:
-    return scipy.linalg.solve_triangular(factor, right, lower=True, check_finite=False)
+def _lower_solve(factor: FloatArray, right: FloatArray, *, overwrite: bool = False) -> FloatArray:
+    return scipy.linalg.solve_triangular(
+        factor, right, lower=True, overwrite_b=overwrite, check_finite=False
+    )
 
 
 def _eliminate(number: int, level: Level) -> _Eliminated:

@@ -334,13 +334,15 @@ class GridStep:
             width = 6 * len(self._members[k])
             n_after = len(members[k + 1]) if after else 0
             width_after = 6 * len(self._members[k + 1]) if after else 0
+            flexibility = np.zeros((len(m), len(m)), order="F")
+            np.fill_diagonal(flexibility, softness[m])
             levels.append(
                 Level(
-                    flexibility=np.asfortranarray(np.diag(softness[m])),
+                    flexibility=flexibility,
                     motions=np.zeros((len(m), width)),
                     holding=holding * np.eye(width),
                     first_shared=first,
-                    next_flexibility=np.zeros((len(m) - first, n_after)),
+                    next_flexibility=np.zeros((len(m) - first, n_after), order="F"),
                     next_motions=np.zeros((len(m) - first, width_after)),
                     next_holding=np.zeros((width, width_after)),
                 )
