@@ -86,23 +86,10 @@ def tensor_points(degree: int, x: FloatArray, *, dimension: int = 3) -> TensorPo
 
 @cache
 def gauss_functions(degree: int, n: int, dimension: int = 3) -> TensorPoints:
-    """Functions at n Gauss points in each direction; of degrees 1 and 2 those of scikit-fem."""
-    if degree > 2:
-        x, line = gauss_line(n)
-        weights = grid_points(*[line] * dimension).prod(axis=1)
-        return replace(tensor_points(degree, x, dimension=dimension), weights=weights)
-    import skfem
-
-    quad, hexahedron = skfem.ElementQuad1, skfem.ElementHex1
-    if degree == 2:
-        quad, hexahedron = skfem.ElementQuad2, skfem.ElementHex2
-    element = (quad if dimension == 2 else hexahedron)()
-    points, weights = skfem.quadrature.get_quadrature(element, 2 * n - 1)
-    order, nodes = np.lexsort(points[::-1]), np.lexsort(element.doflocs.T[::-1])
-    values, slopes = zip(*(element.lbasis(points[:, order], k) for k in nodes), strict=True)
-    # There [0, 1] in each direction.
-    by_node = 0.5 * np.moveaxis(np.array(slopes), 2, 0)
-    return TensorPoints(np.array(values).T, by_node, 2.0**dimension * weights[order])
+    """Functions at n Gauss points in each direction."""
+    x, line = gauss_line(n)
+    weights = grid_points(*[line] * dimension).prod(axis=1)
+    return replace(tensor_points(degree, x, dimension=dimension), weights=weights)
 
 
 def gauss_line(n: int) -> tuple[FloatArray, FloatArray]:

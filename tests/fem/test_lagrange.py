@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import skfem
 
 from fem import ElementType, Problem, Static, solve_static
 from fem.element.facet import lagrange_basis
 from fem.element.functions import (
-    functions_at,
     gauss_functions,
-    gauss_line,
     line_basis,
     lobatto_points,
 )
@@ -21,7 +20,7 @@ from fem.static.linear_step.columns import alike_lengths, flexible_block
 from fem.static.linear_step.grid_block import GridBlock, grid_block
 from fem.system.body import placed_body
 from geometry import SineBlock, pipe, tube
-from geometry.mesh import FloatArray, MeshError, boundary_quads, grid_points
+from geometry.mesh import FloatArray, MeshError, boundary_quads
 from tests.support.answers import on_its_mesh
 from tests.support.curved_blocks import CONCRETE, block, curved
 
@@ -66,16 +65,23 @@ def test_polynomials_up_to_the_degree_are_exact(degree: int) -> None:
 
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_functions_of_scikit_fem_are_the_tensor_products(degree: int, dimension: int) -> None:
-    """The same nodes, points and weights in the same order; 1e-14: round-off of numbers up to 4."""
+def test_functions_are_those_of_scikit_fem(degree: int, dimension: int) -> None:
+    """At its points, [0, 1] in each direction there; 1e-14: round-off of numbers up to 4."""
     at = gauss_functions(degree, degree + 1, dimension)
-    line, weights = gauss_line(degree + 1)
-    natural = grid_points(*[line] * dimension)
-    values, slopes = functions_at(degree, natural)
-    np.testing.assert_allclose(at.values, values, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(at.slopes, slopes, rtol=0, atol=1e-14)
-    expected = grid_points(*[weights] * dimension).prod(axis=1)
-    np.testing.assert_allclose(at.weights, expected, rtol=1e-14)
+    kinds = {
+        (1, 2): skfem.ElementQuad1,
+        (2, 2): skfem.ElementQuad2,
+        (1, 3): skfem.ElementHex1,
+        (2, 3): skfem.ElementHex2,
+    }
+    element = kinds[degree, dimension]()
+    points, weights = skfem.quadrature.get_quadrature(element, 2 * degree + 1)
+    order, nodes = np.lexsort(points[::-1]), np.lexsort(element.doflocs.T[::-1])
+    values, slopes = zip(*(element.lbasis(points[:, order], k) for k in nodes), strict=True)
+    by_node = 0.5 * np.moveaxis(np.array(slopes), 2, 0)
+    np.testing.assert_allclose(at.values, np.array(values).T, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(at.slopes, by_node, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(at.weights, 2.0**dimension * weights[order], rtol=1e-14)
 
 
 def test_degree_one_is_the_trilinear_element() -> None:

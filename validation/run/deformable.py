@@ -21,18 +21,9 @@ from geometry.errors import RefusedError
 from geometry.machine.system import peak_memory_mb
 from geometry.parts.measures import SectionError
 from geometry.parts.rows import Notes, Part, Row
-from geometry.polyhedra.assembly import bare_joints
-from validation.build.polyhedra import build_polyhedra
 from validation.build.problem import fem_section, scene_planes
-from validation.build.readings import doubts
 from validation.case import Case
 from validation.errors import InputError, named
-from validation.run.held_by_faces import faces_words, require_held_by_faces, squeeze_words
-from validation.run.held_by_friction import (
-    inside_words,
-    mechanism_words,
-    require_held_by_friction,
-)
 from validation.scene.deformable import DeformableSections
 from validation.scene.family import RoundScene
 from validation.scene.polyhedra import STRAIGHT_EDGES, PolyhedralScene
@@ -110,12 +101,16 @@ def deformable_answer(
         fem_section(scene, name)
         static = isinstance(method, Static)
         if static and scene.effects.friction is not None and not scene.is_cell:
+            from validation.run.held_by_friction import require_held_by_friction
+
             require_held_by_friction(name, scene)
         problem = case.problem if problem is None else problem
         with named(name):
             problem.require_action()
             deformable = problem.deformable
-        if static:
+        if static and isinstance(scene, PolyhedralScene):
+            from validation.run.held_by_faces import require_held_by_faces
+
             require_held_by_faces(name, scene, deformable.assembly)
         watch.lap("build")
         seconds = watch.seconds()
@@ -132,6 +127,9 @@ def _explained(name: str, scene: DeformableScene, problem: Problem) -> Iterator[
     except RefusedError as error:
         if not error.of_input:  # a limit of work or time says nothing of the blocks
             raise InputError(f"{name}: {error}", of_input=False) from None
+        from validation.run.held_by_faces import faces_words, squeeze_words
+        from validation.run.held_by_friction import inside_words, mechanism_words
+
         why, stated = str(error), (scene, problem.deformable.assembly)
         faces = faces_words(*stated) or squeeze_words(*stated)
         faces = faces or mechanism_words(name, scene) or inside_words(name, scene)
@@ -207,6 +205,10 @@ def _remarks(scene: DeformableScene, solution: State) -> dict[str, str]:
     """What no key of the scene says of its elements, by the name of the row."""
     assembly, notes = solution.deformable.assembly, dict[str, str]()
     if isinstance(scene, PolyhedralScene):
+        from geometry.polyhedra.assembly import bare_joints
+        from validation.build.polyhedra import build_polyhedra
+        from validation.build.readings import doubts
+
         meets = solution.deformable.meets
         surfaces = build_polyhedra(scene, Path()) if meets else None
         notes |= doubts(scene, assembly, Path(), surfaces)

@@ -27,10 +27,6 @@ from validation.output.forces import (
     write_sections,
 )
 from validation.output.outputs import Outputs
-from validation.output.pictures import tubes
-from validation.output.pictures.directions import draw_directions
-from validation.output.pictures.energies import draw_energies
-from validation.output.pictures.motions import draw_motions
 from validation.scene.family import RoundScene
 from validation.scene.polyhedra import PolyhedralScene
 from validation.solving import solve
@@ -63,6 +59,8 @@ FILES = (
 
 def write_run_files(answer: Answer, outputs: Outputs) -> None:
     """Write joints, pictures and history beside the answer; nothing without a folder."""
+    if outputs.folder is None:
+        return
     if answer.details.deformable.meets:
         write_joints(answer.details.joints, outputs, answer.details.deformable.assembly.names)
     sections = answer.parts.get("sections")
@@ -73,13 +71,16 @@ def write_run_files(answer: Answer, outputs: Outputs) -> None:
         _write_motions(answer, outputs)
     if answer.details.run is not None:
         _write_history(answer.details.run.history, answer.title, outputs)
-    if answer.case.scene.fem.frames > 0 and outputs.folder is not None:
+    if answer.case.scene.fem.frames > 0:
         outputs.path(FRAMES)
         outputs.say("frames", outputs.path("frames.pvd"))
 
 
 def run_pictures(answer: Answer) -> dict[str, Callable[[Answer, Path], None]]:
     """Pictures of a state; sections and the view along an axis are those of tubes."""
+    from validation.output.pictures import tubes
+    from validation.output.pictures.directions import draw_directions
+
     pictures: dict[str, Callable[[Answer, Path], None]] = {}
     if answer.details.deformable.meets:
         pictures["contact_pressures.png"] = tubes.draw_contact
@@ -94,6 +95,8 @@ def run_pictures(answer: Answer) -> dict[str, Callable[[Answer, Path], None]]:
 
 def _write_motions(answer: Answer, outputs: Outputs) -> None:
     """Write force against displacement of supports that move, next to the rigid limit."""
+    from validation.output.pictures.motions import draw_motions
+
     curves, limit = answer.details.push_curves, _rigid_limit(answer)
     rows = [
         (curve.name, *row)
@@ -119,6 +122,7 @@ def _rigid_limit(answer: Answer) -> float | None:
 
 def _write_history(history: History, title: str, outputs: Outputs) -> None:
     """Write energies over time as table and picture."""
+    from validation.output.pictures.energies import draw_energies
 
     def table(path: Path) -> None:
         write_whole(path, lambda partial: partial.write_text(history.csv(), "utf-8"))
