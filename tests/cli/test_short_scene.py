@@ -146,3 +146,16 @@ def test_editors_accept_short_scenes() -> None:
         assert not list(judge.iter_errors(short))
     for wrong in ("stone", {"density": 2.4e-9}, {"name": "stone"}):
         assert list(judge.iter_errors(data | {"material": wrong}))
+
+
+@pytest.mark.parametrize("scene", ["wall", "tsb1-shaft"])
+def test_settings_of_friction_replace_it_in_both_spellings(scene: str) -> None:
+    """Whether the scene states it or not, and in which spelling."""
+    names = ("effects.friction", "effects.friction.coefficient")
+    for before in ((), *((f"{name}=0.4",) for name in names)):
+        for name in names:
+            case = load_case(scene, [*before, f"{name}=0.5"])
+            assert case.scene.effects.friction.coefficient == 0.5
+            assert case.changed({name: 0.7}).scene.effects.friction.coefficient == 0.7
+    case = load_case(scene, ["effects.friction=0.4", "effects.friction.stick_stiffness=50.0"])
+    assert case.scene.effects.friction.coefficient == 0.4
