@@ -24,6 +24,7 @@ from fem.stresses.peaks import (
     mean_of_block_maxima,
     pressure_between_nodes,
 )
+from fem.system.reactions import PushCurve
 from fem.system.state import ContactMeasures
 from geometry.answer import (
     Array,
@@ -61,7 +62,13 @@ def measures_of(
     bars, notes = errors or {}, remarks or {}
 
     def told(name: str) -> Callable[[], Measure]:
-        return lambda: replace(makers[name](), error=bars.get(name), remark=notes.get(name, ""))
+        def measure() -> Measure:
+            found, bar = makers[name](), bars.get(name)
+            if found.error is not None:  # of the steps, on top of that of the mesh
+                bar = found.error + (bar or 0.0)
+            return replace(found, error=bar, remark=notes.get(name, ""))
+
+        return measure
 
     return Lazy({name: told(name) for name in makers})
 
@@ -76,11 +83,20 @@ def _of_motion(state: State) -> dict[str, Callable[[], Measure]]:
     result = {
         "push_peak": lambda: Measure(force, "N", place=place),
         "push_stiffness": lambda: Measure(curve.stiffness, "N/mm"),
-        "push_work": lambda: Measure(curve.work, "N mm"),
+        "push_work": lambda: _work(state, curve),
     }
     if state.run is not None:  # a run begins with waves
         del result["push_stiffness"]
     return result
+
+
+def _work(state: State, curve: PushCurve) -> Measure:
+    """Work of a support that moves; with what its steps leave open where they count."""
+    balanced = state.work_of_motion
+    if balanced is None:
+        return Measure(curve.work, "N mm", error=curve.work_error)
+    steps = abs(balanced - curve.work) if state.deformable.contact.friction is not None else None
+    return Measure(balanced, "N mm", error=steps)
 
 
 def _stresses(state: State) -> dict[str, Callable[[], Measure]]:

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -405,7 +405,7 @@ class State(ReadOnlyArrays):
     def push_curves(self) -> tuple[PushCurve, ...]:
         """Force against displacement of each support that moves step by step."""
         if self.run is not None:
-            return () if self.system.orbits.copies > 1 else self.run.pushed
+            return self.run.pushed
         path = (*self.evidence.path, self)
         steps = {s.time: s.support_forces for s in path if s.time is not None}
         if not steps or self.evidence.curves:
@@ -521,16 +521,57 @@ class State(ReadOnlyArrays):
         """What contact laws hold [N mm]."""
         points = self.points
         law = self.deformable.contact.law.on(points.block_m, points.block_s)
-        return float((points.weights * law.stored_energy(self.overclosures)).sum())
+        stored = float((points.weights * law.stored_energy(self.overclosures)).sum())
+        if self.frictions is None:
+            return stored
+        square = (self.frictions**2).sum(axis=-1)
+        return stored + float((points.weights * square).sum()) / (2.0 * self.deformable.stick)
 
-    @cached_property
+    @property
     def external_work(self) -> float:
-        """Of the full loads along the displacements, as dead loads [N mm]."""
+        """Of loads, weight and supports on the way to the state [N mm].
+
+        Of blocks in contact what they store and friction dissipates, less what contact holds before
+        anything acts; of single bodies half of the loads along the displacements.
+        """
+        if not self.deformable.meets:
+            return 0.5 * self.load_work
+        return (
+            self.strain_energy + self.contact_energy + self.frictional_dissipation - self._at_rest
+        )
+
+    @property
+    def _at_rest(self) -> float:
+        """What contact holds before anything acts [N mm]; interference is pressed in by work."""
+        if self.deformable.surfaces.clearance < 0.0:
+            return 0.0
+        start = np.zeros_like(self.displacement)
+        return replace(self, displacement=start, friction=None, anchor=None).contact_energy
+
+    @property
+    def work_of_motion(self) -> float | None:
+        """Of the one support that moves, by the balance of energies [N mm].
+
+        What the state stores and dissipates more than the state before the motion, less the work of
+        the loads, which are constant then. None of explicit runs, of several supports that move,
+        and of problems after another.
+        """
+        if self.run is not None or self.evidence.curves or len(self.push_curves) != 1:
+            return None
+        before = [one for one in self.evidence.path if not one.time]
+        if not before and self.load_work:
+            return None
+        work = self.external_work - self.load_work
+        return work - (before[-1].external_work - before[-1].load_work if before else 0.0)
+
+    @property
+    def load_work(self) -> float:
+        """Full loads times displacements [N mm]."""
         system = self.system
         slots = system.slot_of[self.deformable.deformable_blocks]
         copies = np.repeat(np.bincount(slots, minlength=system.n_slots), np.diff(system.node_start))
         work = copies @ (self.displacement * system.external_force).sum(axis=1)
-        return float(work) * (1.0 if self.deformable.meets else 0.5)
+        return float(work)
 
     @property
     def energy_balance(self) -> float | None:

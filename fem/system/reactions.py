@@ -101,8 +101,15 @@ class PushCurve(ReadOnlyArrays):
     @cached_property
     def work(self) -> float:
         """Of the force along the way, by trapezia [N mm]."""
-        means = 0.5 * (self.forces[1:] + self.forces[:-1])
-        return float(means @ np.diff(self.displacements))
+        return float(np.trapezoid(self.forces, self.displacements))
+
+    @property
+    def work_error(self) -> float:
+        """Change of the work with every second step [N mm]; of one step its size."""
+        half = np.unique(np.append(np.arange(0, len(self.forces), 2), len(self.forces) - 1))
+        if len(half) == len(self.forces):
+            return abs(self.work)
+        return abs(self.work - float(np.trapezoid(self.forces[half], self.displacements[half])))
 
 
 @dataclass(frozen=True)

@@ -109,18 +109,15 @@ def test_no_force_is_larger_than_the_rigid_limit(pressed: Pushed) -> None:
     assert pressed.curve.peak[0] <= 1.002 * limit
 
 
-def test_the_work_of_the_push_is_found_again(pressed: Pushed, squeezed: State) -> None:
-    """Work of the push and of the side forces is strain energy, contact energy, friction, and the
-    energy of elastic slips: at most (μ p)² / 2 k per area. The curve is concave, so that trapezia
-    miss some of the work and add none."""
-    before, after, contact = squeezed, pressed.result, pressed.result.contact_state
-    work = pressed.curve.work + after.external_work - before.external_work
-    stored = after.strain_energy - before.strain_energy
-    stored += after.contact_energy - before.contact_energy
-    lost = after.frictional_dissipation - before.frictional_dissipation
-    slips = (FRICTION * contact.point_pressures) ** 2 / (2.0 * STICK)
-    assert (np.diff(pressed.curve.forces, 2) < 0.0).all()
-    assert 0.0 <= work - stored - lost <= float(contact.point_areas @ slips)
+def test_the_work_of_the_push_is_stored_and_lost(pressed: Pushed, squeezed: State) -> None:
+    """Strain, contact, elastic slips and friction take the work of the push and the side forces.
+    The curve rises and is concave: trapezia are too small, the force at the end of each step is
+    too large."""
+    before, after, curve = squeezed, pressed.result, pressed.curve
+    work = after.external_work - before.external_work - (after.load_work - before.load_work)
+    assert (np.diff(curve.forces) > 0.0).all()
+    assert (np.diff(curve.forces, 2) < 0.0).all()
+    assert curve.work <= work <= curve.forces[1:] @ np.diff(curve.displacements)
 
 
 def test_rigid_blocks_say_the_limit_of_the_push() -> None:

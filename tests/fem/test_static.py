@@ -63,8 +63,8 @@ def test_column_is_the_inverse_of_the_law(law, pressure, method):
     top = model.assembly.shapes[0].faces["z+"]
     moved_by = result.displacements[0][-1][np.unique(top)][:, 2]
     assert moved_by == pytest.approx(expected, rel=3e-8)
-    # External work of a dead load is twice the strain energy plus p x A in the joints.
-    assert result.external_work == pytest.approx(-expected * pressure * 100.0, rel=3e-8)
+    # A dead load loses twice the strain energy plus p x A in the joints.
+    assert result.load_work == pytest.approx(-expected * pressure * 100.0, rel=3e-8)
     strain = 0.5 * pressure**2 / CORK.young_modulus * 100.0 * 40.0
     assert result.strain_energy == pytest.approx(strain, rel=1e-7)
     stored = 2 * 100.0 * float(law.stored_energy(sink))
@@ -172,7 +172,7 @@ def test_sector_is_the_whole(coarse):
     same(whole, coarse, 1e-7)
     assert coarse.strain_energy == pytest.approx(whole.strain_energy, rel=1e-7)
     assert coarse.contact_energy == pytest.approx(whole.contact_energy, rel=1e-7)
-    assert coarse.external_work == pytest.approx(whole.external_work, rel=1e-7)
+    assert coarse.load_work == pytest.approx(whole.load_work, rel=1e-7)
 
 
 @pytest.mark.parametrize("case", ["pipe", "tunnel", "pillar", "shaft"])
@@ -203,7 +203,7 @@ def test_deformable_frames_are_softer_than_rigid_ones(coarse):
     work of the loads can only grow when supports are released."""
     held = solve_static(pipe(frames=Frames.DEFORMABLE))
     assert held.converged
-    assert held.external_work > coarse.external_work
+    assert held.load_work > coarse.load_work
     sparse = solve_static(held.deformable, StaticOptions(method=StaticMethod.SPARSE, symmetry=2))
     same(held, sparse, 1e-6)
     nodes = np.unique(held.deformable.assembly.shapes[1].faces["bottom"])
@@ -397,7 +397,7 @@ def test_friction_stiffens_the_tube_and_both_methods_agree():
     model = pipe(2, friction=CoulombFriction(0.05))
     rough = solve_static(model)
     assert rough.converged
-    assert 0.9 * free.external_work < rough.external_work < free.external_work
+    assert 0.9 * free.load_work < rough.load_work < free.load_work
     assert rough.frictional_dissipation > 0.0
     sparse = solve_static(model, StaticOptions(method=StaticMethod.SPARSE))
     same(rough, sparse, 1e-5)
