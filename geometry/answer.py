@@ -181,9 +181,8 @@ FACTORS = {
     "crushing_factor": Title("load factor at first crushing", "", "by {stress}; ", least=True),
 }
 
-#: What is built, means of rigid blocks and differences of fields: columns of studies.
+#: What is built, and means of rigid blocks: columns of studies.
 OTHERS = {
-    "pressure_l2": Title("contact pressure field, L2", "MPa"),
     "volume": Title("volume", "mm³"),
     "least_wall": Title("least wall", "mm", least=True),
     "steepest_joint": Title("steepest joint", "degrees"),

@@ -170,15 +170,11 @@ def cost(
     InputError
         A scene that no method can solve.
     """
-    from validation.study.costs.plan import full_plan, quick_plan, require_cost_scene
     from validation.study.costs.study import run_cost
     from validation.study.rowfile import store_or_none
 
-    file = _case(case, settings)
-    checked = require_cost_scene(file.scene, file.name)
-    plan = (quick_plan if quick else full_plan)(file.name, checked)
     with store_or_none(store) as path:
-        return run_cost(file.name, checked, plan, path)
+        return run_cost(_case(case, settings), path, quick=quick)
 
 
 def _answer(answer: object) -> Answer:

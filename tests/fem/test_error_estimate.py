@@ -60,7 +60,7 @@ def test_estimates_of_higher_degree_cover_nine_of_ten_errors() -> None:
     """Seven measures of three scenes in two degrees, judged by degree 4 on finer meshes.
 
     Values that are printed as not resolved promise nothing and are left out. Families, loads and
-    values are those of `validation/study/costs/references.toml`; what these are known
+    values are those of `tests/support/references.toml`; what these are known
     to is not added: peaks at corners are known to little.
     """
     missed, judged = [], 0

@@ -1,12 +1,12 @@
-"""Stored references of scenes, which `tubelock cost` measures errors against."""
+"""Stored references of scenes: answers of meshes finer than those that tests and tables solve."""
 
 from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass
-from importlib.resources import files
+from pathlib import Path
 
-_FILE = files("validation").joinpath("study", "costs", "references.toml")
+_FILE = Path(__file__).with_name("references.toml")
 
 
 @dataclass(frozen=True)

@@ -39,23 +39,15 @@ def cost(
     """
     from validation.case import load_case
     from validation.output.progress import following
-    from validation.study.costs.plan import full_plan, quick_plan, require_cost_scene
     from validation.study.costs.report import draw_study, print_study, study_json
-    from validation.study.costs.study import run_cost
+    from validation.study.costs.study import coarsest_mesh, run_cost
 
     file = with_fields(load_case(scene, settings or ()), method_fields(max_work=max_work))
-    checked = require_cost_scene(file.scene, file.name)
-    plan = (quick_plan if quick else full_plan)(file.name, checked)
+    coarsest_mesh(file)
     names, stores = ("cost.png",), {"--store": store}
     with scene_outputs(file, json, output, names, ending="-cost", stores=stores) as outputs:
         with following(file.name) as follow:
-            study = run_cost(
-                file.name,
-                checked,
-                plan,
-                store,
-                progress=lambda number, total, what: follow(f"{number} of {total}: {what}"),
-            )
+            study = run_cost(file, store, quick=quick, progress=follow)
         print_study(study, outputs.console)
         title = f"{', '.join((file.name, *(settings or ())))}: {file.scene.load_words}"
         outputs.write("picture", "cost.png", lambda path: draw_study(study, path, title=title))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,26 +18,9 @@ from validation.output.answer_files import answer_of
 from validation.output.console import RowTable, dimension_rows, listing
 from validation.output.files import write_csv
 from validation.scene.combinations import combined
+from validation.study.cases import CaseStudy
 from validation.study.design import Quantity
 from validation.study.run import answered
-from validation.study.study import Study, case_content
-
-
-@dataclass(frozen=True)
-class CombinationStudy(Study):
-    """A scene under each of its combinations."""
-
-    cases: tuple[Case, ...] = field(kw_only=True)
-
-    def content(self, number: int) -> Any:
-        """Return what the scene states under a combination."""
-        return case_content(self.cases[number])
-
-    def results(self, number: int) -> tuple[dict[str, Any], list[str]]:
-        """Return the answer without its fields."""
-        from validation.solving import repeatable, solve
-
-        return {"answer": repeatable(solve(self.cases[number])).as_dict()}, []
 
 
 def combination_cases(file: Case) -> dict[str, Case]:
@@ -63,7 +46,7 @@ def combination_answers(
     cases = combination_cases(file)
     kind: Quantity = "rigid" if isinstance(file.method, Rigid) else "fem"
     named = (("combination", tuple(cases)),)
-    study = CombinationStudy(file.name, kind, named, cases=tuple(cases.values()))
+    study = CaseStudy(file.name, kind, named, cases=tuple(cases.values()))
     rows = answered(study, store, tell)
     return {row["combination"]: answer_of(row["answer"]) for row in rows}
 
