@@ -9,6 +9,7 @@ from typing import Annotated, ClassVar, Literal
 from annotated_types import Ge, Gt, Le, Lt
 
 from fem.system.effects import (
+    LEAST_FACTOR,
     PAPER_RAYLEIGH,
     SAFETY_FACTOR,
     AdaptiveMassDamping,
@@ -89,7 +90,7 @@ class Explicit:
     """Relative force residual at which a run with damping = "static" stops [-]."""
     time_step: Annotated[float, Gt(0)] | None = None
     """Time step [s]; by default safety_factor times the critical time step."""
-    safety_factor: Annotated[float, Gt(0), Le(1)] = SAFETY_FACTOR
+    safety_factor: Annotated[float, Ge(LEAST_FACTOR), Le(1)] = SAFETY_FACTOR
     """Time step over the critical one [-]."""
     threads: Annotated[int, Ge(1)] = 1
     """Of the loops; the bits of the answer do not depend on it."""

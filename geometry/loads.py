@@ -30,6 +30,7 @@ from geometry.mesh import (
 from geometry.parts.forces import NodeForces
 from geometry.parts.regions import (
     Where,
+    check_blocks,
     check_region,
     listed,
     local_nodes,
@@ -200,6 +201,7 @@ class LoadCase(ReadOnlyArrays):
         for held in self.held:
             held.check(self.assembly)
         for line in self.lines:
+            check_blocks(self.assembly, line.blocks, "load", LoadCaseError)
             if not np.isfinite([line.start, line.end, line.force]).all():
                 raise LoadCaseError("load: got a line load that is not finite; expected mm, N/mm")
 

@@ -8,6 +8,7 @@ quadrilateral run counter-clockwise seen from outside, so that its normal points
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -95,7 +96,10 @@ def read_only(value: Any) -> Any:
 
 
 class ReadOnlyArrays:
-    """Base of frozen dataclasses: arrays that they hold, or compute once, are read-only."""
+    """Base of frozen dataclasses: arrays that they hold, or compute once, are read-only.
+
+    Lists and tuples in the place of an array become one.
+    """
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -104,11 +108,33 @@ class ReadOnlyArrays:
                 part.func = partial(_computed, part.func)
 
     def __post_init__(self) -> None:
-        self.__setstate__(vars(self))
+        given = vars(self)
+        annotations: Any = getattr(self, "__dataclass_fields__")  # noqa: B009
+        for name, value in given.items():
+            if isinstance(value, list | tuple):
+                kind = _ARRAYS.fullmatch(str(annotations[name].type))
+                given[name] = value if kind is None else _as_array(name, value, kind[1])
+        self.__setstate__(given)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Unpickled arrays would be writable."""
         vars(self).update({name: read_only(value) for name, value in state.items()})
+
+
+#: Annotation of a field that is an array.
+_ARRAYS = re.compile(r"(Float|Int|Bool)Array(?: \| None)?")
+
+
+def _as_array(name: str, value: Any, kind: str) -> npt.NDArray[Any]:
+    """Array of a list; truth values stay what they are, for whoever checks them."""
+    try:
+        given = np.array(value)
+        if kind == "Bool":
+            return given
+        target: Any = np.float64 if kind == "Float" else np.int64
+        return given.astype(target, casting="same_kind" if given.size else "unsafe")
+    except (ValueError, TypeError):
+        raise RefusedError(f"{name}: got {value!r}; expected an array of numbers") from None
 
 
 def _computed(function: Callable[[Any], Any], instance: Any) -> Any:

@@ -48,7 +48,7 @@ from fem.explicit.step import (
 )
 from fem.explicit.timed import TimedSystem
 from fem.system.body import Body
-from fem.system.effects import SAFETY_FACTOR
+from fem.system.effects import LEAST_FACTOR, SAFETY_FACTOR
 from fem.system.reactions import MovingSupport, PushCurve, moving_supports
 from fem.system.time_step import CriticalTimeStep, TimeStepError
 from geometry.compilation.clocks import compiling
@@ -317,8 +317,10 @@ def choose_time_step(
 ) -> float:
     """Time step of a run."""
     if time_step is None:
-        if not 0.0 < safety_factor <= 1.0:
-            raise TimeStepError(f"safety_factor: got {safety_factor}, expected 0 < factor <= 1")
+        if not LEAST_FACTOR <= safety_factor <= 1.0:
+            raise TimeStepError(
+                f"safety_factor: got {safety_factor}, expected a number from {LEAST_FACTOR:g} to 1"
+            )
         return safety_factor * critical.critical_time_step
     if not (math.isfinite(time_step) and time_step > 0.0):
         raise TimeStepError(f"time_step: got {time_step} s, expected a finite positive number")
@@ -326,6 +328,11 @@ def choose_time_step(
         raise TimeStepError(
             f"time_step: got {time_step:.4g} s, expected at most the critical time step "
             f"{critical.critical_time_step:.4g} s of {critical.group}"
+        )
+    if time_step < LEAST_FACTOR * critical.critical_time_step:
+        raise TimeStepError(
+            f"time_step: got {time_step:.4g} s, expected at least {LEAST_FACTOR:g} of the critical "
+            f"time step, {critical.critical_time_step:.4g} s of {critical.group}"
         )
     return time_step
 

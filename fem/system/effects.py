@@ -11,6 +11,8 @@ from geometry.mesh import FloatArray
 
 #: Share of the critical time step that explicit runs take where nothing else is stated.
 SAFETY_FACTOR = 0.9
+#: Steps smaller than this part of the critical one end no run.
+LEAST_FACTOR = 1e-3
 
 
 class EffectError(RefusedError):

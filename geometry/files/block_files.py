@@ -40,8 +40,8 @@ from geometry.polyhedra.triangle_search import distinct_rows
 #: Millimetres in each unit a file may be drawn in.
 UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 
-#: Coordinates from here on are no lengths of blocks [unit of the file].
-_LARGEST = 1e30
+#: Coordinates from here on are no lengths, and what is smaller is no block [unit of the file].
+_LARGEST, _LEAST = 1e30, 1e-20
 #: Suffixes of STEP files.
 STEP_SUFFIXES = {".step", ".stp"}
 #: Suffixes of files that hold no hexahedra.
@@ -162,8 +162,14 @@ def _read_meshio(path: Path) -> tuple[FloatArray, IntArray, bool]:
 
 def _check_finite(path: Path, points: FloatArray, name: str = "") -> None:
     # Volumes are cubes of lengths, inertias their fifth powers: both must be numbers.
+    where = f"{path}: {name}" if name else str(path)
+    size = float(np.ptp(points, axis=0).max(initial=0.0)) if len(points) else 1.0
+    if size < _LEAST:
+        raise MeshError(
+            f"{where}: all vertices lie within {size:.3g} units; expected a solid of {_LEAST:g} "
+            "units or more"
+        )
     if not (np.abs(points) < _LARGEST).all():
-        where = f"{path}: {name}" if name else str(path)
         raise MeshError(
             f"{where}: a vertex is not finite, or lies {_LARGEST:g} units away or more; expected "
             "finite coordinates"
@@ -384,6 +390,8 @@ def read_blocks(
     AssemblyError
         For a number or a name to leave out that no solid has.
     """
+    if not isinstance(repair, bool):
+        raise MeshError(f"repair: got {repair!r}; expected True or False")
     solids, straightened = _solids(path, units, element_size, repair=repair)
     names = [solid.given_name for solid in solids]
     out = {k for one in leave_out for k in numbers_of("parts.leave_out", one, names)}

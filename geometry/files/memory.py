@@ -34,6 +34,8 @@ def solids_of(
         As there.
     """
     scale = millimetres(units)
+    if not isinstance(repair, bool):
+        raise MeshError(f"repair: got {repair!r}; expected True or False")
     return [
         solid
         for k, (one, name) in enumerate(_named(blocks, names))

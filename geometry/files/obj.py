@@ -15,6 +15,8 @@ from geometry.errors import unreadable
 from geometry.files.named_surfaces import NamedSurface
 from geometry.mesh import FloatArray, IntArray, MeshError
 
+#: Keywords of what an object consists of, faces and what is no surface.
+_SHAPES = {"f", "l", "p", "curv", "curv2", "surf"}
 #: Points, faces with the same number of corners together, and the line of each of those.
 _Content = tuple[FloatArray, list[IntArray], list[IntArray]]
 
@@ -54,13 +56,29 @@ def read_obj(path: Path) -> list[NamedSurface]:
         raise MeshError(
             f"{path}: a face names point {last + 1}, but there are {len(points)} points"
         )
-    return _by_name(lines, points, faces, at)
+    return _by_name(path, lines, points, faces, at)
+
+
+def _check_end(path: Path, lines: list[str]) -> None:
+    """Reject a file that ends with an object of points alone: it would be lost."""
+    last = max((k for k, line in enumerate(lines) if line.startswith("o ")), default=len(lines))
+    kinds = {line.split(None, 1)[0] for line in lines[last:] if line.strip()}
+    if kinds and not kinds & _SHAPES:
+        raise MeshError(
+            f"{path}: line {last + 1}: {lines[last].strip()!r} has no faces before the end; "
+            "expected some: the file is cut short"
+        )
 
 
 def _by_name(
-    lines: list[str], points: FloatArray, faces: list[IntArray], at: list[IntArray]
+    path: Path,
+    lines: list[str],
+    points: FloatArray,
+    faces: list[IntArray],
+    at: list[IntArray],
 ) -> list[NamedSurface]:
     """Faces of each object, or of each group, with the points that they use."""
+    _check_end(path, lines)
     alone = ""
     for kind in ("o ", "g "):
         heads = [k for k, line in enumerate(lines) if line.startswith(kind)]

@@ -45,7 +45,7 @@ def numbers_of(key: str, one: int | str, names: Sequence[str]) -> list[int]:
         Of all blocks, empty without one, (n_blocks,).
     """
     result = [one] if isinstance(one, int) else [k for k, name in enumerate(names) if name == one]
-    if result and result[0] < len(names):
+    if result and 0 <= result[0] < len(names):
         return result
     if isinstance(one, int):
         there = f"there are {len(names)} blocks, numbered 0 to {len(names) - 1}"

@@ -20,6 +20,13 @@ if TYPE_CHECKING:
 _ON = 1e-6
 
 
+def _check_vectors(what: str, *vectors: FloatArray) -> None:
+    """Reject what are no vectors of three numbers; ∞ is one, NaN is none."""
+    for vector in vectors:
+        if np.shape(vector) != (3,) or np.isnan(vector).any():
+            raise RefusedError(f"{what}: got {np.asarray(vector).tolist()}; expected three numbers")
+
+
 @dataclass(frozen=True)
 class Plane(ReadOnlyArrays):
     """What of a surface lies on a plane."""
@@ -28,6 +35,12 @@ class Plane(ReadOnlyArrays):
     """A point of it, world coordinates, (3,) [mm]."""
     normal: FloatArray
     """(3,), of any length but zero."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_vectors("plane", self.point, self.normal)
+        if not self.normal.any():
+            raise RefusedError("plane: got the normal [0, 0, 0]; expected a direction")
 
     def has(self, points: FloatArray, tolerance: float) -> BoolArray:
         """Whether each of some points (..., 3) [mm] lies on it within a distance [mm]."""
@@ -48,6 +61,10 @@ class Box(ReadOnlyArrays):
     """Least coordinates, (3,) [mm]."""
     high: FloatArray
     """Largest coordinates, (3,) [mm]."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_vectors("box", self.low, self.high)
 
     def has(self, points: FloatArray, tolerance: float) -> BoolArray:
         """Whether each of some points (..., 3) [mm] lies in it within a distance [mm]."""
@@ -210,10 +227,26 @@ def region_edges(
     return outer[facet[once]], first[once]
 
 
+def check_blocks(
+    assembly: AnyBlocks, blocks: IntArray, what: str, error: type[RefusedError]
+) -> None:
+    """Reject no blocks, and numbers that no block has."""
+    given = np.asarray(blocks)
+    if not given.size or given.ndim != 1 or not np.issubdtype(given.dtype, np.integer):
+        raise error(f"{what}: got blocks {given.tolist()}; expected the number of one at least")
+    wrong = given[(given < 0) | (given >= assembly.n_blocks)]
+    if wrong.size:
+        raise error(
+            f"{what}: got block {wrong[0]}, but there are {assembly.n_blocks} blocks, numbered 0 "
+            f"to {assembly.n_blocks - 1}"
+        )
+
+
 def check_region(
     assembly: AnyBlocks, blocks: IntArray, where: Where, what: str, error: type[RefusedError]
 ) -> None:
     """Reject a name that one of some blocks has for no face, and a region without facets."""
+    check_blocks(assembly, blocks, what, error)
     if not isinstance(where, str):
         if not any(len(region_quads(assembly, block, where)) for block in blocks.tolist()):
             raise error(

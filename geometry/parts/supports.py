@@ -9,7 +9,7 @@ import numpy as np
 from geometry.assembly import AnyBlocks
 from geometry.errors import RefusedError
 from geometry.mesh import FloatArray, ReadOnlyArrays
-from geometry.parts.regions import Where, check_region, region_nodes
+from geometry.parts.regions import Where, check_blocks, check_region, region_nodes
 
 
 class SupportError(RefusedError):
@@ -63,6 +63,13 @@ class HeldFace(ReadOnlyArrays):
                 f"support {self.title}: got a motion by {self.displacement.tolist()}; expected "
                 "three finite mm"
             )
+        times = [time for time, _ in self.path]
+        late = bool(times) and (times[0] < 0.0 or self.path[0][1] != 0.0)
+        if late or len(times) == 1 or times != sorted(set(times)):
+            raise SupportError(
+                f"support {self.title}: got the path {[list(row) for row in self.path]}; expected "
+                "two rows at least, increasing times and a first share of 0"
+            )
         self._refuse_free_motion()
         if self.spring is not None and self.displacement is not None:
             raise SupportError(
@@ -104,6 +111,7 @@ class HeldFace(ReadOnlyArrays):
 
     def check(self, assembly: AnyBlocks) -> None:
         """Reject a region without nodes, and springs without facets."""
+        check_blocks(assembly, np.array([self.block]), f"support {self.title}", SupportError)
         if isinstance(self.face, str) or self.spring is not None:
             check_region(assembly, np.array([self.block]), self.face, "support", SupportError)
         elif not len(region_nodes(assembly, self.block, self.face)):

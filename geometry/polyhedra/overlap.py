@@ -342,12 +342,20 @@ def check_assembly(assembly: PolyhedralAssembly, supported: IntArray | None = No
 
 
 def _check_distance(assembly: PolyhedralAssembly) -> None:
-    """Reject blocks so far from the origin that coordinates are rounded to what counts as a gap."""
-    reach = float(np.abs(assembly.translations).max())
+    """Reject coordinates that are rounded to what counts as a gap."""
+    points = np.concatenate([assembly.points(block) for block in range(assembly.n_blocks)])
+    reach, size = float(np.abs(points).max()), float(np.ptp(points, axis=0).max())
     rounding = float(np.spacing(reach))
-    if not rounding <= _ROUNDING * assembly.tolerance:
+    if rounding <= _ROUNDING * assembly.tolerance:
+        return
+    if np.spacing(size) > _ROUNDING * assembly.tolerance:
+        least = float(np.spacing(size)) / _ROUNDING
         raise AssemblyError(
-            f"{assembly.name}: a block lies {reach:.3g} mm from the origin, where coordinates "
-            f"are rounded to {rounding:.1g} mm, too coarse for gaps of {assembly.tolerance:.3g} "
-            "mm; move the assembly to the origin"
+            f"tolerance: got {assembly.tolerance:.3g} mm, but coordinates of these blocks are "
+            f"rounded to {np.spacing(size):.1g} mm; expected {least:.1g} mm or more"
         )
+    raise AssemblyError(
+        f"{assembly.name}: a block lies {reach:.3g} mm from the origin, where coordinates "
+        f"are rounded to {rounding:.1g} mm, too coarse for gaps of {assembly.tolerance:.3g} "
+        "mm; move the assembly to the origin"
+    )

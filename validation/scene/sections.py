@@ -268,7 +268,7 @@ class CutSection(Section):
     """Normal of any length: forces are those of the part it points to on the part behind."""
     name: str = ""
     """Name in tables and files; by default its number, from 1."""
-    blocks: tuple[int | str, ...] | None = None
+    blocks: Annotated[tuple[int | str, ...] | None, Field(min_length=1)] = None
     """Numbers or names of the blocks that are cut; by default all."""
 
 

@@ -49,7 +49,7 @@ class PlaneSection(Section):
 class RegionSection(Section):
     """Part of the surface of some blocks: by name, by a plane or in a box."""
 
-    blocks: tuple[BlockName, ...] | None = None
+    blocks: Annotated[tuple[BlockName, ...] | None, Field(min_length=1)] = None
     """Numbers, or names from the file; by default all blocks that have the region and are not
     fixed."""
     face: str | None = None
@@ -104,10 +104,11 @@ class SupportSection(RegionSection):
         if self.path and self.move is None:
             raise ValueError("supports.path: got a path without move; expected both")
         times = [time for time, _ in self.path]
-        if self.path and (self.path[0][1] != 0.0 or times != sorted(set(times)) or times[0] < 0.0):
+        late = bool(times) and (times[0] < 0.0 or self.path[0][1] != 0.0)
+        if late or len(times) == 1 or times != sorted(set(times)):
             raise ValueError(
-                f"supports.path: got {[list(row) for row in self.path]}; expected increasing times "
-                "and a first share of 0"
+                f"supports.path: got {[list(row) for row in self.path]}; expected two rows at "
+                "least, increasing times and a first share of 0"
             )
         return self
 
