@@ -66,7 +66,7 @@ def test_what_is_used_is_not_named() -> None:
 def test_nothing_is_said_to_be_ignored_of_built_in_scenes(name: str) -> None:
     case = load_case(name)
     for method in ("rigid", case.method.name):
-        assert not ignored_words(idle_keys(case.scene, method))
+        assert not ignored_words(idle_keys(case.scene, method), method)
 
 
 def test_commands_name_effects_of_time_integration(tubelock, tmp_path: Path) -> None:

@@ -96,6 +96,7 @@ def _export_blocks(file: Case, output: Path) -> None:
         prepare_file(output)
         write_solids(output, placed)
         outputs.say(f"{placed.n_blocks} blocks", output)
+        outputs.tell_keys("blocks")
 
 
 UnitsOption = Annotated[

@@ -211,14 +211,14 @@ class Outputs:
     def tell_keys(self, method: str = "") -> None:
         """Print the defaults that an answer depends on, and what its method does not have.
 
-        ``method`` is that of the case, or "static deck" and "explicit deck".
+        ``method`` is that of the case, or "static deck", "explicit deck" and "blocks".
         """
         if self.scene is None:
             return
         scene, method = self.scene.scene, method or self.scene.method.name
         self._unused = tuple(idle_keys(scene, method, drawn=self._draws))
         self._defaults = default_words(scene, method)
-        ignored = ignored_words(list(self._unused))
+        ignored = ignored_words(list(self._unused), method)
         said = {
             "defaults": ", ".join(f"{name} {value}" for name, value in self._defaults.items()),
             "note": scene.caution or "",

@@ -47,8 +47,13 @@ _ABSENT: Mapping[str, tuple[str, ...]] = {
     "explicit": ("rigid",),
     "static deck": (*_NOT_WRITTEN, *_IN_TIME, "fem.damping"),
     "explicit deck": (*_NOT_WRITTEN, "effects.finite_sliding"),
+    "blocks": (
+        *("fem", "rigid", "material", "contact", "effects", "load", "loads", "supports"),
+        *("support", "initial", "combinations", "sections"),
+    ),
 }
-#: Keys that are printed: others a scene may state for other methods, and the data name them.
+#: Keys that are printed: others a scene may state for other methods, and the data name them. Files
+#: that are exported have no data, and all their keys are printed.
 _PRINTED = ("effects.", "load.", "pictures.")
 
 
@@ -64,7 +69,7 @@ _IDLE_WHERE: Mapping[str, Callable[[Any, str], bool]] = {
         and scene.effects.gravity is None
         and getattr(scene.load, "acceleration", None) is None
     ),
-    "mesh": lambda scene, method: method == "rigid" and _solids(scene),
+    "mesh": lambda scene, method: method in ("rigid", "blocks") and _solids(scene),
     "fem.safety_factor": lambda scene, _: scene.fem.time_step is not None,
     "fem.residual": lambda scene, _: scene.damping != "static" and not scene.meets,
     "effects.elastic_frame": lambda scene, _: getattr(scene, "stands", False),
@@ -96,14 +101,18 @@ def is_idle(key: str, scene: DeformableScene, method: str) -> bool:
     )
 
 
-def ignored_words(keys: list[str]) -> str:
-    """Effects and loads that are ignored, in words."""
+def ignored_words(keys: list[str], method: str) -> str:
+    """Effects and loads that are ignored, in words; of decks all keys, of blocks all sections."""
+    if method == "blocks":
+        return ", ".join(dict.fromkeys(f"[{key.partition('.')[0]}]" for key in keys))
+    if method.endswith("deck"):
+        return ", ".join(keys)
     return ", ".join(key for key in keys if key.startswith(_PRINTED) and "stick" not in key)
 
 
 def default_words(scene: DeformableScene, method: str) -> dict[str, str]:
     """Sections that a scene leaves out and its answer depends on, in words."""
-    names = ["mesh"] if method == "rigid" else ["mesh", "material", "contact", "fem"]
+    names = ["mesh"] if method in ("rigid", "blocks") else ["mesh", "material", "contact", "fem"]
     if method == "rigid" and not is_idle("material.density", scene, method):
         names.append("material")
     if not scene.meets:
