@@ -223,12 +223,12 @@ UNITS = {
 
 def by_size(measures: Mapping[str, Measure]) -> list[str]:
     """Names of load factors, the limit that is reached first before the others."""
+    return sorted(FACTORS, key=lambda n: least_factor(measures[n]) if n in measures else np.inf)
 
-    def size(name: str) -> tuple[bool, float]:
-        value = measures[name].value if name in measures else np.nan
-        return bool(np.isnan(value)), value
 
-    return sorted(FACTORS, key=size)
+def least_factor(measure: Measure) -> float:
+    """Smallest load factor that a measure does not rule out: 0 where nothing is known of it."""
+    return 0.0 if np.isnan(measure.value) else measure.value
 
 
 def measure_rows(measures: Mapping[str, Measure]) -> list[Row]:

@@ -20,6 +20,7 @@ from fem.static.linear_step.flexibility import FlexibilityStore
 from fem.static.solve import StaticOptions
 from geometry.answer import Measure
 from geometry.errors import RefusedError
+from geometry.machine.work import LimitError
 
 #: Measures that are compared with each strength, the first that is resolved counts.
 JUDGED = {
@@ -66,7 +67,9 @@ def strength_factors(
     Returns
     -------
     dict[str, Measure]
-        Empty where the material has no strength. A factor that cannot be given has a remark.
+        Empty where the material has no strength. A factor that is not found has a remark, and as
+        its value the smallest factor that is not ruled out: NaN where no load is known to stay
+        below the strength, infinity where no factor exists.
 
     Raises
     ------
@@ -84,6 +87,7 @@ def strength_factors(
     options = replace(options or StaticOptions(), once=True)
 
     last, solved = 1.0, {1.0: state}
+    known: dict[float, Mapping[str, Measure]] = {1.0: measures}
     path_counts = state.deformable.contact.friction is not None
 
     def at(factor: float) -> Mapping[str, Measure]:
@@ -98,7 +102,8 @@ def strength_factors(
             start=solved[last].displacements if near and not path_counts else None,
         )
         last, solved[factor] = factor, result
-        return measures_of(result, hidden_between_nodes(result))
+        known[factor] = measures_of(result, hidden_between_nodes(result))
+        return known[factor]
 
     def bar_at(factor: float, name: str) -> float | None:
         if bars is None:
@@ -113,27 +118,29 @@ def strength_factors(
     for name, strength in strengths.items():
         title, judged = JUDGED[name]
         if strength is not None:
-            result[title] = _judged(state, measures, judged, strength, (at, bar_at))
+            result[title] = _judged(state, known, judged, strength, (at, bar_at))
     return result
 
 
 def _judged(
     state: State,
-    measures: Mapping[str, Measure],
+    known: Mapping[float, Mapping[str, Measure]],
     names: tuple[str, ...],
     strength: float,
     asked: tuple[Callable[[float], Mapping[str, Measure]], Callable[[float, str], float | None]],
 ) -> Measure:
     """Find the factor at which a measure reaches a strength [MPa].
 
-    ``asked`` under a factor: measures, and the error bar of one.
+    ``known`` are the measures of the factors that are solved; ``asked`` under a factor: measures,
+    and the error bar of one.
     """
     at, bar_at = asked
+    measures = known[1.0]
     if state.deformable.moves:
-        return _none("none: supports move, and loads alone are scaled")
+        return _not_found("supports move, and loads alone are scaled")
     usable = [n for n in names if n in measures and measures[n].is_number]
     if not usable:
-        return _none(f"none: {names[0]} is not resolved on this mesh")
+        return _not_found(f"{names[0]} is not resolved on this mesh")
     name = usable[0]
     stress = measures[name]
     largest = max(abs(m.value) for m in measures.values() if m.is_number and m.unit == "MPa")
@@ -141,9 +148,14 @@ def _judged(
     if stress.value == 0.0 or (tension and stress.value <= _ROUNDING * largest):
         return _none("none: no tension" if tension else "none: no stress")
     try:
-        factor, reached = _scaled_until(strength, stress, lambda f: at(f)[name])
+        begun = {1.0: stress} | {
+            f: of[name]
+            for f, of in known.items()
+            if name in of and of[name].is_number and of[name].value * stress.value > 0.0
+        }
+        factor, reached = _scaled_until(strength, begun, lambda f: at(f)[name])
     except _BoundError as error:
-        return _none(str(error))
+        return _not_found(str(error), error.least)
     place = {**(reached.place or {}), "stress": name}
     if stress.place is not None and place.get("blocks") != stress.place["blocks"]:
         place["moved"] = True
@@ -160,17 +172,28 @@ def _judged(
 class _BoundError(RefusedError):
     """A strength that the search did not reach: on which side of which load it lies, and why."""
 
+    def __init__(self, words: str, least: float) -> None:
+        super().__init__(words)
+        self.least = least
+        """Smallest factor that is not ruled out; NaN where each load is one."""
+
 
 def _scaled_until(
-    strength: float, stress: Measure, at: Callable[[float], Measure]
+    strength: float, known: Mapping[float, Measure], at: Callable[[float], Measure]
 ) -> tuple[float, Measure]:
     """Factor at which the size of a stress is a strength, by secants in logarithms.
 
-    A load without a state halves the steps. Where the stress falls while the load grows, the
-    search ends: what lies beyond would not be first cracking.
+    ``known`` are stresses by load: the search begins at the largest load up to which all are below
+    the strength, or at the smallest. A load without a state halves the steps. Where the stress
+    falls while the load grows, or a limit is reached, the search ends: what lies beyond would not
+    be first cracking.
     """
-    factor, slope, result = 1.0, 1.0, stress
-    solved = {factor: abs(stress.value)}
+    solved = {load: abs(stress.value) for load, stress in sorted(known.items())}
+    below = _below(strength, solved)
+    factor, slope = (below[-1] if below else min(solved)), 1.0
+    if len(below) > 1 and solved[factor] > solved[below[-2]] > 0.0:
+        slope = _slope(solved, below[-2], factor)
+    result = known[factor]
     stride, why = math.log(_STRIDE), f"{_MOST} loads were tried"
     for count in range(_MOST):
         short = math.log(strength / abs(result.value))
@@ -180,6 +203,9 @@ def _scaled_until(
             return tried, result
         try:
             after = at(tried)
+        except LimitError as error:
+            why = str(error)
+            break
         except RefusedError as error:
             stride, why = 0.5 * abs(step), f"no static state at {tried:.4g} times the load: {error}"
             continue
@@ -187,25 +213,45 @@ def _scaled_until(
         if (solved[tried] - solved[factor]) * step <= 0.0:
             why = "it does not grow with the load there"
             break
-        slope = min(max(math.log(solved[tried] / solved[factor]) / step, 0.2), 5.0)
+        slope = _slope(solved, factor, tried)
         factor, result = tried, after
-    raise _BoundError(f"{_bounds(strength, solved)} ({why})")
+    below = _below(strength, solved)
+    least = below[-1] if below else math.nan
+    raise _BoundError(f"{_bounds(strength, solved)} ({why})", least)
+
+
+def _slope(solved: Mapping[float, float], one: float, other: float) -> float:
+    """Logarithmic slope of the stress between two loads, within what a search can use."""
+    slope = math.log(solved[other] / solved[one]) / math.log(other / one)
+    return min(max(slope, 0.2), 5.0)
+
+
+def _below(strength: float, solved: Mapping[float, float]) -> list[float]:
+    """Loads from the smallest on up to which no stress is the strength, in their order."""
+    above = min((load for load, stress in solved.items() if stress >= strength), default=math.inf)
+    return sorted(load for load in solved if load < above)
 
 
 def _bounds(strength: float, solved: Mapping[float, float]) -> str:
     """Say between which loads a stress may be a strength, from the stresses by load [MPa]."""
-    below = max((f for f, stress in solved.items() if stress < strength), default=None)
-    above = min((f for f, stress in solved.items() if stress >= strength), default=None)
-    if below is not None and above is not None:
-        return f"between {below:.4g} and {above:.4g} times the load"
-    if below is None:
+    below = _below(strength, solved)
+    above = min((load for load, stress in solved.items() if stress >= strength), default=None)
+    if not below:
         return f"below {above:.4g} times the load: at that the stress is more than {strength:g} MPa"
-    most = max(stress for f, stress in solved.items() if f <= below)
+    if above is not None:
+        return f"between {below[-1]:.4g} and {above:.4g} times the load"
+    most = max(solved.values())
     return (
-        f"above {below:.4g} times the load, if at all: up to that the stress is at most "
+        f"above {below[-1]:.4g} times the load, if at all: up to that the stress is at most "
         f"{most:.3g} of {strength:g} MPa"
     )
 
 
 def _none(why: str) -> Measure:
-    return Measure(math.nan, "times the load", remark=why)
+    """No load reaches the strength."""
+    return Measure(math.inf, "times the load", remark=why)
+
+
+def _not_found(why: str, least: float = math.nan) -> Measure:
+    """Say why a factor is not found; ``least`` is the smallest that is not ruled out."""
+    return Measure(least, "times the load", remark=f"not found: {why}")

@@ -16,6 +16,7 @@ from fem.accuracy.strength import _BoundError, _scaled_until
 from geometry import ColumnBox, Measure, RefusedError, SineBlock, box_column, pipe, tube
 from geometry.answer import measure_rows
 from geometry.loads import face_pressure
+from geometry.machine.work import LimitError
 from tests.fixtures.commands import small_meshes
 
 TUBE = ("assembly.layers=1", "mesh.around=12", "mesh.radial=2", "mesh.axial=2")
@@ -99,9 +100,9 @@ def test_strengths_that_cannot_be_used_are_rejected() -> None:
 
 @pytest.mark.quick
 def test_the_limit_that_is_reached_first_is_named_first() -> None:
-    """Whichever it is; a limit without a factor comes last."""
+    """Whichever it is; a limit that no load reaches comes last."""
     place = {"blocks": [0], "layer": None, "face": None, "position": [0, 0, 0], "stress": "p_max"}
-    for cracking, crushing in ((312.6, 26.0), (26.0, 312.6), (math.nan, 26.0)):
+    for cracking, crushing in ((312.6, 26.0), (26.0, 312.6), (math.inf, 26.0)):
         factors = {"cracking_factor": cracking, "crushing_factor": crushing}
         rows = measure_rows(
             {name: Measure(v, "times the load", place=place) for name, v in factors.items()}
@@ -140,7 +141,7 @@ def scaled(stress: Callable[[float], float], most: float = np.inf) -> tuple[floa
             raise RefusedError("blocks move away")
         return Measure(stress(factor), "MPa")
 
-    return _scaled_until(3.0, Measure(stress(1.0), "MPa"), at)[0], loads
+    return _scaled_until(3.0, {1.0: Measure(stress(1.0), "MPa")}, at)[0], loads
 
 
 @pytest.mark.quick
@@ -162,3 +163,38 @@ def test_a_search_without_end_says_between_which_loads() -> None:
         scaled(lambda load: 0.1 * load, most=5.0)
     with pytest.raises(_BoundError, match=r"^below 0.75 times .* more than 3 MPa"):
         scaled(lambda _: 4.0)
+
+
+@pytest.mark.quick
+def test_a_limit_that_ends_a_search_is_its_reason() -> None:
+    """It is asked once, and the factor is at least the largest load that is solved."""
+    loads: list[float] = []
+
+    def at(factor: float) -> Measure:
+        loads.append(factor)
+        raise LimitError("work")
+
+    solved = {load: Measure(0.1 * load, "MPa") for load in (1.0, 8.0, 40.0)}
+    with pytest.raises(_BoundError, match=r"between 8 and 40 times .*limit of work") as found:
+        _scaled_until(3.0, solved, at)
+    assert "no static state" not in str(found.value)
+    assert found.value.least == 8.0
+    assert loads == [pytest.approx(30.0)]
+
+
+@pytest.mark.quick
+def test_a_search_begins_at_loads_that_are_solved() -> None:
+    """Of a larger load with a smaller stress nothing is concluded."""
+    solved = {load: Measure(0.1 * load, "MPa") for load in (1.0, 29.9)}
+    asked: list[float] = []
+
+    def at(factor: float) -> Measure:
+        asked.append(factor)
+        return Measure(0.1 * factor, "MPa")
+
+    assert _scaled_until(3.0, solved, at)[0] == pytest.approx(30.0)
+    assert len(asked) == 1
+    beyond = {8.0: solved[1.0], 40.0: Measure(4.0, "MPa"), 99.0: Measure(1.0, "MPa")}
+    with pytest.raises(_BoundError, match="between 8 and 40 times") as found:
+        _scaled_until(3.0, beyond, lambda _: Measure(0.05, "MPa"))
+    assert found.value.least == 8.0

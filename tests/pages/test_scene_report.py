@@ -130,7 +130,12 @@ def test_an_answer_that_is_missing_says_why(tmp_path) -> None:
 @pytest.mark.quick
 @pytest.mark.parametrize(
     ("factor", "remark", "tone"),
-    [(2.0, "", GOOD), (0.5, "", BAD), (math.nan, "none: no tension", OPEN)],
+    [
+        (2.0, "", GOOD),
+        (0.5, "", BAD),
+        (math.inf, "none: no tension", OPEN),
+        (0.5, "not found: above 0.5 times the load", OPEN),
+    ],
 )
 def test_only_a_factor_below_one_is_bad_news(factor: float, remark: str, tone: str) -> None:
     measure = Measure(factor, "times the load", remark=remark)
@@ -140,6 +145,18 @@ def test_only_a_factor_below_one_is_bad_news(factor: float, remark: str, tone: s
     assert (remark or measure.value_words) in found.words
     # What is not stated is asked for by its key, what is stated is not.
     assert [line.split()[-1] for line in found.lines] == ["material.compressive_strength=30"]
+
+
+@pytest.mark.quick
+@pytest.mark.parametrize(("least", "first"), [(math.nan, True), (1.0, True), (200.0, False)])
+def test_a_missing_factor_never_makes_a_larger_one_the_answer(least: float, first: bool) -> None:
+    missing = Measure(least, "times the load", remark="not found: the limit of work")
+    factors = {"cracking_factor": Measure(98.95, "times the load"), "crushing_factor": missing}
+    scene = load_case("tsb1-pipe", SETTINGS).scene
+    found = strength_verdict(scene, factors, computed=True)
+    assert found.tone == OPEN
+    assert ("crushing" in found.words) is first
+    assert ("98.95" in found.words) is not first
 
 
 def test_a_scene_without_any_answer_is_rejected(tmp_path) -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from geometry import Measure
 from validation import InputError, load_case, solve
 from validation.study.combinations import combination_answers, combination_cases, envelope
 
@@ -58,6 +61,21 @@ def test_the_envelope_names_the_combination_that_governs(tmp_path: Path) -> None
     for measure, (name, largest) in envelope(answers).items():
         values = {n: abs(a.measures[measure].value) for n, a in answers.items()}
         assert values[name] == max(values.values()) == abs(largest.value)
+
+
+@pytest.mark.quick
+def test_a_missing_load_factor_governs_unless_a_smaller_one_is_known() -> None:
+    """Infinity: no load reaches the strength. NaN: nothing is known of the factor."""
+
+    def governing(**values: float) -> str:
+        answers = {
+            name: SimpleNamespace(measures={"cracking_factor": Measure(value, "times the load")})
+            for name, value in values.items()
+        }
+        return envelope(answers)["cracking_factor"][0]  # type: ignore[arg-type]
+
+    assert governing(found=5.0, missing=math.nan) == "missing"
+    assert governing(found=5.0, above=2.0, none=math.inf) == "above"
 
 
 def test_a_factor_of_no_load_is_rejected() -> None:

@@ -6,7 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from fem.accuracy.parts import Accuracy
-from geometry.answer import FACTORS, Answer, Measure, measure_rows, title_of
+from geometry.answer import (
+    FACTORS,
+    Answer,
+    Measure,
+    least_factor,
+    measure_rows,
+    title_of,
+)
 from geometry.parts.balance import reaction_rows
 from mbd import MechanismClass
 from validation.output.console import dimension_rows, part_rows
@@ -163,10 +170,11 @@ def strength_verdict(
     rigid = "" if computed else f" ({OF_RIGID_BLOCKS})"
     for row in measure_rows({name: measures[name] for name in factors}):
         lines.append(f"{row.title}: {row.words}{rigid}")
-    values = [measures[name].value for name in factors]
     sure = all(measures[name].is_number for name in factors)
-    tone = GOOD if sure and all(value >= 1.0 for value in values) else OPEN
-    tone = BAD if any(value < 1.0 for value in values) else tone
+    least = min((least_factor(measures[name]) for name in factors), default=0.0)
+    known = [measures[name].value for name in factors if measures[name].is_number]
+    tone = GOOD if sure and least >= 1.0 else OPEN
+    tone = BAD if any(value < 1.0 for value in known) else tone
     for name, (key, value) in _STRENGTHS.items():
         if name in factors:
             continue

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 
 from rich.console import Console
 
-from geometry.answer import Answer, Measure, title_of
+from geometry.answer import Answer, Measure, least_factor, title_of
 from mbd.options import Rigid
 from validation.case import Case
 from validation.errors import InputError
@@ -68,9 +67,7 @@ def envelope(answers: Mapping[str, Answer]) -> dict[str, tuple[str, Measure]]:
     for measure in names:
         having = {name: a.measures[measure] for name, a in answers.items() if measure in a.measures}
         if title_of(measure).least:
-            # A load factor that is no number is none, and governs last.
-            factors = {name: (math.isnan(m.value), m.value) for name, m in having.items()}
-            governing = min(factors, key=lambda name: factors[name])
+            governing = min(having, key=lambda name: least_factor(having[name]))
         else:
             governing = max(having, key=lambda name: abs(having[name].value))
         result[measure] = governing, having[governing]
