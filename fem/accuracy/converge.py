@@ -236,7 +236,7 @@ def converge(
             break
         meshes.append(last.numbers)
         if number >= _FOR_BARS:
-            errors = sequence_bars(meshes)
+            errors = sequence_bars(meshes, searched=problem.searches)
             remarks = unresolved(meshes) | growing(meshes)
         told = {
             name: replace(m, error=errors.get(name), remark=remarks.get(name, ""))
@@ -288,7 +288,7 @@ def bars_under(
         _solve(problem, on_rung(problem, rung), rung, options, factor=factor).numbers
         for rung in rungs
     ]
-    return sequence_bars(meshes) if len(meshes) >= _FOR_BARS else {}
+    return sequence_bars(meshes, searched=problem.searches) if len(meshes) >= _FOR_BARS else {}
 
 
 def check_refinable(problem: Problem) -> None:

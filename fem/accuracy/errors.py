@@ -40,9 +40,10 @@ from typing import Any
 from fem.accuracy.ladder import AT_EDGES, INTEGRALS, OF_FACETS, Rung
 from geometry.answer import Measure
 
-#: Factor of safety, and that of a sequence of meshes, as Roache's for three of them;
+#: Factor of safety, and those of sequences and of two meshes with searched contact, as Roache's
+#: for three meshes and for two;
 #: `tests/verification/error_bars.py` measures how often they suffice.
-SAFETY, OF_SEQUENCES = 1.5, 1.25
+SAFETY, OF_SEQUENCES, OF_TWO = 1.5, 1.25, 3.0
 #: Meshes whose fineness differs by a smaller share are as fine.
 _SAME = 1e-6
 #: Meshes before an error bar is believed: one agreement of two is no convergence.
@@ -139,26 +140,31 @@ class OnMesh:
         }
 
 
-def sequence_bars(meshes: Sequence[OnMesh]) -> dict[str, float]:
+def sequence_bars(meshes: Sequence[OnMesh], *, searched: bool = False) -> dict[str, float]:
     """Estimated errors of the measures of the last of two or more meshes, in their units.
 
     Measures that are `unresolved` have no bar. A value that a few elements decide has a bar of
     a share of the largest last change at least, relative to each value, of the displacement, p_eff
-    and values of its kind; a mean over facets has one of a smaller share.
+    and values of its kind; a mean over facets has one of a smaller share. Two meshes with
+    ``searched`` contact, whose edges lie inside elements, show no rate, and may agree by chance:
+    errors fall by half the power, and no value is known better than the largest change.
     """
     *before, last = meshes
     values, hidden, bars = last.values, unresolved(meshes), dict[str, float]()
+    two = searched and len(before) == 1
     for name in [name for name in values if name not in hidden]:
-        rate = _RATE_OF_FEW if name in LOCAL or name in AT_EDGES else _RATE
+        rate = (_RATE_OF_FEW if name in LOCAL or name in AT_EDGES else _RATE) / (1 + two)
         compared = [
             (mesh.measures[name].value, (fine / coarse) ** rate)
             for mesh in before[-2:]
             for fine, coarse in zip(last.sizes(name), mesh.sizes(name), strict=True)
             if fine > (1.0 + _SAME) * coarse
         ]
-        bars[name] = error_bar(values[name], compared, safety=OF_SEQUENCES)
+        bars[name] = error_bar(values[name], compared, safety=OF_TWO if two else OF_SEQUENCES)
     change = _largest_change(before[-1].measures, last.measures)
     shares = dict.fromkeys(LOCAL, _SHARED) | dict.fromkeys(OF_FACETS, _SHARED_OF_FACETS)
+    if two:
+        shares = dict.fromkeys(values, 1.0)
     shares = {name: share * change for name, share in shares.items()}
     return _with_steps(_at_least(bars, values, shares), last.steps)
 

@@ -310,3 +310,17 @@ def test_answers_with_friction_have_bars_of_a_tenth() -> None:
         error = found[name].error
         assert error is not None
         assert error <= 0.1 * found[name].value
+
+
+def test_two_meshes_of_searched_contact_know_nothing_better_than_what_changed_most():
+    """Displacements that agree by chance, beside a pressure that changes by a tenth."""
+    one = {"max_displacement": 1.0, "p_max_point": 9.0}
+    two = {"max_displacement": 1.0 + 1e-6, "p_max_point": 10.0}
+    meshes = [
+        OnMesh({n: Measure(v, "MPa") for n, v in of.items()}, LADDER[k], fine, fine)
+        for k, (of, fine) in enumerate(((one, 1.0), (two, 2.25)))
+    ]
+    bars = sequence_bars(meshes, searched=True)
+    assert bars["max_displacement"] >= 0.1
+    assert bars["p_max_point"] >= 1.0
+    assert all(bars[n] > bar for n, bar in sequence_bars(meshes).items())
