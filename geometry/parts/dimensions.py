@@ -57,9 +57,9 @@ class Dimensions:
     contact_area: float
     """Of all joints of which one block at least is free, each once [mm²]."""
     least_wall: float | None
-    """Smallest distance between two sides of a block, along the inward normal at the centroid of a
-    facet [mm]. Sides are faces that share no edge, with outward normals that differ by more than
-    120°; None where no block has such."""
+    """Smallest distance between two sides of a block, along the inward normal at a corner or the
+    centroid of a facet [mm]. Sides are faces that share no edge, with outward normals that differ
+    by more than 120°; None where no block has such."""
     steepest_joint: float | None
     """Largest angle between a joint face and its mean plane [degrees].
     The mean plane is normal to the axis of the assembly where it differs by less than 10°. None

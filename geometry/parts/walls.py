@@ -24,19 +24,27 @@ _ALONG = 1e-12
 
 
 def least_wall(shape: Any) -> float:
-    """Smallest distance between two sides of a solid (`Dimensions.least_wall`), or ∞ [mm]."""
+    """Smallest distance between two sides of a solid (`Dimensions.least_wall`), or ∞ [mm].
+
+    Between flat sides it is linear: rays from their corners find it, whatever the facets.
+    """
     points, facets, face = _surface(shape)
     corners = points[facets]
     normals = unit_vectors(np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]))
-    start, tree, sides = corners.mean(axis=1), _Boxes.of(corners), _Sides(facets, face)
+    tree, sides = _Boxes.of(corners), _Sides(facets, face)
+    # Corners of a face once, each with one of its facets.
+    every = np.column_stack([np.repeat(face, facets.shape[1]), facets.ravel()])
+    _, corner = np.unique(every, axis=0, return_index=True)
+    start = np.concatenate([corners.mean(axis=1), corners.reshape(-1, 3)[corner]])
+    own = np.concatenate([np.arange(len(facets)), corner // facets.shape[1]])
     reach, least = float(np.linalg.norm(np.ptp(points, axis=0))), np.inf
-    steps = -(-len(facets) // _RAYS)
+    steps = -(-len(own) // _RAYS)
     for first in range(steps):  # rays from all over the solid at once: the first shorten the others
-        rays = np.arange(first, len(facets), steps)
-        ray, hit, length = tree.hits(start[rays], -normals[rays], reach)
-        facing = np.einsum("ni,ni->n", normals[rays[ray]], normals[hit]) < _FACING
+        rays = np.arange(first, len(own), steps)
+        ray, hit, length = tree.hits(start[rays], -normals[own[rays]], reach)
+        facing = np.einsum("ni,ni->n", normals[own[rays[ray]]], normals[hit]) < _FACING
         for k in np.flatnonzero(facing)[np.argsort(length[facing])].tolist():
-            if sides.apart(face[rays[ray[k]]], face[hit[k]]):
+            if sides.apart(face[own[rays[ray[k]]]], face[hit[k]]):
                 least = min(least, float(length[k]))
                 break
         reach = min(reach, least)

@@ -11,6 +11,7 @@ import scipy.integrate
 from geometry import SineBlock, tube
 from geometry.families.boxes import BrickStack
 from geometry.families.masonry import CircularArch
+from geometry.files.hexahedral_solids import with_hexahedra
 from geometry.parts.dimensions import dimensions
 from geometry.parts.walls import least_wall
 from geometry.polyhedra.polyhedron import Polyhedron
@@ -103,6 +104,16 @@ def test_limits_are_compared_and_counted(tubelock) -> None:
     assert status == 0
     assert "TOO THIN, limits.least_wall is 50 mm" in out
     assert "limits" not in out.partition("ignored")[2]
+
+
+@pytest.mark.parametrize("angle", [4.5, 24.0])
+def test_the_least_wall_of_a_voussoir_does_not_depend_on_the_method(angle: float) -> None:
+    """From the inner edge of one joint along its normal to the other, or between the chords."""
+    solids, phi = CircularArch(1000.0, 110.0, 300.0, 2, 2 * angle).build(), math.radians(angle)
+    exact = min(945.0 * math.tan(phi), 110.0 * math.cos(phi / 8.0))
+    assert dimensions(solids).least_wall == pytest.approx(exact, rel=1e-9)
+    filled = with_hexahedra(solids, 4, 150.0, lambda _: np.zeros(0, dtype=np.int64))
+    assert dimensions(filled).least_wall == pytest.approx(exact, rel=1e-9)
 
 
 @pytest.mark.parametrize(("embrace", "voussoirs"), [(180.0, 40), (24.0, 2), (120.0, 5)])
