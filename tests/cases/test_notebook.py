@@ -181,6 +181,21 @@ def test_what_cannot_be_drawn_or_compared_is_refused(answers) -> None:
         compare(other, answers[1])
 
 
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        ({"effects.friction.coefficient": 0.3}, "friction"),
+        ({"load.pressure": 0.02}, "loads or weight"),
+        ({"effects.gravity": [0.0, 0.0, -9810.0]}, "loads or weight"),
+    ],
+)
+def test_answers_of_different_problems_are_not_compared(answers, change, part) -> None:
+    other = analyse(load_case("tsb1-pipe", COARSE | change).problem)
+    for pair in ((other, answers[1]), (answers[1], other)):
+        with pytest.raises(ValueError, match=f"differ in {part}; expected answers to one problem"):
+            compare(*pair)
+
+
 def test_a_sweep_is_a_call(tmp_path: Path) -> None:
     values = {"block.amplitude": [10.0, 20.0]}
     study = sweep("tsb1-pipe", values, COARSE, store=tmp_path / "study.jsonl")

@@ -46,6 +46,19 @@ def test_three_answers_to_one_scene() -> None:
         again.draw("none.png")
 
 
+def test_steps_of_a_comparison_have_the_friction_of_the_scene() -> None:
+    """On contact a hundred times softer than the blocks elasticity changes a hundredth or so."""
+    soft = tube("tsb1-pipe", "effects.friction=0.3", "contact.maximum_stiffness=1")
+    found = compare(*both_kinds(soft))
+    *_, stiff, elastic = found.steps
+    assert stiff["words"] == "with the scene's contact law"
+    for name in ("p_max", "p_eff"):
+        assert elastic[name] == pytest.approx(stiff[name], rel=0.05)
+    assert "μ = 0.3; " in repr(found)
+    assert found.static["p_max_point"].error is None
+    assert "MPa" not in found.conclusion
+
+
 def test_sector_and_whole_tube_give_the_same_digits() -> None:
     whole = on_its_mesh(tube("tsb1-shaft", "fem.symmetry='none'"), method="static")
     sector = on_its_mesh(tube("tsb1-shaft", "fem.symmetry='sector'"), method="static")

@@ -1,8 +1,8 @@
 """Why rigid and deformable answers differ: one assumption changed at a time.
 
-rigid blocks (uniform foundation) → the same as stiff finite elements on linear springs → the
-problem's contact law → its elasticity → its initial gaps. The first two agree where the finite
-elements are right; each later row shows what its own step does.
+rigid blocks, one contact point a facet → the same on linear springs with several points a facet →
+the problem's contact law → its elasticity → its initial gaps. All steps have the friction of the
+problem.
 """
 
 from __future__ import annotations
@@ -16,17 +16,21 @@ import numpy as np
 from fem.accuracy.facets import pressures_on_facets
 from fem.accuracy.ladder import LADDER, on_rung
 from fem.accuracy.one_mesh import static_state
+from fem.accuracy.statics import static_options
+from fem.contact.friction import CoulombFriction
 from fem.contact.law import LinearPenalty
 from fem.measures import contact_on
+from fem.method import Static
 from fem.problem import Problem
 from fem.static.linear_step.flexibility import FlexibilityStore
-from fem.static.solve import StaticOptions
 from geometry.answer import Answer
 from geometry.errors import RefusedError
 from validation.scene.contact import gap_words
 
 #: Stiffer by this factor, blocks deform a thousandth of what the contact springs do.
 STIFFENING = 1.0e4
+
+_POINTS = "with several contact points on a facet, not one (stiff blocks on linear springs)"
 
 #: Elements of stiff blocks, whose displacements are nearly rigid.
 _STIFF_RUNG = LADDER[1]
@@ -52,12 +56,12 @@ def decompose(static: Answer) -> list[dict[str, Any]]:
     opened = problem.clearance > 0.0 or problem.spacing > 0.0
     closed = replace(problem, clearance=0.0, spacing=0.0)
     material = [replace(m, young_modulus=STIFFENING * m.young_modulus) for m in problem.materials]
-    stiff = replace(closed, material=material, friction=None, check_units=False)
+    stiff = replace(closed, material=material, friction=_own_stick(problem), check_units=False)
     result = static.report["contact"]
     mean = np.array([result["mean_overclosure"]])
     springs = LinearPenalty(max(float(problem.contact_law.stiffness(mean)[0]), 1.0))
     tasks = [
-        ("rigid blocks with linear normal contact (penalty)", replace(stiff, law=springs)),
+        (_POINTS, replace(stiff, law=springs)),
         ("with the scene's contact law", stiff),
         *([(_ELASTICITY, closed)] if opened else []),
     ]
@@ -71,9 +75,17 @@ def decompose(static: Answer) -> list[dict[str, Any]]:
     return [*steps, _step(last, result)]
 
 
+def _own_stick(problem: Problem) -> CoulombFriction | None:
+    """Friction with the stick stiffness of the problem, which stiffer blocks would raise."""
+    friction = problem.coulomb
+    if friction is None:
+        return None
+    return replace(friction, stick_stiffness=problem.deformable.stick)
+
+
 def _solved(task: Problem, store: FlexibilityStore, *, refined: bool) -> Mapping[str, Any]:
     """The paper's measures of a static state, over the facets of the problem's mesh."""
-    options = StaticOptions(tolerance=1e-4)
+    options = replace(static_options(task, Static()), tolerance=1e-4)
     if not refined:
         return vars(static_state(task.deformable, options, store=store).contact)
     deformable = on_rung(task, _STIFF_RUNG).deformable

@@ -85,7 +85,7 @@ def _parts(compared: ComparedAnswers) -> Iterator[RenderableType]:
     first = compared.answers[0]  # a problem without a scene has the name of its blocks
     scene = first.report.get("scene", first.title.partition(":")[0])
     load = f"{first.report['load']}; " if "load" in first.report else ""
-    title = f"{scene}: {load}contact pressures over the facets of [mesh]"
+    title = f"{scene}: {load}{compared.friction_words}contact pressures over the facets of [mesh]"
     yield tabled(title, range(len(compared.answers)), columns)
     for name, words in zip(compared.names, compared.words, strict=True):
         yield f"• {name}: {words}"
@@ -107,7 +107,10 @@ def _parts(compared: ComparedAnswers) -> Iterator[RenderableType]:
     yield tabled(title, rows, agreements, words=2)
     yield _AGREEMENT
     if compared.explanations:
-        yield "Influence of each modelling assumption, from rigid to deformable blocks:"
+        yield (
+            "Influence of each modelling assumption, from rigid to deformable blocks (one mesh, "
+            "without error bars):"
+        )
     yield from (f"• {line}" for line in compared.explanations)
     yield f"Conclusion: {compared.conclusion}"
 
