@@ -237,7 +237,7 @@ def converge(
         meshes.append(last.numbers)
         if number >= _FOR_BARS:
             errors = sequence_bars(meshes, searched=problem.searches)
-            remarks = unresolved(meshes) | growing(meshes)
+        remarks = unresolved(meshes) | growing(meshes)
         told = {
             name: replace(m, error=errors.get(name), remark=remarks.get(name, ""))
             for name, m in last.measures.items()

@@ -56,6 +56,8 @@ LOCAL = frozenset({"p_max_point", "sigma_1_averaged"})
 #: earlier meshes did not resolve.
 AT_AN_EDGE = "not resolved (grows at an edge)"
 BY_ONE_MESH = "not resolved (too few meshes reach this edge)"
+#: Why values at a point are no numbers where the first mesh is the last.
+ONE_MESH = "not resolved (one mesh, not converged)"
 #: Part of the largest last change that a local value is not known better than.
 _SHARED = 0.3
 #: The same of means over facets, which elements in one direction alone may not change.
@@ -248,6 +250,8 @@ def unresolved(meshes: Sequence[OnMesh]) -> dict[str, str]:
     that one of the last three meshes did not resolve has changed from there to another one.
     """
     names = meshes[-1].measures.keys()
+    if len(meshes) == 1:
+        return dict.fromkeys([name for name in _AT_A_POINT if name in names], ONE_MESH)
     hidden = {n for of in meshes[-3:] for n, m in of.measures.items() if not m.resolved}
     result = dict.fromkeys(hidden & names, BY_ONE_MESH)
     rungs = [mesh.rung for mesh in meshes[-3:]]

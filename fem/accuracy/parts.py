@@ -80,6 +80,11 @@ class Meshes:
 
     meshes: list[OnMesh]
 
+    def qualified(self, title: str) -> str:
+        """Title of an answer, with what one mesh leaves open."""
+        one = "; one mesh: these numbers are not converged"
+        return title if len(self.meshes) > 1 else title + one
+
     @property
     def rows(self) -> list[Row]:
         """Elements and CPU time of each mesh."""

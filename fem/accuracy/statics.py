@@ -214,7 +214,7 @@ def _answer(
             factors = strength_factors(state, shown, options, bars.under)
             watch.lap("load factors")
     with unlimited():
-        return answer_of(
+        answer = answer_of(
             state,
             bars.errors,
             facets=bars.facets,
@@ -224,6 +224,9 @@ def _answer(
             parts=parts,
             beside={**bars.beside, "cpu_seconds": watch.seconds()},
         )
+    if result is not None:
+        return replace(answer, title=result.meshes.qualified(answer.title))
+    return answer
 
 
 def _of_meshes(problem: Problem, options: StaticOptions, result: Converged) -> _Bars:

@@ -38,7 +38,7 @@ from tests.support.commands import command
 from tests.support.own_blocks import column
 from tests.support.references import references
 from tests.support.stated import stated
-from validation import solve
+from validation import load_case, solve
 
 
 def refused(*asked: str) -> str:
@@ -254,3 +254,15 @@ def test_printed_seconds_include_the_load_factors(monkeypatch: pytest.MonkeyPatc
     with small_meshes(1):
         seconds = solve(case).report["cpu_seconds"]
     assert seconds["load factors"] == seconds["total"] == 1000.0
+
+
+def test_one_mesh_is_said_to_be_no_converged_answer():
+    """The limit of work ends a run after its first mesh: title and values at a point say so."""
+    case = load_case("tsb1-pipe", {"assembly.layers": 1})
+    first = solve(case).parts["meshes"].meshes[0].beside["work"]
+    answer = solve(case.changed({"fem.max_work": 1.2 * first}))
+    assert answer.report["work"]["stopped_by"] == "work"
+    assert len(answer.parts["meshes"].meshes) == 1
+    assert "one mesh: these numbers are not converged" in str(answer).splitlines()[0]
+    assert not answer["p_max_point"].is_number
+    assert answer["u"].is_number

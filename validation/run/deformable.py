@@ -9,6 +9,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fem.accuracy.parts import Meshes
 from fem.accuracy.statics import solve_static
 from fem.element.hexahedron import ElementType
 from fem.method import Explicit, Static
@@ -165,11 +166,14 @@ def _of_scene(case: Case, answer: Answer, built: dict[str, float]) -> Answer:
         }
         return answer.report.beside(of_scene)
 
+    title, meshes = _title(case.name, scene, solution), answer.parts.get("meshes")
+    if isinstance(meshes, Meshes):
+        title = meshes.qualified(title)
     return replace(
         answer,
         case=case,
         reported=reported,
-        title=_title(case.name, scene, solution),
+        title=title,
         parts={**answer.parts, **parts},
     )
 
