@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -12,6 +12,7 @@ from geometry.assembly import Assembly, AssemblyError
 from geometry.block import Block
 from geometry.interface import ROUGHLY_SAME, placements
 from geometry.mesh import HEX_TETRAHEDRA, BoolArray, FloatArray
+from geometry.neighbours import coincident
 
 if TYPE_CHECKING:
     from geometry.polyhedra.polyhedron import Polyhedron
@@ -73,7 +74,7 @@ class _Solid:
         centres = self._corners.mean(axis=1)
         self.points = np.concatenate([surface, centres])
         """On the boundary, and the middles of the elements, (n, 3) [mm]."""
-        self._surface, self._centres = cKDTree(surface), cKDTree(centres)
+        self._surface, self._centres = surface, centres
         self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)
         self._box = self._low.min(axis=0), self._high.max(axis=0)
         self._radius = float(np.linalg.norm(self._corners - centres[:, None], axis=2).max())
@@ -83,9 +84,8 @@ class _Solid:
         low, high = self._box
         points = points[((points > low) & (points < high)).all(axis=1)]
         if len(points):
-            same = _SAME * float(np.ptp([low, high]))
-            apart = self._surface.query(points, distance_upper_bound=same)[0]
-            points = points[np.isinf(apart)]
+            same = coincident(points, self._surface, _SAME * float(np.ptp([low, high])))
+            points = points[same == len(self._surface)]
         inside = self._inside(points)
         if not inside.any():
             return 0.0
@@ -107,13 +107,16 @@ class _Solid:
 
         return polyhedron_from_block(self._shape)
 
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self._centres)
+
     def _inside(self, points: FloatArray) -> BoolArray:
         """Whether points (n, 3) lie in a hexahedron, cut into tetrahedra; (n,)."""
-        near: Any = []
-        if len(points):
-            near = self._centres.query_ball_point(points, self._radius)
-        point = np.repeat(np.arange(len(points)), [len(elements) for elements in near])
-        element = np.array([e for elements in near for e in elements], dtype=np.int64)
+        near = cKDTree(points).sparse_distance_matrix(
+            self._tree, self._radius, output_type="ndarray"
+        )
+        point, element = near["i"], near["j"]
         in_box = (points[point] >= self._low[element]) & (points[point] <= self._high[element])
         may = in_box.all(axis=1)
         point, corners = point[may], self._corners[element[may]]
