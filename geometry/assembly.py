@@ -127,6 +127,15 @@ class PlacedBlocks(ReadOnlyArrays, ABC, Generic[AnyShape]):
                     f"{_KINDS[kind]} of shape {shape}, one row for each of {n} blocks"
                 )
 
+    @cached_property
+    def kept(self) -> dict[Any, Any]:
+        """What analyses compute of the blocks alone and use again, by keys of their own."""
+        return {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle the blocks without it."""
+        return {name: value for name, value in vars(self).items() if name != "kept"}
+
     @property
     def as_placed(self) -> dict[str, Any]:
         """Fields of the same blocks of other shapes, by name."""

@@ -12,9 +12,9 @@ contacts.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import scipy.linalg
@@ -25,6 +25,8 @@ from geometry.interface import Interfaces
 from geometry.mesh import BoolArray, FloatArray, IntArray, cross_matrix, run_starts
 from geometry.parts.supports import HeldFace
 from mbd.supports import admissible, free_motions
+
+Value = TypeVar("Value")
 
 #: A normal matrix, or the inverse of one, which also takes several vectors as columns.
 NormalMap = Callable[[FloatArray], FloatArray]
@@ -183,6 +185,15 @@ class ContactJacobian:
     """Number of free blocks."""
     motions: FloatArray | None = None
     """Projectors on the motions that supports leave, (n_free, 6, 6); None: all of them."""
+    proved: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
+    """What was found of it whatever the load, by name: load cases of the same blocks share it."""
+
+    def once(self, name: str, find: Callable[[], Value]) -> Value:
+        """What follows from G alone, found when it is first asked for and kept by its name."""
+        if name not in self.proved:
+            self.proved[name] = find()
+        result: Value = self.proved[name]
+        return result
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -427,6 +438,7 @@ def contact_jacobian(
 
     Blocks that are held, by default the frame, have no rows; contacts between two of them are left
     out: they constrain nothing. Rows of blocks with supports are of the motions that these leave.
+    Without supports it is kept with the assembly: load cases of the same blocks have the same.
 
     Raises
     ------
@@ -434,6 +446,17 @@ def contact_jacobian(
         Springs, and supports that move.
     """
     held = assembly.fixed if fixed is None else fixed
+    if supports:
+        return _contacts(assembly, held, supports)
+    key = "contact Jacobian", held.tobytes()
+    if key not in assembly.kept:
+        assembly.kept[key] = _contacts(assembly, held, ())
+    result: Contacts = assembly.kept[key]
+    return result
+
+
+def _contacts(assembly: AnyBlocks, held: BoolArray, supports: tuple[HeldFace, ...]) -> Contacts:
+    """Assemble G of blocks, some of which are held as a whole, (n_blocks,)."""
     interfaces = assembly.interfaces
     index = np.flatnonzero(~(held[interfaces.block_m] & held[interfaces.block_s]))
     block_m, block_s = interfaces.block_m[index], interfaces.block_s[index]

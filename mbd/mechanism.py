@@ -234,11 +234,12 @@ def classify(
             decided = known.holds or known.mechanism is not None
             driven = known if decided else judged(jacobian, load)
             return classify_opposed(jacobian, load, opposed, driven)
-        self_load = jacobian.resultant(ones)
-        stress = judged(jacobian, self_load)
+        stress = jacobian.once("self-stress", lambda: judged(jacobian, jacobian.resultant(ones)))
         if not stress.holds and stress.mechanism is None:
             return Classification(MechanismClass.UNDECIDED, None)
-        ratio, vector = smallest_singular_pair(jacobian)
+        ratio, vector = jacobian.once(
+            "smallest singular pair", lambda: smallest_singular_pair(jacobian)
+        )
         if stress.holds and ratio > RANK_TOLERANCE:
             forces = 1.0 + stress.forces
             residual = np.linalg.norm(jacobian.resultant(forces)) / np.linalg.norm(forces)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.sparse as sp
@@ -372,3 +375,22 @@ def test_congruent_pairs_give_the_jacobian_of_each_contact(kind: str) -> None:
     solution = jacobian.normal_solver(weights, 1e-2)(motion)
     normal = matrix @ np.diag(weights) @ matrix.T + 1e-2 * np.eye(len(matrix))
     np.testing.assert_allclose(normal @ solution, motion, atol=1e-10 * np.abs(solution).max())
+
+
+def test_load_cases_share_the_jacobian_of_their_blocks_alone(
+    small_tube: Assembly,
+) -> None:
+    """The class under each load is that of blocks that no other load was put on."""
+    contacts = contact_jacobian(small_tube)
+    assert contact_jacobian(small_tube) is contacts
+    freed = replace(small_tube, fixed=np.zeros(small_tube.n_blocks, dtype=np.bool_))
+    assert contact_jacobian(freed).jacobian.n_free == small_tube.n_blocks
+    assert "kept" not in vars(pickle.loads(pickle.dumps(small_tube)))
+    for case in ("pipe", "beam", "pillar"):
+        fresh = replace(small_tube)
+        results = [
+            analyse(blocks, load=named_load(case, 0.01).on(blocks)).details
+            for blocks in (small_tube, fresh)
+        ]
+        assert results[0].mechanism is results[1].mechanism
+        assert results[0].classification.as_json() == results[1].classification.as_json()

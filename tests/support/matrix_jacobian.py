@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy
@@ -32,6 +34,10 @@ class MatrixJacobian:
     def n_motions(self) -> int:
         """Independent motions."""
         return self.shape[0]
+
+    def once(self, _: str, find: Callable[[], Any]) -> Any:
+        """Return what follows from G alone, anew each time."""
+        return find()
 
     def gap_rates(self, virtual_displacement: FloatArray) -> FloatArray:
         """Gᵀ δq, (n_contacts,)."""
