@@ -9,7 +9,8 @@ import pytest
 
 from tests.support.commands import command
 from validation import InputError
-from validation.stability.case import Check, Finding, Verdict, refusal, run_case
+from validation.stability.case import Verdict, judged, rejected
+from validation.stability.report import run_case
 from validation.stability.suite import cases, chosen
 from validation.statement import Statement
 
@@ -65,7 +66,7 @@ def test_named_cases_exist() -> None:
 def test_hard_case_holds_or_is_refused(case: Statement) -> None:
     # Each law and the derivation of its bounds stand beside the case.
     outcome = run_case(case)
-    expected = Verdict.REFUSED if case.name in REFUSED else Verdict.GREEN
+    expected = "refused" if case.name in REFUSED else "green"
     assert outcome["verdict"] == expected, outcome["proof"]
     assert outcome["proof"]
 
@@ -75,24 +76,33 @@ def test_at_least_thirty_distinct_cases() -> None:
     assert len(set(names)) == len(names) >= 30
 
 
-def test_verdicts_follow_from_the_numbers() -> None:
-    assert Finding(Check("a", 1.0, most=2.0)).verdict is Verdict.GREEN
-    assert Finding(Check("a", 3.0, most=2.0)).verdict is Verdict.RED
-    assert Finding(Check("a", float("nan"), most=2.0)).verdict is Verdict.RED
-    assert Finding().verdict is Verdict.RED
-    assert Finding(Check("a", 3.0, most=2.0), refusal="no").verdict is Verdict.RED
-    assert Finding(refusal="no").verdict is Verdict.REFUSED
+@pytest.mark.parametrize(
+    ("numbers", "message", "kind"),
+    [
+        ([("a", 1.0, 2.0)], None, "green"),
+        ([("a", 3.0, 2.0)], None, "red"),
+        ([("a", 3.0, ">=", 2.0), ("b", 1, "==", 1)], None, "green"),
+        ([("a", 3.0, ">=", 2.0), ("b", 1, "==", 0)], None, "red"),
+        ([("a", float("nan"), 2.0)], None, "red"),
+        ([], None, "red"),
+        ([("a", 3.0, 2.0)], "no", "red"),
+        ([], "no", "refused"),
+    ],
+)
+def test_verdicts_follow_from_the_numbers(numbers, message, kind) -> None:
+    assert judged(*numbers, message=message).kind == kind
 
 
 def test_a_failure_or_a_missing_refusal_is_red() -> None:
-    def broken() -> Finding:
+    def broken() -> Verdict:
         raise KeyError("lost")
 
     outcome = run_case(Statement("x", {"subject": "y", "law": "z"}, broken))
-    assert outcome["verdict"] == Verdict.RED
+    assert outcome["verdict"] == "red"
     assert "lost" in outcome["proof"]
-    assert refusal(lambda: None, ValueError).verdict is Verdict.RED
-    assert refusal(lambda: int("x"), ValueError, "absent words").verdict is Verdict.RED
+    assert rejected(lambda: None, ValueError).kind == "red"
+    assert rejected(lambda: int("x"), ValueError, "absent words").kind == "red"
+    assert rejected(lambda: int("x"), ValueError, "invalid literal").kind == "refused"
 
 
 def test_command_writes_what_it_prints(tmp_path: Path) -> None:

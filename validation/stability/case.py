@@ -1,131 +1,84 @@
-"""How the verdict of a robustness case follows from numbers that were computed."""
+"""A robustness case: a function whose docstring is a law, and the verdict that it computes."""
 
 from __future__ import annotations
 
-import time
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import partial
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 from validation.statement import Statement
 
+#: A computed number and the bound that the law sets: what it is, with unit, its value, and the most
+#: that it may be, or a relation and a bound: ``("steps", n, ">=", 10)``. No bound holds for nan.
+Number: TypeAlias = tuple[str, float, float] | tuple[str, float, str, float]
 
-class Verdict(StrEnum):
-    """Outcome of a case."""
+_RELATIONS = {"<=": operator.le, ">=": operator.ge, "==": operator.eq}
+_PRINTED = {"<=": "≤ {:.2g}", ">=": "≥ {:.2g}", "==": "= {:.3g}"}
 
-    GREEN = "green"
-    """The law held."""
-    REFUSED = "refused"
-    """The input was rejected, as it must be, with the reason and the remedy."""
-    RED = "red"
-    """The law did not hold, or the program failed in another way."""
+#: All cases, in the order in which their modules are imported.
+CASES: list[Statement] = []
 
 
 @dataclass(frozen=True)
-class Check:
-    """One computed number and the bounds that the law sets."""
-
-    quantity: str
-    """What it is, with unit."""
-    value: float
-    """As computed."""
-    most: float = float("inf")
-    """Upper bound, included."""
-    least: float = float("-inf")
-    """Lower bound, included."""
-
-    @property
-    def holds(self) -> bool:
-        """Whether the value lies within the bounds; never for nan."""
-        return self.least <= self.value <= self.most
-
-    @property
-    def words(self) -> str:
-        """The number and its bounds."""
-        parts = [f"{self.quantity} {self.value:.3g}"]
-        if self.most == self.least:
-            parts.append(f"= {self.most:.3g}")
-        else:
-            if self.most < float("inf"):
-                parts.append(f"≤ {self.most:.2g}")
-            if self.least > float("-inf"):
-                parts.append(f"≥ {self.least:.2g}")
-        text = " ".join(parts)
-        return text if self.holds else f"VIOLATED: {text}"
-
-
-class Finding:
+class Verdict:
     """What a case found."""
 
-    def __init__(self, *checks: Check, refusal: str | None = None) -> None:
-        self.checks = checks
-        """Numbers that prove the law."""
-        self.refusal = refusal
-        """The message, where the honest answer is a refusal."""
-
-    @property
-    def verdict(self) -> Verdict:
-        """What follows from the numbers."""
-        if not all(check.holds for check in self.checks):
-            return Verdict.RED
-        if self.refusal is not None:
-            return Verdict.REFUSED
-        return Verdict.GREEN if self.checks else Verdict.RED
-
-    @property
-    def proof(self) -> str:
-        """All numbers, and the message of a refusal."""
-        parts = [check.words for check in self.checks]
-        if self.refusal is not None:
-            parts.append(f"“{self.refusal}”")
-        return "; ".join(parts)
+    kind: Literal["green", "refused", "red"]
+    """The law held; the input was rejected, as it must be, with reason and remedy; or neither."""
+    proof: str
+    """All numbers with their bounds, and the message of what was rejected."""
 
 
-def run_case(case: Statement) -> dict[str, Any]:
-    """Run one case; an exception fails the case, never the suite: verdict, proof, CPU time."""
-    start = time.process_time()
-    try:
-        finding = case.judge()
-        verdict, proof = finding.verdict, finding.proof
-    except Exception as error:
-        verdict, proof = Verdict.RED, f"{type(error).__name__}: {error}"
-    seconds = time.process_time() - start
-    return case.as_json() | {"verdict": str(verdict), "proof": proof, "cpu_seconds": seconds}
+def judged(*numbers: Number, message: str | None = None) -> Verdict:
+    """Verdict of numbers, and of the message where the honest answer is a refusal."""
+    parts, holds = [], bool(numbers) or message is not None
+    for quantity, value, *bound in numbers:
+        relation, limit = ("<=", *bound)[-2:]
+        held = _RELATIONS[relation](value, limit)
+        violated = "" if held else "VIOLATED: "
+        parts.append(f"{violated}{quantity} {value:.3g} {_PRINTED[relation].format(limit)}")
+        holds = holds and held
+    if message is not None:
+        parts.append(f"“{message}”")
+    proof = "; ".join(parts)
+    if not holds:
+        return Verdict("red", proof)
+    return Verdict("green" if message is None else "refused", proof)
 
 
-def refusal(
+def rejected(
     call: Callable[[], object], error: type[Exception] | tuple[type[Exception], ...], *words: str
-) -> Finding:
-    """Expect ``call`` to refuse its input with a message that contains ``words``."""
+) -> Verdict:
+    """Expect ``call`` to reject its input with a message that contains ``words``."""
     try:
         call()
-    except error as refused:
-        text = str(refused)
-        missing = [word for word in words if word not in text]
-        return Finding(Check("words missing from the message", len(missing), most=0), refusal=text)
-    return Finding(Check("refusals", 0, least=1))
+    except error as why:
+        missing = [word for word in words if word not in str(why)]
+        number = ("words missing from the message", float(len(missing)), 0.0)
+        return judged(number, message=str(why))
+    return Verdict("red", "VIOLATED: nothing was rejected")
 
 
-class Cases(list[Statement]):
-    """Cases of one subject, collected by a decorator."""
+def case(
+    name: str = "", law: str = "", *, slow: bool = False
+) -> Callable[[Callable[[], Verdict]], Callable[[], Verdict]]:
+    """Add a function to the cases of its module.
 
-    def __init__(self, subject: str) -> None:
-        """Begin with none."""
-        self.subject = subject
+    Parameters
+    ----------
+    name, law
+        Those of the function and of its docstring, where they are not given.
+    slow
+        Whether it takes more than three CPU seconds once everything is compiled.
+    """
 
-    def add(
-        self, name: str, law: str, *, slow: bool = False
-    ) -> Callable[[Callable[[], Finding]], Callable[[], Finding]]:
-        """Add the decorated function as a case."""
+    def register(run: Callable[[], Verdict]) -> Callable[[], Verdict]:
+        function: Any = run.func if isinstance(run, partial) else run
+        words = " ".join((law or function.__doc__).split()).removesuffix(".")
+        text = {"subject": function.__module__.split(".")[2].replace("_", "-"), "law": words}
+        CASES.append(Statement(name or function.__name__.replace("_", "-"), text, run, slow=slow))
+        return run
 
-        def register(run: Callable[[], Finding]) -> Callable[[], Finding]:
-            self.append(Statement(name, {"subject": self.subject, "law": law}, run, slow=slow))
-            return run
-
-        return register
-
-    def case(self, name: str, law: str, run: Callable[..., Finding], *given: Any) -> None:
-        """Add a case that asks what others do, of other things."""
-        self.add(name, law)(partial(run, *given))
+    return register

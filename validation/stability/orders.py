@@ -7,9 +7,6 @@ eigenfrequency of the same discrete model, so that nothing but the time step err
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import eigsh
@@ -22,46 +19,27 @@ from fem.explicit.solve import solve
 from fem.system.model import fixed_nodes
 from geometry.block import box_block
 from geometry.mesh import FloatArray
-from validation.stability.case import Cases, Check, Finding
+from validation.stability.case import Number, Verdict, case, judged
 from validation.stability.problems import one_block
-
-CASES = Cases("orders")
 
 #: Long, slender, and without Poisson's ratio, so that the clamped end has no singular stress.
 SIZE = (200.0, 20.0, 20.0)
 MATERIAL = Material(density=2.4e-9, young_modulus=33000.0, poisson_ratio=0.0)
 
 
-def curve(name: str, sizes: Sequence[float], errors: Sequence[float]) -> dict[str, Any]:
-    """Errors along a refinement, and the slope between the two finest points.
-
-    Its name is the element, or ``time step``; sizes are those of elements [mm] or the time step
-    over the critical one; errors are relative ones of the frequency, magnitude.
-    """
-    order = np.log(errors[-2] / errors[-1]) / np.log(sizes[-2] / sizes[-1])
-    return {"name": name, "sizes": sizes, "errors": errors, "order": float(order)}
-
-
-def _first_mode(stiffness: sp.csr_array, mass: FloatArray) -> tuple[float, FloatArray]:
-    """Lowest ω² and its vector for K x = ω² M x with lumped mass (n,)."""
-    root = sp.diags_array(1.0 / np.sqrt(mass))
-    scaled = sp.csc_matrix(root @ stiffness @ root)
-    start = np.random.default_rng(0).standard_normal(len(mass))
-    value, vector = eigsh(scaled, k=1, sigma=0.0, v0=start)
-    mode: FloatArray = vector[:, 0] / np.sqrt(mass)
-    return float(value[0]), mode
-
-
 def cantilever_frequency(n: int, element: ElementType) -> tuple[float, FloatArray]:
     """First ω [rad/s] and mode (n_nodes, 3) with 10 n × n × n elements, x = 0 clamped."""
     mesh = box_block(SIZE, (10 * n, n, n)).mesh
-    stiffness = sp.csr_array(block_stiffness(mesh, MATERIAL, element))
-    mass = np.repeat(block_lumped_mass(mesh, MATERIAL.density), 3)
     free = np.flatnonzero(np.repeat(mesh.nodes[:, 0] > 0.0, 3))
-    value, vector = _first_mode(sp.csr_array(stiffness[free].tocsc()[:, free]), mass[free])
+    mass = np.repeat(block_lumped_mass(mesh, MATERIAL.density), 3)[free]
+    stiffness = sp.csr_array(block_stiffness(mesh, MATERIAL, element))[free].tocsc()[:, free]
+    # K x = ω² M x with lumped mass: an eigenvalue of M^(-1/2) K M^(-1/2).
+    root = sp.diags_array(1.0 / np.sqrt(mass))
+    start = np.random.default_rng(0).standard_normal(len(mass))
+    value, vector = eigsh(sp.csc_matrix(root @ stiffness @ root), k=1, sigma=0.0, v0=start)
     mode = np.zeros(3 * mesh.n_nodes)
-    mode[free] = vector
-    return float(np.sqrt(value)), mode.reshape(-1, 3)
+    mode[free] = vector[:, 0] / np.sqrt(mass)
+    return float(np.sqrt(value[0])), mode.reshape(-1, 3)
 
 
 def reference_frequency(n: int = 3) -> float:
@@ -74,9 +52,8 @@ def reference_frequency(n: int = 3) -> float:
     basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementHex2()), intorder=4)
     lame = lame_parameters(MATERIAL.young_modulus, MATERIAL.poisson_ratio)
     stiffness = linear_elasticity(*lame).assemble(basis)
-    mass = skfem.BilinearForm(lambda u, v, _: MATERIAL.density * skfem.helpers.dot(u, v)).assemble(
-        basis
-    )
+    inertia = skfem.BilinearForm(lambda u, v, _: MATERIAL.density * skfem.helpers.dot(u, v))
+    mass = inertia.assemble(basis)
     held = basis.get_dofs(lambda x: x[0] == 0.0).flatten()
     free = np.setdiff1d(np.arange(basis.N), held)
     start = np.random.default_rng(0).standard_normal(len(free))
@@ -85,19 +62,8 @@ def reference_frequency(n: int = 3) -> float:
     return float(np.sqrt(value[0]))
 
 
-def mesh_curves(levels: tuple[int, ...] = (1, 2, 4)) -> list[dict[str, Any]]:
-    """Error of the first frequency over the element size, for every element."""
-    exact = reference_frequency()
-    curves = []
-    for element in ElementType:
-        result = [cantilever_frequency(n, element)[0] for n in levels]
-        errors = [abs(omega / exact - 1.0) for omega in result]
-        curves.append(curve(element.value, [SIZE[1] / n for n in levels], errors))
-    return curves
-
-
-def time_step_curve(fractions: tuple[float, ...] = (0.9, 0.45, 0.225)) -> dict[str, Any]:
-    """Error of the first frequency over the time step, measured by the phase of a free run.
+def phase_errors(fractions: tuple[float, ...]) -> list[float]:
+    """Error of the first frequency for steps over the critical one, by the phase of a free run.
 
     Started in the first mode the motion is cos(ω t); after a quarter past several periods the
     tip passes zero, where phase = velocity-free displacement over amplitude, (ω - ω_exact) t.
@@ -105,14 +71,11 @@ def time_step_curve(fractions: tuple[float, ...] = (0.9, 0.45, 0.225)) -> dict[s
     bar = box_block(SIZE, (20, 2, 2))
     omega, mode = cantilever_frequency(2, ElementType.INCOMPATIBLE)
     held = fixed_nodes(0, np.flatnonzero(bar.mesh.nodes[:, 0] == 0.0))
-    system = one_block(bar, MATERIAL, supports=(held,))
-    model = timed_system(system, ramp_time=0.0, end_time=1.0)
-    (body,) = model.bodies
+    model = timed_system(one_block(bar, MATERIAL, supports=(held,)), ramp_time=0.0, end_time=1.0)
     start = 1e-3 * mode / np.abs(mode).max()
     # The error of the phase grows with time: six periods make it well larger than round-off.
     periods = 6.25
-    end = periods * 2 * np.pi / omega
-    weight = np.repeat(body.lumped_mass, 3)
+    end, weight = periods * 2 * np.pi / omega, np.repeat(model.bodies[0].lumped_mass, 3)
     errors = []
     for fraction in fractions:
         run = solve(model, end_time=end, safety_factor=fraction, displacements=(start[None],))
@@ -120,27 +83,30 @@ def time_step_curve(fractions: tuple[float, ...] = (0.9, 0.45, 0.225)) -> dict[s
         amplitude /= float(weight @ start.ravel() ** 2)
         phase = np.arccos(np.clip(amplitude, -1.0, 1.0)) + 2 * np.pi * np.floor(periods)
         errors.append(float(abs(phase / (omega * run.time) - 1.0)))
-    return curve("time step", fractions, errors)
+    return errors
 
 
-@CASES.add(
-    "order-in-mesh-size",
-    "First frequency of a cantilever on one, two, four elements through the thickness: the error "
-    "falls in second order; 1.7 allows for elements that are not in their asymptotic range",
-    slow=True,
-)
-def _mesh_size() -> Finding:
-    curves = mesh_curves()
-    return Finding(
-        *(Check(f"order of {found['name']}", found["order"], least=1.7) for found in curves),
-        Check("largest error on four elements", max(c["errors"][-1] for c in curves), 0.03),
-    )
+@case(slow=True)
+def order_in_mesh_size() -> Verdict:
+    """First frequency of a cantilever over the element size: the error falls in second order.
+
+    Two and four elements through the thickness; an order of 1.7 allows for elements that are
+    not in their asymptotic range.
+    """
+    exact, last, numbers = reference_frequency(), [], list[Number]()
+    for element in ElementType:
+        values = (cantilever_frequency(n, element)[0] for n in (2, 4))
+        before, after = (abs(omega / exact - 1.0) for omega in values)
+        numbers.append((f"order of {element.value}", np.log2(before / after), ">=", 1.7))
+        last.append(after)
+    return judged(*numbers, ("largest error on four elements", max(last), 0.03))
 
 
-@CASES.add(
-    "order-in-time-step",
-    "Phase of a free vibration over the time step: second order; the next term of central "
-    "differences is smaller by (ω Δt)²",
-)
-def _time_step() -> Finding:
-    return Finding(Check("order, off 2", abs(time_step_curve()["order"] - 2.0), 0.01))
+@case()
+def order_in_time_step() -> Verdict:
+    """Phase of a free vibration over the time step: second order.
+
+    The next term of central differences is smaller by (ω Δt)².
+    """
+    before, after = phase_errors((0.45, 0.225))
+    return judged(("order, off 2", abs(np.log2(before / after) - 2.0), 0.01))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,17 +11,33 @@ from rich.table import Table
 from rich.text import Text
 
 from validation.output.progress import following
-from validation.stability.case import Verdict, run_case
+from validation.stability.case import Verdict
 from validation.statement import Statement
 
-_STYLES = {Verdict.GREEN: "green", Verdict.REFUSED: "cyan", Verdict.RED: "bold red"}
-_WORDS = {Verdict.GREEN: "passed", Verdict.REFUSED: "rejected", Verdict.RED: "failed"}
+#: Word and colour of each kind of verdict.
+_KINDS = {
+    "green": ("passed", "green"),
+    "refused": ("rejected", "cyan"),
+    "red": ("failed", "bold red"),
+}
 
 
 def list_cases(cases: Sequence[Statement], console: Console) -> None:
     """Print names and laws of the cases."""
     for case in cases:
         console.print(f"{case.text['subject']:12} {case.name:26} {case.text['law']}")
+
+
+def run_case(case: Statement) -> dict[str, Any]:
+    """Run one case; an exception fails the case, never the suite: verdict, proof, CPU time."""
+    start = time.process_time()
+    try:
+        verdict = case.judge()
+    except Exception as error:
+        verdict = Verdict("red", f"{type(error).__name__}: {error}")
+    seconds = time.process_time() - start
+    result = {"verdict": verdict.kind, "proof": verdict.proof, "cpu_seconds": seconds}
+    return case.as_json() | result
 
 
 def run_cases(cases: Sequence[Statement]) -> dict[str, Any]:
@@ -30,7 +47,7 @@ def run_cases(cases: Sequence[Statement]) -> dict[str, Any]:
         for number, case in enumerate(cases):
             follow(f"{case.name}, {number + 1} of {len(cases)}", number, len(cases))
             result.append(run_case(case))
-    counts = {v: sum(row["verdict"] == v for row in result) for v in Verdict}
+    counts = {kind: sum(row["verdict"] == kind for row in result) for kind in _KINDS}
     seconds = sum(row["cpu_seconds"] for row in result)
     return {"cases": result, "counts": counts, "cpu_seconds": seconds}
 
@@ -44,10 +61,9 @@ def print_cases(found: dict[str, Any], console: Console) -> None:
     table.add_column("proof", ratio=3)
     table.add_column("CPU s", justify="right", no_wrap=True)
     for row in found["cases"]:
-        kind = Verdict(row["verdict"])
-        verdict = Text(_WORDS[kind], _STYLES[kind])
+        verdict = Text(*_KINDS[row["verdict"]])
         name, seconds = f"{row['subject']}\n{row['name']}", f"{row['cpu_seconds']:.2f}"
         table.add_row(verdict, name, row["law"], row["proof"], seconds)
     console.print(table)
-    parts = ", ".join(f"{count} {_WORDS[verdict]}" for verdict, count in found["counts"].items())
+    parts = ", ".join(f"{count} {_KINDS[kind][0]}" for kind, count in found["counts"].items())
     console.print(f"of {len(found['cases'])}: {parts}; {found['cpu_seconds']:.1f} CPU s")

@@ -3,35 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib import import_module
 
-from validation.stability import (
-    contact_law,
-    explicit,
-    geometry,
-    orders,
-    process,
-    rigid,
-    static,
-)
-from validation.stability.degenerate import deformable as degenerate_deformable
-from validation.stability.degenerate import rigid as degenerate_rigid
+from validation.stability.case import CASES
 from validation.statement import Statement, chosen_by_name
+
+_SUBJECTS = (
+    *("rigid", "degenerate.rigid", "degenerate.deformable", "contact_law", "static", "explicit"),
+    *("geometry", "orders", "process"),
+)
 
 
 def cases() -> tuple[Statement, ...]:
     """Every case of every subject."""
-    subjects = (
-        rigid,
-        degenerate_rigid,
-        degenerate_deformable,
-        contact_law,
-        static,
-        explicit,
-        geometry,
-        orders,
-        process,
-    )
-    return tuple(case for subject in subjects for case in subject.CASES)
+    for subject in _SUBJECTS:
+        import_module(f"validation.stability.{subject}")
+    return tuple(CASES)
 
 
 def chosen(names: Sequence[str]) -> list[Statement]:
