@@ -31,7 +31,7 @@ from tests.support.ccx import calculix_available, run_calculix
 from tests.support.commands import command
 from tests.support.cubes_deck import CUBES, changed, changed_lines
 from tests.support.decks import exported, solved, written_again
-from tests.verification.deck_press_fit import MU, block, block_pressure
+from tests.support.press_fit import MU, block, block_pressure
 from tests.verification.macneal_harder import beam_lines, solved_lines, tip_moves
 from validation import load_case
 

@@ -19,9 +19,7 @@ from rich.table import Table
 
 from tests.verification import (
     calculix,
-    changed_decks,
     deck_dialects,
-    deck_press_fit,
     error_bars,
     macneal_harder,
     test_friction,
@@ -36,11 +34,9 @@ TABLES: dict[str, tuple[str, Callable[[], Iterable[Row]]]] = {
     "compas": ("Walls and arches under their weight, one core", test_masonry.peers),
     "calculix": ("CalculiX against tubelock", calculix.rows),
     "friction": ("Friction: static against explicit", test_friction.rows),
-    "changed-decks": ("Random changes of a deck, judged by CalculiX", changed_decks.rows),
     "deck-dialects": ("Decks in fifty ways, beside CalculiX", deck_dialects.rows),
     "macneal-harder": ("Beams of MacNeal and Harder over theory", macneal_harder.beams),
     "le10": ("NAFEMS LE10 from a deck of C3D20", macneal_harder.plate),
-    "deck-press-fit": ("A press fit and a push through, from decks", deck_press_fit.rows),
     "optimiser": ("Searches of 48 among 480 designs", test_optimiser.rows),
     "error-bars": ("Error bars of twenty problems", error_bars.rows),
     "error-bars-problems": ("Each problem with its reference", error_bars.problems),
@@ -48,10 +44,7 @@ TABLES: dict[str, tuple[str, Callable[[], Iterable[Row]]]] = {
     "error-bars-summary": ("Error bars: how many hold, how wide they are", error_bars.summary),
 }
 #: Tables that are made where they are named.
-LONG = (
-    *("error-bars", "error-bars-problems", "error-bars-summary", "error-bars-twelve"),
-    "changed-decks",
-)
+LONG = ("error-bars", "error-bars-problems", "error-bars-summary", "error-bars-twelve")
 
 
 def word(value: Any) -> str:

@@ -17,8 +17,8 @@ from geometry import RefusedError
 from tests.support.ccx import CalculixError, calculix_available
 from tests.support.cubes_deck import CUBES, changed
 from tests.support.decks import solved
+from tests.support.press_fit import block
 from tests.verification.deck_oracle import deck_nodes, difference, original, ours
-from tests.verification.deck_press_fit import block
 from tests.verification.macneal_harder import beam_lines
 
 #: Difference that counts as none [%]: CalculiX presses at nodes, with tension at open springs.
