@@ -85,9 +85,8 @@ class CoulombFriction:
         for value in (self.coefficient, *(pair[2] for pair in self.of_pairs)):
             if not 0.0 <= value <= MOST_FRICTION:
                 raise FrictionError(
-                    f"coefficient: got {value:g}, expected up to "
-                    f"{MOST_FRICTION:g}; an angle of friction φ is given as its tangent: 30° is "
-                    "0.577"
+                    f"coefficient: got {value:g}, expected 0 to {MOST_FRICTION:g}; an angle of "
+                    "friction φ is given as its tangent: 30° is 0.577"
                 )
 
     def stick(self, modulus: float, length: float) -> float:

@@ -26,7 +26,6 @@ from fem.accuracy.one_mesh import static_state
 from fem.decks.deck import Flavour
 from fem.decks.problem import problem_deck
 from fem.decks.write import write_deck
-from fem.problem import ProblemError
 from geometry import SineBlock, pipe, tube
 from geometry.block import box_block
 from geometry.families.boxes import ColumnBox, box_column
@@ -143,19 +142,6 @@ def test_a_sector_needs_the_same_materials_round_the_axis() -> None:
         whole = solve_static(problem, Static(symmetry="none", mesh="scene"))
         moved, expected = (a.fields["displacement"] for a in (found, whole))
         assert np.abs(moved - expected).max() < 1e-6 * np.abs(expected).max()
-
-
-@pytest.mark.parametrize(
-    ("material", "words"),
-    [
-        ([concrete], "got 1 materials for 2 blocks; expected 2"),
-        ([concrete, "steel"], "got a str; expected a Material"),
-        (None, "got a NoneType; expected a Material"),
-    ],
-)
-def test_materials_are_one_or_one_for_each_block(material: object, words: str) -> None:
-    with pytest.raises(ProblemError, match=words):
-        replace(column(), material=material)
 
 
 # ---------------------------------------------------------------------------------------------

@@ -19,7 +19,6 @@ from fem import (
     write_deck,
 )
 from fem.accuracy.one_mesh import static_state
-from fem.contact.friction import FrictionError
 from fem.decks.keywords import DeckError
 from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import solve as solve_explicit
@@ -28,7 +27,7 @@ from fem.system.sector import largest_cyclic_orbits
 from geometry import SineBlock, shaft, tube
 from geometry.errors import RefusedError
 from geometry.loads import LoadCase
-from geometry.parts.pairs import PairError, pair_values
+from geometry.parts.pairs import pair_values
 from mbd import contact_jacobian
 from mbd.force_range import force_ranges
 from mbd.friction import collapse_load, frictional_contacts
@@ -97,22 +96,6 @@ def test_a_sector_needs_the_same_friction_round_the_axis() -> None:
         rough = CoulombFriction(0.1, of_pairs=tuple((a, b, 0.5) for a, b in pairs))
         stated = Problem(blocks, shaft(0.01), concrete, friction=rough).deformable
         assert largest_cyclic_orbits(stated).order == order
-
-
-@pytest.mark.parametrize(
-    ("of_pairs", "error", "words"),
-    [
-        (((0, 7, 0.6),), PairError, "got blocks 0 and 7; expected two different ones of 0 to 2"),
-        (((1, 1, 0.6),), PairError, "got blocks 1 and 1"),
-        (((0, 1, 0.6), (1, 0, 0.3)), PairError, "blocks 1 and 0 are named twice"),
-        (((1, 2, 0.6),), PairError, "blocks 1 and 2 do not touch"),
-        (((0, 1, -0.6),), FrictionError, "got -0.6"),
-        (((0, 1, 30.0),), FrictionError, "got 30, expected up to 10"),
-    ],
-)
-def test_wrong_pairs_are_told_in_one_line(of_pairs, error: type, words: str) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(error, match=words):
-        _ = pushed(CoulombFriction(0.3, of_pairs=of_pairs)).deformable
 
 
 # ---------------------------------------------------------------------------------------------
@@ -188,39 +171,3 @@ def test_friction_of_some_joints_needs_that_of_the_others(tmp_path: Path) -> Non
     smooth = solve_static(replace(case.problem, friction=None), Static(mesh="scene"))
     moved = frictionless_answer(tmp_path / "pairs.toml")["measures"]["max_displacement"]["value"]
     assert moved == pytest.approx(smooth["max_displacement"].value, rel=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("setting", "words"),
-    [
-        ("[{between=[0, 2], friction=0.1}]", "block 0 and block 2 do not touch"),
-        ("[{between=[0, 5], friction=0.1}]", "got block 5, but there are 3 blocks"),
-        ("[{between=[0, 'oak'], friction=0.1}]", "got 'oak'; expected .* 'concrete', 'steel'"),
-        ("[{between=['steel', 'steel'], friction=0.1}]", "'steel' and 'steel' do not touch"),
-        (
-            "[{between=[0, 1], friction=0.1}, {between=[1, 0], friction=0.3}]",
-            "joint of blocks 0 and 1 is named twice",
-        ),
-        ("[{between=[0, 1], friction=30.0}]", "an angle in degrees"),
-        ("[{between=[0, 1], friction=-0.1}]", "greater than or equal to 0"),
-        ("[{between=[0, 1], friction=0.1, law='linear'}]", "contact.pairs.stiffness is missing"),
-        (
-            "[{between=[0, 1], maximum_stiffness=5.0}]",
-            "got maximum_stiffness without law",
-        ),
-        ("[{between=[0, 1]}]", "a pair without friction and law; expected one"),
-        ("[{between=[0, 2], law='exponential'}]", "block 0 and block 2 do not touch"),
-    ],
-)
-def test_wrong_pairs_of_a_scene_are_told_in_one_line(
-    setting: str, words: str, tmp_path: Path
-) -> None:
-    (tmp_path / "pairs.toml").write_text(SCENE, "utf-8")
-
-    def stated() -> Problem:
-        file = load_case(str(tmp_path / "pairs.toml"), [f"contact.pairs={setting}"])
-        return file.problem
-
-    with pytest.raises(RefusedError, match=words) as refused:
-        stated()
-    assert "\n" not in str(refused.value)

@@ -26,7 +26,6 @@ from fem.explicit.setup.timed_system import timed_system
 from fem.explicit.solve import solve as solve_explicit
 from fem.system.effects import AdaptiveMassDamping, Effects
 from fem.system.sector import largest_cyclic_orbits
-from geometry.parts.pairs import PairError
 from tests.support.pushed_bricks import EDGE, PRESSURE, SCENE, STONE, frictionless_answer, pushed
 from validation import load_case
 
@@ -88,15 +87,6 @@ def test_laws_of_ones_own_are_taken_by_pairs() -> None:
     found = static_state(pressed(PairLaws(STIFF, ((0, 2, table),))).deformable)
     expected = PRESSURE / np.array([500.0, 50.0]) + SHORTENED
     assert sunk(found.displacements) == pytest.approx(expected, rel=1e-8)
-
-
-def test_pairs_that_are_none_are_rejected() -> None:
-    for pairs, words in (
-        (((0, 7, SOFT),), "law: got blocks 0 and 7; expected two different ones of 0 to 2"),
-        (((1, 2, SOFT),), "law: blocks 1 and 2 do not touch"),
-    ):
-        with pytest.raises(PairError, match=words):
-            _ = pressed(PairLaws(STIFF, pairs)).deformable
 
 
 def test_a_sector_needs_the_same_laws_round_the_axis() -> None:

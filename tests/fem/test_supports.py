@@ -22,8 +22,6 @@ from geometry import (
     TractionLoad,
     box_block,
 )
-from geometry.loads import LoadCaseError
-from geometry.parts.supports import SupportError
 from tests.support.drawn_blocks import cuboid, write_obj
 from validation import InputError, load_case
 
@@ -166,51 +164,11 @@ def test_supports_that_contradict_each_other_are_rejected_by_name() -> None:
         solved(blocks, held)
 
 
-@pytest.mark.parametrize(
-    ("face", "stated", "said"),
-    [
-        ("top", {}, "has no face 'top'; expected one of x-"),
-        (Plane(9e3 * Z, Z), {}, "no surface node of block 0"),
-        (Plane(9e3 * Z, Z), {"spring": 1.0}, "no facet of the blocks 0"),
-        ("z-", {"spring": -1.0}, "positive stiffness"),
-        ("z-", {"directions": 2.0 * Z[None]}, "unit vectors"),
-    ],
-)
-def test_a_support_that_no_block_has_is_rejected(face, stated: dict, said: str) -> None:
-    blocks = placed(box_block(tuple(SIZE), (1, 1, 1)))
-    with pytest.raises(SupportError, match=said):
-        LoadCase(blocks, "test", (), blocks.fixed, held=(HeldFace(0, face, **stated),))
-
-
-def test_a_load_on_no_facet_is_rejected() -> None:
-    blocks = placed(box_block(tuple(SIZE), (1, 1, 1)))
-    with pytest.raises(LoadCaseError, match="no facet of the blocks 0"):
-        LoadCase(blocks, "test", (PressureLoad(ALL, Plane(9e3 * Z, Z), 1.0),), blocks.fixed)
-
-
 BOX = {
     "block": {"type": "box", "size": [100.0, 50.0, 40.0]},
     "mesh": {"divisions": [2, 1, 1]},
     "fem": {"mesh": "scene", "error_estimate": False},
 }
-
-
-@pytest.mark.parametrize(
-    ("stated", "said"),
-    [
-        ({"supports": [{"hold": ["x"]}]}, "expected one of face, plane, box"),
-        ({"supports": [{"face": "z-", "spring": 1.0, "move": [0, 0, 1]}]}, "spring and move"),
-        ({"supports": [{"face": "z-", "move": [0, 0, 1], "path": [[0, 1], [1, 0]]}]}, "share of 0"),
-        ({"supports": [{"plane": {"x": 0.0, "y": 0.0}}]}, "one coordinate"),
-        ({"loads": [{"face": "z+"}]}, "got no load"),
-        ({"loads": [{"face": "z+", "pressure": 1.0, "force": [1, 0, 0]}]}, "pressure and force"),
-        ({"loads": [{"line": [[0, 0, 0], [1, 0, 0]], "face": "z+"}]}, "got no load"),
-        ({"loads": [{"face": "z+", "pressure": float("inf")}]}, "finite"),
-    ],
-)
-def test_a_scene_says_what_is_wrong_with_a_support_or_a_load(stated: dict, said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        load_case(BOX | stated)
 
 
 PANEL = {"block": {"type": "tetrahedra", "edge": 90.0}, "assembly": {"columns": 1, "rows": 1}}

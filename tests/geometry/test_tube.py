@@ -207,21 +207,6 @@ def test_odd_layers_turn_by_whole_waves(frequency: float, turn: str | int, share
     assert (met[tube.free_blocks] == tube.eligible_facets()[tube.free_blocks]).all()
 
 
-@pytest.mark.parametrize(
-    ("turn", "message"),
-    [
-        (0.75, r"cut into each other by up to 28\.3 mm.*try 0 or 1"),
-        (2.5, "try 0 or 2"),
-        (3, "has 3; expected 0 to 2: 0 is the same tube"),
-        (-1, "2 is the same tube"),
-        (float("nan"), "turn: got nan"),
-    ],
-)
-def test_turns_that_make_blocks_collide_name_the_nearest(turn: float, message: str) -> None:
-    with pytest.raises(RefusedError, match=message):
-        SineTube(tsb(), SineBlockDivisions(24, 2, 2), 1, turn).build()
-
-
 def test_meshes_that_miss_after_a_turn_name_counts_and_turns() -> None:
     """Four waves: one wave needs whole quarters of the block, the half block only halves."""
     SineTube(tsb(frequency=2.0), SineBlockDivisions(18, 2, 2), 1).build()

@@ -169,9 +169,8 @@ def _blocks(end: int | str, materials: NDArray[np.str_], assembly: AnyBlocks) ->
         known = ", ".join(
             repr(name) for name in dict.fromkeys([*materials.tolist(), *assembly.names]) if name
         )
-        raise PairError(
-            f"{_KEY}: got {end!r}; expected the number of a block, or a name of {known}"
-        )
+        names = f", or a name of {known}" if known else "; none has a name"
+        raise PairError(f"{_KEY}: got {end!r}; expected the number of a block{names}")
     meant[numbers_of(_KEY, end, assembly.names or ("",) * assembly.n_blocks)] = True
     return meant
 

@@ -333,7 +333,8 @@ def check_study(
             'scene, e.g. "block.amplitude" = [10, 20]'
         )
     settings = dict(flat(data.get("settings", {})))
-    _refuse_twice(name, parameters, settings)
+    overrides = tuple(overrides)
+    _refuse_twice(name, parameters, {*settings, *(word.partition("=")[0] for word in overrides)})
     files = []
     if isinstance(scene, str):
         source = _scene_source(scene, folder)
@@ -463,7 +464,7 @@ def _decimal(place: str, value: Any) -> Decimal:
 
 
 def _refuse_twice(
-    name: str, parameters: tuple[tuple[str, tuple[Value, ...]], ...], settings: Mapping[str, Any]
+    name: str, parameters: tuple[tuple[str, tuple[Value, ...]], ...], settings: set[str]
 ) -> None:
     paths = [path for path, _ in parameters]
     for path in paths:
