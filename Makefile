@@ -108,7 +108,7 @@ format: setup
 bench: setup
 	$(BIN)/python -m tests.benchmarks.rates
 
-# Answers and CPU times of 27 problems beside those of a commit: `make frozen OLD=main~1`.
+# Answers and CPU times of 26 problems beside those of a commit: `make frozen OLD=main~1`.
 OLD ?= HEAD
 frozen: setup
 	$(BIN)/python -m tests.benchmarks.frozen $(OLD)

@@ -232,6 +232,8 @@ def _why_no_reference(problem: Problem) -> str | None:
         return "blocks with friction have many static states"
     if problem.motion is not None:
         return "blocks that move at the start"
+    if problem.finite_rotation:
+        return "static states have small rotations, and blocks of this run turn by any angle"
     try:
         return why_not_refined(problem)
     except RefusedError as error:

@@ -32,7 +32,7 @@ from fem.system.frames import Frames
 from geometry.assembly import AnyBlocks, Assembly, PlacedBlocks, UnmatchedJoint, spacing_offsets
 from geometry.block import Block
 from geometry.errors import RefusedError, is_number
-from geometry.loads import Load, LoadCase
+from geometry.loads import Load, LoadCase, PressureLoad
 from geometry.mesh import BoolArray, FloatArray, IntArray, check_mesh
 from geometry.parts.pairs import OfPairs, check_pairs
 
@@ -136,7 +136,8 @@ class Problem:
         Finite sliding with a contact search; else small sliding of fixed pairs of matching facets.
         Default False: a search where facets do not match alone.
     finite_rotation
-        Whether blocks may turn by any angle. Default False: small rotations.
+        Whether blocks may turn by any angle, in explicit runs alone. Default False: small
+        rotations.
     gravity
         Uniform acceleration, (3,) [mm/s²], such as ``(0, 0, -9810)``. Default None: absent.
     motion
@@ -319,10 +320,6 @@ class Problem:
             raise ProblemError(
                 f"after: got a statement that differs in {', '.join(others) or 'blocks or law'}; "
                 "expected the same blocks, materials and contact, with other loads and supports"
-            )
-        if self.finite_rotation:
-            raise ProblemError(
-                "after: got finite_rotation, which no state after another has; expected it off"
             )
 
     @property
@@ -588,6 +585,28 @@ class Problem:
         """
         if self.motion is not None:
             raise ProblemError("motion: a static state has none; expected solve_explicit")
+
+    def require_static(self) -> None:
+        """Reject what no static state has, in this statement and in those before it.
+
+        Raises
+        ------
+        ProblemError
+            An initial motion, blocks that turn by any angle, or a pressure that turns with them.
+        """
+        for stage in self.stages:
+            stage.refuse_motion()
+            if stage.finite_rotation:
+                raise ProblemError(
+                    "finite_rotation: got True; static states have small rotations: expected it "
+                    'off, or an explicit run (fem.method = "explicit")'
+                )
+            if any(isinstance(f, PressureLoad) and f.follows_block for f in stage.load_case.faces):
+                raise ProblemError(
+                    "load: got a pressure that turns with its block (follows_block); loads of "
+                    "static states keep their direction: expected follows_block=False, or an "
+                    "explicit run with finite_rotation"
+                )
 
     @cached_property
     def deformable(self) -> System:

@@ -16,7 +16,7 @@ from fem.contact.search import SearchedPoints
 from fem.contact.surfaces import ContactPoints
 from fem.element.stress import principal_stress
 from fem.stresses.peaks import StressPeaks, joint_forces, moved_blocks, stress_peaks
-from fem.stresses.recovery import Recovered, block_displacements, internal_forces, recover
+from fem.stresses.recovery import Recovered, recover
 from fem.stresses.sections import SolvedState, section_forces
 from fem.system.loose import loose_blocks
 from fem.system.reactions import PushCurve, push_curves, reactions
@@ -126,8 +126,6 @@ class State(ReadOnlyArrays):
     """Work lost in sliding, zero without friction, of a static state [N mm]. What slides in a load
     step does so at the limit, which counts with the mean of the pressures at its ends: with few
     load steps too much, by about a tenth with four."""
-    finite_rotation: bool = False
-    """Whether the rigid rotation of each block is no strain."""
     evidence: Evidence = field(default_factory=Evidence)
     """How a static state was found."""
     run: Run | None = None
@@ -137,6 +135,11 @@ class State(ReadOnlyArrays):
     def deformable(self) -> System:
         """Blocks, loads, supports and contact of the whole."""
         return self.system.whole
+
+    @property
+    def finite_rotation(self) -> bool:
+        """Whether the rigid rotation of each block is no strain: of explicit runs that state it."""
+        return self.run is not None and self.run.stated.effects.finite_rotation
 
     @property
     def method(self) -> str:
@@ -256,12 +259,15 @@ class State(ReadOnlyArrays):
         return max(float(np.linalg.norm(u, axis=2).max()) for u in self.displacements)
 
     @cached_property
+    def largest_turn(self) -> float:
+        """Largest angle by which a block turns [rad]."""
+        groups = zip(self.deformable.bodies, self.displacements, strict=True)
+        return max(float(_turns(g.mesh.nodes, u).max(initial=0.0)) for g, u in groups)
+
+    @property
     def turns_as_small(self) -> bool:
         """Whether a block turns by an angle that is not small, and it is counted as if it were."""
-        if self.finite_rotation:
-            return False
-        groups = zip(self.deformable.bodies, self.displacements, strict=True)
-        return any(float(_turns(g.mesh.nodes, u).max(initial=0.0)) > _FAR for g, u in groups)
+        return not self.finite_rotation and self.largest_turn > _FAR
 
     @property
     def large_motion(self) -> float | None:
@@ -384,7 +390,7 @@ class State(ReadOnlyArrays):
         """K u of the nodes of each group, for balance and energy, (n_copies, n_nodes, 3) [N]."""
         groups = zip(self.deformable.bodies, self.displacements, strict=True)
         return tuple(
-            internal_forces(group, u, finite_rotation=self.finite_rotation) for group, u in groups
+            g.internal_force(u @ g.rotations) @ g.rotations.transpose(0, 2, 1) for g, u in groups
         )
 
     def _contact_forces(self, loads: list[FloatArray]) -> tuple[FloatArray, ...]:
@@ -506,15 +512,9 @@ class State(ReadOnlyArrays):
 
     @cached_property
     def strain_energy(self) -> float:
-        """Of all blocks, rigid rotation removed where it may be finite [N mm]."""
-        if not self.finite_rotation:
-            forces = zip(self.displacements, self._internal_forces, strict=True)
-            return 0.5 * sum(float((u * force).sum()) for u, force in forces)
-        energy = 0.0
-        for group, u in zip(self.deformable.bodies, self.displacements, strict=True):
-            local, _ = block_displacements(group, u, finite_rotation=self.finite_rotation)
-            energy += 0.5 * float((local * group.internal_force(local)).sum())
-        return energy
+        """Of all blocks [N mm]."""
+        forces = zip(self.displacements, self._internal_forces, strict=True)
+        return 0.5 * sum(float((u * force).sum()) for u, force in forces)
 
     @cached_property
     def contact_energy(self) -> float:

@@ -57,7 +57,7 @@ class PressureLoad(ReadOnlyArrays):
     pressure: float
     """Positive pushes inward [MPa]."""
     follows_block: bool = False
-    """Whether it turns with its block where blocks may turn by any angle; else it is dead."""
+    """Whether it turns with its block, in explicit runs with finite rotation; else it is dead."""
 
     def tractions(self, assembly: Assembly, centroids: FloatArray) -> None:  # noqa: ARG002
         """None: a pressure acts along each facet's own normal."""

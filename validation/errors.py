@@ -31,6 +31,7 @@ _KEYS = {
     "clearance": "contact.clearance",
     "coefficient": "effects.friction.coefficient",
     "end_time": "fem.end_time",
+    "finite_rotation": "effects.finite_rotation",
     "friction": "effects.friction",
     "gravity": "effects.gravity",
     "max_work": "fem.max_work",

@@ -398,7 +398,6 @@ def _state(
         deformable,
         options,
         factor=factor,
-        finite_rotation=stated.finite_rotation,
         start=start,
         known=known,
     )
@@ -419,7 +418,7 @@ def _may_start(stated: Problem, before: Problem) -> bool:
 
     Searched points take long to come to rest however near the start is.
     """
-    if stated.finite_rotation or stated.searches:
+    if stated.searches:
         return False
     shapes = zip(stated.blocks.shapes, before.blocks.shapes, strict=True)
     return all(charts_of(a).directions == charts_of(b).directions for a, b in shapes)

@@ -45,7 +45,6 @@ def static_state(
     options: StaticOptions | None = None,
     *,
     factor: float = 1.0,
-    finite_rotation: bool = False,
     store: FlexibilityStore | None = None,
     start: tuple[FloatArray, ...] | None = None,
     before: Sequence[System] = (),
@@ -70,11 +69,6 @@ def static_state(
         options = replace(options, motion_steps=MOTION_STEPS)
     if before:
         state = solve_history([*before, deformable], options, store)
-    elif finite_rotation:
-        # Its internal forces are those of explicit runs, which load a compiler.
-        from fem.static.rotation import solve_static_with_rotation
-
-        state = solve_static_with_rotation(deformable, options, start=start, store=store)
     else:
         state = solve_static(deformable, options, store=store, start=start, known=known)
     if not state.converged:

@@ -91,7 +91,8 @@ def solve_static(
     Raises
     ------
     ProblemError
-        An initial motion, which needs an explicit run; or nothing acts.
+        What needs an explicit run (an initial motion, blocks that turn by any angle, loads that
+        turn with them), here or in a problem before; or nothing acts.
     AccuracyError
         A requested accuracy of a problem that cannot be refined.
     StaticError
@@ -105,7 +106,7 @@ def solve_static(
     """
     require_method(method, Static, "solve_static")
     problem = _of_usual_degree(problem, require_problem(problem))
-    problem.refuse_motion()
+    problem.require_static()
     problem.require_action()
     with stages() as watch:
         finer = refines(problem, method)
@@ -274,8 +275,7 @@ def _state(
 ) -> State:
     """State of a problem on its mesh."""
     *before, deformable = (stage.deformable for stage in problem.stages)
-    turning = problem.finite_rotation
-    return static_state(deformable, options, finite_rotation=turning, store=store, before=before)
+    return static_state(deformable, options, store=store, before=before)
 
 
 def _errors_under(
@@ -284,8 +284,7 @@ def _errors_under(
     """Errors on the mesh of the problem under a factor times the loads, of a state there."""
 
     def solve(other: Problem) -> State:
-        turning = other.finite_rotation
-        return static_state(other.deformable, options, factor=factor, finite_rotation=turning)
+        return static_state(other.deformable, options, factor=factor)
 
     return static_errors(problem, state, solve, spent)
 
@@ -365,8 +364,7 @@ def _write_frames(
     path = [state]
     if parts > 1:
         in_parts = replace(options, load_steps=parts, load_tolerance=None)
-        turning = state.finite_rotation
-        again = static_state(state.deformable, in_parts, finite_rotation=turning)
+        again = static_state(state.deformable, in_parts)
         path = [*again.evidence.path, state]
     for frame in _frames(count, path):
         on_frame(frame)

@@ -97,7 +97,6 @@ def strength_factors(
             state.deformable,
             options,
             factor=factor,
-            finite_rotation=state.finite_rotation,
             store=store,
             start=solved[last].displacements if near and not path_counts else None,
         )

@@ -67,7 +67,6 @@ def solve_static(
     options: StaticOptions | None = None,
     *,
     start: tuple[FloatArray, ...] | None = None,
-    slips_from_rest: bool = False,
     store: FlexibilityStore | None = None,
     known: Known = (),
 ) -> State:
@@ -82,9 +81,6 @@ def solve_static(
     start
         Displacements of each group in a state of the same model, (n_copies, n_nodes, 3) [mm], for
         instance under another load.
-    slips_from_rest
-        With a start, finite sliding and friction: whether slips count from the blocks at rest, and
-        the start is only where to look from; else they count from the start.
     store
         Of one call for the next: blocks that are the same are condensed once.
     known
@@ -113,7 +109,7 @@ def solve_static(
     change = options.load_tolerance
     without = deformable.contact.friction is None or start is not None
     if without or change is None:
-        return _load(deformable, options, start, store, slips_from_rest=slips_from_rest)
+        return _load(deformable, options, start, store)
 
     near = dict(known)
 
@@ -140,7 +136,6 @@ def _load(
     start: tuple[FloatArray, ...] | None,
     store: FlexibilityStore,
     *,
-    slips_from_rest: bool = False,
     known: Known = (),
 ) -> State:
     """Apply the load in the requested parts; states under some loads may be ``known`` nearly."""
@@ -154,8 +149,6 @@ def _load(
     ready = time.process_time()
     before = None if start is None else localised(problem.system, start)
     first = start_iterate(problem.system, before)
-    if search is not None and slips_from_rest:
-        search.begin = np.zeros_like(first.displacement)
     again = None if search is None else replace(search)
     path = load_path(problem, options, options.load_steps)
     found = follow(problem, first, path, known=known, search=search)

@@ -79,24 +79,6 @@ def _turn(vectors: FloatArray) -> FloatArray:
     return result
 
 
-def turned_rigidly(group: Body, displacement: FloatArray) -> FloatArray:
-    """Displacements whose linear rotation of each block becomes a finite one with its tangent.
-
-    A linear rotation ω × x stretches a block by ω²/2: far more than its strains. World axes, of
-    every copy, (n_copies, n_nodes, 3) [mm].
-    """
-    mass, arms = group.lumped_mass, _arms(group) @ group.rotations.transpose(0, 2, 1)
-    moved = displacement - (mass @ displacement / mass.sum())[:, None]
-    products = np.einsum("n,cni,cnj->cij", mass, arms, arms)
-    inertia = np.trace(products, axis1=1, axis2=2)[:, None, None] * np.eye(3) - products
-    about = np.einsum("n,cni->ci", mass, np.cross(arms, moved))
-    spin = np.linalg.solve(inertia, about[:, :, None])[:, :, 0]
-    size = np.linalg.norm(spin, axis=1, keepdims=True)
-    turn = _turn(np.arctan(size) / np.maximum(size, 1e-300) * spin) - cross_matrix(spin)
-    result: FloatArray = displacement + arms @ turn.transpose(0, 2, 1)
-    return result
-
-
 def block_displacements(
     group: Body, displacement: FloatArray, *, finite_rotation: bool
 ) -> tuple[FloatArray, FloatArray]:
@@ -117,25 +99,6 @@ def block_displacements(
     moved = displacement - mean[:, None]
     back = moved + moved @ turn + _arms(group) @ frames.transpose(0, 2, 1) @ turn
     return back @ frames, frames + turn @ frames
-
-
-def internal_forces(group: Body, displacement: FloatArray, *, finite_rotation: bool) -> FloatArray:
-    """K u of each copy, world axes, (n_copies, n_nodes, 3) [N], springs included.
-
-    With finite rotation f_frame(u), by the formula of `fem.explicit.block_frame`.
-    """
-    if not finite_rotation:
-        forces = group.internal_force(displacement @ group.rotations)
-        return forces @ group.rotations.transpose(0, 2, 1)
-    local, frames = block_displacements(group, displacement, finite_rotation=True)
-    mass, forces = group.lumped_mass, group.internal_force(local)
-    arms = _arms(group)
-    fit = np.einsum("n,cni,nj->cij", mass, arms + local, arms)
-    inertia = np.trace(fit, axis1=1, axis2=2)[:, None, None] * np.eye(3) - fit
-    torque = np.cross(local, forces).sum(axis=1)
-    spin = np.linalg.solve(inertia, torque[:, :, None])[:, None, :, 0]
-    result: FloatArray = (forces - mass[:, None] * np.cross(spin, arms)) @ frames.transpose(0, 2, 1)
-    return result
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,6 @@ PROBLEMS = {
     ),
     "springs": Frozen("beam-on-springs", _SEARCHED, {**_STATIC, "mesh.divisions": [24, 1, 1]}),
     "gap": Frozen("tsb1-tunnel", _MATCHED, {**_TWO, **_STATIC, "contact.clearance": 0.05}),
-    "rotation": Frozen("tsb1-pipe", _MATCHED, {**_ONE, **_STATIC, "effects.finite_rotation": True}),
     "explicit": Frozen("tsb1-pipe", _IN_TIME, {**_ONE, **_EXPLICIT}),
     "explicit, sliding": Frozen("tsb1-pipe", _IN_TIME, {**_ONE, **_EXPLICIT, **_SHORT, **_SLIDES}),
     "explicit, friction": Frozen(

@@ -69,7 +69,11 @@ def test_an_option_leaves_the_converged_value_out(tubelock) -> None:
 
 
 @pytest.mark.parametrize(
-    ("setting", "why"), [("effects.friction.coefficient=0.3", "friction have many static states")]
+    ("setting", "why"),
+    [
+        ("effects.friction.coefficient=0.3", "friction have many static states"),
+        ("effects.finite_rotation=true", "static states have small"),
+    ],
 )
 def test_a_scene_without_a_converged_state_says_why(tubelock, setting, why) -> None:
     out, data = answer(tubelock, "--set", setting, "--set", "fem.error_estimate=false")

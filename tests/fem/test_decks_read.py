@@ -209,14 +209,19 @@ def test_large_rotations_that_are_solved_linearly_are_named(tmp_path: Path) -> N
     tail = tail.partition("*Boundary")[2].replace("CORNER, 1, 2\nNEXT, 2\n", "")
     tail = tail.replace("UPPER, P2, 2.", "LOWER, P6, {}")
     material = "*Material, name=M\n*Elastic\n1000., 0.\n*Solid Section, elset=LOWER, material=M\n"
+    turns = []
     for pressure, left in ((1.0, False), (50.0, True)):
         body = f"{head}{material}*Boundary{tail.format(pressure)}"
         (tmp_path / "bar.inp").write_text(body, "utf-8")
         status, said, wrong = command("deck", str(tmp_path / "bar.inp"), "--run", "--json", "-")
         assert status == 0, wrong
-        notes = json.loads(said)["remarks"]
+        data = json.loads(said)
+        notes = data["remarks"]
         assert any("linear in rotations" in note for note in notes)
+        turns.append(data["largest_rotation"])
         assert any("elements turn by" in note for note in notes) == left
+    assert turns[1] == pytest.approx(50.0 * turns[0], rel=1e-6)  # small rotations are linear
+    assert turns[1] > 0.02
 
 
 def test_steps_follow_each_other() -> None:

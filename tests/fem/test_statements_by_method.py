@@ -66,6 +66,7 @@ def _loaded(*held: HeldFace, faces: tuple[Any, ...] = (PRESSED,)) -> LoadCase:
 
 PUSH = np.array([[0.0] * 6, [0.0, 0.0, -100.0, 0.0, 50.0, 0.0]])
 PRESSURE = PressureLoad(np.array([1]), side(TWO, 1, Z), 0.1)
+TURNING = replace(PRESSURE, follows_block=True)
 #: Load case and further parts of the problem.
 STATEMENTS: dict[str, tuple[LoadCase, dict[str, Any]]] = {
     "roller: a support along a world axis": (_loaded(), {}),
@@ -79,6 +80,7 @@ STATEMENTS: dict[str, tuple[LoadCase, dict[str, Any]]] = {
     "springs below a face": (_loaded(BED), {}),
     "springs, blocks that turn by any angle": (_loaded(BED), {"finite_rotation": True}),
     "pressure on a region": (_loaded(faces=(PRESSURE,)), {}),
+    "pressure that turns with its block, on a region": (_loaded(faces=(TURNING,)), {}),
     "traction on a region": (_loaded(), {}),
     "line load": (case(TWO, (), GUIDES, [MIDDLE]), {}),
     "force and moment on a block": (_loaded(faces=()).with_wrenches(PUSH), {}),
@@ -151,6 +153,23 @@ def test_a_method_takes_a_statement_or_rejects_it_with_these_words(
         CALLS[method](Problem(TWO, load, concrete, **stated), tmp_path)
     assert cell.removeprefix("no: ") in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("before", "words"),
+    [
+        ((_loaded(), {"finite_rotation": True}), "^finite_rotation: got True"),
+        ((_loaded(faces=(TURNING,)), {}), "got a pressure that turns with its block"),
+        ((_loaded(), {"motion": Motion(Z, np.zeros(3))}), "^motion: a static state has none"),
+    ],
+)
+def test_statics_reject_in_a_problem_before_what_they_reject_in_the_last(
+    before: tuple[LoadCase, dict[str, Any]], words: str
+) -> None:
+    load, stated = before
+    last = Problem(TWO, _loaded(), concrete, after=Problem(TWO, load, concrete, **stated))
+    with pytest.raises(RefusedError, match=words):
+        solve_static(last, Static(mesh="scene"))
 
 
 #: A roller on three sides, tractions on a plane, a line load and a motion by a table.

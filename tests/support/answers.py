@@ -36,9 +36,7 @@ def on_its_mesh(
 
 def by_options(problem: Problem, options: StaticOptions | None = None) -> Answer:
     """Static answer on the mesh of a problem, by options of the solver that no scene has."""
-    turning = problem.finite_rotation
-    solution = static_state(problem.deformable, options, finite_rotation=turning)
-    return answer_of(solution, problem=problem)
+    return answer_of(static_state(problem.deformable, options), problem=problem)
 
 
 def both_kinds(case: Case, *, explicit: bool = False) -> tuple[Answer, ...]:

@@ -221,6 +221,7 @@ def deck(
         input_table,
         read_file,
         rewrite,
+        rotation_rows,
         run_command,
         solve_deck,
     )
@@ -258,12 +259,15 @@ def deck(
                 show.end(answer)
             outputs.console.print(str(answer))
             refined = answer.parts.get("accuracy")
-            for row in () if refined is None else refined.rows:
+            turned = rotation_rows(stated, answer)
+            for row in [*turned, *(() if refined is None else refined.rows)]:
                 outputs.console.print(f"  {row.title:20} {row.words}")
             for note in stated.model.notes[before:]:
                 outputs.console.print(note)
             data["remarks"] = stated.model.notes
             data["measures"] = answer.as_dict()["measures"]
+            if turned:
+                data["largest_rotation"] = turned[0].value
             if refined is not None:
                 data["accuracy"] = refined.as_json()
         outputs.write_json(data)

@@ -233,6 +233,14 @@ def _change_by_increments(answer: Answer) -> str:
     return f"half of {steps} increments a stage would change {', '.join(shares)}"
 
 
+def rotation_rows(deck: InputDeck, answer: Answer) -> list[Row]:
+    """The largest rotation of a block, where NLGEOM is answered by small rotations."""
+    if not deck.steps[-1].large_rotations or answer.details.finite_rotation:
+        return []
+    turn = answer.details.largest_turn
+    return [Row("largest rotation of a block", f"{turn:.2g} rad", turn, "rad")]
+
+
 def draw_deck(deck: InputDeck, path: Path) -> None:
     """Draw blocks, fixed blocks and loads of a deck, before any answer."""
     from validation.output.pictures.assemblies import draw_assembly

@@ -107,6 +107,8 @@ def deformable_answer(
             require_held_by_friction(name, scene)
         problem = case.problem if problem is None else problem
         with named(name):
+            if static:
+                problem.require_static()
             problem.require_action()
             deformable = problem.deformable
         if static and isinstance(scene, PolyhedralScene):

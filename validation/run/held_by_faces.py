@@ -6,7 +6,7 @@ motion that the load drives, every contact pressure does work of one sign on it 
 displacement is in equilibrium: Newton's method would iterate in vain. One rigid equilibrium shows
 it in a fraction of a second.
 
-Where blocks move far (finite sliding, finite rotation) or close gaps first, they may come to rest
+Where blocks move far (finite sliding) or close gaps first, they may come to rest
 elsewhere: that is no proof against such a run, and explains one that failed.
 """
 
@@ -115,8 +115,7 @@ def squeeze_words(scene: DeformableScene, assembly: Assembly) -> str | None:
 
 def require_held_by_faces(name: str, scene: DeformableScene, assembly: Assembly) -> None:
     """Reject a static run of own blocks whose faces alone do not carry the load."""
-    moves = scene.effects.finite_sliding or scene.effects.finite_rotation
-    if moves or not scene.meets or scene.contact.opened:
+    if scene.effects.finite_sliding or not scene.meets or scene.contact.opened:
         return
     words = faces_words(scene, assembly)
     if words is not None:

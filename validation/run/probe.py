@@ -82,23 +82,16 @@ def solve_probe(
     scene: DeformableScene,
     name: str,
     store: FlexibilityStore | None = None,
-    *,
-    start: State | None = None,
 ) -> State:
-    """Static state of a probe; probes that share a store condense the same blocks once.
-
-    Finite rotation begins at ``start``, the same blocks without it.
-    """
+    """Static state of a probe; probes that share a store condense the same blocks once."""
     with named(name):
         deformable = scene_problem(without_motion(scene), name).deformable
     options = StaticOptions(
         symmetry=1 if scene.fem.symmetry == "none" else None,
         tolerance=_TOLERANCE,
     )
-    turning = scene.effects.finite_rotation
-    near = start.displacements if turning and start is not None else None
     try:
-        return static_state(deformable, options, finite_rotation=turning, start=near, store=store)
+        return static_state(deformable, options, store=store)
     except LimitError:
         raise
     except RefusedError as error:

@@ -209,6 +209,7 @@ class EffectsSection(Section):
     rayleigh: RayleighSection | None = None
     bulk_viscosity: BulkViscositySection | None = None
     finite_rotation: bool = False
+    """Blocks may turn by any angle, in explicit runs; static runs reject it."""
     gravity: Annotated[Vector | None, ACCELERATION] = None
     """Uniform acceleration [mm/s²]."""
     friction: FrictionSection | None = None

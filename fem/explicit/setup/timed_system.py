@@ -76,7 +76,6 @@ def state_of(run: Run) -> State:
         support_force=stated.of_system(run.support_forces) if run.support_forces else None,
         contact_force=stated.of_system(run.contact_forces),
         time=run.time,
-        finite_rotation=stated.effects.finite_rotation,
         run=replace(run, energies=energies, history=run.history.times(copies)),
     )
 

@@ -193,14 +193,14 @@ def _motion_rows(answer: Answer) -> list[Row]:
     """Motions that are counted as small and are not, and those that nothing determines."""
     rows, share = [], answer.details.large_motion
     if share is not None:
+        turns = answer.details.turns_as_small
         small = {
-            "finite_sliding": not answer.details.deformable.contact.finite_sliding,
-            "finite_rotation": answer.details.turns_as_small,
+            "effects.finite_sliding = true": not answer.details.deformable.contact.finite_sliding,
+            "effects.finite_rotation = true": turns,
+            'fem.method = "explicit"': turns and answer.details.run is None,
         }
-        missing = " and ".join(
-            f"effects.{name} = true" for name, counted in small.items() if counted
-        )
-        what = "contacts" if not answer.details.turns_as_small else "contacts or rotations"
+        missing = " and ".join(word for word, counted in small.items() if counted)
+        what = "contacts or rotations" if turns else "contacts"
         words = (
             f"blocks move by {100 * share:.2g} % of their size, but {what} are "
             f"those of small motions: expect errors of this order; set {missing}"

@@ -146,7 +146,9 @@ def candidates(scene: DeformableScene, keep: Collection[str]) -> tuple[EffectNam
             written = effect in scene.effects.model_fields_set
             stands = isinstance(scene, AssemblyScene) and scene.stands
             useless = effect is EffectName.ELASTIC_FRAME and stands
-            impossible = effect is EffectName.FINITE_SLIDING and not explicit
+            # Probes are static, with small rotations.
+            impossible = effect is EffectName.FINITE_ROTATION
+            impossible |= effect is EffectName.FINITE_SLIDING and not explicit
             if not (written or useless or impossible):
                 result.append(effect)
         elif has_effect(scene, effect):
@@ -268,11 +270,11 @@ class _Probe:
         self.work, self._limit = 0.0, _most_work(scene, name) if solved else 0.0
         self._base = self._solved(solved) if solved else None
 
-    def _run(self, scene: DeformableScene, start: State | None = None) -> State:
+    def _run(self, scene: DeformableScene) -> State:
         """Solve a probe within the work that is left."""
         with budget(self._limit - self.work) as spent:
             try:
-                return solve_probe(scene, self._name, self._store, start=start)
+                return solve_probe(scene, self._name, self._store)
             finally:
                 self.work += spent.seconds
 
@@ -322,7 +324,7 @@ class _Probe:
             return Decision(effect, setting, True, Change(share, share, share), words)
         self._told(str(effect))
         try:
-            result = self._run(self._with(effect), base)
+            result = self._run(self._with(effect))
         except LimitError:
             return self._as_written(effect, setting)
         except RefusedError as error:
