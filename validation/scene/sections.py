@@ -252,8 +252,6 @@ class PicturesSection(Section):
     """Whether a line at the foot names program, version and day."""
     mises: bool = False
     """Von Mises stress beside σ₁ and σ₃, of deformable blocks."""
-    arrows: bool = False
-    """Arrows along the principal stresses of deformable blocks, tension and compression."""
     labels: Literal["none", "numbers", "names"] = "none"
     """Labels on the blocks of a drawn assembly: their ``numbers``, as in tables and JSON, or the
     ``names`` of their shapes."""

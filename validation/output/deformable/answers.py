@@ -43,7 +43,6 @@ FILES = (
     *answer_files.FILES,
     "contact_pressures.png",
     "stresses.png",
-    "principal_stresses.png",
     "sections.png",
     "displacement.png",
     *JOINT_FILES,
@@ -79,14 +78,11 @@ def write_run_files(answer: Answer, outputs: Outputs) -> None:
 def run_pictures(answer: Answer) -> dict[str, Callable[[Answer, Path], None]]:
     """Pictures of a state; sections and the view along an axis are those of tubes."""
     from validation.output.pictures import tubes
-    from validation.output.pictures.directions import draw_directions
 
     pictures: dict[str, Callable[[Answer, Path], None]] = {}
     if answer.details.deformable.meets:
         pictures["contact_pressures.png"] = tubes.draw_contact
     pictures["stresses.png"] = tubes.draw_stresses
-    if answer.case.scene.pictures.arrows:
-        pictures["principal_stresses.png"] = draw_directions
     if isinstance(answer.case.scene, RoundScene):
         pictures["sections.png"] = tubes.draw_sections
         pictures["displacement.png"] = tubes.draw_displacement

@@ -430,14 +430,14 @@ def load_arrows(assembly: Assembly, load: LoadCase, blocks: Sequence[int]) -> Su
     return arrows(start, length * direction, VERMILION)
 
 
-def arrows(start: FloatArray, along: FloatArray, colour: str, *, thick: float = 1.0) -> Surface:
-    """Arrows from points along vectors, (n, 3) each [mm]; ``thick`` widens them."""
+def arrows(start: FloatArray, along: FloatArray, colour: str) -> Surface:
+    """Arrows from points along vectors, (n, 3) each [mm]."""
     turn = 2 * np.pi * np.arange(_SIDES) / _SIDES
     circle = np.column_stack([np.cos(turn), np.sin(turn)])
     # Rings of shaft and tip in the arrow's own frame: radius, and place along it.
     rings = [(0.05, 0.0), (0.05, 0.75), (0.1, 0.75), (0.0, 1.0)]
     own = np.concatenate(
-        [np.column_stack([thick * radius * circle, np.full(_SIDES, at)]) for radius, at in rings]
+        [np.column_stack([radius * circle, np.full(_SIDES, at)]) for radius, at in rings]
     )
     k = np.arange(_SIDES)
     after = (k + 1) % _SIDES

@@ -42,7 +42,7 @@ _NOT_WRITTEN = (
 )
 #: Sections and keys that a method does not have, by its name.
 _ABSENT: Mapping[str, tuple[str, ...]] = {
-    "rigid": ("fem", *_ELASTIC, *_IN_TIME, "pictures.mises", "pictures.arrows"),
+    "rigid": ("fem", *_ELASTIC, *_IN_TIME, "pictures.mises"),
     "static": ("rigid", *_IN_TIME),
     "explicit": ("rigid",),
     "static deck": (*_NOT_WRITTEN, *_IN_TIME, "fem.damping"),
