@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from validation import InputError, optimise, sensitivity, sweep
 from validation.study.optimisation.search import Search, worst_of
+from validation.study.optimisation.sensitivity import _roughness, _with_error
 from validation.study.optimisation.statement import check_optimisation
 
 pytestmark = pytest.mark.quick
@@ -54,6 +58,37 @@ def test_rigid_pressures_are_proportional_to_the_load() -> None:
     assert values == pytest.approx({"p_max": 1.0, "p_eff": 1.0, "volume": 0.0}, abs=1e-6)
     # The error is that of the quotient: deformable blocks may have another sign.
     assert "deformable" in str(result)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "words"),
+    [
+        (23.998, 2e-6, "23.998 ± 8e-06 %"),
+        (23.998, 0.02, "23.998 ± 0.020"),
+        (23.998, 127.0, "24 ± 127"),
+        (1.2345e-8, 2e-11, "1.2345e-08 ± 2e-11"),
+        (None, 127.0, "none"),
+    ],
+)
+def test_a_derivative_has_the_digits_that_its_error_leaves(value, error, words) -> None:
+    assert _with_error(value, error) == words
+
+
+@given(
+    x=st.floats(0.0, 0.99), slope=st.floats(-3.0, 3.0), bend=st.floats(0.1, 3.0), far=st.booleans()
+)
+@settings(max_examples=50, deadline=None)
+def test_a_jump_leaves_no_derivative_and_a_kink_is_in_its_error(x, slope, bend, far) -> None:
+    """Parabola; with a step of 10 between two samples; with a kink where the parameter stands."""
+
+    def rough(extra: Any) -> float:
+        at = [slope * y + bend * y * y + extra(y) for y in (-0.2, -0.1, 0.0, 0.1, 0.2)]
+        return _roughness(*at, step=0.1)
+
+    assert rough(lambda _: 0.0) == 0.0
+    assert rough(lambda y: 10.0 * (y > 0.1 * x)) == math.inf
+    kink = 20.0 if far else -20.0
+    assert rough(lambda y: kink * abs(y)) == pytest.approx(abs(kink + 0.1 * bend), rel=1e-9)
 
 
 def test_whole_numbers_and_half_waves_go_by_whole_steps() -> None:

@@ -74,8 +74,10 @@ def _rigid_runs(name: str, scene: DeformableScene, problem: Problem) -> Iterator
         method = Rigid(norm=norm, solver=scene.rigid.solver)
         case = Case(name=name, stated=scene, method=method)
         answer = solve_rigid(case, lambda _: None, stated)
-        if not answer.details.equilibrium.holds:
-            raise InputError(f"{name}: {answer.details.equilibrium.status}")
+        if not answer.details.holds:
+            friction = answer.details.friction
+            balance = (answer.details if friction is None else friction).equilibrium
+            raise InputError(f"{name}: {balance.status}")
         yield answer
 
 

@@ -1,9 +1,11 @@
 """`tubelock sensitivity`: difference quotients of the measures, with their errors.
 
 Both sides of a difference have the same mesh. The error of a quotient is the change from the
-double step; of deformable blocks the change from the coarser mesh is added. Whole numbers, and
-values that no small step can change, go by whole steps: their error is half of the difference
-between the quotients of both sides.
+double step; of deformable blocks the change from the coarser mesh is added. The difference between
+the one-sided quotients of a smooth measure doubles with the step. Where it does not, half of it is
+added to the error; where it grows as the step shrinks, the measure jumps and has no derivative.
+Whole numbers, and values that no small step can change, go by whole steps: their error is half of
+the difference between the quotients of both sides. An error larger than the derivative leaves none.
 """
 
 from __future__ import annotations
@@ -61,6 +63,11 @@ _MOVED = 0.05
 _LEAST_SPAN = 0.1
 #: Rounding of a measure, relative [-].
 _ROUNDING = 1e-9
+#: Change over a step that is none, relative to the measure [-].
+_NOTHING = 1e-6
+#: Difference of one-sided quotients over that of the double step: half where the measure is smooth,
+#: as large at a kink, twice at a jump [-].
+_SMOOTH, _JUMP = 0.75, 1.5
 
 
 @dataclass(frozen=True)
@@ -78,22 +85,26 @@ class Slope:
     base: float
     """Of the measure in the scene."""
     measure_unit: str
-    derivative: float
-    """In the unit of the measure over that of the parameter."""
+    derivative: float | None
+    """In the unit of the measure over that of the parameter; None: there is none."""
     error: float
-    """Of the derivative."""
+    """Of the derivative; where there is none, the size that it may have."""
     remark: str
-    """Where the maximum changes place, or one side has no answer."""
+    """Why there is no derivative, where the maximum changes place, or one side has no answer."""
 
     @property
     def elasticity(self) -> float:
-        """Relative change of the measure over that of the parameter [-]; NaN where one is 0."""
-        return self.derivative * self.value / self.base if self.value and self.base else math.nan
+        """Relative change of the measure over that of the parameter [-]; NaN: there is none."""
+        if self.derivative is None or not (self.value and self.base):
+            return math.nan
+        return self.derivative * self.value / self.base
 
     @property
     def elasticity_error(self) -> float:
         """Error of `elasticity` [-]."""
-        return abs(self.error * self.value / self.base) if self.value and self.base else math.nan
+        if self.derivative is None or not (self.value and self.base):
+            return math.nan
+        return abs(self.error * self.value / self.base)
 
 
 @dataclass(frozen=True)
@@ -174,6 +185,7 @@ class Sensitivity:
             "slopes": [
                 asdict(s)
                 | {
+                    "error": number(s.error),
                     "elasticity": number(s.elasticity),
                     "elasticity_error": number(s.elasticity_error),
                 }
@@ -217,14 +229,19 @@ class Sensitivity:
         return "\n".join([*lines, f"± {self.covered}"])
 
 
-def _with_error(value: float, error: float) -> str:
-    """Value and error with the digits that the error leaves."""
+def _with_error(value: float | None, error: float) -> str:
+    """Value and error with the digits that the error leaves, five at most where it is smaller."""
+    if value is None:
+        return "none"
     if not error > 0.0:
-        return f"{value:.4g}"
-    digits = max(0, 1 - math.floor(math.log10(error)))
-    if digits > 6:
-        return f"{value:.3g} ± {error:.1g}"
-    return f"{value:.{digits}f} ± {error:.{digits}f}"
+        return f"{value:.5g}"
+    if error < 1e-5 * abs(value):
+        return f"{value:.5g} ± {100 * error / abs(value):.1g} %"
+    last = math.floor(math.log10(error)) - 1
+    if -last > 6:
+        digits = max(1, math.floor(math.log10(abs(value) or error)) - last + 1)
+        return f"{value:.{digits}g} ± {error:.2g}"
+    return f"{value:.{max(0, -last)}f} ± {error:.{max(0, -last)}f}"
 
 
 # ---------------------------------------------------------------------------------------------
@@ -453,10 +470,22 @@ class _Parameter:
     """Measures of the scene as it is."""
 
     def slope(self, name: str, step: float, derivative: float, error: float, remark: str) -> Slope:
-        """Derivative of one measure."""
+        """Derivative of one measure; none where its error, beyond rounding, is larger or infinite.
+
+        A measure that jumps has an infinite error.
+        """
         of = self.base[-1][name]
         known = (self.path, self.value, self.unit, step, name, of.value, of.unit)
-        return Slope(*known, derivative, error, remark)
+        if error <= max(abs(derivative), _NOTHING * abs(of.value) / step):
+            return Slope(*known, derivative, error, remark)
+        return Slope(*known, None, error, "; ".join(filter(None, (_why_none(error), remark))))
+
+
+def _why_none(error: float) -> str:
+    """Why a measure has no derivative."""
+    if math.isinf(error):
+        return "the measure jumps within the step"
+    return f"within ± {error:.2g}: the sign is not determined"
 
 
 def _slopes(of: _Parameter, share: float, nearby: _Nearby) -> list[Slope]:
@@ -499,9 +528,26 @@ def _of_small_step(of: _Parameter, step: float, nearby: _Nearby) -> list[Slope]:
         size = abs(base[-1][name].value)
         error = abs(quotients[0] - double) + abs(quotients[-1] - quotients[0])
         error += _ROUNDING * size / step
+        coarse = (side[name].value for side in (low2, low[0], base[0], high[0], high2))
+        error += _roughness(*coarse, step=step)
         remark = _moved(name, low[-1], base[-1], high[-1])
         result.append(of.slope(name, step, quotients[-1], error, remark))
     return result
+
+
+def _roughness(
+    low2: float, low: float, middle: float, high: float, high2: float, *, step: float
+) -> float:
+    """Error of a central quotient of a measure that is not smooth; infinite where it jumps.
+
+    Values on one mesh, two steps to both sides.
+    """
+    one = abs(high - 2.0 * middle + low) / step
+    double = abs(high2 - 2.0 * middle + low2) / (2.0 * step)
+    slope = abs(high - low) / (2.0 * step)
+    if one <= _SMOOTH * double + _NOTHING * abs(middle) / step:
+        return 0.0
+    return math.inf if one > max(_JUMP * double, slope) else 0.5 * one
 
 
 def _of_whole_step(of: _Parameter, step: float, sides: list[list[Values] | None]) -> list[Slope]:
