@@ -52,10 +52,11 @@ def test_the_volume_of_a_tube_has_its_elasticities_by_hand() -> None:
 
 
 def test_rigid_pressures_are_proportional_to_the_load() -> None:
-    """Elasticity 1 of p_max and p_eff, 0 of the volume."""
+    """Elasticity 1 of p_max and p_eff; the volume does not change."""
     result = sensitivity("tsb1-pipe", COARSE, parameters=["load.pressure"])
     values = {s.measure: s.elasticity for s in result.slopes}
     assert values == pytest.approx({"p_max": 1.0, "p_eff": 1.0, "volume": 0.0}, abs=1e-6)
+    assert "d volume / d load.pressure = none (no change)" in str(result)
     # The error is that of the quotient: deformable blocks may have another sign.
     assert "deformable" in str(result)
 
@@ -68,6 +69,7 @@ def test_rigid_pressures_are_proportional_to_the_load() -> None:
         (23.998, 127.0, "24 ± 127"),
         (1.2345e-8, 2e-11, "1.2345e-08 ± 2e-11"),
         (None, 127.0, "none"),
+        (0.0, 0.0, "none"),
     ],
 )
 def test_a_derivative_has_the_digits_that_its_error_leaves(value, error, words) -> None:
@@ -96,11 +98,11 @@ def test_whole_numbers_and_half_waves_go_by_whole_steps() -> None:
     result = sensitivity(
         "tsb1-pipe", COARSE, parameters=["block.blocks_per_layer", "block.frequency"]
     )
-    steps = {s.parameter: s for s in result.slopes if s.measure == "p_max"}
+    steps = {s.parameter: s for s in result.slopes if s.measure == "p_eff"}
     assert steps["block.blocks_per_layer"].step == 1.0
     assert steps["block.frequency"].step == 0.5
     rows = sweep("tsb1-pipe", {"block.blocks_per_layer": [3, 5]}, COARSE).rows
-    central = (rows[1]["p_max"] - rows[0]["p_max"]) / 2
+    central = (rows[1]["p_eff"] - rows[0]["p_eff"]) / 2
     assert steps["block.blocks_per_layer"].derivative == pytest.approx(central, rel=1e-6)
 
 

@@ -231,7 +231,7 @@ class Sensitivity:
 
 def _with_error(value: float | None, error: float) -> str:
     """Value and error with the digits that the error leaves, five at most where it is smaller."""
-    if value is None:
+    if value is None or value == error == 0.0:
         return "none"
     if not error > 0.0:
         return f"{value:.5g}"
@@ -470,13 +470,15 @@ class _Parameter:
     """Measures of the scene as it is."""
 
     def slope(self, name: str, step: float, derivative: float, error: float, remark: str) -> Slope:
-        """Derivative of one measure; none where its error, beyond rounding, is larger or infinite.
+        """Derivative of one measure; none where its error is larger, 0 where nothing changes.
 
         A measure that jumps has an infinite error.
         """
         of = self.base[-1][name]
         known = (self.path, self.value, self.unit, step, name, of.value, of.unit)
-        if error <= max(abs(derivative), _NOTHING * abs(of.value) / step):
+        if max(abs(derivative), error) <= _NOTHING * abs(of.value) / step:
+            return Slope(*known, 0.0, 0.0, "no change")
+        if error <= abs(derivative):
             return Slope(*known, derivative, error, remark)
         return Slope(*known, None, error, "; ".join(filter(None, (_why_none(error), remark))))
 
